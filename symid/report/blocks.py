@@ -10,12 +10,11 @@ import html
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
 from itertools import count, groupby, zip_longest
-from operator import attrgetter
 from typing import Any
 
 from symid.environment import locate_resource_folder
@@ -120,30 +119,6 @@ def _fold_row(row: list[str], fold: int) -> list[list[str]]:
         return [row]
     parts = [textwrap.wrap(cell, fold, break_long_words=False, break_on_hyphens=False) for cell in row]
     return [list(line) for line in zip_longest(*parts, fillvalue="")]
-
-
-def tabulate(
-    records: Iterable[object],
-    columns: str,
-    left: Sequence[int] = (0,),
-    title: str = "",
-    note: str = "",
-    **computed: Callable[[Any], object],
-) -> Table:
-    """Return a table with a row for each record.
-
-    Columns stand apart by "; " and are "field", "heading=field" or "heading=field:format". A field may be
-    dotted, or the name of one of `computed`, functions of a record. None is an empty cell.
-    """
-    parts = [column.partition("=") for column in columns.split("; ")]
-    sources = [(source or heading).partition(":") for heading, _, source in parts]
-
-    def get_cell(record: object, field: str, form: str) -> object:
-        value = computed[field](record) if field in computed else attrgetter(field)(record)
-        return format(value, form) if form and value is not None else value
-
-    rows = [[get_cell(record, field, form) for field, _, form in sources] for record in records]
-    return Table([heading for heading, _, _ in parts], rows, left, title, note)
 
 
 def _write_class(names: str) -> str:
@@ -275,13 +250,6 @@ def write_svg(drawings: Sequence[Drawing]) -> str:
         top, width = top + height, max(width, across)
     head = f'<svg class="symid" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {top:g}">'
     return f"{head}{_load_style()}{''.join(parts)}</svg>\n"
-
-
-def select_fields(record: object, fields: str) -> dict[str, object]:
-    """Return fields of a record for programs: by their names, or "key=name" where the key is another one."""
-    pairs = (entry.partition("=") for entry in fields.split())
-    values = {key: getattr(record, name or key) for key, _, name in pairs}
-    return {key: _to_plain(value) for key, value in values.items()}
 
 
 def _to_plain(value: Any) -> Any:  # noqa: ANN401  any value

@@ -12,7 +12,6 @@ grows or shrinks.
 
 import shlex
 from collections.abc import Iterator
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,10 +25,11 @@ from symid.identification.hysteresis import (
     describe_inversion,
     find_strokes,
 )
-from symid.report.blocks import Block, Drawing, Table, select_fields
+from symid.report.blocks import Block, Drawing, Table
 from symid.report.figures import Line, build_curve_figure, build_line_figure
 from symid.report.pages import Page, format_percent, write_page
 from symid.report.verdict import FitVerdict, rate_output
+from symid.serialization import describe_record
 
 _POOR = 0.5
 """Of its value: a deviation beyond it leaves not even the first digit."""
@@ -97,13 +97,8 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
         header=("model", "form", "parameters", "passive", "fitted %", "held out %", "+-"),
         rows=[
             (
-                entry.model,
-                entry.form,
-                entry.count,
-                "yes" if entry.passive else "no",
-                f"{entry.fitted:.3g}",
-                f"{entry.held_out:.3g}",
-                f"{entry.spread:.2g}",
+                *(entry.model, entry.form, entry.count, "yes" if entry.passive else "no"),
+                *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}", f"{entry.spread:.2g}"),
             )
             for entry in record.candidates
         ],
@@ -135,6 +130,9 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
     time = "time (s)" if record.timed else "sample"
     worst = int(np.argmax(np.abs(error)))
     time_of_worst = f"{trace.time[worst]:.4g} s" if record.timed else f"sample {trace.time[worst]:.0f}"
+    first, last = (float(np.mean(part)) for part in np.array_split(error, 2))
+    size = float(np.sqrt(np.mean(error**2)))
+    drift = 100.0 * abs(last - first) / size if size else 0.0
     rest = [
         build_curve_figure(
             f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}.",
@@ -143,49 +141,35 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
             height=260.0,
         ),
         build_line_figure(
-            _describe_drift(error),
+            f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms.",
             (time, "residual"),
             [Line("residual", "final", trace.time, error)],
         ),
     ]
     if record.timed:
         rate = np.gradient(trace.position, trace.time)
+        fast = np.abs(rate) > np.median(np.abs(rate))
+        slow = float(np.mean(np.abs(error[~fast])))
+        ratio = float(np.mean(np.abs(error[fast]))) / slow if fast.any() and slow else 1.0
         rest.append(
             build_curve_figure(
-                _describe_speed(rate, error),
+                f"Does it depend on the speed? Fast samples miss {ratio:.2g} times as much as slow ones.",
                 ("rate of the input (unit of the file / s)", "residual"),
                 [Line("residual", "cloud", rate, error, joined=False)],
                 height=260.0,
             )
         )
     return (
-        build_curve_figure(_describe_loop(record), _LABELS, loops),
+        build_curve_figure(
+            f"Output against input: does {record.model} follow the loops? It leaves "
+            f"{format_percent(record.fitted)} of the output.",
+            _LABELS,
+            loops,
+        ),
         build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, _LABELS[1]), over_time),
         *rest,
         *_draw_cycles(trace),
         *_draw_branches(trace),
-    )
-
-
-def _describe_speed(rate: FloatArray, error: FloatArray) -> str:
-    speed, size = np.abs(rate), np.abs(error)
-    fast = speed > np.median(speed)
-    slow = float(np.mean(size[~fast]))
-    ratio = float(np.mean(size[fast])) / slow if fast.any() and slow else 1.0
-    return f"Does it depend on the speed? Fast samples miss {ratio:.2g} times as much as slow ones."
-
-
-def _describe_drift(error: FloatArray) -> str:
-    first, last = (float(np.mean(part)) for part in np.array_split(error, 2))
-    size = float(np.sqrt(np.mean(error**2)))
-    share = 100.0 * abs(last - first) / size if size else 0.0
-    return f"Does it drift? From half to half the mean residual changes by {share:.2g} % of its rms."
-
-
-def _describe_loop(record: HysteresisRecord) -> str:
-    return (
-        f"Output against input: does {record.model} follow the loops? It leaves "
-        f"{format_percent(record.fitted)} of the output."
     )
 
 
@@ -242,7 +226,18 @@ def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
         side = 1.0 if x[-1] > x[0] else -1.0
         name, style = ("upwards", "link") if side > 0.0 else ("downwards", "final")
         moved.append(Line(name, style, side * (x - x[0]), side * (y - y[0])))
-    spread = _compute_spread([(line.x, line.y) for line in moved])
+    # The rms of the branches about their mean curve, over the rms of that, where several have points.
+    places = np.linspace(0.0, max(float(line.x[-1]) for line in moved), _PLACES)
+    rows = np.array(
+        [
+            np.where(places <= x.max(), np.interp(places, np.maximum.accumulate(x), y), np.nan)
+            for x, y in ((line.x, line.y) for line in moved)
+        ]
+    )
+    rows = rows[:, np.sum(np.isfinite(rows), axis=0) >= _FEW]
+    mean = np.nanmean(rows, axis=0)
+    size = float(np.sqrt(np.mean(mean**2))) if mean.size else 0.0
+    spread = float(np.sqrt(np.nanmean((rows - mean) ** 2))) / size if size else 0.0
     yield build_curve_figure(
         "Masing's rule? Measured branches after reversals, moved to one point, those downwards "
         f"turned: {100.0 * spread:.2g} % of their rms is spread.",
@@ -269,22 +264,6 @@ def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
 _FEWEST_POINTS = 8
 _NEAR_TOP = 0.1
 """Of the range of the input."""
-
-
-def _compute_spread(branches: list[tuple[FloatArray, FloatArray]]) -> float:
-    """Return the rms of branches about their mean curve, over the rms of that, where several have points."""
-    reach = max(float(x[-1]) for x, _ in branches)
-    places = np.linspace(0.0, reach, _PLACES)
-    rows = np.array(
-        [
-            np.where(places <= x.max(), np.interp(places, np.maximum.accumulate(x), y), np.nan)
-            for x, y in branches
-        ]
-    )
-    rows = rows[:, np.sum(np.isfinite(rows), axis=0) >= _FEW]
-    mean = np.nanmean(rows, axis=0)
-    size = float(np.sqrt(np.mean(mean**2))) if mean.size else 0.0
-    return float(np.sqrt(np.nanmean((rows - mean) ** 2))) / size if size else 0.0
 
 
 _PLACES = 60
@@ -333,10 +312,4 @@ _STARTS = {
 
 def describe_element(record: HysteresisRecord) -> dict[str, object]:
     """Return an element in plain types."""
-    plain = select_fields(
-        record,
-        "model form start passive fitted held_out samples skipped span speed output timed",
-    )
-    plain["parameters"] = [asdict(entry) for entry in record.parameters]
-    plain["candidates"] = [asdict(entry) for entry in record.candidates]
-    return {**plain, "inverse": describe_inversion(record) or None}
+    return {**describe_record(record), "inverse": describe_inversion(record) or None}

@@ -24,17 +24,10 @@ import numpy as np
 
 from symid.errors import SEVERE, Notice, merge_notices
 from symid.identification.estimators import ParameterEstimate
-from symid.report.blocks import Block, Drawing, tabulate
+from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import Line, Mark, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
-from symid.report.log_text import (
-    describe_gain,
-    show_excitation,
-    show_joints,
-    show_robot_check,
-    summarise_robot,
-)
 from symid.report.pages import (
     Page,
     count_significant,
@@ -46,6 +39,13 @@ from symid.report.pages import (
     tabulate_parameters,
     write_page,
     write_unit,
+)
+from symid.report.robot_text import (
+    describe_gain,
+    show_excitation,
+    show_joints,
+    show_robot_check,
+    summarise_robot,
 )
 from symid.report.validation_text import show_comparison
 from symid.report.verdict import FitVerdict
@@ -138,18 +138,17 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
             (f"{good} of {len(found.parameters)}", "parameters identifiable"),
             (format_digits(found.condition), "condition number (column-scaled)"),
         ]
+        rows = [
+            (entry.name, entry.verdict, format_percent(entry.relative_std_percent), entry.reason)
+            for entry in found.parameters
+        ]
+        title = "What a fit to all these logs would identify."
         blocks = (
             "== Identifiability ==",
-            tabulate(
-                found.parameters,
-                "parameter=name; verdict; expected std=std; why=reason",
-                (0, 1, 3),
-                "What a fit to all these logs would identify.",
-                std=lambda entry: format_percent(entry.relative_std_percent),
-            ),
+            Table(("parameter", "verdict", "expected std", "why"), rows, (0, 1, 3), title),
             _draw_singular(found),
             "== Joints ==",
-            *(show_joints({"file": entry.recording.source}, entry.joints) for entry in checked.logs),
+            *(show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
         )
     numbers.append(
         (
@@ -210,12 +209,9 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
         "of the best random trajectory."
     )
     name, most = max(shares, key=lambda entry: entry[1], default=("no limit", 0.0))
-    starts = tabulate(
-        found.runs,
-        "start; condition; iterations; status",
-        (3,),
-        "The search from every start, the best first.",
-    )
+    rows = [(run.start, run.condition, run.iterations, run.status) for run in found.runs]
+    title = "The search from every start, the best first."
+    starts = Table(("start", "condition", "iterations", "status"), rows, (3,), title)
     page = _build_page(
         robot.name,
         "trajectory for identification",

@@ -14,7 +14,7 @@ Not supported: noise in the loop; robots whose file lacks values; tracking of ot
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from symid.identification.elastic import (
 )
 from symid.identification.regression import warn_of_energy
 from symid.robot import Robot
+from symid.serialization import HIDDEN
 from symid.simulation import build_noisy_options, simulate_elastic
 from symid.study.elastic_methods import (
     AUTOMATIC,
@@ -166,7 +167,7 @@ class ManyJointsResult:
     methods: tuple[HeldOut, ...]
     condition_elimination: float
     condition_energy: float
-    notices: tuple[Notice, ...]
+    notices: tuple[Notice, ...] = field(metadata=HIDDEN)
 
 
 def study_many_joints(
