@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from fractions import Fraction
@@ -130,13 +130,22 @@ def name_key(key: str) -> dict[str, str]:
     return {"key": key}
 
 
+def write_as(write: Callable[[Any], object]) -> dict[str, Callable[[Any], object]]:
+    """Return the metadata of a field that programs read as `write` returns it."""
+    return {"write": write}
+
+
 def describe_record(record: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
     """Return a record, and those in it, as programs read it: its fields by name, or as their metadata say.
 
     Arrays and tuples become lists; numbers that are not finite and enumerations stay what they are.
     """
-    pairs = ((entry.metadata.get("key", entry.name), entry.name) for entry in fields(record))
-    return {key: _describe(getattr(record, name)) for key, name in pairs if key}
+    found = {}
+    for entry in fields(record):
+        key, write = entry.metadata.get("key", entry.name), entry.metadata.get("write", _describe)
+        if key:
+            found[key] = write(getattr(record, entry.name))
+    return found
 
 
 def _describe(value: Any) -> Any:  # noqa: ANN401  any value

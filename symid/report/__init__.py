@@ -92,9 +92,6 @@ if TYPE_CHECKING:
     )
     from symid.report.study_text import (
         build_friction_study_page as build_friction_study_page,
-        describe_elastic_study as describe_elastic_study,
-        describe_foreign as describe_foreign,
-        describe_many_joints as describe_many_joints,
         show_cutoff as show_cutoff,
         show_elastic_study as show_elastic_study,
         show_foreign as show_foreign,

@@ -75,7 +75,13 @@ class Table:
         """Return the table as it stands in a terminal."""
         cells = [self.header]
         for row in self.rows:
-            cells += _fold_row([_format_cell(cell) for cell in row], self.fold)
+            texts, fold = [_format_cell(cell) for cell in row], self.fold
+            if not fold or all(len(text) <= fold for text in texts):
+                cells.append(texts)
+                continue
+            # A long cell has several lines.
+            parts = [textwrap.wrap(e, fold, break_long_words=False, break_on_hyphens=False) for e in texts]
+            cells += [list(line) for line in zip_longest(*parts, fillvalue="")]
         widths = [max(len(row[k]) for row in cells) for k in range(len(self.header))]
         lines = [
             "  ".join(
@@ -111,14 +117,6 @@ class Table:
             f"<table>{caption}<thead><tr>{head}</tr></thead>"
             f"<tbody>{''.join(rows)}</tbody></table>\n</div>{note}"
         )
-
-
-def _fold_row(row: list[str], fold: int) -> list[list[str]]:
-    """Return the lines of a row in a terminal: a cell of more than `fold` letters has several; 0 for one."""
-    if not fold or all(len(cell) <= fold for cell in row):
-        return [row]
-    parts = [textwrap.wrap(cell, fold, break_long_words=False, break_on_hyphens=False) for cell in row]
-    return [list(line) for line in zip_longest(*parts, fillvalue="")]
 
 
 def _write_class(names: str) -> str:

@@ -103,7 +103,14 @@ def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
     links, frames = place_arm(robot, pose)
     extent = float(np.max(np.ptp(np.vstack(links), axis=0))) or 1.0
     radii = extent * np.linspace(_THICKEST, _THINNEST, len(frames))
-    labels = _join_names([joint.name for joint in robot.joints], frames, radii[-1])
+    # Joints that are near to one another share the label of the first.
+    labels = [joint.name for joint in robot.joints]
+    for index, frame in enumerate(frames):
+        for other in range(index):
+            away = float(np.linalg.norm(frame[:3, 3] - frames[other][:3, 3]))
+            if labels[other] and away < radii[-1]:
+                labels[other], labels[index] = f"{labels[other]}, {labels[index]}", ""
+                break
     joints = [
         ArmJoint(frame[:3, 3], frame[:3, 2], label, "second" if joint.prismatic else "first", radius)
         for joint, label, frame, radius in zip(robot.joints, labels, frames, radii.tolist(), strict=True)
@@ -121,17 +128,6 @@ def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
     unknown = sorted(used - dict(robot.symbols).keys())
     caption += f" {', '.join(unknown)}: no value, drawn as {_HALF_METRE} m." if unknown else ""
     return build_arm_figure(caption, links, joints, frames=frames)
-
-
-def _join_names(names: Sequence[str], frames: Sequence[FloatArray], near: float) -> list[str]:
-    """Return the labels of joints: those nearer to one another than `near`, m, share that of the first."""
-    labels = list(names)
-    for index, frame in enumerate(frames):
-        for other in range(index):
-            if labels[other] and float(np.linalg.norm(frame[:3, 3] - frames[other][:3, 3])) < near:
-                labels[other], labels[index] = f"{labels[other]}, {names[index]}", ""
-                break
-    return labels
 
 
 def draw_log(log: "Recording", robot: Robot, checked: "CheckedLog | None" = None) -> tuple[Drawing, ...]:
@@ -279,10 +275,18 @@ def draw_into(axes: object, drawings: Sequence[Drawing]) -> None:
         known = set[str]()
         for line in data.lines:
             # A legend lists a label once.
-            _draw_line(ax, line, f"_{line.label}" if line.label in known else line.label)
+            label = f"_{line.label}" if line.label in known else line.label
             known.add(line.label)
+            if line.style == "area":
+                ax.fill(line.x, line.y, alpha=0.2, label=label)
+            else:
+                marker = "o" if line.markers else None if line.joined else "."
+                ax.plot(line.x, line.y, label=label, marker=marker, linestyle="-" if line.joined else "none")
         if data.marks:
-            _draw_marks(ax, data.marks)
+            rows = range(len(data.marks))
+            ax.plot([entry.value for entry in data.marks], rows, marker="o", linestyle="none")
+            ax.set_yticks(rows, [entry.label for entry in data.marks])
+            ax.invert_yaxis()
         if data.limit is not None:
             ax.axvline(data.limit, linestyle="--", color="gray")
         if data.logarithmic:
@@ -291,18 +295,3 @@ def draw_into(axes: object, drawings: Sequence[Drawing]) -> None:
         ax.set_ylabel(data.labels[1])
         if len(known) > 1:
             ax.legend()
-
-
-def _draw_line(ax: Any, line: Line, label: str) -> None:  # noqa: ANN401  of matplotlib
-    if line.style == "area":
-        ax.fill(line.x, line.y, alpha=0.2, label=label)
-        return
-    marker = "o" if line.markers else None if line.joined else "."
-    ax.plot(line.x, line.y, label=label, marker=marker, linestyle="-" if line.joined else "none")
-
-
-def _draw_marks(ax: Any, marks: Sequence[Mark]) -> None:  # noqa: ANN401  of matplotlib
-    rows = range(len(marks))
-    ax.plot([entry.value for entry in marks], rows, marker="o", linestyle="none")
-    ax.set_yticks(rows, [entry.label for entry in marks])
-    ax.invert_yaxis()

@@ -63,6 +63,7 @@ _PREDICTION = (
     "The prediction error is the mean square of the held-out torque residual in units of the noise: 1 is the "
     "noise floor."
 )
+_IN_FIT = "in the logs of the fit"
 _SAMPLES = 400
 """Of each branch of a figure."""
 _TURNS = (0.6, -0.3, 0.45, -0.1, 0.3)
@@ -102,12 +103,8 @@ def build_elastic_page(
         *_show_trials(trials),
         *(("== Springs ==",) if springs else ()),
         *(block for entry in springs for block in show_spring(entry)),
-        *(
-            "== Parameters ==",
-            tabulate_parameters(kept),
-            *draw_certainty(kept),
-            *show_refused(estimate.refused),
-        ),
+        *("== Parameters ==", tabulate_parameters(kept)),
+        *(*draw_certainty(kept), *show_refused(estimate.refused)),
         *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
         *(_show_tracking(estimate, tracking) if tracking else ()),
         *(() if trials else ("== Held-out logs ==", UNTESTED)),
@@ -118,19 +115,20 @@ def build_elastic_page(
         *_show_convergence(course),
         *_show_errors(trials),
         "== Residual of the fit ==",
-        show_residual(
-            estimate.residual, "Motor torque by motor dynamics and springs, in the logs of the fit."
-        ),
-        show_residual((estimate.energy,), "Energy over windows, in the logs of the fit."),
+        show_residual(estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."),
+        show_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
         "== What each parameter groups ==",
         tabulate_groupings(kept),
     )
+    # The loops of the first joint in a held-out log lead, or else its identified spring.
+    led = [trial.joints[0] for trial in trials if not trial.fitted and trial.joints]
+    lead = draw_loops(led[0]) if led else draw_branches(springs[0]) if springs else None
     return build_fit_page(
         estimate,
         subject="identified dynamics and springs",
         verdict=judge_elastic(estimate, trials),
         numbers=_list_numbers(estimate, trials),
-        lead=_draw_lead(estimate, trials),
+        lead=lead,
         blocks=blocks,
         more=more,
         settings=settings,
@@ -154,7 +152,7 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         pairs = zip(estimate.evidence.springs, estimate.residual, strict=False)
         springs = [share for share, entry in pairs if entry.joint in told]
     else:
-        dynamics, where = max(entry.relative_percent for entry in estimate.residual), "in the logs of the fit"
+        dynamics, where = max(entry.relative_percent for entry in estimate.residual), _IN_FIT
         springs = []
     numbers.append((format_percent(dynamics), f"of a motor's torque unexplained at most, {where}"))
     if springs and all(share is not None for share in springs):
@@ -163,15 +161,6 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     if estimate.covariance:
         numbers.append(count_significant(estimate.parameters))
     return numbers
-
-
-def _draw_lead(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> Drawing | None:
-    """Return the loops of the first joint in a held-out log, or else its identified spring."""
-    for trial in trials:
-        if not trial.fitted and trial.joints:
-            return draw_loops(trial.joints[0])
-    told = [entry for entry in estimate.springs if entry.told]
-    return draw_branches(told[0]) if told else None
 
 
 def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
@@ -493,8 +482,5 @@ def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> 
             Line(run.name, STYLES[number % len(STYLES)], run.time, 1e3 * run.error[:, index])
             for number, run in enumerate(runs)
         ]
-        yield build_line_figure(
-            f"Tracking error of {name} with every feed-forward.",
-            ("time (s)", f"tracking error (m{unit})"),
-            lines,
-        )
+        caption = f"Tracking error of {name} with every feed-forward."
+        yield build_line_figure(caption, ("time (s)", f"tracking error (m{unit})"), lines)

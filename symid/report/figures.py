@@ -532,51 +532,39 @@ def build_flow_chart(
         for (x, y), text in titles
     ]
     for arrow in arrows:
-        body += _draw_arrow(arrow)
+        # A line with a head at its end.
+        places = np.array(arrow.points)
+        way = (places[-1] - places[-2]) / np.hypot(*(places[-1] - places[-2]))
+        side, base = np.array([-way[1], way[0]]), places[-1] - _HEAD * way
+        head = np.array([places[-1], base + 0.42 * _HEAD * side, base - 0.42 * _HEAD * side])
+        line = np.vstack([places[:-1], base])
+        body.append(f'<polyline class="arrow" points="{_format_points(line[:, 0], line[:, 1])}"/>')
+        body.append(f'<polygon class="head" points="{_format_points(head[:, 0], head[:, 1])}"/>')
+        (x, y), (x_next, _) = arrow.points[:2]
+        # Its word stands above a line across, at the right of one downwards.
+        right, down = (math.copysign(8.0, x_next - x), -6.0) if x_next != x else (7.0, 16.0)
+        place, anchor = f'x="{x + right:g}" y="{y + down:g}"', "end" if x_next < x else "start"
+        if arrow.label:
+            body.append(f'<text {place} text-anchor="{anchor}">{escape(arrow.label)}</text>')
+    wide, high = _BOX
     for box in boxes:
-        body += _draw_box(box)
+        x, y = box.middle
+        left, top = x - 0.5 * wide, y - 0.5 * high
+        if box.kind == "question":
+            slope = 0.4 * high
+            across = (left, left + slope, left + wide - slope, left + wide, left + wide - slope, left + slope)
+            points = _format_points(np.array(across), np.array((y, top, top, y, top + high, top + high)))
+            body.append(f'<polygon class="box {box.style}" points="{points}"/>')
+        else:
+            radius = 0.5 * high if box.kind == "end" else 5.0
+            size = f'width="{wide:g}" height="{high:g}" rx="{radius:g}"'
+            body.append(f'<rect class="box {box.style}" x="{left:g}" y="{top:g}" {size}/>')
+        first = y + 4.5 - 0.5 * _TEXT_ROW * (len(box.text) - 1)
+        body += [
+            f'<text x="{x:g}" y="{first + _TEXT_ROW * k:g}" text-anchor="middle">{escape(text)}</text>'
+            for k, text in enumerate(box.text)
+        ]
     return _wrap_figure(caption, height, body, width)
-
-
-def _draw_box(box: Box) -> list[str]:
-    (x, y), (width, height) = box.middle, _BOX
-    left, top = x - 0.5 * width, y - 0.5 * height
-    radius = 0.5 * height if box.kind == "end" else 5.0
-    size = f'width="{width:g}" height="{height:g}" rx="{radius:g}"'
-    shape = f'<rect class="box {box.style}" x="{left:g}" y="{top:g}" {size}/>'
-    if box.kind == "question":
-        slope = 0.4 * height
-        across = (left, left + slope, left + width - slope, left + width, left + width - slope, left + slope)
-        down = (y, top, top, y, top + height, top + height)
-        shape = (
-            f'<polygon class="box {box.style}" points="{_format_points(np.array(across), np.array(down))}"/>'
-        )
-    first = y + 4.5 - 0.5 * _TEXT_ROW * (len(box.text) - 1)
-    lines = [
-        f'<text x="{x:g}" y="{first + _TEXT_ROW * k:g}" text-anchor="middle">{escape(text)}</text>'
-        for k, text in enumerate(box.text)
-    ]
-    return [shape, *lines]
-
-
-def _draw_arrow(arrow: Arrow) -> list[str]:
-    """Return a line with a head at its end."""
-    places = np.array(arrow.points)
-    way = (places[-1] - places[-2]) / np.hypot(*(places[-1] - places[-2]))
-    side, base = np.array([-way[1], way[0]]), places[-1] - _HEAD * way
-    head = np.array([places[-1], base + 0.42 * _HEAD * side, base - 0.42 * _HEAD * side])
-    line = np.vstack([places[:-1], base])
-    (x, y), (x_next, _) = arrow.points[:2]
-    # Above a line across, at the right of one downwards.
-    right, down = (math.copysign(8.0, x_next - x), -6.0) if x_next != x else (7.0, 16.0)
-    place = f'x="{x + right:g}" y="{y + down:g}"'
-    anchor = "end" if x_next < x else "start"
-    label = [f'<text {place} text-anchor="{anchor}">{escape(arrow.label)}</text>'] if arrow.label else []
-    return [
-        f'<polyline class="arrow" points="{_format_points(line[:, 0], line[:, 1])}"/>',
-        f'<polygon class="head" points="{_format_points(head[:, 0], head[:, 1])}"/>',
-        *label,
-    ]
 
 
 _VIEW = (math.radians(-62.0), math.radians(16.0))

@@ -3,6 +3,7 @@
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from symid.report.blocks import Block, Table, describe_outcome
@@ -64,11 +65,8 @@ def tabulate_laws(laws: "Sequence[FittedLaw]") -> tuple[Block, ...]:
         "Friction laws: what each leaves of the torque of held-out windows in motion; plain is "
         "coulomb-viscous-offset."
     )
-    return (
-        Table(
-            ("joint", "friction law", "held out/%", "plain/%", "best other law, %"), rows, (0, 1, 4), title
-        ),
-    )
+    header = ("joint", "friction law", "held out/%", "plain/%", "best other law, %")
+    return (Table(header, rows, (0, 1, 4), title),)
 
 
 def _describe_refused(refused: "Sequence[tuple[str, str]]", key: str = "name") -> list[dict[str, str]]:
@@ -221,12 +219,8 @@ def describe_band(residual: "BandResidual") -> dict[str, object]:
         {**describe_record(entry), "range_percent": share}
         for entry, share in zip(residual.joints, residual.range_percent, strict=True)
     ]
-    return {
-        "frequency": residual.band,
-        "residual": joints,
-        "mean_relative_percent": residual.mean_relative_percent,
-        "stacked_percent": residual.stacked_percent,
-    }
+    found = {"frequency": residual.band, "residual": joints, "stacked_percent": residual.stacked_percent}
+    return {**found, "mean_relative_percent": residual.mean_relative_percent}
 
 
 def describe_band_metric(residual: "BandResidual") -> str:
@@ -481,11 +475,10 @@ def show_friction(found: "FrictionIdentification") -> tuple[Block, ...]:
     size = len(found.joints) + len(found.refused)
     head = f"{found.robot}: friction of {len(found.joints)} of {size} joint{'s'[: size > 1]}"
     refused = "\n".join(_wrap(f"{name}: {reason}") for name, reason in found.refused)
-    joints = (block for entry in found.joints for block in _show_joint_friction(entry))
-    return (head, *joints, *((refused,) if refused else ()))
+    return (head, *chain.from_iterable(map(_show_joint_friction, found.joints)), *filter(None, (refused,)))
 
 
-def _show_joint_friction(entry: "JointFriction") -> tuple[Block, ...]:
+def _show_joint_friction(entry: "JointFriction") -> list[Block]:
     estimate, residual = entry.estimate, entry.residual
     parts: list[Block] = [f"== {entry.joint}: {estimate.law}, {estimate.estimator} =="]
     if entry.selection is not None:
@@ -514,7 +507,7 @@ def _show_joint_friction(entry: "JointFriction") -> tuple[Block, ...]:
         parts += [*show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]
     if estimate.refused:
         parts.append("\n".join(_wrap(f"refused: {name}: {reason}") for name, reason in estimate.refused))
-    return tuple(parts)
+    return parts
 
 
 def show_law_trials(selection: "LawSelection", title: str = "") -> Table:

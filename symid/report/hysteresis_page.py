@@ -87,12 +87,8 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
     lists = (("Poorly identifiable, not shown", poor), ("Fixed", fixed))
     note = "\n".join(f"{head}: {', '.join(names)}." for head, names in lists if names)
     form = f" ({record.form})" if record.form else ""
-    table = Table(
-        header=("parameter", "value", "std", "95 % interval"),
-        rows=rows,
-        title=f"{record.model}{form}",
-        note=note,
-    )
+    header = ("parameter", "value", "std", "95 % interval")
+    table = Table(header, rows, title=f"{record.model}{form}", note=note)
     tried = Table(
         header=("model", "form", "parameters", "passive", "fitted %", "held out %", "+-"),
         rows=[
@@ -108,8 +104,8 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
     )
     reason = describe_inversion(record)
     inverse = f"There is none: {reason}." if reason else "It exists, for every output."
-    passive = "no motion" if record.passive else "some motions may"
-    passive = f"{passive} get{'s' if record.passive else ''} work out of the element."
+    passive = "no motion gets" if record.passive else "some motions may get"
+    passive += " work out of the element."
     facts = f"Inverse: {inverse}\nPassivity: {passive}\nStart: {_STARTS[record.start]}."
     return (table, tried, facts)
 
@@ -122,10 +118,8 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
     trace = record.trace
     shared = (("measured", "cloud", trace.measured), ("predicted", "predicted", trace.predicted))
     loops = [Line(name, style, trace.position, y, joined=name == "predicted") for name, style, y in shared]
-    over_time = [
-        Line("measured", "measured", trace.time, trace.measured),
-        Line("predicted", "predicted", trace.time, trace.predicted),
-    ]
+    curves = (("measured", trace.measured), ("predicted", trace.predicted))
+    over_time = [Line(name, name, trace.time, y) for name, y in curves]
     error = trace.measured - trace.predicted
     time = "time (s)" if record.timed else "sample"
     worst = int(np.argmax(np.abs(error)))
@@ -133,6 +127,7 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
     first, last = (float(np.mean(part)) for part in np.array_split(error, 2))
     size = float(np.sqrt(np.mean(error**2)))
     drift = 100.0 * abs(last - first) / size if size else 0.0
+    moved = f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms."
     rest = [
         build_curve_figure(
             f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}.",
@@ -140,11 +135,7 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
             [Line("residual", "cloud", trace.position, error, joined=False)],
             height=260.0,
         ),
-        build_line_figure(
-            f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms.",
-            (time, "residual"),
-            [Line("residual", "final", trace.time, error)],
-        ),
+        build_line_figure(moved, (time, "residual"), [Line("residual", "final", trace.time, error)]),
     ]
     if record.timed:
         rate = np.gradient(trace.position, trace.time)
@@ -159,13 +150,10 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
                 height=260.0,
             )
         )
+    caption = f"Output against input: does {record.model} follow the loops? It leaves "
+    caption += f"{format_percent(record.fitted)} of the output."
     return (
-        build_curve_figure(
-            f"Output against input: does {record.model} follow the loops? It leaves "
-            f"{format_percent(record.fitted)} of the output.",
-            _LABELS,
-            loops,
-        ),
+        build_curve_figure(caption, _LABELS, loops),
         build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, _LABELS[1]), over_time),
         *rest,
         *_draw_cycles(trace),
@@ -273,8 +261,8 @@ def write_element_page(path: Path, record: HysteresisRecord, *, source: str = ""
     """Write the page of an element and return the path; OutputError where it cannot be written."""
     lead, second, *further = draw_element(record)
     _, _, facts = blocks = show_element(record)
-    known = [entry for entry in record.parameters if 0.0 < entry.deviation <= _POOR * abs(entry.value)]
     free = [entry for entry in record.parameters if entry.deviation > 0.0]
+    known = [entry for entry in free if entry.deviation <= _POOR * abs(entry.value)]
     page = Page(
         robot=source or "element",
         subject="element with hysteresis",

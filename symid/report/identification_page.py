@@ -39,7 +39,7 @@ from symid.identification.elastic import (
     get_stated_cutoff,
     prepare_aligned,
 )
-from symid.identification.estimators import Estimate, Series, Validation, check_model
+from symid.identification.estimators import Estimate, FittedLaw, Series, Validation, check_model
 from symid.identification.friction import (
     CONFIDENCE,
     FrictionIdentification,
@@ -147,7 +147,8 @@ def build_identification_page(
         tabulate_parameters(estimate.parameters),
         *draw_certainty(estimate.parameters),
         *show_refused(estimate.refused),
-        *_show_laws(estimate),
+        *(("== Friction laws ==", *tabulate_laws(estimate.laws)) if estimate.laws else ()),
+        *(block for entry in estimate.laws for block in _show_law(entry)),
         *(() if validations else ("== Held-out logs ==", UNTESTED)),
     )
     more = (
@@ -234,17 +235,12 @@ def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing
     return build_mark_figure(caption, "unexplained (% of the joint's torque)", marks)
 
 
-def _show_laws(estimate: Estimate) -> Iterator[Block]:
-    """Yield the friction laws found, and how that of each joint was chosen."""
-    if not estimate.laws:
-        return
-    yield "== Friction laws =="
-    yield from tabulate_laws(estimate.laws)
-    for entry in estimate.laws:
-        if entry.selection is not None and len(entry.selection.trials) > 1:
-            yield f"=== {entry.joint}: {entry.law} ==="
-            yield entry.selection.verdict
-            yield show_law_trials(entry.selection)
+def _show_law(entry: FittedLaw) -> tuple[Block, ...]:
+    """Return how the friction law of a joint was chosen; nothing where there was no choice."""
+    chosen = entry.selection
+    if chosen is None or len(chosen.trials) < 2:
+        return ()
+    return (f"=== {entry.joint}: {entry.law} ===", chosen.verdict, show_law_trials(chosen))
 
 
 def _show_choice(estimate: Estimate) -> Iterator[Block]:
@@ -287,11 +283,9 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
     if diagnosis.ellipse is not None:
         first, second, _ = diagnosis.correlated[0]
         outline, level = diagnosis.ellipse.trace(), diagnosis.ellipse.level
-        yield build_curve_figure(
-            f"The closest pair, {first} and {second}: {level:.0%} confidence ellipse.",
-            (first, second),
-            (Line("ellipse", "first", outline[:, 0], outline[:, 1]),),
-        )
+        caption = f"The closest pair, {first} and {second}: {level:.0%} confidence ellipse."
+        line = Line("ellipse", "first", outline[:, 0], outline[:, 1])
+        yield build_curve_figure(caption, (first, second), (line,))
     yield from ("== Significant parameters ==", describe_essential(diagnosis))
     if essential.dropped:
         header = ("name", "value / std", "residual grows by/%")
@@ -302,7 +296,19 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
         f"{bootstrap.blocks} blocks of the logs, resampled {bootstrap.replicates} times: valid for any "
         "correlation of the residual within a block."
     )
-    yield _tabulate_scatter(estimate, diagnosis)
+    stated = {entry.name: entry for entry in estimate.parameters}
+    dropped = {entry.name for entry in essential.dropped}
+    columns = (bootstrap.deviations, bootstrap.low, bootstrap.high)
+    scatter = [
+        (
+            *(name, stated[name].value, format_digits(stated[name].std), format_digits(deviation)),
+            *(f"{low:.4g}", f"{high:.4g}", name not in dropped),
+        )
+        for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True)
+        if name in stated
+    ]
+    titles = ("name", "value", "stated std", "bootstrap std", "from", "to (95 %)", "significant")
+    yield Table(titles, scatter, title="Values in SI units.")
     yield from _show_drift(estimate, diagnosis)
     yield "== Structure of the residual =="
     if diagnosis.structure:
@@ -365,24 +371,6 @@ def describe_essential(diagnosis: Diagnosis) -> str:
     )
 
 
-def _tabulate_scatter(estimate: Estimate, diagnosis: Diagnosis) -> Table:
-    stated = {entry.name: entry for entry in estimate.parameters}
-    found = diagnosis.bootstrap
-    dropped = {entry.name for entry in diagnosis.essential.dropped}
-    rows = [
-        (
-            *(name, stated[name].value, format_digits(stated[name].std), format_digits(deviation)),
-            *(f"{low:.4g}", f"{high:.4g}", name not in dropped),
-        )
-        for name, deviation, low, high in zip(
-            found.names, found.deviations, found.low, found.high, strict=True
-        )
-        if name in stated
-    ]
-    header = ("name", "value", "stated std", "bootstrap std", "from", "to (95 %)", "significant")
-    return Table(header, rows, title="Values in SI units.")
-
-
 def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
     drift = diagnosis.drift
     yield "== Drift between logs =="
@@ -425,16 +413,11 @@ def _show_errors(validation: Validation) -> Iterator[Block]:
     for series in validation.series:
         error, joint, unit = series.measured - series.predicted, series.joint, series.unit
         quantity = _name_quantity(series, validation.rows)
-        yield build_line_figure(
-            f"When does it miss? {joint}, measured minus predicted {quantity}.",
-            ("time (s)", f"residual ({unit})"),
-            (Line("residual", "residual", series.time, error),),
-        )
-        yield build_histogram(
-            f"Is it noise? Residual of {joint}, and the normal distribution of the same deviation.",
-            (f"residual ({unit})", "rows"),
-            error,
-        )
+        caption = f"When does it miss? {joint}, measured minus predicted {quantity}."
+        line = Line("residual", "residual", series.time, error)
+        yield build_line_figure(caption, ("time (s)", f"residual ({unit})"), (line,))
+        caption = f"Is it noise? Residual of {joint}, and the normal distribution of the same deviation."
+        yield build_histogram(caption, (f"residual ({unit})", "rows"), error)
 
 
 def draw_prediction(series: Series, rows: str, caption: str = "") -> Drawing:
@@ -521,14 +504,9 @@ def build_friction_page(
     origin: Sequence[str] = (),
     **options: Any,  # noqa: ANN401  fields of the page
 ) -> Page:
-    """Return all that the page shows.
+    """Return all that the page shows; `validations` are what laws and rigid part predict of logs.
 
-    Args:
-        found: the laws.
-        validations: what laws and rigid part predict of logs.
-        notices: what else a reader should know.
-        origin: what the page was made from, in short texts.
-        options: further fields of the page.
+    The other arguments are those of `build_identification_page`.
     """
     left_out = "\n".join(f"{name}: {reason}" for name, reason in found.refused)
     # What each law leaves: of held-out blocks where laws were compared, else of the fit.
@@ -605,13 +583,9 @@ def _show_search(entry: JointFriction) -> Iterator[Block]:
     if len(history) >= 3 and max(history) > _FLAT * min(history):
         number, markers = np.arange(float(len(history))), len(history) < 40
         line = Line("objective", "final", number, np.array(history), markers)
-        yield build_line_figure(
-            "Did the search settle? Least objective after each iteration or generation.",
-            ("iteration or generation", f"objective (({entry.unit})²)"),
-            (line,),
-            logarithmic=True,
-            whole=True,
-        )
+        caption = "Did the search settle? Least objective after each iteration or generation."
+        labels = ("iteration or generation", f"objective (({entry.unit})²)")
+        yield build_line_figure(caption, labels, (line,), logarithmic=True, whole=True)
 
 
 def _capitalise(text: str) -> str:
@@ -767,7 +741,17 @@ def write_fit_page(
     tests: tuple[Validation | ElasticTrial, ...] = (*validations, *trials)
     name = estimate.robot if estimate.robot in list_robots() else "ROBOT"
     name = name if known is None else name_for_commands(known[0])
-    page = replace(page, next_step=_suggest_step(page.verdict, estimate, tests, name, file))
+    # The command that an expert would type after this verdict, and what for.
+    stored, target = file or "ESTIMATE", f"{estimate.robot}_identified.toml"
+    if page.verdict.level in {"wrong", "doubtful"}:
+        step = shlex.join(["symid", "check", name, *estimate.sources]), "Look for the cause"
+    elif all(entry.fitted for entry in tests):
+        command = shlex.join(["symid", "validate", name, stored])
+        step = f"{command} LOG", "Test it on a log of another motion"
+    else:
+        command = shlex.join(["symid", "export", name, stored, "-o", target])
+        step = command, "Write a robot file with these values"
+    page = replace(page, next_step=step)
     is_rigid = isinstance(estimate, Estimate)
     settled = [(entry.source, entry.processing) for entry in validations if is_rigid and entry.processing]
     processing = tuple({**asdict(entry.processing), "origin": dict(entry.origin)} for _, entry in settled)
@@ -781,21 +765,3 @@ def write_fit_page(
         diagnosis=diagnosis,
         notices=notices,
     )
-
-
-def _suggest_step(
-    verdict: FitVerdict,
-    estimate: AnyEstimate,
-    tests: Sequence[Validation | ElasticTrial],
-    robot: str,
-    file: str,
-) -> tuple[str, str]:
-    """Return the command that an expert would type after this verdict, and what for."""
-    if verdict.level in {"wrong", "doubtful"}:
-        return shlex.join(["symid", "check", robot, *estimate.sources]), "Look for the cause"
-    if all(entry.fitted for entry in tests):
-        command = shlex.join(["symid", "validate", robot, file or "ESTIMATE"])
-        return f"{command} LOG", "Test it on a log of another motion"
-    target = f"{estimate.robot}_identified.toml"
-    command = shlex.join(["symid", "export", robot, file or "ESTIMATE", "-o", target])
-    return command, "Write a robot file with these values"

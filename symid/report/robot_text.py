@@ -148,19 +148,10 @@ def describe_derivation(
     robot: str, steps: Sequence["Step"], counts: Sequence["RouteCount"]
 ) -> dict[str, object]:
     """Return a derivation as `symid derive --json` gives it, with the operations of every route."""
-    return {
-        "robot": robot,
-        "steps": [describe_record(step) for step in steps],
-        "operations": [
-            {
-                "function": entry.function,
-                "route": entry.route,
-                "chosen": entry.chosen,
-                **describe_record(entry.operations),
-            }
-            for entry in counts
-        ],
-    }
+    operations = [describe_record(entry) for entry in counts]
+    for entry in operations:
+        entry.update(entry.pop("operations"))
+    return {"robot": robot, "steps": [describe_record(step) for step in steps], "operations": operations}
 
 
 def show_derivation(
@@ -260,8 +251,7 @@ def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
 
 def summarise_draft(robot: "Robot") -> str:
     """Return name and number of joints."""
-    plural = "s" if len(robot.joints) != 1 else ""
-    return f"{robot.name}, {len(robot.joints)} joint{plural}"
+    return f"{robot.name}, {len(robot.joints)} joint{'s'[: len(robot.joints) != 1]}"
 
 
 def show_draft(draft: "Draft") -> tuple[Block, ...]:

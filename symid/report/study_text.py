@@ -48,7 +48,6 @@ from symid.report.fit_text import write_number
 from symid.report.pages import Page
 from symid.report.verdict import FitVerdict
 from symid.robot import read_robot
-from symid.serialization import describe_record
 from symid.study import (
     AGREEMENT,
     CALIBRATION,
@@ -337,37 +336,6 @@ def show_cutoff(study: "CutoffStudy") -> tuple[Block, ...]:
     return (Table(header, rows, title=title),)
 
 
-def describe_elastic_study(study: "ElasticStudy", numbers: range) -> dict[str, object]:
-    """Return the errors of every method on every set of logs as `--json` gives them."""
-    return {
-        "robot": study.robot,
-        "seeds": list(numbers),
-        "studies": [
-            {
-                "condition": entry.condition.value,
-                "dataset": entry.dataset,
-                "seeds": entry.seeds,
-                "bound_percent": entry.bound,
-                "spring_bound_percent": entry.spring_bound,
-                "methods": [
-                    {
-                        "method": cell.method,
-                        "parameter_error_percent": describe_record(cell.parameter),
-                        "hysteresis_error_percent": describe_record(cell.hysteresis),
-                        "excited_error_percent": describe_record(cell.excited),
-                        "seconds": cell.seconds,
-                        "iterations": cell.iterations,
-                        "outcomes": dict(cell.outcomes),
-                        "choices": dict(cell.choices),
-                    }
-                    for cell in entry.cells
-                ],
-            }
-            for entry in study.studies
-        ],
-    }
-
-
 def show_elastic_study(study: "ElasticStudy") -> tuple[Block, ...]:
     """Return the errors of every method, a table for each set of logs."""
     head = (
@@ -401,37 +369,6 @@ def _show_dataset(entry: "DatasetStudy") -> Table:
 
 def _join_counts(counts: Sequence[tuple[str, int]]) -> str:
     return ", ".join(word if len(counts) == 1 else f"{word} {count}" for word, count in counts)
-
-
-def describe_foreign(study: "ForeignStudy", numbers: range) -> dict[str, object]:
-    """Return the errors of every method on every truth as `--json` gives them."""
-    return {
-        "arm": study.arm,
-        "seeds": list(numbers),
-        "truths": [
-            {
-                "truth": entry.truth,
-                "size": entry.size,
-                "best": entry.best,
-                "near": entry.near,
-                "near_best": entry.near_best,
-                "ratio": describe_record(entry.ratio),
-                "methods": [
-                    {
-                        "method": cell.method,
-                        "parameter_error_percent": describe_record(cell.worst),
-                        "spring_error_percent": describe_record(cell.spring),
-                        "z_rms": cell.z_rms,
-                        "z_most": cell.z_most,
-                        "verdicts": dict(cell.verdicts),
-                        "choices": dict(cell.choices),
-                    }
-                    for cell in entry.cells
-                ],
-            }
-            for entry in study.truths
-        ],
-    }
 
 
 def show_foreign(study: "ForeignStudy") -> tuple[Block, ...]:
@@ -496,11 +433,6 @@ def show_tracking(study: "TrackingStudy") -> tuple[Block, ...]:
     )
 
 
-def describe_many_joints(result: "ManyJointsResult") -> dict[str, object]:
-    """Return what each method leaves of a held-out motion as `--json` gives it."""
-    return {**describe_record(result), "condition": result.condition.value}
-
-
 def show_many_joints(result: "ManyJointsResult") -> Table:
     """Return the residuals of each method on a held-out motion, next to those of the true parameters."""
     rows = [
@@ -524,9 +456,9 @@ _POINTS = 1201
 _STYLES = dict(zip(LAWS, ("fourth", "third", "predicted"), strict=True))
 
 
-def draw_study(study: FrictionStudy) -> tuple[Block, ...]:
-    """Return all figures below the names of their counterparts, in the order of the paper."""
-    seed = study.seeds[0]
+def build_friction_study_page(study: FrictionStudy) -> Page:
+    """Return all that the page shows."""
+    seed, last = study.seeds
     one = draw_samples(build_sweep_scene(SWEEPS[0]), np.random.default_rng(seed))
     two = draw_samples(build_recovery_scene(0), np.random.default_rng(seed))
     figures = (
@@ -542,8 +474,54 @@ def draw_study(study: FrictionStudy) -> tuple[Block, ...]:
         ("10, near standstill", _draw_two_fit(two, near=True)),
         *((f"11, joint {build_gain_scene(k).joint}", _draw_torque(k, seed)) for k in range(len(TABLE_3))),
     )
-    return tuple(
-        block for name, figure in figures for block in (f"=== Counterpart of Figure {name} ===", figure)
+    drawn = [block for name, figure in figures for block in (f"=== Counterpart of Figure {name} ===", figure)]
+    rows = [(check.name, check.bar, check.found, write_check_outcome(check)) for check in study.checks]
+    title = "Claims and results. Reported: no requirement, or too few draws to judge."
+    checks = Table(("claim", "required", "result", "outcome"), rows, (0, 1, 2, 3), title)
+    reported = [check for check in study.checks if check.met is None]
+    missed = [check for check in study.checks if check.met is not None and not check.met]
+    judged = len(study.checks) - len(reported)
+    headline = f"All {judged} claims that can be judged are met."
+    if missed:
+        headline = f"{len(missed)} of {judged} claims are missed."
+    return Page(
+        robot="Zhang, Hu and Zou (2021)",
+        subject="the tables of joint friction",
+        verdict=FitVerdict(
+            level="usable" if missed else "good",
+            headline=headline,
+            details=tuple(f"{check.name}: {check.found}" for check in (*missed, *reported)),
+        ),
+        numbers=(
+            (f"{judged - len(missed)} of {judged}", "claims of the paper met, of those that can be judged"),
+            (f"{study.recovery[0].draws}", "draws of the noise for each joint"),
+            (str(len(reported)), "results reported without a requirement"),
+        ),
+        lead=_draw_one_fit(one, study),
+        next_step=(
+            "symid identify ROBOT LOG --rows friction",
+            "Identify friction laws from logs of your own",
+        ),
+        blocks=(
+            (
+                "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
+                "are not public."
+            ),
+            "Table 4: " + CALIBRATION,
+            "== Claims ==",
+            checks,
+            "== Tables ==",
+            *list_tables(study),
+        ),
+        more=("== Counterparts of the paper's figures ==", *drawn),
+        settings=(
+            ("seeds", f"{seed} to {last}"),
+            ("draws of Table 1", str(study.agreement[0].draws)),
+            ("draws of Table 3", str(study.recovery[0].draws)),
+            ("draws of Table 4", str(study.gains[0].draws)),
+            ("draws of the second robot", str(study.second[0].draws)),
+            ("default estimator", "varpro"),
+        ),
     )
 
 
@@ -649,11 +627,7 @@ def _draw_hybrid() -> Drawing:
         "caption is public, so its algorithm may differ. The genetic algorithm alone leaves out the four "
         "steps of annealing."
     )
-    return build_flow_chart(caption, boxes, _list_arrows(), titles, _ROWS[5] + 40.0, width=_ACROSS)
-
-
-def _list_arrows() -> list[Arrow]:
-    """Return the ways between the steps of the hybrid: down both columns, across, and back."""
+    # The ways between the steps: down both columns, across, and back.
     answers, low, end = {1: "yes", 4: "yes"}, _ROWS[5] - 5.0, _ACROSS - _OUTSIDE
 
     def lead_down(x: float, row: int, label: str = "") -> Arrow:
@@ -667,13 +641,12 @@ def _list_arrows() -> list[Arrow]:
         *((_RIGHT - _EDGE, _ROWS[4]), (begin, _ROWS[4]), (begin, low)),
         *((_OUTSIDE, low), (_OUTSIDE, _ROWS[2]), (_LEFT - _EDGE, _ROWS[2])),
     )
-    return [
+    arrows = [
         *(lead_down(_LEFT, row) for row in range(4)),
         *(lead_down(_RIGHT, row, answers.get(row, "")) for row in range(5)),
-        Arrow(across),
-        Arrow(kept, "no"),
-        Arrow(back, "no"),
+        *(Arrow(across), Arrow(kept, "no"), Arrow(back, "no")),
     ]
+    return build_flow_chart(caption, boxes, arrows, titles, _ROWS[5] + 40.0, width=_ACROSS)
 
 
 _PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
@@ -787,56 +760,3 @@ def _draw_torque(index: int, seed: int) -> Drawing:
         "calibrated by the noise, the second a prediction."
     )
     return _draw(caption, lines, "time (periods)")
-
-
-def build_friction_study_page(study: FrictionStudy) -> Page:
-    """Return all that the page shows."""
-    first, last = study.seeds
-    rows = [(check.name, check.bar, check.found, write_check_outcome(check)) for check in study.checks]
-    title = "Claims and results. Reported: no requirement, or too few draws to judge."
-    checks = Table(("claim", "required", "result", "outcome"), rows, (0, 1, 2, 3), title)
-    reported = [check for check in study.checks if check.met is None]
-    missed = [check for check in study.checks if check.met is not None and not check.met]
-    judged = len(study.checks) - len(reported)
-    headline = f"All {judged} claims that can be judged are met."
-    if missed:
-        headline = f"{len(missed)} of {judged} claims are missed."
-    return Page(
-        robot="Zhang, Hu and Zou (2021)",
-        subject="the tables of joint friction",
-        verdict=FitVerdict(
-            level="usable" if missed else "good",
-            headline=headline,
-            details=tuple(f"{check.name}: {check.found}" for check in (*missed, *reported)),
-        ),
-        numbers=(
-            (f"{judged - len(missed)} of {judged}", "claims of the paper met, of those that can be judged"),
-            (f"{study.recovery[0].draws}", "draws of the noise for each joint"),
-            (str(len(reported)), "results reported without a requirement"),
-        ),
-        lead=_draw_one_fit(draw_samples(build_sweep_scene(SWEEPS[0]), np.random.default_rng(first)), study),
-        next_step=(
-            "symid identify ROBOT LOG --rows friction",
-            "Identify friction laws from logs of your own",
-        ),
-        blocks=(
-            (
-                "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
-                "are not public."
-            ),
-            "Table 4: " + CALIBRATION,
-            "== Claims ==",
-            checks,
-            "== Tables ==",
-            *list_tables(study),
-        ),
-        more=("== Counterparts of the paper's figures ==", *draw_study(study)),
-        settings=(
-            ("seeds", f"{first} to {last}"),
-            ("draws of Table 1", str(study.agreement[0].draws)),
-            ("draws of Table 3", str(study.recovery[0].draws)),
-            ("draws of Table 4", str(study.gains[0].draws)),
-            ("draws of the second robot", str(study.second[0].draws)),
-            ("default estimator", "varpro"),
-        ),
-    )

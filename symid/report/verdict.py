@@ -285,7 +285,22 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
             f"{_name_band(worst)} is left unexplained; the fit was to {estimate.rows} rows, so the two "
             "residuals cannot be compared."
         )
-    ratio, source = max((_compute_held_out_ratio(estimate, entry), entry.source) for entry in same)
+
+    def compute_rms(residual: Residual) -> float:
+        return residual.norm / math.sqrt(max(residual.samples, 1))
+
+    # The largest ratio over joints of held-out to fitted rms; both count all rows, slow ones too. Within the
+    # scoring band it is the rms of the log over that of the stretches that were held out in the fit.
+    ratio, source = -math.inf, ""
+    for entry in same:
+        fitted = {one.joint: compute_rms(one) for one in estimate.residual}
+        if entry.scoring and estimate.evidence is not None:
+            parts = estimate.evidence.joints
+            fitted = {one.joint: 0.01 * one.held_out * one.torque for one in parts if one.torque}
+        ratios = [compute_rms(one) / fitted[one.joint] for one in entry.residual if fitted.get(one.joint)]
+        whole = estimate.mean_relative_percent
+        ratios = ratios or [entry.mean_relative_percent / whole if whole else 1.0]
+        ratio, source = max((ratio, source), (max(ratios), entry.source))
     percent = max(validation.mean_relative_percent for validation in same)
     left = f"{percent:.3g} % of the {QUANTITIES[estimate.rows]}{_name_band(same[0])} is left unexplained"
     if ratio <= _SAME:
@@ -303,28 +318,6 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
 
 def _name_band(validation: Validation) -> str:
     return f" below {validation.scoring:.3g} Hz" if validation.scoring else ""
-
-
-def _compute_held_out_ratio(estimate: Estimate, validation: Validation) -> float:
-    """Return the largest ratio over joints of held-out to fitted rms, of rows of the same kind.
-
-    Both count all rows, slow ones too. Within the scoring band it is the rms of the log over that of the
-    stretches that were held out in the fit.
-    """
-    fitted = {entry.joint: _compute_rms(entry) for entry in estimate.residual}
-    if validation.scoring and estimate.evidence is not None:
-        parts = estimate.evidence.joints
-        fitted = {entry.joint: 0.01 * entry.held_out * entry.torque for entry in parts if entry.torque}
-    ratios = [
-        _compute_rms(entry) / fitted[entry.joint] for entry in validation.residual if fitted.get(entry.joint)
-    ]
-    if not ratios and estimate.mean_relative_percent:
-        return validation.mean_relative_percent / estimate.mean_relative_percent
-    return max(ratios, default=1.0)
-
-
-def _compute_rms(residual: Residual) -> float:
-    return residual.norm / math.sqrt(max(residual.samples, 1))
 
 
 def _judge_parameters(
