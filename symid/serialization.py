@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from fractions import Fraction
@@ -22,6 +22,8 @@ from symid.errors import InputError, Notice, SymidError
 Record = TypeVar("Record")
 Finite = Annotated[float, "finite"]
 """A number that a file must state: null, which means infinity elsewhere, is refused."""
+HIDDEN = {"key": ""}
+"""Metadata of a field that is stored, but not shown to programs."""
 _LARGEST = int(sys.float_info.max)
 _DEPTH = 100
 
@@ -121,6 +123,37 @@ def write_plain(value: object) -> object:
         return write_plain(value.tolist())
     message = f"no JSON for {type(value).__name__}"
     raise TypeError(message)
+
+
+def name_key(key: str) -> dict[str, str]:
+    """Return the metadata of a field that programs know by another name."""
+    return {"key": key}
+
+
+def write_as(write: Callable[[Any], object]) -> dict[str, Callable[[Any], object]]:
+    """Return the metadata of a field that programs read as `write` returns it."""
+    return {"write": write}
+
+
+def describe_record(record: Any) -> dict[str, Any]:  # noqa: ANN401  any dataclass
+    """Return a record, and those in it, as programs read it: its fields by name, or as their metadata say.
+
+    Arrays and tuples become lists; numbers that are not finite and enumerations stay what they are.
+    """
+    found = {}
+    for entry in fields(record):
+        key, write = entry.metadata.get("key", entry.name), entry.metadata.get("write", _describe)
+        if key:
+            found[key] = write(getattr(record, entry.name))
+    return found
+
+
+def _describe(value: Any) -> Any:  # noqa: ANN401  any value
+    if is_dataclass(value):
+        return describe_record(value)
+    if isinstance(value, tuple | list):
+        return [_describe(entry) for entry in value]
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def read_record(kind: type[Record], value: object, where: str = "", *, complete: bool = False) -> Record:

@@ -22,6 +22,7 @@ from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.api.robot import RobotModel, Settings, list_pairs, load
 from symid.api.validation import FitDiagnosis, FitPage, LogValidation
 from symid.errors import EstimateError, Notice, UsageError
+from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.api.robot_files import ExportedFile, Precision
@@ -195,7 +196,7 @@ class Fit(JudgedResult):
         """
         from symid.identification import write_fit
 
-        return write_fit(self.estimate, Path(fspath(path)), verdict=report.describe_verdict(self.verdict))
+        return write_fit(self.estimate, Path(fspath(path)), verdict=describe_record(self.verdict))
 
     def validate(
         self,

@@ -17,6 +17,7 @@ from symid.errors import LogError, Notice
 from symid.identification import hysteresis as elements, is_element, read_element, write_element
 from symid.joint_models import Elasticity
 from symid.robot import suggest_names
+from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -197,7 +198,7 @@ class ElementFit(JudgedResult):
         Raises:
             OutputError: the file cannot be written.
         """
-        return write_element(self.record, Path(fspath(path)), verdict=report.describe_verdict(self.verdict))
+        return write_element(self.record, Path(fspath(path)), verdict=describe_record(self.verdict))
 
     def plot(self, ax: object = None) -> Figures:
         """Return figures: loops, time, residuals, energy of cycles, branches; in axes `ax` of matplotlib."""

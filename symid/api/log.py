@@ -154,7 +154,7 @@ class Log(Measurements):
         from symid.logs import summarise_joints
 
         summary = summarise_joints(self.recording, self.robot)
-        return (self.summarise(), report.show_joints({"file": self.source}, summary))
+        return (self.summarise(), report.show_joints(self.source, summary))
 
     def to_dict(self) -> dict[str, object]:
         """Return samples, timing and the range of every joint in plain types."""

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, final
 
 from symid import report
 from symid.errors import Notice, UsageError, arrange_notices
+from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.report import Block, Drawing, FitVerdict
@@ -133,7 +134,7 @@ class JudgedResult(Result):
 
     def _describe_verdict(self) -> dict[str, object]:
         """Return the verdict in plain types, as the first entry of `to_dict`."""
-        return {"verdict": report.describe_verdict(self.verdict)}
+        return {"verdict": describe_record(self.verdict)}
 
     def _split_verdict(self, file: str = "", *, tried: bool = False) -> tuple[tuple[Notice, ...], ...]:
         """Return the warning of a doubtful verdict and the error of a wrong one, where there is one."""

@@ -24,6 +24,7 @@ from symid.api.result import Figures, Progress, check_choice, check_count, check
 from symid.api.studies import list_seeds
 from symid.codegen import BACKENDS
 from symid.errors import Notice, UsageError
+from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -1258,7 +1259,7 @@ class RobotModel:
         numbers, title = list_seeds(seeds, seed), "methods for the elastic joints of"
         show = report.show_elastic_study
         found = self._study(study_elastic, title, show, numbers, jobs=jobs, timed=timed)
-        return replace(found, described=report.describe_elastic_study(found.product, numbers))
+        return replace(found, described={**describe_record(found.product), "seeds": list(numbers)})
 
     def study_tracking(
         self, *, seeds: int = 20, seed: int = 1, jobs: int | None = None
@@ -1309,7 +1310,7 @@ class RobotModel:
             title=f"dynamics of the elastic arm {self.name}",
             product=found,
             tables=tuple(map(report.show_many_joints, found)),
-            described={"runs": [report.describe_many_joints(result) for result in found]},
+            described={"runs": [describe_record(result) for result in found]},
             notices=tuple(dict.fromkeys(notice for result in found for notice in result.notices)),
         )
 

@@ -13,6 +13,7 @@ from symid import report
 from symid.api.result import Progress, Result, check_count, ignore
 from symid.environment import report_count
 from symid.errors import Notice
+from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.report import Block
@@ -197,5 +198,5 @@ def study_foreign(
         title=f"hidden models of {found.arm}",
         product=found,
         tables=report.show_foreign(found),
-        described=report.describe_foreign(found, numbers),
+        described={**describe_record(found), "seeds": list(numbers)},
     )

@@ -309,7 +309,8 @@ class Comparison(Result):
 
     def to_dict(self) -> dict[str, object]:
         """Return all values, differences and counts in plain types."""
-        return report.describe_comparison(self.ours, self.found, self.gate, accepted=self.accepted)
+        found = report.describe_comparison(self.ours, self.found)
+        return {**found, "gate": self.gate, "accepted": self.accepted}
 
 
 def compare_fit(

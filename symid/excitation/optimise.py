@@ -34,6 +34,7 @@ from symid.excitation.problem import (
 from symid.excitation.trajectories import Trajectory
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
 from symid.robot import Robot
+from symid.serialization import HIDDEN
 
 _TRIES = 20
 """Draws per candidate before the search is given up."""
@@ -150,8 +151,8 @@ class ExcitationOptions:
 class OptimisationRun:
     """End of a start: unknowns (n r,), criterion, condition numbers of start and end, Ipopt's status."""
 
-    unknowns: FloatArray
-    value: float
+    unknowns: FloatArray = field(metadata=HIDDEN)
+    value: float = field(metadata=HIDDEN)
     start: float
     condition: float
     iterations: int
@@ -172,8 +173,8 @@ class OptimisedExcitation:
         notices: limits that were assumed, or are not kept.
     """
 
-    trajectory: Trajectory
-    coefficients: FloatArray
+    trajectory: Trajectory = field(metadata=HIDDEN)
+    coefficients: FloatArray = field(metadata=HIDDEN)
     condition: float
     information: float
     parameters: tuple[str, ...]
@@ -181,8 +182,8 @@ class OptimisedExcitation:
     random_median: float
     random_information: float
     runs: tuple[OptimisationRun, ...]
-    margins: tuple[Margin, ...]
-    notices: tuple[Notice, ...]
+    margins: tuple[Margin, ...] = field(metadata=HIDDEN)
+    notices: tuple[Notice, ...] = field(metadata=HIDDEN)
 
     @property
     def factor(self) -> float:

@@ -45,6 +45,7 @@ from symid.excitation.observation import (
 from symid.excitation.trajectories import SeriesOptions, SeriesSpace, build_grid_basis, build_series_space
 from symid.ipopt import Constraints
 from symid.robot import Robot
+from symid.serialization import HIDDEN
 
 _GRAM_SAMPLES = 20
 """Samples of the observation matrix per harmonic: sums equal integrals over the period to 1e-6."""
@@ -245,7 +246,7 @@ class Margin:
     name: str
     value: float
     limit: float
-    allowed: float
+    allowed: float = field(metadata=HIDDEN)
 
     @property
     def share(self) -> float | None:

@@ -60,7 +60,6 @@ from symid.report import (
     Page,
     Table,
     build_line_figure,
-    tabulate,
     write_page,
 )
 from symid.serialization import read_record, write_json
@@ -328,15 +327,26 @@ class Fleet(Result):
             if self.control == "holm"
             else "Of these, false alarms are at most"
         )
-        table = tabulate(
-            found[:_MOST_SHOWN],
-            "robot=name; what=label; since; before=before:.5g; after=after:.5g; sigma=sigma:+.1f; "
-            "adjusted p=adjusted:.1g; unit",
+        rows = [
+            (
+                *(
+                    entry.name,
+                    _name_quantity(entry),
+                    entry.since,
+                    f"{entry.before:.5g}",
+                    f"{entry.after:.5g}",
+                ),
+                *(f"{entry.sigma:+.1f}", f"{entry.adjusted:.1g}", entry.unit),
+            )
+            for entry in found[:_MOST_SHOWN]
+        ]
+        table = Table(
+            ("robot", "what", "since", "before", "after", "sigma", "adjusted p", "unit"),
+            rows,
             (0, 1, 2),
             f"Robots that changed: {len({entry.name for entry in found})}",
             f"{kind} {100.0 * self.level:g} % ({self.control}). A residual is the logarithm of its deviation."
             + (f" The surest {_MOST_SHOWN} of {len(found)} are shown." if len(found) > _MOST_SHOWN else ""),
-            label=_name_quantity,
         )
         return (table,)
 

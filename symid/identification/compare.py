@@ -5,7 +5,7 @@ Robot, estimate -> `EstimateSide`;  sides, paths of tables -> `Compared`, one fo
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sympy import Expr
@@ -38,6 +38,7 @@ from symid.identification.rigid import (
     try_readings,
 )
 from symid.robot import Robot, TableColumns, read_value_table
+from symid.serialization import name_key
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -124,8 +125,8 @@ class ComparedValue:
     line: int
     ours: float
     ours_std: float
-    theirs: float
-    theirs_std: float
+    theirs: float = field(metadata=name_key("other"))
+    theirs_std: float = field(metadata=name_key("other_std"))
     difference: float
     deviations: float
 

@@ -3,30 +3,23 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.report.axes import draw_into as draw_into
     from symid.report.blocks import (
         Block as Block,
         Drawing as Drawing,
         Table as Table,
-        tabulate as tabulate,
         write_html as write_html,
         write_svg as write_svg,
         write_text as write_text,
     )
     from symid.report.drawings import (
         draw_excitation as draw_excitation,
+        draw_into as draw_into,
         draw_log as draw_log,
         draw_motion as draw_motion,
         draw_robot as draw_robot,
     )
     from symid.report.elastic_page import build_elastic_page as build_elastic_page
     from symid.report.figures import Line as Line, build_line_figure as build_line_figure
-    from symid.report.fit_page import (
-        WrittenPage as WrittenPage,
-        draw_fit as draw_fit,
-        judge_fit as judge_fit,
-        write_fit_page as write_fit_page,
-    )
     from symid.report.fit_text import (
         describe_alignment as describe_alignment,
         describe_elastic as describe_elastic,
@@ -40,7 +33,6 @@ if TYPE_CHECKING:
         show_springs as show_springs,
         show_stiffness as show_stiffness,
     )
-    from symid.report.friction_study_page import build_friction_study_page as build_friction_study_page
     from symid.report.hysteresis_page import (
         describe_element as describe_element,
         draw_element as draw_element,
@@ -49,18 +41,11 @@ if TYPE_CHECKING:
         show_element as show_element,
         write_element_page as write_element_page,
     )
-    from symid.report.log_text import (
-        describe_excitation as describe_excitation,
-        describe_log as describe_log,
-        describe_payload as describe_payload,
-        describe_robot_check as describe_robot_check,
-        list_remarks as list_remarks,
-        show_excitation as show_excitation,
-        show_joints as show_joints,
-        show_payload as show_payload,
-        show_robot_check as show_robot_check,
-        summarise_robot as summarise_robot,
-        warn_payload as warn_payload,
+    from symid.report.identification_page import (
+        WrittenPage as WrittenPage,
+        draw_fit as draw_fit,
+        judge_fit as judge_fit,
+        write_fit_page as write_fit_page,
     )
     from symid.report.pages import (
         Page as Page,
@@ -81,23 +66,32 @@ if TYPE_CHECKING:
         describe_code as describe_code,
         describe_derivation as describe_derivation,
         describe_draft as describe_draft,
+        describe_excitation as describe_excitation,
         describe_export as describe_export,
+        describe_log as describe_log,
+        describe_payload as describe_payload,
+        describe_robot_check as describe_robot_check,
+        list_remarks as list_remarks,
         show_base as show_base,
         show_code as show_code,
         show_derivation as show_derivation,
         show_draft as show_draft,
+        show_excitation as show_excitation,
         show_export as show_export,
+        show_joints as show_joints,
+        show_payload as show_payload,
+        show_robot_check as show_robot_check,
         summarise_code as summarise_code,
         summarise_draft as summarise_draft,
+        summarise_robot as summarise_robot,
         tabulate_base as tabulate_base,
+        warn_payload as warn_payload,
         write_base_latex as write_base_latex,
         write_derivation_html as write_derivation_html,
         write_derivation_latex as write_derivation_latex,
     )
     from symid.report.study_text import (
-        describe_elastic_study as describe_elastic_study,
-        describe_foreign as describe_foreign,
-        describe_many_joints as describe_many_joints,
+        build_friction_study_page as build_friction_study_page,
         show_cutoff as show_cutoff,
         show_elastic_study as show_elastic_study,
         show_foreign as show_foreign,
@@ -119,7 +113,6 @@ if TYPE_CHECKING:
     from symid.report.verdict import (
         AnyEstimate as AnyEstimate,
         FitVerdict as FitVerdict,
-        describe_verdict as describe_verdict,
         judge_trial as judge_trial,
         list_verdict_notices as list_verdict_notices,
         show_verdict as show_verdict,

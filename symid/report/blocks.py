@@ -10,12 +10,11 @@ import html
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
 from itertools import count, groupby, zip_longest
-from operator import attrgetter
 from typing import Any
 
 from symid.environment import locate_resource_folder
@@ -76,7 +75,13 @@ class Table:
         """Return the table as it stands in a terminal."""
         cells = [self.header]
         for row in self.rows:
-            cells += _fold_row([_format_cell(cell) for cell in row], self.fold)
+            texts, fold = [_format_cell(cell) for cell in row], self.fold
+            if not fold or all(len(text) <= fold for text in texts):
+                cells.append(texts)
+                continue
+            # A long cell has several lines.
+            parts = [textwrap.wrap(e, fold, break_long_words=False, break_on_hyphens=False) for e in texts]
+            cells += [list(line) for line in zip_longest(*parts, fillvalue="")]
         widths = [max(len(row[k]) for row in cells) for k in range(len(self.header))]
         lines = [
             "  ".join(
@@ -112,38 +117,6 @@ class Table:
             f"<table>{caption}<thead><tr>{head}</tr></thead>"
             f"<tbody>{''.join(rows)}</tbody></table>\n</div>{note}"
         )
-
-
-def _fold_row(row: list[str], fold: int) -> list[list[str]]:
-    """Return the lines of a row in a terminal: a cell of more than `fold` letters has several; 0 for one."""
-    if not fold or all(len(cell) <= fold for cell in row):
-        return [row]
-    parts = [textwrap.wrap(cell, fold, break_long_words=False, break_on_hyphens=False) for cell in row]
-    return [list(line) for line in zip_longest(*parts, fillvalue="")]
-
-
-def tabulate(
-    records: Iterable[object],
-    columns: str,
-    left: Sequence[int] = (0,),
-    title: str = "",
-    note: str = "",
-    **computed: Callable[[Any], object],
-) -> Table:
-    """Return a table with a row for each record.
-
-    Columns stand apart by "; " and are "field", "heading=field" or "heading=field:format". A field may be
-    dotted, or the name of one of `computed`, functions of a record. None is an empty cell.
-    """
-    parts = [column.partition("=") for column in columns.split("; ")]
-    sources = [(source or heading).partition(":") for heading, _, source in parts]
-
-    def get_cell(record: object, field: str, form: str) -> object:
-        value = computed[field](record) if field in computed else attrgetter(field)(record)
-        return format(value, form) if form and value is not None else value
-
-    rows = [[get_cell(record, field, form) for field, _, form in sources] for record in records]
-    return Table([heading for heading, _, _ in parts], rows, left, title, note)
 
 
 def _write_class(names: str) -> str:
@@ -275,13 +248,6 @@ def write_svg(drawings: Sequence[Drawing]) -> str:
         top, width = top + height, max(width, across)
     head = f'<svg class="symid" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {top:g}">'
     return f"{head}{_load_style()}{''.join(parts)}</svg>\n"
-
-
-def select_fields(record: object, fields: str) -> dict[str, object]:
-    """Return fields of a record for programs: by their names, or "key=name" where the key is another one."""
-    pairs = (entry.partition("=") for entry in fields.split())
-    values = {key: getattr(record, name or key) for key, _, name in pairs}
-    return {key: _to_plain(value) for key, value in values.items()}
 
 
 def _to_plain(value: Any) -> Any:  # noqa: ANN401  any value

@@ -1,4 +1,4 @@
-"""What is looked at before anything is identified: a robot's skeleton, a log, a trajectory.
+"""Figures before anything is identified: a robot's skeleton, a log, a trajectory; axes of matplotlib.
 
 Robot and pose, recording and its check, motion and its limits -> `Drawing`, each with a question and its
 answer in the caption.
@@ -6,13 +6,18 @@ answer in the caption.
     frame of a joint    that of its parent times its placement, turned or moved along z by q
     link                from one joint's origin across to the next axis, then along it
 
+Figures with their data can also be drawn into axes of matplotlib, by methods of the axes, so that nothing of
+it is imported; `pip install 'symid[plot]'` brings it.
+
 Supported: trees, prismatic joints, joints that follow another; lengths in symbols are drawn as half a metre
-where they have no value. Not supported: shapes of links; collisions.
+where they have no value. Not supported: shapes of links; collisions; in axes of matplotlib
+skeletons, flow charts and histograms, which have no such data.
 """
 
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +28,7 @@ from symid.report.blocks import Drawing
 from symid.report.figures import (
     STYLES,
     ArmJoint,
+    FigureData,
     Line,
     Mark,
     build_arm_figure,
@@ -36,6 +42,7 @@ if TYPE_CHECKING:
     from symid.excitation import Margin, OptimisedExcitation, ReferenceMotion
     from symid.identification.diagnostics import CheckedLog
     from symid.logs import Recording
+
 
 _HALF_METRE = 0.5
 _THICKEST, _THINNEST = 0.055, 0.03
@@ -96,7 +103,14 @@ def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
     links, frames = place_arm(robot, pose)
     extent = float(np.max(np.ptp(np.vstack(links), axis=0))) or 1.0
     radii = extent * np.linspace(_THICKEST, _THINNEST, len(frames))
-    labels = _join_names([joint.name for joint in robot.joints], frames, radii[-1])
+    # Joints that are near to one another share the label of the first.
+    labels = [joint.name for joint in robot.joints]
+    for index, frame in enumerate(frames):
+        for other in range(index):
+            away = float(np.linalg.norm(frame[:3, 3] - frames[other][:3, 3]))
+            if labels[other] and away < radii[-1]:
+                labels[other], labels[index] = f"{labels[other]}, {labels[index]}", ""
+                break
     joints = [
         ArmJoint(frame[:3, 3], frame[:3, 2], label, "second" if joint.prismatic else "first", radius)
         for joint, label, frame, radius in zip(robot.joints, labels, frames, radii.tolist(), strict=True)
@@ -114,17 +128,6 @@ def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
     unknown = sorted(used - dict(robot.symbols).keys())
     caption += f" {', '.join(unknown)}: no value, drawn as {_HALF_METRE} m." if unknown else ""
     return build_arm_figure(caption, links, joints, frames=frames)
-
-
-def _join_names(names: Sequence[str], frames: Sequence[FloatArray], near: float) -> list[str]:
-    """Return the labels of joints: those nearer to one another than `near`, m, share that of the first."""
-    labels = list(names)
-    for index, frame in enumerate(frames):
-        for other in range(index):
-            if labels[other] and float(np.linalg.norm(frame[:3, 3] - frames[other][:3, 3])) < near:
-                labels[other], labels[index] = f"{labels[other]}, {names[index]}", ""
-                break
-    return labels
 
 
 def draw_log(log: "Recording", robot: Robot, checked: "CheckedLog | None" = None) -> tuple[Drawing, ...]:
@@ -232,3 +235,63 @@ def draw_excitation(found: "OptimisedExcitation", robot: Robot) -> tuple[Drawing
 def list_shares(margins: Sequence["Margin"]) -> list[tuple[str, float]]:
     """Return name and used part of each limit but clearances."""
     return [(f"{entry.name} {entry.kind}", entry.share) for entry in margins if entry.share is not None]
+
+
+_NEEDED = ("plot", "fill", "axvline", "set_xlabel", "legend")
+
+
+def list_axes(given: object) -> list[Any]:
+    """Return axes of matplotlib: one, or a sequence or array of them.
+
+    Raises:
+        UsageError: something else was given; the message says what to install where matplotlib is missing.
+    """
+    axes = list(_flatten(given))
+    if axes and all(hasattr(entry, name) for entry in axes for name in _NEEDED):
+        return axes
+    text = "expected axes of matplotlib, as `matplotlib.pyplot.subplots()` returns them"
+    if find_spec("matplotlib") is None:
+        text += "; matplotlib is not installed: pip install 'symid[plot]'"
+    raise UsageError(Notice(code="usage.axes", text=f"ax: {text}"))
+
+
+def _flatten(given: object) -> Iterator[object]:
+    inner = getattr(given, "flat", given)
+    if inner is not given or (isinstance(inner, Sequence) and not isinstance(inner, str)):
+        for entry in inner:  # type: ignore[attr-defined]  # an array's iterator
+            yield from _flatten(entry)
+    else:
+        yield given
+
+
+def draw_into(axes: object, drawings: Sequence[Drawing]) -> None:
+    """Draw the first figures that have data into axes, one into each; axes that are left over stay empty.
+
+    Raises:
+        UsageError: `axes` are none of matplotlib.
+    """
+    shown = (entry.data for entry in drawings if isinstance(entry.data, FigureData))
+    for ax, data in zip(list_axes(axes), shown, strict=False):
+        known = set[str]()
+        for line in data.lines:
+            # A legend lists a label once.
+            label = f"_{line.label}" if line.label in known else line.label
+            known.add(line.label)
+            if line.style == "area":
+                ax.fill(line.x, line.y, alpha=0.2, label=label)
+            else:
+                marker = "o" if line.markers else None if line.joined else "."
+                ax.plot(line.x, line.y, label=label, marker=marker, linestyle="-" if line.joined else "none")
+        if data.marks:
+            rows = range(len(data.marks))
+            ax.plot([entry.value for entry in data.marks], rows, marker="o", linestyle="none")
+            ax.set_yticks(rows, [entry.label for entry in data.marks])
+            ax.invert_yaxis()
+        if data.limit is not None:
+            ax.axvline(data.limit, linestyle="--", color="gray")
+        if data.logarithmic:
+            (ax.set_xscale if data.marks else ax.set_yscale)("log")
+        ax.set_xlabel(data.labels[0])
+        ax.set_ylabel(data.labels[1])
+        if len(known) > 1:
+            ax.legend()

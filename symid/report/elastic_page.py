@@ -19,7 +19,6 @@ from symid.errors import Notice
 from symid.identification.elastic import (
     ElasticEstimate,
     ElasticTrial,
-    HistoryEntry,
     JointTrial,
     SpringEstimate,
 )
@@ -42,8 +41,8 @@ from symid.report.figures import (
     list_lines,
 )
 from symid.report.fit_text import show_effects, show_residual
-from symid.report.identification_page import UNTESTED
 from symid.report.pages import (
+    UNTESTED,
     Page,
     build_fit_page,
     count_significant,
@@ -64,6 +63,7 @@ _PREDICTION = (
     "The prediction error is the mean square of the held-out torque residual in units of the noise: 1 is the "
     "noise floor."
 )
+_IN_FIT = "in the logs of the fit"
 _SAMPLES = 400
 """Of each branch of a figure."""
 _TURNS = (0.6, -0.3, 0.45, -0.1, 0.3)
@@ -103,12 +103,8 @@ def build_elastic_page(
         *_show_trials(trials),
         *(("== Springs ==",) if springs else ()),
         *(block for entry in springs for block in show_spring(entry)),
-        *(
-            "== Parameters ==",
-            tabulate_parameters(kept),
-            *draw_certainty(kept),
-            *show_refused(estimate.refused),
-        ),
+        *("== Parameters ==", tabulate_parameters(kept)),
+        *(*draw_certainty(kept), *show_refused(estimate.refused)),
         *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
         *(_show_tracking(estimate, tracking) if tracking else ()),
         *(() if trials else ("== Held-out logs ==", UNTESTED)),
@@ -119,19 +115,20 @@ def build_elastic_page(
         *_show_convergence(course),
         *_show_errors(trials),
         "== Residual of the fit ==",
-        show_residual(
-            estimate.residual, "Motor torque by motor dynamics and springs, in the logs of the fit."
-        ),
-        show_residual((estimate.energy,), "Energy over windows, in the logs of the fit."),
+        show_residual(estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."),
+        show_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
         "== What each parameter groups ==",
         tabulate_groupings(kept),
     )
+    # The loops of the first joint in a held-out log lead, or else its identified spring.
+    led = [trial.joints[0] for trial in trials if not trial.fitted and trial.joints]
+    lead = draw_loops(led[0]) if led else draw_branches(springs[0]) if springs else None
     return build_fit_page(
         estimate,
         subject="identified dynamics and springs",
         verdict=judge_elastic(estimate, trials),
         numbers=_list_numbers(estimate, trials),
-        lead=_draw_lead(estimate, trials),
+        lead=lead,
         blocks=blocks,
         more=more,
         settings=settings,
@@ -155,7 +152,7 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         pairs = zip(estimate.evidence.springs, estimate.residual, strict=False)
         springs = [share for share, entry in pairs if entry.joint in told]
     else:
-        dynamics, where = max(entry.relative_percent for entry in estimate.residual), "in the logs of the fit"
+        dynamics, where = max(entry.relative_percent for entry in estimate.residual), _IN_FIT
         springs = []
     numbers.append((format_percent(dynamics), f"of a motor's torque unexplained at most, {where}"))
     if springs and all(share is not None for share in springs):
@@ -164,15 +161,6 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     if estimate.covariance:
         numbers.append(count_significant(estimate.parameters))
     return numbers
-
-
-def _draw_lead(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> Drawing | None:
-    """Return the loops of the first joint in a held-out log, or else its identified spring."""
-    for trial in trials:
-        if not trial.fitted and trial.joints:
-            return draw_loops(trial.joints[0])
-    told = [entry for entry in estimate.springs if entry.told]
-    return draw_branches(told[0]) if told else None
 
 
 def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
@@ -239,7 +227,25 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
     """Yield what the page shows of one joint's spring; all its stiffnesses must be known."""
     torsion, unit = estimate.position_unit, estimate.torque_unit
     yield f"=== {estimate.joint} ==="
-    yield from _describe_reach(estimate)
+    # How far it was turned in the logs, and which parts of it are not identifiable.
+    shown, reach = f"m{torsion}", f"torque {estimate.torque:.4g} {unit}"
+    yield f"Torsion reached {1e3 * estimate.torsion:.4g} {shown} in the logs, {reach}."
+    held = [stop.threshold for stop in estimate.elasticity.stops if stop.threshold > estimate.excited]
+    if held:
+        first = f"{1e3 * min(held):.4g} {shown}"
+        yield f"Stops from {first} on never slipped: their stiffness cannot be separated from k0."
+    true = estimate.truth
+    stops = () if true is None else true.stops
+    hidden = [stop.threshold for stop in stops if stop.threshold > estimate.torsion]
+    if hidden:
+        first = f"{1e3 * min(hidden):.4g} {shown}"
+        yield f"True stops from {first} on never slipped: their stiffness is a part of k0 here."
+    far = [knee.threshold for knee in estimate.elasticity.knees if abs(knee.threshold) > estimate.torque]
+    if far:
+        names = ", ".join(write_minus(f"{value:.3g}") for value in far)
+        yield f"The torque never reached the knees at {names} {unit}: the slope beyond is not identifiable."
+    if not (estimate.elasticity.stops or estimate.elasticity.branches):
+        yield "No stop has any stiffness: the identified spring has no hysteresis."
     yield draw_branches(estimate)
     yield _tabulate_spring(estimate)
     if estimate.torque_std is not None and estimate.slope_std is not None:
@@ -248,14 +254,13 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
             f"Standard deviations: {estimate.slope_std:.2g} {unit}/{torsion} of the slope {place}, "
             f"{estimate.torque_std:.2g} {unit} (rms) of the torque in the logs."
         )
-    stops, knees = _list_stops(estimate.elasticity), _list_knees(estimate.elasticity)
-    if stops:
+    slips, knees = _list_stops(estimate.elasticity), _list_knees(estimate.elasticity)
+    if slips:
         header = (f"threshold (m{torsion})", f"stiffness ({unit}/{torsion})", f"slips at ({unit})")
-        yield Table(header, stops, title="Stops: springs behind dry friction.")
+        yield Table(header, slips, title="Stops: springs behind dry friction.")
     if knees:
         text = "Knees: beyond these torques the spring is stiffer or softer, by this total factor."
         yield Table((f"torque ({unit})", "slope beyond"), knees, title=text)
-    true = estimate.truth
     if true is not None and not true.is_plain:
         kinds = [f"a branch {branch.kind.replace('_', '-')}" for branch in true.branches]
         kinds += [text for text, value in (("backlash", true.backlash), ("an offset", true.offset)) if value]
@@ -346,30 +351,6 @@ def _get_traceable(estimate: SpringEstimate) -> Elasticity | None:
     return true if true is None or true.is_plain or not needs_time(replace(true, damping=0.0)) else None
 
 
-def _describe_reach(estimate: SpringEstimate) -> Iterator[str]:
-    """Yield how far the spring was turned in the logs, and which parts of it are not identifiable."""
-    shown, unit = f"m{estimate.position_unit}", estimate.torque_unit
-    yield (
-        f"Torsion reached {1e3 * estimate.torsion:.4g} {shown} in the logs, torque {estimate.torque:.4g} "
-        f"{unit}."
-    )
-    held = [stop.threshold for stop in estimate.elasticity.stops if stop.threshold > estimate.excited]
-    if held:
-        first = f"{1e3 * min(held):.4g} {shown}"
-        yield f"Stops from {first} on never slipped: their stiffness cannot be separated from k0."
-    true = () if estimate.truth is None else estimate.truth.stops
-    hidden = [stop.threshold for stop in true if stop.threshold > estimate.torsion]
-    if hidden:
-        first = f"{1e3 * min(hidden):.4g} {shown}"
-        yield f"True stops from {first} on never slipped: their stiffness is a part of k0 here."
-    far = [knee.threshold for knee in estimate.elasticity.knees if abs(knee.threshold) > estimate.torque]
-    if far:
-        names = ", ".join(write_minus(f"{value:.3g}") for value in far)
-        yield f"The torque never reached the knees at {names} {unit}: the slope beyond is not identifiable."
-    if not (estimate.elasticity.stops or estimate.elasticity.branches):
-        yield "No stop has any stiffness: the identified spring has no hysteresis."
-
-
 def draw_branches(estimate: SpringEstimate) -> Drawing:
     """Return first curve, outer loop, nested loops, all by the spring's own memory."""
     amplitude = _choose_amplitude(estimate)
@@ -456,52 +437,37 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
     heads = heads if all(len(entry.norms) == len(heads) for entry in finite) else []
     yield "== Convergence =="
     yield f"{len(history)} iterations of {estimate.method}, {estimate.outcome.value}."
-    yield from _draw_convergence(finite, heads)
-    rows = [
-        (
-            number,
-            f"{entry.merit:.6g}",
-            f"{entry.change:.2e}",
-            f"{entry.damping:g}",
-            *(f"{norm:.5g}" for norm in (entry.norms if heads else ())),
-        )
-        for number, entry in enumerate(history, start=1)
-    ]
-    header = ("iteration", "merit", "relative change", "damping", *heads)
-    yield Table(header, rows, title="Every iteration, with the norms of its residuals.")
-
-
-def _draw_convergence(history: Sequence[HistoryEntry], heads: Sequence[str]) -> Iterator[Drawing]:
-    """Yield merit and change, and each norm relative to its first value, so that units do not matter."""
-    number = np.arange(1.0, len(history) + 1.0)
+    number = np.arange(1.0, len(finite) + 1.0)
     course = list_lines(
         number,
-        ("merit", "first", np.array([entry.merit for entry in history])),
-        ("relative change of the parameters", "second", np.array([entry.change for entry in history])),
+        ("merit", "first", np.array([entry.merit for entry in finite])),
+        ("relative change of the parameters", "second", np.array([entry.change for entry in finite])),
         markers=True,
     )
     lines = [line for line in course if np.any(line.y > 0.0)]
     if lines:
-        yield build_line_figure(
-            "Merit and relative change of the parameters, by iteration.",
-            ("iteration", "merit, change (1)"),
-            lines,
-            logarithmic=True,
-            whole=True,
-        )
-    norms = np.array([entry.norms[: len(heads)] for entry in history])
+        caption = "Merit and relative change of the parameters, by iteration."
+        labels = ("iteration", "merit, change (1)")
+        yield build_line_figure(caption, labels, lines, logarithmic=True, whole=True)
+    # Relative to their first values, so that units do not matter.
+    norms = np.array([entry.norms[: len(heads)] for entry in finite])
     lines = [
         Line(head, STYLES[index % len(STYLES)], number, norms[:, index] / norms[0, index], markers=True)
         for index, head in enumerate(heads)
         if norms[0, index] > 0.0
     ]
     if lines:
-        yield build_line_figure(
-            "Norms of the residuals relative to the first iteration.",
-            ("iteration", "norm / first norm"),
-            lines,
-            whole=True,
+        caption = "Norms of the residuals relative to the first iteration."
+        yield build_line_figure(caption, ("iteration", "norm / first norm"), lines, whole=True)
+    rows = [
+        (
+            *(place, f"{entry.merit:.6g}", f"{entry.change:.2e}", f"{entry.damping:g}"),
+            *(f"{norm:.5g}" for norm in (entry.norms if heads else ())),
         )
+        for place, entry in enumerate(history, start=1)
+    ]
+    header = ("iteration", "merit", "relative change", "damping", *heads)
+    yield Table(header, rows, title="Every iteration, with the norms of its residuals.")
 
 
 def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> Iterator[Block]:
@@ -516,8 +482,5 @@ def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> 
             Line(run.name, STYLES[number % len(STYLES)], run.time, 1e3 * run.error[:, index])
             for number, run in enumerate(runs)
         ]
-        yield build_line_figure(
-            f"Tracking error of {name} with every feed-forward.",
-            ("time (s)", f"tracking error (m{unit})"),
-            lines,
-        )
+        caption = f"Tracking error of {name} with every feed-forward."
+        yield build_line_figure(caption, ("time (s)", f"tracking error (m{unit})"), lines)

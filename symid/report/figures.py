@@ -448,7 +448,12 @@ def build_mark_figure(
     ends = np.array([entry.value for entry in marks] + ([] if limit is None else [limit]))
     logarithmic = bool(ends.min() > 0.0 and float(ends.max()) / float(ends.min()) > _LOGARITHMIC_RATIO)
     axis = build_axis([ends] if logarithmic else [np.append(ends, 0.0)], 0.04, logarithmic=logarithmic)
-    labels = [_shorten(entry.label) for entry in marks]
+    # Labels leave room for the marks: of a long sum stand the first terms, and a pointer shows the whole.
+    labels, cut = [entry.label for entry in marks], _LONGEST_LABEL - 1
+    for k, text in enumerate(labels):
+        if len(text) > _LONGEST_LABEL:
+            start = text[:cut].rpartition(" ")[0] or text[: cut - 1]
+            labels[k] = f"{start} \N{HORIZONTAL ELLIPSIS}"
     left = 24.0 + 7.6 * max(map(len, labels))
     # The digits stand right of the marks and need room even there.
     room = 18.0 + _DIGIT * max(len(entry.text) for entry in marks)
@@ -472,28 +477,16 @@ def build_mark_figure(
         style = "chosen" if entry.chosen else "other"
         x, y = float(frame.place_x(entry.value)), float(frame.place_y(row + 0.5))
         place = f'x="{left - 9:g}" y="{y + 4:.1f}" text-anchor="end"'
+        whole = "" if name == entry.label else f"<title>{escape(entry.label)}</title>"
         body += [
             f'<line class="grid" x1="{left:g}" y1="{y:.1f}" x2="{frame.right:g}" y2="{y:.1f}"/>',
-            f'<text class="{style}" {place}>{escape(name)}{_write_title(entry.label, name)}</text>',
+            f'<text class="{style}" {place}>{escape(name)}{whole}</text>',
             f'<circle class="mark {style}" cx="{x:.1f}" cy="{y:.1f}" r="{radius:g}"/>',
         ]
         if entry.text:
             body.append(f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>')
     data = FigureData(labels=(label, ""), marks=tuple(marks), limit=limit, logarithmic=logarithmic)
     return replace(_wrap_figure(caption, frame.height, body), data=data)
-
-
-def _write_title(label: str, name: str) -> str:
-    """Return the whole of a shortened label, which a pointer shows: two sums may begin alike."""
-    return "" if name == label else f"<title>{escape(label)}</title>"
-
-
-def _shorten(label: str) -> str:
-    """Return a label that leaves room for the marks: of a long sum the first terms."""
-    if len(label) <= _LONGEST_LABEL:
-        return label
-    start = label[: _LONGEST_LABEL - 1].rpartition(" ")[0] or label[: _LONGEST_LABEL - 2]
-    return f"{start} \N{HORIZONTAL ELLIPSIS}"
 
 
 Point = tuple[float, float]
@@ -539,51 +532,39 @@ def build_flow_chart(
         for (x, y), text in titles
     ]
     for arrow in arrows:
-        body += _draw_arrow(arrow)
+        # A line with a head at its end.
+        places = np.array(arrow.points)
+        way = (places[-1] - places[-2]) / np.hypot(*(places[-1] - places[-2]))
+        side, base = np.array([-way[1], way[0]]), places[-1] - _HEAD * way
+        head = np.array([places[-1], base + 0.42 * _HEAD * side, base - 0.42 * _HEAD * side])
+        line = np.vstack([places[:-1], base])
+        body.append(f'<polyline class="arrow" points="{_format_points(line[:, 0], line[:, 1])}"/>')
+        body.append(f'<polygon class="head" points="{_format_points(head[:, 0], head[:, 1])}"/>')
+        (x, y), (x_next, _) = arrow.points[:2]
+        # Its word stands above a line across, at the right of one downwards.
+        right, down = (math.copysign(8.0, x_next - x), -6.0) if x_next != x else (7.0, 16.0)
+        place, anchor = f'x="{x + right:g}" y="{y + down:g}"', "end" if x_next < x else "start"
+        if arrow.label:
+            body.append(f'<text {place} text-anchor="{anchor}">{escape(arrow.label)}</text>')
+    wide, high = _BOX
     for box in boxes:
-        body += _draw_box(box)
+        x, y = box.middle
+        left, top = x - 0.5 * wide, y - 0.5 * high
+        if box.kind == "question":
+            slope = 0.4 * high
+            across = (left, left + slope, left + wide - slope, left + wide, left + wide - slope, left + slope)
+            points = _format_points(np.array(across), np.array((y, top, top, y, top + high, top + high)))
+            body.append(f'<polygon class="box {box.style}" points="{points}"/>')
+        else:
+            radius = 0.5 * high if box.kind == "end" else 5.0
+            size = f'width="{wide:g}" height="{high:g}" rx="{radius:g}"'
+            body.append(f'<rect class="box {box.style}" x="{left:g}" y="{top:g}" {size}/>')
+        first = y + 4.5 - 0.5 * _TEXT_ROW * (len(box.text) - 1)
+        body += [
+            f'<text x="{x:g}" y="{first + _TEXT_ROW * k:g}" text-anchor="middle">{escape(text)}</text>'
+            for k, text in enumerate(box.text)
+        ]
     return _wrap_figure(caption, height, body, width)
-
-
-def _draw_box(box: Box) -> list[str]:
-    (x, y), (width, height) = box.middle, _BOX
-    left, top = x - 0.5 * width, y - 0.5 * height
-    radius = 0.5 * height if box.kind == "end" else 5.0
-    size = f'width="{width:g}" height="{height:g}" rx="{radius:g}"'
-    shape = f'<rect class="box {box.style}" x="{left:g}" y="{top:g}" {size}/>'
-    if box.kind == "question":
-        slope = 0.4 * height
-        across = (left, left + slope, left + width - slope, left + width, left + width - slope, left + slope)
-        down = (y, top, top, y, top + height, top + height)
-        shape = (
-            f'<polygon class="box {box.style}" points="{_format_points(np.array(across), np.array(down))}"/>'
-        )
-    first = y + 4.5 - 0.5 * _TEXT_ROW * (len(box.text) - 1)
-    lines = [
-        f'<text x="{x:g}" y="{first + _TEXT_ROW * k:g}" text-anchor="middle">{escape(text)}</text>'
-        for k, text in enumerate(box.text)
-    ]
-    return [shape, *lines]
-
-
-def _draw_arrow(arrow: Arrow) -> list[str]:
-    """Return a line with a head at its end."""
-    places = np.array(arrow.points)
-    way = (places[-1] - places[-2]) / np.hypot(*(places[-1] - places[-2]))
-    side, base = np.array([-way[1], way[0]]), places[-1] - _HEAD * way
-    head = np.array([places[-1], base + 0.42 * _HEAD * side, base - 0.42 * _HEAD * side])
-    line = np.vstack([places[:-1], base])
-    (x, y), (x_next, _) = arrow.points[:2]
-    # Above a line across, at the right of one downwards.
-    right, down = (math.copysign(8.0, x_next - x), -6.0) if x_next != x else (7.0, 16.0)
-    place = f'x="{x + right:g}" y="{y + down:g}"'
-    anchor = "end" if x_next < x else "start"
-    label = [f'<text {place} text-anchor="{anchor}">{escape(arrow.label)}</text>'] if arrow.label else []
-    return [
-        f'<polyline class="arrow" points="{_format_points(line[:, 0], line[:, 1])}"/>',
-        f'<polygon class="head" points="{_format_points(head[:, 0], head[:, 1])}"/>',
-        *label,
-    ]
 
 
 _VIEW = (math.radians(-62.0), math.radians(16.0))
@@ -631,11 +612,19 @@ def build_arm_figure(
     def place(points: FloatArray) -> FloatArray:
         return np.asarray(points @ view.T * scale + shift)
 
-    body = [_draw_ground(place, links[0][0], 2.0 * size), *(_draw_limb(place(link)) for link in links)]
+    square = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]])
+    ground = links[0][0] + 2.0 * size * square
+    body = [f'<polygon class="ground" points="{_format_points(*place(ground).T)}"/>']
+    body += [f'<polyline class="limb" points="{_format_points(*place(link).T)}"/>' for link in links]
     # Drums from the farthest to the nearest.
     ordered = sorted(joints, key=lambda joint: float(joint.place @ toward))
     body += [_draw_drum(place, joint, toward) for joint in ordered]
-    body += [_draw_frame(place, frame, 3.0 * size) for frame in frames]
+    for frame in frames:
+        # The axis z is the longest.
+        for k, (name, share) in enumerate((("x", 0.7), ("y", 0.7), ("z", 1.0))):
+            tip = frame[:3, 3] + 3.0 * share * size * frame[:3, k]
+            (x, y), (tip_x, tip_y) = place(np.array([frame[:3, 3], tip]))
+            body.append(f'<path class="line frame-{name}" d="M{x:.1f},{y:.1f}L{tip_x:.1f},{tip_y:.1f}"/>')
     for joint in joints:
         sides = (("start", 1.45), ("end", -1.45))
         x, y = place(joint.place + joint.radius * (1.45 * right + (0.0, 0.0, 0.7)))
@@ -646,24 +635,6 @@ def build_arm_figure(
     return _wrap_figure(caption, height, body)
 
 
-def _draw_frame(place: Callable[[FloatArray], FloatArray], frame: FloatArray, length: float) -> str:
-    """Return the axes of a frame, z the longest."""
-    origin, parts = frame[:3, 3], []
-    for k, (name, share) in enumerate((("x", 0.7), ("y", 0.7), ("z", 1.0))):
-        (x, y), (tip_x, tip_y) = place(np.array([origin, origin + share * length * frame[:3, k]]))
-        parts.append(f'<path class="line frame-{name}" d="M{x:.1f},{y:.1f}L{tip_x:.1f},{tip_y:.1f}"/>')
-    return "".join(parts)
-
-
-def _draw_limb(points: FloatArray) -> str:
-    return f'<polyline class="limb" points="{_format_points(*points.T)}"/>'
-
-
-def _draw_ground(place: Callable[[FloatArray], FloatArray], foot: FloatArray, size: float) -> str:
-    corners = foot + size * np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]])
-    return f'<polygon class="ground" points="{_format_points(*place(corners).T)}"/>'
-
-
 def _draw_drum(place: Callable[[FloatArray], FloatArray], joint: ArmJoint, toward: FloatArray) -> str:
     """Return the outline of a drum about the joint's axis, its near end, and a dash along the axis."""
     radius = joint.radius
@@ -672,24 +643,18 @@ def _draw_drum(place: Callable[[FloatArray], FloatArray], joint: ArmJoint, towar
     across /= np.linalg.norm(across)
     ring = radius * (np.outer(np.cos(_ROUND), across) + np.outer(np.sin(_ROUND), np.cross(axis, across)))
     near, far = (place(joint.place + side * radius * axis + ring) for side in (1.0, -1.0))
-    hull = _find_hull(np.vstack([near, far]))
-    ends = place(joint.place + np.outer([-2.0, 2.0], radius * axis))
-    return (
-        f'<polyline class="axle" points="{_format_points(*ends.T)}"/>'
-        f'<polygon class="box {joint.style}" points="{_format_points(*hull.T)}"/>'
-        f'<polygon class="box {joint.style}" points="{_format_points(*near.T)}"/>'
-    )
-
-
-def _find_hull(points: FloatArray) -> FloatArray:
-    """Return the corners of the least convex area around points (N, 2) (Andrew 1979)."""
-    ordered = sorted(map(tuple, points.tolist()))
-    halves = []
+    # The corners of the least convex area around all points (Andrew 1979).
+    ordered, hull = sorted(map(tuple, np.vstack([near, far]).tolist())), list[tuple[float, ...]]()
     for run in (ordered, ordered[::-1]):
         half: list[tuple[float, ...]] = []
         for point in run:
             while len(half) > 1 and np.linalg.det(np.subtract([half[-1], point], half[-2])) <= 0.0:
                 half.pop()
             half.append(point)
-        halves += half[:-1]
-    return np.array(halves)
+        hull += half[:-1]
+    ends = place(joint.place + np.outer([-2.0, 2.0], radius * axis))
+    return (
+        f'<polyline class="axle" points="{_format_points(*ends.T)}"/>'
+        f'<polygon class="box {joint.style}" points="{_format_points(*np.array(hull).T)}"/>'
+        f'<polygon class="box {joint.style}" points="{_format_points(*near.T)}"/>'
+    )

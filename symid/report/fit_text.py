@@ -2,22 +2,21 @@
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-from symid.report.blocks import Block, Table, describe_outcome, select_fields, tabulate
-from symid.serialization import write_plain
+from symid.report.blocks import Block, Table, describe_outcome
+from symid.serialization import describe_record, write_plain
 
 if TYPE_CHECKING:
     from symid.identification.diagnostics import BandResidual
-    from symid.identification.elastic import DriveEffect, ElasticEstimate, SpringEstimate, StiffnessEstimate
+    from symid.identification.elastic import DriveEffect, ElasticEstimate, StiffnessEstimate
     from symid.identification.estimators import (
         Estimate,
         Evidence,
         FittedLaw,
         LawSelection,
-        LawTrial,
         MotionResidual,
         ParameterEstimate,
         Residual,
@@ -27,43 +26,25 @@ if TYPE_CHECKING:
     from symid.logs import Alignment
 
 
-_PARAMETER = "name value std relative_std_percent unit"
-_TRIAL = (
-    "law unknowns fitted_percent held_percent held_rms squared_error_ratio=ratio "
-    "standard_errors_behind=behind aicc reason"
-)
+def _describe_parameter(entry: "ParameterEstimate") -> dict[str, Any]:
+    return {**describe_record(entry), "relative_std_percent": entry.relative_std_percent}
 
 
 def describe_estimate(estimate: "Estimate") -> dict[str, object]:
     """Return the estimate as `symid identify --json` gives it."""
+    found = describe_record(estimate)
+    found["parameters"] = [_describe_parameter(entry) for entry in estimate.parameters]
+    for entry in found["parameters"]:
+        del entry["reason"]
+    for entry, law in zip(found["laws"], estimate.laws, strict=True):
+        entry["shape"] = dict(zip(law.names, law.shape, strict=True))
     return {
-        **select_fields(estimate, "robot rows estimator friction"),
-        "parameters": [
-            select_fields(entry, f"{_PARAMETER} expression truth") for entry in estimate.parameters
-        ],
-        "residual": describe_residual(estimate.residual),
-        **select_fields(estimate, "mean_relative_percent condition"),
+        **found,
+        "mean_relative_percent": estimate.mean_relative_percent,
         "outcome": describe_outcome(estimate.outcome),
         "refused": _describe_refused(estimate.refused),
-        **select_fields(estimate, "samples sources settings signature"),
-        "laws": [_describe_law(entry) for entry in estimate.laws],
         "choice": write_plain(estimate.choice),
         "evidence": write_plain(estimate.evidence),
-    }
-
-
-def _describe_law(entry: "FittedLaw") -> dict[str, object]:
-    shape = dict(zip(entry.names, entry.shape, strict=True))
-    selection = entry.selection
-    return {
-        **select_fields(entry, "joint law smoothing"),
-        "shape": shape,
-        "selection": None
-        if selection is None
-        else {
-            **select_fields(selection, "chosen verdict blocks"),
-            "trials": [select_fields(trial, _TRIAL) for trial in selection.trials],
-        },
     }
 
 
@@ -72,29 +53,20 @@ def tabulate_laws(laws: "Sequence[FittedLaw]") -> tuple[Block, ...]:
     if not laws:
         return ()
 
-    def get_trial(entry: "FittedLaw", law: str) -> "LawTrial | None":
+    rows = []
+    for entry in laws:
         trials = entry.selection.trials if entry.selection is not None else ()
-        return next((trial for trial in trials if trial.law == law), None)
-
-    def write_percent(trial: "LawTrial | None") -> str:
-        return "" if trial is None or trial.held_percent is None else f"{trial.held_percent:.3g}"
-
-    def write_next(entry: "FittedLaw") -> str:
-        trials = entry.selection.trials if entry.selection is not None else ()
-        other = next((one for one in trials if one.law != entry.law and not one.reason), None)
-        return "" if other is None else f"{other.law} {write_percent(other)}"
-
-    table = tabulate(
-        laws,
-        "joint; friction law=law; held out/%=own; plain/%=plain; best other law, %=other",
-        (0, 1, 4),
+        held = {trial.law: write_number(trial.held_percent, ".3g") for trial in reversed(trials)}
+        other = next((one.law for one in trials if one.law != entry.law and not one.reason), None)
+        best = "" if other is None else f"{other} {held[other]}"
+        own, plain = held.get(entry.law, ""), held.get("coulomb-viscous-offset", "")
+        rows.append((entry.joint, entry.law, own, plain, best))
+    title = (
         "Friction laws: what each leaves of the torque of held-out windows in motion; plain is "
-        "coulomb-viscous-offset.",
-        own=lambda entry: write_percent(get_trial(entry, entry.law)),
-        plain=lambda entry: write_percent(get_trial(entry, "coulomb-viscous-offset")),
-        other=write_next,
+        "coulomb-viscous-offset."
     )
-    return (table,)
+    header = ("joint", "friction law", "held out/%", "plain/%", "best other law, %")
+    return (Table(header, rows, (0, 1, 4), title),)
 
 
 def _describe_refused(refused: "Sequence[tuple[str, str]]", key: str = "name") -> list[dict[str, str]]:
@@ -104,15 +76,14 @@ def _describe_refused(refused: "Sequence[tuple[str, str]]", key: str = "name") -
 def describe_validation(validation: "Validation") -> dict[str, object]:
     """Return the validation as `symid validate --json` gives it."""
     return {
-        **select_fields(validation, "robot log=source rows samples mean_relative_percent"),
-        "residual": describe_residual(validation.residual),
+        **describe_record(validation),
+        "mean_relative_percent": validation.mean_relative_percent,
         "scoring": validation.scoring or None,
-        "all_rows": describe_residual(validation.all_rows),
-        "motion": [describe_motion_parts(entry) for entry in validation.motion],
+        "motion": [_describe_motion_parts(entry) for entry in validation.motion],
     }
 
 
-def describe_motion_parts(motion: "MotionResidual") -> dict[str, object]:
+def _describe_motion_parts(motion: "MotionResidual") -> dict[str, object]:
     """Return one joint's residual by the phases of motion."""
     parts = zip(("motion", "reversal", "rest"), motion.rms, motion.rows, strict=True)
     return {
@@ -135,20 +106,19 @@ def show_all_rows(validation: "Validation") -> str:
     )
 
 
-def describe_residual(residual: Sequence["Residual"]) -> list[dict[str, object]]:
-    """Return one object a joint."""
-    return [select_fields(entry, "joint norm relative_percent std samples unit") for entry in residual]
-
-
 def show_estimate(estimate: "Estimate") -> tuple[Block, ...]:
     """Return a headline, the tables, how a simulation went, and what is not identifiable."""
     headline = (
         f"{estimate.robot}: {estimate.rows} rows, {estimate.estimator}, {estimate.samples} equations, "
         f"condition {estimate.condition:.3g}: {estimate.outcome.value}"
     )
-    table = _tabulate_parameters(
-        estimate.parameters, ":.3g; unit", "; robot file=truth; within 3 std=near_truth"
-    )
+    known = any(entry.truth is not None for entry in estimate.parameters)
+    rows = [
+        [entry.name, entry.value, entry.std, f"{entry.relative_std_percent:.3g}", entry.unit]
+        + ([entry.truth, entry.near_truth] if known else [])
+        for entry in estimate.parameters
+    ]
+    table = Table((*_PARAMETER, *(("robot file", "within 3 std") if known else ())), rows, (0, 4))
     lines = []
     fit: Any = estimate.settings.get("fit")
     if isinstance(fit, Mapping) and "tracking" in fit:
@@ -172,17 +142,16 @@ def show_estimate(estimate: "Estimate") -> tuple[Block, ...]:
     return (headline, table, *laws, show_residual(estimate.residual), *held_out, *texts)
 
 
-def _tabulate_parameters(parameters: "Sequence[ParameterEstimate]", columns: str, true: str) -> Table:
-    """Return the table of parameters, with the columns `true` where the robot file states their values."""
-    known = any(entry.truth is not None for entry in parameters)
-    columns = f"parameter=name; value; std; std/%=relative_std_percent{columns}{true if known else ''}"
-    return tabulate(parameters, columns, (0, 4))
+_PARAMETER = ("parameter", "value", "std", "std/%", "unit")
 
 
 def show_residual(residual: Sequence["Residual"], title: str = "") -> Table:
     """Return the table of residuals."""
-    columns = "joint; norm; relative/%=relative_percent:.4f; std; unit; samples"
-    return tabulate(residual, columns, (0, 4), title)
+    rows = [
+        (entry.joint, entry.norm, f"{entry.relative_percent:.4f}", entry.std, entry.unit, entry.samples)
+        for entry in residual
+    ]
+    return Table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, (0, 4), title)
 
 
 def show_evidence(evidence: "Evidence") -> Table:
@@ -192,49 +161,41 @@ def show_evidence(evidence: "Evidence") -> Table:
         return f"{value:.3g}" if math.isfinite(value) else ""
 
     parts = f"{evidence.logs} logs" if evidence.logs else f"{evidence.stretches} stretches"
-    columns = (
-        "joint; fit/%=fitted:.3g; held out/%=held_out:.3g; in motion/%=moving; at reversal/%=reversing; "
-        "at rest/%=resting; rows left out/%=slow:.3g; torque rms=torque:.3g"
-    )
+    rows = [
+        (
+            entry.joint,
+            *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}"),
+            *map(write, (entry.moving, entry.reversing, entry.resting)),
+            *(f"{100.0 * entry.share:.3g}", f"{entry.torque:.3g}"),
+        )
+        for entry in evidence.joints
+    ]
+    header = ("joint", "fit/%", "held out/%", "in motion/%", "at reversal/%", "at rest/%", "rows left out/%")
     title = f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; {parts} held out in turn."
-    return tabulate(
-        evidence.joints,
-        columns,
-        title=title,
-        slow=lambda entry: 100.0 * entry.share,
-        moving=lambda entry: write(entry.moving),
-        reversing=lambda entry: write(entry.reversing),
-        resting=lambda entry: write(entry.resting),
-    )
+    return Table((*header, "torque rms"), rows, title=title)
 
 
-def show_motion(motion: Sequence["MotionResidual"], title: str = "") -> tuple[Table, ...]:
+def show_motion(motion: Sequence["MotionResidual"]) -> tuple[Table, ...]:
     """Return the table of residuals in motion, at reversal and at rest; nothing of rows without phases."""
     if not motion:
         return ()
 
-    def write_part(place: int) -> Callable[["MotionResidual"], str]:
-        def write(entry: "MotionResidual") -> str:
-            rms = entry.rms[place]
-            return "" if rms is None else f"{rms:.4g} ({100.0 * entry.rows[place] / sum(entry.rows):.3g} %)"
-
-        return write
-
     left_out = any(entry.left_out for entry in motion)
-    columns = "joint; in motion=moving; at reversal=reversing; at rest=resting; unit"
-    if left_out:
-        columns += "; left out=missing; all rows=whole:.4g"
-    table = tabulate(
-        motion,
-        columns,
-        (0, 4),
-        title or "RMS of the residual of all rows, and their share; at reversal: below 5 % of the top speed.",
-        moving=write_part(0),
-        reversing=write_part(1),
-        resting=write_part(2),
-        missing=lambda entry: entry.left_out or "",
-    )
-    return (table,)
+    header = ("joint", "in motion", "at reversal", "at rest", "unit")
+    rows = [
+        (
+            entry.joint,
+            *(
+                "" if rms is None else f"{rms:.4g} ({100.0 * count / sum(entry.rows):.3g} %)"
+                for rms, count in zip(entry.rms, entry.rows, strict=True)
+            ),
+            entry.unit,
+            *((entry.left_out or "", f"{entry.whole:.4g}") if left_out else ()),
+        )
+        for entry in motion
+    ]
+    title = "RMS of the residual of all rows, and their share; at reversal: below 5 % of the top speed."
+    return (Table((*header, *(("left out", "all rows") if left_out else ())), rows, (0, 4), title),)
 
 
 def describe_motion(motion: "MotionResidual") -> str:
@@ -255,15 +216,11 @@ def describe_motion(motion: "MotionResidual") -> str:
 def describe_band(residual: "BandResidual") -> dict[str, object]:
     """Return the residual within a band as `symid validate --json` gives it."""
     joints = [
-        {**entry, "range_percent": share}
-        for entry, share in zip(describe_residual(residual.joints), residual.range_percent, strict=True)
+        {**describe_record(entry), "range_percent": share}
+        for entry, share in zip(residual.joints, residual.range_percent, strict=True)
     ]
-    return {
-        "frequency": residual.band,
-        "residual": joints,
-        "mean_relative_percent": residual.mean_relative_percent,
-        "stacked_percent": residual.stacked_percent,
-    }
+    found = {"frequency": residual.band, "residual": joints, "stacked_percent": residual.stacked_percent}
+    return {**found, "mean_relative_percent": residual.mean_relative_percent}
 
 
 def describe_band_metric(residual: "BandResidual") -> str:
@@ -314,11 +271,9 @@ def describe_stiffness(found: "StiffnessEstimate") -> dict[str, object]:
         **describe_alignment(found.alignment, [entry.joint for entry in found.joints]),
         "joints": [
             {
+                **describe_record(entry),
                 "verdict": entry.verdict.name.lower(),
                 "identified": entry.stiffness is not None,
-                **select_fields(entry, "name=joint stiffness interval unit compliance compliance_std=std"),
-                **select_fields(entry, "run_compliances=runs run_compliance_stds=run_stds"),
-                **select_fields(entry, "torsion_explained=explained torsion_left=left reason"),
             }
             for entry in found.joints
         ],
@@ -346,55 +301,46 @@ def show_stiffness(found: "StiffnessEstimate") -> tuple[Block, ...]:
         for index, entry in enumerate(found.joints)
         if alignment.present[index]
     ]
-    table = tabulate(
-        found.joints,
-        "joint; stiffness; from=low; to (95 %)=high; unit; explained/1e-6=part; left/1e-6=gap; verdict=word",
-        (0, 4, 7),
-        low=lambda entry: entry.interval and entry.interval[0],
-        high=lambda entry: entry.interval and entry.interval[1],
-        part=lambda entry: 1e6 * entry.explained,
-        gap=lambda entry: 1e6 * entry.left,
-        word=lambda entry: entry.verdict.name.lower().replace("_", " "),
-    )
+    header = ("joint", "stiffness", "from", "to (95 %)", "unit", "explained/1e-6", "left/1e-6", "verdict")
+    springs = [
+        (
+            *(entry.joint, entry.stiffness, *(entry.interval or (None, None)), entry.unit),
+            *(1e6 * entry.explained, 1e6 * entry.left, entry.verdict.name.lower().replace("_", " ")),
+        )
+        for entry in found.joints
+    ]
     return (
         f"{found.robot}: the stiffness of {known} of {len(found.joints)} joints is identifiable",
         text,
         Table(("joint", "log", "zero offset", "std", "explained by delay/%"), rows, left=(0, 1)),
-        table,
+        Table(header, springs, (0, 4, 7)),
         "\n".join(f"{entry.joint}: {entry.reason}" for entry in found.joints),
     )
 
 
 def describe_elastic(estimate: "ElasticEstimate") -> dict[str, object]:
     """Return the estimate of elastic joints as `symid identify --json` gives it."""
+    found = describe_record(estimate)
+    del found["friction"]
     return {
-        **select_fields(estimate, "robot method reason"),
-        "parameters": [
-            {**asdict(entry), "relative_std_percent": entry.relative_std_percent}
-            for entry in estimate.parameters
-        ],
-        "springs": [asdict(entry) for entry in estimate.springs],
+        **found,
+        "parameters": [_describe_parameter(entry) for entry in estimate.parameters],
         "effects": [_describe_effect(estimate, effect) for effect in estimate.effects],
-        "evidence": None if estimate.evidence is None else asdict(estimate.evidence),
-        "residual": describe_residual(estimate.residual),
-        "energy": describe_residual((estimate.energy,))[0],
-        "condition": estimate.condition,
         "outcome": describe_outcome(estimate.outcome),
-        "history": [asdict(entry) for entry in estimate.history],
-        "trials": [{**asdict(trial), "outcome": trial.outcome.name.lower()} for trial in estimate.trials],
+        "trials": [
+            {**describe_record(trial), "outcome": trial.outcome.name.lower()} for trial in estimate.trials
+        ],
         "refused": _describe_refused(estimate.refused),
-        **select_fields(estimate, "sources settings signature"),
     }
 
 
 def show_elastic(estimate: "ElasticEstimate") -> tuple[Block, ...]:
     """Return a headline, why the method was chosen, the tables, and what is not identifiable."""
-    trials = tabulate(
-        estimate.trials,
-        "method; prediction error=error; choice; outcome=outcome.value",
-        (0, 2, 3),
-        choice=lambda trial: "chosen" if trial.method == estimate.method else "",
-    )
+    rows = [
+        (trial.method, trial.error, "chosen" if trial.method == estimate.method else "", trial.outcome.value)
+        for trial in estimate.trials
+    ]
+    trials = Table(("method", "prediction error", "choice", "outcome"), rows, (0, 2, 3))
     return (
         f"{estimate.robot}: {estimate.method}, condition {estimate.condition:.3g}: {estimate.outcome.value}",
         f"{estimate.reason[:1].upper()}{estimate.reason[1:]}.",
@@ -409,7 +355,13 @@ def show_elastic(estimate: "ElasticEstimate") -> tuple[Block, ...]:
 
 def show_elastic_parameters(estimate: "ElasticEstimate") -> Table:
     """Return the table of dynamic parameters, with the truth beside them where it is known."""
-    return _tabulate_parameters(estimate.parameters, "; unit", "; true=truth; error/%=error_percent")
+    known = any(entry.truth is not None for entry in estimate.parameters)
+    rows = [
+        [entry.name, entry.value, entry.std, entry.relative_std_percent, entry.unit]
+        + ([entry.truth, entry.error_percent] if known else [])
+        for entry in estimate.parameters
+    ]
+    return Table((*_PARAMETER, *(("true", "error/%") if known else ())), rows, (0, 4))
 
 
 def show_springs(estimate: "ElasticEstimate") -> Table:
@@ -417,31 +369,24 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
     from symid.joint_models import find_most_slope
 
     told = [entry for entry in estimate.springs if entry.told]
-    if any(entry.elasticity.branches for entry in told):
-        return tabulate(
-            told,
-            "joint; k0=elasticity.stiffness; at most=steepest; slope std=slope_std; unit; branches; torsion; "
-            "torque; torque std=torque_std",
-            (0, 4, 5),
-            steepest=lambda entry: find_most_slope(entry.elasticity),
-            unit=lambda entry: f"{entry.torque_unit}/{entry.position_unit}",
-            branches=_name_branches,
-        )
-    return tabulate(
-        told,
-        "joint; k0=elasticity.stiffness; k0 + stops=elasticity.initial_stiffness; slope std=slope_std; unit; "
-        "stops; knees; torsion; slipped to=excited; torque; torque std=torque_std",
-        (0, 4),
-        unit=lambda entry: f"{entry.torque_unit}/{entry.position_unit}",
-        stops=lambda entry: len(entry.elasticity.stops),
-        knees=lambda entry: len(entry.elasticity.knees),
-    )
-
-
-def _name_branches(entry: "SpringEstimate") -> str:
-    names = [branch.kind for branch in entry.elasticity.branches]
-    counts = ((len(entry.elasticity.stops), "stops"), (len(entry.elasticity.knees), "knees"))
-    return ", ".join([*names, *(f"{count} {name}" for count, name in counts if count)]) or "linear"
+    branched, rows = any(entry.elasticity.branches for entry in told), list[Sequence[object]]()
+    for entry in told:
+        spring, unit = entry.elasticity, f"{entry.torque_unit}/{entry.position_unit}"
+        stops, knees = len(spring.stops), len(spring.knees)
+        slope = find_most_slope(spring) if branched else spring.initial_stiffness
+        names: list[object] = [stops, knees]
+        if branched:
+            counts = [f"{count} {name}" for count, name in ((stops, "stops"), (knees, "knees")) if count]
+            names = [", ".join([*(branch.kind for branch in spring.branches), *counts]) or "linear"]
+        slipped = () if branched else (entry.excited,)
+        start = (entry.joint, spring.stiffness, slope, entry.slope_std, unit)
+        rows.append((*start, *names, entry.torsion, *slipped, entry.torque, entry.torque_std))
+    last = ("torque", "torque std")
+    if branched:
+        header = ("joint", "k0", "at most", "slope std", "unit", "branches", "torsion", *last)
+        return Table(header, rows, (0, 4, 5))
+    first = ("joint", "k0", "k0 + stops", "slope std", "unit", "stops", "knees", "torsion", "slipped to")
+    return Table((*first, *last), rows, (0, 4))
 
 
 _EFFECTS = {
@@ -467,7 +412,7 @@ def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict
         "torsion-offset": position,
     }
     joint = "all" if effect.joint < 0 else estimate.residual[effect.joint].joint
-    return {**asdict(effect), "joint": joint, "unit": units[effect.kind]}
+    return {**describe_record(effect), "joint": joint, "unit": units[effect.kind]}
 
 
 def show_effects(estimate: "ElasticEstimate") -> Table:
@@ -489,44 +434,39 @@ _SHOWN = 3
 
 def describe_friction(found: "FrictionIdentification") -> dict[str, object]:
     """Return the result as `symid identify --rows friction --json` gives it."""
-    return {
-        **select_fields(found, "robot model estimator sources settings signature"),
-        "rows": "friction",
-        "joints": [_describe_joint_friction(entry) for entry in found.joints],
-        "refused": _describe_refused(found.refused, "joint"),
-    }
+    joints = [_describe_joint_friction(entry) for entry in found.joints]
+    plain = {**describe_record(found), "rows": "friction", "joints": joints}
+    del plain["friction"]
+    return {**plain, "refused": _describe_refused(found.refused, "joint")}
 
 
 def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
-    estimate, selection, poses = entry.estimate, entry.selection, entry.poses
-    parameter = f"{_PARAMETER} meaning=expression remark=reason"
-    pose_fields = "name unit values std=stds interval_95=intervals chance degrees_of_freedom=freedom"
-    figures = "objective sigma aicc bic condition evaluations solves iterations ended"
+    estimate, poses = entry.estimate, entry.poses
+
+    def describe(parameters: "Sequence[ParameterEstimate]") -> list[dict[str, object]]:
+        found = [_describe_parameter(value) for value in parameters]
+        for value in found:
+            del value["truth"]
+            value["meaning"], value["remark"] = value.pop("expression"), value.pop("reason")
+        return found
+
     return {
-        **select_fields(entry, "joint formula smoothing sources"),
-        **select_fields(estimate, f"law estimator {figures}"),
-        "parameters": [select_fields(value, parameter) for value in estimate.parameters],
-        "rigid": {
-            "text": entry.rigid,
-            "parameters": [select_fields(value, parameter) for value in estimate.extra],
-        },
+        **describe_record(estimate),
+        **describe_record(entry),
+        "parameters": describe(estimate.parameters),
+        "rigid": {"text": entry.rigid, "parameters": describe(estimate.extra)},
         "refused": _describe_refused(estimate.refused),
-        "residual": describe_residual((entry.residual,))[0],
-        "motion": None if entry.motion is None else describe_motion_parts(entry.motion),
+        "motion": None if entry.motion is None else _describe_motion_parts(entry.motion),
         "outcome": describe_outcome(estimate.outcome),
-        "selection": selection
-        and {
-            **select_fields(selection, "chosen verdict blocks"),
-            "trials": [select_fields(trial, _TRIAL) for trial in selection.trials],
-        },
         "poses": poses
         and {
-            **select_fields(poses, "law verdict differs change"),
+            **describe_record(poses),
             "poses": [{"others": dict(pose.others), "sources": pose.sources} for pose in poses.poses],
             "skipped": _describe_refused(poses.skipped, "sources"),
-            "parameters": [select_fields(line, pose_fields) for line in poses.parameters],
+            "parameters": [
+                {**describe_record(line), "interval_95": line.intervals} for line in poses.parameters
+            ],
         },
-        "map": select_fields(entry.velocity_map, "velocity torque spread rows=count"),
     }
 
 
@@ -535,11 +475,10 @@ def show_friction(found: "FrictionIdentification") -> tuple[Block, ...]:
     size = len(found.joints) + len(found.refused)
     head = f"{found.robot}: friction of {len(found.joints)} of {size} joint{'s'[: size > 1]}"
     refused = "\n".join(_wrap(f"{name}: {reason}") for name, reason in found.refused)
-    joints = (block for entry in found.joints for block in _show_joint_friction(entry))
-    return (head, *joints, *((refused,) if refused else ()))
+    return (head, *chain.from_iterable(map(_show_joint_friction, found.joints)), *filter(None, (refused,)))
 
 
-def _show_joint_friction(entry: "JointFriction") -> tuple[Block, ...]:
+def _show_joint_friction(entry: "JointFriction") -> list[Block]:
     estimate, residual = entry.estimate, entry.residual
     parts: list[Block] = [f"== {entry.joint}: {estimate.law}, {estimate.estimator} =="]
     if entry.selection is not None:
@@ -548,14 +487,15 @@ def _show_joint_friction(entry: "JointFriction") -> tuple[Block, ...]:
     # Beyond J, a and b they are groups whose values say nothing by themselves.
     rigid = estimate.extra if len(estimate.extra) <= _SHOWN else ()
     shown = (*estimate.parameters, *rigid)
-    table = tabulate(
-        shown,
-        "parameter=name; value; std; std/%=relative_std_percent:.3g; unit; meaning",
-        (0, 4, 5),
-        meaning=lambda line: "rigid part" if line in rigid else line.reason or line.expression,
-    )
+    rows = [
+        (
+            *(line.name, line.value, line.std, f"{line.relative_std_percent:.3g}", line.unit),
+            "rigid part" if line in rigid else line.reason or line.expression,
+        )
+        for line in shown
+    ]
     parts += [
-        table if shown else "no parameter is identifiable",
+        Table((*_PARAMETER, "meaning"), rows, (0, 4, 5)) if shown else "no parameter is identifiable",
         _wrap(
             f"{entry.rigid}; residual {residual.relative_percent:.4f} % of the torque, {residual.std:.4g} "
             f"{residual.unit} RMS over {residual.samples} rows"
@@ -567,19 +507,24 @@ def _show_joint_friction(entry: "JointFriction") -> tuple[Block, ...]:
         parts += [*show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]
     if estimate.refused:
         parts.append("\n".join(_wrap(f"refused: {name}: {reason}") for name, reason in estimate.refused))
-    return tuple(parts)
+    return parts
 
 
 def show_law_trials(selection: "LawSelection", title: str = "") -> Table:
     """Return the table of the laws that were compared, by torques held back."""
-    return tabulate(
-        selection.trials,
-        "law; unknowns; fitted/%=fitted_percent:.4f; held out/%=held_percent:.4f; RMS=held_rms; "
-        "squares=ratio:.4f; behind/se=behind:.1f; choice",
-        (0, 7),
-        title,
-        choice=lambda trial: "chosen" if trial.law == selection.chosen else trial.reason,
-    )
+    rows = [
+        (
+            trial.law,
+            trial.unknowns,
+            *(write_number(value, ".4f") for value in (trial.fitted_percent, trial.held_percent)),
+            trial.held_rms,
+            *(write_number(trial.ratio, ".4f"), write_number(trial.behind, ".1f")),
+            "chosen" if trial.law == selection.chosen else trial.reason,
+        )
+        for trial in selection.trials
+    ]
+    header = ("law", "unknowns", "fitted/%", "held out/%", "RMS", "squares", "behind/se", "choice")
+    return Table(header, rows, (0, 7), title)
 
 
 def show_poses(poses: "PoseTest") -> tuple[Block, ...]:
@@ -600,6 +545,11 @@ def show_poses(poses: "PoseTest") -> tuple[Block, ...]:
     lines += [_wrap(f"left out: {sources}: {reason}") for sources, reason in poses.skipped]
     text = "\n".join(lines)
     return (Table(header, rows, left=(0, len(poses.poses) + 1), title=text) if rows else text,)
+
+
+def write_number(value: float | None, form: str) -> str:
+    """Return a number as a cell, empty where there is none."""
+    return "" if value is None else format(value, form)
 
 
 def _wrap(text: str) -> str:

@@ -12,7 +12,6 @@ grows or shrinks.
 
 import shlex
 from collections.abc import Iterator
-from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 
@@ -26,10 +25,11 @@ from symid.identification.hysteresis import (
     describe_inversion,
     find_strokes,
 )
-from symid.report.blocks import Block, Drawing, Table, select_fields
+from symid.report.blocks import Block, Drawing, Table
 from symid.report.figures import Line, build_curve_figure, build_line_figure
 from symid.report.pages import Page, format_percent, write_page
 from symid.report.verdict import FitVerdict, rate_output
+from symid.serialization import describe_record
 
 _POOR = 0.5
 """Of its value: a deviation beyond it leaves not even the first digit."""
@@ -87,23 +87,14 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
     lists = (("Poorly identifiable, not shown", poor), ("Fixed", fixed))
     note = "\n".join(f"{head}: {', '.join(names)}." for head, names in lists if names)
     form = f" ({record.form})" if record.form else ""
-    table = Table(
-        header=("parameter", "value", "std", "95 % interval"),
-        rows=rows,
-        title=f"{record.model}{form}",
-        note=note,
-    )
+    header = ("parameter", "value", "std", "95 % interval")
+    table = Table(header, rows, title=f"{record.model}{form}", note=note)
     tried = Table(
         header=("model", "form", "parameters", "passive", "fitted %", "held out %", "+-"),
         rows=[
             (
-                entry.model,
-                entry.form,
-                entry.count,
-                "yes" if entry.passive else "no",
-                f"{entry.fitted:.3g}",
-                f"{entry.held_out:.3g}",
-                f"{entry.spread:.2g}",
+                *(entry.model, entry.form, entry.count, "yes" if entry.passive else "no"),
+                *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}", f"{entry.spread:.2g}"),
             )
             for entry in record.candidates
         ],
@@ -113,8 +104,8 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
     )
     reason = describe_inversion(record)
     inverse = f"There is none: {reason}." if reason else "It exists, for every output."
-    passive = "no motion" if record.passive else "some motions may"
-    passive = f"{passive} get{'s' if record.passive else ''} work out of the element."
+    passive = "no motion gets" if record.passive else "some motions may get"
+    passive += " work out of the element."
     facts = f"Inverse: {inverse}\nPassivity: {passive}\nStart: {_STARTS[record.start]}."
     return (table, tried, facts)
 
@@ -127,14 +118,16 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
     trace = record.trace
     shared = (("measured", "cloud", trace.measured), ("predicted", "predicted", trace.predicted))
     loops = [Line(name, style, trace.position, y, joined=name == "predicted") for name, style, y in shared]
-    over_time = [
-        Line("measured", "measured", trace.time, trace.measured),
-        Line("predicted", "predicted", trace.time, trace.predicted),
-    ]
+    curves = (("measured", trace.measured), ("predicted", trace.predicted))
+    over_time = [Line(name, name, trace.time, y) for name, y in curves]
     error = trace.measured - trace.predicted
     time = "time (s)" if record.timed else "sample"
     worst = int(np.argmax(np.abs(error)))
     time_of_worst = f"{trace.time[worst]:.4g} s" if record.timed else f"sample {trace.time[worst]:.0f}"
+    first, last = (float(np.mean(part)) for part in np.array_split(error, 2))
+    size = float(np.sqrt(np.mean(error**2)))
+    drift = 100.0 * abs(last - first) / size if size else 0.0
+    moved = f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms."
     rest = [
         build_curve_figure(
             f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}.",
@@ -142,50 +135,29 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
             [Line("residual", "cloud", trace.position, error, joined=False)],
             height=260.0,
         ),
-        build_line_figure(
-            _describe_drift(error),
-            (time, "residual"),
-            [Line("residual", "final", trace.time, error)],
-        ),
+        build_line_figure(moved, (time, "residual"), [Line("residual", "final", trace.time, error)]),
     ]
     if record.timed:
         rate = np.gradient(trace.position, trace.time)
+        fast = np.abs(rate) > np.median(np.abs(rate))
+        slow = float(np.mean(np.abs(error[~fast])))
+        ratio = float(np.mean(np.abs(error[fast]))) / slow if fast.any() and slow else 1.0
         rest.append(
             build_curve_figure(
-                _describe_speed(rate, error),
+                f"Does it depend on the speed? Fast samples miss {ratio:.2g} times as much as slow ones.",
                 ("rate of the input (unit of the file / s)", "residual"),
                 [Line("residual", "cloud", rate, error, joined=False)],
                 height=260.0,
             )
         )
+    caption = f"Output against input: does {record.model} follow the loops? It leaves "
+    caption += f"{format_percent(record.fitted)} of the output."
     return (
-        build_curve_figure(_describe_loop(record), _LABELS, loops),
+        build_curve_figure(caption, _LABELS, loops),
         build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, _LABELS[1]), over_time),
         *rest,
         *_draw_cycles(trace),
         *_draw_branches(trace),
-    )
-
-
-def _describe_speed(rate: FloatArray, error: FloatArray) -> str:
-    speed, size = np.abs(rate), np.abs(error)
-    fast = speed > np.median(speed)
-    slow = float(np.mean(size[~fast]))
-    ratio = float(np.mean(size[fast])) / slow if fast.any() and slow else 1.0
-    return f"Does it depend on the speed? Fast samples miss {ratio:.2g} times as much as slow ones."
-
-
-def _describe_drift(error: FloatArray) -> str:
-    first, last = (float(np.mean(part)) for part in np.array_split(error, 2))
-    size = float(np.sqrt(np.mean(error**2)))
-    share = 100.0 * abs(last - first) / size if size else 0.0
-    return f"Does it drift? From half to half the mean residual changes by {share:.2g} % of its rms."
-
-
-def _describe_loop(record: HysteresisRecord) -> str:
-    return (
-        f"Output against input: does {record.model} follow the loops? It leaves "
-        f"{format_percent(record.fitted)} of the output."
     )
 
 
@@ -242,7 +214,18 @@ def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
         side = 1.0 if x[-1] > x[0] else -1.0
         name, style = ("upwards", "link") if side > 0.0 else ("downwards", "final")
         moved.append(Line(name, style, side * (x - x[0]), side * (y - y[0])))
-    spread = _compute_spread([(line.x, line.y) for line in moved])
+    # The rms of the branches about their mean curve, over the rms of that, where several have points.
+    places = np.linspace(0.0, max(float(line.x[-1]) for line in moved), _PLACES)
+    rows = np.array(
+        [
+            np.where(places <= x.max(), np.interp(places, np.maximum.accumulate(x), y), np.nan)
+            for x, y in ((line.x, line.y) for line in moved)
+        ]
+    )
+    rows = rows[:, np.sum(np.isfinite(rows), axis=0) >= _FEW]
+    mean = np.nanmean(rows, axis=0)
+    size = float(np.sqrt(np.mean(mean**2))) if mean.size else 0.0
+    spread = float(np.sqrt(np.nanmean((rows - mean) ** 2))) / size if size else 0.0
     yield build_curve_figure(
         "Masing's rule? Measured branches after reversals, moved to one point, those downwards "
         f"turned: {100.0 * spread:.2g} % of their rms is spread.",
@@ -271,22 +254,6 @@ _NEAR_TOP = 0.1
 """Of the range of the input."""
 
 
-def _compute_spread(branches: list[tuple[FloatArray, FloatArray]]) -> float:
-    """Return the rms of branches about their mean curve, over the rms of that, where several have points."""
-    reach = max(float(x[-1]) for x, _ in branches)
-    places = np.linspace(0.0, reach, _PLACES)
-    rows = np.array(
-        [
-            np.where(places <= x.max(), np.interp(places, np.maximum.accumulate(x), y), np.nan)
-            for x, y in branches
-        ]
-    )
-    rows = rows[:, np.sum(np.isfinite(rows), axis=0) >= _FEW]
-    mean = np.nanmean(rows, axis=0)
-    size = float(np.sqrt(np.mean(mean**2))) if mean.size else 0.0
-    return float(np.sqrt(np.nanmean((rows - mean) ** 2))) / size if size else 0.0
-
-
 _PLACES = 60
 
 
@@ -294,8 +261,8 @@ def write_element_page(path: Path, record: HysteresisRecord, *, source: str = ""
     """Write the page of an element and return the path; OutputError where it cannot be written."""
     lead, second, *further = draw_element(record)
     _, _, facts = blocks = show_element(record)
-    known = [entry for entry in record.parameters if 0.0 < entry.deviation <= _POOR * abs(entry.value)]
     free = [entry for entry in record.parameters if entry.deviation > 0.0]
+    known = [entry for entry in free if entry.deviation <= _POOR * abs(entry.value)]
     page = Page(
         robot=source or "element",
         subject="element with hysteresis",
@@ -333,10 +300,4 @@ _STARTS = {
 
 def describe_element(record: HysteresisRecord) -> dict[str, object]:
     """Return an element in plain types."""
-    plain = select_fields(
-        record,
-        "model form start passive fitted held_out samples skipped span speed output timed",
-    )
-    plain["parameters"] = [asdict(entry) for entry in record.parameters]
-    plain["candidates"] = [asdict(entry) for entry in record.candidates]
-    return {**plain, "inverse": describe_inversion(record) or None}
+    return {**describe_record(record), "inverse": describe_inversion(record) or None}

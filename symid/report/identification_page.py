@@ -1,4 +1,4 @@
-"""The pages of identified parameters: of a rigid robot, and of friction joint by joint.
+"""The pages of fits: of a rigid robot, of friction joint by joint, of any kind with the logs it is tried on.
 
 `Estimate`, `Validation` of held-out logs, perhaps a `Diagnosis` -> `Page`: verdict, parameters, residuals,
 identifiability, drift, structure of the residual, measured and predicted torques, settings.
@@ -9,12 +9,16 @@ identifiability, drift, structure of the residual, measured and predicted torque
 
 The curve ends at the slowest row, in each direction: an extrapolated band would be too narrow.
 
+Estimate of any kind -> `FitVerdict`, drawings for a notebook; with robot and held-out logs -> page, notices.
+
 Supported: friction laws of the velocity alone; of others the curve at no load, at angle zero.
 Not supported of friction: the scatter of single rows as a band.
 """
 
+import math
+import shlex
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -22,18 +26,37 @@ from typing import Any
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.errors import Notice
-from symid.identification.diagnostics import JointProfiles
-from symid.identification.estimators import Estimate, LawTrial, Series, Validation
+from symid.errors import Notice, UsageError
+from symid.identification import FrictionValidation, TaskContext, diagnose_fit, validate_fit
+from symid.identification.elastic import (
+    ElasticEstimate,
+    ElasticTrial,
+    build_rigid_estimate,
+    build_rigid_variant,
+    check_settings,
+    cut_logs,
+    evaluate_elastic,
+    get_stated_cutoff,
+    prepare_aligned,
+)
+from symid.identification.estimators import Estimate, FittedLaw, Series, Validation, check_model
 from symid.identification.friction import (
     CONFIDENCE,
     FrictionIdentification,
     JointFriction,
     compute_law_sensitivities,
 )
-from symid.identification.rigid import Diagnosis
+from symid.identification.rigid import (
+    Diagnosis,
+    get_fit_overlap,
+    get_usable_window,
+    restore_robot,
+    validate_estimate,
+)
 from symid.joint_models import compute_friction_torque, get_law
-from symid.report.blocks import Block, Drawing, Table, tabulate
+from symid.logs import LogPart, Recording, check_recording, read_recordings, take_parts
+from symid.report.blocks import Block, Drawing, Table
+from symid.report.elastic_page import build_elastic_page, draw_branches
 from symid.report.figures import (
     Line,
     Mark,
@@ -50,24 +73,35 @@ from symid.report.fit_text import (
     show_poses,
     show_residual,
     tabulate_laws,
+    write_number,
 )
 from symid.report.pages import (
+    UNTESTED,
     Page,
     build_fit_page,
     count_significant,
+    describe_origin,
     draw_certainty,
     format_digits,
     format_percent,
     show_refused,
     tabulate_groupings,
     tabulate_parameters,
+    write_page,
     write_unit,
 )
-from symid.report.verdict import QUANTITIES, judge_friction, judge_identification
+from symid.report.verdict import (
+    QUANTITIES,
+    AnyEstimate,
+    FitVerdict,
+    judge_elastic,
+    judge_friction,
+    judge_identification,
+)
+from symid.robot import Robot, list_robots, name_for_commands
 
 _CANDIDATES = 15
 """Settings that are listed."""
-UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (--validation)."
 _POINTS = 400
 _FLAT = 1.01
 """Ratio of objectives up to which a search has nothing to show."""
@@ -113,7 +147,8 @@ def build_identification_page(
         tabulate_parameters(estimate.parameters),
         *draw_certainty(estimate.parameters),
         *show_refused(estimate.refused),
-        *_show_laws(estimate),
+        *(("== Friction laws ==", *tabulate_laws(estimate.laws)) if estimate.laws else ()),
+        *(block for entry in estimate.laws for block in _show_law(entry)),
         *(() if validations else ("== Held-out logs ==", UNTESTED)),
     )
     more = (
@@ -200,17 +235,12 @@ def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing
     return build_mark_figure(caption, "unexplained (% of the joint's torque)", marks)
 
 
-def _show_laws(estimate: Estimate) -> Iterator[Block]:
-    """Yield the friction laws found, and how that of each joint was chosen."""
-    if not estimate.laws:
-        return
-    yield "== Friction laws =="
-    yield from tabulate_laws(estimate.laws)
-    for entry in estimate.laws:
-        if entry.selection is not None and len(entry.selection.trials) > 1:
-            yield f"=== {entry.joint}: {entry.law} ==="
-            yield entry.selection.verdict
-            yield show_law_trials(entry.selection)
+def _show_law(entry: FittedLaw) -> tuple[Block, ...]:
+    """Return how the friction law of a joint was chosen; nothing where there was no choice."""
+    chosen = entry.selection
+    if chosen is None or len(chosen.trials) < 2:
+        return ()
+    return (f"=== {entry.joint}: {entry.law} ===", chosen.verdict, show_law_trials(chosen))
 
 
 def _show_choice(estimate: Estimate) -> Iterator[Block]:
@@ -223,53 +253,72 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
         yield "== Choice of the settings =="
         order = sorted(choice.candidates, key=lambda entry: (entry.behind, entry.held_out[-1]))
         first = [choice.chosen, *(entry for entry in order if entry is not choice.chosen)]
-        columns = (
-            "rows up to/Hz=band:.3g; instruments/Hz=instruments:.3g; slow rows/%=slow:.3g; states; "
-            "held out/%=held:.3g; behind/se=behind:.2g; movement=movement:.2g; choice"
-        )
-        yield tabulate(
-            first[:_CANDIDATES],
-            columns,
-            (3, 7),
-            f"The best of {len(first)} settings that were compared, with the one taken.",
-            slow=lambda entry: 100.0 * entry.standstill,
-            held=lambda entry: entry.held_out[-1],
-            choice=lambda entry: "taken" if entry is choice.chosen else "" if entry.still else "moves",
-        )
+        rows = [
+            (
+                *(write_number(value, ".3g") for value in (entry.band, entry.instruments)),
+                *(f"{100.0 * entry.standstill:.3g}", entry.states, f"{entry.held_out[-1]:.3g}"),
+                *(write_number(value, ".2g") for value in (entry.behind, entry.movement)),
+                "taken" if entry is choice.chosen else "" if entry.still else "moves",
+            )
+            for entry in first[:_CANDIDATES]
+        ]
+        title = f"The best of {len(first)} settings that were compared, with the one taken."
+        header = ("rows up to/Hz", "instruments/Hz", "slow rows/%", "states", "held out/%", "behind/se")
+        yield Table((*header, "movement", "choice"), rows, (3, 7), title)
 
 
 def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
     essential, bootstrap = diagnosis.essential, diagnosis.bootstrap
-    yield from ("== Identifiability ==", describe_rank(diagnosis), _draw_spectrum(diagnosis))
+    yield from ("== Identifiability ==", describe_rank(diagnosis))
+    values, rank = np.array(diagnosis.singular), diagnosis.rank
+    number = np.arange(1.0, len(values) + 1.0)
+    lines = [Line("identifiable", "first", number[:rank], values[:rank], markers=True)]
+    if np.any(values[rank:] > 0.0):
+        lines.append(Line("not identifiable", "second", number[rank:], values[rank:], markers=True))
+    caption = "Singular values of the column-scaled regressor, in falling order."
+    yield build_line_figure(caption, ("number", "singular value"), lines, logarithmic=True, whole=True)
     if diagnosis.correlated:
         pairs = [(a, b, f"{value:.3f}") for a, b, value in diagnosis.correlated]
         yield Table(("one", "other", "correlation"), pairs, (0, 1), "Strongly correlated parameters.")
     if diagnosis.ellipse is not None:
         first, second, _ = diagnosis.correlated[0]
         outline, level = diagnosis.ellipse.trace(), diagnosis.ellipse.level
-        yield build_curve_figure(
-            f"The closest pair, {first} and {second}: {level:.0%} confidence ellipse.",
-            (first, second),
-            (Line("ellipse", "first", outline[:, 0], outline[:, 1]),),
-        )
+        caption = f"The closest pair, {first} and {second}: {level:.0%} confidence ellipse."
+        line = Line("ellipse", "first", outline[:, 0], outline[:, 1])
+        yield build_curve_figure(caption, (first, second), (line,))
     yield from ("== Significant parameters ==", describe_essential(diagnosis))
     if essential.dropped:
-        columns = "name; value / std=ratio:.2g; residual grows by/%=price_percent:.2g"
-        yield tabulate(essential.dropped, columns, title="In the order they can be dropped.")
+        header = ("name", "value / std", "residual grows by/%")
+        gone = [(e.name, f"{e.ratio:.2g}", f"{e.price_percent:.2g}") for e in essential.dropped]
+        yield Table(header, gone, title="In the order they can be dropped.")
     yield "== Standard deviations by block bootstrap =="
     yield (
         f"{bootstrap.blocks} blocks of the logs, resampled {bootstrap.replicates} times: valid for any "
         "correlation of the residual within a block."
     )
-    yield _tabulate_scatter(estimate, diagnosis)
+    stated = {entry.name: entry for entry in estimate.parameters}
+    dropped = {entry.name for entry in essential.dropped}
+    columns = (bootstrap.deviations, bootstrap.low, bootstrap.high)
+    scatter = [
+        (
+            *(name, stated[name].value, format_digits(stated[name].std), format_digits(deviation)),
+            *(f"{low:.4g}", f"{high:.4g}", name not in dropped),
+        )
+        for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True)
+        if name in stated
+    ]
+    titles = ("name", "value", "stated std", "bootstrap std", "from", "to (95 %)", "significant")
+    yield Table(titles, scatter, title="Values in SI units.")
     yield from _show_drift(estimate, diagnosis)
     yield "== Structure of the residual =="
     if diagnosis.structure:
-        columns = (
-            "joint; function of=family; share of variance/%=share_percent:.3g; RMS=rms:.3g; unit; advice"
-        )
+        rows = [
+            (e.joint, e.family, f"{e.share_percent:.3g}", f"{e.rms:.3g}", e.unit, e.advice)
+            for e in diagnosis.structure
+        ]
         title = "What explains the residual, cross-validated on stretches of time."
-        yield tabulate(diagnosis.structure, columns, (0, 1, 4, 5), title)
+        heading = ("joint", "function of", "share of variance/%", "RMS", "unit", "advice")
+        yield Table(heading, rows, (0, 1, 4, 5), title)
     else:
         yield (
             "No function of position, velocity, load, acceleration, time or of other joints explains 5 % of "
@@ -277,7 +326,22 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
         )
     for entry in diagnosis.profiles:
         yield f"=== {entry.joint} ==="
-        yield from _draw_profiles(entry)
+        unit = entry.position_unit
+        for against, label, profile in (
+            ("position", f"position ({unit})", entry.position),
+            ("velocity", f"velocity ({unit}/s)", entry.velocity),
+            ("load", f"predicted torque ({entry.unit})", entry.load),
+        ):
+            centre, mean, deviation = profile.centre, profile.mean, profile.deviation
+            lines = [
+                Line("mean", "first", centre, mean, markers=True),
+                Line("plus deviation", "second", centre, mean + deviation),
+                Line("minus deviation", "third", centre, mean - deviation),
+            ]
+            caption = (
+                f"Mean residual of {entry.joint} against {against}, with one standard deviation either side."
+            )
+            yield build_line_figure(caption, (label, f"residual ({entry.unit})"), lines)
     if diagnosis.prices:
         prices = [(entry.what, entry.of, f"{entry.percent:+.3g} %") for entry in diagnosis.prices]
         yield "== Effect of the choices =="
@@ -307,44 +371,6 @@ def describe_essential(diagnosis: Diagnosis) -> str:
     )
 
 
-def _draw_spectrum(diagnosis: Diagnosis) -> Drawing:
-    values, rank = np.array(diagnosis.singular), diagnosis.rank
-    number = np.arange(1.0, len(values) + 1.0)
-    lines = [Line("identifiable", "first", number[:rank], values[:rank], markers=True)]
-    if np.any(values[rank:] > 0.0):
-        lines.append(Line("not identifiable", "second", number[rank:], values[rank:], markers=True))
-    return build_line_figure(
-        "Singular values of the column-scaled regressor, in falling order.",
-        ("number", "singular value"),
-        lines,
-        logarithmic=True,
-        whole=True,
-    )
-
-
-def _tabulate_scatter(estimate: Estimate, diagnosis: Diagnosis) -> Table:
-    stated = {entry.name: entry for entry in estimate.parameters}
-    found = diagnosis.bootstrap
-    dropped = {entry.name for entry in diagnosis.essential.dropped}
-    rows = [
-        (
-            name,
-            stated[name].value,
-            format_digits(stated[name].std),
-            format_digits(deviation),
-            f"{low:.4g}",
-            f"{high:.4g}",
-            name not in dropped,
-        )
-        for name, deviation, low, high in zip(
-            found.names, found.deviations, found.low, found.high, strict=True
-        )
-        if name in stated
-    ]
-    header = ("name", "value", "stated std", "bootstrap std", "from", "to (95 %)", "significant")
-    return Table(header, rows, title="Values in SI units.")
-
-
 def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
     drift = diagnosis.drift
     yield "== Drift between logs =="
@@ -367,26 +393,6 @@ def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
         yield Table(header, rows, title="Estimates from each log alone, value ± std.")
 
 
-def _draw_profiles(entry: JointProfiles) -> Iterator[Drawing]:
-    unit = entry.position_unit
-    for against, label, profile in (
-        ("position", f"position ({unit})", entry.position),
-        ("velocity", f"velocity ({unit}/s)", entry.velocity),
-        ("load", f"predicted torque ({entry.unit})", entry.load),
-    ):
-        centre, mean, deviation = profile.centre, profile.mean, profile.deviation
-        lines = [
-            Line("mean", "first", centre, mean, markers=True),
-            Line("plus deviation", "second", centre, mean + deviation),
-            Line("minus deviation", "third", centre, mean - deviation),
-        ]
-        yield build_line_figure(
-            f"Mean residual of {entry.joint} against {against}, with one standard deviation either side.",
-            (label, f"residual ({entry.unit})"),
-            lines,
-        )
-
-
 def _show_log(validation: Validation) -> Iterator[Block]:
     caption = "A log of the fit: this is no test." if validation.fitted else "Held out: not used in the fit."
     mean = f"Mean over joints of the relative residual: {validation.mean_relative_percent:.4f} %"
@@ -407,16 +413,11 @@ def _show_errors(validation: Validation) -> Iterator[Block]:
     for series in validation.series:
         error, joint, unit = series.measured - series.predicted, series.joint, series.unit
         quantity = _name_quantity(series, validation.rows)
-        yield build_line_figure(
-            f"When does it miss? {joint}, measured minus predicted {quantity}.",
-            ("time (s)", f"residual ({unit})"),
-            (Line("residual", "residual", series.time, error),),
-        )
-        yield build_histogram(
-            f"Is it noise? Residual of {joint}, and the normal distribution of the same deviation.",
-            (f"residual ({unit})", "rows"),
-            error,
-        )
+        caption = f"When does it miss? {joint}, measured minus predicted {quantity}."
+        line = Line("residual", "residual", series.time, error)
+        yield build_line_figure(caption, ("time (s)", f"residual ({unit})"), (line,))
+        caption = f"Is it noise? Residual of {joint}, and the normal distribution of the same deviation."
+        yield build_histogram(caption, (f"residual ({unit})", "rows"), error)
 
 
 def draw_prediction(series: Series, rows: str, caption: str = "") -> Drawing:
@@ -503,32 +504,46 @@ def build_friction_page(
     origin: Sequence[str] = (),
     **options: Any,  # noqa: ANN401  fields of the page
 ) -> Page:
-    """Return all that the page shows.
+    """Return all that the page shows; `validations` are what laws and rigid part predict of logs.
 
-    Args:
-        found: the laws.
-        validations: what laws and rigid part predict of logs.
-        notices: what else a reader should know.
-        origin: what the page was made from, in short texts.
-        options: further fields of the page.
+    The other arguments are those of `build_identification_page`.
     """
     left_out = "\n".join(f"{name}: {reason}" for name, reason in found.refused)
-    tried, first = _find_worst(validations), max(found.joints, key=_find_left)
+    # What each law leaves: of held-out blocks where laws were compared, else of the fit.
+    left = []
+    for entry in found.joints:
+        part: tuple[float, float | None, str, JointFriction]
+        part = (entry.residual.relative_percent, entry.residual.std, "the logs of the fit", entry)
+        for trial in () if entry.selection is None else entry.selection.trials:
+            if entry.selection and trial.law == entry.selection.chosen and trial.held_percent is not None:
+                part = (trial.held_percent, trial.held_rms, "held-out blocks", entry)
+                break
+        left.append(part)
+    percent, rms, where, first = max(left, key=lambda part: part[0])
+    tried = _find_worst(validations)
     lead = build_friction_figure(first) if tried is None else _draw_worst(tried)
-    blocks = (
-        *chain.from_iterable(map(_show_log, validations)),
-        *(
-            block
-            for entry in found.joints
-            for block in _show_joint(entry, led=entry is first and tried is None)
-        ),
-        *(("== Joints without a law ==", left_out) if left_out else ()),
-    )
+    blocks: list[Block] = [*chain.from_iterable(map(_show_log, validations))]
+    for entry in found.joints:
+        blocks += [
+            f"== {entry.joint}: {entry.estimate.law} ==",
+            f"    {entry.formula}",
+            *(() if entry is first and tried is None else (build_friction_figure(entry),)),
+            tabulate_parameters(entry.estimate.parameters, formulas=False),
+            *show_refused(entry.estimate.refused),
+            show_residual((entry.residual,), "Residual of law and rigid part in the logs of the fit."),
+            *(() if entry.selection is None else (entry.selection.verdict,)),
+        ]
+    blocks += ["== Joints without a law ==", left_out] if left_out else []
     more = (
         *(block for entry in found.joints for block in _show_search(entry)),
         *chain.from_iterable(map(_show_errors, validations)),
     )
-    numbers = _list_left(first) if tried is None else _list_tried(tried)
+    numbers = [] if tried is None else _list_tried(tried)
+    if tried is None:
+        text = f"of the torque unexplained in {where}, at {first.joint}, the joint with most left"
+        numbers.append((format_percent(percent), text))
+        size = [] if rms is None else [f"{format_digits(rms)} {write_unit(first.unit)}"]
+        numbers += [(text, "RMS of it") for text in size]
     numbers.append(count_significant([one for entry in found.joints for one in entry.estimate.parameters]))
     settings = {"requested law": found.model, "estimator": found.estimator}
     return build_fit_page(
@@ -544,43 +559,6 @@ def build_friction_page(
         origin=origin,
         **options,
     )
-
-
-def _get_held_out(entry: JointFriction) -> LawTrial | None:
-    """Return what the law of a joint left of held-out blocks, None where there were none."""
-    trials = () if entry.selection is None else entry.selection.trials
-    found = (trial for trial in trials if entry.selection and trial.law == entry.selection.chosen)
-    return next((trial for trial in found if trial.held_percent is not None), None)
-
-
-def _find_left(entry: JointFriction) -> float:
-    trial = _get_held_out(entry)
-    return entry.residual.relative_percent if trial is None else trial.held_percent or 0.0
-
-
-def _list_left(entry: JointFriction) -> list[tuple[str, str]]:
-    """Return what the law of a joint leaves: of held-out blocks where they were compared, else of the fit."""
-    trial, where = _get_held_out(entry), f"at {entry.joint}, the joint with most left"
-    if trial is None:
-        text = f"of the torque unexplained in the logs of the fit, {where}"
-        found = [(format_percent(entry.residual.relative_percent), text)]
-        return [*found, (f"{format_digits(entry.residual.std)} {write_unit(entry.unit)}", "RMS of it")]
-    found = [(format_percent(_find_left(entry)), f"of the torque unexplained in held-out blocks, {where}")]
-    rms = trial.held_rms
-    return found if rms is None else [*found, (f"{format_digits(rms)} {write_unit(entry.unit)}", "RMS of it")]
-
-
-def _show_joint(entry: JointFriction, *, led: bool) -> Iterator[Block]:
-    """Yield the law of a joint; `led` where its figure leads the page."""
-    estimate = entry.estimate
-    yield f"== {entry.joint}: {estimate.law} =="
-    yield f"    {entry.formula}"
-    yield from () if led else (build_friction_figure(entry),)
-    yield tabulate_parameters(estimate.parameters, formulas=False)
-    yield from show_refused(estimate.refused)
-    yield show_residual((entry.residual,), "Residual of law and rigid part in the logs of the fit.")
-    if entry.selection is not None:
-        yield entry.selection.verdict
 
 
 def _show_search(entry: JointFriction) -> Iterator[Block]:
@@ -605,14 +583,185 @@ def _show_search(entry: JointFriction) -> Iterator[Block]:
     if len(history) >= 3 and max(history) > _FLAT * min(history):
         number, markers = np.arange(float(len(history))), len(history) < 40
         line = Line("objective", "final", number, np.array(history), markers)
-        yield build_line_figure(
-            "Did the search settle? Least objective after each iteration or generation.",
-            ("iteration or generation", f"objective (({entry.unit})²)"),
-            (line,),
-            logarithmic=True,
-            whole=True,
-        )
+        caption = "Did the search settle? Least objective after each iteration or generation."
+        labels = ("iteration or generation", f"objective (({entry.unit})²)")
+        yield build_line_figure(caption, labels, (line,), logarithmic=True, whole=True)
 
 
 def _capitalise(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+_MOST_PARAMETERS = 12
+"""Parameters in the figure of the least certain ones."""
+
+
+def judge_fit(estimate: AnyEstimate) -> FitVerdict:
+    """Return what a fit is worth, judged by its own logs alone."""
+    match estimate:
+        case Estimate():
+            return judge_identification(estimate, ())
+        case ElasticEstimate():
+            return judge_elastic(estimate, ())
+        case FrictionIdentification():
+            return judge_friction(estimate)
+
+
+def draw_fit(estimate: AnyEstimate) -> tuple[Drawing, ...]:
+    """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
+    match estimate:
+        case ElasticEstimate():
+            return tuple(draw_branches(entry) for entry in estimate.springs if entry.told)
+        case FrictionIdentification():
+            return tuple(map(build_friction_figure, estimate.joints))
+    known = [entry for entry in estimate.parameters if 0.0 < entry.relative_std_percent < math.inf]
+    least = sorted(known, key=lambda entry: -entry.relative_std_percent)[:_MOST_PARAMETERS]
+    marks = [
+        Mark(entry.name, entry.relative_std_percent, format_percent(entry.relative_std_percent))
+        for entry in least
+    ]
+    caption = f"{estimate.robot}: least certain parameters, standard deviation in percent of the value."
+    return (build_mark_figure(caption, "relative standard deviation (%)", marks),) if marks else ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WrittenPage:
+    """A page that was written.
+
+    Args:
+        file: where; robot: its name; verdict: the page's headline.
+        sources: the logs tried; processing: how each was processed, where that was chosen; lines: in words.
+        diagnosis: of the fit by its own logs, None where not asked for.
+        notices: what a reader should know.
+    """
+
+    file: Path
+    robot: str
+    verdict: FitVerdict
+    sources: tuple[str, ...] = ()
+    processing: tuple[dict[str, object], ...] | None = None
+    lines: tuple[str, ...] = ()
+    diagnosis: Diagnosis | None = None
+    notices: tuple[Notice, ...] = ()
+
+
+def write_fit_page(
+    path: Path,
+    estimate: AnyEstimate,
+    known: tuple[Robot, TaskContext] | None = None,
+    *,
+    logs: Sequence[Path | Recording] = (),
+    pairs: tuple[tuple[str, str], ...] = (),
+    test: Sequence[LogPart] = (),
+    diagnose: bool = False,
+    file: str = "",
+) -> WrittenPage:
+    """Write the page of a fit of any kind.
+
+    Args:
+        path: to write to.
+        estimate: to report.
+        known: the robot as read, and what long work with it needs; None without logs and diagnosis.
+        logs: held out, files or what was read from them.
+        pairs: settings of the call, keys and values.
+        test: parts of these logs, one for all or one for each; empty for all of them.
+        diagnose: whether the logs of the fit are read again.
+        file: of the estimate, for messages.
+
+    Raises:
+        UsageError: there are settings or parts and no logs, or the kind of fit has no such logs, setting or
+            diagnosis.
+        EstimateError: the estimate is of another model.
+        LogError: a log does not fit the robot.
+        OutputError: the page cannot be written.
+    """
+    if pairs and not logs:
+        text = "settings apply to the logs of a validation, and none was given; give a log or leave them out"
+        raise UsageError(Notice(code="usage.no-validation", text=text))
+    if test and not logs:
+        text = f"--test {test[0].text}: is a part of the logs of a validation, and none was given; give a log"
+        raise UsageError(Notice(code="usage.no-validation", text=text))
+    if diagnose and not isinstance(estimate, Estimate):
+        text = "--diagnose needs an estimate of base parameters; leave it out"
+        raise UsageError(Notice(code="usage.no-diagnosis", text=text, file=file))
+    validations, trials = list[Validation](), tuple[ElasticTrial, ...]()
+    diagnosis, notices, origin = None, tuple[Notice, ...](), tuple[str, ...]()
+    if isinstance(estimate, ElasticEstimate):
+        check_settings(pairs, "elastic")
+    if known is not None and (logs or diagnose):
+        robot, context = known
+        described = restore_robot(robot, estimate, pairs)
+        if isinstance(estimate, Estimate):
+            # What was identified as rigid is tried as rigid, whatever the robot file says of its joints.
+            described, rigid = build_rigid_variant(described), build_rigid_estimate(estimate, described)
+        recordings = take_parts(read_recordings(logs, described), test, "--test")
+        if not isinstance(estimate, FrictionIdentification):
+            library = context.prepare(described)
+            notices = (*described.notices, *library.notices)
+            for recording in recordings:
+                notices += (*recording.notices, *check_recording(recording, described))
+            origin = describe_origin(described, library, recordings)
+        match estimate:
+            case Estimate():
+                check_model(rigid, library.card, file)
+                overlap = get_fit_overlap(rigid.settings)
+                for recording in recordings:
+                    context.progress(f"validating on {recording.source}")
+                    # In the rows of the fit: residuals of one kind can be compared.
+                    window, longer = get_usable_window(rigid.settings, recording)
+                    options: Any = {"rows": rigid.rows, "window": window, "overlap": overlap}
+                    found = validate_estimate(rigid, library, recording, described.processing, **options)
+                    validations.append(replace(found, notices=(*longer, *found.notices)))
+                if diagnose:
+                    diagnosis = diagnose_fit(robot, estimate, context)
+                    notices += diagnosis.notices
+                notices += tuple(notice for entry in validations for notice in entry.notices)
+            case ElasticEstimate():
+                check_model(estimate, library.card, file)
+                context.progress(f"trying the model on {len(recordings)} log{'s'[: len(recordings) > 1]}")
+                kept = cut_logs(recordings, described.processing)
+                moved, _, aligned = prepare_aligned(library, kept)
+                cut = (notice for entry in kept for notice in entry.notices if notice.code == "log.cut")
+                notices += (*aligned, *(notice for notice in cut if notice not in notices))
+                cutoff = get_stated_cutoff(described, pairs)
+                trials = tuple(evaluate_elastic(estimate, library, entry, cutoff=cutoff) for entry in moved)
+            case FrictionIdentification():
+                tried = [
+                    validate_fit(robot, estimate, e, context, pairs=pairs, file=file) for e in recordings
+                ]
+                validations = [entry.validation for entry in tried if isinstance(entry, FrictionValidation)]
+                notices = tuple(dict.fromkeys(notice for entry in tried for notice in entry.notices))
+    match estimate:
+        case Estimate():
+            page = build_identification_page(estimate, validations, notices, origin, diagnosis=diagnosis)
+        case ElasticEstimate():
+            page = build_elastic_page(estimate, trials, notices, origin)
+        case FrictionIdentification():
+            page = build_friction_page(estimate, validations, notices)
+    tests: tuple[Validation | ElasticTrial, ...] = (*validations, *trials)
+    name = estimate.robot if estimate.robot in list_robots() else "ROBOT"
+    name = name if known is None else name_for_commands(known[0])
+    # The command that an expert would type after this verdict, and what for.
+    stored, target = file or "ESTIMATE", f"{estimate.robot}_identified.toml"
+    if page.verdict.level in {"wrong", "doubtful"}:
+        step = shlex.join(["symid", "check", name, *estimate.sources]), "Look for the cause"
+    elif all(entry.fitted for entry in tests):
+        command = shlex.join(["symid", "validate", name, stored])
+        step = f"{command} LOG", "Test it on a log of another motion"
+    else:
+        command = shlex.join(["symid", "export", name, stored, "-o", target])
+        step = command, "Write a robot file with these values"
+    page = replace(page, next_step=step)
+    is_rigid = isinstance(estimate, Estimate)
+    settled = [(entry.source, entry.processing) for entry in validations if is_rigid and entry.processing]
+    processing = tuple({**asdict(entry.processing), "origin": dict(entry.origin)} for _, entry in settled)
+    return WrittenPage(
+        file=write_page(path, page),
+        robot=page.robot,
+        verdict=page.verdict,
+        sources=tuple(entry.source for entry in tests),
+        processing=processing if is_rigid else None,
+        lines=tuple(f"{source}: {entry.describe()}" for source, entry in settled),
+        diagnosis=diagnosis,
+        notices=notices,
+    )

@@ -23,7 +23,7 @@ from symid.identification.elastic import ElasticEstimate
 from symid.identification.estimators import SIGNIFICANT, Estimate, ParameterEstimate
 from symid.identification.friction import FrictionIdentification
 from symid.logs import Recording
-from symid.report.blocks import Block, Drawing, Table, split_sections, tabulate, write_elements
+from symid.report.blocks import Block, Drawing, Table, split_sections, write_elements
 from symid.report.figures import SUPERSCRIPT, Mark, build_mark_figure
 from symid.report.verdict import FitVerdict
 from symid.robot import Robot
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 TEMPLATE = "page.html.jinja"
 WRITTEN_BY = f"Written by symid {__version__}"
+UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (--validation)."
 _SIGMA = "within 3\N{GREEK SMALL LETTER SIGMA}"
 
 
@@ -172,34 +173,23 @@ def tabulate_parameters(parameters: Sequence[ParameterEstimate], *, formulas: bo
     value, where that is not zero; a value within two deviations of zero has no relative deviation.
     """
     known = any(entry.truth is not None for entry in parameters)
-    columns = "name; value ± std=pair; unit=unit; uncertainty=relative"
-    columns += f"; truth=truth; error; {_SIGMA}=near" if known else ""
-    columns += "" if formulas else "; meaning=explain"
+    header = ["name", "value ± std", "unit", "uncertainty", *(("truth", "error", _SIGMA) if known else ())]
+    rows = list[list[object]]()
+    for entry in parameters:
+        certain = math.isfinite(entry.std)
+        relative = f"> {100.0 / SIGNIFICANT:.0f} %" if certain and not entry.significant else "-"
+        if certain and entry.significant:
+            relative = format_percent(entry.relative_std_percent)
+        row = [entry.name, format_pair(entry.value, entry.std), write_unit(entry.unit), relative]
+        true = (entry.truth, format_error(entry.value, entry.truth), entry.near_truth if certain else None)
+        meaning = "\n" + "; ".join(filter(None, (entry.expression, entry.reason)))
+        rows.append([*row, *(true if known else ()), *(() if formulas else (meaning,))])
     title = "With standard deviations"
     if known:
         title += f"; {_SIGMA}: the true value lies within three of them"
-    left = (0, 2) if formulas else (0, 2, columns.count("; "))
-    return tabulate(
-        parameters,
-        columns,
-        left,
-        f"{title}.",
-        pair=lambda entry: format_pair(entry.value, entry.std),
-        unit=lambda entry: write_unit(entry.unit),
-        relative=_describe_uncertainty,
-        truth=lambda entry: entry.truth,
-        error=lambda entry: format_error(entry.value, entry.truth),
-        near=lambda entry: entry.near_truth if math.isfinite(entry.std) else None,
-        explain=lambda entry: "\n" + "; ".join(filter(None, (entry.expression, entry.reason))),
-    )
-
-
-def _describe_uncertainty(entry: ParameterEstimate) -> str:
-    if not math.isfinite(entry.std):
-        return "-"
-    if not entry.significant:
-        return f"> {100.0 / SIGNIFICANT:.0f} %"
-    return format_percent(entry.relative_std_percent)
+    if formulas:
+        return Table(header, rows, (0, 2), f"{title}.")
+    return Table([*header, "meaning"], rows, (0, 2, len(header)), f"{title}.")
 
 
 def count_significant(parameters: Sequence[ParameterEstimate]) -> tuple[str, str]:

@@ -14,7 +14,7 @@ Not supported: other results, which have pages of their own.
 
 import math
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 from statistics import NormalDist
@@ -24,17 +24,10 @@ import numpy as np
 
 from symid.errors import SEVERE, Notice, merge_notices
 from symid.identification.estimators import ParameterEstimate
-from symid.report.blocks import Block, Drawing, tabulate
+from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import Line, Mark, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
-from symid.report.log_text import (
-    describe_gain,
-    show_excitation,
-    show_joints,
-    show_robot_check,
-    summarise_robot,
-)
 from symid.report.pages import (
     Page,
     count_significant,
@@ -47,15 +40,22 @@ from symid.report.pages import (
     write_page,
     write_unit,
 )
+from symid.report.robot_text import (
+    describe_gain,
+    show_excitation,
+    show_joints,
+    show_robot_check,
+    summarise_robot,
+)
 from symid.report.validation_text import show_comparison
 from symid.report.verdict import FitVerdict
 from symid.robot import Robot, name_for_commands
 
 if TYPE_CHECKING:
-    from symid.dynamics import Payload, PayloadQuantity
+    from symid.dynamics import Payload
     from symid.excitation import OptimisedExcitation
     from symid.identification import Compared, EstimateSide
-    from symid.identification.diagnostics import LogExcitation, LogsCheck
+    from symid.identification.diagnostics import LogsCheck
     from symid.identification.elastic import StiffnessEstimate
 
 _WELL, _ENOUGH = 100.0, 1000.0
@@ -98,12 +98,12 @@ def judge_check(checked: "LogsCheck") -> FitVerdict:
     found = checked.excitation
     poor = () if found is None else found.list_names("poorly identifiable", "not identifiable", "refused")
     details = [str(entry) for entry in (*checked.errors, *severe)]
+    if not checked.logs:
+        headline = "The robot file has no mistakes."
+        return FitVerdict(level="good", headline=headline, details=("No log was given.",))
     if checked.errors:
-        return FitVerdict(
-            level="wrong",
-            headline="The logs are not enough for a model of this robot.",
-            details=tuple(details),
-        )
+        headline = "The logs are not enough for a model of this robot."
+        return FitVerdict(level="wrong", headline=headline, details=tuple(details))
     if severe:
         headline = f"{len(severe)} finding{'s'[: len(severe) > 1]} would make values wrong: {severe[0].text}."
         return FitVerdict(level="doubtful", headline=headline, details=tuple(details))
@@ -124,49 +124,43 @@ def draw_check(robot: Robot, checked: "LogsCheck") -> tuple[Drawing, ...]:
 
 
 def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
-    """Write the page of a checked robot file and logs, and return the path.
-
-    Raises:
-        OutputError: the page cannot be written.
-    """
+    """Write the page of a robot file and its logs, checked; OutputError where it cannot be written."""
     numbers: list[tuple[str, str]] = []
     found = checked.excitation
     blocks: tuple[Block, ...] = show_robot_check(robot, checked)
     if found is not None:
-        good = len(found.list_names("identifiable"))
+        good, values = len(found.list_names("identifiable")), np.array(found.singular)
         numbers = [
             (f"{good} of {len(found.parameters)}", "parameters identifiable"),
             (format_digits(found.condition), "condition number (column-scaled)"),
         ]
+        rows = [
+            (entry.name, entry.verdict, format_percent(entry.relative_std_percent), entry.reason)
+            for entry in found.parameters
+        ]
+        title = "What a fit to all these logs would identify."
         blocks = (
             "== Identifiability ==",
-            tabulate(
-                found.parameters,
-                "parameter=name; verdict; expected std=std; why=reason",
-                (0, 1, 3),
-                "What a fit to all these logs would identify.",
-                std=lambda entry: format_percent(entry.relative_std_percent),
+            Table(("parameter", "verdict", "expected std", "why"), rows, (0, 1, 3), title),
+            build_line_figure(
+                "How well are the parameters separated? Singular values of the scaled regressor; "
+                f"the rank is {found.rank} of {len(found.singular)}.",
+                ("number", "singular value"),
+                [Line("singular value", "first", np.arange(1.0, len(values) + 1.0), values, markers=True)],
+                logarithmic=bool(np.any(values > 0.0)),
+                whole=True,
             ),
-            _draw_singular(found),
             "== Joints ==",
-            *(show_joints({"file": entry.recording.source}, entry.joints) for entry in checked.logs),
+            *(show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
         )
-    numbers.append(
-        (
-            f"{sum(entry.timing.duration for entry in checked.logs):.4g} s",
-            f"in {len(checked.logs)} log{'s'[: len(checked.logs) > 1]}",
-        )
-    )
-    command = [
-        "symid",
-        "identify",
-        name_for_commands(robot),
-        *(e.recording.source for e in checked.logs),
-    ]
+    length = sum(entry.timing.duration for entry in checked.logs)
+    numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{'s'[: len(checked.logs) > 1]}"))
+    sources = (entry.recording.source for entry in checked.logs)
+    command = ("symid", "identify", name_for_commands(robot), *sources)
     page = _build_page(
         robot.name,
         "check of logs" if checked.logs else "check of a robot file",
-        judge_check(checked) if checked.logs else _JUST_READ,
+        judge_check(checked),
         draw_check(robot, checked),
         numbers=numbers if checked.logs else (),
         blocks=blocks,
@@ -177,30 +171,8 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
     return write_page(path, page)
 
 
-_JUST_READ = FitVerdict(
-    level="good", headline="The robot file has no mistakes.", details=("No log was given.",)
-)
-
-
-def _draw_singular(found: "LogExcitation") -> Drawing:
-    values = np.array(found.singular)
-    number = np.arange(1.0, len(values) + 1.0)
-    rank = f"the rank is {found.rank} of {len(values)}"
-    return build_line_figure(
-        f"How well are the parameters separated? Singular values of the scaled regressor; {rank}.",
-        ("number", "singular value"),
-        [Line("singular value", "first", number, values, markers=True)],
-        logarithmic=bool(np.any(values > 0.0)),
-        whole=True,
-    )
-
-
 def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation") -> Path:
-    """Write the page of an optimised trajectory, and return the path.
-
-    Raises:
-        OutputError: the page cannot be written.
-    """
+    """Write the page of an optimised trajectory; OutputError where it cannot be written."""
     shares = list_shares(found.margins)
     kept = all(entry.kept for entry in found.margins)
     level = "good" if found.condition <= _WELL else "usable" if found.condition <= _ENOUGH else "doubtful"
@@ -210,12 +182,9 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
         "of the best random trajectory."
     )
     name, most = max(shares, key=lambda entry: entry[1], default=("no limit", 0.0))
-    starts = tabulate(
-        found.runs,
-        "start; condition; iterations; status",
-        (3,),
-        "The search from every start, the best first.",
-    )
+    rows = [(run.start, run.condition, run.iterations, run.status) for run in found.runs]
+    title = "The search from every start, the best first."
+    starts = Table(("start", "condition", "iterations", "status"), rows, (3,), title)
     page = _build_page(
         robot.name,
         "trajectory for identification",
@@ -249,32 +218,27 @@ def judge_payload(found: "Payload") -> FitVerdict:
     changed = found.moved > _FAR or bool(found.unexplained and found.doubtful)
     details = [f"chi-square {found.chi2:.3g} over {found.freedom} degrees of freedom."]
     details += [f"Not identifiable: {', '.join(lost)}."] if lost else []
-    details += (
-        [f"Friction changed: {', '.join(entry.name for entry in found.friction)}."] if found.friction else []
-    )
+    friction = ", ".join(entry.name for entry in found.friction)
+    details += [f"Friction changed: {friction}."] if friction else []
     if changed:
         headline += " But something else than a payload changed between the logs."
-    return FitVerdict(
-        level="doubtful" if changed else "usable" if lost else "good",
-        headline=headline,
-        details=tuple(details),
-    )
+    level = "doubtful" if changed else "usable" if lost else "good"
+    return FitVerdict(level=level, headline=headline, details=tuple(details))
 
 
 def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequence[Notice]) -> Path:
-    """Write the page of a payload, and return the path.
-
-    Raises:
-        OutputError: the page cannot be written.
-    """
-    known = [_read_quantity(entry) for entry in found.quantities if entry.value is not None]
+    """Write the page of a payload and return the path; OutputError where it cannot be written."""
+    known = [
+        ParameterEstimate(name=e.name, value=e.value, std=math.inf if e.std is None else e.std, unit=e.unit)
+        for e in found.quantities
+        if e.value is not None
+    ]
     lost = [(entry.name, entry.reason) for entry in found.quantities if entry.value is None]
     mass = [entry for entry in known if entry.name == "mass"]
     places = [entry.value for entry in known if entry.name in {"cx", "cy", "cz"}]
     numbers = [(f"{format_pair(one.value, one.std)} kg", "mass") for one in mass]
     if len(places) == len("xyz"):
-        text = f"{math.hypot(*places):.3g} m", "from the link frame to the centre of mass"
-        numbers.append(text)
+        numbers.append((f"{math.hypot(*places):.3g} m", "from the link frame to the centre of mass"))
     numbers.append(count_significant(known))
     page = _build_page(
         robot,
@@ -290,22 +254,13 @@ def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequen
     return write_page(path, page)
 
 
-def _read_quantity(entry: "PayloadQuantity") -> ParameterEstimate:
-    std = math.inf if entry.std is None else entry.std
-    return ParameterEstimate(name=entry.name, value=entry.value or 0.0, std=std, unit=entry.unit)
-
-
 def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequence[Notice]) -> Path:
-    """Write the page of the stiffness of joints, and return the path.
-
-    Raises:
-        OutputError: the page cannot be written.
-    """
+    """Write the page of joint stiffness and return the path; OutputError where it cannot be written."""
     known = [(entry, entry.stiffness, entry.interval) for entry in found.joints]
     told = [(entry, value, ends) for entry, value, ends in known if value is not None and ends is not None]
     level = "good" if len(told) == len(known) else "usable" if told else "doubtful"
     headline = f"The stiffness of {len(told)} of {len(known)} joints is identified."
-    alignment = found.alignment
+    alignment, details = found.alignment, tuple(f"{entry.joint}: {entry.reason}." for entry in found.joints)
     marks = [
         Mark(f"{entry.joint} ({write_unit(entry.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}")
         for entry, value, (low, high) in told
@@ -321,11 +276,7 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
     page = _build_page(
         found.robot,
         "stiffness of joints",
-        FitVerdict(
-            level=level,
-            headline=headline,
-            details=tuple(f"{entry.joint}: {entry.reason}." for entry in found.joints),
-        ),
+        FitVerdict(level=level, headline=headline, details=details),
         (build_mark_figure(caption, "stiffness", marks),) if marks else (),
         numbers=numbers,
         blocks=("== Stiffness ==", *show_stiffness(found)[1:-1]),
@@ -363,11 +314,7 @@ def judge_comparison(found: "Sequence[Compared]") -> FitVerdict:
 def write_comparison_page(
     path: Path, ours: "EstimateSide", found: "Sequence[Compared]", notices: Sequence[Notice]
 ) -> Path:
-    """Write the page of a comparison, and return the path.
-
-    Raises:
-        OutputError: the page cannot be written.
-    """
+    """Write the page of a comparison and return the path; OutputError where it cannot be written."""
     judged = sum(entry.comparison.judged for entry in found)
     within = sum(entry.comparison.count_within(2.0) for entry in found)
     largest = max(entry.comparison.largest for entry in found)
@@ -378,20 +325,7 @@ def write_comparison_page(
     total = found[0].comparison.chi_square if len(found) == 1 else None
     if total is not None:
         numbers.append((f"{total.value:.4g} / {total.freedom}", "chi-square over its degrees of freedom"))
-    page = _build_page(
-        ours.identified.robot.name,
-        "comparison of values",
-        judge_comparison(found),
-        tuple(_draw_differences(found)),
-        numbers=numbers,
-        blocks=("== Values ==", *show_comparison(ours, found)),
-        notices=notices,
-        settings=(("ours", str(ours.source)), ("others", ", ".join(str(e.other.source) for e in found))),
-    )
-    return write_page(path, page)
-
-
-def _draw_differences(found: "Sequence[Compared]") -> Iterator[Drawing]:
+    figures = []
     for entry in found:
         values = [value for value in entry.values if math.isfinite(value.deviations)]
         values.sort(key=lambda value: -abs(value.deviations))
@@ -407,4 +341,16 @@ def _draw_differences(found: "Sequence[Compared]") -> Iterator[Drawing]:
             f"Which values differ? {beyond} of {len(values)} by more than three deviations from "
             f"{entry.other.source.name}, the dashed line.{rest}"
         )
-        yield build_mark_figure(caption, "difference, in standard deviations", marks, dense=True, limit=_FAR)
+        label = "difference, in standard deviations"
+        figures.append(build_mark_figure(caption, label, marks, dense=True, limit=_FAR))
+    page = _build_page(
+        ours.identified.robot.name,
+        "comparison of values",
+        judge_comparison(found),
+        figures,
+        numbers=numbers,
+        blocks=("== Values ==", *show_comparison(ours, found)),
+        notices=notices,
+        settings=(("ours", str(ours.source)), ("others", ", ".join(str(e.other.source) for e in found))),
+    )
+    return write_page(path, page)

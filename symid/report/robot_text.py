@@ -1,22 +1,32 @@
-"""Base parameters, derivations, generated code, drafted and exported robot files as text and for JSON."""
+"""What is no fit as text, objects for JSON and warnings.
+
+Base parameters, derivations, generated code, drafted and exported robot files, checked logs, exciting
+trajectories, payloads -> blocks, plain types, notices.
+"""
 
 import html
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from symid.environment import show_path
+from symid.errors import Notice
 from symid.joint_models import name_shape, name_values
-from symid.report.blocks import Block, Table, select_fields, write_html
+from symid.notation import INERTIAL
+from symid.report.blocks import Block, Table, write_html
+from symid.robot import Robot
+from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.codegen import GeneratedFolder, RouteCount
-    from symid.dynamics import BaseParameter, BaseParameters
+    from symid.dynamics import BaseParameter, BaseParameters, ParameterChange, Payload
+    from symid.excitation import OptimisedExcitation
     from symid.identification import FileExport
+    from symid.identification.diagnostics import LogsCheck
     from symid.lessons import Step
-    from symid.logs import Draft
+    from symid.logs import Draft, JointSummary, LogTiming, Recording
     from symid.robot import Robot
+
 
 _WIDTH = 100
 
@@ -98,7 +108,9 @@ def _describe_parameters(
 
     def describe(entry: "BaseParameter") -> dict[str, object]:
         return {
-            **select_fields(entry, "name expression reason"),
+            "name": entry.name,
+            "expression": entry.expression,
+            "reason": entry.reason,
             "unit": get_label_unit(robot, entry.label),
             "joint": get_owner(robot, entry.label),
             "value": values.get(entry.name),
@@ -136,13 +148,10 @@ def describe_derivation(
     robot: str, steps: Sequence["Step"], counts: Sequence["RouteCount"]
 ) -> dict[str, object]:
     """Return a derivation as `symid derive --json` gives it, with the operations of every route."""
-    return {
-        "robot": robot,
-        "steps": [asdict(step) for step in steps],
-        "operations": [
-            {**select_fields(entry, "function route chosen"), **asdict(entry.operations)} for entry in counts
-        ],
-    }
+    operations = [describe_record(entry) for entry in counts]
+    for entry in operations:
+        entry.update(entry.pop("operations"))
+    return {"robot": robot, "steps": [describe_record(step) for step in steps], "operations": operations}
 
 
 def show_derivation(
@@ -210,7 +219,7 @@ def summarise_code(made: "GeneratedFolder") -> str:
 def show_code(made: "GeneratedFolder") -> tuple[Block, ...]:
     """Return a headline, and the operations and sizes of every function."""
     counted, measured = ("mul", "add", "trig"), ("code", "stack") if made.record.sizes else ()
-    sizes = {name: asdict(size) for name, size in made.record.sizes.items()}
+    sizes = {name: describe_record(size) for name, size in made.record.sizes.items()}
     rows = [
         (name, *(counts[key] for key in counted), *(sizes[name][key] for key in measured if name in sizes))
         for name, counts in made.operations.items()
@@ -231,8 +240,10 @@ def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
         "folder": str(made.folder),
         "files": [str(path) for path in made.files],
         "operations": made.operations,
-        **select_fields(record, "selftest runner flags"),
-        "sizes": {name: asdict(size) for name, size in record.sizes.items()},
+        "selftest": record.selftest,
+        "runner": record.runner,
+        "flags": record.flags,
+        "sizes": {name: describe_record(size) for name, size in record.sizes.items()},
         "unchanged": made.unchanged,
         "springs": [str(spring.folder) for spring in made.springs],
     }
@@ -240,8 +251,7 @@ def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
 
 def summarise_draft(robot: "Robot") -> str:
     """Return name and number of joints."""
-    plural = "s" if len(robot.joints) != 1 else ""
-    return f"{robot.name}, {len(robot.joints)} joint{plural}"
+    return f"{robot.name}, {len(robot.joints)} joint{'s'[: len(robot.joints) != 1]}"
 
 
 def show_draft(draft: "Draft") -> tuple[Block, ...]:
@@ -321,3 +331,256 @@ def describe_export(found: "FileExport") -> dict[str, object]:
         result["not_identified"] = found.missing
         result["cost_percent"] = {entry.joint: entry.percent for entry in found.costs}
     return {**result, "left_out": found.left_out}
+
+
+_SHOWN = 12
+"""Singular values on either side of the rank."""
+_VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused")
+
+
+def summarise_robot(robot: "Robot") -> str:
+    """Return name, joints and convention."""
+    others = {"urdf": "URDF", "mjcf": "MJCF", "origin": "frames by origin"}
+    convention = others.get(robot.convention, f"{robot.convention} DH")
+    return f"{robot.name}, {robot.size} joint{'s'[: robot.size != 1]}, {convention}"
+
+
+def show_robot_check(robot: "Robot", checked: "LogsCheck") -> tuple[Block, ...]:
+    """Return what was read, the joints of every log, and which parameters are identifiable."""
+    head = f"{robot.path}: {summarise_robot(robot)}: no mistakes"
+    if not checked.logs:
+        return (head,)
+    from symid.logs import get_second_encoder_side
+
+    header = ("log", "samples", "duration/s", "period/s", "velocity", "second encoder")
+    logs = [(log.recording, log.timing) for log in checked.logs]
+    rows: list[Sequence[object]] = [
+        (
+            *(log.source, timing.samples, timing.duration, log.period),
+            *(log.velocity is not None, get_second_encoder_side(log)),
+        )
+        for log, timing in logs
+    ]
+    blocks: list[Block] = [Table(header, rows, (0, 5), head)]
+    blocks += [show_joints(log.recording.source, log.joints) for log in checked.logs]
+    if checked.copy is not None:
+        file, notice = checked.copy
+        blocks.append(f"{show_path(file)}: {notice.text}")
+    found = checked.excitation
+    if found is not None:
+        verdicts = [entry.verdict for entry in found.parameters]
+        counts = ", ".join(f"{verdicts.count(name)} {name}" for name in _VERDICTS if name in verdicts)
+        first = max(0, found.rank - _SHOWN // 2)
+        shown = [f"{value:.2g}" for value in found.singular[first : first + _SHOWN]]
+        shown.insert(found.rank - first, "|")
+        rows = [(e.name, e.verdict, e.relative_std_percent, e.reason) for e in found.parameters]
+        blocks += [
+            (
+                f"Identifiability: {counts}; condition {found.condition:.3g}\n"
+                f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
+                f"{'... ' if first else ''}{' '.join(shown)}"
+            ),
+            Table(("parameter", "verdict", "std/%", "why"), rows, (0, 1, 3)),
+        ]
+    return tuple(blocks)
+
+
+def describe_robot_check(robot: "Robot", checked: "LogsCheck") -> dict[str, object]:
+    """Return what was found as `symid check --json` gives it."""
+    found: dict[str, object] = {
+        "robot": robot.name,
+        "file": robot.path,
+        "convention": robot.convention,
+        "joints": [
+            {"name": joint.name, "kind": joint.kind.value, "friction": joint.friction.law}
+            for joint in robot.joints
+        ],
+        "logs": [describe_log(log.recording, log.timing, log.joints) for log in checked.logs],
+    }
+    if checked.copy is not None:
+        file, notice = checked.copy
+        found["resampled"] = {"file": str(file), "text": notice.text}
+    if checked.excitation is not None:
+        names = [joint.name for joint in robot.axes]
+        found["dynamics"] = [
+            {
+                "file": check.source,
+                "signs": [{**describe_record(entry), "joint": names[entry.joint]} for entry in check.signs],
+                "mistake": check.mistake and describe_record(check.mistake),
+                "torque_delay": check.delay and {**describe_record(check.delay), "late": check.delay.late},
+            }
+            for check in checked.dynamics
+        ]
+        found["excitation"] = describe_record(checked.excitation)
+    return found
+
+
+def describe_log(
+    recording: "Recording", timing: "LogTiming", joints: "tuple[JointSummary, ...]"
+) -> dict[str, object]:
+    """Return what the log itself says, without the robot's dynamics."""
+    from symid.logs import get_second_encoder_side
+
+    return {
+        "file": recording.source,
+        "samples": timing.samples,
+        "duration": timing.duration,
+        "period": recording.period,
+        "has_velocity": recording.velocity is not None,
+        "second_encoder": get_second_encoder_side(recording),
+        "timing": {**describe_record(timing), "even": timing.even},
+        "joints": [describe_record(joint) for joint in joints],
+    }
+
+
+def show_joints(source: str, joints: "tuple[JointSummary, ...]") -> Table:
+    """Return the table of a log's joints."""
+    header = ("joint", "from", "to", "top speed", "unit", "step", "still/%", "rms torque", "peak")
+    rows = [
+        (
+            *(joint.name, joint.low, joint.high, joint.speed, joint.unit, joint.step or None),
+            *(100.0 * joint.standstill, joint.torque, joint.peak, 100.0 * joint.saturated),
+        )
+        for joint in joints
+    ]
+    return Table((*header, "at peak/%"), rows, (0, 4), source)
+
+
+def list_remarks(robot: "Robot", found: "OptimisedExcitation", seed: int) -> tuple[str, ...]:
+    """Return what stands at the head of a trajectory's file."""
+    return (
+        f"{robot.name}: {found.trajectory.source}, seed {seed}",
+        (
+            f"condition number of the scaled regressor {found.condition:.4g}, best of random ones "
+            f"{found.random_condition:.4g}"
+        ),
+        f"of every limit at least {1.0 - max(margin.share or 0.0 for margin in found.margins):.1%} is left",
+    )
+
+
+def describe_excitation(robot: "Robot", found: "OptimisedExcitation", seed: int) -> dict[str, object]:
+    """Return the trajectory as `symid excite --json` gives it."""
+    harmonics = (found.coefficients.shape[1] - 1) // 2
+    return {
+        "robot": robot.name,
+        "trajectory": found.trajectory.source,
+        "duration": found.trajectory.duration,
+        "harmonics": harmonics,
+        "seed": seed,
+        "factor": found.factor,
+        **describe_record(found),
+        "joints": [
+            {
+                "name": joint.name,
+                "centre": row[0],
+                "sines": row[1 : harmonics + 1],
+                "cosines": row[harmonics + 1 :],
+            }
+            for joint, row in zip(robot.axes, found.coefficients.tolist(), strict=True)
+        ],
+        "limits": [
+            {
+                **describe_record(margin),
+                "share_percent": None if margin.share is None else 100.0 * margin.share,
+                "allowed_percent": 100.0 * margin.allowed,
+            }
+            for margin in found.margins
+        ],
+    }
+
+
+def describe_gain(factor: float) -> str:
+    """Return how much smaller a condition number is than that of the best random trajectory."""
+    return f"{factor:.2f} times smaller" if factor >= 1.0 else "no smaller"
+
+
+def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
+    """Return the figures of a trajectory, the part of each limit that it uses, and clearances."""
+    shares = {
+        (margin.kind, margin.name): f"{margin.share:.1%}"
+        for margin in found.margins
+        if margin.share is not None
+    }
+    kinds, names = (tuple(dict.fromkeys(key[place] for key in shares)) for place in (0, 1))
+    rows = [[name, *(shares.get((kind, name)) for kind in kinds)] for name in names]
+    head = (
+        f"{found.trajectory.source}, {found.trajectory.duration:g} s\n"
+        f"condition number of the regressor (column-scaled): {found.condition:.4g}\n"
+        f"  best of the random feasible trajectories {found.random_condition:.4g}, their median "
+        f"{found.random_median:.4g}; {describe_gain(found.factor)} than the best\n"
+        f"information per parameter (mean logarithm): {found.information:.4g}, most of the random ones "
+        f"{found.random_information:.4g}"
+    )
+    title = "part of each limit that is used, at most:"
+    blocks: tuple[Block, ...] = (head, Table(("joint", *kinds), rows, title=title))
+    places = [[margin.name, margin.value] for margin in found.margins if margin.share is None]
+    if places:
+        blocks += (Table(("place", "least clearance/m"), places),)
+    return blocks
+
+
+_FAR = 3.0
+
+
+def describe_payload(robot: str, found: "Payload") -> dict[str, object]:
+    """Return the payload as `symid payload --json` gives it."""
+    by_name = {entry.name: entry for entry in found.quantities}
+    return {
+        "robot": robot,
+        **describe_record(found),
+        "mass": by_name["mass"].value,
+        "com": [by_name[name].value for name in ("cx", "cy", "cz")],
+        "inertia": {name[1:]: entry.value for name, entry in by_name.items() if name.startswith("J")},
+        "standard": dict(zip(INERTIAL, found.standard.tolist(), strict=True)),
+    }
+
+
+def show_payload(robot: str, found: "Payload") -> tuple[Block, ...]:
+    """Return the table of identifiable quantities, and the others with the reasons."""
+    head = (
+        f"{robot}: payload on the link of joint {found.joint!r}\n"
+        "in the link frame of the robot file; inertia about the centre of mass"
+    )
+    rows = [(e.name, e.value, e.std, e.unit) for e in found.quantities if e.value is not None]
+    refused = [entry for entry in found.quantities if entry.value is None]
+    blocks: list[Block] = [head, Table(("quantity", "value", "std", "unit"), rows, (0, 3))]
+    if refused:
+        blocks.append("\n".join(f"refused: {entry.name}: {entry.reason}" for entry in refused))
+    if found.scale > 1.0:
+        text = f"standard deviations are multiplied by {found.scale:.3g}, because chi^2 is too large"
+        blocks.append(text)
+    return tuple(blocks)
+
+
+def _list_changes(changes: Sequence["ParameterChange"]) -> str:
+    return ", ".join(
+        f"{entry.name} from {entry.before:.4g} to {entry.after:.4g} ({entry.deviations:+.2g} std)"
+        for entry in changes
+    )
+
+
+def warn_payload(found: "Payload") -> tuple[Notice, ...]:
+    """Return the warnings of a payload."""
+    notices = []
+    refused = [entry.name for entry in found.quantities if entry.value is None]
+    if refused:
+        text = f"not identifiable: {', '.join(refused)}; do not enter guessed values in a controller"
+        notices.append(Notice(code="payload.refused", text=text))
+    if found.unexplained and found.doubtful:
+        text = (
+            f"base parameters changed in a way that no payload explains: {_list_changes(found.unexplained)}. "
+            "Something else changed between the logs, or friction and filters bias one of them; use the same "
+            "motions"
+        )
+        notices.append(Notice(code="payload.unexplained", text=text))
+    if found.friction:
+        changes = _list_changes(found.friction)
+        text = f"friction changed: {changes}; gear friction grows with load and falls with temperature"
+        notices.append(Notice(code="payload.friction-changed", text=text))
+    if found.moved > _FAR:
+        text = (
+            f"the nearest physically consistent body is {found.moved:.2g} standard deviations away from the "
+            "change of the base parameters: something else changed between the logs"
+        )
+        notices.append(Notice(code="payload.inconsistent", text=text))
+    return tuple(notices)

@@ -1,21 +1,62 @@
-"""Studies of simulated robots as tables and as objects for JSON; the friction study has a page too."""
+"""Studies of simulated robots as tables and as objects for JSON; the friction study has a page too.
+
+`FrictionStudy` -> `Page` with the tables of Zhang, Hu and Zou (2021), theirs and ours side by side, all
+estimators on one data set, and counterparts of their figures 1 to 4 and 6 to 11, for the first seed's draw.
+
+    band = +-2 sqrt(sigma^2 + f' C f)        f: the torque's derivatives by the parameters, C their covariance
+
+Of figures 3 and 4 only the captions are public: in their place stand our own hybrid algorithm as a flow
+chart, and an arm of the same kind as their platform, with the kinematics of a robot file.
+
+Not supported: figure 5, the test of poses, which is part of `symid identify --rows friction` and needs
+recordings.
+"""
 
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from symid.identification.friction import STOCHASTIC
-from symid.joint_models import get_law
-from symid.report.blocks import Block, Table, select_fields, tabulate
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.environment import locate_resource_folder
+from symid.identification.friction import (
+    STOCHASTIC,
+    FrictionEstimate,
+    FrictionOptions,
+    FrictionSamples,
+    compute_law_sensitivities,
+    fit_friction,
+)
+from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
+from symid.report.blocks import Block, Drawing, Table
+from symid.report.drawings import place_arm
+from symid.report.figures import (
+    STYLES,
+    ArmJoint,
+    Arrow,
+    Box,
+    Line,
+    build_arm_figure,
+    build_curve_figure,
+    build_flow_chart,
+    build_line_figure,
+    list_lines,
+)
+from symid.report.fit_text import write_number
+from symid.report.pages import Page
+from symid.report.verdict import FitVerdict
+from symid.robot import read_robot
 from symid.study import (
     AGREEMENT,
     CALIBRATION,
+    LAWS,
     NEARNESS,
     NOT_IDENTIFIABLE,
     PEAK,
     RECOVERY_PEAKS,
+    SWEEPS,
     TABLE_1,
     TABLE_3,
     TABLE_4,
@@ -26,6 +67,10 @@ from symid.study import (
     GainStudy,
     Recovery,
     SearchRace,
+    build_gain_scene,
+    build_recovery_scene,
+    build_sweep_scene,
+    draw_samples,
 )
 
 if TYPE_CHECKING:
@@ -35,11 +80,11 @@ if TYPE_CHECKING:
         ElasticStudy,
         ForeignStudy,
         ManyJointsResult,
-        MethodErrors,
         PrecisionStudy,
         RecoveredParameter,
         TrackingStudy,
     )
+
 
 _WIDTH = 110
 _MARK = "*"
@@ -92,11 +137,8 @@ def _list_methods(study: AgreementStudy, seed: int) -> Table:
 def _list_agreement(studies: Sequence[AgreementStudy]) -> Table:
     rows = [
         (
-            f"{study.sweep.peak:g} rad/s, {study.sweep.samples}",
-            row.estimator,
-            f"{row.excess:.1e}",
-            f"{row.agreed} of {row.draws}",
-            f"{row.error:.2f}",
+            *(f"{study.sweep.peak:g} rad/s, {study.sweep.samples}", row.estimator, f"{row.excess:.1e}"),
+            *(f"{row.agreed} of {row.draws}", f"{row.error:.2f}"),
             f"{row.outside} of {row.draws * len(study.truth)}",
         )
         for study in studies
@@ -115,27 +157,14 @@ def _list_agreement(studies: Sequence[AgreementStudy]) -> Table:
 def _list_races(races: Sequence[SearchRace]) -> Table:
     rows = [
         (
-            race.title,
-            cost.estimator,
-            str(cost.population),
-            f"{cost.generations:.1f}",
-            f"{cost.evaluations:.0f}",
-            f"{cost.near_generations:.1f}",
-            f"{cost.near_evaluations:.0f}",
+            *(race.title, cost.estimator, cost.population, f"{cost.generations:.1f}"),
+            *(f"{cost.evaluations:.0f}", f"{cost.near_generations:.1f}", f"{cost.near_evaluations:.0f}"),
         )
         for race in races
         for cost in race.costs
     ]
     title = f"Table 2: genetic algorithm and its hybrid with annealing, means of {races[0].draws} draws"
-    header = (
-        "motion",
-        "search",
-        "candidates",
-        "generations",
-        "evaluations",
-        "near: gen.",
-        "near: eval.",
-    )
+    header = ("motion", "search", "candidates", "generations", "evaluations", "near: gen.", "near: eval.")
     findings = "\n".join(f"{race.title}: {race.finding}." for race in races)
     note = (
         "The paper: a generation of the hybrid takes longer, but far fewer are needed, so that it is more "
@@ -195,14 +224,11 @@ def _list_second(study: Recovery) -> Table:
 
 
 def _list_sums(studies: Sequence[GainStudy]) -> Table:
+    sources = ("paper", "ours, scaled", "ours, mean")
     rows = [
         (f"joint {study.joint}, {who}", *(f"{value:.0f}" for value in values))
         for study in studies
-        for who, values in (
-            ("paper", study.paper),
-            ("ours, scaled", study.scaled),
-            ("ours, mean", study.sums),
-        )
+        for who, values in zip(sources, (study.paper, study.scaled, study.sums), strict=True)
     ]
     note = (
         f"Ours: one cosine, peak {PEAK:g} rad/s, {studies[0].samples} samples, {studies[0].draws} draws; "
@@ -237,37 +263,30 @@ def _list_gains(studies: Sequence[GainStudy]) -> Table:
         "Held out: the same fits on another draw of the same motion."
     )
     title = "Table 4: how much less the improved law leaves, percent of the sum of squares"
-    header = (
-        "joint, against",
-        "ours is",
-        "paper",
-        "ours",
-        "deviation",
-        "miss",
-        "held out",
-        "in RMS",
-        "paper in RMS",
-    )
-    return Table(header, rows, (0, 1), title, note)
+    header = ("joint, against", "ours is", "paper", "ours", "deviation", "miss", "held out", "in RMS")
+    return Table((*header, "paper in RMS"), rows, (0, 1), title, note)
 
 
 def _list_contest(contest: EstimatorComparison) -> Table:
-    columns = "estimator; sum of squares=objective:.6f; excess=excess:.1e; evaluations; "
-    columns += "linear problems=solves; iterations"
+    timed = any(math.isfinite(run.seconds) for run in contest.runs)
+    rows = [
+        (
+            *(run.estimator, f"{run.objective:.6f}", f"{run.excess:.1e}"),
+            *(run.evaluations, run.solves, run.iterations),
+            *([f"{1e3 * run.seconds:.0f}"] if timed else []),
+        )
+        for run in contest.runs
+        if not run.reason
+    ]
+    header = ("estimator", "sum of squares", "excess", "evaluations", "linear problems", "iterations")
     note = ["Excess: over the least sum of squares of all. Every estimator with its defaults."]
-    if any(math.isfinite(run.seconds) for run in contest.runs):
-        columns += f"; ms{_MARK}=time"
+    if timed:
         note.append(
             f"{_MARK} The least of three runs with the uncertainty of the result; differs from run to run."
         )
     note += [f"{run.estimator} was not run: {run.reason}." for run in contest.runs if run.reason]
-    return tabulate(
-        [run for run in contest.runs if not run.reason],
-        columns,
-        title=f"All estimators on one data set: {contest.title}, {contest.law}, {contest.samples} samples",
-        note="\n".join(note),
-        time=lambda run: f"{1e3 * run.seconds:.0f}",
-    )
+    title = f"All estimators on one data set: {contest.title}, {contest.law}, {contest.samples} samples"
+    return Table((*header, *([f"ms{_MARK}"] if timed else [])), rows, title=title, note="\n".join(note))
 
 
 def show_friction_tables(study: FrictionStudy) -> tuple[Block, ...]:
@@ -285,56 +304,36 @@ def show_friction_tables(study: FrictionStudy) -> tuple[Block, ...]:
 
 def show_precision(study: "PrecisionStudy") -> tuple[Block, ...]:
     """Return the errors of every method over the Cramer-Rao bound."""
-    columns = (
-        "method; mean=mean_ratio:.3f; worst=worst_ratio:.3f; of=worst; 95 % held, %=coverage_percent:.1f; "
-        "price at most, %=worst_price_percent:.2g; least eigenvalue=least_eigenvalue:.3g"
-    )
+    header = ("method", "mean", "worst", "of", "95 % held, %", "price at most, %", "least eigenvalue")
+    rows = [
+        (
+            *(entry.method, f"{entry.mean_ratio:.3f}", f"{entry.worst_ratio:.3f}", entry.worst),
+            write_number(entry.coverage_percent, ".1f"),
+            write_number(entry.worst_price_percent, ".2g"),
+            write_number(entry.least_eigenvalue, ".3g"),
+        )
+        for entry in study.methods
+    ]
     title = (
         f"{study.robot}: {len(study.names)} parameters, five random excitations of {study.samples} "
         f"samples, condition {study.condition:.3g}, {study.seeds} seeds;\n"
         "root-mean-square errors over the Cramer-Rao bound"
     )
-    return (tabulate(study.methods, columns, (0, 3), title),)
+    return (Table(header, rows, (0, 3), title),)
 
 
 def show_cutoff(study: "CutoffStudy") -> tuple[Block, ...]:
     """Return the residuals, on the rest of the log, of fits with different cut-offs."""
-    columns = (
-        f"cut-off, Hz=cutoff:g; torque, 1 in {study.factor}=decimated:.2f; torque, all=plain:.2f; "
-        "momentum=momentum:.2f"
-    )
+    header = ("cut-off, Hz", f"torque, 1 in {study.factor}", "torque, all", "momentum")
+    rows = [
+        (f"{line.cutoff:g}", *(f"{share:.2f}" for share in (line.decimated, line.plain, line.momentum)))
+        for line in study.lines
+    ]
     title = (
         f"{study.robot}, {study.source}: fitted to the first 60 %, residual of the rest within "
         f"{study.band:g} Hz in percent;\nthe cut-off that identify takes is {study.chosen:g} Hz"
     )
-    return (tabulate(study.lines, columns, title=title),)
-
-
-def describe_elastic_study(study: "ElasticStudy", numbers: range) -> dict[str, object]:
-    """Return the errors of every method on every set of logs as `--json` gives them."""
-    return {
-        "robot": study.robot,
-        "seeds": list(numbers),
-        "studies": [
-            {
-                "condition": entry.condition.value,
-                **select_fields(entry, "dataset seeds bound_percent=bound spring_bound_percent=spring_bound"),
-                "methods": [
-                    {
-                        "method": cell.method,
-                        "parameter_error_percent": asdict(cell.parameter),
-                        "hysteresis_error_percent": asdict(cell.hysteresis),
-                        "excited_error_percent": asdict(cell.excited),
-                        **select_fields(cell, "seconds iterations"),
-                        "outcomes": dict(cell.outcomes),
-                        "choices": dict(cell.choices),
-                    }
-                    for cell in entry.cells
-                ],
-            }
-            for entry in study.studies
-        ],
-    }
+    return (Table(header, rows, title=title),)
 
 
 def show_elastic_study(study: "ElasticStudy") -> tuple[Block, ...]:
@@ -356,53 +355,20 @@ def _show_dataset(entry: "DatasetStudy") -> Table:
             f"{entry.spring_bound:.3g} % where the form of the springs is known"
         )
 
-    def join(cell: "MethodErrors") -> str:
-        counts = cell.choices or cell.outcomes
-        return ", ".join(word if len(counts) == 1 else f"{word} {count}" for word, count in counts)
-
     timed = any(math.isfinite(cell.seconds) for cell in entry.cells)
-    rows = [
-        [
-            cell.method,
-            *(
-                "-" if value == math.inf else f"{value:.3g}"
-                for spread in (cell.parameter, cell.hysteresis)
-                for value in (spread.median, spread.percentile90)
-            ),
-            "-" if cell.excited.median == math.inf else f"{cell.excited.median:.3g}",
-            *([f"{cell.seconds:.2f}"] if timed else []),
-            join(cell),
-        ]
-        for cell in entry.cells
-    ]
+    rows = []
+    for cell in entry.cells:
+        spreads = (cell.parameter, cell.hysteresis)
+        values = [value for spread in spreads for value in (spread.median, spread.percentile90)]
+        texts = ["-" if value == math.inf else f"{value:.3g}" for value in (*values, cell.excited.median)]
+        seconds = [f"{cell.seconds:.2f}"] if timed else []
+        rows.append([cell.method, *texts, *seconds, _join_counts(cell.choices or cell.outcomes)])
     heading = ["method", "param", "90th", "hyst", "90th", "in range", *(["s"] if timed else []), "outcome"]
     return Table(heading, rows, title=title)
 
 
-def describe_foreign(study: "ForeignStudy", numbers: range) -> dict[str, object]:
-    """Return the errors of every method on every truth as `--json` gives them."""
-    return {
-        "arm": study.arm,
-        "seeds": list(numbers),
-        "truths": [
-            {
-                **select_fields(entry, "truth size best near near_best"),
-                "ratio": asdict(entry.ratio),
-                "methods": [
-                    {
-                        "method": cell.method,
-                        "parameter_error_percent": asdict(cell.worst),
-                        "spring_error_percent": asdict(cell.spring),
-                        **select_fields(cell, "z_rms z_most"),
-                        "verdicts": dict(cell.verdicts),
-                        "choices": dict(cell.choices),
-                    }
-                    for cell in entry.cells
-                ],
-            }
-            for entry in study.truths
-        ],
-    }
+def _join_counts(counts: Sequence[tuple[str, int]]) -> str:
+    return ", ".join(word if len(counts) == 1 else f"{word} {count}" for word, count in counts)
 
 
 def show_foreign(study: "ForeignStudy") -> tuple[Block, ...]:
@@ -411,25 +377,16 @@ def show_foreign(study: "ForeignStudy") -> tuple[Block, ...]:
     def write(value: float) -> str:
         return f"{value:.3g}" if math.isfinite(value) else "-"
 
-    def join(counts: Sequence[tuple[str, int]]) -> str:
-        return ", ".join(word if len(counts) == 1 else f"{word} {count}" for word, count in counts)
-
     sized = any(entry.size != 1.0 for entry in study.truths)
     names = [f"{entry.truth} x {entry.size:g}" if sized else entry.truth for entry in study.truths]
     chosen = [
-        [
-            name,
-            write(entry.cells[0].worst.median),
-            f"{write(entry.cells[0].z_rms)} ({write(entry.cells[0].z_most)})",
-            write(entry.cells[0].spring.median),
-            join(entry.cells[0].verdicts),
-            join(entry.cells[0].choices),
-            entry.best,
-            write(entry.ratio.median),
-            f"{entry.near} of {entry.seeds}",
+        (
+            *(name, write(cell.worst.median), f"{write(cell.z_rms)} ({write(cell.z_most)})"),
+            *(write(cell.spring.median), _join_counts(cell.verdicts), _join_counts(cell.choices), entry.best),
+            *(write(entry.ratio.median), f"{entry.near} of {entry.seeds}"),
             f"{entry.near_best} of {entry.seeds}",
-        ]
-        for name, entry in zip(names, study.truths, strict=True)
+        )
+        for name, entry, cell in zip(names, study.truths, (e.cells[0] for e in study.truths), strict=True)
     ]
     header = ["truth", "worst", "z rms (max)", "spring", "verdict", "chosen", "best", "ratio", "near"]
     header.append("near best")
@@ -437,12 +394,12 @@ def show_foreign(study: "ForeignStudy") -> tuple[Block, ...]:
         Table(
             ["truth", *(cell.method for cell in study.truths[0].cells)],
             [
-                [name, *(write(getattr(cell, field).median) for cell in entry.cells)]
+                [name, *(write((cell.worst, cell.spring)[place].median) for cell in entry.cells)]
                 for name, entry in zip(names, study.truths, strict=True)
             ],
             title=title,
         )
-        for field, title in (("worst", "worst parameter, percent"), ("spring", "spring torque, percent"))
+        for place, title in enumerate(("worst parameter, percent", "spring torque, percent"))
     ]
     note = (
         "worst: parameter error in percent of the largest of its kind; z: errors over stated deviations; "
@@ -458,28 +415,22 @@ def show_tracking(study: "TrackingStudy") -> tuple[Block, ...]:
     """Return the tracking errors with every model, and which differences are significant."""
     heading = ["case", *(f"{name} rms/mrad" for name in study.joints)]
     rows = [[case, *(f"{1e3 * spread.median:.4g}" for spread in spreads)] for case, spreads in study.rms]
-    differences = tabulate(
-        study.comparisons,
-        "difference=cases; joint; mean; 95 % interval=interval; verdict=difference.verdict",
-        cases=lambda entry: f"{entry.first} less {entry.second}",
-        mean=lambda entry: f"{1e3 * entry.difference.mean:.4g}",
-        interval=lambda entry: f"{1e3 * entry.difference.low:.4g} .. {1e3 * entry.difference.high:.4g}",
-    )
+    differences = [
+        (
+            f"{entry.first} less {entry.second}",
+            entry.joint,
+            f"{1e3 * entry.difference.mean:.4g}",
+            f"{1e3 * entry.difference.low:.4g} .. {1e3 * entry.difference.high:.4g}",
+            entry.difference.verdict,
+        )
+        for entry in study.comparisons
+    ]
     return (
         f"{study.robot}: tracking of the held-out motion, medians over {study.seeds} seeds",
         Table(heading, rows),
         "paired differences of RMS errors in mrad",
-        differences,
+        Table(("difference", "joint", "mean", "95 % interval", "verdict"), differences),
     )
-
-
-def describe_many_joints(result: "ManyJointsResult") -> dict[str, object]:
-    """Return what each method leaves of a held-out motion as `--json` gives it."""
-    return {
-        **select_fields(result, "robot parameters joints condition_elimination condition_energy"),
-        "condition": result.condition.value,
-        "methods": [asdict(entry) for entry in result.methods],
-    }
 
 
 def show_many_joints(result: "ManyJointsResult") -> Table:
@@ -498,3 +449,314 @@ def show_many_joints(result: "ManyJointsResult") -> Table:
         f"energy {result.condition_energy:.3g}"
     )
     return Table(["method", *result.joints], rows, title=title, note=conditions)
+
+
+_VELOCITY = "velocity (rad/s)"
+_POINTS = 1201
+_STYLES = dict(zip(LAWS, ("fourth", "third", "predicted"), strict=True))
+
+
+def build_friction_study_page(study: FrictionStudy) -> Page:
+    """Return all that the page shows."""
+    seed, last = study.seeds
+    one = draw_samples(build_sweep_scene(SWEEPS[0]), np.random.default_rng(seed))
+    two = draw_samples(build_recovery_scene(0), np.random.default_rng(seed))
+    figures = (
+        ("1", _draw_improved()),
+        ("2", _draw_stribeck()),
+        ("3", _draw_hybrid()),
+        ("4", _draw_platform()),
+        ("6", _draw_scatter(one, "one trajectory, one direction")),
+        ("7", _draw_one_fit(one, study)),
+        ("8", _draw_convergence(study.contests[0])),
+        ("9", _draw_scatter(two, "two trajectories")),
+        ("10", _draw_two_fit(two, near=False)),
+        ("10, near standstill", _draw_two_fit(two, near=True)),
+        *((f"11, joint {build_gain_scene(k).joint}", _draw_torque(k, seed)) for k in range(len(TABLE_3))),
+    )
+    drawn = [block for name, figure in figures for block in (f"=== Counterpart of Figure {name} ===", figure)]
+    rows = [(check.name, check.bar, check.found, write_check_outcome(check)) for check in study.checks]
+    title = "Claims and results. Reported: no requirement, or too few draws to judge."
+    checks = Table(("claim", "required", "result", "outcome"), rows, (0, 1, 2, 3), title)
+    reported = [check for check in study.checks if check.met is None]
+    missed = [check for check in study.checks if check.met is not None and not check.met]
+    judged = len(study.checks) - len(reported)
+    headline = f"All {judged} claims that can be judged are met."
+    if missed:
+        headline = f"{len(missed)} of {judged} claims are missed."
+    return Page(
+        robot="Zhang, Hu and Zou (2021)",
+        subject="the tables of joint friction",
+        verdict=FitVerdict(
+            level="usable" if missed else "good",
+            headline=headline,
+            details=tuple(f"{check.name}: {check.found}" for check in (*missed, *reported)),
+        ),
+        numbers=(
+            (f"{judged - len(missed)} of {judged}", "claims of the paper met, of those that can be judged"),
+            (f"{study.recovery[0].draws}", "draws of the noise for each joint"),
+            (str(len(reported)), "results reported without a requirement"),
+        ),
+        lead=_draw_one_fit(one, study),
+        next_step=(
+            "symid identify ROBOT LOG --rows friction",
+            "Identify friction laws from logs of your own",
+        ),
+        blocks=(
+            (
+                "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
+                "are not public."
+            ),
+            "Table 4: " + CALIBRATION,
+            "== Claims ==",
+            checks,
+            "== Tables ==",
+            *list_tables(study),
+        ),
+        more=("== Counterparts of the paper's figures ==", *drawn),
+        settings=(
+            ("seeds", f"{seed} to {last}"),
+            ("draws of Table 1", str(study.agreement[0].draws)),
+            ("draws of Table 3", str(study.recovery[0].draws)),
+            ("draws of Table 4", str(study.gains[0].draws)),
+            ("draws of the second robot", str(study.second[0].draws)),
+            ("default estimator", "varpro"),
+        ),
+    )
+
+
+def _draw(caption: str, lines: Sequence[Line], across: str = _VELOCITY) -> Drawing:
+    return build_curve_figure(caption, (across, "friction torque (N m)"), lines, height=330.0)
+
+
+def _list_samples(x: FloatArray, y: FloatArray) -> Line:
+    return Line("samples", "cloud", x, y, joined=False)
+
+
+def _compute_curve(law: FrictionLaw, values: Sequence[float], velocity: FloatArray) -> FloatArray:
+    linear, shape = law.from_physical(values)
+    return compute_friction_torque(law, {"velocity": velocity}, linear, shape)
+
+
+def _draw_improved() -> Drawing:
+    values = TABLE_3[0].values
+    velocity = np.linspace(-0.12, 0.12, _POINTS)
+    readings = (
+        ("H1: bias, straight line within dq0", "improved-stribeck", values, "predicted"),
+        ("H2: bias at rest only", "improved-stribeck-h2", values, "sixth"),
+        ("H3: bias, no zone", "improved-stribeck-h3", values[:-1], "third"),
+        ("H4: origin at dq0", "improved-stribeck-h4", values, "fourth"),
+    )
+    lines = [
+        Line(label, style, velocity, _compute_curve(get_law(name), given, velocity))
+        for label, name, given, style in readings
+    ]
+    caption = (
+        "The improved Stribeck law with the paper's parameters of joint 1. The paper does not print its "
+        "formula; H1 is the reading used here, the others can be chosen by name."
+    )
+    return _draw(caption, lines)
+
+
+def _draw_stribeck() -> Drawing:
+    law, velocity = get_law("stribeck"), np.linspace(1e-6, 0.5, _POINTS)
+    coulomb, static, stribeck, viscous = TABLE_1[-1].values
+    lines = [
+        Line(row.method, style, velocity, _compute_curve(law, row.values, velocity))
+        for row, style in zip(TABLE_1, STYLES, strict=False)
+    ]
+    lines += list_lines(
+        velocity,
+        ("Coulomb part", "minor", np.full(_POINTS, coulomb)),
+        ("Stribeck part", "virgin", (static - coulomb) * np.exp(-((velocity / stribeck) ** 2))),
+        ("viscous part", "fourth", viscous * velocity),
+    )
+    caption = (
+        "The curves of the paper's Table 1, which differ by at most 0.07 N m, and the parts of the last."
+    )
+    return _draw(caption, lines)
+
+
+_LEFT, _RIGHT, _GUTTER, _ACROSS = 190.0, 650.0, 420.0, 860.0
+"""Middles of the columns of the flow chart, a way between them, and its width."""
+_ROWS = tuple(70.0 + 76.0 * row for row in range(6))
+_HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
+"""Half a box, up and across; a way about the columns."""
+
+
+def _draw_hybrid() -> Drawing:
+    """Return our hybrid algorithm as a flow chart, with its default options."""
+    options = FrictionOptions().annealing
+    plain = (
+        ("end", f"{options.population} candidates an unknown,", "at random between the bounds"),
+        ("step", "J of every candidate;", "temperature T = worst J \N{MINUS SIGN} best J"),
+        ("step", "parents: the better one of two,", "drawn as often as there are candidates"),
+        ("step", "a child of every parent,", "by a crossover of all candidates"),
+        ("step", "of parents and children", "the best half survives"),
+    )
+    annealing = (
+        ("step", "a neighbour of every survivor,", "J changes by dJ"),
+        (
+            "question",
+            "dJ < 0, or a random number of 0 to 1",
+            "< exp(\N{MINUS SIGN}dJ / T)? (the best: dJ < 0)",
+        ),
+        ("step", "the neighbour takes", "the survivor's place"),
+        ("step", f"T becomes {options.cooling:g} T"),
+        (
+            "question",
+            "(worst J \N{MINUS SIGN} best J) / best J",
+            f"\N{LESS-THAN OR EQUAL TO} {options.tolerance:g}?",
+        ),
+        ("end", "the best candidate"),
+    )
+    boxes = [
+        Box((_LEFT, y), tuple(text), "first", kind) for y, (kind, *text) in zip(_ROWS, plain, strict=False)
+    ]
+    boxes += [
+        Box((_RIGHT, y), tuple(text), "second" if y < _ROWS[4] else "first", kind)
+        for y, (kind, *text) in zip(_ROWS, annealing, strict=True)
+    ]
+    titles = (
+        ((_LEFT, 26.0), "genetic algorithm"),
+        ((_RIGHT, 26.0), "simulated annealing, which the hybrid adds"),
+    )
+    caption = (
+        "Our hybrid of a genetic algorithm with simulated annealing, `annealing`, with its default "
+        f"options; it also ends after {options.generations} generations. Of the paper's flow chart only the "
+        "caption is public, so its algorithm may differ. The genetic algorithm alone leaves out the four "
+        "steps of annealing."
+    )
+    # The ways between the steps: down both columns, across, and back.
+    answers, low, end = {1: "yes", 4: "yes"}, _ROWS[5] - 5.0, _ACROSS - _OUTSIDE
+
+    def lead_down(x: float, row: int, label: str = "") -> Arrow:
+        return Arrow(((x, _ROWS[row] + _HALF), (x, _ROWS[row + 1] - _HALF)), label)
+
+    first, last = (_LEFT + _EDGE, _ROWS[4]), (_RIGHT - _EDGE, _ROWS[0])
+    across = (first, (_GUTTER, _ROWS[4]), (_GUTTER, _ROWS[0]), last)
+    kept = ((_RIGHT + _EDGE, _ROWS[1]), (end, _ROWS[1]), (end, _ROWS[3]), (_RIGHT + _EDGE, _ROWS[3]))
+    begin = _GUTTER + 40.0
+    back = (
+        *((_RIGHT - _EDGE, _ROWS[4]), (begin, _ROWS[4]), (begin, low)),
+        *((_OUTSIDE, low), (_OUTSIDE, _ROWS[2]), (_LEFT - _EDGE, _ROWS[2])),
+    )
+    arrows = [
+        *(lead_down(_LEFT, row) for row in range(4)),
+        *(lead_down(_RIGHT, row, answers.get(row, "")) for row in range(5)),
+        *(Arrow(across), Arrow(kept, "no"), Arrow(back, "no")),
+    ]
+    return build_flow_chart(caption, boxes, arrows, titles, _ROWS[5] + 40.0, width=_ACROSS)
+
+
+_PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
+"""The arm that is drawn, and its joint angles, rad."""
+_RADII = (0.12, 0.11, 0.1, 0.07, 0.065, 0.055)
+"""Of its joints as drawn, m."""
+
+
+def _draw_platform() -> Drawing:
+    """Return an arm of the kind that the paper identified, joint by joint along its frames."""
+    robot = read_robot(locate_resource_folder("robots") / _PLATFORM)
+    links, frames = place_arm(robot, _POSE)
+    joints = []
+    for number, (link, frame, radius) in enumerate(zip(links, frames, _RADII, strict=True), 1):
+        style = "second" if number <= len(TABLE_3) else "first"
+        # A joint stands amid what lies along its axis.
+        joints.append(ArmJoint(0.5 * (link[1] + link[2]), frame[:3, 2], str(number), style, radius))
+    caption = (
+        "A serial robot with several joints is all that is public of the paper's platform: neither its maker "
+        f"nor its dimensions. Drawn is an arm of this kind, with the kinematics of robots/{_PLATFORM} "
+        f"({robot.description.partition(' on ')[0]}); joints 1 to 3, whose friction the tables have, are "
+        "orange. No number of this page depends on it."
+    )
+    return build_arm_figure(caption, links, joints)
+
+
+def _draw_scatter(samples: FrictionSamples, what: str) -> Drawing:
+    caption = f"Joint 1, {what}: {samples.count} synthetic samples."
+    return _draw(caption, [_list_samples(samples.velocity, samples.torque)])
+
+
+def _build_band(found: FrictionEstimate, velocity: FloatArray) -> Line:
+    """Return where 95 percent of samples lie by the fit: noise, and uncertainty of the curve."""
+    law, inputs = get_law(found.law), {"velocity": velocity}
+    design = compute_law_sensitivities(law, inputs, found.linear, found.shape)
+    uncertainty = np.einsum("ni,ij,nj->n", design, np.array(found.covariance), design)
+    torque = compute_friction_torque(law, inputs, found.linear, found.shape)
+    half = 2.0 * np.sqrt(found.sigma**2 + uncertainty)
+    return Line(
+        label="band of two deviations",
+        style="area",
+        x=np.concatenate([velocity, velocity[::-1]]),
+        y=np.concatenate([torque + half, (torque - half)[::-1]]),
+    )
+
+
+def _draw_one_fit(samples: FrictionSamples, study: FrictionStudy) -> Drawing:
+    law = get_law("stribeck")
+    velocity = np.linspace(0.0, float(np.max(samples.velocity)), _POINTS)[1:]
+    curves = {run.estimator: _compute_curve(law, run.values, velocity) for run in study.contests[0].runs}
+    styles = {"varpro": "predicted", "genetic": "third", "annealing": "virgin"}
+    lines = [Line(name, style, velocity, curves[name]) for name, style in styles.items()]
+    apart = max(float(np.max(np.abs(curve - curves["varpro"]))) for curve in curves.values())
+    caption = (
+        "Samples of joint 1 with the fitted curves of three estimators. All estimators' curves differ by at "
+        f"most {apart:.2g} N m; the band holds 95 % of the samples."
+    )
+    band = _build_band(fit_friction(samples, law), velocity)
+    return _draw(caption, [band, _list_samples(samples.velocity, samples.torque), *lines])
+
+
+def _draw_convergence(contest: EstimatorComparison) -> Drawing:
+    least = min(run.objective for run in contest.runs if not run.reason)
+    names = {"genetic": ("genetic algorithm", "first"), "annealing": ("hybrid with annealing", "second")}
+    lines = [
+        Line(*names[run.estimator], np.arange(float(len(run.history))), np.array(run.history) / least - 1.0)
+        for run in contest.runs
+        if run.estimator in names
+    ]
+    caption = (
+        f"{contest.title}: objective of the best candidate, relative to the optimum of variable projection. "
+        "A generation of the hybrid costs two evaluations a candidate."
+    )
+    labels = ("generation", "J / least J - 1")
+    return build_line_figure(caption, labels, lines, logarithmic=True, whole=True)
+
+
+def _draw_two_fit(samples: FrictionSamples, *, near: bool) -> Drawing:
+    """Return fits of all laws to two trajectories: all of it, or what lies near standstill."""
+    reach = 0.06 if near else 1.0
+    velocity = np.linspace(-reach, reach, _POINTS)
+    shown = np.abs(samples.velocity) <= reach
+    lines, sums = [], []
+    for name in LAWS:
+        law = get_law(name)
+        found = fit_friction(samples, law)
+        y = compute_friction_torque(law, {"velocity": velocity}, found.linear, found.shape)
+        lines.append(Line(name, _STYLES[name], velocity, y))
+        sums.append(f"{name} {found.objective:.0f}")
+    cloud = _list_samples(samples.velocity[shown], samples.torque[shown])
+    caption = (
+        f"Joint 1, both directions. Sums of squares in (N m)^2: {', '.join(sums)}. The band is the improved "
+        "law's."
+    )
+    return _draw(caption, [_build_band(found, velocity), cloud, *lines])
+
+
+def _draw_torque(index: int, seed: int) -> Drawing:
+    scene = build_gain_scene(index)
+    samples = draw_samples(scene, np.random.default_rng(seed))
+    sums, lines = [], [_list_samples(samples.time, samples.torque)]
+    for name in LAWS:
+        found = fit_friction(samples, get_law(name))
+        torque = compute_friction_torque(get_law(name), samples.inputs, found.linear, found.shape)
+        lines.append(Line(name, _STYLES[name], samples.time, torque))
+        sums.append(found.objective)
+    caption = (
+        f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves "
+        f"{100.0 * (1.0 - sums[-1] / sums[0]):.1f} % less squared error than Coulomb + viscous and "
+        f"{100.0 * (1.0 - sums[-1] / sums[1]):.1f} % less than the original Stribeck law. The first gain is "
+        "calibrated by the noise, the second a prediction."
+    )
+    return _draw(caption, lines, "time (periods)")

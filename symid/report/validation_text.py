@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 from symid.environment import show_path
 from symid.errors import Notice
 from symid.identification import AnyValidation, ElasticValidation, FrictionValidation, RigidValidation
-from symid.report.blocks import Block, Drawing, Table, select_fields, tabulate
+from symid.report.blocks import Block, Drawing, Table
 from symid.report.elastic_page import draw_loops
 from symid.report.fit_text import (
     describe_alignment,
     describe_band,
     describe_band_metric,
-    describe_residual,
     describe_validation,
     show_all_rows,
     show_band,
@@ -23,6 +22,7 @@ from symid.report.fit_text import (
 )
 from symid.report.identification_page import describe_essential, describe_rank, draw_prediction
 from symid.robot import Robot
+from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.dynamics import OpenReading
@@ -32,29 +32,31 @@ if TYPE_CHECKING:
 
 def show_trial(found: AnyValidation) -> tuple[Block, ...]:
     """Return a headline, and tables of residuals."""
-    plain = True
+    if isinstance(found, ElasticValidation):
+        return _show_elastic_trial(found)
+    motion, within, more = found.validation.motion, "", ""
     match found:
-        case ElasticValidation():
-            return _show_elastic(found)
         case RigidValidation():
-            plain = found.band is None
             kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
-            band = found.validation.scoring if found.band is None else found.band.band
-            within = f" within {band:.3g} Hz" if band else ""
-            table = show_residual(found.residual) if found.band is None else show_band(found.band)
-            rows, band_residual = show_all_rows(found.validation), found.band
-            metric = rows if band_residual is None else describe_band_metric(band_residual)
+            limit, table = found.validation.scoring, show_residual(found.residual)
+            metric = show_all_rows(found.validation)
+            if found.band is not None:
+                limit, table, motion = found.band.band, show_band(found.band), ()
+                metric = describe_band_metric(found.band)
+            within = f" within {limit:.3g} Hz" if limit else ""
             more = "".join(f"\n{text}" for text in (found.settled.describe(), metric) if text)
-        case FrictionValidation():
-            kind, within, more, laws = ", friction and rigid part", "", "", found.laws
-            columns = "joint; law; relative/%=relative_percent:.4f; RMS=std; unit; rows=samples"
-            residual = found.validation.residual
-            table = tabulate(residual, columns, (0, 1, 4), law=lambda entry: laws[entry.joint])
+        case FrictionValidation(laws=laws):
+            kind = ", friction and rigid part"
+            rows = [
+                (e.joint, laws[e.joint], f"{e.relative_percent:.4f}", e.std, e.unit, e.samples)
+                for e in found.validation.residual
+            ]
+            table = Table(("joint", "law", "relative/%", "RMS", "unit", "rows"), rows, (0, 1, 4))
     headline = (
         f"{found.robot.name}{kind} on {found.validation.source}{within}: mean relative residual "
         f"{found.mean_relative_percent:.4f} %"
     )
-    return (f"{headline}{more}", table, *show_motion(found.validation.motion if plain else ()))
+    return (f"{headline}{more}", table, *show_motion(motion))
 
 
 def describe_trial(found: AnyValidation) -> dict[str, object]:
@@ -64,7 +66,7 @@ def describe_trial(found: AnyValidation) -> dict[str, object]:
             return {
                 **describe_validation(found.validation),
                 "mean_relative_percent": found.mean_relative_percent,
-                "residual": describe_residual(found.residual),
+                "residual": [describe_record(entry) for entry in found.residual],
                 **({} if found.band is None else {"band": describe_band(found.band)}),
                 "processing": {**asdict(found.settled.processing), "origin": dict(found.settled.origin)},
             }
@@ -81,7 +83,7 @@ def draw_trial(found: AnyValidation) -> tuple[Drawing, ...]:
     return tuple(draw_prediction(series, found.validation.rows) for series in found.validation.series)
 
 
-def _show_elastic(found: ElasticValidation) -> tuple[Block, ...]:
+def _show_elastic_trial(found: ElasticValidation) -> tuple[Block, ...]:
     trial, tracking = found.trial, found.tracking
     head = (
         f"{found.robot.name} on {trial.source}: mean relative residual {trial.mean_relative_percent:.4f} %, "
@@ -123,21 +125,28 @@ def _list_joints(robot: Robot) -> list[tuple[str, str]]:
 def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
     trial, tracking, joints = found.trial, found.tracking, _list_joints(found.robot)
     names = [name for name, _ in joints]
+    tables = [
+        {
+            "caption": caption,
+            "residual": [describe_record(entry) for entry in entries],
+            "mean_relative_percent": mean,
+        }
+        for (caption, entries), mean in zip(trial.residuals, trial.means, strict=True)
+    ]
     return {
-        **select_fields(found.estimate, "robot method"),
+        "robot": found.estimate.robot,
+        "method": found.estimate.method,
         "log": trial.source,
         "samples": len(trial.joints[0].time),
-        "residual": describe_residual(trial.residuals[0][1]),
+        "residual": tables[0]["residual"],
         "mean_relative_percent": trial.mean_relative_percent,
-        "tables": [
-            {"caption": caption, "residual": describe_residual(entries), "mean_relative_percent": mean}
-            for (caption, entries), mean in zip(trial.residuals, trial.means, strict=True)
-        ],
+        "tables": tables,
         "alignment": None if found.alignment is None else describe_alignment(found.alignment, names),
         "tracking": None
         if tracking is None
         else {
-            **select_fields(tracking.trajectory, "trajectory=source duration"),
+            "trajectory": tracking.trajectory.source,
+            "duration": tracking.trajectory.duration,
             "seed": tracking.seed,
             "runs": [
                 {
@@ -158,36 +167,24 @@ def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
 
 def describe_diagnosis(diagnosis: "Diagnosis") -> dict[str, object]:
     """Return the diagnosis as `symid report --diagnose --json` gives it."""
-    essential, bootstrap, drift = diagnosis.essential, diagnosis.bootstrap, diagnosis.drift
-    spread = zip(bootstrap.names, bootstrap.deviations, bootstrap.low, bootstrap.high, strict=True)
-    dropped, changed = "name deviations=ratio price_percent", "name values stds=deviations chance"
+    found = diagnosis.bootstrap
+    columns = (found.deviations.tolist(), found.low.tolist(), found.high.tolist())
     return {
-        **select_fields(diagnosis, "singular_values=singular rank"),
+        **describe_record(diagnosis),
         "refit": None if diagnosis.refit is None else {"largest_difference_stds": diagnosis.refit},
         "correlated": [
             {"parameters": [first, second], "correlation": value}
             for first, second, value in diagnosis.correlated
         ],
-        "essential": {
-            **select_fields(essential, "kept price_percent"),
-            "dropped": [select_fields(entry, dropped) for entry in essential.dropped],
-        },
         "bootstrap": {
-            **select_fields(bootstrap, "blocks replicates"),
+            "blocks": found.blocks,
+            "replicates": found.replicates,
             "parameters": [
-                {"name": name, "std": float(std), "low": float(low), "high": float(high)}
-                for name, std, low, high in spread
+                {"name": name, "std": std, "low": low, "high": high}
+                for name, std, low, high in zip(found.names, *columns, strict=True)
             ],
         },
-        "drift": {
-            "compared": drift.compared,
-            "changed": [select_fields(entry, changed) for entry in drift.changed],
-        },
-        "structure": [
-            select_fields(entry, "joint follows=family share_percent rms unit advice")
-            for entry in diagnosis.structure
-        ],
-        "prices": [select_fields(entry, "what of percent") for entry in diagnosis.prices],
+        "structure": [{**describe_record(entry), "advice": entry.advice} for entry in diagnosis.structure],
     }
 
 
@@ -205,9 +202,9 @@ def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
         verb = "lowers" if entry.percent < 0.0 else "raises"
         what = f"{entry.what[:1].upper()}{entry.what[1:]}"
         lines.append(f"{what} {verb} the {entry.of} by {abs(entry.percent):.3g} %.")
-    columns = "joint; residual follows=family; share/%=share_percent:.3g; rms; unit"
-    table = [tabulate(diagnosis.structure, columns, (0, 1, 4))] if diagnosis.structure else []
-    return ("\n".join(lines), *table)
+    rows = [(e.joint, e.family, f"{e.share_percent:.3g}", e.rms, e.unit) for e in diagnosis.structure]
+    header = ("joint", "residual follows", "share/%", "rms", "unit")
+    return ("\n".join(lines), *([Table(header, rows, (0, 1, 4))] if rows else []))
 
 
 _SAME_FIT = 0.05
@@ -223,7 +220,7 @@ _LIMITS = ((2.0, 0.9545), (3.0, 0.9973))
 def show_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> tuple[Block, ...]:
     """Return for each other the table, counts, chi-square, the largest differences; others stand apart."""
     first, *rest = (_show_compared(ours, found) for found in others)
-    return (*first, *(part for (head, *parts) in rest for part in (f"\n{head}", *parts)))
+    return (*first, *(part for head, *parts in rest for part in (f"\n{head}", *parts)))
 
 
 def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]:
@@ -301,76 +298,54 @@ def _summarise_agreement(found: "Compared") -> str:
     return f"{counts}\n{text}"
 
 
-def describe_comparison(
-    ours: "EstimateSide", others: Sequence["Compared"], gate: float | None, *, accepted: bool
-) -> dict[str, object]:
-    """Return the comparison as `symid compare --json` gives it."""
+def describe_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> dict[str, object]:
+    """Return the comparison as `symid compare --json` gives it, but for the gate."""
     return {
         "robot": ours.identified.robot.name,
         "estimate": show_path(ours.source),
         "others": [_describe_compared(found) for found in others],
-        "gate": gate,
-        "accepted": accepted,
     }
 
 
 def _describe_compared(found: "Compared") -> dict[str, object]:
     comparison, other = found.comparison, found.other
     total = comparison.chi_square
-    sides = "other=theirs other_std=theirs_std ours ours_std difference deviations"
     chance = None if total is None or other.shared else total.chance
-    columns = other.columns
     return {
         "source": show_path(other.source),
-        "columns": None if columns is None else select_fields(columns, "name value deviation percent"),
+        "columns": other.columns and describe_record(other.columns),
         "groups": [
-            {
-                **select_fields(value, f"group unit {sides}"),
-                "line": value.line or None,
-                "read_as": value.read_as or None,
-            }
+            {**describe_record(value), "line": value.line or None, "read_as": value.read_as or None}
             for value in found.values
         ],
         "judged": comparison.judged,
         "within": {f"{limit:g}": comparison.count_within(limit) for limit, _ in _LIMITS},
         "largest": comparison.largest,
-        "chi_square": None
-        if total is None
-        else {**select_fields(total, "value freedom"), "probability": chance},
-        **select_fields(found, "absent neither lacking not_ours"),
-        **select_fields(other, "other_model=strange shared_logs=shared"),
+        "chi_square": total and {"value": total.value, "freedom": total.freedom, "probability": chance},
+        "absent": found.absent,
+        "neither": found.neither,
+        "lacking": found.lacking,
+        "not_ours": found.not_ours,
+        "other_model": other.strange,
+        "shared_logs": other.shared,
         "readings": [
             {
                 "group": found.groups[reading.group].text,
-                "read_as": _write_reading(found, reading),
+                "read_as": _write_reading(found, reading)[1],
                 "coupling": reading.coupling or None,
-                **select_fields(tried, "before after gain log_ratio decisive"),
+                **describe_record(tried),
             }
             for reading, tried in found.readings
         ],
     }
 
 
-def _write_term(reading: "OpenReading") -> str:
-    factor = str(reading.factor)
-    return {"1": reading.name, "-1": f"-{reading.name}"}.get(factor, f"{factor}*{reading.name}")
-
-
-def _write_reading(found: "Compared", reading: "OpenReading") -> str:
-    group, term = found.groups[reading.group], _write_term(reading)
+def _write_reading(found: "Compared", reading: "OpenReading") -> tuple[str, str]:
+    """Return the term that a group may contain, and how the group is read with it."""
+    group, factor = found.groups[reading.group], str(reading.factor)
+    term = {"1": reading.name, "-1": f"-{reading.name}"}.get(factor, f"{factor}*{reading.name}")
     sign = "-" if term.startswith("-") else "+"
-    return f"{group.read_as or group.text} {sign} {term.removeprefix('-')}"
-
-
-def _write_option(found: "Compared", reading: "OpenReading") -> str:
-    return f'--read-as "{found.groups[reading.group].text} = {_write_reading(found, reading)}"'
-
-
-def _describe_tried(found: "Compared", reading: "OpenReading", tried: "TriedReading") -> str:
-    return (
-        f"{found.groups[reading.group].text} is {_format_deviations(abs(tried.before))} deviations away as "
-        f"it stands, and {_format_deviations(abs(tried.after))} if it contains {_write_term(reading)} too"
-    )
+    return term, f"{group.read_as or group.text} {sign} {term.removeprefix('-')}"
 
 
 def warn_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> tuple[Notice, ...]:
@@ -384,6 +359,17 @@ def warn_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> tuple
 
 def _warn_compared(found: "Compared") -> Iterator[Notice]:
     file = str(found.other.source)
+
+    def describe(reading: "OpenReading", tried: "TriedReading") -> str:
+        return (
+            f"{found.groups[reading.group].text} is {_format_deviations(abs(tried.before))} deviations away "
+            f"as it stands, and {_format_deviations(abs(tried.after))} if it contains "
+            f"{_write_reading(found, reading)[0]} too"
+        )
+
+    def write_option(reading: "OpenReading") -> str:
+        return f'--read-as "{found.groups[reading.group].text} = {_write_reading(found, reading)[1]}"'
+
     if found.other.shared:
         text = (
             f"both estimates were fitted to {', '.join(found.other.shared)}: their errors are not "
@@ -396,12 +382,12 @@ def _warn_compared(found: "Compared") -> Iterator[Notice]:
         if not sure:
             continue
         text = (
-            f"{'; '.join(_describe_tried(found, *entry) for entry in sure)}. The other seems to count what "
+            f"{'; '.join(describe(*entry) for entry in sure)}. The other seems to count what "
             f"drive {coupling!r} adds to a single joint to that joint (an inference); to compare so: "
-            f"{' '.join(_write_option(found, reading) for reading, _ in sure)}"
+            f"{' '.join(write_option(reading) for reading, _ in sure)}"
         )
         undecided = "; ".join(
-            f"{_write_option(found, reading)} changes chi-square by {-tried.gain:+.1f}"
+            f"{write_option(reading)} changes chi-square by {-tried.gain:+.1f}"
             for reading, tried in entries
             if not tried.decisive
         )
@@ -411,7 +397,7 @@ def _warn_compared(found: "Compared") -> Iterator[Notice]:
     for reading, tried in found.readings:
         if not reading.coupling:
             text = (
-                f"{_describe_tried(found, reading, tried)}. Only the numbers support this, it may be chance; "
-                f"to compare so: {_write_option(found, reading)}"
+                f"{describe(reading, tried)}. Only the numbers support this, it may be chance; "
+                f"to compare so: {write_option(reading)}"
             )
             yield Notice(code="compare.other-reading", text=text, file=file)

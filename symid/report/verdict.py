@@ -38,9 +38,8 @@ from symid.identification.estimators import (
     Residual,
     Validation,
 )
-from symid.identification.friction import FrictionIdentification, JointFriction
+from symid.identification.friction import FrictionIdentification
 from symid.ipopt import Ending
-from symid.report.blocks import select_fields
 
 _SAME, _WORSE = 1.2, 2.0
 _SHARP, _UNCERTAIN = 10.0, 30.0
@@ -87,21 +86,16 @@ class FitVerdict:
     Attributes:
         level: "good", "usable", "doubtful" or "wrong".
         headline: one sentence.
-        details: further sentences.
         cause: the likeliest single cause in a sentence; empty where there is nothing to explain.
         remedy: what to do about it.
+        details: further sentences.
     """
 
     level: str
     headline: str
-    details: tuple[str, ...]
     cause: str = ""
     remedy: str = ""
-
-
-def describe_verdict(verdict: FitVerdict) -> dict[str, object]:
-    """Return the verdict as `--json` gives it."""
-    return select_fields(verdict, "level headline cause remedy details")
+    details: tuple[str, ...]
 
 
 def show_verdict(verdict: FitVerdict) -> str:
@@ -215,24 +209,6 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
     return _rate(percent), headline, caps
 
 
-def _list_evidence(evidence: Evidence) -> list[str]:
-    """Return what the evidence says of single joints, in sentences."""
-    worst = max(evidence.joints, key=lambda entry: entry.held_out)
-    text = (
-        f"The least predictable joint is {worst.joint}: {worst.held_out:.3g} % of its held-out torque is "
-        f"left ({worst.fitted:.3g} % in the fit, {worst.moving:.3g} % in motion)."
-    )
-    found = [text]
-    shares = [entry for entry in evidence.joints if entry.share > 0.0]
-    if shares:
-        most = max(shares, key=lambda entry: entry.share)
-        found.append(
-            f"Up to {100.0 * most.share:.3g} % of the rows of a joint are slow and were left out of the fit; "
-            "the residuals above count them."
-        )
-    return found
-
-
 def _list_validation_caps(held_out: Sequence[Validation]) -> Caps:
     caps: Caps = []
     for validation in held_out:
@@ -267,7 +243,17 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     else:
         level, headline, caps = _judge_evidence(evidence)
         caps += more
-        details += _list_evidence(evidence)
+        least = max(evidence.joints, key=lambda entry: entry.held_out)
+        details.append(
+            f"The least predictable joint is {least.joint}: {least.held_out:.3g} % of its held-out torque is "
+            f"left ({least.fitted:.3g} % in the fit, {least.moving:.3g} % in motion)."
+        )
+        slow = max(entry.share for entry in evidence.joints)
+        if slow > 0.0:
+            details.append(
+                f"Up to {100.0 * slow:.3g} % of the rows of a joint are slow and were left out of the fit; "
+                "the residuals above count them."
+            )
         if held_out:
             tried, sentence = _judge_prediction(estimate, held_out)
             level, headline = min(level, tried, key=LEVELS.index), f"{sentence} {headline}"
@@ -299,7 +285,22 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
             f"{_name_band(worst)} is left unexplained; the fit was to {estimate.rows} rows, so the two "
             "residuals cannot be compared."
         )
-    ratio, source = max((_compute_held_out_ratio(estimate, entry), entry.source) for entry in same)
+
+    def compute_rms(residual: Residual) -> float:
+        return residual.norm / math.sqrt(max(residual.samples, 1))
+
+    # The largest ratio over joints of held-out to fitted rms; both count all rows, slow ones too. Within the
+    # scoring band it is the rms of the log over that of the stretches that were held out in the fit.
+    ratio, source = -math.inf, ""
+    for entry in same:
+        fitted = {one.joint: compute_rms(one) for one in estimate.residual}
+        if entry.scoring and estimate.evidence is not None:
+            parts = estimate.evidence.joints
+            fitted = {one.joint: 0.01 * one.held_out * one.torque for one in parts if one.torque}
+        ratios = [compute_rms(one) / fitted[one.joint] for one in entry.residual if fitted.get(one.joint)]
+        whole = estimate.mean_relative_percent
+        ratios = ratios or [entry.mean_relative_percent / whole if whole else 1.0]
+        ratio, source = max((ratio, source), (max(ratios), entry.source))
     percent = max(validation.mean_relative_percent for validation in same)
     left = f"{percent:.3g} % of the {QUANTITIES[estimate.rows]}{_name_band(same[0])} is left unexplained"
     if ratio <= _SAME:
@@ -317,28 +318,6 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
 
 def _name_band(validation: Validation) -> str:
     return f" below {validation.scoring:.3g} Hz" if validation.scoring else ""
-
-
-def _compute_held_out_ratio(estimate: Estimate, validation: Validation) -> float:
-    """Return the largest ratio over joints of held-out to fitted rms, of rows of the same kind.
-
-    Both count all rows, slow ones too. Within the scoring band it is the rms of the log over that of the
-    stretches that were held out in the fit.
-    """
-    fitted = {entry.joint: _compute_rms(entry) for entry in estimate.residual}
-    if validation.scoring and estimate.evidence is not None:
-        parts = estimate.evidence.joints
-        fitted = {entry.joint: 0.01 * entry.held_out * entry.torque for entry in parts if entry.torque}
-    ratios = [
-        _compute_rms(entry) / fitted[entry.joint] for entry in validation.residual if fitted.get(entry.joint)
-    ]
-    if not ratios and estimate.mean_relative_percent:
-        return validation.mean_relative_percent / estimate.mean_relative_percent
-    return max(ratios, default=1.0)
-
-
-def _compute_rms(residual: Residual) -> float:
-    return residual.norm / math.sqrt(max(residual.samples, 1))
 
 
 def _judge_parameters(
@@ -394,14 +373,15 @@ def _find_uncertain(parameters: Sequence[ParameterEstimate]) -> tuple[list[str],
     with the largest significant value of the same unit at the same joint: MY of a link with MX, XY with XX.
     What is small beside it is known to be small; where there is none, nothing is known.
     """
-    largest: dict[tuple[str, str], float] = {}
-    for entry in parameters:
+    # By unit and number of the joint.
+    places = [(entry.unit, re.findall(r"\d*$", entry.name)[0]) for entry in parameters]
+    largest = dict.fromkeys(places, 0.0)
+    for entry, place in zip(parameters, places, strict=True):
         if entry.significant:
-            place = _locate(entry)
-            largest[place] = max(largest.get(place, 0.0), abs(entry.value))
+            largest[place] = max(largest[place], abs(entry.value))
     uncertain, zero = [], []
-    for entry in parameters:
-        scale = abs(entry.value) if entry.significant else largest.get(_locate(entry), 0.0)
+    for entry, place in zip(parameters, places, strict=True):
+        scale = abs(entry.value) if entry.significant else largest[place]
         if not entry.std <= 0.01 * _UNCERTAIN * scale:
             uncertain.append(entry.name)
         elif not entry.significant:
@@ -409,24 +389,14 @@ def _find_uncertain(parameters: Sequence[ParameterEstimate]) -> tuple[list[str],
     return uncertain, zero
 
 
-def _locate(entry: ParameterEstimate) -> tuple[str, str]:
-    """Return the unit of a parameter and the number of its joint."""
-    number = _JOINT.search(entry.name)
-    return entry.unit, number[0] if number else ""
-
-
-_JOINT = re.compile(r"\d+$")
-
-
 def _list_missed(known: Sequence[ParameterEstimate], tolerance: float) -> list[str]:
     """Return who lies beyond 3 std of the truth, if one so far or so many are less likely than 1 %."""
-
-    def is_close(entry: ParameterEstimate) -> bool:
-        # A spring on a grid is a model, and what it lacks is no noise: hence the tolerance.
+    # A spring on a grid is a model, and what it lacks is no noise: hence the tolerance.
+    off = []
+    for entry in known:
         error = entry.error_percent
-        return error is not None and abs(error) <= tolerance
-
-    off = [(entry, entry.truth) for entry in known if entry.truth is not None and not is_close(entry)]
+        if entry.truth is not None and (error is None or not abs(error) <= tolerance):
+            off.append((entry, entry.truth))
     far = [entry.name for entry, _ in off if not entry.near_truth]
     if not far:
         return []
@@ -520,7 +490,12 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
         return _rate(dynamics), headline, "A joint has no identified spring: its torque cannot be predicted."
     # By the link's torque, which has the noise of encoders alone; the motor's is noise for weak joints.
     spring = max(_compute_share(joint.link, final) for joint, final in springs)
-    linear = max(map(_compute_linear_share, joints))
+    linear = 0.0
+    for joint in joints:
+        # What the best linear spring leaves of the joint's torque by its link.
+        scale = float(joint.torsion @ joint.torsion)
+        stiffness = float(joint.torsion @ joint.link) / scale if scale else 0.0
+        linear = max(linear, _compute_share(joint.link, stiffness * joint.torsion))
     headline = (
         f"On held-out motions the springs leave at most {spring:.3g} % of a joint's torque unexplained, the "
         f"dynamics {whole}."
@@ -528,13 +503,6 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
     verb = "more" if spring <= _BETTER * linear else "no more"
     text = f"The best linear springs leave {linear:.3g} %: springs with memory explain {verb}."
     return _rate(max(dynamics, spring)), headline, text
-
-
-def _compute_linear_share(joint: JointTrial) -> float:
-    """Return the share in percent of a joint's torque by its link that the best linear spring leaves."""
-    scale = float(joint.torsion @ joint.torsion)
-    stiffness = float(joint.torsion @ joint.link) / scale if scale else 0.0
-    return _compute_share(joint.link, stiffness * joint.torsion)
 
 
 def compute_spring_share(joint: JointTrial) -> float | None:
@@ -586,11 +554,23 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
     `validations` are what laws and rigid part predict of logs; the worst of those held out limits the level.
     """
     held_out = [entry for entry in validations if not entry.fitted]
-    laws = [_judge_law(entry) for entry in found.joints]
-    headline = f"{'; '.join(text for text, _ in laws)}."
-    ratios = [ratio for _, ratio in laws if ratio is not None]
+    texts, ratios = [], []
+    for entry in found.joints:
+        text, selection = f"{entry.joint}: {entry.estimate.law} friction", entry.selection
+        if selection is not None:
+            taken = next(trial for trial in selection.trials if trial.law == selection.chosen)
+            if taken.held_rms is not None:
+                text += f", {taken.held_rms:.3g} {entry.unit} RMS on held-out data"
+            better = 0.0 if taken.ratio is None else 100.0 * (1.0 - math.sqrt(taken.ratio))
+            if better >= 1.0:
+                text += f" ({better:.2g} % less than Coulomb + viscous + offset)"
+            known = taken.fitted_percent and taken.held_percent is not None
+            # The held-out residual over that of the fit.
+            ratios.append((taken.held_percent or 0.0) / (taken.fitted_percent or 1.0) if known else 1.0)
+        texts.append(text)
+    headline = f"{'; '.join(texts)}."
     percent = max((entry.mean_relative_percent for entry in held_out), default=0.0)
-    if len(ratios) < len(laws) or not laws:
+    if len(ratios) < len(texts) or not texts:
         level = _rate(percent) if held_out else "usable"
         headline += "" if held_out else " No held-out data have tested them."
     elif max(ratios) <= _SAME:
@@ -607,7 +587,11 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
         where = " in the logs of the fit" if held_out else ""
         caps.append((_rate(worst), f"{worst:.3g} % of a torque is left unexplained{where}"))
     caps += _list_validation_caps(held_out)
-    below = [entry.joint for entry in found.joints if _falls_to_rest(entry)]
+    below = [
+        entry.joint
+        for entry in found.joints
+        if any(one.name == "fE" and one.value < -SIGNIFICANT * one.std for one in entry.estimate.parameters)
+    ]
     if below:
         text = "friction falls towards rest, where a Stribeck law has it rise"
         caps.append(("usable", f"the static excess of {', '.join(below)} is negative: {text}"))
@@ -619,28 +603,3 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
     details += [f"{name}: {reason}." for name, reason in found.refused]
     details += [_FITTED] if len(held_out) < len(validations) else []
     return _limit(level, headline, details, caps)
-
-
-def _falls_to_rest(entry: JointFriction) -> bool:
-    """Return whether a law has less friction at rest than Coulomb's, beyond its deviation."""
-    parameters = entry.estimate.parameters
-    return any(one.name == "fE" and one.value < -SIGNIFICANT * one.std for one in parameters)
-
-
-def _judge_law(entry: JointFriction) -> tuple[str, float | None]:
-    """Return the law of a joint with its held-out residual, and that over the residual of the fit.
-
-    The ratio is None where laws were not compared on held-out blocks.
-    """
-    text = f"{entry.joint}: {entry.estimate.law} friction"
-    if entry.selection is None:
-        return text, None
-    taken = next(trial for trial in entry.selection.trials if trial.law == entry.selection.chosen)
-    if taken.held_rms is not None:
-        text += f", {taken.held_rms:.3g} {entry.unit} RMS on held-out data"
-    better = 0.0 if taken.ratio is None else 100.0 * (1.0 - math.sqrt(taken.ratio))
-    if better >= 1.0:
-        text += f" ({better:.2g} % less than Coulomb + viscous + offset)"
-    if not taken.fitted_percent or taken.held_percent is None:
-        return text, 1.0
-    return text, taken.held_percent / taken.fitted_percent

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from symid.study.elastic_methods import (
         DatasetStudy as DatasetStudy,
         ElasticStudy as ElasticStudy,
-        MethodErrors as MethodErrors,
         SensorCondition as SensorCondition,
         compute_hysteresis_errors as compute_hysteresis_errors,
         compute_parameter_error as compute_parameter_error,

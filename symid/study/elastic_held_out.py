@@ -14,7 +14,8 @@ Not supported: noise in the loop; robots whose file lacks values; tracking of ot
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from operator import attrgetter
 
 import numpy as np
 
@@ -33,6 +34,7 @@ from symid.identification.elastic import (
 )
 from symid.identification.regression import warn_of_energy
 from symid.robot import Robot
+from symid.serialization import HIDDEN, write_as
 from symid.simulation import build_noisy_options, simulate_elastic
 from symid.study.elastic_methods import (
     AUTOMATIC,
@@ -161,12 +163,12 @@ class ManyJointsResult:
 
     robot: str
     joints: tuple[str, ...]
-    condition: SensorCondition
+    condition: SensorCondition = field(metadata=write_as(attrgetter("value")))
     parameters: int
     methods: tuple[HeldOut, ...]
     condition_elimination: float
     condition_energy: float
-    notices: tuple[Notice, ...]
+    notices: tuple[Notice, ...] = field(metadata=HIDDEN)
 
 
 def study_many_joints(

@@ -15,9 +15,10 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
+from operator import attrgetter
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from symid.logs import Recording
 from symid.robot import (
     Robot,
 )
+from symid.serialization import name_key, write_as
 from symid.simulation import (
     ElasticExperimentOptions,
     ElasticRun,
@@ -265,13 +267,13 @@ class MethodErrors:
     """
 
     method: str
-    parameter: Spread
-    hysteresis: Spread
-    excited: Spread
+    parameter: Spread = field(metadata=name_key("parameter_error_percent"))
+    hysteresis: Spread = field(metadata=name_key("hysteresis_error_percent"))
+    excited: Spread = field(metadata=name_key("excited_error_percent"))
     seconds: float
     iterations: int
-    outcomes: tuple[tuple[str, int], ...]
-    choices: tuple[tuple[str, int], ...] = ()
+    outcomes: tuple[tuple[str, int], ...] = field(metadata=write_as(dict))
+    choices: tuple[tuple[str, int], ...] = field(default=(), metadata=write_as(dict))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,11 +286,11 @@ class DatasetStudy:
     """
 
     dataset: str
-    condition: SensorCondition
+    condition: SensorCondition = field(metadata=write_as(attrgetter("value")))
     seeds: int
-    bound: float
-    spring_bound: float
-    cells: tuple[MethodErrors, ...]
+    bound: float = field(metadata=name_key("bound_percent"))
+    spring_bound: float = field(metadata=name_key("spring_bound_percent"))
+    cells: tuple[MethodErrors, ...] = field(metadata=name_key("methods"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,7 +17,7 @@ Not supported: robots other than the two arms of this file; a score of friction,
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol
 
@@ -31,6 +31,7 @@ from symid.identification.elastic import METHODS, ElasticEstimate
 from symid.joint_models import run_element
 from symid.logs import Recording
 from symid.robot import Robot, parse_robot
+from symid.serialization import HIDDEN, name_key, write_as
 from symid.study.foreign_plant import (
     ENCODER_STEP,
     PERIOD,
@@ -399,12 +400,12 @@ class ForeignCell:
     """
 
     method: str
-    worst: Spread
-    spring: Spread
+    worst: Spread = field(metadata=name_key("parameter_error_percent"))
+    spring: Spread = field(metadata=name_key("spring_error_percent"))
     z_rms: float
     z_most: float
-    verdicts: tuple[tuple[str, int], ...]
-    choices: tuple[tuple[str, int], ...]
+    verdicts: tuple[tuple[str, int], ...] = field(metadata=write_as(dict))
+    choices: tuple[tuple[str, int], ...] = field(metadata=write_as(dict))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -422,8 +423,8 @@ class ForeignTruth:
 
     truth: str
     size: float
-    seeds: int
-    cells: tuple[ForeignCell, ...]
+    seeds: int = field(metadata=HIDDEN)
+    cells: tuple[ForeignCell, ...] = field(metadata=name_key("methods"))
     best: str
     ratio: Spread
     near: int

@@ -9,7 +9,7 @@ Of elastic joints only the quantities are checked. Not supported: bias by a term
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,7 @@ from symid.logs import (
     write_raw_log,
 )
 from symid.robot import Robot
+from symid.serialization import name_key
 
 IDENTIFIABLE, POORLY, NOT_IDENTIFIABLE = "identifiable", "poorly identifiable", "not identifiable"
 _WELL, _POOR = 10.0, 100.0
@@ -61,7 +62,7 @@ class LogExcitation:
     """Verdicts on all parameters; singular values (falling, largest 1), rank, condition up to the rank."""
 
     parameters: tuple[ParameterVerdict, ...]
-    singular: tuple[float, ...]
+    singular: tuple[float, ...] = field(metadata=name_key("singular_values"))
     rank: int
     condition: float
 

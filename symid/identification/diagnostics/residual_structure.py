@@ -16,7 +16,7 @@ momentum rows: whatever the fit, those of torque rows are used.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +37,7 @@ from symid.identification.regression import (
 )
 from symid.logs import Recording, Signals, decimate, decimate_blocks, prepare_signals
 from symid.robot import Decimation, Processing
+from symid.serialization import name_key
 
 
 class JointMotion(NamedTuple):
@@ -249,7 +250,7 @@ class ResidualFinding:
     """
 
     joint: str
-    family: str
+    family: str = field(metadata=name_key("follows"))
     share_percent: float
     rms: float
     unit: str

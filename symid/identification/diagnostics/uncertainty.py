@@ -16,7 +16,7 @@ than a block; constraints; changes within a log.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import NamedTuple
 
@@ -34,6 +34,7 @@ from symid.identification.regression import (
     count_freedom,
     select_rows,
 )
+from symid.serialization import HIDDEN, name_key
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +171,7 @@ class Dropped:
     """A parameter left out: its ratio to its deviation then, and the residual's growth so far."""
 
     name: str
-    ratio: float
+    ratio: float = field(metadata=name_key("deviations"))
     price_percent: float
 
 
@@ -184,7 +185,7 @@ class Essential(FrozenArrays):
 
     kept: tuple[str, ...]
     dropped: tuple[Dropped, ...]
-    values: FloatArray
+    values: FloatArray = field(metadata=HIDDEN)
     price_percent: float
 
 
@@ -291,7 +292,7 @@ class ParameterDrift:
 
     name: str
     values: tuple[float, ...]
-    deviations: tuple[float, ...]
+    deviations: tuple[float, ...] = field(metadata=name_key("stds"))
     chance: float
 
 
@@ -303,10 +304,10 @@ class Drift:
     least two logs identify alone; `residual` is (log, joint, mean residual, its deviation) of the whole fit.
     """
 
-    runs: tuple[int, ...]
+    runs: tuple[int, ...] = field(metadata=HIDDEN)
     changed: tuple[ParameterDrift, ...]
     compared: int
-    residual: tuple[tuple[int, str, float, float], ...]
+    residual: tuple[tuple[int, str, float, float], ...] = field(metadata=HIDDEN)
 
 
 class SingleLogFit(NamedTuple):

@@ -15,7 +15,7 @@ regressors, which is of second order: positions are those of the motors.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
 
@@ -45,6 +45,7 @@ from symid.logs import (
     shift_link_channel,
     split_blocks,
 )
+from symid.serialization import name_key
 
 _CUTOFF = 10.0
 _LEAST_RATIO = 10.0
@@ -442,18 +443,18 @@ class JointStiffness(FrozenArrays):
         explained, left: root mean square of the torsion that gravity explains and of what is left, rad or m.
     """
 
-    joint: str
+    joint: str = field(metadata=name_key("name"))
     unit: str
     verdict: StiffnessVerdict
     reason: str
     stiffness: float | None = None
     interval: tuple[float, float] | None = None
     compliance: float = float("nan")
-    std: float = float("nan")
-    runs: FloatArray
-    run_stds: FloatArray
-    explained: float
-    left: float
+    std: float = field(default=float("nan"), metadata=name_key("compliance_std"))
+    runs: FloatArray = field(metadata=name_key("run_compliances"))
+    run_stds: FloatArray = field(metadata=name_key("run_compliance_stds"))
+    explained: float = field(metadata=name_key("torsion_explained"))
+    left: float = field(metadata=name_key("torsion_left"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,7 +6,7 @@ log -> `Validation`. Fits are stored by `identification/stored.py`.
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import ClassVar, final
 
@@ -19,7 +19,7 @@ from symid.identification.estimators.evidence import Evidence, LawSelection, Mot
 from symid.identification.regression import ROW_KINDS
 from symid.joint_models import rename_law
 from symid.robot import Processing
-from symid.serialization import Finite
+from symid.serialization import HIDDEN, Finite, name_key
 
 OPEN_SETTINGS = ("filter_cutoff", "decimation.factor")
 """Entries of the processing that may be left open."""
@@ -153,7 +153,7 @@ class FitRecord:
     sources: tuple[str, ...]
     settings: Mapping[str, object]
     refused: tuple[tuple[str, str], ...] = ()
-    notices: tuple[Notice, ...] = ()
+    notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
 
     @abstractmethod
     def list_mistakes(self) -> list[str]:
@@ -217,8 +217,8 @@ class DynamicsRecord(FitRecord):
     parameters: tuple[ParameterEstimate, ...]
     residual: tuple[Residual, ...]
     condition: float
-    covariance: tuple[tuple[float, ...], ...] = ()
-    drawn: bool = False
+    covariance: tuple[tuple[float, ...], ...] = field(default=(), metadata=HIDDEN)
+    drawn: bool = field(default=False, metadata=HIDDEN)
 
     @property
     def mean_relative_percent(self) -> float:
@@ -266,7 +266,7 @@ class FittedLaw:
     joint: str
     law: str
     shape: tuple[float, ...] = ()
-    names: tuple[str, ...] = ()
+    names: tuple[str, ...] = field(default=(), metadata=HIDDEN)
     smoothing: float = 0.0
     selection: LawSelection | None = None
 
@@ -293,11 +293,11 @@ class Estimate(DynamicsRecord):
     estimator: str
     outcome: Outcome
     samples: int
-    unresolved: tuple[tuple[str, Finite], ...] = ()
+    unresolved: tuple[tuple[str, Finite], ...] = field(default=(), metadata=HIDDEN)
     choice: SettingsChoice | None = None
     evidence: Evidence | None = None
     laws: tuple[FittedLaw, ...] = ()
-    motion: tuple[tuple[float, ...], ...] = ()
+    motion: tuple[tuple[float, ...], ...] = field(default=(), metadata=HIDDEN)
 
     def assemble(self, names: Sequence[str]) -> FloatArray:
         """Return the parameters in the order of `names`, zero where nothing is known: (p,)."""
@@ -375,15 +375,15 @@ class Validation:
     """
 
     robot: str
-    signature: str
-    source: str
+    signature: str = field(metadata=HIDDEN)
+    source: str = field(metadata=name_key("log"))
     rows: str
     residual: tuple[Residual, ...]
-    series: tuple[Series, ...]
+    series: tuple[Series, ...] = field(metadata=HIDDEN)
     samples: int
-    fitted: bool = False
-    notices: tuple[Notice, ...] = ()
-    processing: ResolvedProcessing | None = None
+    fitted: bool = field(default=False, metadata=HIDDEN)
+    notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
+    processing: ResolvedProcessing | None = field(default=None, metadata=HIDDEN)
     scoring: float = 0.0
     all_rows: tuple[Residual, ...] = ()
     motion: tuple[MotionResidual, ...] = ()

@@ -7,12 +7,13 @@ Records of results, made by `identification` and judged by `report.verdict`; and
     in motion     else
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
+from symid.serialization import name_key
 
 PHASES = ("motion", "reversal", "rest")
 _SLOW, _STANDING, _TOP = 0.05, 0.002, 0.99
@@ -222,8 +223,8 @@ class LawTrial:
     fitted_percent: float | None = None
     held_percent: float | None = None
     held_rms: float | None = None
-    ratio: float | None = None
-    behind: float | None = None
+    ratio: float | None = field(default=None, metadata=name_key("squared_error_ratio"))
+    behind: float | None = field(default=None, metadata=name_key("standard_errors_behind"))
     aicc: float | None = None
     reason: str = ""
 

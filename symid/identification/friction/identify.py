@@ -69,7 +69,7 @@ from symid.identification.regression import (
 from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, get_law, has_sign, rename_law
 from symid.logs import Recording, cut_ends, describe_overlap, measure_overlap
 from symid.robot import Processing, Robot, override_robot
-from symid.serialization import write_json
+from symid.serialization import HIDDEN, name_key, write_json
 
 AUTO = "auto"
 """The name under which a law is chosen on held-out data."""
@@ -94,16 +94,16 @@ class JointFriction:
         sources: the logs in which the joint moves.
     """
 
-    estimate: FrictionEstimate
+    estimate: FrictionEstimate = field(metadata=HIDDEN)
     formula: str
     smoothing: float
-    unit: str
-    velocity_unit: str
+    unit: str = field(metadata=HIDDEN)
+    velocity_unit: str = field(metadata=HIDDEN)
     rigid: str
     residual: Residual
     selection: LawSelection | None
     poses: PoseTest | None
-    velocity_map: VelocityMap
+    velocity_map: VelocityMap = field(metadata=name_key("map"))
     sources: tuple[str, ...]
     motion: MotionResidual | None = None
 

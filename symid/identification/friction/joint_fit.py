@@ -23,7 +23,7 @@ correlated noise behind R (see `poses`); time spent (equal fits are equal files)
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -38,6 +38,7 @@ from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_column_derivatives, compute_columns
 from symid.logs import decimate
 from symid.robot import Decimation
+from symid.serialization import HIDDEN, name_key
 
 Values = Sequence[float] | FloatArray
 Reduction = Callable[[FloatArray], FloatArray]
@@ -252,10 +253,10 @@ class VelocityMap(FrozenArrays):
     velocity: FloatArray
     torque: FloatArray
     spread: FloatArray
-    count: FloatArray
-    cloud_velocity: FloatArray
-    cloud_torque: FloatArray
-    slowest: float = 0.0
+    count: FloatArray = field(metadata=name_key("rows"))
+    cloud_velocity: FloatArray = field(metadata=HIDDEN)
+    cloud_torque: FloatArray = field(metadata=HIDDEN)
+    slowest: float = field(default=0.0, metadata=HIDDEN)
 
 
 def compute_velocity_map(
@@ -305,15 +306,15 @@ class LawFit:
     joint: str
     law: str
     parameters: tuple[ParameterEstimate, ...]
-    extra: tuple[ParameterEstimate, ...]
+    extra: tuple[ParameterEstimate, ...] = field(metadata=HIDDEN)
     refused: tuple[tuple[str, str], ...]
-    other: tuple[float, ...]
+    other: tuple[float, ...] = field(metadata=HIDDEN)
     objective: float
     sigma: float
-    samples: int
+    samples: int = field(metadata=HIDDEN)
     evaluations: int
     outcome: Ending
-    notices: tuple[Notice, ...] = ()
+    notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
 
     def get_value(self, name: str) -> float | None:
         """Return the value of a parameter; None where it has none."""
@@ -339,17 +340,17 @@ class FrictionEstimate(LawFit):
     """
 
     estimator: str
-    linear: tuple[float, ...]
-    shape: tuple[float, ...]
-    covariance: tuple[tuple[float, ...], ...]
+    linear: tuple[float, ...] = field(metadata=HIDDEN)
+    shape: tuple[float, ...] = field(metadata=HIDDEN)
+    covariance: tuple[tuple[float, ...], ...] = field(metadata=HIDDEN)
     solves: int
     iterations: int
     ended: str
     aicc: float
     bic: float
     condition: float
-    history: tuple[float, ...] = ()
-    settings: tuple[tuple[str, float | int | str], ...] = ()
+    history: tuple[float, ...] = field(default=(), metadata=HIDDEN)
+    settings: tuple[tuple[str, float | int | str], ...] = field(default=(), metadata=HIDDEN)
 
 
 class FrictionSearch(NamedTuple):

@@ -16,7 +16,7 @@ temperature.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from symid.identification.friction.joint_fit import (
 )
 from symid.identification.friction.selection import predict_rows
 from symid.joint_models import FrictionLaw, compute_friction_torque
+from symid.serialization import name_key
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -181,9 +182,9 @@ class PoseParameter:
     name: str
     unit: str
     values: tuple[float, ...]
-    stds: tuple[float, ...]
+    stds: tuple[float, ...] = field(metadata=name_key("std"))
     chance: float
-    freedom: tuple[float, ...] = ()
+    freedom: tuple[float, ...] = field(default=(), metadata=name_key("degrees_of_freedom"))
 
     @property
     def intervals(self) -> tuple[tuple[float, float], ...]:

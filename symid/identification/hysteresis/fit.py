@@ -16,7 +16,7 @@ Not supported: relays and nonlinear stops of several recordings; outputs noisier
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,7 @@ from symid.joint_models import (
     run_element,
 )
 from symid.notation import HYSTERESIS_MODELS
+from symid.serialization import HIDDEN
 
 _STARTS: tuple[Start, ...] = ("zero", "fresh", "below", "above")
 _LEAST_SAMPLES = 50
@@ -146,7 +147,7 @@ class HysteresisRecord(FrozenArrays):
 
     model: str
     form: str
-    elasticity: Elasticity
+    elasticity: Elasticity = field(metadata=HIDDEN)
     start: Start
     parameters: tuple[ElementParameter, ...]
     candidates: tuple[HysteresisCandidate, ...]
@@ -159,7 +160,7 @@ class HysteresisRecord(FrozenArrays):
     speed: float
     output: float
     timed: bool
-    trace: ElementTrace
+    trace: ElementTrace = field(metadata=HIDDEN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

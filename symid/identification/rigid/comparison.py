@@ -13,12 +13,13 @@ Not supported: errors that both sets share.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
+from symid.serialization import HIDDEN
 
 FAR = 3.0
 """Deviations beyond which a single difference is significant."""
@@ -131,9 +132,9 @@ class TriedReading:
     after: float
     gain: float
     log_ratio: float
-    trial: int = 0
+    trial: int = field(default=0, metadata=HIDDEN)
     decisive: bool = False
-    rivals: int = 0
+    rivals: int = field(default=0, metadata=HIDDEN)
 
 
 def build_stated_values(

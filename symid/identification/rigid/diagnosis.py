@@ -13,7 +13,7 @@ Not supported: energy and power rows, which mix the joints.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,7 @@ from symid.identification.rigid.validation import (
 )
 from symid.logs import Recording
 from symid.robot import Decimation, Processing
+from symid.serialization import HIDDEN, name_key
 
 _FOLDS = 5
 _RANK = 1e-10
@@ -161,18 +162,18 @@ class Diagnosis:
         notices: what a reader should know.
     """
 
-    singular: tuple[float, ...]
+    singular: tuple[float, ...] = field(metadata=name_key("singular_values"))
     rank: int
     correlated: tuple[tuple[str, str, float], ...]
-    ellipse: Ellipse | None
+    ellipse: Ellipse | None = field(metadata=HIDDEN)
     essential: Essential
     bootstrap: Bootstrap
     drift: Drift
     structure: tuple[ResidualFinding, ...]
-    profiles: tuple[JointProfiles, ...]
+    profiles: tuple[JointProfiles, ...] = field(metadata=HIDDEN)
     prices: tuple[Price, ...]
     refit: float | None = None
-    notices: tuple[Notice, ...] = ()
+    notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
 
 
 def diagnose_estimate(

@@ -173,7 +173,7 @@ def test_matplotlib_draws_them(fit, logs):
 
 
 def test_what_to_install_is_said(fit, monkeypatch):
-    monkeypatch.setattr("symid.report.axes.find_spec", lambda _: None)
+    monkeypatch.setattr("symid.report.drawings.find_spec", lambda _: None)
     with pytest.raises(symid.UsageError, match=r"pip install 'symid\[plot\]'"):
         fit.plot(ax=1)
 

@@ -14,12 +14,12 @@ from symid.report.blocks import Table
 from symid.report.verdict import (
     LEVELS,
     FitVerdict,
-    describe_verdict,
     judge_identification,
     judge_trial,
     list_verdict_notices,
     show_verdict,
 )
+from symid.serialization import describe_record
 from tests.estimates import build_estimate
 
 VERDICT = FitVerdict(
@@ -76,7 +76,7 @@ def make_trial(robot, percent, *, std=0.1, fitted=False, rows="torque", band=Non
 def test_a_verdict_is_printed_on_lines_of_its_own():
     assert show_verdict(VERDICT) == "verdict: wrong - It is off.\ncause: A sign.\nremedy: Turn it."
     assert show_verdict(replace(VERDICT, cause="", remedy="")) == "verdict: wrong - It is off."
-    assert list(describe_verdict(VERDICT)) == ["level", "headline", "cause", "remedy", "details"]
+    assert list(describe_record(VERDICT)) == ["level", "headline", "cause", "remedy", "details"]
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_a_fit_carries_its_verdict_everywhere(robot, estimate, tmp_path):
 
 
 def _store(estimate, path):
-    verdict = describe_verdict(judge_identification(estimate, ()))
+    verdict = describe_record(judge_identification(estimate, ()))
     from symid.identification import write_fit
 
     return write_fit(estimate, path, verdict=verdict)

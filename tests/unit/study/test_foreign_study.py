@@ -12,8 +12,9 @@ from symid.cli.call import answer_call
 from symid.codegen.cache import prepare_library
 from symid.errors import UsageError
 from symid.report import judge_fit
-from symid.report.study_text import describe_foreign, show_foreign
+from symid.report.study_text import show_foreign
 from symid.report.verdict import LEVELS
+from symid.serialization import describe_record
 from symid.study import foreign_truths
 from symid.study.foreign_truths import ARMS, ForeignRun, list_true_values, study_foreign, write_arm
 
@@ -54,7 +55,7 @@ def test_a_study_is_printed_and_written(study, monkeypatch, capsys):
     arguments = ["study", "foreign", "--truths", "lugre", "--sizes", "1,2", "--seeds", "1", "--json", "-q"]
     assert answer_call(arguments) == 0
     result = json.loads(capsys.readouterr().out)["result"]
-    assert result == json.loads(json.dumps(describe_foreign(study, range(1, 2))))
+    assert result == json.loads(json.dumps({**describe_record(study), "seeds": [1]}))
     assert result["truths"][0]["methods"][0]["method"] == "automatic"
 
 
