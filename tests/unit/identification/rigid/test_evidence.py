@@ -9,8 +9,7 @@ from scipy.signal import butter, sosfiltfilt
 from symid.identification.diagnostics.stretches import fit_stretches
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.preparation import prepare_all_rows, prepare_rows
-from symid.identification.rigid.evidence import JudgedRows, list_joint_evidence
-from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.fit import JudgedRows, identify_parameters, list_joint_evidence
 from symid.identification.rigid.validation import validate_estimate
 from symid.logs.sampling import resample_if_uneven
 from symid.robot.description import Decimation, Processing
