@@ -15,12 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from symid.codegen import build_library_prefix, build_model_card, clean_text, prepare_library
-from symid.dynamics import (
-    BaseParameters,
-    StandardSet,
-    build_grouping,
-    derive_base_parameters,
-)
+from symid.dynamics import BaseParameters, StandardSet, build_grouping, derive_base_parameters
 from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.identification.elastic import build_rigid_variant

@@ -24,12 +24,7 @@ import numpy as np
 from symid.codegen import Library, ParameterCard, compute_model_signature
 from symid.errors import Notice, UsageError
 from symid.identification.estimators import Estimate, FittedLaw
-from symid.identification.regression import (
-    fill_load,
-    fill_loads,
-    list_coupled_rotors,
-    list_measured_joints,
-)
+from symid.identification.regression import fill_load, fill_loads, list_coupled_rotors, list_measured_joints
 from symid.identification.rigid import (
     CANDIDATES,
     PLAIN,

@@ -16,7 +16,7 @@ endeffector-config.json (RIDE CLI documentation 1.1.1, "End effector commissioni
 Not supported: the limits of a single robot, such as its rated payload; a centre that is not identified.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -38,14 +38,7 @@ from symid.identification.estimators import Estimate
 from symid.identification.friction_search import identify_loaded
 from symid.identification.identified import Identified, build_identified
 from symid.identification.rigid import identify_parameters
-from symid.identification.stored import (
-    GivenResult,
-    is_fit,
-    name_format,
-    read_dynamics,
-    read_format,
-    read_one,
-)
+from symid.identification.stored import GivenResult, is_fit, name_format, read_dynamics, read_format, read_one
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
 from symid.robot import Placement, Robot, describe_settings, suggest_names
 from symid.serialization import write_json
@@ -305,13 +298,30 @@ def build_payload_command(
                 f"payload has {max(inertia, key=abs):.4g}"
             )
             raise EstimateError(Notice(code="payload.controller-limit", text=text))
+    kilograms, place = _write_number(float(mass)), ", ".join(map(_write_number, centre.tolist()))
+    xx, xy, xz, yy, yz, zz = map(_write_number, inertia or (0.0,) * 6)
+    if controller == "ur":
+        tail = "" if inertia is None else f", [{xx}, {yy}, {zz}, {xy}, {xz}, {yz}]"
+        texts = {
+            "URScript": f"set_target_payload({kilograms}, [{place}]{tail})",
+            "URScript, older": f"set_payload({kilograms}, [{place}])",
+        }
+    else:
+        columns = f"{xx}, {xy}, {xz}, {xy}, {yy}, {yz}, {xz}, {yz}, {zz}"
+        message = f"mass: {kilograms}, center_of_mass: [{place}], load_inertia: [{columns}]"
+        entries = f'"mass": {kilograms}, "centerOfMass": [{place}], "inertia": [{columns}]'
+        texts = {
+            "libfranka": f"robot.setLoad({kilograms}, {{{{{place}}}}}, {{{{{columns}}}}});",
+            "franka_msgs/SetLoad": f"{{{message}}}",
+            "endeffector-config.json": f"{{{entries}}}",
+        }
     return PayloadCommand(
         controller=controller,
         frame=words,
         mass=float(mass),
         com=tuple(float(entry) for entry in centre),
         inertia=inertia,
-        texts=dict(_write_commands(controller, float(mass), centre.tolist(), inertia)),
+        texts=texts,
         notices=tuple(notices),
     )
 
@@ -372,27 +382,6 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
 def _to_arrays(place: Placement, symbols: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
     rotation = np.array([[entry.to_float() for entry in row] for row in place.rotation])
     return rotation, np.array([entry.to_float(symbols) for entry in place.translation])
-
-
-def _write_commands(
-    controller: str, mass: float, com: Sequence[float], inertia: Sequence[float] | None
-) -> Iterator[tuple[str, str]]:
-    """Yield where to enter the payload, and what."""
-    m, centre = _write_number(mass), ", ".join(map(_write_number, com))
-    if controller == "ur":
-        xx, xy, xz, yy, yz, zz = map(_write_number, inertia or (0.0,) * 6)
-        tail = "" if inertia is None else f", [{xx}, {yy}, {zz}, {xy}, {xz}, {yz}]"
-        yield "URScript", f"set_target_payload({m}, [{centre}]{tail})"
-        yield "URScript, older", f"set_payload({m}, [{centre}])"
-        return
-    xx, xy, xz, yy, yz, zz = map(_write_number, inertia or (0.0,) * 6)
-    columns = f"{xx}, {xy}, {xz}, {xy}, {yy}, {yz}, {xz}, {yz}, {zz}"
-    yield "libfranka", f"robot.setLoad({m}, {{{{{centre}}}}}, {{{{{columns}}}}});"
-    yield "franka_msgs/SetLoad", f"{{mass: {m}, center_of_mass: [{centre}], load_inertia: [{columns}]}}"
-    yield (
-        "endeffector-config.json",
-        f'{{"mass": {m}, "centerOfMass": [{centre}], "inertia": [{columns}]}}',
-    )
 
 
 def _write_number(value: float) -> str:

@@ -237,7 +237,10 @@ def validate_fit(
             own = robot.processing
             processing = {**processing, "drop_first": own.drop_first, "drop_last": own.drop_last}
             fit = replace(fit, settings={**fit.settings, "processing": processing})
-            text = "friction was fitted to mean periods; this log is not averaged, so its residual contains noise"
+            text = (
+                "friction was fitted to mean periods; this log is not averaged, so its residual contains "
+                "noise"
+            )
             source = str(log.source if isinstance(log, Recording) else log)
             notices = (Notice(code="validate.not-folded", text=text, file=source),)
     described = restore_robot(robot, fit, pairs)

@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     )
     from symid.identification.diagnostics.fit_warnings import (
         build_warning as build_warning,
-        compute_block_deviations as compute_block_deviations,
         evaluate_inertia_columns as evaluate_inertia_columns,
         sum_block_scores as sum_block_scores,
         warn_of_correlated_residuals as warn_of_correlated_residuals,

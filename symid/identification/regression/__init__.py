@@ -69,7 +69,6 @@ if TYPE_CHECKING:
         measure_moving_ends as measure_moving_ends,
         outline_motion as outline_motion,
         predict_outlines as predict_outlines,
-        prepare_all_rows as prepare_all_rows,
         prepare_rows as prepare_rows,
         prepare_states as prepare_states,
         subtract_loads as subtract_loads,

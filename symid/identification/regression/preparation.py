@@ -372,34 +372,22 @@ def prepare_rows(
     *,
     window: float,
     overlap: float = 0.0,
+    every: bool = False,
 ) -> Rows:
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
-    What the processing leaves open is chosen from this recording; other arguments as for `build_rows`.
-    Errors as for `prepare_all_rows`.
-    """
-    processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
-    return RowBuilder(kind, library, processing, window, overlap).prepare(recording)
-
-
-def prepare_all_rows(
-    kind: str,
-    library: Library,
-    recording: Recording,
-    processing: Processing,
-    *,
-    window: float,
-    overlap: float = 0.0,
-) -> Rows:
-    """Return the same with the rows of slow joints and of joints at rest; `processing` leaves nothing open.
+    What the processing leaves open is chosen from this recording; other arguments as for `build_rows`. With
+    `every` the rows of slow joints and of joints at rest stay.
 
     Raises:
         LogError: the recording has another number of joints than the robot.
         IdentifiabilityError: no joint moves.
         UsageError: there is no such kind of rows, or the windows do not fit.
     """
+    processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
     signals = prepare_states(library, recording, processing)
-    return build_rows(kind, library, signals, processing, window=window, overlap=overlap)
+    rows = build_rows(kind, library, signals, processing, window=window, overlap=overlap)
+    return rows if every else leave_out_rows(rows, library, recording, processing)
 
 
 def prepare_states(library: Library, recording: Recording, processing: Processing) -> Signals:

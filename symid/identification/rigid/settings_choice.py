@@ -46,11 +46,7 @@ from symid.identification.diagnostics import (
     solve_sums,
 )
 from symid.identification.estimators import Candidate, SettingsChoice
-from symid.identification.regression import (
-    evaluate_columns,
-    list_resting_joints,
-    prepare_states,
-)
+from symid.identification.regression import evaluate_columns, list_resting_joints, prepare_states
 from symid.logs import STATES, Recording, cut_recording, has_states
 from symid.robot import Processing
 

@@ -83,7 +83,7 @@ from symid.identification.regression import (
     count_freedom,
     count_pieces,
     leave_out_rows,
-    prepare_all_rows,
+    prepare_rows,
     select_rows,
 )
 from symid.identification.rigid.fit import LARGEST, compute_long_covariance, fit_in_memory, is_long
@@ -380,7 +380,7 @@ def validate_estimate(
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
-    whole = prepare_all_rows(rows, library, recording, counted, window=window, overlap=overlap)
+    whole = prepare_rows(rows, library, recording, counted, window=window, overlap=overlap, every=True)
     built = leave_out_rows(whole, library, recording, counted)
     shared = measure_overlap(recording, estimate.sources, estimate.settings, cut=cut, fitted_cut=fitted_cut)
     predicted = built.matrix @ estimate.assemble(built.names)
