@@ -410,7 +410,24 @@ def _iterate(
             )
             raise SolverError(Notice(code="solver.controlled-robot", text=text))
         rising = sum(after > _FALLING * before for before, after in pairwise(changes))
-        values, runs = _advance(problem, values, (1.0 / (1.0 + rising) if instrumental else 1.0) * step)
+        whole = (1.0 / (1.0 + rising) if instrumental else 1.0) * step
+        # Half of the step, and again, where it leads to no robot.
+        for halving in range(_HALVINGS + 1):
+            tried = values + 0.5**halving * whole
+            try:
+                runs = _simulate(problem, tried)
+            except SymidError as error:
+                refused = error
+                continue
+            values = tried
+            break
+        else:
+            text = (
+                f"the parameters that explain the torque cannot be simulated: {refused.notices[0].text}. "
+                "Check gains, torque limits and reference, record more excitation, or add the missing term "
+                "to the model"
+            )
+            raise SolverError(Notice(code="solver.controlled-robot", text=text)) from refused
     gaps: list[FloatArray] = []
     lags: list[FloatArray] = []
     decimation = problem.processing.decimation
@@ -432,23 +449,6 @@ def _select_compared(problem: ClosedLoopProblem, recording: Recording, loop: Clo
 def _simulate(problem: ClosedLoopProblem, values: FloatArray) -> list[Signals]:
     pairs = zip(problem.recordings, problem.loops, strict=True)
     return [simulate_closed_loop(problem.library, values, recording, loop) for recording, loop in pairs]
-
-
-def _advance(
-    problem: ClosedLoopProblem, values: FloatArray, step: FloatArray
-) -> tuple[FloatArray, list[Signals]]:
-    """Return the next parameters (p,) and their runs: half the step, and again, where it is no robot."""
-    for halving in range(_HALVINGS + 1):
-        moved = values + 0.5**halving * step
-        try:
-            return moved, _simulate(problem, moved)
-        except SymidError as error:
-            refused = error
-    text = (
-        f"the parameters that explain the torque cannot be simulated: {refused.notices[0].text}. Check "
-        "gains, torque limits and reference, record more excitation, or add the missing term to the model"
-    )
-    raise SolverError(Notice(code="solver.controlled-robot", text=text)) from refused
 
 
 def fit_output_error(
@@ -562,15 +562,14 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
     return {name: values[k] for k, name in enumerate(measured[0].names) if learnable[k]}
 
 
-def _cut_start(problem: ClosedLoopProblem, recording: Recording, loop: ClosedLoop) -> Processing:
-    return replace(problem.processing, drop_first=_select_compared(problem, recording, loop).start)
-
-
 def _build_measured(problem: ClosedLoopProblem) -> list[Rows]:
     """Return the rows of each recording, after the initial state of the simulation has no effect."""
-    cut = [_cut_start(problem, *pair) for pair in zip(problem.recordings, problem.loops, strict=True)]
-    pairs = zip(problem.recordings, cut, strict=True)
-    return [prepare_rows("torque", problem.library, log, rule, window=WINDOW) for log, rule in pairs]
+    found = []
+    for recording, loop in zip(problem.recordings, problem.loops, strict=True):
+        first = _select_compared(problem, recording, loop).start
+        processing = replace(problem.processing, drop_first=first)
+        found.append(prepare_rows("torque", problem.library, recording, processing, window=WINDOW))
+    return found
 
 
 def _build_beside(
@@ -581,7 +580,8 @@ def _build_beside(
     for recording, loop, position, rows in zip(
         problem.recordings, problem.loops, positions, measured, strict=True
     ):
-        processing = _cut_start(problem, recording, loop)
+        first = _select_compared(problem, recording, loop).start
+        processing = replace(problem.processing, drop_first=first)
         signals = prepare_signals(replace(recording, position=position), processing)
         signals = hold_resting_joints(signals, list_resting_joints(recording))
         whole = build_rows("torque", problem.library, signals, processing)
