@@ -18,17 +18,16 @@ from symid.dynamics.regrouping import (
     list_coupled_readings,
     read_group,
 )
-from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
-from symid.identification.rigid.comparison import (
+from symid.identification.compare import (
     ReadingTrial,
     add_readings,
     build_stated_values,
     compare_values,
     compute_grouped_values,
 )
-from symid.identification.rigid.diagnosis import diagnose_estimate
+from symid.identification.diagnostics.residual_structure import compute_band_residual, predict_torques
 from symid.identification.rigid.fit import identify_parameters
-from symid.identification.rigid.validation import read_fit_processing
+from symid.identification.rigid.validation import diagnose_estimate, read_fit_processing
 from symid.logs.reader import read_recording
 from symid.logs.recording import cut_recording
 from symid.robot.loading import locate_robot_file, override_robot

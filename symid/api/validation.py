@@ -16,9 +16,16 @@ from symid.api.result import Figures, JudgedResult, Progress, Result, check_posi
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:
-    from symid.identification import AnyValidation, Compared, ComparedValue, EstimateSide, GivenResult
+    from symid.identification import (
+        AnyValidation,
+        ChiSquare,
+        Compared,
+        ComparedValue,
+        EstimateSide,
+        GivenResult,
+    )
     from symid.identification.estimators import Residual
-    from symid.identification.rigid import ChiSquare, Diagnosis
+    from symid.identification.rigid import Diagnosis
     from symid.report import AnyEstimate, Block, FitVerdict, WrittenPage
     from symid.robot import Robot
 

@@ -4,9 +4,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.identification.compare import (
+        ChiSquare as ChiSquare,
         Compared as Compared,
         ComparedValue as ComparedValue,
         EstimateSide as EstimateSide,
+        TriedReading as TriedReading,
         build_side as build_side,
         check_comparison_gate as check_comparison_gate,
         check_files as check_files,

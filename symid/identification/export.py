@@ -8,20 +8,14 @@ Friction alone goes into robot files, by the laws that these have; friction of o
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from symid.codegen import build_library_prefix, build_model_card, clean_text, prepare_library
-from symid.dynamics import (
-    BaseParameters,
-    IdentifiedRobot,
-    StandardSet,
-    build_grouping,
-    derive_base_parameters,
-)
+from symid.dynamics import BaseParameters, StandardSet, build_grouping, derive_base_parameters
 from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.identification.elastic import build_rigid_variant
@@ -215,18 +209,7 @@ def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> File
             )
             raise RobotError(Notice(code="export.impossible-body", text=text, file=robot.path))
     content = _Content(robot=robot, base=base, outcome="stated", precision=precision)
-    written = _write(content, path)
-    write_file(path, written.text)
-    left_out, warnings = _list_omissions(robot, path, written)
-    return FileExport(
-        file=path,
-        robot=robot,
-        outcome=content.outcome,
-        left_out=left_out,
-        rewritten=written.rewritten,
-        kind=written.kind,
-        notices=(*robot.notices, *written.notices, *warnings),
-    )
+    return _store(content, path, _write(content, path), robot.notices)
 
 
 def write_identified(
@@ -242,8 +225,28 @@ def write_identified(
         OutputError: the file cannot be written.
     """
     suffix = check_format(path, precision)
-    identified, costs = _build_bodies(found, limit, rotorless=_choose_kind(found.robot, path) == "URDF")
-    _refuse_costs(costs, identified.standard.reason, source)
+    # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
+    rotorless, costs = _choose_kind(found.robot, path) == "URDF", tuple[JointCost, ...]()
+    identified = build_robot(found, grouped=not rotorless)
+    if identified.standard.reason:
+        library = prepare_library(found.robot)
+        costs = measure_costs(identified.standard, found, library, limit)
+        if rotorless and (not costs or any(entry.percent > entry.limit for entry in costs)):
+            identified = build_robot(found)
+            exact = not identified.standard.reason
+            costs = () if exact else measure_costs(identified.standard, found, library, limit)
+    over = ", ".join(
+        f"{entry.percent:.2g} % of the torque of {entry.joint!r} (limit {entry.limit:.2g} %)"
+        for entry in costs
+        if entry.percent > entry.limit
+    )
+    if over:
+        text = (
+            f"no physical bodies have the identified values, and the nearest differ by {over}: "
+            f"{identified.standard.reason}. Identify with consistent bodies (--estimator consistent) or from "
+            "logs with more excitation, or allow it by --limit PERCENT (limit=...)"
+        )
+        raise EstimateError(Notice(code="export.cost", text=text, file=str(source)))
     sources = tuple(Path(entry).name for entry in found.sources)
     before = f"; before: {identified.robot.source}" if identified.robot.source else ""
     robot = replace(identified.robot, source=f"Values identified from {', '.join(sources)}{before}")
@@ -257,56 +260,8 @@ def write_identified(
     )
     written = _write(content, path)
     _read_back(written.text, suffix, source, robot.made_from if written.rewritten else None)
-    write_file(path, written.text)
-    left_out, warnings = _list_omissions(robot, path, written)
-    return FileExport(
-        file=path,
-        robot=robot,
-        outcome=content.outcome,
-        left_out=left_out,
-        missing=found.missing,
-        standard=identified.standard,
-        costs=costs,
-        rewritten=written.rewritten,
-        kind=written.kind,
-        notices=(*list_warnings(identified, found, source), *written.notices, *warnings),
-    )
-
-
-def _build_bodies(
-    found: Identified, limit: float | None, *, rotorless: bool
-) -> tuple[IdentifiedRobot, tuple[JointCost, ...]]:
-    """Return the robot with its bodies, and what they cost where they are not those identified.
-
-    Of a format that is `rotorless` for simulators links have the inertia of their rotors, if they can.
-    """
-    identified = build_robot(found, grouped=not rotorless)
-    if not identified.standard.reason:
-        return identified, ()
-    library = prepare_library(found.robot)
-    costs = measure_costs(identified.standard, found, library, limit)
-    if rotorless and (not costs or any(entry.percent > entry.limit for entry in costs)):
-        identified = build_robot(found)
-        exact = not identified.standard.reason
-        costs = () if exact else measure_costs(identified.standard, found, library, limit)
-    return identified, costs
-
-
-def _refuse_costs(costs: Sequence[JointCost], reason: str, source: Path) -> None:
-    """Refuse bodies that cost more of a joint's torque than is allowed."""
-    over = [entry for entry in costs if entry.percent > entry.limit]
-    if not over:
-        return
-    listed = ", ".join(
-        f"{entry.percent:.2g} % of the torque of {entry.joint!r} (limit {entry.limit:.2g} %)"
-        for entry in over
-    )
-    text = (
-        f"no physical bodies have the identified values, and the nearest differ by {listed}: {reason}. "
-        "Identify with consistent bodies (--estimator consistent) or from logs with more excitation, or "
-        "allow it by --limit PERCENT (limit=...)"
-    )
-    raise EstimateError(Notice(code="export.cost", text=text, file=str(source)))
+    stored = _store(content, path, written, list_warnings(identified, found, source))
+    return replace(stored, missing=found.missing, standard=identified.standard, costs=costs)
 
 
 def locate_source(robot: Robot) -> Path:
@@ -343,26 +298,32 @@ def _read_back(text: str, suffix: str, source: Path, made: SourceFile | None = N
         raise EstimateError(Notice(code="export.impossible", text=text, file=str(source))) from error
 
 
-def _list_omissions(
-    robot: Robot, path: Path, written: "_Written"
-) -> tuple[tuple[str, ...], tuple[Notice, ...]]:
-    """Return what the format cannot express, and a notice about it."""
+def _store(content: _Content, path: Path, written: "_Written", first: Sequence[Notice]) -> FileExport:
+    """Write a file; return it, with notices that come `first` and what the format cannot express."""
+    write_file(path, written.text)
     kind = written.kind or KINDS[path.suffix.lower()]
     commented = not written.rewritten
     left_out: tuple[str, ...] = ()
     if kind == "URDF":
         # A file that was kept has its own gravity, and may have been cut at a tilted link.
-        left_out = tuple(list_urdf_omissions(robot, gravity=commented))
+        left_out = tuple(list_urdf_omissions(content.robot, gravity=commented))
     elif kind == "MJCF model":
-        left_out = tuple((list_mjcf_omissions if commented else list_rewritten_mjcf_omissions)(robot))
+        left_out = tuple((list_mjcf_omissions if commented else list_rewritten_mjcf_omissions)(content.robot))
     elif kind == "USD stage":
-        left_out = tuple(list_usd_omissions(robot))
-    if not left_out:
-        return (), ()
+        left_out = tuple(list_usd_omissions(content.robot))
     more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
     where = ", which is in comments" if commented else ""
     text = f"the format cannot express this{where}: {'; '.join(left_out[:_SHOWN])}{more}"
-    return left_out, (Notice(code="export.left-out", text=text, file=str(path)),)
+    warnings = (Notice(code="export.left-out", text=text, file=str(path)),) if left_out else ()
+    return FileExport(
+        file=path,
+        robot=content.robot,
+        outcome=content.outcome,
+        left_out=left_out,
+        rewritten=written.rewritten,
+        kind=written.kind,
+        notices=(*first, *written.notices, *warnings),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -510,19 +471,6 @@ def _build_values(content: _Content) -> RobotValues:
     return RobotValues(robot=card.robot, prefix=prefix, signature=card.signature, vectors=tuple(vectors))
 
 
-def _list_lost_states(robot: Robot, written: Mapping[str, FrictionValues]) -> Iterator[Notice]:
-    """Yield a notice for each joint whose law with a state gives way to a static one."""
-    for joint in robot.axes:
-        law = get_friction_law(joint.friction)
-        if joint.name in written and law is not None and law.memory:
-            names = ", ".join(entry.name for entry in law.memory)
-            text = (
-                f"joint {joint.name!r}: {written[joint.name].law} friction, as identified, replaces "
-                f"{law.name} and its {names}; to keep them, identify the whole robot"
-            )
-            yield Notice(code="export.friction-replaced", text=text)
-
-
 def write_friction(robot: Robot, found: FrictionIdentification, source: Path, path: Path) -> FileExport:
     """Write the robot file with the friction that was identified.
 
@@ -557,10 +505,18 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
     text = write_robot(changed, comment=comment, folder=path.parent)
     notices = [replace(notice, file=str(path)) for notice in _read_back(text, ".toml", source)]
     write_file(path, text)
-    for joint, reason in kept.items():
-        text = f"joint {joint!r} keeps the friction of the robot file: {reason}"
+    for name, reason in kept.items():
+        text = f"joint {name!r} keeps the friction of the robot file: {reason}"
         notices.append(Notice(code="export.friction-kept", text=text, file=str(source)))
-    notices += _list_lost_states(robot, written)
+    for joint in robot.axes:
+        law = get_friction_law(joint.friction)
+        if joint.name in written and law is not None and law.memory:
+            names = ", ".join(entry.name for entry in law.memory)
+            text = (
+                f"joint {joint.name!r}: {written[joint.name].law} friction, as identified, replaces "
+                f"{law.name} and its {names}; to keep them, identify the whole robot"
+            )
+            notices.append(Notice(code="export.friction-replaced", text=text))
     if any(robot.elastic):
         text = (
             "friction was identified with rigid joints and includes the losses of springs; the file has the "

@@ -15,22 +15,16 @@ robot file.
 """
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
-from symid.codegen import Library, ModelCard, ParameterCard, compute_model_signature
+from symid.codegen import Library, ParameterCard, compute_model_signature
 from symid.errors import Notice, UsageError
 from symid.identification.estimators import Estimate, FittedLaw
-from symid.identification.regression import (
-    fill_load,
-    fill_loads,
-    list_coupled_rotors,
-    list_measured_joints,
-)
+from symid.identification.regression import fill_load, fill_loads, list_coupled_rotors, list_measured_joints
 from symid.identification.rigid import (
     CANDIDATES,
     PLAIN,
@@ -53,10 +47,11 @@ from symid.joint_models import (
 )
 from symid.logs import Recording
 from symid.notation import join_name
-from symid.robot import Joint, Processing, Robot, suggest_names
+from symid.robot import Processing, Robot, suggest_names
 
 AUTO = "auto"
 """In place of a law's name: each joint's law is chosen on held-out torque."""
+_Result = tuple[Estimate, Robot, Library]
 _REPEATS = 4
 _STILL, _SMALL = 1.0, 0.03
 """Standard deviations, and part of a shape value, within which columns that are linear about it are exact."""
@@ -87,7 +82,8 @@ def read_joint_laws(
         given = [tuple(part.strip() for part in one.split("=", 1)) for one in _NEXT.split(friction)]
     else:
         given = list(friction.items())
-    joints, mistakes, wrong = _list_axes(robot), [], {"joint": False, "law": False}
+    joints = {joint.name: joint for joint in robot.axes}
+    mistakes, wrong = [], {"joint": False, "law": False}
     found = dict[str, str]()
     for joint, law in given:
         if joint not in joints:
@@ -103,7 +99,11 @@ def read_joint_laws(
                 hint += suggest_names(str(law), further, before="; ") or "."
             mistakes.append(f"friction of joint {joint!r}: {hint}")
         elif joint in joints and law not in further and get_law(law).memory:
-            mistakes += _refuse_state(robot, joint, law)
+            # A law with a state is that of the robot file, or none.
+            if get_law(law).name != joints[joint].friction.law:
+                values = ", ".join(entry.name for entry in (*get_law(law).shape, *get_law(law).memory))
+                text = f"{law!r} needs {values}, which no option gives; write it into the robot file."
+                mistakes.append(f"friction of joint {joint!r}: {text}")
             continue
         found[joint] = law
     if mistakes:
@@ -112,16 +112,6 @@ def read_joint_laws(
         mistakes[-1] = " ".join([mistakes[-1], *(f"Allowed {entry}." for entry in allowed)])
         raise UsageError(*(Notice(code="usage.joint-friction", text=text) for text in mistakes))
     return found or None
-
-
-def _refuse_state(robot: Robot, name: str, law: str) -> list[str]:
-    """Return what is wrong with a law with a state for a joint: nothing, where its file has it."""
-    (joint,) = (entry for entry in robot.axes if entry.name == name)
-    if get_law(law).name == joint.friction.law:
-        return []
-    values = ", ".join(entry.name for entry in (*get_law(law).shape, *get_law(law).memory))
-    text = f"friction of joint {name!r}: {law!r} needs {values}, which no option gives; write it into the "
-    return [f"{text}robot file."]
 
 
 def needs_search(friction: str | Mapping[str, str] | None) -> bool:
@@ -205,19 +195,57 @@ def search_friction(
     Raises:
         UsageError, LogError, IdentifiabilityError: as for `identify_parameters`.
     """
-    names = friction if isinstance(friction, Mapping) else dict.fromkeys(_list_axes(robot), friction)
-    plain = _set_friction(robot, {joint.name: FrictionValues(law=PLAIN) for joint in robot.axes})
+    axes = {joint.name: joint for joint in robot.axes}
+    names = friction if isinstance(friction, Mapping) else dict.fromkeys(axes, friction)
+    plain = _set_friction(robot, dict.fromkeys(axes, FrictionValues(law=PLAIN)))
     progress(f"finding friction laws ({', '.join(dict.fromkeys(names.values()))})")
+    # The laws that each joint's is chosen from, or the friction that it keeps.
+    wishes: list[Wish] = [joint.friction for joint in robot.axes]
+    for place, name in enumerate(axes):
+        if names.get(name) == NO_FRICTION:
+            wishes[place] = FrictionValues()
+        elif name in names:
+            wishes[place] = CANDIDATES if names[name] == AUTO else (get_law(names[name]).name,)
     choice = choose_laws(
         prepare(plain),
         recordings,
         robot.processing,
         gears=[joint.drive.gear for joint in robot.axes],
-        wishes=[_list_wish(names, joint) for joint in robot.axes],
+        wishes=wishes,
         rotors=list_coupled_rotors(robot),
     )
     found = _set_friction(robot, {law.joint: law.friction for law in choice.joints})
-    fit = partial(_fit_found, robot, recordings, choice, names, prepare, options)
+    known = all(list_measured_joints(recordings))
+
+    def fit(found: Robot) -> _Result:
+        """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
+        beta, plan, left = choice.beta, None, _REPEATS
+        while True:
+            left -= 1
+            library = prepare(found)
+            # The shape values of the joints asked for are fitted, too.
+            searched = tuple(_list_shape_cards(found, names))
+            library = Library(replace(library.card, searched=searched), library.engine)
+            loaded = fill_loads(library, recordings, robot.processing, beta)
+            if plan is None:
+                rows, estimator = options.get("rows", "torque"), options.get("estimator")
+                plan = plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
+                plan = replace(plan, laws_chosen=AUTO in names.values())
+            estimate = identify_parameters(library, loaded, robot.processing, plan=plan, **options)
+            values = {entry.name: entry for entry in estimate.parameters}
+            still = all(
+                abs(values[card.name].value - (card.value or 0.0))
+                <= min(_STILL * values[card.name].std, _SMALL * abs(card.value or 0.0))
+                for card in searched
+                if card.name in values
+            )
+            found = _move_friction(found, estimate)
+            new = estimate.assemble([entry.name for entry in library.card.beta])
+            stays = float(np.linalg.norm(new - beta)) <= _SAME_LOAD * float(np.linalg.norm(new))
+            if not left or (still and (known or stays or "load" not in library.card.friction_inputs)):
+                return estimate, found, library
+            beta = new
+
     result = fit(found)
     if (plain := _make_plain(found, _list_chosen(found, names))) != found and result[0].evidence is not None:
         progress(f"comparing with {PLAIN}")
@@ -230,7 +258,6 @@ def search_friction(
 
 _WORSE = 1.01
 """Times a joint's held-out residual with the plain law, from which the law chosen is given up."""
-_Result = tuple[Estimate, Robot, Library]
 
 
 def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:
@@ -297,58 +324,8 @@ def _give_up_worse(
     return replace(choice, joints=tuple(joints), notices=(*choice.notices, note)), found
 
 
-def _list_axes(robot: Robot) -> list[str]:
-    return [joint.name for joint in robot.axes]
-
-
-def _list_wish(names: Mapping[str, str], joint: Joint) -> Wish:
-    """Return the laws that a joint's is chosen from, or the friction that it keeps."""
-    name = names.get(joint.name)
-    if name is None or name == NO_FRICTION:
-        return joint.friction if name is None else FrictionValues()
-    return CANDIDATES if name == AUTO else (get_law(name).name,)
-
-
-def _fit_found(  # noqa: PLR0917 - the parts of one search
-    robot: Robot,
-    recordings: Sequence[Recording],
-    choice: FrictionChoice,
-    names: Mapping[str, str],
-    prepare: Callable[[Robot], Library],
-    options: Mapping[str, Any],
-    found: Robot,
-) -> tuple[Estimate, Robot, Library]:
-    """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
-    beta, plan, left = choice.beta, None, _REPEATS
-    known = all(list_measured_joints(recordings))
-    while True:
-        left -= 1
-        library = _open_shapes(prepare(found), found, names)
-        loaded = fill_loads(library, recordings, robot.processing, beta)
-        if plan is None:
-            rows, estimator = options.get("rows", "torque"), options.get("estimator")
-            plan = plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
-            plan = replace(plan, laws_chosen=AUTO in names.values())
-        estimate = identify_parameters(library, loaded, robot.processing, plan=plan, **options)
-        still = _moves_little(estimate, library.card)
-        found = _move_friction(found, estimate)
-        new = estimate.assemble([entry.name for entry in library.card.beta])
-        stays = float(np.linalg.norm(new - beta)) <= _SAME_LOAD * float(np.linalg.norm(new))
-        if not left or (still and (known or stays or "load" not in library.card.friction_inputs)):
-            return estimate, found, library
-        beta = new
-
-
-def _set_friction(robot: Robot, friction: Mapping[str, FrictionValues]) -> Robot:
-    joints = tuple(
-        replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in robot.joints
-    )
-    return replace(robot, joints=joints)
-
-
-def _list_shape_cards(robot: Robot, names: Collection[str]) -> list[ParameterCard]:
-    """Return the shape values of joints of these names, in the order of the joints."""
-    found = []
+def _list_shape_cards(robot: Robot, names: Collection[str]) -> Iterator[ParameterCard]:
+    """Yield the shape values of joints of these names, in the order of the joints."""
     for number, joint in enumerate(robot.joints, start=1):
         if joint.name not in names or joint.friction.law == NO_FRICTION:
             continue
@@ -356,30 +333,21 @@ def _list_shape_cards(robot: Robot, names: Collection[str]) -> list[ParameterCar
         for entry, value in zip(law.shape, joint.friction.shape, strict=True):
             name = join_name(entry.name, number)
             unit = entry.unit_prismatic if joint.prismatic else entry.unit
-            found.append(
-                ParameterCard(
-                    name=name,
-                    expression=name,
-                    unit="" if unit == "1" else unit,
-                    reason=f"shape value of the friction law {law.name}",
-                    joint=joint.name,
-                    value=value,
-                )
+            yield ParameterCard(
+                name=name,
+                expression=name,
+                unit="" if unit == "1" else unit,
+                reason=f"shape value of the friction law {law.name}",
+                joint=joint.name,
+                value=value,
             )
-    return found
 
 
-def _open_shapes(library: Library, robot: Robot, names: Collection[str]) -> Library:
-    """Return the library with the shape values of joints of these names to be fitted."""
-    return Library(replace(library.card, searched=tuple(_list_shape_cards(robot, names))), library.engine)
-
-
-def _moves_little(estimate: Estimate, card: ModelCard) -> bool:
-    found = {entry.name: entry for entry in estimate.parameters}
-    pairs = [(found[entry.name], entry.value or 0.0) for entry in card.searched if entry.name in found]
-    return all(
-        abs(entry.value - before) <= min(_STILL * entry.std, _SMALL * abs(before)) for entry, before in pairs
+def _set_friction(robot: Robot, friction: Mapping[str, FrictionValues]) -> Robot:
+    joints = tuple(
+        replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in robot.joints
     )
+    return replace(robot, joints=joints)
 
 
 def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
@@ -432,7 +400,13 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
                 selection=selections[joint.name],
             )
         )
-    card, truth = library.card, _list_truths(robot, stated)
+    # The values of the robot file's friction, where the law found is its own.
+    truth: dict[str, float] = {}
+    for number, (joint, own) in enumerate(zip(robot.joints, stated.joints, strict=True), start=1):
+        if own.friction.law == joint.friction.law:
+            pairs = name_values(own.friction) | name_shape(own.friction)
+            truth |= {join_name(name, number): value for name, value in pairs.items()}
+    card = library.card
     parameters = tuple(
         replace(entry, truth=truth.get(entry.name)) if entry.name in own else entry
         for own in [{one.name for one in card.friction}]
@@ -445,16 +419,6 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
         parameters=parameters,
         signature=compute_model_signature(robot, grouped),
     )
-
-
-def _list_truths(robot: Robot, stated: Robot) -> dict[str, float]:
-    """Return the values of the robot file's friction, where the law found is its own."""
-    found: dict[str, float] = {}
-    for number, (joint, own) in enumerate(zip(robot.joints, stated.joints, strict=True), start=1):
-        if own.friction.law == joint.friction.law:
-            pairs = name_values(own.friction) | name_shape(own.friction)
-            found |= {join_name(name, number): value for name, value in pairs.items()}
-    return found
 
 
 def identify_loaded(

@@ -81,7 +81,54 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
     """
     described = restore_robot(robot, estimate)
     if isinstance(estimate, ElasticEstimate):
-        return _build_elastic(described, estimate, source)
+        base = derive_base_parameters(described)
+        check_model(estimate, build_model_card(described, base, ()), str(source))
+        refused = {entry for entry, _ in estimate.refused}
+        known = [entry for entry in estimate.parameters if entry.name not in refused]
+        names = {entry.name for entry in (*base.parameters, *base.friction)}
+        values = tuple(entry for entry in known if entry.name in names)
+        rotors = tuple(entry.name for entry in estimate.parameters if entry.name not in names)
+        stated = {joint.name: joint.elasticity for joint in described.axes}
+        told = {entry.joint: entry.elasticity for entry in estimate.springs if entry.told}
+        springs = tuple(told.get(name, spring) for name, spring in stated.items()) if estimate.springs else ()
+        lacking = [name for name, spring in stated.items() if spring is not None and name not in told]
+        # What was taken off before the fit, for which robots have no place.
+        named = ", ".join(
+            effect.kind if effect.joint < 0 else f"{effect.kind} of {estimate.residual[effect.joint].joint!r}"
+            for effect in estimate.effects
+        )
+        text = f"the robot has no place for what was taken off before the fit: {named}; its torques lack them"
+        effects = (Notice(code="export.effects", text=text, file=str(source)),) if named else ()
+        places = [k for k, entry in enumerate(estimate.parameters) if entry in values]
+        return Identified(
+            robot=described,
+            base=base,
+            sources=estimate.sources,
+            values=values,
+            rotors={entry.name: entry.value for entry in known if entry.name not in names},
+            springs=springs,
+            missing=(
+                *_list_missing(base, values),
+                *(entry for entry in rotors if entry in refused),
+                *(f"the spring of {joint!r}" for joint in lacking),
+            ),
+            # The robot file's own springs are written in place of those that are refused.
+            notices=(
+                *(
+                    Notice(
+                        code="export.spring",
+                        text=f"the identified spring of {entry.joint!r} is not written: {entry.reason}",
+                        file=str(source),
+                    )
+                    for entry in estimate.springs
+                    if not entry.told
+                ),
+                *effects,
+            ),
+            covariance=tuple(
+                tuple(estimate.covariance[i][j] for j in places) for i in places if estimate.covariance
+            ),
+        )
     found = build_rigid_estimate(estimate, described)
     robot = build_rigid_variant(described)
     base = derive_base_parameters(robot)
@@ -109,65 +156,6 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
     )
 
 
-def _build_elastic(robot: Robot, found: ElasticEstimate, source: Path) -> Identified:
-    """Return the values of an estimate of elastic joints; what it refuses has no value."""
-    base = derive_base_parameters(robot)
-    check_model(found, build_model_card(robot, base, ()), str(source))
-    refused = {entry for entry, _ in found.refused}
-    known = [entry for entry in found.parameters if entry.name not in refused]
-    names = {entry.name for entry in (*base.parameters, *base.friction)}
-    values = tuple(entry for entry in known if entry.name in names)
-    rotors = tuple(entry.name for entry in found.parameters if entry.name not in names)
-    stated = {joint.name: joint.elasticity for joint in robot.axes}
-    told = {entry.joint: entry.elasticity for entry in found.springs if entry.told}
-    springs = tuple(told.get(name, spring) for name, spring in stated.items()) if found.springs else ()
-    lacking = [name for name, spring in stated.items() if spring is not None and name not in told]
-    places = [k for k, entry in enumerate(found.parameters) if entry in values]
-    return Identified(
-        robot=robot,
-        base=base,
-        sources=found.sources,
-        values=values,
-        rotors={entry.name: entry.value for entry in known if entry.name not in names},
-        springs=springs,
-        missing=(
-            *_list_missing(base, values),
-            *(entry for entry in rotors if entry in refused),
-            *(f"the spring of {joint!r}" for joint in lacking),
-        ),
-        # The robot file's own springs are written in place of those that are refused.
-        notices=(
-            *(
-                Notice(
-                    code="export.spring",
-                    text=f"the identified spring of {entry.joint!r} is not written: {entry.reason}",
-                    file=str(source),
-                )
-                for entry in found.springs
-                if not entry.told
-            ),
-            *_list_effects(found, source),
-        ),
-        covariance=tuple(tuple(found.covariance[i][j] for j in places) for i in places if found.covariance),
-    )
-
-
-def _list_effects(found: ElasticEstimate, source: Path) -> tuple[Notice, ...]:
-    """Return a notice on what was taken off before the fit, for which robots have no place."""
-    joints = [entry.joint for entry in found.residual]
-    names = [
-        effect.kind if effect.joint < 0 else f"{effect.kind} of {joints[effect.joint]!r}"
-        for effect in found.effects
-    ]
-    if not names:
-        return ()
-    text = (
-        f"the robot has no place for what was taken off before the fit: {', '.join(names)}; its torques lack "
-        "them"
-    )
-    return (Notice(code="export.effects", text=text, file=str(source)),)
-
-
 def _list_missing(base: BaseParameters, values: Sequence[ParameterEstimate]) -> tuple[str, ...]:
     known = {entry.name for entry in values}
     return tuple(entry.name for entry in (*base.parameters, *base.friction) if entry.name not in known)
@@ -178,11 +166,17 @@ def build_robot(found: Identified, *, grouped: bool = True) -> IdentifiedRobot:
 
     `grouped`: whether rotors within groups have inertias of their own, see `compute_standard_set`.
     """
+    # Deviations of some values alone do not say how to weigh the others. What was known before moves least.
+    covariance, deviations = None, np.array([entry.std for entry in found.values])
+    if np.all(np.isfinite(deviations)) and np.any(deviations > 0.0):
+        covariance = np.array(found.covariance) if found.covariance else np.diag(deviations**2)
+        least = _SURER * float(deviations[deviations > 0.0].min())
+        covariance = np.asarray(covariance + np.diag(np.where(deviations > 0.0, 0.0, least**2)))
     return build_identified_robot(
         found.robot,
         found.base,
         {entry.name: entry.value for entry in found.values},
-        covariance=_complete_covariance(found),
+        covariance=covariance,
         rotors=found.rotors,
         elasticity=found.springs,
         grouped=grouped,
@@ -193,19 +187,6 @@ _MOVED, _NAMED = 0.1, 6
 """Deviations that a value is said to have moved by, and how many of them are named."""
 _SURER = 1e-3
 """Of the least deviation: that of a value that was known."""
-
-
-def _complete_covariance(found: Identified) -> FloatArray | None:
-    """Return the covariance (m, m) of the values; None where some have no deviation.
-
-    Deviations of some values alone do not say how to weigh the others. What was known before moves least.
-    """
-    deviations = np.array([entry.std for entry in found.values])
-    if not (np.all(np.isfinite(deviations)) and np.any(deviations > 0.0)):
-        return None
-    covariance = np.array(found.covariance) if found.covariance else np.diag(deviations**2)
-    least = _SURER * float(deviations[deviations > 0.0].min())
-    return np.asarray(covariance + np.diag(np.where(deviations > 0.0, 0.0, least**2)))
 
 
 _COST, _SHARE = 0.5, 0.45
@@ -336,7 +317,22 @@ def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -
     Raises:
         EstimateError: the robots differ in more than values, or values are missing; all mistakes at once.
     """
-    mistakes = _list_differences(known, robot, rotors=not partly)
+    # Gravity and names of robots may differ, and with `partly` one may have rotors that the other has not.
+    mistakes = list_frame_differences(known, robot)
+    if [joint.name for joint in known.joints] == [joint.name for joint in robot.joints]:
+        for other, joint in zip(known.joints, robot.joints, strict=True):
+            head = f"joint {joint.name!r}"
+            if not partly and other.drive.has_rotor != joint.drive.has_rotor:
+                which = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
+                mistakes.append(
+                    f"{head} has a rotor in {which[0]} and none in {which[1]}; declare it in both"
+                )
+            if (other.spring is None) != (joint.spring is None):
+                mistakes.append(f"{head} has a spring in only one of the two")
+        coupled = [
+            [(one.name, one.terms, one.has_rotor) for one in entry.couplings] for entry in (known, robot)
+        ]
+        mistakes += ["its coupled drives are others"] * (coupled[0] != coupled[1])
     remedy = "give a file with the joints of the robot that is identified, or an estimate of it"
     if not mistakes:
         trios = zip(robot.joints, known.joints, list_turns(known, robot), strict=True)
@@ -356,7 +352,13 @@ def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -
         lost = [entry.name for entry in base.parameters if entry.name not in values]
         if not lost or (partly and values):
             return values
-        mistakes = _list_missing_values(known)
+        links = [joint.name for joint in known.joints if joint.inertial is None]
+        rotors = [one.name for one in known.joints if one.drive.has_rotor and one.drive.rotor_inertia is None]
+        rotors += [one.name for one in known.couplings if one.has_rotor and one.rotor_inertia is None]
+        held = [(joint.name, joint.spring) for joint in known.joints if joint.spring is not None]
+        springs = [name for name, spring in held if None in (spring.stiffness, spring.rest)]
+        parts = (("link values", links), ("rotor inertia", rotors), ("stiffness or rest", springs))
+        mistakes = [f"it states no {what} of {', '.join(names)}" for what, names in parts if names]
         mistakes.append(f"so {len(lost)} of {len(base.parameters)} base parameters have no value")
         remedy = "state them, or give an estimate of base parameters"
     texts = [f"--known: {text}" for text in mistakes]
@@ -393,25 +395,6 @@ def _build_frame(joint: Joint, robot: Robot) -> FloatArray:
     return frame
 
 
-def _list_differences(known: Robot, robot: Robot, *, rotors: bool = True) -> list[str]:
-    """Return what keeps values of `known` from being those of `robot`; gravity and names of robots may.
-
-    Without `rotors` one may have rotors that the other has not.
-    """
-    differences = list_frame_differences(known, robot)
-    if [joint.name for joint in known.joints] != [joint.name for joint in robot.joints]:
-        return differences
-    for other, joint in zip(known.joints, robot.joints, strict=True):
-        head = f"joint {joint.name!r}"
-        if rotors and other.drive.has_rotor != joint.drive.has_rotor:
-            which = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
-            differences.append(f"{head} has a rotor in {which[0]} and none in {which[1]}; declare it in both")
-        if (other.spring is None) != (joint.spring is None):
-            differences.append(f"{head} has a spring in only one of the two")
-    drives = [[(one.name, one.terms, one.has_rotor) for one in entry.couplings] for entry in (known, robot)]
-    return differences + ["its coupled drives are others"] * (drives[0] != drives[1])
-
-
 def list_frame_differences(known: Robot, robot: Robot) -> list[str]:
     """Return where joints of `known` are not those of `robot`, or stand elsewhere."""
     names, wanted = ([joint.name for joint in entry.joints] for entry in (known, robot))
@@ -433,13 +416,3 @@ def list_frame_differences(known: Robot, robot: Robot) -> list[str]:
             differences.append(f"the axis of joint {name!r} stands {where}")
             break
     return differences
-
-
-def _list_missing_values(robot: Robot) -> list[str]:
-    links = [joint.name for joint in robot.joints if joint.inertial is None]
-    rotors = [one.name for one in robot.joints if one.drive.has_rotor and one.drive.rotor_inertia is None]
-    rotors += [one.name for one in robot.couplings if one.has_rotor and one.rotor_inertia is None]
-    held = [(joint.name, joint.spring) for joint in robot.joints if joint.spring is not None]
-    springs = [name for name, spring in held if None in (spring.stiffness, spring.rest)]
-    parts = (("link values", links), ("rotor inertia", rotors), ("stiffness or rest", springs))
-    return [f"it states no {what} of {', '.join(names)}" for what, names in parts if names]

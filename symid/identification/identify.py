@@ -167,7 +167,10 @@ def identify_robot(
     if estimator in SIMULATING:
         refuse_states(robot, f"--estimator {estimator}")
     if route.kind == "elastic":
-        return _identify_elastic(robot, recordings, route.method, task, context)
+        method = route.method
+        if task.method is None and task.options is not None:
+            method = task.options.method
+        return prepare_elastic_methods(robot, recordings, task, context)(method)
     if task.known is not None:
         text = (
             f"--known cannot be used with {robot.name!r}, identified as rigid; leave it out, or use it with "
@@ -194,10 +197,6 @@ def _list_log_notices(robot: Robot, recordings: Sequence[Recording]) -> tuple[No
     return found
 
 
-def _count_logs(recordings: Sequence[Recording]) -> str:
-    return f"{len(recordings)} log{'s'[: len(recordings) > 1]}"
-
-
 def _identify_rigid(
     robot: Robot,
     recordings: Sequence[Recording],
@@ -207,32 +206,82 @@ def _identify_rigid(
     *,
     motor_side: bool,
 ) -> Identification[Estimate]:
-    rows, estimator = options.rows or "torque", options.estimator
+    rows, estimator, overlap = options.rows or "torque", options.estimator, options.overlap or 0.0
     check_rigid_options(rows, estimator, options)
     warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, friction))
     both = has_both_encoders(recordings)
     recordings = [build_motor_recording(recording, robot) for recording in recordings]
     rigid = build_rigid_variant(robot) if motor_side else robot
     if estimator in SIMULATING:
-        from symid.identification.rigid import check_closed_loop
+        from symid.identification.rigid import check_closed_loop, identify_closed_loop
 
         # What cannot be simulated is refused before anything is compiled.
         check_closed_loop(robot, recordings)
-    context.progress(f"identifying {robot.name} from {_count_logs(recordings)}")
-    if friction is None:
+    context.progress(f"identifying {robot.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
+    rule = RankRule(least=0.0 if options.partial else WHOLE_MODEL)
+    weights = get_run_weights(recordings)
+    if friction is not None:
+        if options.prior is not None or estimator == "ridge":
+            raise refuse_search(friction, "a prior does not know")
+        estimate, _, library = search_friction(
+            rigid,
+            recordings,
+            friction,
+            context.prepare,
+            progress=context.progress,
+            rows=rows,
+            estimator=estimator,
+            window=options.window,
+            overlap=overlap,
+            rule=rule,
+            weights=weights,
+            echo=describe_logs(rigid, recordings),
+        )
+    else:
         library = context.prepare(rigid)
+        start, prior = options.start, None if options.prior == PRIOR_OF_ROBOT else options.prior
+        start_name = f"an estimate by {start.estimator}" if isinstance(start, Estimate) else ""
+        if start is not None:
+            start_name = show_path(start) if isinstance(start, Path) else start_name
+            start = read_rigid(start, library.card)
+        if prior is not None:
+            prior = read_rigid(Path(prior) if isinstance(prior, str) else prior, library.card)
 
         def fit(logs: Sequence[Recording]) -> Estimate:
-            return _fit_rigid(rigid, library, logs, options, context.progress)
+            echo = describe_logs(rigid, logs)
+            if estimator in SIMULATING:
+                return identify_closed_loop(
+                    estimator,
+                    rigid,
+                    library,
+                    logs,
+                    start=start,
+                    start_name=start_name,
+                    rule=rule,
+                    weights=weights,
+                    echo=echo,
+                    progress=context.progress,
+                )
+            return identify_parameters(
+                library,
+                logs,
+                rigid.processing,
+                rows=rows,
+                estimator=estimator,
+                options=build_estimator_options(rigid, library, logs, estimator, options, prior=prior),
+                window=options.window,
+                overlap=overlap,
+                rule=rule,
+                weights=weights,
+                echo=echo,
+            )
 
-        estimate = identify_loaded(library, recordings, rigid.processing, fit)
-    else:
-        estimate, library = _search_rigid(rigid, recordings, options, friction, context)
-    estimate = replace(
-        estimate,
-        motion=outline_motion(library, recordings, rigid.processing),
-        drawn=robot.made_from is not None,
-    )
+        iterated = "load" in library.card.friction_inputs and not all(list_measured_joints(recordings))
+        processing = rigid.processing
+        # Loads that friction reads, and that were not measured, follow from the estimate.
+        estimate = identify_loaded(library, recordings, processing, fit) if iterated else fit(recordings)
+    motion = outline_motion(library, recordings, rigid.processing)
+    estimate = replace(estimate, motion=motion, drawn=robot.made_from is not None)
     if motor_side:
         estimate = refuse_elasticity(estimate, robot, both=both)
         warnings += tuple(
@@ -246,89 +295,6 @@ def _identify_rigid(
         warnings += (Notice(code="identify.second-encoder", text=text),)
     notices = (*warnings, *library.notices, *estimate.notices)
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
-
-
-def _fit_rigid(
-    robot: Robot,
-    library: Library,
-    recordings: Sequence[Recording],
-    options: RigidOptions,
-    progress: Callable[[str], None],
-) -> Estimate:
-    rows, estimator = options.rows or "torque", options.estimator
-    rule = RankRule(least=0.0 if options.partial else WHOLE_MODEL)
-    weights, echo = get_run_weights(recordings), describe_logs(robot, recordings)
-    if estimator in SIMULATING:
-        from symid.identification.rigid import identify_closed_loop
-
-        start, start_name = options.start, ""
-        if start is not None:
-            name = show_path(start) if isinstance(start, Path) else f"an estimate by {start.estimator}"
-            start, start_name = read_rigid(start, library.card), name
-        return identify_closed_loop(
-            estimator,
-            robot,
-            library,
-            recordings,
-            start=start,
-            start_name=start_name,
-            rule=rule,
-            weights=weights,
-            echo=echo,
-            progress=progress,
-        )
-    prior = None if options.prior == PRIOR_OF_ROBOT else options.prior
-    if prior is not None:
-        prior = read_rigid(Path(prior) if isinstance(prior, str) else prior, library.card)
-    return identify_parameters(
-        library,
-        recordings,
-        robot.processing,
-        rows=rows,
-        estimator=estimator,
-        options=build_estimator_options(robot, library, recordings, estimator, options, prior=prior),
-        window=options.window,
-        overlap=options.overlap or 0.0,
-        rule=rule,
-        weights=weights,
-        echo=echo,
-    )
-
-
-def _search_rigid(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    options: RigidOptions,
-    friction: str | Mapping[str, str],
-    context: TaskContext,
-) -> tuple[Estimate, Library]:
-    """Return the estimate of a robot whose friction is to be found, and the functions of the robot found."""
-    if options.prior is not None or options.estimator == "ridge":
-        raise refuse_search(friction, "a prior does not know")
-    estimate, _, library = search_friction(
-        robot,
-        recordings,
-        friction,
-        context.prepare,
-        progress=context.progress,
-        rows=options.rows or "torque",
-        estimator=options.estimator,
-        window=options.window,
-        overlap=options.overlap or 0.0,
-        rule=RankRule(least=0.0 if options.partial else WHOLE_MODEL),
-        weights=get_run_weights(recordings),
-        echo=describe_logs(robot, recordings),
-    )
-    return estimate, library
-
-
-def _identify_elastic(
-    robot: Robot, recordings: Sequence[Recording], method: str, task: IdentifyTask, context: TaskContext
-) -> Identification[ElasticEstimate]:
-    """Return dynamics, friction and springs; delay and offsets of the link encoders are taken out first."""
-    if task.method is None and task.options is not None:
-        method = task.options.method
-    return prepare_elastic_methods(robot, recordings, task, context)(method)
 
 
 def prepare_elastic_methods(
@@ -356,7 +322,7 @@ def prepare_elastic_methods(
     by_method = prepare_methods(ready.library, ready.moved, options, echo=echo)
 
     def identify(method: str) -> Identification[ElasticEstimate]:
-        _report_method(robot, ready, method, context)
+        _report_method(robot, ready.moved, method, context)
         found = by_method(method)
         estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
         estimate = replace(estimate, drawn=robot.made_from is not None)
@@ -407,8 +373,9 @@ def _prepare_elastic(
     return _ElasticInput(library, options, cut, moved, alignment, notices)
 
 
-def _report_method(robot: Robot, ready: _ElasticInput, method: str, context: TaskContext) -> None:
-    context.progress(f"identifying {robot.name} from {_count_logs(ready.moved)} by the method {method!r}")
+def _report_method(robot: Robot, logs: Sequence[Recording], method: str, context: TaskContext) -> None:
+    count = f"{len(logs)} log{'s'[: len(logs) > 1]}"
+    context.progress(f"identifying {robot.name} from {count} by the method {method!r}")
 
 
 def build_elastic_graph(
@@ -428,7 +395,7 @@ def build_elastic_graph(
     refuse_known_payloads(recordings, "a robot with elastic joints")
     choose_route(robot, recordings, method="nlp", elastic={}, rigid=())
     ready = _prepare_elastic(robot, recordings, replace(options, method="nlp"), pairs, context)
-    _report_method(robot, ready, "nlp", context)
+    _report_method(robot, ready.moved, "nlp", context)
     return build_one_shot(ready.library, ready.moved, ready.options), ready.notices
 
 
@@ -505,23 +472,22 @@ def identify_robot_friction(
     what = "choosing and fitting friction laws"
     if isinstance(model, str) and model != AUTO:
         what = f"fitting the friction law {model}"
-    context.progress(f"{what} for {robot.name} from {_count_logs(measured)}")
+    context.progress(f"{what} for {robot.name} from {len(measured)} log{'s'[: len(measured) > 1]}")
     beta, known = None, None
-    names = [entry.name for entry in library.card.beta]
     if request.known is not None:
         from symid.identification.identified import read_known_values
 
         beta, known = read_known_values(request.known, described, library)
-    options = request.options if request.seed is None else replace(request.options, seed=request.seed)
     task = FrictionTask(
         model=model,
         estimator=request.estimator or "varpro",
-        options=options,
+        options=request.options if request.seed is None else replace(request.options, seed=request.seed),
         beta=beta,
         smoothing=request.smoothing or 0.0,
         periods=request.period,
         rotors=list_coupled_rotors(described),
     )
+    names = [entry.name for entry in library.card.beta]
     echo = {
         "log": describe_settings(robot)["log"],
         **describe_digests(measured),
@@ -532,55 +498,35 @@ def identify_robot_friction(
     }
     counted = report_count(context.progress, "joint")
     found = identify_friction(library, measured, described.processing, task, echo=echo, progress=counted)
-    notices = (
-        *_list_log_notices(robot, recordings),
-        *([] if described is robot else [_warn_of_springs(robot)]),
-        *library.notices,
-        *found.notices,
-        *_warn_of_unused(found, request, library),
-        *_warn_of_unused_loads(measured, request),
-    )
-    return Identification(estimate=found, notices=notices, backend=library.backend)
-
-
-def _warn_of_unused(
-    found: FrictionIdentification, request: FrictionRequest, library: Library
-) -> tuple[Notice, ...]:
-    """Return a notice for every option that was not used."""
     texts = []
     if request.seed is not None and found.estimator not in STOCHASTIC:
         stochastic = ", ".join(sorted(STOCHASTIC))
         texts.append(f"--seed is not used: {found.estimator} is deterministic; stochastic are {stochastic}")
-    beside = {
-        name
-        for joint in found.joints
-        for name in (
-            *(entry.name for entry in joint.estimate.extra),
-            *(name for name, _ in joint.estimate.refused),
-        )
-    }
+    estimates = [joint.estimate for joint in found.joints]
+    beside = {entry.name for estimate in estimates for entry in estimate.extra}
+    beside |= {name for estimate in estimates for name, _ in estimate.refused}
     if request.friction and not beside & {entry.name for entry in library.card.friction}:
         texts.append(
             "--friction is not used: no joint's friction acts on another here; --model chooses the law of a "
             "joint's own friction"
         )
-    return tuple(Notice(code="friction.unused-option", text=text) for text in texts)
-
-
-def _warn_of_unused_loads(recordings: Sequence[Recording], request: FrictionRequest) -> tuple[Notice, ...]:
-    """Return a notice where base parameters were subtracted although the logs have loads."""
-    if request.known is None or not any(list_measured_joints(recordings)):
-        return ()
-    text = (
-        "the loads that joint-torque sensors measured are not used, because base parameters were given; "
-        "without --known the loads are subtracted, and no model of the links is needed"
-    )
-    return (Notice(code="friction.load-unused", text=text),)
-
-
-def _warn_of_springs(robot: Robot) -> Notice:
+    unused = [Notice(code="friction.unused-option", text=text) for text in texts]
+    if request.known is not None and any(list_measured_joints(measured)):
+        text = (
+            "the loads that joint-torque sensors measured are not used, because base parameters were given; "
+            "without --known the loads are subtracted, and no model of the links is needed"
+        )
+        unused.append(Notice(code="friction.load-unused", text=text))
     text = (
         f"elastic robot {robot.name!r}: friction was fitted on the motor side with a rigid model, so it "
         "includes the losses of springs"
     )
-    return Notice(code="friction.elastic", text=text)
+    springs = () if described is robot else (Notice(code="friction.elastic", text=text),)
+    notices = (
+        *_list_log_notices(robot, recordings),
+        *springs,
+        *library.notices,
+        *found.notices,
+        *unused,
+    )
+    return Identification(estimate=found, notices=notices, backend=library.backend)

@@ -16,7 +16,7 @@ endeffector-config.json (RIDE CLI documentation 1.1.1, "End effector commissioni
 Not supported: the limits of a single robot, such as its rated payload; a centre that is not identified.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -27,8 +27,6 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.dynamics import (
     PAYLOAD_QUANTITIES,
-    BaseParameters,
-    BaseValues,
     Payload,
     build_base_values,
     derive_base_parameters,
@@ -36,18 +34,11 @@ from symid.dynamics import (
 )
 from symid.environment import write_file
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
-from symid.identification.estimators import Estimate, ParameterEstimate
+from symid.identification.estimators import Estimate
 from symid.identification.friction_search import identify_loaded
-from symid.identification.identified import build_identified
+from symid.identification.identified import Identified, build_identified
 from symid.identification.rigid import identify_parameters
-from symid.identification.stored import (
-    GivenResult,
-    is_fit,
-    name_format,
-    read_dynamics,
-    read_format,
-    read_one,
-)
+from symid.identification.stored import GivenResult, is_fit, name_format, read_dynamics, read_format, read_one
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
 from symid.robot import Placement, Robot, describe_settings, suggest_names
 from symid.serialization import write_json
@@ -84,14 +75,6 @@ class PayloadFinding:
     notices: tuple[Notice, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Side:
-    robot: Robot
-    base: BaseParameters
-    values: BaseValues
-    notices: tuple[Notice, ...]
-
-
 def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: PayloadTask) -> PayloadFinding:
     """Return what the robot carries in `loaded` and not in `empty`.
 
@@ -107,9 +90,16 @@ def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: Pa
     if first.robot.elastic != second.robot.elastic:
         text = "one side has elastic joints and the other rigid ones; identify both by the same method"
         raise EstimateError(Notice(code="payload.other-model", text=text))
-    found = estimate_payload(
-        first.robot, first.base, first.values, second.values, joint=task.joint, mass=task.mass
-    )
+    values = [
+        build_base_values(
+            [entry.name for entry in side.values],
+            [entry.value for entry in side.values],
+            [entry.std for entry in side.values],
+            side.covariance,
+        )
+        for side in (first, second)
+    ]
+    found = estimate_payload(first.robot, first.base, *values, joint=task.joint, mass=task.mass)
     return PayloadFinding(robot=first.robot.name, payload=found, notices=(*first.notices, *second.notices))
 
 
@@ -154,8 +144,8 @@ def read_payload(path: Path) -> PayloadFinding:
     return found
 
 
-def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> _Side:
-    """Return the base values of an estimate, or of logs; notices of their identification name the side."""
+def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> Identified:
+    """Return the values of an estimate, or of logs; notices of robot and identification name the side."""
     logs: list[Path | Recording] = []
     estimates: list[GivenResult] = []
     for entry in given:
@@ -166,7 +156,35 @@ def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> 
         else:
             estimates.append(entry)
     if not estimates:
-        side = _identify(robot, logs, task)
+        if any(robot.elastic):
+            text = "the robot has elastic joints: identify both sets of logs first, and give the estimates"
+            raise UsageError(Notice(code="usage.payload-elastic", text=text, file=robot.path))
+        recordings = read_recordings(logs, robot)
+        check_distinct_samples(recordings)
+        library = task.prepare()
+        names = ", ".join(Path(entry.source).name for entry in recordings)
+        task.progress(f"identifying {robot.name} from {names}")
+
+        def fit(logs: Sequence[Recording]) -> Estimate:
+            return identify_parameters(
+                library,
+                logs,
+                robot.processing,
+                rows=task.rows,
+                estimator=task.estimator,
+                echo={"log": describe_settings(robot)["log"]},
+            )
+
+        # Friction that grows with the load is no payload.
+        estimate = identify_loaded(library, recordings, robot.processing, fit)
+        side = Identified(
+            robot=robot,
+            base=derive_base_parameters(robot),
+            sources=estimate.sources,
+            values=estimate.parameters,
+            covariance=estimate.covariance,
+            notices=(*(note for entry in recordings for note in entry.notices), *estimate.notices),
+        )
     elif len(given) > 1:
         first = estimates[0] if isinstance(estimates[0], str | PathLike) else "a fit"
         text = (
@@ -174,56 +192,12 @@ def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> 
         )
         raise UsageError(Notice(code="usage.payload-inputs", text=text))
     else:
-        found = build_identified(robot, *read_dynamics(estimates[0]))
-        values = _build_values(found.values, found.covariance)
-        notices = (*found.robot.notices, *found.notices)
-        side = _Side(robot=found.robot, base=found.base, values=values, notices=notices)
+        side = build_identified(robot, *read_dynamics(estimates[0]))
     named = (
         replace(note, text=f"{name}: {note.text}") if note.code.startswith("identify") else note
-        for note in side.notices
+        for note in (*side.robot.notices, *side.notices)
     )
     return replace(side, notices=tuple(named))
-
-
-def _identify(robot: Robot, logs: Sequence[Path | Recording], task: PayloadTask) -> _Side:
-    """Return the base values identified from logs."""
-    if any(robot.elastic):
-        text = "the robot has elastic joints: identify both sets of logs first, and give the estimates"
-        raise UsageError(Notice(code="usage.payload-elastic", text=text, file=robot.path))
-    recordings = read_recordings(logs, robot)
-    check_distinct_samples(recordings)
-    library = task.prepare()
-    names = ", ".join(Path(entry.source).name for entry in recordings)
-    task.progress(f"identifying {robot.name} from {names}")
-
-    def fit(logs: Sequence[Recording]) -> Estimate:
-        return identify_parameters(
-            library,
-            logs,
-            robot.processing,
-            rows=task.rows,
-            estimator=task.estimator,
-            echo={"log": describe_settings(robot)["log"]},
-        )
-
-    # Friction that grows with the load is no payload.
-    estimate = identify_loaded(library, recordings, robot.processing, fit)
-    said = (note for recording in recordings for note in recording.notices)
-    return _Side(
-        robot=robot,
-        base=derive_base_parameters(robot),
-        values=_build_values(estimate.parameters, estimate.covariance),
-        notices=(*robot.notices, *said, *estimate.notices),
-    )
-
-
-def _build_values(entries: Sequence[ParameterEstimate], covariance: Sequence[Sequence[float]]) -> BaseValues:
-    return build_base_values(
-        [entry.name for entry in entries],
-        [entry.value for entry in entries],
-        [entry.std for entry in entries],
-        covariance,
-    )
 
 
 CONTROLLERS = ("ur", "franka")
@@ -318,14 +292,36 @@ def build_payload_command(
         tensor[np.triu_indices(3)] = [float(value or 0.0) for value in moments.values()]
         tensor = rotation.T @ (tensor + np.triu(tensor, 1).T) @ rotation
         inertia = tuple(float(entry) for entry in tensor[np.triu_indices(3)])
-        _check_limits(controller, inertia)
+        if controller == "ur" and max(map(abs, inertia)) > _LARGEST:
+            text = (
+                f"Universal Robots take at most {_LARGEST:g} kg m^2 for each component of the inertia, this "
+                f"payload has {max(inertia, key=abs):.4g}"
+            )
+            raise EstimateError(Notice(code="payload.controller-limit", text=text))
+    kilograms, place = _write_number(float(mass)), ", ".join(map(_write_number, centre.tolist()))
+    xx, xy, xz, yy, yz, zz = map(_write_number, inertia or (0.0,) * 6)
+    if controller == "ur":
+        tail = "" if inertia is None else f", [{xx}, {yy}, {zz}, {xy}, {xz}, {yz}]"
+        texts = {
+            "URScript": f"set_target_payload({kilograms}, [{place}]{tail})",
+            "URScript, older": f"set_payload({kilograms}, [{place}])",
+        }
+    else:
+        columns = f"{xx}, {xy}, {xz}, {xy}, {yy}, {yz}, {xz}, {yz}, {zz}"
+        message = f"mass: {kilograms}, center_of_mass: [{place}], load_inertia: [{columns}]"
+        entries = f'"mass": {kilograms}, "centerOfMass": [{place}], "inertia": [{columns}]'
+        texts = {
+            "libfranka": f"robot.setLoad({kilograms}, {{{{{place}}}}}, {{{{{columns}}}}});",
+            "franka_msgs/SetLoad": f"{{{message}}}",
+            "endeffector-config.json": f"{{{entries}}}",
+        }
     return PayloadCommand(
         controller=controller,
         frame=words,
         mass=float(mass),
         com=tuple(float(entry) for entry in centre),
         inertia=inertia,
-        texts=dict(_write_commands(controller, float(mass), centre.tolist(), inertia)),
+        texts=texts,
         notices=tuple(notices),
     )
 
@@ -335,20 +331,18 @@ def _list_flanges(robot: Robot, joint: str) -> list[str]:
     return [link.name for link in robot.links if robot.joints[link.joint].name == joint]
 
 
-def _check_limits(controller: str, inertia: Sequence[float]) -> None:
-    """Refuse what the manual says that the controller refuses; masses and moments here are positive."""
-    if controller == "ur" and max(map(abs, inertia)) > _LARGEST:
-        text = (
-            f"Universal Robots take at most {_LARGEST:g} kg m^2 for each component of the inertia, this "
-            f"payload has {max(inertia, key=abs):.4g}"
-        )
-        raise EstimateError(Notice(code="payload.controller-limit", text=text))
-
-
 def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple[FloatArray, FloatArray, str]:
     """Return rotation (3, 3) and origin (3,) of the flange in the file's frame of the link, and words."""
-    numbers = _read_numbers(frame)
-    if numbers is not None:
+    if frame is not None and not (isinstance(frame, str) and "," not in frame):
+        try:
+            numbers = [float(entry) for entry in (frame.split(",") if isinstance(frame, str) else frame)]
+        except (TypeError, ValueError):
+            numbers = []
+        if len(numbers) != 6 or not np.all(np.isfinite(numbers)):
+            text = (
+                f"--frame {frame}: expected the name of a link, or six numbers x,y,z,roll,pitch,yaw (m, rad)"
+            )
+            raise UsageError(Notice(code="usage.payload-frame", text=text))
         (cr, cp, cy), (sr, sp, sy) = np.cos(numbers[3:]), np.sin(numbers[3:])
         # Rot(z, yaw) Rot(y, pitch) Rot(x, roll).
         rotation = np.array(
@@ -385,44 +379,9 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
     return inner.T @ outer, inner.T @ (outer_origin - inner_origin), f"the frame of the link {link.name!r}"
 
 
-def _read_numbers(frame: FlangeFrame) -> list[float] | None:
-    """Return the six numbers of a frame; None where it is a name, or none is given."""
-    if frame is None or (isinstance(frame, str) and "," not in frame):
-        return None
-    try:
-        numbers = [float(entry) for entry in (frame.split(",") if isinstance(frame, str) else frame)]
-    except (TypeError, ValueError):
-        numbers = []
-    if len(numbers) != 6 or not np.all(np.isfinite(numbers)):
-        text = f"--frame {frame}: expected the name of a link, or six numbers x,y,z,roll,pitch,yaw (m, rad)"
-        raise UsageError(Notice(code="usage.payload-frame", text=text))
-    return numbers
-
-
 def _to_arrays(place: Placement, symbols: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
     rotation = np.array([[entry.to_float() for entry in row] for row in place.rotation])
     return rotation, np.array([entry.to_float(symbols) for entry in place.translation])
-
-
-def _write_commands(
-    controller: str, mass: float, com: Sequence[float], inertia: Sequence[float] | None
-) -> Iterator[tuple[str, str]]:
-    """Yield where to enter the payload, and what."""
-    m, centre = _write_number(mass), ", ".join(map(_write_number, com))
-    if controller == "ur":
-        xx, xy, xz, yy, yz, zz = map(_write_number, inertia or (0.0,) * 6)
-        tail = "" if inertia is None else f", [{xx}, {yy}, {zz}, {xy}, {xz}, {yz}]"
-        yield "URScript", f"set_target_payload({m}, [{centre}]{tail})"
-        yield "URScript, older", f"set_payload({m}, [{centre}])"
-        return
-    xx, xy, xz, yy, yz, zz = map(_write_number, inertia or (0.0,) * 6)
-    columns = f"{xx}, {xy}, {xz}, {xy}, {yy}, {yz}, {xz}, {yz}, {zz}"
-    yield "libfranka", f"robot.setLoad({m}, {{{{{centre}}}}}, {{{{{columns}}}}});"
-    yield "franka_msgs/SetLoad", f"{{mass: {m}, center_of_mass: [{centre}], load_inertia: [{columns}]}}"
-    yield (
-        "endeffector-config.json",
-        f'{{"mass": {m}, "centerOfMass": [{centre}], "inertia": [{columns}]}}',
-    )
 
 
 def _write_number(value: float) -> str:

@@ -86,11 +86,30 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
         EstimateError: there is no such file, it holds something else, or belongs to another model; it names
             all mistakes.
     """
-    kind, body, complete = _split(path, _read_json(path))
+    data = _read_json(path)
+    name = data.get("format") if isinstance(data, dict) else None
+    if not isinstance(data, dict) or not _is_format(name):
+        saw = "" if name is None else f": its format is {name!r:.60}"
+        raise _refuse(path, f"this is JSON, but not an estimate written by symid{saw}")
+    # Its fields by their names of today.
+    body = {key: value for key, value in data.items() if key not in _ABOUT}
+    version, kind = data.get("version"), str(data.get("kind")) if name == _FORMAT else _BEFORE[str(name)]
+    known = _READ if name == _FORMAT else (1,)
+    if type(version) is not int or version not in known:
+        read = ", ".join(map(str, known))
+        raise _refuse(path, f"version {version!r} of the format; this symid reads {read}")
+    if kind not in _KINDS:
+        raise _refuse(path, f"kind: expected one of {', '.join(_KINDS)}, got {kind!r}")
+    if version == 1 and kind == "elastic":
+        # The friction models of the joints follow from names of parameters.
+        given = body.get("parameters")
+        entries = given if isinstance(given, list) else []
+        names = [str(entry.get("name")) for entry in entries if isinstance(entry, dict)]
+        body["friction"] = list(name_friction(names))
     mistakes = list(islice(list_unusable(body), _MOST))
     if not mistakes:
         try:
-            record = read_record(_KINDS[kind], body, complete=complete)
+            record = read_record(_KINDS[kind], body, complete=version == _VERSION)
             mistakes = record.list_mistakes()
         except SymidError as error:
             mistakes = [notice.text for notice in error.notices]
@@ -307,26 +326,3 @@ def _build_table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _is_format(name: object) -> bool:
     return isinstance(name, str) and (name == _FORMAT or name in _BEFORE)
-
-
-def _split(path: Path, data: object) -> tuple[str, dict[str, Any], bool]:
-    """Return the kind of a fit, its fields by their names of today, and whether all are required."""
-    name = data.get("format") if isinstance(data, dict) else None
-    if not isinstance(data, dict) or not _is_format(name):
-        saw = "" if name is None else f": its format is {name!r:.60}"
-        raise _refuse(path, f"this is JSON, but not an estimate written by symid{saw}")
-    body = {key: value for key, value in data.items() if key not in _ABOUT}
-    version, kind = data.get("version"), str(data.get("kind")) if name == _FORMAT else _BEFORE[str(name)]
-    known = _READ if name == _FORMAT else (1,)
-    if type(version) is not int or version not in known:
-        read = ", ".join(map(str, known))
-        raise _refuse(path, f"version {version!r} of the format; this symid reads {read}")
-    if kind not in _KINDS:
-        raise _refuse(path, f"kind: expected one of {', '.join(_KINDS)}, got {kind!r}")
-    if version == 1 and kind == "elastic":
-        # The friction models of the joints follow from names of parameters.
-        given = body.get("parameters")
-        entries = given if isinstance(given, list) else []
-        names = [str(entry.get("name")) for entry in entries if isinstance(entry, dict)]
-        body["friction"] = list(name_friction(names))
-    return kind, body, version == _VERSION

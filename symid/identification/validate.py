@@ -13,7 +13,6 @@ from typing import final
 
 import numpy as np
 
-from symid.codegen import Library
 from symid.errors import LogError, Notice, UsageError
 from symid.excitation import Trajectory, build_trajectory
 from symid.identification.diagnostics import (
@@ -224,36 +223,49 @@ def validate_fit(
         IdentifiabilityError: no joint moves in it, or none can be validated.
         RobotError: the robot file lacks values to simulate with.
     """
-    match fit:
-        case Estimate():
-            return _validate_rigid(robot, fit, log, context, pairs=pairs, test=test, band=band, file=file)
-        case ElasticEstimate():
-            return _validate_elastic(
-                robot, fit, log, context, pairs=pairs, test=test, tracking=tracking, file=file
+    if isinstance(fit, ElasticEstimate):
+        return _validate_elastic(
+            robot, fit, log, context, pairs=pairs, test=test, tracking=tracking, file=file
+        )
+    found, notices, wanted = fit, tuple[Notice, ...](), tuple[str, ...]()
+    if isinstance(fit, FrictionIdentification):
+        # The log map of another robot would only say that its columns do not fit.
+        check_robot(fit, robot.name, file)
+        wanted, processing = ("a law of friction",), fit.settings.get("processing")
+        if (fit.settings.get("period") or fit.settings.get("periods")) and isinstance(processing, dict):
+            # Mean periods have cut ends of their own.
+            own = robot.processing
+            processing = {**processing, "drop_first": own.drop_first, "drop_last": own.drop_last}
+            fit = replace(fit, settings={**fit.settings, "processing": processing})
+            text = (
+                "friction was fitted to mean periods; this log is not averaged, so its residual contains "
+                "noise"
             )
-    return _validate_friction(robot, fit, log, context, pairs=pairs, test=test, file=file)
-
-
-def _validate_rigid(
-    robot: Robot,
-    estimate: Estimate,
-    log: Path | Recording,
-    context: TaskContext,
-    *,
-    pairs: Pairs,
-    test: Sequence[LogPart],
-    band: float | None,
-    file: str,
-) -> RigidValidation:
-    described = restore_robot(robot, estimate, pairs)
-    found = build_rigid_estimate(estimate, described)
-    (read,) = take_parts((read_one_log(log, described),), test, "--test")
+            source = str(log.source if isinstance(log, Recording) else log)
+            notices = (Notice(code="validate.not-folded", text=text, file=source),)
+    described = restore_robot(robot, fit, pairs)
+    rigid = build_rigid_variant(described)
+    if isinstance(found, Estimate):
+        found = build_rigid_estimate(found, described)
+    (read,) = take_parts((read_one_log(log, described, *wanted),), test, "--test")
     recording = build_motor_recording(read, described)
-    library = context.prepare(build_rigid_variant(described))
-    card = library.card
-    check_model(found, card, file)
+    rigid = rigid if isinstance(found, Estimate) else set_identified_friction(rigid, found)
+    library = context.prepare(rigid)
+    check_model(found, library.card, file)
     context.progress(f"validating on {recording.source}")
-    settled = resolve_processing(found, described.processing, recording)
+    notices = (*described.notices, *notices, *library.notices)
+    if isinstance(found, FrictionIdentification):
+        rotors = list_coupled_rotors(described)
+        validation = validate_friction(found, library, recording, described.processing, rotors=rotors)
+        return FrictionValidation(
+            robot=described,
+            source=validation.source,
+            tables=(("", validation.residual),),
+            notices=(*notices, *recording.notices, *validation.notices),
+            validation=validation,
+            laws={entry.joint: entry.estimate.law for entry in found.joints},
+        )
+    card, settled = library.card, resolve_processing(found, described.processing, recording)
     beta = found.assemble([entry.name for entry in card.beta])
     (recording,) = fill_loads(library, [recording], settled.processing, beta)
     validation = validate_estimate(found, library, recording, described.processing)
@@ -266,7 +278,7 @@ def _validate_rigid(
         robot=described,
         source=validation.source,
         tables=(("", validation.residual if within is None else within.joints),),
-        notices=(*described.notices, *library.notices, *recording.notices, *validation.notices),
+        notices=(*notices, *recording.notices, *validation.notices),
         validation=validation,
         settled=settled,
         band=within,
@@ -294,7 +306,20 @@ def _validate_elastic(
         check_stated_values(described)
     library = context.prepare(described)
     check_model(estimate, library.card, file)
-    cases = {} if tracking is None else _list_cases(estimate, tracking, library, file)
+    cases: dict[str, ElasticEstimate] = {}
+    if tracking is not None:
+        for path, other in tracking.against:
+            check_model(other, library.card, path)
+        text = "the estimate lacks springs, which a feed-forward of elastic joints needs; identify them too"
+        tried = ((file, estimate), *tracking.against)
+        lacking = [
+            Notice(code="usage.no-springs", text=text, file=path)
+            for path, entry in tried
+            if not entry.springs or not all(spring.told for spring in entry.springs)
+        ]
+        if lacking:
+            raise UsageError(*lacking)
+        cases = {f"Case {k}: {entry.method}": entry for k, (_, entry) in enumerate(tried, start=1)}
     (moved,), alignment, aligned = prepare_aligned(library, (recording,))
     context.progress(f"validating on {recording.source}")
     trial = evaluate_elastic(estimate, library, moved, cutoff=get_stated_cutoff(described, pairs))
@@ -315,6 +340,24 @@ def _validate_elastic(
             f"{', '.join(beyond)}; identify from logs with as much torsion"
         )
         warnings.append(Notice(code="validate.beyond-torsion", text=text, file=trial.source))
+    followed: TrackingComparison | None = None
+    if tracking is not None:
+        # The closed loops of all cases, simulated with the values of the robot file.
+        kinds = f"{len(cases) + 1} kinds of feed-forward"
+        context.progress(f"tracking {tracking.trajectory.source} with {kinds}")
+        followed = TrackingComparison(
+            trajectory=tracking.trajectory,
+            runs=simulate_tracking(
+                described,
+                library,
+                {name: entry.build_fit(library.card) for name, entry in cases.items()},
+                tracking.trajectory,
+                build_noisy_options(),
+                progress=context.progress,
+            ),
+            methods={name: entry.method for name, entry in cases.items()},
+            seed=tracking.seed,
+        )
     return ElasticValidation(
         robot=described,
         source=trial.source,
@@ -323,33 +366,8 @@ def _validate_elastic(
         estimate=estimate,
         trial=trial,
         alignment=alignment,
-        tracking=None if tracking is None else _track(described, library, tracking, cases, context),
+        tracking=followed,
     )
-
-
-def _list_cases(
-    found: ElasticEstimate, task: TrackingTask, library: Library, file: str
-) -> dict[str, ElasticEstimate]:
-    """Return the estimates whose feed-forward is compared, by name.
-
-    Raises:
-        EstimateError: another estimate is of another model.
-        UsageError: an estimate has no springs, which a feed-forward needs.
-    """
-    for path, estimate in task.against:
-        check_model(estimate, library.card, path)
-    cases = ((file, found), *task.against)
-    text = "the estimate lacks springs, which a feed-forward of elastic joints needs; identify them too"
-    lacking = [
-        Notice(code="usage.no-springs", text=text, file=path)
-        for path, estimate in cases
-        if not estimate.springs or not all(spring.told for spring in estimate.springs)
-    ]
-    if lacking:
-        raise UsageError(*lacking)
-    return {
-        f"Case {number}: {estimate.method}": estimate for number, (_, estimate) in enumerate(cases, start=1)
-    }
 
 
 def build_tracking_task(
@@ -365,67 +383,6 @@ def build_tracking_task(
     name = "tc" if plain else "fourier"
     trajectory = build_trajectory(robot, name, np.random.default_rng(chosen or 0))
     return TrackingTask(trajectory=trajectory, seed=chosen, against=against)
-
-
-def _track(
-    robot: Robot,
-    library: Library,
-    task: TrackingTask,
-    cases: Mapping[str, ElasticEstimate],
-    context: TaskContext,
-) -> TrackingComparison:
-    """Return the closed loops of all cases, simulated with the values of the robot file."""
-    context.progress(f"tracking {task.trajectory.source} with {len(cases) + 1} kinds of feed-forward")
-    runs = simulate_tracking(
-        robot,
-        library,
-        {name: estimate.build_fit(library.card) for name, estimate in cases.items()},
-        task.trajectory,
-        build_noisy_options(),
-        progress=context.progress,
-    )
-    methods = {name: estimate.method for name, estimate in cases.items()}
-    return TrackingComparison(trajectory=task.trajectory, runs=runs, methods=methods, seed=task.seed)
-
-
-def _validate_friction(
-    robot: Robot,
-    found: FrictionIdentification,
-    log: Path | Recording,
-    context: TaskContext,
-    *,
-    pairs: Pairs,
-    test: Sequence[LogPart],
-    file: str,
-) -> FrictionValidation:
-    # The log map of another robot would only say that its columns do not fit.
-    check_robot(found, robot.name, file)
-    notices: tuple[Notice, ...] = ()
-    unfolded, processing = found, found.settings.get("processing")
-    if (found.settings.get("period") or found.settings.get("periods")) and isinstance(processing, dict):
-        # Mean periods have cut ends of their own.
-        own = robot.processing
-        processing = {**processing, "drop_first": own.drop_first, "drop_last": own.drop_last}
-        unfolded = replace(found, settings={**found.settings, "processing": processing})
-        text = "friction was fitted to mean periods; this log is not averaged, so its residual contains noise"
-        source = str(log.source if isinstance(log, Recording) else log)
-        notices = (Notice(code="validate.not-folded", text=text, file=source),)
-    described = restore_robot(robot, unfolded, pairs)
-    (read,) = take_parts((read_one_log(log, described, "a law of friction"),), test, "--test")
-    recording = build_motor_recording(read, described)
-    library = context.prepare(set_identified_friction(build_rigid_variant(described), found))
-    check_model(found, library.card, file)
-    context.progress(f"validating on {recording.source}")
-    rotors = list_coupled_rotors(described)
-    validation = validate_friction(found, library, recording, described.processing, rotors=rotors)
-    return FrictionValidation(
-        robot=described,
-        source=validation.source,
-        tables=(("", validation.residual),),
-        notices=(*described.notices, *notices, *library.notices, *recording.notices, *validation.notices),
-        validation=validation,
-        laws={entry.joint: entry.estimate.law for entry in found.joints},
-    )
 
 
 def diagnose_fit(robot: Robot, estimate: Estimate, context: TaskContext) -> Diagnosis:

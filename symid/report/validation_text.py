@@ -26,8 +26,8 @@ from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.dynamics import OpenReading
-    from symid.identification import Compared, EstimateSide
-    from symid.identification.rigid import Diagnosis, TriedReading
+    from symid.identification import Compared, EstimateSide, TriedReading
+    from symid.identification.rigid import Diagnosis
 
 
 def show_trial(found: AnyValidation) -> tuple[Block, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.identification.rigid.closed_loop_estimate import identify_closed_loop
+from symid.identification.rigid.closed_loop import identify_closed_loop
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
 from symid.robot.description import Decimation

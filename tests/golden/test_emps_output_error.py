@@ -15,9 +15,9 @@ from symid.codegen.library import Library
 from symid.identification.rigid.closed_loop import (
     build_closed_loop,
     compute_demand,
+    identify_closed_loop,
     set_card_values,
 )
-from symid.identification.rigid.closed_loop_estimate import identify_closed_loop
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
 from symid.logs.reader import read_recording

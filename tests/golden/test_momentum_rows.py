@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
+from symid.identification.diagnostics.residual_structure import compute_band_residual, predict_torques
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
 from symid.robot.loading import override_robot

@@ -24,7 +24,7 @@ from symid.dynamics.regrouping import (
     list_coupled_readings,
     read_group,
 )
-from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
+from symid.identification.diagnostics.residual_structure import compute_band_residual, predict_torques
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.stored import write_fit
 from symid.logs.reader import read_recording

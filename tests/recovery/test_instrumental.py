@@ -10,9 +10,14 @@ from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.identification.estimators.least_squares import fit_wls
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.regression.preparation import prepare_rows
-from symid.identification.rigid.closed_loop import build_closed_loop, simulate_closed_loop
-from symid.identification.rigid.closed_loop_estimate import identify_closed_loop
-from symid.identification.rigid.closed_loop_fit import ClosedLoopProblem, estimate_start, fit_instrumental
+from symid.identification.rigid.closed_loop import (
+    ClosedLoopProblem,
+    build_closed_loop,
+    estimate_start,
+    fit_instrumental,
+    identify_closed_loop,
+    simulate_closed_loop,
+)
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.recording import RunSettings
 from symid.logs.runs import get_run_weights

@@ -8,9 +8,12 @@ import pytest
 from symid.codegen.cache import prepare_library
 from symid.errors import SolverError
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.identification.rigid.closed_loop import build_closed_loop
-from symid.identification.rigid.closed_loop_estimate import identify_closed_loop
-from symid.identification.rigid.closed_loop_fit import ClosedLoopProblem, fit_output_error
+from symid.identification.rigid.closed_loop import (
+    ClosedLoopProblem,
+    build_closed_loop,
+    fit_output_error,
+    identify_closed_loop,
+)
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.recording import RunSettings
 from symid.logs.runs import get_run_weights

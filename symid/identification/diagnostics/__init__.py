@@ -3,10 +3,14 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.identification.diagnostics.causes import find_cause as find_cause
+    from symid.identification.diagnostics.causes import (
+        build_quick_logs as build_quick_logs,
+        find_cause as find_cause,
+        fit_quick as fit_quick,
+        list_proportions as list_proportions,
+    )
     from symid.identification.diagnostics.fit_warnings import (
         build_warning as build_warning,
-        compute_block_deviations as compute_block_deviations,
         evaluate_inertia_columns as evaluate_inertia_columns,
         sum_block_scores as sum_block_scores,
         warn_of_correlated_residuals as warn_of_correlated_residuals,
@@ -15,31 +19,26 @@ if TYPE_CHECKING:
         warn_of_poorly_identifiable as warn_of_poorly_identifiable,
         warn_of_processing as warn_of_processing,
     )
-    from symid.identification.diagnostics.log_channels import (
-        LogCheck as LogCheck,
-        describe_proportion as describe_proportion,
-        list_proportions as list_proportions,
-    )
     from symid.identification.diagnostics.log_check import (
         CheckedLog as CheckedLog,
+        LogCheck as LogCheck,
         LogExcitation as LogExcitation,
         LogsCheck as LogsCheck,
         check_robot_logs as check_robot_logs,
+        describe_proportion as describe_proportion,
         summarise_log as summarise_log,
-    )
-    from symid.identification.diagnostics.quick_model import (
-        build_quick_logs as build_quick_logs,
-        fit_quick as fit_quick,
     )
     from symid.identification.diagnostics.residual_structure import (
         FAMILIES as FAMILIES,
         OTHER_VALUES as OTHER_VALUES,
+        BandResidual as BandResidual,
         JointMotion as JointMotion,
         JointProfiles as JointProfiles,
         ResidualFinding as ResidualFinding,
         analyse_structure as analyse_structure,
+        compute_band_residual as compute_band_residual,
         compute_profiles as compute_profiles,
-        warn_of_missing as warn_of_missing,
+        predict_torques as predict_torques,
     )
     from symid.identification.diagnostics.stretches import (
         ENDS as ENDS,
@@ -57,11 +56,6 @@ if TYPE_CHECKING:
         measure_scoring_band as measure_scoring_band,
         smooth_rows as smooth_rows,
         solve_sums as solve_sums,
-    )
-    from symid.identification.diagnostics.torque_prediction import (
-        BandResidual as BandResidual,
-        compute_band_residual as compute_band_residual,
-        predict_torques as predict_torques,
     )
     from symid.identification.diagnostics.uncertainty import (
         Bootstrap as Bootstrap,

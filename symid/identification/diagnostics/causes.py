@@ -1,18 +1,29 @@
 """Why a log does not fit: single mistakes undone one after the other, and kept where the fit becomes right.
 
-QuickLogs -> `LikelyCause`, or None where no single mistake explains the result.
+Library, recordings, settings -> `QuickLogs` -> `QuickResult`s -> `LikelyCause`, which may say that no single
+mistake explains the result.
 
-Every hypothesis is tried in fact: the samples are changed as if the mistake were undone, and fitted. It
-counts if held-out stretches are predicted clearly better, or those of one joint and no other is explained
-worse, or nothing impossible is left while they are predicted as well; the one that leaves least is named. The
-fit of all samples must leave less, too: with few samples fits of stretches are poor, and differ by chance.
+Every hypothesis is tried in fact: the samples are changed as if the mistake were undone, and fitted, by a
+small model of the logs within the scoring band, in milliseconds. It counts if held-out stretches are
+predicted clearly better, or those of one joint and no other is explained worse, or nothing impossible is left
+while they are predicted as well; the one that leaves least is named. The fit of all samples must leave less,
+too: with few samples fits of stretches are poor, and differ by chance.
 
-Supported: signs, order and units of columns, a delay of all torques, times scaled, a wrong zero of a joint.
-Not supported: two mistakes at once; what no torque can show (all torques scaled, times by a few percent, the
-zero of a first vertical or a last joint), which needs a known mass, payload or CAD value.
+    columns    evaluated along the low-passed states themselves (products of states are not low-passed again)
+    held out   as for `stretches`: every stretch predicted by the others, joints alike
+    impossible joints whose friction drives them, or whose inertia is negative
+
+Friction of joint j drives it where mean(tau_f dq) < 0, its inertia is negative where mean(M_jj ddq^2) < 0,
+both by more than five deviations of the jackknife and two percent of what the torque would do.
+
+Supported: several logs, known payloads, joints at rest; signs, order and units of columns, a delay of all
+torques, times scaled, a wrong zero of a joint.
+Not supported: logs of different sample rates; two mistakes at once; what no torque can show (all torques
+scaled, times by a few percent, the zero of a first vertical or a last joint), which needs a known mass,
+payload or CAD value.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import NamedTuple
@@ -21,7 +32,218 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.identification.diagnostics.quick_model import QuickLogs, QuickResult, fit_quick, mask_impossible
+from symid.codegen import Library
+from symid.identification.diagnostics.stretches import (
+    ENDS,
+    PART,
+    compute_jackknife,
+    count_stretches,
+    solve_sums,
+)
+from symid.identification.regression import evaluate_columns, list_resting_joints, prepare_states
+from symid.joint_models import REFERENCE_TEMPERATURE
+from symid.logs import Recording, low_pass
+from symid.robot import Processing
+
+_RATE = 4.0
+"""Times the scoring band: rate of the samples that are kept."""
+_MOST_SAMPLES = 3000
+"""Samples of all logs together."""
+_ORDER = 4
+PARTS = 4
+"""Of every held-out stretch, whose squares are compared."""
+_SURELY_BAD = 5.0
+_CLEAR = 0.02
+_SLOW = 0.05
+"""Of the top speed: rows below count for nothing where a joint has friction."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class QuickLogs:
+    """Samples of all logs, one after the other.
+
+    Args:
+        q, dq, ddq, tau: (T, n); kept: (T, n) whether a joint's row counts.
+        stretch: (T,) number of its stretch; run: (T,) of its log.
+        period: s, between samples; friction: whether every joint gets viscous and dry friction of its own.
+        transmission: (n, n) angles of the motors over those of the joints, None where each moves one joint.
+    """
+
+    library: Library
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    tau: FloatArray
+    kept: NDArray[np.bool_]
+    stretch: NDArray[np.intp]
+    run: NDArray[np.intp]
+    period: float
+    friction: bool = False
+    transmission: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class QuickResult:
+    """A fit: parameters (p,), and those without each stretch (s, p).
+
+    `moving` (k,) are the joints that have rows with a torque; `held_out`, `fitted` (k,) their residuals in
+    percent of held-out and of all samples, `losses` (w, k) the squares of the parts of held-out stretches
+    relative to the whole torque.
+    """
+
+    moving: tuple[int, ...]
+    held_out: FloatArray
+    fitted: FloatArray
+    values: FloatArray
+    folds: FloatArray
+    losses: FloatArray
+
+    @property
+    def percent(self) -> float:
+        """Return the mean over joints of what is left unexplained of held-out samples, in percent."""
+        return float(np.mean(self.held_out))
+
+
+def build_quick_logs(
+    library: Library, recordings: Sequence[Recording], processing: Processing, scoring: float
+) -> QuickLogs:
+    """Return the samples of recordings within the `scoring` band in Hz; `processing` has its ends cut."""
+    parts = []
+    length = sum(entry.time[-1] - entry.time[0] for entry in recordings)
+    rate = min(_RATE * scoring, _MOST_SAMPLES / max(length, 1e-9))
+    each, count = count_stretches(len(recordings)), 0
+    friction = np.array([joint.friction != "none" for joint in library.card.joints])
+    for run, recording in enumerate(recordings):
+        cutoff = min(scoring, 0.4 / recording.period)
+        settings = replace(processing, filter_cutoff=cutoff, automatic=False)
+        signals = prepare_states(library, recording, settings)
+        tau = low_pass(signals.tau, period=signals.period, cutoff=cutoff, order=_ORDER)
+        step = max(1, round(1.0 / (rate * signals.period)))
+        ends = round(min(ENDS / signals.period, PART * len(signals.time)))
+        places = np.arange(ends, len(signals.time) - ends, step)
+        speed = np.abs(signals.dq[places])
+        slow = speed < _SLOW * np.quantile(speed, 0.99, axis=0)
+        kept = ~(slow & friction)
+        resting = np.isin(np.arange(library.card.size), list_resting_joints(recording)) & friction
+        kept[:, resting] = False
+        stretch = count + np.arange(len(places)) * each // max(len(places), 1)
+        count += each
+        table = [part[places] for part in (signals.q, signals.dq, signals.ddq, tau)]
+        parts.append((*table, kept, stretch, np.full(len(places), run)))
+    q, dq, ddq, tau, kept, stretch, runs = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return QuickLogs(
+        library=library,
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        tau=tau,
+        kept=kept,
+        stretch=stretch,
+        run=runs,
+        period=step * recordings[-1].period,
+        transmission=recordings[0].transmission,
+    )
+
+
+def fit_quick(logs: QuickLogs) -> QuickResult:
+    """Return the fit of all samples, and what fits without each stretch predict of it."""
+    table = np.concatenate([_evaluate(logs), logs.tau[:, :, None]], axis=2) * logs.kept[:, :, None]
+    count = int(logs.stretch.max()) + 1
+    products = []
+    for place in range(count):
+        for part in np.array_split(np.flatnonzero(logs.stretch == place), PARTS):
+            # (n, rows, p + 1)
+            block = np.ascontiguousarray(np.swapaxes(table[part], 0, 1))
+            products.append(np.swapaxes(block, 1, 2) @ block)
+    # (s, parts, n, p + 1, p + 1)
+    sums = np.stack(products).reshape(count, PARTS, *products[0].shape)
+    stretches = sums.sum(axis=1)
+    whole = stretches.sum(axis=0)
+    size = np.where(whole[:, -1, -1] > 0.0, whole[:, -1, -1], 1.0)
+    weights = 1.0 / size
+    for _ in range(2):
+        values = solve_sums(whole, weights)
+        weights = 1.0 / np.maximum(_compute_left(values, whole), 1e-6 * size)
+    values = solve_sums(whole, weights)
+    folds = solve_sums(whole - stretches, weights)
+    pairs = np.column_stack([folds, -np.ones(count)])[:, None, None]
+    left = ((sums @ pairs[..., None])[..., 0] * pairs).sum(axis=-1)
+    squares = np.maximum(left, 0.0).reshape(-1, sums.shape[2])
+    moving = whole[:, -1, -1] > 0.0
+    return QuickResult(
+        moving=tuple(np.flatnonzero(moving).tolist()),
+        held_out=100.0 * np.sqrt(squares.sum(axis=0) / size)[moving],
+        fitted=100.0 * np.sqrt(np.maximum(_compute_left(values, whole), 0.0) / size)[moving],
+        values=values,
+        folds=folds,
+        losses=(squares / size)[:, moving],
+    )
+
+
+def _evaluate(logs: QuickLogs) -> FloatArray:
+    """Return the columns (T, n, p), of added friction too."""
+    q, dq, ddq = (np.ascontiguousarray(part) for part in (logs.q, logs.dq, logs.ddq))
+    columns = evaluate_columns(
+        logs.library, q, dq, ddq, np.zeros_like(q), np.full_like(q, REFERENCE_TEMPERATURE)
+    )
+    if logs.friction:
+        each = np.arange(dq.shape[1])
+        added = np.zeros((*dq.shape, 2 * dq.shape[1]))
+        added[:, each, each], added[:, each, each + len(each)] = dq, np.sign(dq)
+        columns = np.concatenate([columns, added], axis=2)
+    return columns
+
+
+def _compute_left(values: FloatArray, sums: FloatArray) -> FloatArray:
+    """Return the squares (n,) that parameters (p,) leave of sums (n, p + 1, p + 1)."""
+    errors = np.append(values, -1.0)
+    return np.asarray(np.einsum("k,jkl,l->j", errors, sums, errors))
+
+
+_PROPORTIONAL = 1e-6
+"""1 - |correlation| of two joints' speeds below which they move in proportion."""
+
+
+def list_proportions(velocity: FloatArray, moving: Sequence[int]) -> tuple[tuple[int, int], ...]:
+    """Return the pairs of `moving` joints whose velocities (T, n) are in proportion."""
+    found = []
+    turning = [joint for joint in moving if float(np.ptp(velocity[:, joint])) > 0.0]
+    for first, second in combinations(turning, 2):
+        pair = np.corrcoef(velocity[:, first], velocity[:, second])[0, 1]
+        if 1.0 - abs(float(pair)) < _PROPORTIONAL:
+            found.append((first, second))
+    return tuple(found)
+
+
+def mask_impossible(logs: QuickLogs, fit: QuickResult) -> NDArray[np.bool_]:
+    """Return the joints (n,) that a fit of `logs` has driven by friction, or with a negative inertia."""
+    columns, values, folds = _evaluate(logs), fit.values, fit.folds
+    inertial, joints = len(logs.library.card.beta), columns.shape[1]
+    still = np.zeros_like(logs.q)
+    (weight,) = logs.library.evaluate("torque_regressor", np.ascontiguousarray(logs.q), still, still)
+    found = np.zeros(joints, dtype=np.bool_)
+    for joint in range(joints):
+        kept = logs.kept[:, joint]
+        if not kept.any():
+            continue
+        unit = still.copy()
+        unit[:, joint] = 1.0
+        (inertia,) = logs.library.evaluate("torque_regressor", np.ascontiguousarray(logs.q), still, unit)
+        torque = float(np.sqrt(np.mean(logs.tau[kept, joint] ** 2))) or 1.0
+        quantities = (
+            ((inertia - weight)[kept, joint], logs.ddq[kept, joint] ** 2, logs.ddq[kept, joint], inertial, 0),
+            (columns[kept, joint], logs.dq[kept, joint], logs.dq[kept, joint], None, inertial),
+        )
+        for table, factor, motion, stop, start in quantities:
+            row = (table[:, start:stop] * factor[:, None]).mean(axis=0)
+            scale = float(np.sqrt(np.mean(motion**2))) * torque or 1.0
+            share = float(row @ values[start : start + len(row)]) / scale
+            spread = (
+                np.sqrt(compute_jackknife((folds[:, start : start + len(row)] @ row)[:, None]))[0] / scale
+            )
+            found[joint] |= share < -max(_CLEAR, _SURELY_BAD * float(spread))
+    return found
+
 
 _CLEARLY, _MOST = 0.7, 40.0
 """Times the held-out residual before, and percent: a mistake undone leaves less."""
@@ -108,7 +330,9 @@ def find_cause(
         except np.linalg.LinAlgError:
             continue
         percent = found.percent
-        better = percent <= min(_CLEARLY * before.percent, most, _MOST) and _is_certain(before, found)
+        better = percent <= min(_CLEARLY * before.percent, most, _MOST) and (
+            _compare(before.losses.mean(axis=1), found.losses.mean(axis=1)) > _SURE
+        )
         better = better and float(np.mean(found.fitted)) <= _FITTED * float(np.mean(before.fitted))
         helped = None
         if not better and held_out is not None:
@@ -132,37 +356,21 @@ def find_cause(
                 leaves=leaves,
             )
             best = rest, percent, cause
-    return best[2] if best is not None else _describe_unexplained(names, before, wrong)
-
-
-def _describe_unexplained(names: list[str], before: QuickResult, wrong: NDArray[np.bool_]) -> LikelyCause:
-    """Return what to say where no single mistake helps; `wrong` (n,): joints with impossible values."""
-    if before.percent >= _UNRELATED:
-        return LikelyCause(
-            code="log.foreign-torque",
-            cause="the torques have nothing to do with this motion",
-            remedy="check that torque and position columns are of the same run and of this robot",
-            percent=float("inf"),
-        )
+    if best is not None:
+        return best[2]
+    # What to say where no single mistake helps.
     odd = [name for name, bad in zip(names, wrong, strict=True) if bad]
-    if odd:
-        return LikelyCause(
-            code="log.impossible",
-            cause=f"inertia or friction of {', '.join(odd)} comes out negative, which no robot has",
-            remedy="check sign, unit and zero of position and torque of these joints, and the robot file",
-            percent=float("inf"),
-        )
-    return LikelyCause(
-        code="log.other-robot",
-        cause="the model explains only part of the torque, and no single mistake in the log explains why",
-        remedy="check dimensions and gravity of the robot file, and that the log is of this robot",
-        percent=float("inf"),
-    )
-
-
-def _is_certain(before: QuickResult, after: QuickResult) -> bool:
-    """Return whether held-out parts are predicted better throughout."""
-    return _compare(before.losses.mean(axis=1), after.losses.mean(axis=1)) > _SURE
+    code = "log.other-robot"
+    said = "the model explains only part of the torque, and no single mistake in the log explains why"
+    remedy = "check dimensions and gravity of the robot file, and that the log is of this robot"
+    if before.percent >= _UNRELATED:
+        code, said = "log.foreign-torque", "the torques have nothing to do with this motion"
+        remedy = "check that torque and position columns are of the same run and of this robot"
+    elif odd:
+        code = "log.impossible"
+        said = f"inertia or friction of {', '.join(odd)} comes out negative, which no robot has"
+        remedy = "check sign, unit and zero of position and torque of these joints, and the robot file"
+    return LikelyCause(code=code, cause=said, remedy=remedy, percent=float("inf"))
 
 
 def _find_helped_joint(before: QuickResult, after: QuickResult, held_out: FloatArray) -> int | None:
@@ -199,52 +407,6 @@ def list_hypotheses(logs: QuickLogs) -> Iterator[Hypothesis]:
             "give each joint a friction model ([joint.friction], or --friction coulomb-viscous-offset)",
             replace(logs, friction=True),
         )
-    yield from _list_signs(logs, names)
-    yield from _list_motor_signs(logs, names)
-    yield from _list_exchanges(logs, names)
-    yield from _list_units(logs, names)
-    for factor in _TIMES:
-        scaled = replace(logs, dq=logs.dq / factor, ddq=logs.ddq / factor**2)
-        yield Hypothesis(
-            "log.time-scale",
-            f"the times of the log are about {1.0 / factor:.4g} times what they should be",
-            f"multiply them by {factor:.4g} (unit of [log.time])",
-            scaled,
-        )
-    for delay in _DELAYS:
-        if delay > _DELAYED * logs.period * len(logs.tau):
-            break
-        for sign, side in ((1.0, "after"), (-1.0, "before")):
-            moved = _shift(logs, sign * delay)
-            yield Hypothesis(
-                "log.torque-delay",
-                f"torques are logged about {1e3 * delay:g} ms {side} the motion",
-                "shift them in the log; `symid check` states the delay",
-                moved,
-            )
-    for joint, name in enumerate(names):
-        for zero in _ZEROS:
-            yield Hypothesis(
-                "log.joint-zero",
-                f"the zero of joint {name!r} is off by about {zero:.2g} rad",
-                "state it as offset of [log.position], or correct theta of the robot file",
-                replace(logs, q=_change(logs.q, joint, lambda x, zero=zero: x - zero)),
-            )
-
-
-def _change(values: FloatArray, joint: int, change: object) -> FloatArray:
-    changed = values.copy()
-    changed[:, joint] = change(values[:, joint])  # type: ignore[operator]  # a function of a column
-    return changed
-
-
-def _scale_position(logs: QuickLogs, joints: list[int], factor: float) -> QuickLogs:
-    scale = np.ones(logs.q.shape[1])
-    scale[joints] = factor
-    return replace(logs, q=logs.q * scale, dq=logs.dq * scale, ddq=logs.ddq * scale)
-
-
-def _list_signs(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
     yield Hypothesis(
         "log.torque-sign",
         "all torques have the wrong sign",
@@ -264,53 +426,23 @@ def _list_signs(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
             "state its factor -1 in [log.position]",
             _scale_position(logs, [joint], -1.0),
         )
-
-
-def _list_motor_signs(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
-    """Yield the logs with the torque of one motor inverted, where that turns no joint's torque alone."""
-    if logs.transmission is None:
-        return
-    matrix = logs.transmission
-    for motor in range(len(matrix)):
-        flip = np.eye(len(matrix))
-        flip[motor, motor] = -1.0
-        turn = np.linalg.solve(matrix, flip @ matrix)
-        if np.allclose(turn, np.diag(np.diag(turn))):
-            continue
-        moved = " and ".join(repr(names[joint]) for joint in np.flatnonzero(matrix[motor]))
-        yield Hypothesis(
-            "log.torque-sign",
-            f"the torque of motor {motor + 1}, which moves {moved}, has the wrong sign",
-            "state its factor -1 in [log.torque]",
-            replace(logs, tau=logs.tau @ turn),
-        )
-
-
-def _list_exchanges(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
+    yield from _list_motor_signs(logs, names)
     for first, second in combinations(range(len(names)), 2):
         order = list(range(len(names)))
         order[first], order[second] = second, first
         pair = f"{names[first]!r} and {names[second]!r}"
-        turned = replace(logs, tau=logs.tau[:, order], kept=logs.kept)
+        tau = logs.tau[:, order]
         moved = replace(
             logs, q=logs.q[:, order], dq=logs.dq[:, order], ddq=logs.ddq[:, order], kept=logs.kept[:, order]
         )
-        for what, other in (("torques", turned), ("positions", moved)):
-            yield Hypothesis(
-                "log.swapped-joints",
-                f"the {what} of {pair} are exchanged",
-                f"correct the order of columns in [log.{what[:-1]}]",
-                other,
-            )
-        yield Hypothesis(
-            "log.swapped-joints",
-            f"the joints {pair} are exchanged",
-            "correct the order of columns in [log]",
-            replace(moved, tau=logs.tau[:, order]),
+        swapped = (
+            (f"the torques of {pair}", "[log.torque]", replace(logs, tau=tau)),
+            (f"the positions of {pair}", "[log.position]", moved),
+            (f"the joints {pair}", "[log]", replace(moved, tau=tau)),
         )
-
-
-def _list_units(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
+        for what, where, other in swapped:
+            remedy = f"correct the order of columns in {where}"
+            yield Hypothesis("log.swapped-joints", f"{what} are exchanged", remedy, other)
     everything = list(range(len(names)))
     for factor, said in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
         yield Hypothesis(
@@ -338,6 +470,43 @@ def _list_units(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
             "state its unit, factor or gear in [log.torque]",
             replace(logs, tau=_change(logs.tau, joint, lambda x, factor=factor: factor * x)),
         )
+    for factor in _TIMES:
+        yield Hypothesis(
+            "log.time-scale",
+            f"the times of the log are about {1.0 / factor:.4g} times what they should be",
+            f"multiply them by {factor:.4g} (unit of [log.time])",
+            replace(logs, dq=logs.dq / factor, ddq=logs.ddq / factor**2),
+        )
+    for delay in _DELAYS:
+        if delay > _DELAYED * logs.period * len(logs.tau):
+            break
+        for sign, side in ((1.0, "after"), (-1.0, "before")):
+            yield Hypothesis(
+                "log.torque-delay",
+                f"torques are logged about {1e3 * delay:g} ms {side} the motion",
+                "shift them in the log; `symid check` states the delay",
+                _shift(logs, sign * delay),
+            )
+    for joint, name in enumerate(names):
+        for zero in _ZEROS:
+            yield Hypothesis(
+                "log.joint-zero",
+                f"the zero of joint {name!r} is off by about {zero:.2g} rad",
+                "state it as offset of [log.position], or correct theta of the robot file",
+                replace(logs, q=_change(logs.q, joint, lambda x, zero=zero: x - zero)),
+            )
+
+
+def _change(values: FloatArray, joint: int, change: object) -> FloatArray:
+    changed = values.copy()
+    changed[:, joint] = change(values[:, joint])  # type: ignore[operator]  # a function of a column
+    return changed
+
+
+def _scale_position(logs: QuickLogs, joints: list[int], factor: float) -> QuickLogs:
+    scale = np.ones(logs.q.shape[1])
+    scale[joints] = factor
+    return replace(logs, q=logs.q * scale, dq=logs.dq * scale, ddq=logs.ddq * scale)
 
 
 def _shift(logs: QuickLogs, delay: float) -> QuickLogs:
@@ -351,3 +520,23 @@ def _shift(logs: QuickLogs, delay: float) -> QuickLogs:
         for joint in range(tau.shape[1]):
             tau[own, joint] = np.interp(time + delay, time, logs.tau[own, joint])
     return replace(logs, tau=tau, kept=kept)
+
+
+def _list_motor_signs(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
+    """Yield the logs with the torque of one motor inverted, where that turns no joint's torque alone."""
+    if logs.transmission is None:
+        return
+    matrix = logs.transmission
+    for motor in range(len(matrix)):
+        flip = np.eye(len(matrix))
+        flip[motor, motor] = -1.0
+        turn = np.linalg.solve(matrix, flip @ matrix)
+        if np.allclose(turn, np.diag(np.diag(turn))):
+            continue
+        moved = " and ".join(repr(names[joint]) for joint in np.flatnonzero(matrix[motor]))
+        yield Hypothesis(
+            "log.torque-sign",
+            f"the torque of motor {motor + 1}, which moves {moved}, has the wrong sign",
+            "state its factor -1 in [log.torque]",
+            replace(logs, tau=logs.tau @ turn),
+        )

@@ -1,13 +1,23 @@
-"""Structure in the residual: which term the model misses, and where it acts.
+"""What a model leaves of a log: the terms that it misses, and the residual within a band of frequencies.
 
 Parameters, the library of their model, recordings -> `JointResidual` of each joint that moves ->
-`ResidualFinding`s, notices.
+`ResidualFinding`s, notices; a recording and a band -> `TorquePrediction` -> `BandResidual`.
 
 For every joint, families of functions that the model does not have are tried on the residual, one at a time.
 What the model's own columns at that joint explain is taken out of residual and functions first (e', C'), and
 reported as "other values". A family is measured on held-out blocks of time:
 
     share = 1 - sum over blocks b of |e'_b - C'_b k(without b)|^2 / |e'|^2
+
+Within a band, by a zero-phase Butterworth low-pass L of order 4,
+
+    e = L tau - L [Y | Yf] x,    relative residual of a joint: |e|_2 / |L tau|_2
+
+L is applied at the full sample rate to the measured torque and to the torque that the states predict, so that
+both are filtered alike. The states come from the position with the filter of the fit: a filter of the band
+there too would smooth what dry friction does where a velocity changes its sign, and judge another model. Half
+a second at either end is left out, where the filter extrapolates, and joints with friction that do not move,
+because dry friction or a brake may hold any torque.
 
 Supported: logs of the fit or held out, of any length: the equations of one joint are in memory at a time.
 Not supported: terms of several joints at once, products of functions, two families together; residuals of
@@ -16,26 +26,26 @@ momentum rows: whatever the fit, those of torque rows are used.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, compute_triangle
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import JointCard, Library
-from symid.errors import Notice
-from symid.identification.diagnostics.fit_warnings import build_warning
-from symid.identification.estimators import Evidence
+from symid.errors import LogError, Notice
+from symid.identification.diagnostics.stretches import ENDS
+from symid.identification.estimators import Residual, compute_mean_relative
 from symid.identification.regression import (
     choose_filters,
+    compute_payload_torque,
     evaluate_columns,
     evaluate_torques,
     hold_resting_joints,
     list_resting_joints,
-    subtract_payload_torque,
 )
-from symid.logs import Recording, Signals, decimate, decimate_blocks, prepare_signals
+from symid.logs import Recording, Signals, decimate, decimate_blocks, low_pass, prepare_signals
 from symid.robot import Decimation, Processing
 from symid.serialization import name_key
 
@@ -62,11 +72,6 @@ class Family(NamedTuple):
     advice: str
 
 
-def _build_bumps(motion: JointMotion) -> list[FloatArray]:
-    top = float(np.abs(motion.dq).max()) or 1.0
-    return [np.sign(motion.dq) * np.exp(-((motion.dq / (part * top)) ** 2)) for part in (0.02, 0.08)]
-
-
 OTHER_VALUES = "other values"
 """What the model's own columns explain; it has no functions of its own."""
 FAMILIES: dict[str, Family] = {
@@ -85,7 +90,10 @@ FAMILIES: dict[str, Family] = {
         "the friction law is another: --friction auto chooses one for each joint",
     ),
     "slow motion": Family(
-        _build_bumps,
+        lambda m: [
+            np.sign(m.dq) * np.exp(-((m.dq / (part * (float(np.abs(m.dq).max()) or 1.0))) ** 2))
+            for part in (0.02, 0.08)
+        ],
         "choose friction laws with --friction auto, or leave slow rows out (processing.standstill)",
     ),
     "load": Family(
@@ -121,19 +129,6 @@ _BLOCKS = 8
 _LARGEST = 2e8
 """Bytes of a joint's equations that are held in memory."""
 _TINY = 1e-300
-
-
-def _build_motion(signals: Signals, predicted: FloatArray, joint: int) -> JointMotion:
-    states = enumerate(zip(signals.dq.T, signals.ddq.T, strict=True))
-    return JointMotion(
-        time=signals.time,
-        q=signals.q[:, joint],
-        dq=signals.dq[:, joint],
-        ddq=signals.ddq[:, joint],
-        load=predicted[:, joint],
-        others=[pair for k, pair in states if k != joint],
-        period=signals.period,
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -183,7 +178,8 @@ def compute_joint_residuals(
     for recording, weight in zip(recordings, weights or [1.0] * len(recordings), strict=True):
         resting = list_resting_joints(recording)
         signals = hold_resting_joints(prepare_signals(recording, processing), resting)
-        signals = subtract_payload_torque(library, signals, recording)
+        load = compute_payload_torque(library, signals, recording)
+        signals = signals if load is None else replace(signals, tau=signals.tau - load)
         logs.append((signals, evaluate_torques(library, signals, values), weight, resting))
     for joint, card in enumerate(library.card.joints):
         moving = [entry for entry in logs if joint not in entry[-1]]
@@ -206,7 +202,22 @@ def compute_joint_residuals(
             span=_compute_span(table[:, :-1]),
             # All logs are cut alike, so that each block holds a part of every log.
             blocks=np.concatenate([np.arange(length) * _BLOCKS // length for length in lengths]),
-            motions=tuple(_build_motion(signals, predicted, joint) for signals, predicted, *_ in moving),
+            motions=tuple(
+                JointMotion(
+                    time=signals.time,
+                    q=signals.q[:, joint],
+                    dq=signals.dq[:, joint],
+                    ddq=signals.ddq[:, joint],
+                    load=predicted[:, joint],
+                    others=[
+                        (signals.dq[:, k], signals.ddq[:, k])
+                        for k in range(signals.dq.shape[1])
+                        if k != joint
+                    ],
+                    period=signals.period,
+                )
+                for signals, predicted, *_ in moving
+            ),
             decimation=processing.decimation,
             step=step,
         )
@@ -300,18 +311,40 @@ def analyse_structure(
     residuals = compute_joint_residuals(
         values, library, recordings, processing, weights=weights, largest=largest
     )
-    return tuple(
-        ResidualFinding(
-            joint=card.name,
-            family=name,
-            share_percent=100.0 * share,
-            rms=float(np.sqrt(gain / len(residual.error))),
-            unit=card.torque_unit,
-        )
-        for card, residual in residuals
-        for name, share, gain in _try_families(residual)
-        if 100.0 * share >= _LEAST_PERCENT
-    )
+    findings = []
+    for card, residual in residuals:
+        size = float(residual.error @ residual.error)
+        if not size:
+            continue
+        span = residual.span
+        new = residual.error - span @ (span.T @ residual.error)
+        gain = _measure_gain(span, residual.error, residual.blocks)
+        # Family, share, squares explained.
+        found = [(OTHER_VALUES, gain / size, gain)]
+        for name, family in FAMILIES.items():
+            functions = residual.evaluate(family.build)
+            if not functions.shape[1]:
+                continue
+            functions *= residual.roots[:, None]
+            lengths = np.linalg.norm(functions, axis=0)
+            scaled = functions[:, lengths > _TINY] / lengths[lengths > _TINY]
+            # What the model's columns do not explain, as an orthonormal set.
+            left, singular, _ = np.linalg.svd(scaled - span @ (span.T @ scaled), full_matrices=False)
+            gain = _measure_gain(left[:, singular**2 > _NEW], new, residual.blocks)
+            if gain > _LEAST_GAIN * size:
+                found.append((name, gain / float(new @ new), gain))
+        findings += [
+            ResidualFinding(
+                joint=card.name,
+                family=name,
+                share_percent=100.0 * share,
+                rms=float(np.sqrt(gain / len(residual.error))),
+                unit=card.torque_unit,
+            )
+            for name, share, gain in sorted(found, key=lambda entry: -entry[2])
+            if 100.0 * share >= _LEAST_PERCENT
+        ]
+    return tuple(findings)
 
 
 def compute_profiles(
@@ -329,30 +362,6 @@ def compute_profiles(
         unit, place = card.torque_unit, card.position_unit
         found.append(JointProfiles(joint=card.name, unit=unit, position_unit=place, **profiles))
     return tuple(found)
-
-
-def _try_families(residual: JointResidual) -> list[tuple[str, float, float]]:
-    """Return (family, share, squares explained), the most first."""
-    size = float(residual.error @ residual.error)
-    if not size:
-        return []
-    span = residual.span
-    new = residual.error - span @ (span.T @ residual.error)
-    gain = _measure_gain(span, residual.error, residual.blocks)
-    found = [(OTHER_VALUES, gain / size, gain)]
-    for name, family in FAMILIES.items():
-        functions = residual.evaluate(family.build)
-        if not functions.shape[1]:
-            continue
-        functions *= residual.roots[:, None]
-        lengths = np.linalg.norm(functions, axis=0)
-        scaled = functions[:, lengths > _TINY] / lengths[lengths > _TINY]
-        # What the model's columns do not explain, as an orthonormal set.
-        left, singular, _ = np.linalg.svd(scaled - span @ (span.T @ scaled), full_matrices=False)
-        gain = _measure_gain(left[:, singular**2 > _NEW], new, residual.blocks)
-        if gain > _LEAST_GAIN * size:
-            found.append((name, gain / float(new @ new), gain))
-    return sorted(found, key=lambda entry: -entry[2])
 
 
 def _measure_gain(functions: FloatArray, error: FloatArray, blocks: NDArray[np.intp]) -> float:
@@ -381,15 +390,115 @@ def compute_profile(x: FloatArray, error: FloatArray, bins: int = 24) -> Profile
     )
 
 
-def warn_of_missing(evidence: Evidence) -> tuple[Notice, ...]:
-    """Return a notice for each term that, added to the model, predicts held-out rows better."""
-    return tuple(
-        build_warning(
-            "identify.structure",
-            joint=term.joint,
-            term=term.term,
-            gain=term.gain,
-            advice=FAMILIES[term.term].advice[:1].upper() + FAMILIES[term.term].advice[1:],
+_ORDER = 4
+_FEWEST = 20
+"""Samples that must be left."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TorquePrediction(FrozenArrays):
+    """Measured and predicted torques of one log, both low-passed at `band` Hz; `time` (N,) in s.
+
+    `measured` and `predicted` are (N, n), N m or N, joint side, the former without the torque of a known
+    payload; `counted` are the indices of the joints whose torque counts.
+    """
+
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    time: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    counted: tuple[int, ...]
+    band: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BandResidual:
+    """The residual of a model on a log within a band in Hz, of each joint that counts.
+
+    `std` of `joints` is the root mean square, `range_percent` that over the range of the measured torque;
+    `stacked_percent` is the relative residual of all joints as one vector, None for one joint and
+    where units differ.
+    """
+
+    joints: tuple[Residual, ...]
+    range_percent: tuple[float, ...]
+    band: float
+    stacked_percent: float | None = None
+
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the plain mean over joints of the relative residuals, in percent."""
+        return compute_mean_relative(self.joints)
+
+
+def predict_torques(
+    values: FloatArray,
+    library: Library,
+    recording: Recording,
+    processing: Processing,
+    *,
+    band: float,
+    ends: float = ENDS,
+) -> TorquePrediction:
+    """Return measured and predicted torques of `recording`, both low-passed at `band` Hz.
+
+    `values` (p,) are base parameters and friction, in the order of the library's card. Of `processing` the
+    filter of the positions is used, chosen from the log if left open, and the samples cut at either end;
+    `ends` s of what is left do not count, at either end.
+
+    Raises:
+        LogError: the band does not fit the sample rate, or too little is left of the log.
+    """
+    processing = choose_filters(processing, [recording]).processing
+    resting = list_resting_joints(recording)
+    signals = hold_resting_joints(prepare_signals(recording, processing), resting)
+    left = round(ends / signals.period)
+    if len(signals.time) < 2 * left + _FEWEST:
+        text = (
+            f"{len(signals.time) * signals.period:.3g} s are left of the log, too few for a comparison "
+            f"within a band that leaves out {ends:g} s at either end; cut off less, or use a longer log"
         )
-        for term in evidence.missing
+        raise LogError(Notice(code="validate.short-log", text=text, file=recording.source))
+    kept = slice(left, len(signals.time) - left)
+    first = processing.drop_first
+    torque = recording.torque[first : first + len(signals.time)]
+    load = compute_payload_torque(library, signals, recording)
+    torque = torque if load is None else torque - load
+    joints = library.card.joints
+    counted = tuple(k for k, joint in enumerate(joints) if k not in resting or joint.friction == "none")
+    measured, predicted = (
+        low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]
+        for torques in (torque, evaluate_torques(library, signals, values))
+    )
+    return TorquePrediction(
+        joints=tuple(joint.name for joint in joints),
+        units=tuple(joint.torque_unit for joint in joints),
+        time=signals.time[kept],
+        measured=measured,
+        predicted=predicted,
+        counted=counted,
+        band=band,
+    )
+
+
+def compute_band_residual(prediction: TorquePrediction) -> BandResidual:
+    """Return the residual of every joint that counts."""
+    joints, ranges = [], []
+    for index in prediction.counted:
+        measured = prediction.measured[:, index]
+        error = measured - prediction.predicted[:, index]
+        found = Residual.measure(prediction.joints[index], error, measured, prediction.units[index])
+        spread = float(np.ptp(measured))
+        joints.append(found)
+        ranges.append(100.0 * found.std / spread if spread else float("inf"))
+    counted = list(prediction.counted)
+    whole = float(np.linalg.norm(prediction.measured[:, counted]))
+    left = float(np.linalg.norm((prediction.measured - prediction.predicted)[:, counted]))
+    alike = len(joints) > 1 and len({entry.unit for entry in joints}) == 1 and whole > 0.0
+    return BandResidual(
+        joints=tuple(joints),
+        range_percent=tuple(ranges),
+        band=prediction.band,
+        stacked_percent=100.0 * left / whole if alike else None,
     )

@@ -18,7 +18,6 @@ than a block; constraints; changes within a log.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,23 +220,6 @@ def select_essential(
     used, independent = count_freedom(freedom, mixing.shape[1], rows.independent)
     left = max(independent * len(rows.values) - used, 1.0)
     names = [rows.names[k] for k in candidates]
-    kept, dropped, inner, price = _eliminate(factor, names, inflation, left, level)
-    return Essential(
-        kept=tuple(names[k] for k in kept if k < len(names)),
-        dropped=tuple(dropped),
-        values=mixing @ inner,
-        price_percent=price,
-    )
-
-
-def _eliminate(
-    factor: FloatArray, names: Sequence[str], inflation: FloatArray, freedom: float, level: float
-) -> tuple[list[int], list[Dropped], FloatArray, float]:
-    """Return columns kept, parameters dropped, values of all, the whole price.
-
-    `names` and `inflation` (c,) of the first c columns, which may be dropped: their deviations over those of
-    white noise.
-    """
     matrix, target = factor[:, :-1], factor[:, -1]
     kept = list(range(matrix.shape[1]))
     values, inverse, square = _solve_columns(matrix, target, kept)
@@ -247,22 +229,23 @@ def _eliminate(
         free = [place for place, column in enumerate(kept) if column < len(inflation)]
         if not free:
             break
-        spread = np.sqrt(first / freedom * inverse[free]) * inflation[[kept[place] for place in free]]
+        spread = np.sqrt(first / left * inverse[free]) * inflation[[kept[place] for place in free]]
         ratios = np.abs(values[free]) / np.maximum(spread, 1e-300)
         least = int(np.argmin(ratios))
         if ratios[least] >= level:
             break
         column = kept.pop(free[least])
         values, inverse, square = _solve_columns(matrix, target, kept)
-        paid = _compute_growth(square, first)
+        paid = 100.0 * (float(np.sqrt(max(square, first) / first)) - 1.0)
         dropped.append(Dropped(name=names[column], ratio=float(ratios[least]), price_percent=paid))
     inner = np.zeros(matrix.shape[1])
     inner[kept] = values
-    return kept, dropped, inner, _compute_growth(square, first)
-
-
-def _compute_growth(square: float, first: float) -> float:
-    return 100.0 * (float(np.sqrt(max(square, first) / first)) - 1.0)
+    return Essential(
+        kept=tuple(names[k] for k in kept if k < len(names)),
+        dropped=tuple(dropped),
+        values=mixing @ inner,
+        price_percent=100.0 * (float(np.sqrt(max(square, first) / first)) - 1.0),
+    )
 
 
 def _solve_columns(
@@ -310,14 +293,6 @@ class Drift:
     residual: tuple[tuple[int, str, float, float], ...] = field(metadata=HIDDEN)
 
 
-class SingleLogFit(NamedTuple):
-    """The fit to one log alone: parameters and deviations (p,), and which of them are identifiable."""
-
-    values: FloatArray
-    deviations: FloatArray
-    identifiability: Identifiability
-
-
 def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drift:
     """Return the differences between the logs behind `rows`; none where there is only one.
 
@@ -333,16 +308,37 @@ def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drif
             residual.append((run, name, float(means.mean()), deviation))
     if len(runs) < 2:
         return Drift(runs=runs, changed=(), compared=0, residual=tuple(residual))
+    from scipy.special import fdtrc
+
     weights = compute_mean_weights(rows, fit)
-    alone = {run: found for run in runs if (found := _fit_alone(rows, freedom, run, weights)) is not None}
+    # Parameters and deviations (p,) of each log alone, and which of them are identifiable.
+    alone: dict[int, tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = {}
+    for run in runs:
+        part = select_rows(rows, rows.run == run)
+        part = replace(part, weight=np.ones(len(part.values)))
+        try:
+            identifiability = analyse_identifiability(part)
+        except IdentifiabilityError:
+            continue
+        own = fit_weighted(part, identifiability, weights, freedom)
+        stated = np.sqrt(np.maximum(np.diag(own.covariance), 0.0))
+        spread = np.maximum(stated, compute_block_deviations(part, own, identifiability))
+        alone[run] = own.values, spread, identifiability.identifiable
     changes = []
     for index, name in enumerate(rows.names):
-        known = [found for found in alone.values() if found.identifiability.identifiable[index]]
+        known = [(values[index], spread[index]) for values, spread, told in alone.values() if told[index]]
         if len(known) < 2:
             continue
-        values, deviations = np.array([(one.values[index], one.deviations[index]) for one in known]).T
+        values, deviations = np.array(known).T
         pairs = {"values": tuple(values.tolist()), "deviations": tuple(deviations.tolist())}
-        changes.append(ParameterDrift(name=name, **pairs, chance=_compute_chance(values, deviations)))
+        # The probability that equal values scatter as much. The deviations rest on some tens of blocks,
+        # whence the F distribution in place of chi-squared.
+        safe = np.maximum(deviations, 1e-300)
+        shares = 1.0 / safe**2
+        mean = float(np.sum(shares * values) / np.sum(shares))
+        square, count = float(np.sum(((values - mean) / safe) ** 2)), len(values) - 1
+        chance = float(fdtrc(count, _BLOCKS - 1, square / count))
+        changes.append(ParameterDrift(name=name, **pairs, chance=chance))
     limit = _CHANCE / max(len(changes), 1)
     changed = sorted((entry for entry in changes if entry.chance < limit), key=lambda entry: entry.chance)
     return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes), residual=tuple(residual))
@@ -353,31 +349,3 @@ def compute_mean_weights(rows: Rows, fit: RegressionFit) -> FloatArray:
     own = fit.weights / np.sqrt(rows.weight)
     parts = [own[rows.group == group] for group in range(len(rows.group_names))]
     return np.array([float(part.mean()) if len(part) else 1.0 for part in parts])
-
-
-def _fit_alone(rows: Rows, freedom: str, run: int, weights: FloatArray) -> SingleLogFit | None:
-    part = select_rows(rows, rows.run == run)
-    part = replace(part, weight=np.ones(len(part.values)))
-    try:
-        identifiability = analyse_identifiability(part)
-    except IdentifiabilityError:
-        return None
-    fit = fit_weighted(part, identifiability, weights, freedom)
-    stated = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    deviations = np.maximum(stated, compute_block_deviations(part, fit, identifiability))
-    return SingleLogFit(fit.values, deviations, identifiability)
-
-
-def _compute_chance(values: FloatArray, deviations: FloatArray) -> float:
-    """Return the probability that equal values scatter as much, with k - 1 degrees of freedom.
-
-    The deviations rest on some tens of blocks, whence the F distribution in place of chi-squared.
-    """
-    from scipy.special import fdtrc
-
-    safe = np.maximum(deviations, 1e-300)
-    weights = 1.0 / safe**2
-    mean = float(np.sum(weights * values) / np.sum(weights))
-    freedom = len(values) - 1
-    square = float(np.sum(((values - mean) / safe) ** 2))
-    return float(fdtrc(freedom, _BLOCKS - 1, square / freedom))

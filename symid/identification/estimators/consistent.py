@@ -34,7 +34,7 @@ from symid.dynamics import (
     compute_standard_parameters,
     optimise_bodies,
 )
-from symid.errors import Notice, SolverError
+from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators.least_squares import RegressionFit, estimate_group_weights, fit_weighted
 from symid.identification.regression import Identifiability, Rows, condense_rows, stack_condensed
 from symid.joint_models import is_braking
@@ -202,9 +202,17 @@ class ConsistentSolution:
 
 
 def fit_consistent(
-    rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies | None
 ) -> RegressionFit:
-    """Return the fit of bodies that exist, as `fit_ols`; raise SolverError where no optimum is found."""
+    """Return the fit of bodies that exist, as `fit_ols`.
+
+    Raises:
+        UsageError: no bodies are given.
+        SolverError: no optimum is found.
+    """
+    if bodies is None:
+        text = "the estimator consistent needs the bodies of the robot: give them in the options"
+        raise UsageError(Notice(code="usage.no-bodies", text=text))
     weights = estimate_group_weights(rows, identifiability, freedom)
     free = fit_weighted(rows, identifiability, weights, freedom)
     independent = rows.independent if freedom == "band" else 1.0
@@ -248,7 +256,28 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
     """
     cost = build_cost(triangle, centre, bodies, _WEIGHT)
     square = float(np.sum((triangle @ np.append(centre, -1.0)) ** 2))
-    problem, found = _iterate_weight(cost.problem, max(square, float(len(centre))))
+    # The weight is in units of the noise that the bodies leave. A greater weight leaves more, and more noise
+    # makes the weight greater: from that of a perfect fit it grows until it converges, at the least weight
+    # that agrees with itself; rows far from the bodies expected may have a second one, at which bodies hardly
+    # follow them. Where the way to the first is too long, it falls, from that of the bodies expected.
+    problem, square = cost.problem, max(square, float(len(centre)))
+    found = optimise_bodies(problem)
+    steps = found.iterations
+    arrived = bool(np.isfinite(found.gap))
+    known = problem.weight if arrived else np.inf
+    start = found if arrived else build_expected_bodies(problem)
+    for _ in range(_PASSES):
+        errors = compute_errors(problem, start)
+        wanted = _WEIGHT * (1.0 + float(errors @ errors) / square)
+        if abs(wanted - known) <= _CONVERGED * min(known, wanted):
+            break
+        problem = replace(problem, weight=wanted)
+        warm = wanted < _WARM * known < np.inf
+        found = start = optimise_bodies(problem, start, known) if warm else optimise_bodies(problem)
+        steps, known = steps + found.iterations, wanted
+        if not np.isfinite(found.gap):
+            break
+    found = replace(found, iterations=steps)
     if not found.gap <= _CERTAIN * (compute_cost(problem, found) + problem.weight):
         text = (
             f"no optimum among bodies that exist: Newton's method did not converge in {found.iterations} "
@@ -272,30 +301,3 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
         nearest=found,
         weight=problem.weight,
     )
-
-
-def _iterate_weight(problem: BodyProblem, square: float) -> tuple[BodyProblem, NearestBodies]:
-    """Return the problem with its weight in units of the noise that its bodies leave, and these bodies.
-
-    A greater weight leaves more, and more noise makes the weight greater: from that of a perfect fit it grows
-    until it converges, at the least weight that agrees with itself; rows far from the bodies expected may
-    have a second one, at which bodies hardly follow them. Where the way to the first is too long, it falls,
-    from that of the bodies expected.
-    """
-    found = optimise_bodies(problem)
-    steps = found.iterations
-    arrived = bool(np.isfinite(found.gap))
-    known = problem.weight if arrived else np.inf
-    start = found if arrived else build_expected_bodies(problem)
-    for _ in range(_PASSES):
-        errors = compute_errors(problem, start)
-        wanted = _WEIGHT * (1.0 + float(errors @ errors) / square)
-        if abs(wanted - known) <= _CONVERGED * min(known, wanted):
-            break
-        problem = replace(problem, weight=wanted)
-        warm = wanted < _WARM * known < np.inf
-        found = start = optimise_bodies(problem, start, known) if warm else optimise_bodies(problem)
-        steps, known = steps + found.iterations, wanted
-        if not np.isfinite(found.gap):
-            break
-    return problem, replace(found, iterations=steps)

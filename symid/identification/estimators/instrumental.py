@@ -89,7 +89,74 @@ def fit_instruments(
     """
     measured = analyse_identifiability(rows, rule)
     try:
-        return _solve_instruments(rows, instruments, measured, rule, freedom, simulated=simulated)
+        # What Z P identifies, P x = x in directions that Y observes and 0 in the others.
+        seen, basis = instruments, measured.basis
+        if basis.shape[1] < basis.shape[0]:
+            projected, *_ = np.linalg.lstsq(rows.matrix @ basis, rows.matrix, rcond=None)
+            seen = replace(instruments, matrix=instruments.matrix @ basis @ projected)
+        try:
+            identifiability = analyse_identifiability(seen, rule)
+        except IdentifiabilityError as error:
+            text = (
+                "the simulated robot does not excite enough parameters: the reference of the log hardly "
+                "moves, or the simulated robot does not follow it; check q_ref, its unit and [controller]"
+            )
+            raise IdentifiabilityError(Notice(code=_BLIND, text=text), *error.notices) from error
+        basis = identifiability.basis
+        columns, count = instruments.matrix @ basis, int(basis.shape[1])
+        used, independent = count_freedom(freedom, count, rows.independent)
+
+        condensed = condense_rows(rows)
+        weights = iterate_weights(
+            condensed, lambda guess: _solve_stages(rows, columns, basis, guess)[0], used
+        )
+        values, gain, factors, frame, matrix = _solve_stages(rows, columns, basis, weights)
+        residuals = rows.values - rows.matrix @ values
+        weighted = residuals * factors
+        variance = float(weighted @ weighted) / (independent * len(weighted) - used)
+        # The least canonical correlation of instruments and columns, and F of the first stage.
+        measured_frame, _ = np.linalg.qr((rows.matrix @ basis) * factors[:, None])
+        correlation = min(1.0, float(np.linalg.svd(frame.T @ measured_frame, compute_uv=False)[count - 1]))
+        left, strength = 1.0 - correlation**2, float("inf")
+        if left >= _WHOLE:
+            strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
+        spectrum = compute_spectrum(matrix)
+        notices = []
+        hidden = np.flatnonzero(measured.identifiable & ~identifiability.identifiable)
+        states = "simulated" if simulated else "smooth"
+        if len(hidden):
+            rests = ", or because a joint that moves in the log rests in the simulation" if simulated else ""
+            text = (
+                f"the {states} states do not identify {', '.join(rows.names[k] for k in hidden)}, the "
+                f"measured ones do: only by their noise{rests}; the other parameters may be biased"
+            )
+            notices.append(Notice(code=_BLIND, text=text))
+        if strength < _WEAK:
+            cause = "the controller of the log" if simulated else "processing.instrument_cutoff"
+            text = (
+                f"the instruments are weak (F of the first stage is {strength:.3g}, below {_WEAK:g}): the "
+                f"result is close to wls, and its standard deviations are too small; check {cause}, and the "
+                "noise of the positions"
+            )
+            notices.append(Notice(code="identify.weak-instruments", text=text))
+        fit = RegressionFit(
+            values=values,
+            covariance=variance * (gain @ gain.T),
+            residuals=residuals,
+            spent=used,
+            condition=float(spectrum.singular[0] / spectrum.singular[count - 1]),
+            weights=factors,
+            notices=tuple(notices),
+        )
+        return InstrumentalSolution(
+            fit=fit,
+            identifiability=identifiability,
+            explained=(frame @ matrix) / factors[:, None],
+            frame=frame,
+            gain=gain,
+            correlation=correlation,
+            strength=strength,
+        )
     except IdentifiabilityError as error:
         if simulated or error.notices[0].code != _BLIND:
             raise
@@ -98,72 +165,6 @@ def fit_instruments(
             "parameters: state a higher one, or take another estimator (--estimator wls)"
         )
         raise IdentifiabilityError(Notice(code=_BLIND, text=text)) from error
-
-
-def _solve_instruments(
-    rows: Rows,
-    instruments: Rows,
-    measured: Identifiability,
-    rule: RankRule | None,
-    freedom: str,
-    *,
-    simulated: bool,
-) -> InstrumentalSolution:
-    """Return the parameters; `measured` is what the rows identify, the rest as for `fit_instruments`."""
-    identifiability = _analyse_instruments(rows, measured, instruments, rule)
-    basis = identifiability.basis
-    columns, count = instruments.matrix @ basis, int(basis.shape[1])
-    used, independent = count_freedom(freedom, count, rows.independent)
-
-    condensed = condense_rows(rows)
-    weights = iterate_weights(condensed, lambda guess: _solve_stages(rows, columns, basis, guess)[0], used)
-    values, gain, factors, frame, matrix = _solve_stages(rows, columns, basis, weights)
-    residuals = rows.values - rows.matrix @ values
-    weighted = residuals * factors
-    variance = float(weighted @ weighted) / (independent * len(weighted) - used)
-    # The least canonical correlation of instruments and columns, and F of the first stage.
-    measured_frame, _ = np.linalg.qr((rows.matrix @ basis) * factors[:, None])
-    correlation = min(1.0, float(np.linalg.svd(frame.T @ measured_frame, compute_uv=False)[count - 1]))
-    left, strength = 1.0 - correlation**2, float("inf")
-    if left >= _WHOLE:
-        strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
-    spectrum = compute_spectrum(matrix)
-    fit = RegressionFit(
-        values=values,
-        covariance=variance * (gain @ gain.T),
-        residuals=residuals,
-        spent=used,
-        condition=float(spectrum.singular[0] / spectrum.singular[count - 1]),
-        weights=factors,
-        notices=_list_warnings(rows, measured, identifiability, strength, simulated=simulated),
-    )
-    return InstrumentalSolution(
-        fit=fit,
-        identifiability=identifiability,
-        explained=(frame @ matrix) / factors[:, None],
-        frame=frame,
-        gain=gain,
-        correlation=correlation,
-        strength=strength,
-    )
-
-
-def _analyse_instruments(
-    rows: Rows, measured: Identifiability, instruments: Rows, rule: RankRule | None
-) -> Identifiability:
-    """Return what Z P identifies, P x = x in directions that Y observes and 0 in the others."""
-    basis = measured.basis
-    if basis.shape[1] < basis.shape[0]:
-        kept, *_ = np.linalg.lstsq(rows.matrix @ basis, rows.matrix, rcond=None)
-        instruments = replace(instruments, matrix=instruments.matrix @ basis @ kept)
-    try:
-        return analyse_identifiability(instruments, rule)
-    except IdentifiabilityError as error:
-        text = (
-            "the simulated robot does not excite enough parameters: the reference of the log hardly moves, "
-            "or the simulated robot does not follow it; check q_ref, its unit and [controller]"
-        )
-        raise IdentifiabilityError(Notice(code=_BLIND, text=text), *error.notices) from error
 
 
 def _solve_stages(
@@ -182,36 +183,6 @@ def _solve_stages(
         raise IdentifiabilityError(Notice(code=_BLIND, text=text))
     gain: FloatArray = basis @ (right.T / singular) @ left.T
     return gain @ (frame.T @ (rows.values * factors)), gain, factors, frame, matrix
-
-
-def _list_warnings(
-    rows: Rows,
-    measured: Identifiability,
-    identifiability: Identifiability,
-    strength: float,
-    *,
-    simulated: bool,
-) -> tuple[Notice, ...]:
-    """Return warnings of parameters that only Y identifies, and of weak instruments."""
-    notices = []
-    hidden = np.flatnonzero(measured.identifiable & ~identifiability.identifiable)
-    states = "simulated" if simulated else "smooth"
-    if len(hidden):
-        rests = ", or because a joint that moves in the log rests in the simulation" if simulated else ""
-        text = (
-            f"the {states} states do not identify {', '.join(rows.names[k] for k in hidden)}, the measured "
-            f"ones do: only by their noise{rests}; the other parameters may be biased"
-        )
-        notices.append(Notice(code=_BLIND, text=text))
-    if strength < _WEAK:
-        cause = "the controller of the log" if simulated else "processing.instrument_cutoff"
-        text = (
-            f"the instruments are weak (F of the first stage is {strength:.3g}, below {_WEAK:g}): the result "
-            f"is close to wls, and its standard deviations are too small; check {cause}, and the noise of "
-            "the positions"
-        )
-        notices.append(Notice(code="identify.weak-instruments", text=text))
-    return tuple(notices)
 
 
 _RANK = 1e-7

@@ -30,8 +30,9 @@ Not supported: noise whose size follows the motion, as errors of the model do (a
 periodic motions that drift or start (cut these off, drop_first).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,10 +99,6 @@ def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArr
     return weights
 
 
-def _estimate_weights(condensed: Condensed, basis: FloatArray, used: int) -> FloatArray:
-    return iterate_weights(condensed, lambda weights: solve_condensed(condensed, basis, weights).values, used)
-
-
 def fit_condensed(
     condensed: Condensed, basis: FloatArray, weights: FloatArray | None = None, freedom: str = "band"
 ) -> CondensedFit:
@@ -112,7 +109,7 @@ def fit_condensed(
     """
     used, independent = count_freedom(freedom, int(basis.shape[1]), condensed.independent)
     if weights is None:
-        weights = _estimate_weights(condensed, basis, used)
+        weights = iterate_weights(condensed, lambda w: solve_condensed(condensed, basis, w).values, used)
     found = solve_condensed(condensed, basis, weights)
     squares = compute_square_sums(condensed, found.values)
     variance = float(squares @ weights**2) / (independent * int(condensed.counts.sum()) - used)
@@ -179,12 +176,16 @@ class RegressionFit:
         freeze_fields(self)
 
 
-def fit_ols(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+def fit_ols(
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", _options: object = None
+) -> RegressionFit:
     """Return the ordinary least-squares fit; `freedom` as in `Processing.noise_freedom`."""
     return fit_weighted(rows, identifiability, np.ones(len(rows.group_names)), freedom)
 
 
-def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+def fit_wls(
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", _options: object = None
+) -> RegressionFit:
     """Return the fit with rows weighted by the inverse scatter of their joint; else as `fit_ols`."""
     weights = estimate_group_weights(rows, identifiability, freedom)
     return fit_weighted(rows, identifiability, weights, freedom)
@@ -192,8 +193,9 @@ def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band")
 
 def estimate_group_weights(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> FloatArray:
     """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
-    used, _ = count_freedom(freedom, int(identifiability.basis.shape[1]), rows.independent)
-    return _estimate_weights(condense_rows(rows), identifiability.basis, used)
+    condensed, basis = condense_rows(rows), identifiability.basis
+    used, _ = count_freedom(freedom, int(basis.shape[1]), rows.independent)
+    return iterate_weights(condensed, lambda w: solve_condensed(condensed, basis, w).values, used)
 
 
 def fit_weighted(
@@ -395,21 +397,17 @@ def measure_influence(rows: Rows, basis: FloatArray, weights: FloatArray, residu
     )
 
 
-def _list_grids(rows: Rows) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], int]]:
-    """Yield the rows of every log, their places in time, and the number of places."""
-    for run in np.unique(rows.run):
-        own = np.flatnonzero(rows.run == run)
-        time = np.unique(rows.time[own])
-        step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-        places = np.round((rows.time[own] - time[0]) / step).astype(np.intp)
-        yield own, places, int(places.max()) + 1
-
-
 def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
     """Return the covariance (p, p) of an estimate from torque rows (m of them, at even times)."""
     groups, rank = len(rows.group_names), influence.scores.shape[1]
     total = np.zeros((rank, rank))
-    for own, places, count in _list_grids(rows):
+    for run in np.unique(rows.run):
+        # The rows of a log, their places in time, and the number of places.
+        own = np.flatnonzero(rows.run == run)
+        time = np.unique(rows.time[own])
+        step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+        places = np.round((rows.time[own] - time[0]) / step).astype(np.intp)
+        count = int(places.max()) + 1
         size = 2 * count
         table = np.zeros((count, groups, 2 * rank + 2))
         table[places, rows.group[own], :rank] = influence.scores[own]
@@ -421,7 +419,24 @@ def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
         there = np.maximum(table[..., -1].sum(axis=0), 1.0)
         leverage = np.sum(np.abs(frame) ** 2, axis=2) / there
         errors = errors / np.sqrt(1.0 - np.minimum(leverage, _MOST_LEVERAGE))
-        density = _smooth(errors, waves[..., -1], size, count)
+        # Normed so that white noise of variance one has one; a lag is divided by the pairs of rows it has.
+        longest = max(2, round(_LAG * count))
+        distance = np.minimum(np.arange(size), size - np.arange(size))
+        lag = distance / longest
+        near, far = 1.0 - 6.0 * lag**2 + 6.0 * lag**3, 2.0 * (1.0 - lag) ** 3
+        window = np.where(lag <= 0.5, near, np.where(lag <= 1.0, far, 0.0))
+        window = window * np.maximum(1.0 - distance / count, 0.0)
+        density = np.zeros((len(errors), groups, groups), dtype=complex)
+        for j, k in combinations_with_replacement(range(groups), 2):
+            pairs = np.fft.irfft(waves[:, j, -1] * waves[:, k, -1].conj(), n=size)
+            covariance = np.fft.irfft(errors[:, j] * errors[:, k].conj(), n=size) / np.maximum(pairs, 1.0)
+            wave = np.fft.rfft(covariance * window)
+            density[:, j, k] = wave
+            density[:, k, j] = wave.conj()
+        # Where many rows are missing, a density may come out negative.
+        sizes, vectors = np.linalg.eigh(density)
+        if not np.all(sizes >= 0.0):
+            density = (vectors * np.maximum(sizes, 0.0)[:, None]) @ vectors.conj().swapaxes(1, 2)
         # Every frequency but the first and the last stands for its negative too.
         double = np.full(len(density), 2.0)
         double[[0, -1]] = 1.0
@@ -430,30 +445,3 @@ def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
         )
         total += part.real / size
     return np.asarray(influence.left @ total @ influence.left.T)
-
-
-def _smooth(errors: FloatArray, masks: NDArray[np.complex128], size: int, count: int) -> FloatArray:
-    """Return the density (F, n, n) of errors (F, n), normed so that white noise of variance one has one.
-
-    `masks` (F, n) are the transforms of what says where a joint has a row: a lag is divided by its pairs.
-    """
-    longest = max(2, round(_LAG * count))
-    distance = np.minimum(np.arange(size), size - np.arange(size))
-    lag = distance / longest
-    near, far = 1.0 - 6.0 * lag**2 + 6.0 * lag**3, 2.0 * (1.0 - lag) ** 3
-    window = np.where(lag <= 0.5, near, np.where(lag <= 1.0, far, 0.0))
-    window = window * np.maximum(1.0 - distance / count, 0.0)
-    groups = errors.shape[1]
-    density = np.zeros((len(errors), groups, groups), dtype=complex)
-    for j in range(groups):
-        for k in range(j, groups):
-            pairs = np.fft.irfft(masks[:, j] * masks[:, k].conj(), n=size)
-            covariance = np.fft.irfft(errors[:, j] * errors[:, k].conj(), n=size) / np.maximum(pairs, 1.0)
-            wave = np.fft.rfft(covariance * window)
-            density[:, j, k] = wave
-            density[:, k, j] = wave.conj()
-    # Where many rows are missing, a density may come out negative.
-    sizes, vectors = np.linalg.eigh(density)
-    if np.all(sizes >= 0.0):
-        return density
-    return np.asarray((vectors * np.maximum(sizes, 0.0)[:, None]) @ vectors.conj().swapaxes(1, 2))

@@ -126,13 +126,16 @@ def fit_ridge(
     identifiability: Identifiability,
     freedom: str = "band",
     *,
-    prior: Prior,
+    prior: Prior | None,
     weight: float | None = None,
 ) -> RegressionFit:
-    """Return the fit near a prior; arguments as for `fit_ols`.
+    """Return the fit near a prior; arguments as for `fit_ols`, a UsageError where there is none.
 
     `weight` of the prior is not negative; None to choose it by cross validation.
     """
+    if prior is None:
+        text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
+        raise UsageError(Notice(code="usage.no-prior", text=text))
     first = fit_ols(rows, identifiability, freedom)
     _, independent = count_freedom(freedom, first.spent, rows.independent)
     # Rows behind a filter count for as many as they are worth, next to the prior.
@@ -143,7 +146,22 @@ def fit_ridge(
     pull = np.column_stack([np.eye(len(centre)), centre])[known] / deviations[known, None]
     scores: dict[float, float] = {}
     if weight is None:
-        scores = _score_weights(rows, pull, inverse_scatter)
+        # Weighted squared residuals of held-out blocks, equal spans of time of each run.
+        block = np.zeros(len(rows.values), dtype=np.intp)
+        for run in np.unique(rows.run):
+            members = rows.run == run
+            time = rows.time[members]
+            start, span = float(time.min()), float(np.ptp(time)) or 1.0
+            block[members] = np.minimum((_BLOCKS * (time - start) / span).astype(np.intp), _BLOCKS - 1)
+        parts = [condense_weighted(rows, rows.weight * (block == k)) for k in range(_BLOCKS)]
+        triangles = [stack_condensed(part, inverse_scatter) for part in parts]
+        scores = dict.fromkeys((0.0, *PRIOR_WEIGHTS), 0.0)
+        for k, held_out in enumerate(parts):
+            others = np.vstack([triangle for j, triangle in enumerate(triangles) if j != k])
+            train = extend_triangle(np.zeros((0, others.shape[1])), [others])
+            for tried in scores:
+                values, _ = _solve_ridge(train, pull, tried)
+                scores[tried] += float(compute_square_sums(held_out, values) @ inverse_scatter**2)
         weight = min(scores, key=lambda entry: scores[entry])
     whole = float(np.sum((rows.values * inverse_scatter[rows.group]) ** 2 * rows.weight))
     values, root = _solve_ridge(stack_condensed(condense_rows(rows), inverse_scatter), pull, weight)
@@ -177,27 +195,6 @@ def _solve_ridge(triangle: FloatArray, pull: FloatArray, weight: float) -> tuple
     return root @ (left[:, kept].T @ target), root
 
 
-def _score_weights(rows: Rows, pull: FloatArray, inverse_scatter: FloatArray) -> dict[float, float]:
-    """Return the weighted squared residuals of held-out blocks, predicted by the others, for every weight."""
-    # Blocks are equal spans of time of each run.
-    block = np.zeros(len(rows.values), dtype=np.intp)
-    for run in np.unique(rows.run):
-        members = rows.run == run
-        time = rows.time[members]
-        first, span = float(time.min()), float(np.ptp(time)) or 1.0
-        block[members] = np.minimum((_BLOCKS * (time - first) / span).astype(np.intp), _BLOCKS - 1)
-    parts = [condense_weighted(rows, rows.weight * (block == k)) for k in range(_BLOCKS)]
-    triangles = [stack_condensed(part, inverse_scatter) for part in parts]
-    scores = dict.fromkeys((0.0, *PRIOR_WEIGHTS), 0.0)
-    for k, held_out in enumerate(parts):
-        others = np.vstack([triangle for j, triangle in enumerate(triangles) if j != k])
-        train = extend_triangle(np.zeros((0, others.shape[1])), [others])
-        for weight in scores:
-            values, _ = _solve_ridge(train, pull, weight)
-            scores[weight] += float(compute_square_sums(held_out, values) @ inverse_scatter**2)
-    return scores
-
-
 _BEND = 1.345
 _NORMAL = 1.4826
 _LIMIT = 100
@@ -207,7 +204,9 @@ _CONVERGED = 1e-6
 """Change of the parameters, in standard deviations, below which the iteration ends."""
 
 
-def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+def fit_huber(
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", _options: object = None
+) -> RegressionFit:
     """Return the robust fit; arguments as for `fit_ols`."""
     first = fit_ols(rows, identifiability, freedom)
     basis, values, residuals, spent = identifiability.basis, first.values, first.residuals, first.spent
@@ -256,7 +255,9 @@ def _estimate_scale(rows: Rows, residuals: FloatArray) -> FloatArray:
 _WELL_DETERMINED = 1e-3
 
 
-def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+def fit_sequential(
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", _options: object = None
+) -> RegressionFit:
     """Return the fit joint by joint, as `fit_ols`; raise UsageError for rows that sum over the joints."""
     if rows.kind in SCALAR_KINDS:
         text = (
@@ -327,36 +328,22 @@ class EstimatorOptions:
     noise: FloatArray | None = None
 
 
-def _fit_ridge(
-    rows: Rows, identifiability: Identifiability, freedom: str, options: EstimatorOptions
-) -> RegressionFit:
-    if options.prior is None:
-        text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
-        raise UsageError(Notice(code="usage.no-prior", text=text))
-    return fit_ridge(rows, identifiability, freedom, prior=options.prior, weight=options.prior_weight)
-
-
-def _fit_consistent(
-    rows: Rows, identifiability: Identifiability, freedom: str, options: EstimatorOptions
-) -> RegressionFit:
-    if options.bodies is None:
-        text = "the estimator consistent needs the bodies of the robot: give them in the options"
-        raise UsageError(Notice(code="usage.no-bodies", text=text))
-    return fit_consistent(rows, identifiability, freedom, bodies=options.bodies)
-
-
 Estimator = Callable[[Rows, Identifiability, str, EstimatorOptions], RegressionFit]
 """Equations, what is identifiable from them, what counts as a degree of freedom, and options -> their fit."""
 ESTIMATORS: Mapping[str, Estimator] = {
-    "ols": lambda rows, identifiability, freedom, _: fit_ols(rows, identifiability, freedom),
-    "wls": lambda rows, identifiability, freedom, _: fit_wls(rows, identifiability, freedom),
+    "ols": fit_ols,
+    "wls": fit_wls,
     "gls": lambda rows, identifiability, freedom, options: fit_gls(
         rows, identifiability, freedom, options.noise
     ),
-    "huber": lambda rows, identifiability, freedom, _: fit_huber(rows, identifiability, freedom),
-    "ridge": _fit_ridge,
-    "consistent": _fit_consistent,
-    "sequential": lambda rows, identifiability, freedom, _: fit_sequential(rows, identifiability, freedom),
+    "huber": fit_huber,
+    "ridge": lambda rows, identifiability, freedom, options: fit_ridge(
+        rows, identifiability, freedom, prior=options.prior, weight=options.prior_weight
+    ),
+    "consistent": lambda rows, identifiability, freedom, options: fit_consistent(
+        rows, identifiability, freedom, bodies=options.bodies
+    ),
+    "sequential": fit_sequential,
 }
 
 

@@ -43,23 +43,20 @@ if TYPE_CHECKING:
         solve_scaled as solve_scaled,
         stack_condensed as stack_condensed,
     )
-    from symid.identification.regression.long_logs import (
-        LONG_KINDS as LONG_KINDS,
-        LongRows as LongRows,
-        RowBuilder as RowBuilder,
-        StatesKeeper as StatesKeeper,
-        condense_recordings as condense_recordings,
-        predict_outlines as predict_outlines,
-    )
     from symid.identification.regression.preparation import (
+        LONG_KINDS as LONG_KINDS,
         SAME_PERIOD as SAME_PERIOD,
         LoadGain as LoadGain,
+        LongRows as LongRows,
         Rotor as Rotor,
+        RowBuilder as RowBuilder,
+        StatesKeeper as StatesKeeper,
         check_joints as check_joints,
         choose_filters as choose_filters,
         choose_window as choose_window,
         compute_payload_torque as compute_payload_torque,
         compute_rotor_columns as compute_rotor_columns,
+        condense_recordings as condense_recordings,
         fill_load as fill_load,
         fill_loads as fill_loads,
         get_payload as get_payload,
@@ -71,11 +68,10 @@ if TYPE_CHECKING:
         measure_load_gain as measure_load_gain,
         measure_moving_ends as measure_moving_ends,
         outline_motion as outline_motion,
-        prepare_all_rows as prepare_all_rows,
+        predict_outlines as predict_outlines,
         prepare_rows as prepare_rows,
         prepare_states as prepare_states,
         subtract_loads as subtract_loads,
-        subtract_payload_torque as subtract_payload_torque,
         warn_of_load_gain as warn_of_load_gain,
     )
 else:

@@ -124,12 +124,13 @@ def outline_part(
     `pieces` windows begin within the length `window` (s) of one.
     """
     if kind == "torque":
-        values, velocity = (decimate(columns, processing.decimation) for columns in (signals.tau, signals.dq))
+        values, factor = decimate(signals.tau, processing.decimation), processing.decimation.factor
         return EquationPart(
             matrix=np.empty((*values.shape, 0)),
             values=values,
-            time=_list_kept_times(signals.time, len(values), processing.decimation.factor),
-            velocity=velocity,
+            # Decimation keeps the last sample.
+            time=signals.time[len(signals.time) - 1 - factor * (len(values) - 1) :: factor],
+            velocity=decimate(signals.dq, processing.decimation),
             independent=compute_noise_bandwidth(processing, signals.period),
         )
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
@@ -142,14 +143,19 @@ def outline_part(
 def cut_matrix(
     kind: str, library: Library, signals: Signals, processing: Processing, *, window: float, pieces: int
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield the matrix (k, n, p) of torque or momentum equations by blocks, with the rows of each."""
+    """Return the matrix (k, n, p) of torque or momentum equations by blocks, with the rows of each."""
     if kind == "torque":
+        return decimate_blocks(
+            lambda part: evaluate_columns(library, *signals.pick_states(part)),
+            len(signals.time),
+            processing.decimation,
+        )
+    return _cut_momentum(library, signals, window, pieces)
 
-        def evaluate(part: slice) -> FloatArray:
-            return evaluate_columns(library, *signals.pick_states(part))
 
-        yield from decimate_blocks(evaluate, len(signals.time), processing.decimation)
-        return
+def _cut_momentum(
+    library: Library, signals: Signals, window: float, pieces: int
+) -> Iterator[tuple[slice, FloatArray]]:
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     for rows, block, part in _cut_windows(windows, pieces):
         q, dq = signals.q[part], signals.dq[part]
@@ -171,28 +177,25 @@ def evaluate_columns(  # noqa: PLR0917 - the states of a sample, in the order of
 ) -> FloatArray:
     """Return [Y | Yf] at states (N, n): (N, n, p); a UsageError where friction needs a load that is None."""
     # In pieces that stay in the cache, for new memory costs as much as the functions.
-    result, count = np.empty((0, 0, 0)), len(q)
+    result, count, card = np.empty((0, 0, 0)), len(q), library.card
     for start in range(0, count, _PIECE):
         part = slice(start, start + _PIECE)
-        cut = (None if values is None else values[part] for values in (load, temperature))
-        columns = _evaluate_parts(library, q[part], dq[part], ddq[part], *cut)
+        states = {
+            "q": q[part],
+            "load": None if load is None else load[part],
+            "temperature": None if temperature is None else temperature[part],
+        }
+        columns = library.evaluate("torque_regressor", q[part], dq[part], ddq[part])
+        if card.friction:
+            columns += library.evaluate(
+                "friction_regressor", *card.gather_friction_inputs(dq[part], **states)
+            )
+        if card.searched:
+            columns += (_evaluate_shape_columns(card, dq[part], states),)
         if not start:
             result = np.empty((count, dq.shape[1], sum(entry.shape[2] for entry in columns)))
         np.concatenate(columns, axis=2, out=result[part])
     return result
-
-
-def _evaluate_parts(  # noqa: PLR0917 - as above
-    library: Library,
-    q: FloatArray,
-    dq: FloatArray,
-    ddq: FloatArray,
-    load: FloatArray | None,
-    temperature: FloatArray | None,
-) -> tuple[FloatArray, ...]:
-    (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
-    states = {"q": q, "load": load, "temperature": temperature}
-    return (rigid, *_evaluate_friction(library, dq, states))
 
 
 def evaluate_rigid_torques(library: Library, signals: Signals, beta: FloatArray) -> FloatArray:
@@ -210,15 +213,12 @@ def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> 
     torques = np.zeros(signals.q.shape)
     for start in range(0, len(torques), _PIECE):
         part, place = slice(start, start + _PIECE), 0
-        for columns in _evaluate_parts(library, *signals.pick_states(part)):
+        q, dq, ddq, *_ = signals.pick_states(part)
+        rigid = library.evaluate("torque_regressor", q, dq, ddq)
+        for columns in (*rigid, *_pick_friction(library, signals, part)):
             torques[part] += columns @ values[place : place + columns.shape[2]]
             place += columns.shape[2]
     return torques
-
-
-def _list_kept_times(time: FloatArray, kept: int, factor: int) -> FloatArray:
-    """Return the times of the samples that a decimation by `factor` keeps: the last is among them."""
-    return time[len(time) - 1 - factor * (kept - 1) :: factor]
 
 
 def _outline_windows(
@@ -240,7 +240,8 @@ def _build_energy_part(library: Library, signals: Signals, length: float, pieces
     for _, block, part in _cut_windows(windows, pieces):
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q[block.ends], dq[block.ends])
-        work = (integrate_windows(power, block) for power in _compute_friction_power(library, signals, part))
+        friction = _pick_friction(library, signals, part)
+        work = (integrate_windows(np.einsum("ij,ijk->ik", dq, one), block) for one in friction)
         matrix.append(_merge(np.hstack([np.diff(kinetic + potential, axis=0), *work]), pieces))
     power = np.einsum("ij,ij->i", signals.tau, signals.dq)
     values = _merge(integrate_windows(power, windows), pieces)[:, None]
@@ -259,7 +260,8 @@ def _build_power_part(library: Library, signals: Signals, processing: Processing
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q, dq)
         energy = kinetic + potential
-        friction = map(average, _compute_friction_power(library, signals, part))
+        columns = _pick_friction(library, signals, part)
+        friction = (average(np.einsum("ij,ijk->ik", dq, one)) for one in columns)
         supplied = average(np.einsum("ij,ij->i", signals.tau[part], dq))
         return np.column_stack([(energy[2:] - energy[:-2]) / (2.0 * signals.period), *friction, supplied])
 
@@ -270,7 +272,7 @@ def _build_power_part(library: Library, signals: Signals, processing: Processing
     return EquationPart(
         matrix=kept[:, None, :-1],
         values=kept[:, -1:],
-        time=_list_kept_times(signals.time[1:-1], len(kept), factor),
+        time=signals.time[len(signals.time) - 2 - factor * (len(kept) - 1) : -1 : factor],
         velocity=np.zeros((len(kept), 1)),
         independent=band * 0.5 if factor == 1 else band,
     )
@@ -280,7 +282,18 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
     """Return filtered equations: one a window of `length` s, the filter's time constant half of it."""
     windows = choose_windows(len(signals.time), signals.period, length)
     rate, keep = _RATE / (windows.intervals * windows.period), float(np.exp(-_RATE))
-    weights = _compute_kernel_weights(windows, rate)
+    # Weights (w + 1,) of the samples of a window in int l exp(-l (b - s)) y(s) ds. Over every two periods y
+    # is the parabola through its samples; the integral of kernel times parabola is taken by Gauss's rule,
+    # which is exact to rounding.
+    nodes, shares = np.polynomial.legendre.leggauss(8)
+    u = nodes + 1.0
+    parabolas = np.array([(u - 1.0) * (u - 2.0) / 2.0, u * (2.0 - u), u * (u - 1.0) / 2.0])
+    kernel = rate * np.exp(-rate * windows.period * (2.0 - u))
+    three = windows.period * parabolas @ (shares * kernel)
+    weights = np.zeros(windows.intervals + 1)
+    for first in range(0, windows.intervals, 2):
+        left = windows.intervals - first - 2
+        weights[first : first + 3] += np.exp(-rate * windows.period * left) * three
     matrix = []
     for _, block, part in _cut_windows(windows):
         q, dq = signals.q[part], signals.dq[part]
@@ -301,15 +314,6 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
 
 
 States = Mapping[str, FloatArray | None]
-
-
-def _evaluate_friction(library: Library, dq: FloatArray, states: States) -> tuple[FloatArray, ...]:
-    """Return the friction regressor (N, n, pf), and what shape values change that are searched."""
-    card = library.card
-    if not card.friction:
-        return ()
-    found = library.evaluate("friction_regressor", *card.gather_friction_inputs(dq, **states))
-    return (*found, _evaluate_shape_columns(card, dq, states)) if card.searched else found
 
 
 def _evaluate_shape_columns(card: ModelCard, dq: FloatArray, states: States) -> FloatArray:
@@ -334,14 +338,13 @@ def _evaluate_shape_columns(card: ModelCard, dq: FloatArray, states: States) -> 
 
 
 def _pick_friction(library: Library, signals: Signals, part: slice) -> tuple[FloatArray, ...]:
-    """Return the columns of friction of some samples; nothing without friction."""
+    """Return the columns of friction of some samples, and what searched shape values change; maybe none."""
     q, dq, _, load, temperature = signals.pick_states(part)
-    return _evaluate_friction(library, dq, {"q": q, "load": load, "temperature": temperature})
-
-
-def _compute_friction_power(library: Library, signals: Signals, part: slice) -> list[FloatArray]:
-    dq = signals.dq[part]
-    return [np.einsum("ij,ijk->ik", dq, columns) for columns in _pick_friction(library, signals, part)]
+    states, card = {"q": q, "load": load, "temperature": temperature}, library.card
+    if not card.friction:
+        return ()
+    found = library.evaluate("friction_regressor", *card.gather_friction_inputs(dq, **states))
+    return (*found, _evaluate_shape_columns(card, dq, states)) if card.searched else found
 
 
 def _merge(values: FloatArray, pieces: int) -> FloatArray:
@@ -351,24 +354,6 @@ def _merge(values: FloatArray, pieces: int) -> FloatArray:
     for shift in range(1, pieces):
         total += values[shift : shift + count]
     return total
-
-
-def _compute_kernel_weights(windows: Windows, rate: float) -> FloatArray:
-    """Return weights (w + 1,) of the samples of a window in int l exp(-l (b - s)) y(s) ds.
-
-    Over every two periods y is the parabola through its samples; the integral of kernel times parabola is
-    taken by Gauss's rule, which is exact to rounding.
-    """
-    nodes, shares = np.polynomial.legendre.leggauss(8)
-    u = nodes + 1.0
-    parabolas = np.array([(u - 1.0) * (u - 2.0) / 2.0, u * (2.0 - u), u * (u - 1.0) / 2.0])
-    kernel = rate * np.exp(-rate * windows.period * (2.0 - u))
-    three = windows.period * parabolas @ (shares * kernel)
-    weights = np.zeros(windows.intervals + 1)
-    for first in range(0, windows.intervals, 2):
-        left = windows.intervals - first - 2
-        weights[first : first + 3] += np.exp(-rate * windows.period * left) * three
-    return weights
 
 
 def _accumulate(steps: FloatArray, keep: float) -> FloatArray:

@@ -91,20 +91,20 @@ def condense_weighted(rows: Rows, weight: FloatArray) -> Condensed:
     counts = np.bincount(rows.group[weight != 0.0], minlength=groups).astype(np.intp)
     root = None if np.all(weight == 1.0) else np.sqrt(weight)
     for index in range(groups):
-        factors[index] = extend_triangle(factors[index], _cut_blocks(rows, index, root))
+        places = np.flatnonzero(rows.group == index)
+        # Rows that stand together are taken as a slice, which copies nothing.
+        together = len(places) and places[-1] - places[0] + 1 == len(places)
+        members = slice(int(places[0]), int(places[-1]) + 1) if together else places
+        matrix, values = rows.matrix[members], rows.values[members]
+        blocks = (
+            np.column_stack([matrix[start : start + BLOCK], values[start : start + BLOCK]])
+            for start in range(0, len(values), BLOCK)
+        )
+        if root is not None:
+            scales = root[members, None]
+            blocks = (block * scales[k * BLOCK : (k + 1) * BLOCK] for k, block in enumerate(blocks))
+        factors[index] = extend_triangle(factors[index], blocks)
     return Condensed(factors=freeze(factors), counts=counts, independent=rows.independent)
-
-
-def _cut_blocks(rows: Rows, group: int, root: FloatArray | None) -> Iterable[FloatArray]:
-    places = np.flatnonzero(rows.group == group)
-    # Rows that stand together are taken as a slice, which copies nothing.
-    together = len(places) and places[-1] - places[0] + 1 == len(places)
-    members = slice(int(places[0]), int(places[-1]) + 1) if together else places
-    matrix, values = rows.matrix[members], rows.values[members]
-    for start in range(0, len(values), BLOCK):
-        part = slice(start, start + BLOCK)
-        block = np.column_stack([matrix[part], values[part]])
-        yield block if root is None else block * root[members][part, None]
 
 
 def stack_condensed(condensed: Condensed, weights: FloatArray) -> FloatArray:

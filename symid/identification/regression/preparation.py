@@ -1,6 +1,8 @@
-"""From a recording to regression equations: filters, states, payload torque, rows left out.
+"""From a recording to regression equations: filters, states, payload torque, rows left out; long logs.
 
 Recording, Processing -> FilterChoice -> Signals -> Rows.
+Library, recordings, processing -> LongRows -> Condensed, of logs that are too long for memory: the matrix is
+condensed as it is made, and never kept.
 
 What the processing leaves open is chosen from the logs:
 
@@ -15,15 +17,22 @@ power spectral density of the position (Welch) over the upper half of all freque
 
     noise   floor (2 pi)^4 b^5 / 5,     motion   integral to b of (density - floor) (2 pi f)^4 df
 
+Long logs have outlines, which are values, times, velocities and weights of all equations, and segments:
+stretches of time of one joint in one run, each with the triangle of [A y]. Fits, standard deviations and
+warnings are computed from the triangles; residuals take another pass. Segments begin wherever a block of
+`compute_block_deviations` or a run begins.
+
 Supported: several recordings (the best of them counts for each joint); encoders with white noise,
 quantisation included; known payloads, whose torque Y dbeta is subtracted; joints at rest, whose rows are
-left out where dry friction or a brake may hold them.
+left out where dry friction or a brake may hold them; long logs of torque and momentum rows, with 100
+equations or more of every joint.
 Not supported: a filter for each joint (columns of all joints share one equation); positions that were
-filtered before they were logged, whose noise is underestimated; payloads of simulated robots.
+filtered before they were logged, whose noise is underestimated; payloads of simulated robots; long logs of
+power and energy rows, whose covariance needs every row.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -37,13 +46,22 @@ from symid.identification.regression.equations import (
     SCALAR_KINDS,
     WINDOW,
     Rows,
+    assemble_rows,
     build_rows,
+    count_pieces,
+    cut_matrix,
     drop_groups,
     evaluate_rigid_torques,
+    evaluate_torques,
+    outline_part,
     select_rows,
+    stack_rows,
 )
 from symid.identification.regression.identifiability import (
+    BLOCK,
     JOINT_AT_REST,
+    Condensed,
+    extend_triangle,
     hold_resting_joints,
     list_resting_joints,
 )
@@ -52,6 +70,7 @@ from symid.logs import (
     Signals,
     choose_cutoff,
     choose_processing,
+    decimate,
     estimate_density,
     prepare_signals,
 )
@@ -181,12 +200,6 @@ def choose_window(kind: str, processing: Processing, period: float, *, chosen: b
     factor = processing.decimation.factor
     # Longer windows would damp what torque rows keep: heavy and light joints of a fast motion differ there.
     return max(factor, 2) * period if kind == "momentum" and (chosen or factor > 1) else WINDOW
-
-
-def subtract_payload_torque(library: Library, signals: Signals, recording: Recording) -> Signals:
-    """Return the signals without the torque of a known payload; raise LogError if it is of another model."""
-    load = compute_payload_torque(library, signals, recording)
-    return signals if load is None else replace(signals, tau=signals.tau - load)
 
 
 def fill_loads(
@@ -331,12 +344,10 @@ def warn_of_load_gain(gain: LoadGain | None) -> tuple[Notice, ...]:
 
 
 def compute_payload_torque(library: Library, signals: Signals, recording: Recording) -> FloatArray | None:
-    """Return the torque (N, n) of a known payload in N m or N; see `subtract_payload_torque`."""
+    """Return the torque (N, n) of a known payload in N m or N; LogError if it is of another model."""
     load = get_payload(library, recording)
-    if load is None:
-        return None
     # A payload has no friction.
-    return evaluate_rigid_torques(library, signals, load)
+    return None if load is None else evaluate_rigid_torques(library, signals, load)
 
 
 def get_payload(library: Library, recording: Recording) -> FloatArray | None:
@@ -361,35 +372,22 @@ def prepare_rows(
     *,
     window: float,
     overlap: float = 0.0,
+    every: bool = False,
 ) -> Rows:
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
-    What the processing leaves open is chosen from this recording; other arguments as for `build_rows`.
-    Errors as for `prepare_all_rows`.
-    """
-    processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
-    rows = prepare_all_rows(kind, library, recording, processing, window=window, overlap=overlap)
-    return leave_out_rows(rows, library, recording, processing)
-
-
-def prepare_all_rows(
-    kind: str,
-    library: Library,
-    recording: Recording,
-    processing: Processing,
-    *,
-    window: float,
-    overlap: float = 0.0,
-) -> Rows:
-    """Return the same with the rows of slow joints and of joints at rest; `processing` leaves nothing open.
+    What the processing leaves open is chosen from this recording; other arguments as for `build_rows`. With
+    `every` the rows of slow joints and of joints at rest stay.
 
     Raises:
         LogError: the recording has another number of joints than the robot.
         IdentifiabilityError: no joint moves.
         UsageError: there is no such kind of rows, or the windows do not fit.
     """
+    processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
     signals = prepare_states(library, recording, processing)
-    return build_rows(kind, library, signals, processing, window=window, overlap=overlap)
+    rows = build_rows(kind, library, signals, processing, window=window, overlap=overlap)
+    return rows if every else leave_out_rows(rows, library, recording, processing)
 
 
 def prepare_states(library: Library, recording: Recording, processing: Processing) -> Signals:
@@ -407,7 +405,8 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
         notice = Notice(code="identify.standstill", text=text, file=recording.source)
         raise IdentifiabilityError(notice)
     signals = hold_resting_joints(prepare_signals(recording, processing), resting)
-    return subtract_payload_torque(library, signals, recording)
+    load = compute_payload_torque(library, signals, recording)
+    return signals if load is None else replace(signals, tau=signals.tau - load)
 
 
 _STATES = 60
@@ -442,7 +441,24 @@ def mask_fast(
     slow = np.abs(speed) < limits[rows.group]
     beside = ""
     if margin:
-        slow, beside = _widen(rows, slow, margin), ", or beside such rows,"
+        beside, fast = ", or beside such rows,", ~slow
+        # The margin of a joint is halved until half of its fast rows stay.
+        for group in np.unique(rows.group):
+            own = rows.group == group
+            parts = [np.flatnonzero(own & (rows.run == run)) for run in np.unique(rows.run[own])]
+            least, reach = 0.5 * np.sum(fast[own]), margin
+            while True:
+                for part in parts:
+                    steps = np.diff(rows.time[part])
+                    places = round(reach / float(np.median(steps))) if len(steps) else 0
+                    # How many slow ones there are before each row, and among its neighbours.
+                    before = np.concatenate([[0], np.cumsum(~fast[part])])
+                    index = np.arange(len(part))
+                    last, first = np.minimum(index + places + 1, len(part)), np.maximum(index - places, 0)
+                    slow[part] = before[last] > before[first]
+                if np.sum(~slow[own]) >= least:
+                    break
+                reach *= 0.5
     notices = []
     for group in np.unique(rows.group[slow]):
         own = rows.group == group
@@ -452,31 +468,6 @@ def mask_fast(
         )
         notices.append(Notice(code="identify.slow-rows", text=text, file=file))
     return ~slow, tuple(notices)
-
-
-def _widen(rows: Rows, slow: NDArray[np.bool_], margin: float) -> NDArray[np.bool_]:
-    """Return which rows (m,) are within `margin` s of a slow one of their joint and recording.
-
-    The margin of a joint is halved until half of its fast rows stay.
-    """
-    wide = slow.copy()
-    for group in np.unique(rows.group):
-        own = rows.group == group
-        parts = [np.flatnonzero(own & (rows.run == run)) for run in np.unique(rows.run[own])]
-        least, reach = 0.5 * np.sum(~slow[own]), margin
-        while True:
-            for part in parts:
-                steps = np.diff(rows.time[part])
-                places = round(reach / float(np.median(steps))) if len(steps) else 0
-                # How many slow ones there are before each row, and among its neighbours.
-                before = np.concatenate([[0], np.cumsum(slow[part])])
-                index = np.arange(len(part))
-                last, first = np.minimum(index + places + 1, len(part)), np.maximum(index - places, 0)
-                wide[part] = before[last] > before[first]
-            if np.sum(~wide[own]) >= least:
-                break
-            reach *= 0.5
-    return wide
 
 
 def leave_out_rows(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
@@ -507,3 +498,185 @@ def check_joints(library: Library, recordings: Sequence[Recording]) -> None:
             wrong.append(Notice(code="log.joints", text=text, file=recording.source))
     if wrong:
         raise LogError(*wrong)
+
+
+LONG_KINDS = ("torque", "momentum")
+_BLOCKS = 100
+"""Blocks of a joint's equations, as many as `compute_block_deviations` has."""
+
+
+class StatesKeeper:
+    """Prepares the states of recordings, and keeps those of the last one: passes over a log share them."""
+
+    def __init__(self) -> None:
+        """Keep nothing yet."""
+        self._last: tuple[tuple[Library, Recording, Processing], Signals] | None = None
+
+    def prepare(self, library: Library, recording: Recording, processing: Processing) -> Signals:
+        """Return the states as `prepare_states`, which reads no standstill speed."""
+        processing = replace(processing, standstill=None)
+        if self._last is not None:
+            (own, log, settings), signals = self._last
+            if own is library and log is recording and settings == processing:
+                return signals
+        # Before others are made: two logs need not be in memory.
+        self._last = None
+        signals = prepare_states(library, recording, processing)
+        self._last = (library, recording, processing), signals
+        return signals
+
+
+class RowBuilder(NamedTuple):
+    """How recordings become equations; `window` in s and `overlap` are of momentum rows.
+
+    `keeper` has the states that it prepared last; None to prepare them for every pass.
+    """
+
+    kind: str
+    library: Library
+    processing: Processing
+    window: float
+    overlap: float
+    keeper: StatesKeeper | None = None
+
+    def prepare_states(self, recording: Recording) -> Signals:
+        """Return the filtered states of a recording."""
+        prepare = prepare_states if self.keeper is None else self.keeper.prepare
+        return prepare(self.library, recording, self.processing)
+
+    def prepare(self, recording: Recording) -> Rows:
+        """Return the equations of a recording."""
+        signals = prepare_states(self.library, recording, self.processing)
+        rows = build_rows(
+            self.kind, self.library, signals, self.processing, window=self.window, overlap=self.overlap
+        )
+        return leave_out_rows(rows, self.library, recording, self.processing)
+
+    def outline(self, recording: Recording) -> Rows:
+        """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
+        card, signals = self.library.card, self.prepare_states(recording)
+        part = outline_part(self.kind, signals, self.processing, self.window, count_pieces(self.overlap))
+        places = np.arange(len(part.values), dtype=np.float64)
+        part = part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1)))
+        return leave_out_rows(assemble_rows(self.kind, card, part), self.library, recording, self.processing)
+
+    def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
+        """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
+        signals, pieces = self.prepare_states(recording), count_pieces(self.overlap)
+        return cut_matrix(
+            self.kind, self.library, signals, self.processing, window=self.window, pieces=pieces
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LongRows:
+    """Equations without their matrix.
+
+    Args:
+        outline: in place of the matrix the places in time (m, 1).
+        triangles: (s, p + 1, p + 1) of [A y] of segments, not weighed; starts: (s + 1,) their first rows.
+    """
+
+    outline: Rows
+    triangles: FloatArray
+    starts: NDArray[np.intp]
+
+    def condense(self) -> Condensed:
+        """Return the condensed equations of all runs, weighed."""
+        groups, size = len(self.outline.group_names), self.triangles.shape[1]
+        factors, counts = np.zeros((groups, size, size)), np.zeros(groups, dtype=np.intp)
+        for group in range(groups):
+            members = self.outline.group == group
+            factors[group] = self._join(members[self.starts[:-1]])
+            counts[group] = members.sum()
+        return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
+
+    def sketch(self) -> Rows:
+        """Return p + 1 equations for each of 100 blocks of time of every joint, with the block's squares.
+
+        A'A and A'y of every block are those of its equations, so `compute_block_deviations` gives the same.
+        """
+        outline, first, size = self.outline, self.starts[:-1], self.triangles.shape[1]
+        parts, groups = [], []
+        for group in np.unique(outline.group):
+            members = outline.group == group
+            for block in np.array_split(np.flatnonzero(members), _BLOCKS):
+                inside = members[first] & (first >= block[0]) & (first <= block[-1])
+                parts.append(self._join(inside))
+                groups.append(group)
+        table, count = np.vstack(parts), len(parts) * size
+        return replace(
+            outline,
+            matrix=table[:, :-1],
+            values=table[:, -1],
+            group=np.repeat(groups, size),
+            time=np.zeros(count),
+            velocity=np.zeros(count),
+            run=np.zeros(count, dtype=np.intp),
+            weight=np.ones(count),
+        )
+
+    def _join(self, inside: NDArray[np.bool_]) -> FloatArray:
+        size = self.triangles.shape[1]
+        roots = np.sqrt(self.outline.weight[self.starts[:-1][inside]])
+        stacked = (self.triangles[inside] * roots[:, None, None]).reshape(-1, size)
+        blocks = (stacked[start : start + BLOCK] for start in range(0, len(stacked), BLOCK))
+        return extend_triangle(np.zeros((0, size)), blocks)
+
+
+def condense_recordings(
+    maker: RowBuilder, recordings: Sequence[Recording], weights: Sequence[float] | None
+) -> LongRows | None:
+    """Return the condensed equations of recordings; None where a joint has too few of them for blocks.
+
+    `weights` as for `stack_rows`; errors as for `prepare_rows`.
+    """
+    outline = stack_rows([maker.outline(entry) for entry in recordings], weights)
+    # Where segments begin, and the end.
+    begins = {len(outline.values)}
+    for group in np.unique(outline.group):
+        members = np.flatnonzero(outline.group == group)
+        if len(members) < _BLOCKS:
+            return None
+        begins |= {int(block[0]) for block in np.array_split(members, _BLOCKS)}
+        _, firsts = np.unique(outline.run[members], return_index=True)
+        begins |= {*members[firsts].tolist()}
+    starts = np.array(sorted(begins), dtype=np.intp)
+    size = len(outline.names) + 1
+    triangles = np.zeros((len(starts) - 1, size, size))
+    for run, recording in enumerate(recordings):
+        mine, joints = outline.run == run, range(maker.library.card.size)
+        own = [np.flatnonzero(mine & (outline.group == joint)) for joint in joints]
+        times = [outline.matrix[places, 0].astype(np.intp) for places in own]
+        for part, matrix in maker.cut(recording):
+            for joint, (places, time) in enumerate(zip(own, times, strict=True)):
+                low, high = np.searchsorted(time, [part.start, part.stop])
+                if high > low:
+                    chosen = places[low:high]
+                    columns = matrix[time[low:high] - part.start, joint]
+                    table = np.column_stack([columns, outline.values[chosen]])
+                    owner = np.searchsorted(starts, chosen, side="right") - 1
+                    for segment in range(int(owner[0]), int(owner[-1]) + 1):
+                        low, high = np.searchsorted(owner, [segment, segment + 1])
+                        blocks = (
+                            table[start : min(start + BLOCK, high)] for start in range(low, high, BLOCK)
+                        )
+                        triangles[segment] = extend_triangle(triangles[segment], blocks)
+    return LongRows(outline=outline, triangles=triangles, starts=starts)
+
+
+def predict_outlines(
+    maker: RowBuilder, recordings: Sequence[Recording], outlines: Sequence[Rows], values: FloatArray
+) -> list[FloatArray]:
+    """Return what parameters (p,) predict of the equations (m,) of each outline, by another pass for all."""
+    predicted = [np.empty(len(outline.values)) for outline in outlines]
+    for run, recording in enumerate(recordings):
+        if maker.kind == "torque":
+            torques = evaluate_torques(maker.library, maker.prepare_states(recording), values)
+            whole = decimate(torques, maker.processing.decimation)
+        else:
+            whole = np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
+        for outline, found in zip(outlines, predicted, strict=True):
+            own = outline.run == run
+            found[own] = whole[outline.matrix[own, 0].astype(np.intp), outline.group[own]]
+    return predicted

@@ -3,27 +3,9 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.identification.rigid.closed_loop_estimate import (
+    from symid.identification.rigid.closed_loop import (
         check_closed_loop as check_closed_loop,
         identify_closed_loop as identify_closed_loop,
-    )
-    from symid.identification.rigid.comparison import (
-        FAR as FAR,
-        ChiSquare as ChiSquare,
-        ReadingTrial as ReadingTrial,
-        StatedValues as StatedValues,
-        TriedReading as TriedReading,
-        ValueComparison as ValueComparison,
-        add_readings as add_readings,
-        build_stated_values as build_stated_values,
-        compare_values as compare_values,
-        compute_grouped_values as compute_grouped_values,
-        list_shared_logs as list_shared_logs,
-        try_readings as try_readings,
-    )
-    from symid.identification.rigid.diagnosis import (
-        Diagnosis as Diagnosis,
-        diagnose_estimate as diagnose_estimate,
     )
     from symid.identification.rigid.fit import identify_parameters as identify_parameters
     from symid.identification.rigid.friction_choice import (
@@ -44,6 +26,8 @@ if TYPE_CHECKING:
         plan_fit as plan_fit,
     )
     from symid.identification.rigid.validation import (
+        Diagnosis as Diagnosis,
+        diagnose_estimate as diagnose_estimate,
         get_fit_overlap as get_fit_overlap,
         get_usable_window as get_usable_window,
         resolve_processing as resolve_processing,

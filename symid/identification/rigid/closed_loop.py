@@ -1,7 +1,7 @@
-"""A controlled robot, simulated at the times of a recording.
+"""Output error and instrumental variables (IDIM-IV): the controlled robot is simulated beside each recording.
 
-Library, parameters, recording with the reference of its controller -> `ClosedLoop`, the controller of one
-recording, and the `Signals` of the simulated robot.
+Robot whose file states the controller, its library, recordings with references -> `Estimate`, by way of
+`ClosedLoop`, the controller of one recording, the `Signals` of the simulated robot, and `ClosedLoopFit`.
 
     tau[k] = o + tau_ff[k] + Kp (q_ref[k] - q[k]) + Kd (dq_ref[k] - v[k])      within +- limit, held to k + 1
     v[k]   = v[k-1] + b ((q[k] - q[k-1]) / T - v[k-1]),   b = 1 - exp(-2 pi f T)     velocity from differences
@@ -10,20 +10,83 @@ v = dq[k] from a sensor, through the same low-pass; b = 1 without a filter. An u
 estimated from the recording, as the mean of its torque less the other terms at the measured positions. The
 simulation starts at the first measured position, with the velocity of the reference.
 
-Supported: what `symid.robot.Controller` states; torque limits of the joints; base parameters and friction.
-Not supported: controllers that run at another period than the log.
+    simulate   the robot with x_k under its controller: states q_s, torque tau_s
+    solve      equations made of what it did: x_(k+1)
+    until x changes by less than a part of its standard deviation
+
+Where the robot with x_(k+1) cannot be simulated, half of the step is taken, and half of that.
+
+    output error   W (x_(k+1) - x_k) = tau - tau_s,   W = [Y | Yf](q_s, dq_s, ddq_s),  decimated alike
+
+The direct and inverse dynamic identification of Gautier, Janot and Vandanjon (2013, IEEE Transactions on
+Control Systems Technology 21(2)): where a controller tracks well, the simulated states hardly depend on x,
+so W is nearly the derivative of the simulated torque. No measured position enters but the first.
+
+    instrumental   x_(k+1) = (Z' W Y)^-1 Z' W tau,   Z from q_s and Y from q, processed exactly alike
+
+The generic instrumental variable approach of Janot, Vandanjon and Gautier (2014, IEEE Transactions on
+Control Systems Technology 22(1)). The simulated states are independent of the noise in Y: a wrong x_k or
+wrong gains make deviations larger, not the result wrong, as long as Z resembles Y. Simulated dry friction may
+change sign a sample earlier, and x by a part of its deviation: steps become shorter where changes do not
+fall, and the iteration may end in an oscillation below half a deviation.
+
+The iteration begins with an estimate given, with instruments along the references, or with a fit of torque
+rows by wls. The result states the controller and the distance of simulated and measured positions; where that
+is more than a tenth of the tracking error, a warning says that the controller is another one. Instruments
+add a test of least squares for bias.
+
+Supported: what `symid.robot.Controller` states; torque limits of the joints; friction that the plant of
+`simulation` has; several recordings, of unequal weight.
+Not supported: elastic joints; parameters of the controller, and which gain is wrong; controllers that run at
+another period than the log. With instruments, noise that does more than add to Y stays: in the sign of a slow
+velocity, in squares.
 """
 
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard, RigidExperiment
-from symid.errors import Notice, SolverError, UsageError
-from symid.identification.regression import list_resting_joints
-from symid.logs import Recording, Signals, differentiate
-from symid.robot import Controller
+from symid.errors import IdentifiabilityError, Notice, SolverError, SymidError, UsageError
+from symid.identification.diagnostics import (
+    build_warning,
+    warn_of_correlated_residuals,
+    warn_of_poorly_identifiable,
+    warn_of_processing,
+)
+from symid.identification.estimators import (
+    Estimate,
+    InstrumentalSolution,
+    RegressionFit,
+    assess_exogeneity,
+    fit_instruments,
+    fit_rows,
+)
+from symid.identification.regression import (
+    JOINT_AT_REST,
+    WINDOW,
+    Identifiability,
+    RankRule,
+    Rows,
+    analyse_identifiability,
+    build_rows,
+    choose_filters,
+    drop_groups,
+    evaluate_torques,
+    hold_resting_joints,
+    list_resting_joints,
+    prepare_rows,
+    select_rows,
+    stack_rows,
+)
+from symid.identification.rigid.fit import FittedRows, build_estimate, identify_parameters
+from symid.identification.rigid.plan import INSTRUMENTAL
+from symid.logs import Recording, Signals, choose_processing, decimate, differentiate, prepare_signals
+from symid.robot import Controller, Processing, Robot, list_controller
 from symid.simulation import RigidPlant, simulate_rigid_plant
 
 
@@ -125,36 +188,29 @@ def list_unusable(recording: Recording, controller: Controller | None = None) ->
                 f"{name} has values that are not finite, the first at sample {first} (counted from 0): cut "
                 "or repair the log there"
             )
-    if not texts and recording.reference is not None:
-        texts += _list_implausible(recording, recording.reference, controller)
+    reference, position = recording.reference, recording.position
+    if not texts and reference is not None and reference.shape != position.shape:
+        texts.append(f"the reference has shape {reference.shape}, the position {position.shape}")
+    elif not texts and reference is not None:
+        moved, away = np.std(position, axis=0), np.std(reference - position, axis=0)
+        resting = list_resting_joints(recording)
+        strange = [j for j in range(len(moved)) if j not in resting and away[j] > _STRANGE * moved[j]]
+        if strange:
+            listed = ", ".join(f"{j + 1} ({away[j]:.3g} against {moved[j]:.3g})" for j in strange)
+            texts.append(
+                "the difference of reference and measured position varies more than the position itself "
+                f"(standard deviations in rad or m) at joint {listed}: check unit, factor, sign and side of "
+                "[log.reference], and that it belongs to this run"
+            )
+        length = len(recording.time) * recording.period
+        settling = 0.0 if controller is None else _compute_settling(controller)
+        if controller is not None and settling + 2.0 * recording.period >= length:
+            texts.append(
+                f"the log, {length:.3g} s long, is shorter than the settling time of the loop, "
+                f"{settling:.3g} s ({_FORGOTTEN:g} times damping / stiffness): check the gains of "
+                "[controller], or record longer"
+            )
     return tuple(Notice(code="usage.controlled-robot", text=text, file=recording.source) for text in texts)
-
-
-def _list_implausible(
-    recording: Recording, reference: FloatArray, controller: Controller | None
-) -> list[str]:
-    """Return why the reference belongs to another motion, or the loop is too slow for the log."""
-    if reference.shape != recording.position.shape:
-        return [f"the reference has shape {reference.shape}, the position {recording.position.shape}"]
-    texts = []
-    moved, away = np.std(recording.position, axis=0), np.std(reference - recording.position, axis=0)
-    resting = list_resting_joints(recording)
-    strange = [j for j in range(len(moved)) if j not in resting and away[j] > _STRANGE * moved[j]]
-    if strange:
-        listed = ", ".join(f"{j + 1} ({away[j]:.3g} against {moved[j]:.3g})" for j in strange)
-        texts.append(
-            "the difference of reference and measured position varies more than the position itself "
-            f"(standard deviations in rad or m) at joint {listed}: check unit, factor, sign and side of "
-            "[log.reference], and that it belongs to this run"
-        )
-    length = len(recording.time) * recording.period
-    settling = 0.0 if controller is None else _compute_settling(controller)
-    if controller is not None and settling + 2.0 * recording.period >= length:
-        texts.append(
-            f"the log, {length:.3g} s long, is shorter than the settling time of the loop, {settling:.3g} s "
-            f"({_FORGOTTEN:g} times damping / stiffness): check the gains of [controller], or record longer"
-        )
-    return texts
 
 
 def _compute_settling(controller: Controller) -> float:
@@ -242,3 +298,495 @@ def _log_torque(torque: FloatArray, gains: Controller) -> FloatArray:
     average = torque.copy()
     average[1:] = 0.5 * (torque[1:] + torque[:-1])
     return average
+
+
+_LIMIT = 15
+_CONVERGED = 0.05
+"""Change of every parameter, in standard deviations, below which the iteration ends."""
+_EXACT = 1e-6
+"""Change relative to the parameter that ends it too: a log without noise has no deviations."""
+_HALVINGS = 6
+_OF_VALUES = ("usage.negative-friction", "simulate.chatter", "simulate.unsettled")
+"""Codes of what keeps a robot from being simulated that other parameters may mend."""
+_CHANCE = 0.5
+"""Change in standard deviations that is no more than another choice among valid instruments."""
+_ROUNDS = 3
+_FALLING = 0.5
+_STRONG = 10.0
+"""F of the first stage that makes references good enough to begin with."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClosedLoopProblem:
+    """What stays the same from iteration to iteration.
+
+    Args:
+        library: the robot's functions.
+        recordings: at least one; loops: the controller of each.
+        processing: of the rows.
+        weights: of each recording's squared residuals; one if None.
+    """
+
+    library: Library
+    recordings: Sequence[Recording]
+    loops: Sequence[ClosedLoop]
+    processing: Processing
+    weights: Sequence[float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ClosedLoopFit:
+    """The fit of the last iteration.
+
+    Args:
+        fit: its residuals are measured torques less those of the model.
+        rows: the equations with the measured torques; simulated: those along the simulated states.
+        instrumental: the solution by instruments, None of output error.
+        changes: largest change of a parameter in standard deviations, iteration by iteration.
+        tracking: (n,) rad or m, root mean square between simulated and measured positions, low-passed and
+            after the loops settled; lag: (n,) the same between references and measured positions.
+    """
+
+    fit: RegressionFit
+    identifiability: Identifiability
+    rows: Rows
+    simulated: Rows
+    instrumental: InstrumentalSolution | None = None
+    changes: tuple[float, ...] = ()
+    tracking: FloatArray = field(default_factory=lambda: np.empty(0))
+    lag: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def iterations(self) -> int:
+        """Return the number of simulations of all recordings."""
+        return len(self.changes)
+
+
+def _iterate(
+    problem: ClosedLoopProblem,
+    start: Mapping[str, float],
+    solve: Callable[[FloatArray, Sequence[Signals]], ClosedLoopFit],
+    progress: Callable[[str], None],
+    *,
+    instrumental: bool = False,
+) -> ClosedLoopFit:
+    """Return the fit at which the iteration converges.
+
+    With instruments the choice among valid ones changes the parameters too: steps become shorter each time
+    that changes do not fall, and changes that stay small end the iteration.
+    """
+    cards = (*problem.library.card.beta, *problem.library.card.friction)
+    values = np.array([start[card.name] for card in cards])
+    try:
+        runs = _simulate(problem, values)
+    except (UsageError, SolverError) as error:
+        # Whether other parameters may mend it.
+        notices = [notice for notice in error.notices if notice.code in _OF_VALUES]
+        if not notices:
+            raise
+        text = (
+            f"the initial parameters cannot be simulated: {notices[0].text}. Begin with others (--start), "
+            "such as those of --estimator consistent"
+        )
+        raise SolverError(Notice(code="solver.start", text=text)) from error
+    changes: list[float] = []
+    while True:
+        found = solve(values, runs)
+        fit, learnable = found.fit, found.identifiability.identifiable
+        # What is not identifiable stays where it was.
+        step = np.where(learnable, fit.values, values) - values
+        deviation = np.sqrt(np.maximum(np.diag(fit.covariance), np.finfo(float).tiny))
+        moved = learnable & (np.abs(step) > _EXACT * np.abs(fit.values))
+        changes.append(float(np.max(np.abs(step[moved]) / deviation[moved], initial=0.0)))
+        progress(f"simulation {len(changes)}: parameters change by {changes[-1]:.2g} standard deviations")
+        last = changes[-_ROUNDS:]
+        steady = len(last) == _ROUNDS and max(last) < _CHANCE and last[-1] > _FALLING * last[-2]
+        if changes[-1] < _CONVERGED or (instrumental and steady):
+            break
+        if len(changes) == _LIMIT:
+            text = (
+                f"not converged: after {len(changes)} simulations parameters still change by "
+                f"{changes[-1]:.2g} standard deviations. Check the controller, or record more excitation"
+            )
+            raise SolverError(Notice(code="solver.controlled-robot", text=text))
+        rising = sum(after > _FALLING * before for before, after in pairwise(changes))
+        whole = (1.0 / (1.0 + rising) if instrumental else 1.0) * step
+        # Half of the step, and again, where it leads to no robot.
+        for halving in range(_HALVINGS + 1):
+            tried = values + 0.5**halving * whole
+            try:
+                runs = _simulate(problem, tried)
+            except SymidError as error:
+                refused = error
+                continue
+            values = tried
+            break
+        else:
+            text = (
+                f"the parameters that explain the torque cannot be simulated: {refused.notices[0].text}. "
+                "Check gains, torque limits and reference, record more excitation, or add the missing term "
+                "to the model"
+            )
+            raise SolverError(Notice(code="solver.controlled-robot", text=text)) from refused
+    gaps: list[FloatArray] = []
+    lags: list[FloatArray] = []
+    decimation = problem.processing.decimation
+    for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
+        kept = _select_compared(problem, recording, loop)
+        measured = recording.position[kept]
+        gaps.append(decimate(run.q[kept] - measured, decimation))
+        lags.append(decimate(loop.reference[kept] - measured, decimation))
+    tracking, lag = (np.sqrt(np.mean(np.vstack(parts) ** 2, axis=0)) for parts in (gaps, lags))
+    return replace(found, changes=tuple(changes), tracking=tracking, lag=lag)
+
+
+def _select_compared(problem: ClosedLoopProblem, recording: Recording, loop: ClosedLoop) -> slice:
+    """Return the samples that are compared, after the initial state of the simulation has no effect."""
+    first = max(problem.processing.drop_first, math.ceil(loop.settling / recording.period))
+    return slice(first, len(recording.time) - problem.processing.drop_last)
+
+
+def _simulate(problem: ClosedLoopProblem, values: FloatArray) -> list[Signals]:
+    pairs = zip(problem.recordings, problem.loops, strict=True)
+    return [simulate_closed_loop(problem.library, values, recording, loop) for recording, loop in pairs]
+
+
+def fit_output_error(
+    problem: ClosedLoopProblem,
+    start: Mapping[str, float],
+    *,
+    rule: RankRule | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> ClosedLoopFit:
+    """Return the parameters whose simulated torque is nearest to the measured one; positions pass no filter.
+
+    `start` has all initial parameters, by name; `progress` is called with a line about each iteration.
+
+    Raises:
+        UsageError: the friction cannot be simulated.
+        SolverError: the simulated robot ran away, or the iteration did not converge.
+        IdentifiabilityError: no parameter is identifiable.
+    """
+    processing = choose_processing(problem.processing, problem.recordings[0].period)
+    problem = replace(problem, processing=replace(processing, filter_cutoff=None, filter_torque=False))
+
+    def solve(values: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
+        plain: list[Rows] = []
+        moved: list[Rows] = []
+        library, processing = problem.library, problem.processing
+        for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
+            kept = _select_compared(problem, recording, loop)
+            columns = {name: getattr(run, name)[kept] for name in ("time", "q", "dq", "ddq")}
+            signals = Signals(**columns, tau=recording.torque[kept], period=run.period)
+            built = build_rows("torque", library, signals, processing)
+            excess = decimate(
+                evaluate_torques(library, signals, values) - run.tau[kept], processing.decimation
+            )
+            away = replace(built, values=built.values + excess.T.ravel())
+            # A brake may hold a joint at rest: its torque contains no information.
+            joints = library.card.joints
+            held = tuple(j for j in list_resting_joints(recording) if joints[j].friction != "none")
+            plain.append(drop_groups(built, held))
+            moved.append(drop_groups(away, held))
+        # With the measured torques, and with tau - tau_s + W x in their place.
+        rows, shifted = stack_rows(plain, problem.weights), stack_rows(moved, problem.weights)
+        try:
+            identifiability = analyse_identifiability(shifted, rule)
+        except IdentifiabilityError as error:
+            text = (
+                "the simulated robot does not move enough: the reference of the log hardly moves, or the "
+                "simulated robot does not follow it. Check q_ref, its unit and [controller]"
+            )
+            blind = Notice(code="identify.blind-simulation", text=text)
+            raise IdentifiabilityError(blind, *error.notices) from error
+        fit = fit_rows("wls", shifted, identifiability, problem.processing.noise_freedom)
+        return ClosedLoopFit(fit=fit, identifiability=identifiability, rows=rows, simulated=rows)
+
+    return _iterate(problem, start, solve, progress)
+
+
+def fit_instrumental(
+    problem: ClosedLoopProblem,
+    start: Mapping[str, float],
+    *,
+    rule: RankRule | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> ClosedLoopFit:
+    """Return the parameters that explain the torque at the measured states, by instruments.
+
+    The processing is of measured and simulated positions alike; arguments and errors as for
+    `fit_output_error`.
+
+    Raises:
+        LogError: too few samples for the processing.
+    """
+    processing = choose_processing(problem.processing, problem.recordings[0].period)
+    problem = replace(problem, processing=processing)
+    measured: list[Rows] = []
+
+    def solve(_: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
+        # Once the problem has been checked; no iteration changes them.
+        if not measured:
+            measured.extend(_build_measured(problem))
+        rows = stack_rows(measured, problem.weights)
+        simulated = _build_beside(problem, [run.q for run in runs], measured)
+        found = fit_instruments(rows, simulated, rule, processing.noise_freedom)
+        return ClosedLoopFit(
+            fit=found.fit,
+            identifiability=found.identifiability,
+            rows=rows,
+            simulated=simulated,
+            instrumental=found,
+        )
+
+    return _iterate(problem, start, solve, progress, instrumental=True)
+
+
+def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
+    """Return parameters by instruments along the references, None where these are too weak.
+
+    Nothing is simulated; noise in the states biases the result as little as that of `fit_instrumental`.
+    """
+    processing = choose_processing(problem.processing, problem.recordings[0].period)
+    problem = replace(problem, processing=processing, weights=None)
+    measured = _build_measured(problem)
+    beside = _build_beside(problem, [loop.reference for loop in problem.loops], measured)
+    try:
+        found = fit_instruments(stack_rows(measured), beside, freedom=processing.noise_freedom)
+    except IdentifiabilityError:
+        # References may stand still, or move together, where the logs do not.
+        return None
+    if found.strength < _STRONG:
+        return None
+    values, learnable = found.fit.values.tolist(), found.identifiability.identifiable
+    return {name: values[k] for k, name in enumerate(measured[0].names) if learnable[k]}
+
+
+def _build_measured(problem: ClosedLoopProblem) -> list[Rows]:
+    """Return the rows of each recording, after the initial state of the simulation has no effect."""
+    found = []
+    for recording, loop in zip(problem.recordings, problem.loops, strict=True):
+        first = _select_compared(problem, recording, loop).start
+        processing = replace(problem.processing, drop_first=first)
+        found.append(prepare_rows("torque", problem.library, recording, processing, window=WINDOW))
+    return found
+
+
+def _build_beside(
+    problem: ClosedLoopProblem, positions: Sequence[FloatArray], measured: Sequence[Rows]
+) -> Rows:
+    """Return the rows along other positions (N, n) of each recording, beside the measured ones."""
+    parts = []
+    for recording, loop, position, rows in zip(
+        problem.recordings, problem.loops, positions, measured, strict=True
+    ):
+        first = _select_compared(problem, recording, loop).start
+        processing = replace(problem.processing, drop_first=first)
+        signals = prepare_signals(replace(recording, position=position), processing)
+        signals = hold_resting_joints(signals, list_resting_joints(recording))
+        whole = build_rows("torque", problem.library, signals, processing)
+        kept = np.zeros(len(whole.values), dtype=bool)
+        for group in range(len(whole.group_names)):
+            members = whole.group == group
+            kept[members] = np.isin(whole.time[members], rows.time[rows.group == group])
+        parts.append(select_rows(whole, kept))
+    return stack_rows(parts, problem.weights)
+
+
+_FAR = 0.1
+"""Part of the tracking error up to which simulated and measured positions may differ."""
+_SHOWN = 4
+_ROUNDING = 1e-16
+
+
+def identify_closed_loop(
+    estimator: str,
+    robot: Robot,
+    library: Library,
+    recordings: Sequence[Recording],
+    *,
+    start: Estimate | None = None,
+    start_name: str = "",
+    rule: RankRule | None = None,
+    weights: Sequence[float] | None = None,
+    echo: Mapping[str, object] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Estimate:
+    """Return the parameters that an estimator, one of `SIMULATING`, finds with the simulated robot.
+
+    Output error: the simulated torques approach the measured ones; the filter of the processing is not used.
+    Instrumental: the equations of the measured states, with instruments from the simulated robot. `start` is
+    an estimate of the same model to begin with, None for a fit to the same recordings, and `start_name` its
+    name in the result; `progress` is called with a line about each iteration, the others are as for
+    `identify_parameters`.
+
+    Raises:
+        UsageError: no controller or reference, elastic joints, friction that cannot be simulated.
+        SolverError: the simulated robot ran away, or the iteration did not converge.
+        LogError, IdentifiabilityError: as `identify_parameters`.
+    """
+    controller = check_closed_loop(robot, recordings)
+    limits = np.array([np.inf if axis.limits.torque is None else axis.limits.torque for axis in robot.axes])
+    filters = choose_filters(robot.processing, recordings)
+    first = identify_parameters(
+        library, recordings, filters.processing, estimator="wls", rule=rule, weights=weights, echo=echo
+    )
+    problem = ClosedLoopProblem(
+        library=library,
+        recordings=recordings,
+        loops=[build_closed_loop(recording, controller, limits) for recording in recordings],
+        processing=filters.processing,
+        weights=weights,
+    )
+    given = start or first
+    # What an estimate refuses is taken from the robot file, or is zero.
+    known = dict(given.unresolved) | {entry.name: entry.value for entry in given.parameters}
+    cards = (*library.card.beta, *library.card.friction)
+    begun = {card.name: known.get(card.name, card.value or 0.0) for card in cards}
+    begun_with = start_name or "torque rows by wls"
+    chosen = filters.notices if estimator == INSTRUMENTAL else ()
+    if estimator == INSTRUMENTAL:
+        own = estimate_start(problem) if start is None else None
+        if own is not None:
+            begun, begun_with = {**begun, **own}, "instruments along the references"
+    fit = fit_instrumental if estimator == INSTRUMENTAL else fit_output_error
+    found = fit(problem, begun, rule=rule, progress=progress)
+    verdict, warnings = _assess_instruments(found, problem)
+    # Percent of the logged torque that the controller does not explain.
+    thin, pairs = problem.processing.decimation, list(zip(problem.loops, recordings, strict=True))
+    missing = np.vstack([decimate(log.torque - compute_demand(loop, log), thin) for loop, log in pairs])
+    size = np.linalg.norm(np.vstack([decimate(log.torque, thin) for log in recordings]), axis=0)
+    share = 100.0 * np.linalg.norm(missing, axis=0) / np.where(size > 0.0, size, 1.0)
+    unexplained: list[float] = share.tolist()
+    joints = zip(library.card.joints, found.tracking.tolist(), found.lag.tolist(), strict=True)
+    stated = list_controller(controller)
+    logged = all(recording.reference_velocity is not None for recording in problem.recordings)
+    report = {
+        "start": begun_with,
+        "iterations": found.iterations,
+        "changes": list(found.changes),
+        "tracking": [
+            {
+                "joint": joint.name,
+                "unit": joint.position_unit,
+                "simulated_from_measured": apart,
+                "reference_from_measured": lag,
+            }
+            for joint, apart, lag in joints
+        ],
+        **verdict,
+        "controller": {
+            **stated,
+            **{key: list(map(float, stated[key])) for key in ("stiffness", "damping")},
+            "velocity_filter": controller.velocity_filter,
+            "offset": [loop.offset.tolist() for loop in problem.loops],
+            "offset_from": "log" if controller.offset is None else "robot file",
+            "reference_velocity": (
+                "none" if controller.velocity == "measured" else "logged" if logged else "differentiated"
+            ),
+            "torque_limit": [
+                entry if np.isfinite(entry) else None for entry in problem.loops[0].limit.tolist()
+            ],
+        },
+        "controller_residual_percent": unexplained,
+    }
+    # Where simulated and measured robot do not follow the reference alike.
+    apart = np.flatnonzero(found.tracking > _FAR * found.lag).tolist()
+    if apart:
+        listed = ", ".join(
+            f"{found.rows.group_names[index]!r} {found.tracking[index]:.2g} "
+            f"{found.rows.velocity_units[index].removesuffix('/s')} ({found.lag[index]:.2g})"
+            for index in apart
+        )
+        wider = "the standard deviations are larger"
+        warnings = (
+            build_warning(
+                "identify.tracking",
+                joints=listed,
+                limit=100.0 * _FAR,
+                effect=wider if estimator == INSTRUMENTAL else "the parameters are biased",
+                missed=", ".join(f"{unexplained[index]:.3g} %" for index in apart),
+            ),
+            *warnings,
+        )
+    fitted = FittedRows(found.rows, found.identifiability, found.fit)
+    left = robot.processing.left_open
+    settings = {**first.settings, **({"chosen": list(left)} if left else {}), "fit": report}
+    estimate = build_estimate(library.card, fitted, estimator, recordings, settings)
+    notices = (
+        *chosen,
+        *(notice for notice in first.notices if notice.code == JOINT_AT_REST),
+        *found.rows.notices,
+        *found.identifiability.notices,
+        *found.fit.notices,
+        *warn_of_correlated_residuals(found.simulated, found.fit, found.identifiability),
+        *warnings,
+        *warn_of_poorly_identifiable(estimate.parameters),
+    )
+    return replace(estimate, notices=tuple(dict.fromkeys(notices)))
+
+
+def check_closed_loop(robot: Robot, recordings: Sequence[Recording]) -> Controller:
+    """Return the controller of a robot that can be simulated with it along the recordings.
+
+    Raises:
+        UsageError: the file states none, joints are elastic, or recordings have no reference.
+    """
+    problems = [notice for recording in recordings for notice in list_unusable(recording, robot.controller)]
+    texts = []
+    if any(robot.elastic):
+        names = ", ".join(joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if gives)
+        texts.append(
+            f"this estimator simulates rigid robots, and {robot.name!r} has elastic joints ({names}): use "
+            "another estimator"
+        )
+    if robot.controller is None:
+        texts.append(
+            f"this estimator simulates the controller, and the file of {robot.name!r} states none: add "
+            "[controller] with stiffness = [...] (N m/rad) and damping = [...] (N m s/rad), on the joint "
+            "side, or --set controller.stiffness=... --set controller.damping=..."
+        )
+    problems += [Notice(code="usage.controlled-robot", text=text, file=robot.path) for text in texts]
+    if problems or robot.controller is None:
+        raise UsageError(*problems)
+    return robot.controller
+
+
+def _assess_instruments(
+    found: ClosedLoopFit, problem: ClosedLoopProblem
+) -> tuple[Mapping[str, object], tuple[Notice, ...]]:
+    """Return the quality of instruments and the test of least squares, with warnings; nothing without any."""
+    solution, processing = found.instrumental, problem.processing
+    if solution is None:
+        return {}, ()
+    test = assess_exogeneity(found.rows, solution, processing.noise_freedom)
+    chance = f"= {test.probability:.2g}" if test.probability > _ROUNDING else "< 1e-16"
+    verdict = "not biased by noise in the states"
+    if test.biased:
+        names = ", ".join(f"{name} {shift:+.2g}" for name, shift in test.biased[:_SHOWN])
+        verdict = f"biased by noise in the states, in its standard deviations: {names}"
+    elif test.significant:
+        verdict = "significantly different, by less than its standard deviations"
+    verdict = f"wls of these rows is {verdict} (p {chance})"
+    report = {
+        "instruments": {
+            "correlation": solution.correlation,
+            "strength": solution.strength if solution.strength < float("inf") else None,
+        },
+        "wls": {
+            "biased": bool(test.biased),
+            "statistic": test.statistic,
+            "freedom": list(test.freedom),
+            "probability": test.probability,
+            "shifts": dict(test.shifts),
+            "verdict": verdict,
+        },
+    }
+    # Instruments allow raw differences, but not a filter that damps the motion.
+    damping = [
+        notice
+        for notice in warn_of_processing(processing, problem.recordings)
+        if notice.code == "identify.low-cutoff"
+    ]
+    biased = [build_warning("identify.biased-wls", verdict=verdict)] if test.biased else []
+    return report, (*biased, *damping)

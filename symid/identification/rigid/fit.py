@@ -1,6 +1,6 @@
-"""Identification of rigid robots: recordings to parameters with their uncertainty.
+"""Identification of rigid robots: recordings to parameters with their uncertainty, and what speaks for them.
 
-Library, recordings, settings -> `Estimate`.
+Library, recordings, settings -> `Estimate` with `Evidence`.
 
     Recording -> FitPlan -> Rows -> Identifiability -> RegressionFit -> Evidence -> Estimate
 
@@ -8,27 +8,67 @@ Logs that are too long for memory are condensed block by block, and a second pas
 Standard deviations hold for residuals that are correlated in time and between joints; an estimator other
 than ols, wls and instruments keeps its own, times what correlation adds to those of wls.
 
+What speaks for a fit is what it predicts of held-out rows, in percent of each joint's torque:
+
+    r = y - A x_(-s),    100 |L r| / |L y|
+
+x_(-s) are the parameters without the stretch (or, of several logs, without the log) of the row; L is a
+zero-phase Butterworth low-pass of order 4 at the scoring band. Every row counts; those in motion, at reversal
+and at rest count apart as well.
+
+A fit is suspicious where much is left unexplained, or a value is impossible: a negative friction or rotor
+inertia, or a mass matrix that is not positive definite, by more than four deviations and two percent of a
+joint's torque. Then single mistakes of the log are tried (`find_cause`).
+
+Terms that the model lacks are added to one joint j in fact, and kept where held-out rows are better:
+
+    min |L' (A x + C c - y)|_W     with all parameters free, without each stretch in turn
+    gain = 1 - |L' (y_j - A_j x - C c)|^2 / |L' (y_j - A_j x_0)|^2     on stretches left out, x_0 without C
+
+C are functions of the motion of joint j (`FAMILIES`). L' is a low-pass at twice the scoring band, ten Hz at
+least: beyond, the noise of accelerations makes a residual that looks like a term of other joints. A term
+counts where its gain exceeds five percent of the joint's squares, and is sure by four standard errors (see
+`measure_gain`).
+
 Supported: several recordings at once, of unequal weight; all kinds of rows with all estimators; `ols` and
-`wls` on torque and momentum rows that do not fit into memory.
-Not supported: recordings with delays or offsets of their own; other estimators beyond memory.
+`wls` on torque and momentum rows that do not fit into memory; evidence from rows of single joints at even
+times.
+Not supported: recordings with delays or offsets of their own; other estimators beyond memory; evidence from
+power and energy rows; two missing terms at once; terms of several joints.
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import (
+    FAMILIES,
+    OTHER_VALUES,
+    JointMotion,
     Stretches,
+    build_quick_logs,
+    build_warning,
     compute_jackknife,
+    describe_proportion,
+    evaluate_inertia_columns,
+    find_cause,
+    fit_quick,
     fit_stretches,
+    list_proportions,
+    mask_inner,
+    measure_gain,
+    measure_scoring_band,
+    smooth_rows,
     warn_of_correlated_residuals,
     warn_of_mass_matrix,
-    warn_of_missing,
     warn_of_moving_ends,
     warn_of_poorly_identifiable,
     warn_of_processing,
@@ -37,16 +77,18 @@ from symid.identification.estimators import (
     ESTIMATORS,
     Estimate,
     EstimatorOptions,
+    Evidence,
     Influence,
+    JointEvidence,
+    ModelTerm,
     Outcome,
     RegressionFit,
-    Residual,
     compute_coloured_covariance,
     compute_residuals,
     estimate_group_weights,
+    find_phases,
     fit_condensed,
     fit_instruments,
-    fit_rows,
     fit_weighted,
     list_parameters,
     measure_influence,
@@ -67,36 +109,322 @@ from symid.identification.regression import (
     check_identifiable_share,
     choose_window,
     condense_recordings,
+    list_resting_joints,
     mask_fast,
     predict_outlines,
+    prepare_states,
     select_rows,
     stack_rows,
 )
-from symid.identification.rigid.evidence import FittedRows, JudgedRows, collect_evidence, describe_motion
-from symid.identification.rigid.plan import (
-    FILTERED_INSTRUMENTAL,
-    FitBasis,
-    FitPlan,
-    drop_instruments,
-    list_unknown,
-    plan_fit,
-)
+from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan, list_unknown, plan_fit
 from symid.identification.rigid.settings_choice import ROW_RATE
-from symid.logs import Recording, choose_processing
+from symid.joint_models import is_braking
+from symid.logs import Recording, choose_processing, undo_resampling
 from symid.robot import Processing
 
-LARGEST = 2e8
-"""Bytes of equations that are held in memory."""
+_LEAST_GAIN = 0.05
+_SURE, _SURE_OF_LARGE = 4.0, 2.5
+"""Standard errors by which a term helps, and deviations beyond which an impossible value is no chance."""
+_LARGE = 0.4
+"""Gain from which fewer standard errors are enough: chance gains little."""
+_TINY = 1e-300
+_FRICTION = ("velocity", "slow motion", "load")
+"""Families that another friction law would have."""
+_BAND, _LEAST_BAND = 2.0, 10.0
+"""Times the scoring band, and Hz at least, up to which terms are looked for."""
+_RATE = 4.0
+"""Times that band: rate of the rows that are kept."""
+
+
+def list_missing_terms(  # noqa: PLR0917 - what was fitted, and how
+    library: Library,
+    recordings: Sequence[Recording],
+    plan: FitPlan,
+    rows: Rows,
+    weights: FloatArray,
+    values: FloatArray,
+    scoring: float,
+) -> tuple[ModelTerm, ...]:
+    """Return the terms that help, the largest gain first, one a joint.
+
+    `weights` (g,) are those of the squared residuals of each joint, `values` (p,) those of the fit, `scoring`
+    the band in Hz.
+    """
+    band = max(_BAND * scoring, _LEAST_BAND)
+    predicted = rows.matrix @ values
+    # The motion of every joint at its rows, one entry for each log that has rows of it, with the same terms
+    # in all logs: a joint at rest in one of them has zeros there. Of the rows some are kept, by the band.
+    motions: dict[int, list[JointMotion]] = {group: [] for group in np.unique(rows.group).tolist()}
+    resting = set.intersection(*(set(list_resting_joints(entry)) for entry in recordings))
+    thin = np.zeros(len(rows.values), dtype=np.bool_)
+    for run in np.unique(rows.run).tolist():
+        signals = prepare_states(library, recordings[run], plan.processing)
+        for group, parts in motions.items():
+            own = np.flatnonzero((rows.run == run) & (rows.group == group))
+            if not len(own):
+                continue
+            period = float(np.median(np.diff(rows.time[own]))) if len(own) > 1 else np.nan
+            if len(own) > 1:
+                thin[own[:: max(1, math.floor(1.0 / (_RATE * band * period)))]] = True
+            places = np.searchsorted(signals.time, rows.time[own] - 0.5 * signals.period)
+            q, dq, ddq = (part[places] for part in (signals.q, signals.dq, signals.ddq))
+            others = [k for k in range(q.shape[1]) if k != group and k not in resting]
+            parts.append(
+                JointMotion(
+                    time=rows.time[own],
+                    q=q[:, group],
+                    dq=dq[:, group],
+                    ddq=ddq[:, group],
+                    load=predicted[own],
+                    others=[(dq[:, k], ddq[:, k]) for k in others],
+                    period=period,
+                )
+            )
+    table = smooth_rows(rows, np.column_stack([rows.matrix, rows.values]), band)
+    smooth = select_rows(replace(rows, matrix=table[:, :-1], values=table[:, -1]), thin)
+    stretches = fit_stretches(smooth, None, np.ones(len(smooth.values), dtype=np.bool_), weights)
+    found = []
+    for group in np.unique(rows.group).tolist():
+        whole = np.flatnonzero(rows.group == group)
+        own = np.flatnonzero(smooth.group == group)
+        best: ModelTerm | None = None
+        for name, family in FAMILIES.items():
+            if name == OTHER_VALUES or (plan.laws_chosen and name in _FRICTION):
+                continue
+            built = list(map(family.build, motions[group]))
+            if not built[0]:
+                continue
+            columns = np.vstack(list(map(np.column_stack, built)))
+            columns = smooth_rows(select_rows(rows, whole), columns, band)[thin[whole]]
+            size = np.sqrt(np.mean(columns**2, axis=0))
+            columns = columns[:, size > _TINY] / size[size > _TINY]
+            gain, errors = measure_gain(stretches, smooth, own, columns)
+            sure = errors > (_SURE if gain < _LARGE else _SURE_OF_LARGE)
+            if gain > _LEAST_GAIN and sure and (best is None or 100.0 * gain > best.gain):
+                best = ModelTerm(joint=rows.group_names[group], term=name, gain=100.0 * gain, errors=errors)
+        if best is not None:
+            found.append(best)
+    return tuple(sorted(found, key=lambda entry: -entry.gain))
+
+
+class FittedRows(NamedTuple):
+    """Equations, what is identifiable from them, and their fit; notices on correlated residuals.
+
+    `left` are all rows of a long log, slow ones too, and what the fit leaves of them; None in memory.
+    """
+
+    rows: Rows
+    identifiability: Identifiability
+    fit: RegressionFit
+    pattern: tuple[Notice, ...] = ()
+    left: tuple[Rows, FloatArray] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FullFit:
-    """A fit, all rows whether it has them or not, fits without each stretch, rows of the instruments."""
+class JudgedRows:
+    """Rows of a fit.
 
-    fitted: FittedRows
-    judged: JudgedRows
-    stretches: Stretches
-    instruments: Rows | None = None
+    Args:
+        rows: all of them, m; speed: (m,) of smooth positions, rad/s or m/s.
+        kept: (m,) whether the fit has them; residuals: (m,) of the fit.
+        smooth: the same along the states of the instruments, None where there are none.
+    """
+
+    rows: Rows
+    speed: FloatArray
+    kept: NDArray[np.bool_]
+    residuals: FloatArray
+    smooth: Rows | None = None
+
+
+def list_joint_evidence(
+    judged: JudgedRows, stretches: Stretches, scoring: float
+) -> tuple[JointEvidence, ...]:
+    """Return what is left unexplained of every joint within the `scoring` band in Hz."""
+    rows = judged.rows
+    errors = rows.values - stretches.predict(rows)
+    # Near rest, noise turns the sign of a velocity: that is no friction of another kind.
+    slow = errors if judged.smooth is None else rows.values - stretches.predict(judged.smooth)
+    table = smooth_rows(rows, np.column_stack([rows.values, errors, judged.residuals, slow]), scoring)
+    inner = mask_inner(rows)
+    found = []
+    for group in np.unique(rows.group):
+        own = rows.group == group
+        counted, phases = own & inner, np.full(len(own), -1)
+        phases[own] = find_phases(rows.time[own], judged.speed[own], rows.run[own])
+        torque = float(np.sqrt(np.mean(table[counted, 0] ** 2))) if counted.any() else 0.0
+
+        def share(column: int, mask: NDArray[np.bool_], torque: float = torque) -> float:
+            if not torque or not mask.any():
+                return float("inf")
+            return 100.0 * float(np.sqrt(np.mean(table[mask, column] ** 2))) / torque
+
+        found.append(
+            JointEvidence(
+                joint=rows.group_names[group],
+                fitted=share(2, counted & judged.kept),
+                held_out=share(1, counted),
+                moving=share(1, counted & (phases == 0)),
+                reversing=share(3, counted & (phases == 1)),
+                resting=share(3, counted & (phases == 2)),
+                share=float(np.mean(~judged.kept[own])),
+                torque=torque,
+            )
+        )
+    return tuple(found)
+
+
+_MATTERS = 0.02
+"""Of the root mean square of a joint's torque: an impossible value that does less is no mistake."""
+_SUSPICIOUS = 30.0
+"""Percent of held-out torque left unexplained, from which causes are looked for."""
+_HELPS = 0.7
+"""Times the held-out residual: what must be left at most with a mistake undone."""
+_POSES = 60
+
+
+def collect_evidence(  # noqa: PLR0917 - what was fitted, and how
+    library: Library,
+    recordings: Sequence[Recording],
+    plan: FitPlan,
+    judged: JudgedRows,
+    fitted: FittedRows,
+    stretches: Stretches,
+) -> Evidence:
+    """Return the evidence for a fit in memory."""
+    rows, fit = judged.rows, fitted.fit
+    scoring = plan.choice.scoring if plan.choice is not None else measure_scoring_band(recordings)
+    joints = list_joint_evidence(judged, stretches, scoring)
+    whole = not fitted.identifiability.refused
+    impossible = list_impossible(library, recordings, plan.processing, fitted.rows, fit, whole=whole)
+    found = Evidence(
+        joints=joints,
+        scoring=scoring,
+        stretches=len(stretches.logs),
+        logs=len(stretches.logwise),
+        movement=plan.choice.chosen.movement if plan.choice is not None else 0.0,
+        impossible=impossible,
+    )
+    if rows.kind == "torque" and found.unexplained <= _SUSPICIOUS:
+        found = replace(
+            found,
+            missing=list_missing_terms(
+                library, recordings, plan, rows, stretches.weights, fit.values, scoring
+            ),
+        )
+    logs = build_quick_logs(library, recordings, plan.processing, scoring)
+    quick = fit_quick(logs)
+    names = [joint.name for joint in library.card.joints]
+    alike = tuple((names[one], names[other]) for one, other in list_proportions(logs.dq, quick.moving))
+    found = replace(found, in_proportion=alike)
+    if any(recording.stamps is not None for recording in recordings):
+        before = [undo_resampling(recording) for recording in recordings]
+        other = fit_quick(build_quick_logs(library, before, plan.processing, scoring))
+        found = replace(found, resampled=(quick.percent, other.percent))
+    # A quick fit may itself be poor: undoing a mistake must leave less than the fit does.
+    left = {entry.joint: entry.held_out for entry in joints}
+    held_out = np.array([left.get(names[joint], np.inf) for joint in quick.moving])
+    most = _HELPS * found.unexplained
+    cause = find_cause(logs, quick, most, cures=bool(impossible), held_out=held_out)
+    if not (np.isfinite(cause.percent) or found.unexplained > _SUSPICIOUS or impossible):
+        return found
+    return replace(
+        found,
+        code=cause.code,
+        cause=cause.cause,
+        remedy=cause.remedy,
+        cured=cause.percent,
+        effect=cause.effect,
+    )
+
+
+def warn_of_evidence(evidence: Evidence) -> tuple[Notice, ...]:
+    """Return warnings of missing terms, and of joints that move in proportion; a note on resampling."""
+    found = [
+        build_warning(
+            "identify.structure",
+            joint=term.joint,
+            term=term.term,
+            gain=term.gain,
+            advice=FAMILIES[term.term].advice[:1].upper() + FAMILIES[term.term].advice[1:],
+        )
+        for term in evidence.missing
+    ]
+    found += [describe_proportion(*pair) for pair in evidence.in_proportion]
+    if evidence.resampled:
+        after, before = evidence.resampled
+        text = (
+            f"uneven logs were moved to even times: a quick fit leaves {after:.3g} % of held-out torque, "
+            f"with the samples as they come {before:.3g} %"
+        )
+        found.append(Notice(code="identify.resampled", text=text))
+    return tuple(found)
+
+
+def list_impossible(
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    rows: Rows,
+    fit: RegressionFit,
+    *,
+    whole: bool = True,
+) -> tuple[str, ...]:
+    """Return in words what no robot can have; mass matrices count where the parameters are `whole`."""
+    card, deviations = library.card, np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    found = []
+    sizes = np.zeros(len(rows.names))
+    for group in np.unique(rows.group):
+        own = rows.group == group
+        torque = float(np.sqrt(np.mean(rows.values[own] ** 2))) or 1.0
+        part = np.sqrt(np.mean((rows.matrix[own] * fit.values) ** 2, axis=0)) / torque
+        sizes = np.maximum(sizes, part)
+    for place, entry in enumerate((*card.beta, *card.friction)):
+        friction = place >= len(card.beta) and is_braking(entry.name)
+        rotor = place < len(card.beta) and entry.name.startswith("IA")
+        surely = fit.values[place] < -_SURE * deviations[place] and sizes[place] > _MATTERS
+        if (friction or rotor) and deviations[place] > 0.0 and surely:
+            what = "friction drives the joint" if friction else "a rotor has a negative inertia"
+            found.append(f"{entry.name} = {fit.values[place]:.3g} {entry.unit}: {what}")
+    if not whole:
+        return tuple(found)
+    # At how many poses the mass matrix is surely not positive definite; it counts where that matters.
+    positions = np.vstack([recording.position for recording in recordings])
+    places = np.linspace(0, len(positions) - 1, _POSES).astype(int)
+    count = len(card.beta)
+    mass, least, vectors = _analyse_mass(library, positions[places], fit.values[:count])
+    weakest = vectors[:, :, 0]
+    row = np.einsum("ti,tijk,tj->tk", weakest, mass, weakest)
+    variances = np.einsum("tk,kl,tl->t", row, fit.covariance[:count, :count], row)
+    bad = int(np.sum(least[:, 0] < -_SURE * np.sqrt(np.maximum(variances, 0.0))))
+    # The largest part of a joint's torque, in root mean squares, that negative inertia takes.
+    most = 0.0
+    for recording in recordings if bad else ():
+        signals = prepare_states(library, recording, processing)
+        places = np.linspace(0, len(signals.time) - 1, _POSES).astype(int)
+        _, least, vectors = _analyse_mass(library, signals.q[places], fit.values[:count])
+        negative = np.minimum(least, 0.0)
+        torques = np.einsum("tij,tj,tkj,tk->ti", vectors, negative, vectors, signals.ddq[places])
+        part, all_torque = (np.sqrt(np.mean(entry**2, axis=0)) for entry in (torques, signals.tau))
+        most = max(most, float(np.max(part / np.where(all_torque > 0.0, all_torque, np.inf))))
+    if most > _MATTERS:
+        found.append(f"the mass matrix is not positive definite at {bad} of {_POSES} poses of the logs")
+    return tuple(found)
+
+
+def _analyse_mass(
+    library: Library, poses: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return dM/dbeta (t, n, n, p) at poses (t, n), and eigenvalues (t, n) and vectors (t, n, n) of M."""
+    # (t, i, j, k): row i of column j of M at pose t.
+    mass = np.stack(list(evaluate_inertia_columns(library, np.ascontiguousarray(poses))), axis=2)
+    matrices = mass @ values
+    least, vectors = np.linalg.eigh((matrices + matrices.swapaxes(1, 2)) / 2.0)
+    return mass, least, vectors
+
+
+LARGEST = 2e8
+"""Bytes of equations that are held in memory."""
 
 
 def identify_parameters(
@@ -137,30 +465,49 @@ def identify_parameters(
         LogError: a recording does not fit the robot.
         IdentifiabilityError: no parameter is identifiable.
     """
-    _check_call(rows, estimator, recordings)
+    notices = list_unknown("rows", rows, ROW_KINDS)
+    if estimator is not None:
+        notices += list_unknown("estimator", estimator, (*ESTIMATORS, FILTERED_INSTRUMENTAL))
+    if not recordings:
+        notices.append(Notice(code="usage.no-log", text="no log was given: name at least one"))
+    if notices:
+        raise UsageError(*notices)
     # As many rows as can be chosen at most.
     thinned = choose_processing(processing, recordings[0].period, ROW_RATE)
-    usual = RowBuilder(rows, library, thinned, window or WINDOW, overlap)
-    long = is_long(usual, recordings, estimator or "wls", largest)
+    builder = RowBuilder(rows, library, thinned, window or WINDOW, overlap)
+    long = is_long(builder, recordings, estimator or "wls", largest)
     plan = plan or plan_fit(library, recordings, processing, rows=rows, estimator=estimator, long=long)
     used, rule = plan.processing, rule or RankRule()
     chosen = plan.choice is not None
     window = window or choose_window(rows, used, recordings[0].period, chosen=chosen)
     builder = RowBuilder(rows, library, used, window, overlap)
-    full, fitted = None, None
+    judged, fitted = None, None
     if is_long(builder, recordings, plan.estimator, largest):
         fitted = fit_long(builder, recordings, plan.estimator, rule=rule, weights=weights)
     if fitted is None:
         try:
-            full = fit_in_memory(builder, recordings, plan, rule=rule, options=options, weights=weights)
+            fitted, judged, stretches = fit_in_memory(
+                builder, recordings, plan, rule=rule, options=options, weights=weights
+            )
         except IdentifiabilityError:
             if estimator is not None or plan.estimator != FILTERED_INSTRUMENTAL:
                 raise
             # Instruments that were chosen fail where a joint is explained to the last bit.
-            plan = drop_instruments(plan, library)
-            used, builder = plan.processing, builder._replace(processing=plan.processing)
-            full = fit_in_memory(builder, recordings, plan, rule=rule, options=options, weights=weights)
-        fitted = full.fitted
+            usual = "wls" if library.card.size > 1 else "ols"
+            text = (
+                f"the instruments do not determine all parameters, so that the estimator is {usual} instead"
+            )
+            note = Notice(code="identify.automatic", text=text)
+            used = replace(used, instrument_cutoff=None)
+            plan = replace(plan, processing=used, estimator=usual, notices=(*plan.notices, note))
+            fitted, judged, stretches = fit_in_memory(
+                builder._replace(processing=used),
+                recordings,
+                plan,
+                rule=rule,
+                options=options,
+                weights=weights,
+            )
     windowed = rows not in {"torque", "power"}
     settings = {
         **(echo or {}),
@@ -178,40 +525,19 @@ def identify_parameters(
         notices += warn_of_processing(used, recordings)
     if not processing.automatic:
         notices += warn_of_moving_ends(used, recordings)
-    if full is None or rows in SCALAR_KINDS:
-        if not fitted.identifiability.refused:
-            notices += warn_of_mass_matrix(library, fitted.fit.values, recordings)
-        residual = _measure_all(fitted.left, estimate)
-        return replace(estimate, choice=plan.choice, residual=residual, notices=tuple(notices))
-    basis = FitBasis(library, recordings, plan, full.instruments)
-    evidence = collect_evidence(basis, full.judged, fitted, full.stretches)
-    return replace(
-        estimate,
-        choice=plan.choice,
-        evidence=evidence,
-        residual=_measure_all((full.judged.rows, full.judged.residuals), estimate),
-        notices=(*notices, *warn_of_missing(evidence), *describe_motion(evidence)),
-    )
-
-
-def _check_call(rows: str, estimator: str | None, recordings: Sequence[Recording]) -> None:
-    """Refuse unknown rows and estimators, and no recording."""
-    notices = list_unknown("rows", rows, ROW_KINDS)
-    if estimator is not None:
-        notices += list_unknown("estimator", estimator, (*ESTIMATORS, FILTERED_INSTRUMENTAL))
-    if not recordings:
-        notices.append(Notice(code="usage.no-log", text="no log was given: name at least one"))
-    if notices:
-        raise UsageError(*notices)
-
-
-def _measure_all(left: tuple[Rows, FloatArray] | None, estimate: Estimate) -> tuple[Residual, ...]:
-    """Return the residuals of all rows, slow ones too, with the scatter of those in the fit."""
-    if left is None:
-        return estimate.residual
-    scatter = {entry.joint: entry.std for entry in estimate.residual}
-    whole = compute_residuals(*left, 0)
-    return tuple(replace(entry, std=scatter.get(entry.joint, entry.std)) for entry in whole)
+    evidence, left, residual = None, fitted.left, estimate.residual
+    if judged is not None and rows not in SCALAR_KINDS:
+        evidence = collect_evidence(library, recordings, plan, judged, fitted, stretches)
+        left = judged.rows, judged.residuals
+        notices += warn_of_evidence(evidence)
+    elif not fitted.identifiability.refused:
+        notices += warn_of_mass_matrix(library, fitted.fit.values, recordings)
+    if left is not None:
+        # The residuals of all rows, slow ones too, with the scatter of those in the fit.
+        scatter = {entry.joint: entry.std for entry in residual}
+        whole = compute_residuals(*left, 0)
+        residual = tuple(replace(entry, std=scatter.get(entry.joint, entry.std)) for entry in whole)
+    return replace(estimate, choice=plan.choice, evidence=evidence, residual=residual, notices=tuple(notices))
 
 
 def fit_in_memory(
@@ -222,8 +548,10 @@ def fit_in_memory(
     rule: RankRule,
     options: EstimatorOptions | None = None,
     weights: Sequence[float] | None = None,
-) -> FullFit:
-    """Return the fit of recordings whose equations are all in memory; `weights` as for `stack_rows`.
+) -> tuple[FittedRows, JudgedRows, Stretches]:
+    """Return the fit of recordings whose equations are all in memory, all its rows, fits without stretches.
+
+    `weights` as for `stack_rows`.
 
     Raises:
         LogError, UsageError: as for `prepare_rows`.
@@ -231,23 +559,24 @@ def fit_in_memory(
     """
     used = plan.processing
     moving = builder._replace(processing=replace(used, standstill=None))
-    whole = stack_rows([moving.prepare(entry) for entry in recordings], weights)
+    whole = stack_rows(list(map(moving.prepare, recordings)), weights)
     instruments, speed = None, whole.velocity
     if plan.estimator == FILTERED_INSTRUMENTAL:
         settings = replace(moving.processing, filter_cutoff=used.instrument_cutoff)
         smooth = moving._replace(processing=settings)
-        instruments = stack_rows([smooth.prepare(entry) for entry in recordings], weights)
+        instruments = stack_rows(list(map(smooth.prepare, recordings)), weights)
         speed = instruments.velocity
     elif plan.choice is not None and builder.kind not in SCALAR_KINDS:
         cutoff = min(plan.choice.scoring, used.filter_cutoff or plan.choice.scoring)
         smooth = moving._replace(processing=replace(moving.processing, filter_cutoff=cutoff))
-        speed = stack_rows([smooth.outline(entry) for entry in recordings]).velocity
+        speed = stack_rows(list(map(smooth.outline, recordings))).velocity
     kept, slow = mask_fast(whole, speed, used, margin=plan.margin)
     built = replace(select_rows(whole, kept), notices=(*whole.notices, *slow))
     freedom = used.noise_freedom
     if instruments is None:
         identifiability = analyse_identifiability(built, rule)
-        fit = fit_rows(plan.estimator, built, identifiability, freedom, options)
+        estimate = ESTIMATORS[plan.estimator]
+        fit = estimate(built, identifiability, freedom, options or EstimatorOptions())
         influence = measure_influence(built, identifiability.basis, fit.weights, fit.residuals)
     else:
         found = fit_instruments(built, select_rows(instruments, kept), rule, freedom, simulated=False)
@@ -255,61 +584,36 @@ def fit_in_memory(
         influence = Influence(
             left=found.gain, scores=found.frame, frame=found.frame, residuals=fit.residuals * fit.weights
         )
+    # What the squared residuals of each joint count for in the fit.
+    squares = np.ones(len(built.group_names))
+    for group in np.unique(built.group):
+        own = built.group == group
+        squares[group] = np.median(fit.weights[own] ** 2 / built.weight[own])
+    stretches = fit_stretches(whole, instruments, kept, squares)
     pattern: tuple[Notice, ...] = ()
-    stretches = fit_stretches(whole, instruments, kept, _average_weights(built, fit))
-    if builder.kind not in SCALAR_KINDS and freedom == "band":
-        covariance = compute_coloured_covariance(built, influence)
-        covariance = _widen(covariance, compute_jackknife(stretches.folds))
-        fit = replace(fit, covariance=_colour(plan.estimator, built, identifiability, fit, covariance))
-    else:
+    if builder.kind in SCALAR_KINDS or freedom != "band":
         pattern = warn_of_correlated_residuals(built, fit, identifiability)
-    fitted = FittedRows(built, identifiability, fit, pattern)
+    elif plan.estimator in {"ols", "wls", FILTERED_INSTRUMENTAL}:
+        # The jackknife holds for errors of the model, which follow the motion, but from a few stretches it
+        # is uncertain by half: a third of it, where that is larger, lets intervals of right models cover
+        # 92 to 98 %.
+        covariance = compute_coloured_covariance(built, influence)
+        variances = np.diag(covariance)
+        known, safe = variances > 0.0, np.where(variances > 0.0, variances, 1.0)
+        ratio = np.where(known, compute_jackknife(stretches.folds) / safe, 1.0)
+        factor = np.sqrt(np.maximum(1.0, (2.0 + ratio) / 3.0))
+        fit = replace(fit, covariance=np.asarray(covariance * factor * factor[:, None]))
+    else:
+        # Other estimators keep their covariance, each deviation times what colour adds to that of wls.
+        plain = fit_weighted(built, identifiability, estimate_group_weights(built, identifiability))
+        influence = measure_influence(built, identifiability.basis, plain.weights, plain.residuals)
+        coloured, white = np.diag(compute_coloured_covariance(built, influence)), np.diag(plain.covariance)
+        ratio = np.where(white > 0.0, coloured / np.where(white > 0.0, white, 1.0), 1.0)
+        ratio = np.sqrt(np.maximum(ratio, 1.0))
+        fit = replace(fit, covariance=np.asarray(fit.covariance * ratio * ratio[:, None]))
     residuals = whole.values - whole.matrix @ fit.values
     judged = JudgedRows(rows=whole, speed=speed, kept=kept, residuals=residuals, smooth=instruments)
-    return FullFit(fitted=fitted, judged=judged, stretches=stretches, instruments=instruments)
-
-
-def _average_weights(rows: Rows, fit: RegressionFit) -> FloatArray:
-    """Return what the squared residuals of each joint count for in a fit: (g,)."""
-    found = np.ones(len(rows.group_names))
-    for group in np.unique(rows.group):
-        own = rows.group == group
-        found[group] = np.median(fit.weights[own] ** 2 / rows.weight[own])
-    return found
-
-
-def _widen(covariance: FloatArray, jackknife: FloatArray) -> FloatArray:
-    """Return a covariance (p, p) with a third of each variance from the jackknife (p,), where that is larger.
-
-    The jackknife holds for errors of the model, which follow the motion, but from a few stretches it is
-    uncertain by half: a third of it lets intervals of right models cover 92 to 98 %.
-    """
-    own = np.diag(covariance)
-    known = own > 0.0
-    ratio = np.where(known, jackknife / np.where(known, own, 1.0), 1.0)
-    factor = np.sqrt(np.maximum(1.0, (2.0 + ratio) / 3.0))
-    return np.asarray(covariance * factor * factor[:, None])
-
-
-def _colour(
-    estimator: str,
-    rows: Rows,
-    identifiability: Identifiability,
-    fit: RegressionFit,
-    covariance: FloatArray,
-) -> FloatArray:
-    """Return the covariance (p, p) of a fit for coloured residuals; `covariance` is that of its influence.
-
-    Estimators other than least squares keep theirs, each deviation times what colour adds to that of wls.
-    """
-    if estimator in {"ols", "wls", FILTERED_INSTRUMENTAL}:
-        return covariance
-    plain = fit_weighted(rows, identifiability, estimate_group_weights(rows, identifiability))
-    influence = measure_influence(rows, identifiability.basis, plain.weights, plain.residuals)
-    coloured = np.diag(compute_coloured_covariance(rows, influence))
-    white = np.diag(plain.covariance)
-    ratio = np.sqrt(np.maximum(np.where(white > 0.0, coloured / np.where(white > 0.0, white, 1.0), 1.0), 1.0))
-    return np.asarray(fit.covariance * ratio * ratio[:, None])
+    return FittedRows(built, identifiability, fit, pattern), judged, stretches
 
 
 def is_long(builder: RowBuilder, recordings: Sequence[Recording], estimator: str, largest: float) -> bool:
@@ -347,7 +651,7 @@ def fit_long(
     if long is None:
         return None
     every = builder._replace(processing=replace(builder.processing, standstill=None))
-    whole = stack_rows([every.outline(entry) for entry in recordings], weights)
+    whole = stack_rows(list(map(every.outline, recordings)), weights)
     _, slow = mask_fast(whole, whole.velocity, builder.processing)
     rows = replace(long.outline, notices=(*whole.notices, *slow))
     condensed, freedom = long.condense(), builder.processing.noise_freedom
@@ -365,8 +669,14 @@ def fit_long(
         weights=found.weights[rows.group] * np.sqrt(rows.weight),
     )
     sketch = long.sketch()
-    blocks = _fit_sketch(sketch, fit.values, found.weights, identifiability)
-    blocks = replace(blocks, covariance=fit.covariance)
+    blocks = RegressionFit(
+        values=fit.values,
+        covariance=fit.covariance,
+        residuals=sketch.values - sketch.matrix @ fit.values,
+        spent=int(identifiability.basis.shape[1]),
+        condition=1.0,
+        weights=found.weights[sketch.group],
+    )
     return FittedRows(
         rows=rows,
         identifiability=identifiability,
@@ -385,20 +695,6 @@ def compute_long_covariance(long: LongRows, groups: FloatArray, freedom: str) ->
     condensed = long.condense()
     identifiability = analyse_condensed(condensed, long.outline.kind, long.outline.names)
     return fit_condensed(condensed, identifiability.basis, groups, freedom).covariance
-
-
-def _fit_sketch(
-    sketch: Rows, values: FloatArray, groups: FloatArray, identifiability: Identifiability
-) -> RegressionFit:
-    """Return a fit to a sketch that has the scores of all blocks."""
-    return RegressionFit(
-        values=values,
-        covariance=np.zeros((len(values), len(values))),
-        residuals=sketch.values - sketch.matrix @ values,
-        spent=int(identifiability.basis.shape[1]),
-        condition=1.0,
-        weights=groups[sketch.group],
-    )
 
 
 def build_estimate(

@@ -28,7 +28,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -140,17 +139,26 @@ def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[_Trial
     before, after = (np.maximum(np.diagonal(part[-1])[:-1], 0.0) for part in (sets[:, p:, p:], inner))
     alike = after <= _ALIKE * before
     return [
-        trial._replace(weak=tuple(dict.fromkeys((*_list_alike(trial.node, alike), *trial.weak))))
+        trial._replace(
+            weak=tuple(
+                dict.fromkeys(
+                    (
+                        *[
+                            entry.name
+                            for entry, k in zip(trial.node.law.linear, trial.node.places, strict=True)
+                            if alike[k]
+                        ],
+                        *trial.weak,
+                    )
+                )
+            )
+        )
         for trial in found
     ]
 
 
 _ALIKE = 1e-6
 """Part of a column's squares that must be independent of the rigid columns: a thousandth of its size."""
-
-
-def _list_alike(node: Node, alike: NDArray[np.bool_]) -> list[str]:
-    return [entry.name for entry, k in zip(node.law.linear, node.places, strict=True) if alike[k]]
 
 
 def _try_law(  # noqa: PLR0917 - the parts of one problem
@@ -179,6 +187,14 @@ def _try_law(  # noqa: PLR0917 - the parts of one problem
         u = np.append(-shared, 1.0)
         total[h] = own[h] + float(u @ others.left[h] @ u)
     k = int(best[-1])
+    weak: tuple[str, ...] = ()
+    if nodes[k].places:
+        # Linear parameters with a part in a direction that the rows do not determine.
+        lengths = np.sqrt(np.maximum(np.diag(matrix[-1, k]), 1e-300))
+        sizes, vectors = np.linalg.eigh(matrix[-1, k] / lengths / lengths[:, None])
+        poor = sizes < _CONDITION * max(float(sizes[-1]), 1e-300)
+        lost = np.any(np.abs(vectors[:, poor]) > 1e-3, axis=1)
+        weak = tuple(entry.name for entry, bad in zip(nodes[k].law.linear, lost, strict=True) if bad)
     return _Trial(
         law=nodes[k].law,
         node=nodes[k],
@@ -186,19 +202,8 @@ def _try_law(  # noqa: PLR0917 - the parts of one problem
         losses=total,
         own=own / weight,
         fitted=float(losses[-1, k]) / weight,
-        weak=_list_weak(nodes[k], matrix[-1, k], linear[-1, k]),
+        weak=weak,
     )
-
-
-def _list_weak(node: Node, matrix: FloatArray, linear: FloatArray) -> tuple[str, ...]:
-    """Return the names of linear parameters with a part in a direction that the rows do not determine."""
-    if not len(matrix):
-        return ()
-    lengths = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix / lengths / lengths[:, None])
-    poor = values < _CONDITION * max(float(values[-1]), 1e-300)
-    touched = np.any(np.abs(vectors[:, poor]) > 1e-3, axis=1) if poor.any() else np.zeros(len(linear), bool)
-    return tuple(entry.name for entry, lost in zip(node.law.linear, touched, strict=True) if lost)
 
 
 _SURE = 3.0
@@ -221,7 +226,13 @@ def choose_trial(trials: Sequence[_Trial]) -> tuple[int, FloatArray]:
     losses = [trials[k].losses - beside for k in whole]
     best = min(losses, key=np.sum)
     behind = np.full(len(trials), np.inf)
-    behind[whole] = [_measure_behind(entry, best) for entry in losses]
+    for k, entry in zip(whole, losses, strict=True):
+        # By how many standard errors the losses exceed those of the best; 0 where it hardly matters.
+        behind[k] = 0.0
+        if entry.sum() > (1.0 + _HELPS) * best.sum():
+            logs = np.log(entry / np.maximum(best, 1e-300))
+            error = float(np.std(logs, ddof=1)) / np.sqrt(len(logs))
+            behind[k] = max(0.0, float(logs.mean())) / error if error > 0.0 else np.inf
     near = [k for k in whole if behind[k] <= _SURE]
 
     def rank(place: int) -> tuple[int, bool, int, float]:
@@ -235,15 +246,6 @@ def choose_trial(trials: Sequence[_Trial]) -> tuple[int, FloatArray]:
 def count_unknowns(law: FrictionLaw) -> int:
     """Return the number of a law's values, linear and shape ones."""
     return len(law.linear) + len(law.shape)
-
-
-def _measure_behind(losses: FloatArray, best: FloatArray) -> float:
-    """Return by how many standard errors losses (S,) exceed those of the best; 0 where it hardly matters."""
-    if losses.sum() <= (1.0 + _HELPS) * best.sum():
-        return 0.0
-    logs = np.log(losses / np.maximum(best, 1e-300))
-    error = float(np.std(logs, ddof=1)) / np.sqrt(len(logs))
-    return max(0.0, float(logs.mean())) / error if error > 0.0 else np.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -264,26 +266,12 @@ def _find_node(table: JointTable, law: str) -> Node:
 
 def _measure_scatter(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
     """Return the mean squares (n,) that a fit with these laws leaves of every joint."""
-    reduced = [
-        _reduce(table, node.places, float(weight))
-        for table, node, weight in zip(tables, nodes, weights, strict=True)
-    ]
-    whole = sum(entry.schur[-1] for entry in reduced)
-    p = len(whole) - 1
-    shared = _solve(whole[:p, :p], whole[:p, p:])[:, 0]
-    found = []
+    shared, found = _solve_shared(tables, nodes, weights), []
     for table, node in zip(tables, nodes, strict=True):
         u = np.append(-shared, 1.0)
         left = float(u @ _reduce(table, node.places, 1.0).schur[-1] @ u)
         found.append(left / max(int(table.rows.sum()), 1))
     return np.maximum(found, 1e-300)
-
-
-def _sum_others(reduced: Sequence[_Reduced], joint: int) -> _Reduced:
-    rest = [entry for k, entry in enumerate(reduced) if k != joint]
-    if not rest:
-        return _Reduced(np.zeros_like(reduced[joint].schur), np.zeros_like(reduced[joint].left))
-    return _Reduced(*(np.sum(parts, axis=0) for parts in zip(*rest, strict=True)))
 
 
 def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> _State:
@@ -301,7 +289,11 @@ def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> _State:
                 _reduce(entry, node.places, float(weight))
                 for entry, node, weight in zip(tables, nodes, weights, strict=True)
             ]
-            found = _try_laws(table, _sum_others(reduced, joint), float(weights[joint]))
+            others = _Reduced(np.zeros_like(reduced[joint].schur), np.zeros_like(reduced[joint].left))
+            if count > 1:
+                rest = [entry for k, entry in enumerate(reduced) if k != joint]
+                others = _Reduced(*(np.sum(parts, axis=0) for parts in zip(*rest, strict=True)))
+            found = _try_laws(table, others, float(weights[joint]))
             taken[joint], behind[joint] = choose_trial(found)
             trials[joint] = tuple(found)
             nodes[joint] = found[taken[joint]].node
@@ -417,7 +409,19 @@ def choose_laws(
     weights = 1.0 / _measure_scatter(tables, nodes, np.ones(count))
     motion = load_joints(motion, _solve_shared(tables, nodes, weights))
     inputs = set.intersection(*(set(gather_inputs(one, slice(0, 1), 0)) for one in motion.signals))
-    _check_inputs(library, wishes, inputs)
+    lacking = []
+    for card, wish in zip(library.card.joints, wishes, strict=True):
+        name = wish.law if isinstance(wish, FrictionValues) else wish[0]
+        single = isinstance(wish, FrictionValues) or len(wish) == 1
+        if single and name != NO_FRICTION and (missing := set(get_law(name).inputs) - inputs):
+            what = " and ".join(sorted(missing))
+            text = (
+                f"joint {card.name!r}: the friction law {name!r} reads the {what}, which not all logs have: "
+                f"name its columns in [log.{min(missing)}], or take another law"
+            )
+            lacking.append(Notice(code="identify.friction-input", text=text))
+    if lacking:
+        raise IdentifiabilityError(*lacking)
     speeds = [motion.speeds(joint) if moving[joint] else np.zeros(0) for joint in range(count)]
     wanted = [
         _list_wanted(wish, gear, inputs, own) for wish, gear, own in zip(wishes, gears, speeds, strict=True)
@@ -440,16 +444,18 @@ def choose_laws(
             else [pair for trial in tried[joint] for pair in _approach(trial, speeds[joint], step)]
             for joint in range(count)
         ]
-    found = [
-        JointLaw(
-            joint=library.card.joints[joint].name,
-            friction=_value_law(chosen[joint], wishes[joint], speeds[joint]),
-            selection=_describe_choice(compared, scored[joint], joint, measured=motion.measured[joint])
-            if moving[joint] and not kept[joint]
-            else None,
-        )
-        for joint in range(count)
-    ]
+    found = []
+    for joint, (card, trial, wish) in enumerate(zip(library.card.joints, chosen, wishes, strict=True)):
+        friction = FrictionValues(law=trial.law.name, values=tuple(trial.linear.tolist()))
+        if isinstance(wish, FrictionValues):
+            friction = replace(wish, values=friction.values)
+        elif isinstance(trial.law, TangentLaw):
+            moved = _move_tangent(trial.law, trial.linear, speeds[joint])
+            friction = FrictionValues(law=moved.name, values=moved.values, shape=moved.about)
+        selection: LawSelection | None = None
+        if moving[joint] and not kept[joint]:
+            selection = _describe_choice(compared, scored[joint], joint, measured=motion.measured[joint])
+        found.append(JointLaw(joint=card.name, friction=friction, selection=selection))
     shared = _solve_shared(tables, state.nodes, state.weights)
     return FrictionChoice(
         joints=tuple(found),
@@ -459,37 +465,17 @@ def choose_laws(
     )
 
 
-def _list_nothing(_carrier: object, _inputs: object, _shape: object) -> tuple[FloatArray, ...]:
-    return ()
-
-
 def _list_wanted(wish: Wish, gear: float, inputs: AbstractSet[str], speeds: FloatArray) -> Wanted:
     """Return the laws to choose from at their first nodes; the plain one for a joint that hardly moves."""
     if isinstance(wish, FrictionValues):
         if wish.law == NO_FRICTION:
-            return [(replace(get_law(PLAIN), name=NO_FRICTION, linear=(), columns=_list_nothing), ())]
+            nothing = replace(get_law(PLAIN), name=NO_FRICTION, linear=(), columns=lambda *_: ())
+            return [(nothing, ())]
         return [(get_law(wish.law, smoothing=wish.smoothing), wish.shape)]
     if not len(speeds):
         return [(get_law(PLAIN), ())]
     laws = list_candidates(gear, inputs, wish)
     return [(law, shape) for law in laws for shape in list_shape_nodes(law, speeds)]
-
-
-def _check_inputs(library: Library, wishes: Sequence[Wish], inputs: AbstractSet[str]) -> None:
-    """Raise IdentifiabilityError where the one law of a joint reads what the recordings do not have."""
-    lacking = []
-    for card, wish in zip(library.card.joints, wishes, strict=True):
-        name = wish.law if isinstance(wish, FrictionValues) else wish[0]
-        single = isinstance(wish, FrictionValues) or len(wish) == 1
-        if single and name != NO_FRICTION and (missing := set(get_law(name).inputs) - inputs):
-            what = " and ".join(sorted(missing))
-            text = (
-                f"joint {card.name!r}: the friction law {name!r} reads the {what}, which not all logs have: "
-                f"name its columns in [log.{min(missing)}], or take another law"
-            )
-            lacking.append(Notice(code="identify.friction-input", text=text))
-    if lacking:
-        raise IdentifiabilityError(*lacking)
 
 
 def _judge_loads(motion: Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]) -> tuple[Notice, ...]:
@@ -506,12 +492,11 @@ def _judge_loads(motion: Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]
     found = [Notice(code="identify.measured-load", text=text)]
     for k in judged:
         gain = measure_gain(motion, k, nodes[k].law, nodes[k].shape)
-        found += [_name_joint(notice, laws[k].joint) for notice in warn_of_load_gain(gain)]
+        found += [
+            replace(notice, text=f"joint {laws[k].joint!r}: {notice.text}")
+            for notice in warn_of_load_gain(gain)
+        ]
     return tuple(found)
-
-
-def _name_joint(notice: Notice, joint: str) -> Notice:
-    return replace(notice, text=f"joint {joint!r}: {notice.text}")
 
 
 _OTHER_FRICTION = 0.1
@@ -545,19 +530,6 @@ def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues
             )
             found.append(Notice(code="identify.load-friction", text=text))
     return tuple(found)
-
-
-def _value_law(trial: _Trial, wish: Wish, speeds: FloatArray) -> FrictionValues:
-    """Return the law of a trial with its values."""
-    if isinstance(wish, FrictionValues):
-        return replace(wish, values=tuple(trial.linear.tolist()))
-    if not isinstance(trial.law, TangentLaw):
-        return FrictionValues(law=trial.law.name, values=tuple(trial.linear.tolist()))
-    law = get_law(trial.law.name)
-    moved = trial.law.move(
-        trial.linear.tolist(), [bound_shape(law, k, speeds) for k in range(len(law.shape))]
-    )
-    return FrictionValues(law=law.name, values=moved.values, shape=moved.about)
 
 
 def _describe_choice(state: _State, table: JointTable, joint: int, *, measured: bool) -> LawSelection:
@@ -603,6 +575,11 @@ _PASSES = 6
 """All passes; in the last ones the laws that were chosen settle."""
 
 
+def _move_tangent(tangent: TangentLaw, linear: FloatArray, speeds: FloatArray) -> TangentLaw:
+    law = get_law(tangent.name)
+    return tangent.move(linear.tolist(), [bound_shape(law, k, speeds) for k in range(len(law.shape))])
+
+
 def _approach(trial: _Trial, speeds: FloatArray, step: int) -> Wanted:
     """Return what to try next of a law: closer nodes after the first pass, then the law made linear there."""
     law = get_law(trial.law.name)
@@ -611,8 +588,5 @@ def _approach(trial: _Trial, speeds: FloatArray, step: int) -> Wanted:
     if not step:
         return [(law, shape) for shape in refine_nodes(law, trial.node.shape, speeds)]
     if isinstance(trial.law, TangentLaw):
-        moved = trial.law.move(
-            trial.linear.tolist(), [bound_shape(law, k, speeds) for k in range(len(law.shape))]
-        )
-        return [(moved, ())]
+        return [(_move_tangent(trial.law, trial.linear, speeds), ())]
     return [(TangentLaw.build(law, trial.node.shape, trial.linear.tolist()), ())]

@@ -324,7 +324,10 @@ def prepare_motion(
     *,
     rotors: Sequence[Rotor] = (),
 ) -> Motion:
-    """Return the filtered motion; the velocity's noise follows from the floor of the position's spectrum."""
+    """Return the filtered motion, with torques of motors less loads where these were measured.
+
+    The velocity's noise follows from the floor of the position's spectrum.
+    """
     measured = list_measured_joints(recordings)
     rate, band = 1.0 / recordings[0].period, measure_scoring_band(recordings)
     smooth, sharp = (min(cutoff, 0.4 * rate) for cutoff in (_SHARP * band, balance_cutoff(recordings)))
@@ -332,7 +335,16 @@ def prepare_motion(
 
     def filter_states(cutoff: float) -> tuple[Signals, ...]:
         settings = replace(processing, filter_cutoff=cutoff, standstill=None, automatic=False)
-        return tuple(_prepare_loaded(library, entry, settings, measured) for entry in recordings)
+        found = []
+        for entry in recordings:
+            signals = prepare_states(library, subtract_loads(entry, measured), settings)
+            payload = compute_payload_torque(library, signals, entry)
+            if payload is not None and any(measured):
+                # The sensor bears the payload, whose torque was subtracted a second time.
+                tau = signals.tau + np.where(np.array(measured), payload, 0.0)
+                signals = replace(signals, tau=tau)
+            found.append(signals)
+        return tuple(found)
 
     signals, slowest = filter_states(sharp), np.zeros(library.card.size)
     for recording, entry in zip(recordings, signals, strict=True):
@@ -357,47 +369,45 @@ def prepare_motion(
     )
 
 
-def _prepare_loaded(
-    library: Library, recording: Recording, processing: Processing, measured: Sequence[bool]
-) -> Signals:
-    """Return filtered states, with torques of motors less loads where these are `measured`."""
-    signals = prepare_states(library, subtract_loads(recording, measured), processing)
-    payload = compute_payload_torque(library, signals, recording)
-    if payload is None or not any(measured):
-        return signals
-    # The sensor bears the payload, whose torque was subtracted a second time.
-    return replace(signals, tau=signals.tau + np.where(np.array(measured), payload, 0.0))
-
-
 Wanted = Sequence[tuple[FrictionLaw, tuple[float, ...]]]
 
 
 def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
     """Return the sums of products of all joints, each with all its nodes `wanted`."""
-    dictionaries = [_build_dictionary(motion, joint, nodes) for joint, nodes in enumerate(wanted)]
+    dictionaries = []
+    for joint, nodes in enumerate(wanted):
+        signals = motion.signals[0]
+        places = np.linspace(0, len(signals.time) - 1, 64).astype(int)
+        inputs = gather_inputs(signals, slice(None), joint).items()
+        probe = {name: np.ascontiguousarray(values[places]) for name, values in inputs}
+        dictionaries.append(_Dictionary(nodes, probe))
     each = max(2, -(-_STRETCHES // len(motion.signals)))
     grams: list[list[FloatArray]] = [[] for _ in wanted]
     counts: list[list[int]] = [[] for _ in wanted]
     shared = 0
     for run, signals in enumerate(motion.signals):
-        width = motion.width
-        windows = np.array_split(np.arange(len(signals.time) // width), each)
-        kept = [
-            _mask_windows(signals.dq[:, j], motion.slowest[j], width, motion.reach)
+        width, reach, count = motion.width, motion.reach, len(signals.time)
+        windows = np.array_split(np.arange(count // width), each)
+        # Windows without a slow sample, nor one within reach of them.
+        starts = width * np.arange(count // width)
+        low, high = np.maximum(starts - reach, 0), np.minimum(starts + width + reach, count)
+        slow = [
+            np.concatenate([[0], np.cumsum(np.abs(signals.dq[:, j]) <= motion.slowest[j])])
             for j in range(len(wanted))
         ]
+        kept = [column[high] == column[low] for column in slow]
         for part in windows:
             whole = [np.zeros(())] * len(wanted)
             for block in np.array_split(part, max(1, len(part) * width // _BLOCK)):
                 if not len(block):
                     continue
-                places = slice(int(block[0]) * width, (int(block[-1]) + 1) * width)
-                rigid = _average(motion.share_columns(run, places), width)
+                span = slice(int(block[0]) * width, (int(block[-1]) + 1) * width)
+                rigid = _average(motion.share_columns(run, span), width)
                 shared = rigid.shape[2]
                 for joint, dictionary in enumerate(dictionaries):
                     rows = kept[joint][block]
-                    own = _average(dictionary.evaluate(gather_inputs(signals, places, joint)), width)
-                    torque = _average(signals.tau[places, joint], width)
+                    own = _average(dictionary.evaluate(gather_inputs(signals, span, joint)), width)
+                    torque = _average(signals.tau[span, joint], width)
                     table = np.column_stack([rigid[rows, joint], own[rows], torque[rows]])
                     whole[joint] = whole[joint] + table.T @ table
             for joint in range(len(wanted)):
@@ -416,26 +426,6 @@ def _average(values: FloatArray, width: int) -> FloatArray:
     return np.asarray(values.reshape(len(values) // width, width, *values.shape[1:]).mean(axis=1))
 
 
-def _mask_windows(velocity: FloatArray, slowest: float, width: int, reach: int) -> NDArray[np.bool_]:
-    """Return which windows have no sample slower than `slowest`, nor within `reach` samples about them."""
-    slow = np.concatenate([[0], np.cumsum(np.abs(velocity) <= slowest)])
-    starts = width * np.arange(len(velocity) // width)
-    low, high = np.maximum(starts - reach, 0), np.minimum(starts + width + reach, len(velocity))
-    return np.asarray(slow[high] == slow[low])
-
-
-def _build_dictionary(
-    motion: Motion, joint: int, wanted: Sequence[tuple[FrictionLaw, tuple[float, ...]]]
-) -> _Dictionary:
-    signals = motion.signals[0]
-    places = np.linspace(0, len(signals.time) - 1, 64).astype(int)
-    probe = {
-        name: np.ascontiguousarray(values[places])
-        for name, values in gather_inputs(signals, slice(None), joint).items()
-    }
-    return _Dictionary(wanted, probe)
-
-
 def load_joints(motion: Motion, shared: FloatArray) -> Motion:
     """Return the motion with the loads that links, payloads and rotors make, where none were measured."""
     if all(motion.measured):
@@ -452,7 +442,9 @@ def load_joints(motion: Motion, shared: FloatArray) -> Motion:
 
 def measure_gain(motion: Motion, joint: int, law: FrictionLaw, shape: tuple[float, ...]) -> LoadGain | None:
     """Return the factor on a measured load that a joint's windows choose beside a law and rotors."""
-    load = replace(get_law("load-dependent"), linear=(), columns=_list_load)
+    load = replace(
+        get_law("load-dependent"), linear=(), columns=lambda _carrier, inputs, _shape: (inputs["load"],)
+    )
     wanted: list[Wanted] = [
         [(law, shape), (load, ())] if k == joint else [] for k in range(len(motion.measured))
     ]
@@ -462,7 +454,3 @@ def measure_gain(motion: Motion, joint: int, law: FrictionLaw, shape: tuple[floa
     shared = shared[grams.grams.sum(axis=0)[shared, shared] > 0.0]
     places = [*shared, *(grams.shared + k for k in (*node.places, *other.places)), -1]
     return measure_load_gain(grams.grams[:, places][:, :, places])
-
-
-def _list_load(_carrier: object, inputs: Inputs, _shape: object) -> tuple[FloatArray, ...]:
-    return (inputs["load"],)

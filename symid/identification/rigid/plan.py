@@ -15,7 +15,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +24,6 @@ from symid.identification.diagnostics import PART
 from symid.identification.estimators import (
     ESTIMATORS,
     PHASES,
-    Candidate,
     Estimate,
     EstimatorOptions,
     SettingsChoice,
@@ -35,7 +33,7 @@ from symid.identification.estimators import (
     estimate_period_noise,
     find_phases,
 )
-from symid.identification.regression import SCALAR_KINDS, Rows, choose_filters, measure_moving_ends
+from symid.identification.regression import SCALAR_KINDS, choose_filters, measure_moving_ends
 from symid.identification.rigid.friction_tables import balance_cutoff, limit_cutoff
 from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
@@ -68,15 +66,6 @@ class FitPlan:
     margin: float = 0.0
 
 
-class FitBasis(NamedTuple):
-    """What is judged: the functions, the logs, the settings, and the rows of the instruments."""
-
-    library: Library
-    recordings: Sequence[Recording]
-    plan: FitPlan
-    instruments: Rows | None
-
-
 def plan_fit(
     library: Library,
     recordings: Sequence[Recording],
@@ -95,39 +84,100 @@ def plan_fit(
         LogError: the recordings are not sampled alike, or one does not fit the robot.
         IdentifiabilityError: no joint moves in a recording.
     """
-    usual = _get_least_squares(library)
+    usual = "wls" if library.card.size > 1 else "ols"
     if processing.instrument_cutoff and estimator is None and not long:
         usual = FILTERED_INSTRUMENTAL
+    plan: FitPlan | None = None
     if not processing.left_open:
         settled = replace(processing, automatic=False)
-        return _check_instruments(FitPlan(processing=settled, estimator=estimator or usual))
-    filters = choose_filters(processing, recordings)
-    width = len(library.card.fitted)
-    count = library.card.size * sum((entry.time[-1] - entry.time[0]) * ROW_RATE for entry in recordings)
-    if rows in SCALAR_KINDS or count < _FEWEST * width:
-        settled = cut_moving_ends(filters.processing, recordings)
-        plan = FitPlan(processing=settled, estimator=estimator or usual, notices=filters.notices)
-        return _check_instruments(plan)
+        plan = FitPlan(processing=settled, estimator=estimator or usual)
+    else:
+        filters = choose_filters(processing, recordings)
+        spans = [entry.time[-1] - entry.time[0] for entry in recordings]
+        count = library.card.size * sum(span * ROW_RATE for span in spans)
+        if rows in SCALAR_KINDS or count < _FEWEST * len(library.card.fitted):
+            settled = cut_moving_ends(filters.processing, recordings)
+            plan = FitPlan(processing=settled, estimator=estimator or usual, notices=filters.notices)
+    if plan is not None:
+        if plan.estimator == FILTERED_INSTRUMENTAL and plan.processing.instrument_cutoff is None:
+            text = (
+                f"--estimator {FILTERED_INSTRUMENTAL} needs the cut-off of its instruments where it is not "
+                "chosen from the log; state it in Hz, as --set processing.instrument_cutoff=3"
+            )
+            raise UsageError(Notice(code="usage.no-instruments", text=text))
+        return plan
     rate = 1.0 / recordings[0].period
     bends = any(get_law(joint.friction).own for joint in library.card.joints if joint.friction != NO_FRICTION)
     rests = bends and "standstill" in processing.left_open and _find_rests(recordings)
+    # All candidates have instruments where the call wants them, none where none can.
+    instruments: tuple[bool, ...] = (False,)
+    if estimator == FILTERED_INSTRUMENTAL and processing.instrument_cutoff is None:
+        instruments = (True,)
+    elif estimator is None and rows == "torque" and not long:
+        instruments = (False, True)
     choice = choose_settings(
         library,
         recordings,
         processing,
         band=None if processing.decimation.factor == 1 else _PASSED * rate / processing.decimation.factor,
         widest=None if processing.filter_cutoff is None else processing.filter_cutoff / _LEAST_FACTOR,
-        instruments=_list_instruments(processing, rows, estimator, long=long),
+        instruments=instruments,
         moving=rests,
     )
-    settled = cut_moving_ends(_settle(processing, choice, rate), recordings)
+    taken, decimation = choice.chosen, processing.decimation
+    if decimation.factor == 1:
+        decimation = replace(decimation, factor=max(1, math.floor(_PASSED * rate / taken.band + 1e-6)))
+    kept = _PASSED * rate / decimation.factor
+    standstill = processing.standstill
+    if standstill is None:
+        standstill = tuple(float(f"{taken.standstill * speed:.3g}") for speed in choice.top)
+        standstill = standstill if any(standstill) else None
+    settled = cut_moving_ends(
+        replace(
+            processing,
+            filter_cutoff=processing.filter_cutoff or choose_cutoff(kept, rate),
+            decimation=decimation,
+            standstill=standstill,
+            states=taken.states,
+            instrument_cutoff=processing.instrument_cutoff or float(f"{taken.instruments:.3g}") or None,
+            automatic=False,
+        ),
+        recordings,
+    )
     if estimator is None:
         estimator = FILTERED_INSTRUMENTAL if settled.instrument_cutoff else usual
-    note = Notice(code="identify.automatic", text=_describe(choice, settled, estimator))
+    widest = max(choice.candidates, key=lambda entry: (-entry.instruments, entry.band, -entry.standstill))
+    text = (
+        f"chosen from the logs among {len(choice.candidates)} settings: one row in "
+        f"{settled.decimation.factor}, positions pass a low-pass at {settled.filter_cutoff:g} Hz, estimator "
+        f"{estimator}"
+    )
+    if taken.instruments:
+        text += f" with instruments along positions that pass {settled.instrument_cutoff:g} Hz"
+    if taken.states != "position":
+        text += f", states with the logged {taken.states}"
+    if taken.standstill:
+        text += f", rows slower than {100.0 * taken.standstill:g} % of each joint's top speed left out"
+    text += (
+        f". Fits without a stretch leave {taken.held_out[-1]:.3g} % of its torque below "
+        f"{choice.scoring:.3g} Hz unexplained, those with all rows of the widest band and least squares "
+        f"{widest.held_out[-1]:.3g} %. To set them, state them under [processing]"
+    )
+    note = Notice(code="identify.automatic", text=text)
     plan = FitPlan(processing=settled, estimator=estimator, choice=choice, notices=(note,))
     if bends:
         plan = _limit_cutoff(plan, processing, recordings)
-    return _leave_out_rests(plan, recordings[0].period) if rests else plan
+    if rests:
+        # At rest dry friction is any torque below its level, which a law that bends near standstill would
+        # follow. The filters spread it: rows within three periods of what rows pass go with slow ones.
+        text = (
+            "joints rest in these logs, where friction holds any torque, and with these friction laws only "
+            "settings that leave out slow rows were tried"
+        )
+        note = Notice(code="identify.automatic", text=text)
+        margin = 3.0 * plan.processing.decimation.factor * recordings[0].period / _PASSED
+        plan = replace(plan, margin=margin, notices=(*plan.notices, note))
+    return plan
 
 
 def _limit_cutoff(plan: FitPlan, processing: Processing, recordings: Sequence[Recording]) -> FitPlan:
@@ -163,21 +213,6 @@ _LEAST_CUTOFF = 0.02
 """Of the sample rate."""
 
 
-def _leave_out_rests(plan: FitPlan, period: float) -> FitPlan:
-    """Return the plan without the rows beside slow ones, in logs where joints rest.
-
-    At rest dry friction is any torque below its level, which a law that bends near standstill would follow.
-    The filters spread it: rows within three periods of what rows pass are left out with slow ones.
-    """
-    text = (
-        "joints rest in these logs, where friction holds any torque, and with these friction laws only "
-        "settings that leave out slow rows were tried"
-    )
-    note = Notice(code="identify.automatic", text=text)
-    margin = 3.0 * plan.processing.decimation.factor * period / _PASSED
-    return replace(plan, margin=margin, notices=(*plan.notices, note))
-
-
 _RESTING = 0.005
 """Of the samples of a joint."""
 
@@ -190,63 +225,6 @@ def _find_rests(recordings: Sequence[Recording]) -> bool:
     return any(
         bool(column.any()) and np.mean(find_phases(time, column, run) == PHASES.index("rest")) >= _RESTING
         for column in speeds.T
-    )
-
-
-def _get_least_squares(library: Library) -> str:
-    """Return the name of the usual least squares."""
-    return "wls" if library.card.size > 1 else "ols"
-
-
-def _list_instruments(
-    processing: Processing, rows: str, estimator: str | None, *, long: bool
-) -> tuple[bool, ...]:
-    """Return whether candidates have instruments: all where the call wants them, none where none can."""
-    if estimator == FILTERED_INSTRUMENTAL and processing.instrument_cutoff is None:
-        return (True,)
-    return (False, True) if estimator is None and rows == "torque" and not long else (False,)
-
-
-def _check_instruments(plan: FitPlan) -> FitPlan:
-    """Return the plan; raise UsageError where it wants instruments, and their cut-off is nowhere stated."""
-    if plan.estimator == FILTERED_INSTRUMENTAL and plan.processing.instrument_cutoff is None:
-        text = (
-            f"--estimator {FILTERED_INSTRUMENTAL} needs the cut-off of its instruments where it is not "
-            "chosen from the log; state it in Hz, as --set processing.instrument_cutoff=3"
-        )
-        raise UsageError(Notice(code="usage.no-instruments", text=text))
-    return plan
-
-
-def drop_instruments(plan: FitPlan, library: Library) -> FitPlan:
-    """Return the plan with least squares in place of instruments, and a note that says so."""
-    usual = _get_least_squares(library)
-    text = f"the instruments do not determine all parameters, so that the estimator is {usual} instead"
-    return replace(
-        plan,
-        processing=replace(plan.processing, instrument_cutoff=None),
-        estimator=usual,
-        notices=(*plan.notices, Notice(code="identify.automatic", text=text)),
-    )
-
-
-def _settle(processing: Processing, choice: SettingsChoice, rate: float) -> Processing:
-    taken, decimation = choice.chosen, processing.decimation
-    if decimation.factor == 1:
-        decimation = replace(decimation, factor=max(1, math.floor(_PASSED * rate / taken.band + 1e-6)))
-    kept = _PASSED * rate / decimation.factor
-    standstill = processing.standstill
-    if standstill is None:
-        standstill = tuple(float(f"{taken.standstill * speed:.3g}") for speed in choice.top)
-        standstill = standstill if any(standstill) else None
-    return replace(
-        processing,
-        filter_cutoff=processing.filter_cutoff or choose_cutoff(kept, rate),
-        decimation=decimation,
-        standstill=standstill,
-        states=taken.states,
-        instrument_cutoff=processing.instrument_cutoff or float(f"{taken.instruments:.3g}") or None,
-        automatic=False,
     )
 
 
@@ -267,34 +245,6 @@ def cut_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> 
         drop_first=max(first, processing.drop_first or 0),
         drop_last=max(last, processing.drop_last or 0),
     )
-
-
-def _describe(choice: SettingsChoice, processing: Processing, estimator: str) -> str:
-    taken = choice.chosen
-    others = [entry for entry in choice.candidates if entry is not taken]
-    text = (
-        f"chosen from the logs among {len(others) + 1} settings: one row in {processing.decimation.factor}, "
-        f"positions pass a low-pass at {processing.filter_cutoff:g} Hz, estimator {estimator}"
-    )
-    if taken.instruments:
-        text += f" with instruments along positions that pass {processing.instrument_cutoff:g} Hz"
-    if taken.states != "position":
-        text += f", states with the logged {taken.states}"
-    if taken.standstill:
-        text += f", rows slower than {100.0 * taken.standstill:g} % of each joint's top speed left out"
-    return (
-        f"{text}. Fits without a stretch leave {taken.held_out[-1]:.3g} % of its torque below "
-        f"{choice.scoring:.3g} Hz unexplained, {_describe_widest(choice)}. To set them, state them under "
-        "[processing]"
-    )
-
-
-def _describe_widest(choice: SettingsChoice) -> str:
-    def key(entry: Candidate) -> tuple[float, float, float]:
-        return (-entry.instruments, entry.band, -entry.standstill)
-
-    widest = max(choice.candidates, key=key)
-    return f"those with all rows of the widest band and least squares {widest.held_out[-1]:.3g} %"
 
 
 def list_unknown(what: str, name: str, allowed: Sequence[str], more: str = "") -> list[Notice]:

@@ -46,12 +46,8 @@ from symid.identification.diagnostics import (
     solve_sums,
 )
 from symid.identification.estimators import Candidate, SettingsChoice
-from symid.identification.regression import (
-    evaluate_columns,
-    list_resting_joints,
-    prepare_states,
-)
-from symid.logs import STATES, Recording, Signals, cut_recording, has_states
+from symid.identification.regression import evaluate_columns, list_resting_joints, prepare_states
+from symid.logs import STATES, Recording, cut_recording, has_states
 from symid.robot import Processing
 
 ROW_RATE = 200.0
@@ -90,32 +86,6 @@ class _Level:
     matrix: FloatArray
     smooth: FloatArray
     velocity: FloatArray
-
-
-def _build_level(
-    library: Library, recording: Recording, processing: Processing, band: float, places: NDArray[np.intp]
-) -> _Level:
-    """Return the rows of a log at samples `places` (T,) that are at even distances."""
-    rate, step = 1.0 / recording.period, int(places[1] - places[0])
-    signals = _prepare(library, recording, processing, min(_STATES * band, 0.4 * rate))
-    fast = max(_RATE * band, ROW_RATE)
-    thin = max(k for k in range(1, step + 1) if step % k == 0 and k <= max(1.0, rate / fast))
-    columns = evaluate_columns(library, *signals.pick_states(slice(None, None, thin)))
-    count, joints, width = columns.shape
-    flat = columns.reshape(count, -1)
-    matrix = _filter_rows(flat, band * recording.period * thin, places // thin)
-    slow = _prepare(library, recording, processing, min(band, 0.4 * rate))
-    smooth = evaluate_columns(library, *slow.pick_states(places))
-    torque = _filter_rows(signals.tau, band * recording.period, places)[:, :, None]
-    return _Level(
-        matrix=np.concatenate([matrix.reshape(-1, joints, width), torque], axis=2),
-        smooth=np.concatenate([smooth, torque], axis=2),
-        velocity=slow.dq[places],
-    )
-
-
-def _prepare(library: Library, recording: Recording, processing: Processing, cutoff: float) -> Signals:
-    return prepare_states(library, recording, replace(processing, filter_cutoff=cutoff, automatic=False))
 
 
 def _filter_rows(values: FloatArray, band: float, places: NDArray[np.intp]) -> FloatArray:
@@ -192,7 +162,7 @@ class _Study:
             # Where filters extrapolate.
             ends = round(min(ENDS / recording.period, PART * samples) / step) * step
             places = np.arange(ends, samples - ends, step)
-            levels.append([_build_level(library, recording, processing, band, places) for band in bands])
+            levels.append([self._build_level(library, recording, band, places) for band in bands])
             tops.append(np.quantile(np.abs(levels[-1][self.scoring].velocity), _TOP, axis=0))
             runs += [run] * count
         self.top: FloatArray = np.max(tops, axis=0)
@@ -215,6 +185,32 @@ class _Study:
         logs = np.stack([squares[self.runs == run].sum(axis=0) for run in range(runs[-1] + 1)])
         torque = logs[:, :, -1, -1].sum(axis=0)
         self.logwise = determine_each_other(logs, 1.0 / np.where(torque > 0.0, torque, 1.0))
+
+    def _build_level(
+        self, library: Library, recording: Recording, band: float, places: NDArray[np.intp]
+    ) -> _Level:
+        """Return the rows of a log at samples `places` (T,) that are at even distances."""
+        rate, step = 1.0 / recording.period, int(places[1] - places[0])
+        signals, slow = (
+            prepare_states(
+                library,
+                recording,
+                replace(self.processing, filter_cutoff=min(cutoff, 0.4 * rate), automatic=False),
+            )
+            for cutoff in (_STATES * band, band)
+        )
+        fast = max(_RATE * band, ROW_RATE)
+        thin = max(k for k in range(1, step + 1) if step % k == 0 and k <= max(1.0, rate / fast))
+        columns = evaluate_columns(library, *signals.pick_states(slice(None, None, thin)))
+        count, joints, width = columns.shape
+        matrix = _filter_rows(columns.reshape(count, -1), band * recording.period * thin, places // thin)
+        smooth = evaluate_columns(library, *slow.pick_states(places))
+        torque = _filter_rows(signals.tau, band * recording.period, places)[:, :, None]
+        return _Level(
+            matrix=np.concatenate([matrix.reshape(-1, joints, width), torque], axis=2),
+            smooth=np.concatenate([smooth, torque], axis=2),
+            velocity=slow.dq[places],
+        )
 
     def _sum_stretches(self, levels: Sequence[_Level], kind: NDArray[np.intp], places: range) -> None:
         """Write the sums of a log to `places`, its stretches; `kind` (T, n): class of speed, -1 for none."""
@@ -271,14 +267,48 @@ class _Study:
             found.append(rows)
         return np.swapaxes(np.array(found), 0, 1)
 
-
-def _measure_movement(values: FloatArray, lower: FloatArray, folds: FloatArray) -> float:
-    """Return rms |x - x'| over the deviations of x', from its fits (h, p) without each stretch."""
-    deviations = np.sqrt(compute_jackknife(folds) + (_SMALL * lower) ** 2)
-    alive = deviations > 0.0
-    if not alive.any():
-        return 0.0
-    return float(np.sqrt(np.mean(((values - lower)[alive] / deviations[alive]) ** 2)))
+    def choose(self, tried: Sequence[tuple[int, int, int]], shares: range) -> tuple[list[Candidate], int]:
+        """Return the candidates (rows k, instruments z, share), and the place of the one to take."""
+        last = len(self.bands) - 1
+        fits = {(k, z, share): self.fit((k, z), share) for k, z in self.pairs for share in shares}
+        candidates, losses = [], []
+        for k, z, share in tried:
+            values, folds = fits[k, z, share]
+            movement = 0.0
+            for y in range(z):
+                # Rms of the change from an estimate of less band, over the deviations of that one.
+                lower, others = fits[(k, y, share) if k > z else (y, y, share)]
+                variances = compute_jackknife(others[: self.count])
+                deviations = np.sqrt(variances + (_SMALL * lower) ** 2)
+                alive = deviations > 0.0
+                if alive.any():
+                    change = (values - lower)[alive] / deviations[alive]
+                    movement = max(movement, float(np.sqrt(np.mean(change**2))))
+            loss = self.measure(folds)
+            held = (loss if len(loss) == self.count else loss[self.count :]).sum(axis=0)
+            losses.append(loss.mean(axis=(1, 2)))
+            candidates.append(
+                Candidate(
+                    states=self.processing.states,
+                    band=self.bands[k],
+                    instruments=self.bands[z] if z < k else 0.0,
+                    standstill=SHARES[share],
+                    held_out=tuple((100.0 * np.sqrt(held).mean(axis=1)).tolist()),
+                    behind=math.inf,
+                    movement=movement,
+                )
+            )
+        costs = [last - k + 0.25 * (k - z) + 0.5 * share for k, z, share in tried]
+        still = np.array([entry.still for entry in candidates])
+        pool = np.flatnonzero(still) if still.any() else np.arange(len(candidates))
+        table = np.array(losses)[pool]
+        totals = table.sum(axis=1)
+        behind = measure_behind(table, int(np.argmin(totals)))
+        close = np.flatnonzero((behind <= _MARGIN) | (totals <= _ALIKE**2 * totals.min()))
+        taken = min(close.tolist(), key=lambda place: (costs[pool[place]], totals[place]))
+        for place, far in zip(pool.tolist(), behind.tolist(), strict=True):
+            candidates[place] = replace(candidates[place], behind=far)
+        return candidates, int(pool[taken])
 
 
 def choose_settings(
@@ -317,7 +347,13 @@ def choose_settings(
     shares = range(int(moving), len(SHARES)) if processing.standstill is None else range(1)
     last = len(bands) - 1
     parts: list[tuple[list[Candidate], int, tuple[float, ...]]] = []
-    for states in _list_states(processing, recordings):
+    # Up to which columns of all logs states may be used, the stated one alone where there is one.
+    usable = [processing.states]
+    if processing.states == "position":
+        alike = len({recording.velocity is None for recording in recordings}) == 1
+        everywhere = (name for name in STATES if all(has_states(recording, name) for recording in recordings))
+        usable = [name for name in everywhere if alike or name == "position"]
+    for states in usable:
         study = _Study(library, pieces, replace(processing, standstill=None, states=states), bands)
         tried = [
             (k, z, share)
@@ -328,7 +364,7 @@ def choose_settings(
             if z > 0 and (z < k) in instruments and (k == last if band else k - z <= _WIDER)
             if z == k or share > 0 or len(shares) == 1 or not study.dry
         ]
-        parts.append((*_choose(study, tried, shares), tuple(study.top.tolist())))
+        parts.append((*study.choose(tried, shares), tuple(study.top.tolist())))
     chosen = 0
     for place, (candidates, taken, _) in enumerate(parts):
         other, best = candidates[taken], parts[chosen][0][parts[chosen][1]]
@@ -341,57 +377,3 @@ def choose_settings(
         taken=before + parts[chosen][1],
         top=parts[chosen][2],
     )
-
-
-def _list_states(processing: Processing, recordings: Sequence[Recording]) -> list[str]:
-    """Return up to which columns of all logs states may be used, the stated one alone where there is one."""
-    if processing.states != "position":
-        return [processing.states]
-    found = [name for name in STATES if all(has_states(recording, name) for recording in recordings)]
-    alike = len({recording.velocity is None for recording in recordings}) == 1
-    return [name for name in found if alike or name == "position"]
-
-
-def _choose(
-    study: _Study, tried: Sequence[tuple[int, int, int]], shares: range
-) -> tuple[list[Candidate], int]:
-    """Return the candidates (rows k, instruments z, share), and the place of the one to take."""
-    last = len(study.bands) - 1
-    candidates, losses = _try_settings(study, tried, shares)
-    costs = [last - k + 0.25 * (k - z) + 0.5 * share for k, z, share in tried]
-    still = np.array([entry.still for entry in candidates])
-    pool = np.flatnonzero(still) if still.any() else np.arange(len(candidates))
-    table, totals = losses[pool], losses[pool].sum(axis=1)
-    behind = measure_behind(table, int(np.argmin(totals)))
-    close = np.flatnonzero((behind <= _MARGIN) | (totals <= _ALIKE**2 * totals.min()))
-    taken = min(close.tolist(), key=lambda place: (costs[pool[place]], totals[place]))
-    for place, far in zip(pool.tolist(), behind.tolist(), strict=True):
-        candidates[place] = replace(candidates[place], behind=far)
-    return candidates, int(pool[taken])
-
-
-def _try_settings(
-    study: _Study, tried: Sequence[tuple[int, int, int]], shares: range
-) -> tuple[list[Candidate], FloatArray]:
-    """Return the candidates (rows k, instruments z, share) and their held-out losses (c, folds)."""
-    fits = {(k, z, share): study.fit((k, z), share) for k, z in study.pairs for share in shares}
-    candidates, losses = [], []
-    for k, z, share in tried:
-        values, folds = fits[k, z, share]
-        below = (fits[(k, y, share) if k > z else (y, y, share)] for y in range(z))
-        movement = max(_measure_movement(values, other, others[: study.count]) for other, others in below)
-        loss = study.measure(folds)
-        held = (loss if len(loss) == study.count else loss[study.count :]).sum(axis=0)
-        losses.append(loss.mean(axis=(1, 2)))
-        candidates.append(
-            Candidate(
-                states=study.processing.states,
-                band=study.bands[k],
-                instruments=study.bands[z] if z < k else 0.0,
-                standstill=SHARES[share],
-                held_out=tuple((100.0 * np.sqrt(held).mean(axis=1)).tolist()),
-                behind=math.inf,
-                movement=movement,
-            )
-        )
-    return candidates, np.array(losses)

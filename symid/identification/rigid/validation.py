@@ -1,55 +1,95 @@
-"""A stored estimate on a log: settings of the fit restored, model checked, torque predicted.
+"""A stored estimate on logs: what it predicts of another one, and its diagnosis on those of the fit.
 
 Estimate, robot, recording -> `ResolvedProcessing`, `Robot` as it was identified, `Validation`.
+Estimate, the library of its model, the recordings of the fit -> `Diagnosis`: rank, correlations, essential
+parameters, bootstrap, drift, structure.
+
+Filter and decimation of a validation are
 
     stated      a cut-off or a decimation that options or the robot file state
     fit         what is left open, where the log has the sample period of the fit
     log         what is left open otherwise: chosen from the log, by the rule that the fit used
 
+The equations of a diagnosis are those of the fit: its processing, windows, weights of runs, rule for the
+noise. Where the estimator needs nothing else, the fit is repeated and compared with the estimate. The price
+of decimation: fits to the rows that decimation keeps, and to every sample, predict held-out fifths of the
+time, and the residuals of both on the decimated rows are compared.
+
 Supported: estimates of any rows, their windows, weights and runs; torque (the default), momentum and energy
-rows for the validation; robots of rigid, elastic and friction results.
+rows for the validation; robots of rigid, elastic and friction results; a diagnosis of estimates from torque
+and momentum rows, whatever the estimator, logs of any number and length.
 Not supported: fits of logs with different sample periods (the first one's is the period of the fit); a log
-with other joints, or a model other than the estimate's.
+with other joints, or a model other than the estimate's; a diagnosis of energy and power rows, which mix the
+joints.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from typing import Any, NoReturn, TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.errors import EstimateError, Notice
-from symid.identification.diagnostics import build_warning, mask_inner, smooth_rows
+from symid.errors import EstimateError, Notice, UsageError
+from symid.identification.diagnostics import (
+    Bootstrap,
+    Drift,
+    Ellipse,
+    Essential,
+    JointProfiles,
+    ResidualFinding,
+    analyse_structure,
+    build_warning,
+    compute_bootstrap,
+    compute_ellipse,
+    compute_mean_weights,
+    compute_profiles,
+    list_correlated,
+    mask_inner,
+    measure_drift,
+    select_essential,
+    smooth_rows,
+)
 from symid.identification.estimators import (
     OPEN_SETTINGS,
     Estimate,
     FitRecord,
     MotionResidual,
-    Residual,
+    RegressionFit,
     ResolvedProcessing,
     Series,
     Validation,
     check_model,
     compute_residuals,
+    estimate_group_weights,
     find_phases,
+    fit_weighted,
 )
 from symid.identification.regression import (
     SAME_PERIOD,
     SCALAR_KINDS,
     WINDOW,
-    Rows,
+    Identifiability,
+    LongRows,
+    RankRule,
+    RowBuilder,
     choose_filters,
+    compute_spectrum,
+    condense_recordings,
+    count_freedom,
     count_pieces,
     leave_out_rows,
-    prepare_all_rows,
+    prepare_rows,
     select_rows,
 )
+from symid.identification.rigid.fit import LARGEST, compute_long_covariance, fit_in_memory, is_long
+from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.joint_models import FrictionValues, rename_law
-from symid.logs import Ends, Recording, describe_overlap, has_states, measure_overlap
+from symid.logs import Recording, describe_overlap, has_states, measure_overlap
 from symid.robot import (
     Decimation,
     Places,
@@ -61,6 +101,7 @@ from symid.robot import (
     read_log,
     read_processing,
 )
+from symid.serialization import HIDDEN, name_key
 
 
 def resolve_processing(
@@ -125,14 +166,6 @@ def read_fit_processing(settings: Mapping[str, object]) -> Processing:
     if not _is_positive(decimation.factor) or not isinstance(decimation.factor, int):
         _refuse("decimation.factor", "a positive whole number", decimation.factor)
     return found
-
-
-def _get_fit_cut(estimate: Estimate) -> Ends:
-    """Return the samples that the processing of a fit cut off at both ends of its logs."""
-    stored = estimate.settings.get("processing")
-    found = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
-    first, last = (entry if isinstance(entry, int) else 0 for entry in (*found, 0, 0)[:2])
-    return first, last
 
 
 def get_fit_window(settings: Mapping[str, object]) -> float:
@@ -217,11 +250,39 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
     # A result of friction has no friction models; its signature has.
     kinds = tuple(dict.fromkeys(estimate.friction))
     # Joints with different models have them from the file: an option sets one for all.
-    described = _restore_laws(robot, estimate)
-    if described is robot:
+    laws = {law.joint: law for law in estimate.laws} if isinstance(estimate, Estimate) else {}
+    if laws:
+        joints = []
+        for joint in robot.joints:
+            friction = joint.friction
+            if joint.name in laws:
+                law = laws[joint.name]
+                name = rename_law(law.law)
+                friction = FrictionValues(law=name, shape=law.shape, smoothing=law.smoothing)
+            joints.append(replace(joint, friction=friction))
+        described = replace(robot, joints=tuple(joints))
+    else:
         described = override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
     restored = _restore_settings(described, estimate.settings)
-    notices = _compare_settings(described, restored, settings, estimate.settings.get("chosen"))
+    # The settings that differ between the estimate and the robot file, but for overridden ones. Where the fit
+    # has chosen some from its logs, ends that it cut, instruments and velocities are chosen too.
+    overridden = {key for key, _ in settings} | ({*_CHOSEN_TOO} if estimate.settings.get("chosen") else set())
+    of_file, of_estimate = (_flatten(describe_settings(entry)) for entry in (described, restored))
+    texts = []
+    for key in sorted({*of_file, *of_estimate} - overridden):
+        mine, other = of_estimate.get(key, "nothing"), of_file.get(key, "nothing")
+        if mine != other:
+            texts.append(
+                f"{key}: the estimate has {mine}, the robot file {other}; that of the estimate is used"
+            )
+    for entry in described.settings:
+        of_set = _flatten(describe_settings(override_settings(described, [("settings", entry.name)])))
+        if of_set == of_estimate and of_file != of_estimate:
+            # Those of a named set in the file differ together, and are named once.
+            text = f"the estimate has the settings '{entry.name}' of the robot file, and they are used"
+            texts = [] if "settings" in overridden else [text]
+            break
+    notices = [Notice(code="estimate.settings-differ", text=text) for text in texts]
     restored = replace(restored, notices=(*restored.notices, *notices))
     if not settings:
         return restored
@@ -235,27 +296,6 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
         return changed
     # No filter and no decimation, where they are set, are no open entries: then all is as in the fit.
     return override_settings(_restore_settings(restored, {**estimate.settings, "chosen": []}), settings)
-
-
-def _restore_laws(robot: Robot, estimate: FitRecord) -> Robot:
-    """Return the robot with the friction laws that an estimate has chosen or fitted."""
-    laws = {law.joint: law for law in estimate.laws} if isinstance(estimate, Estimate) else {}
-    if not laws:
-        return robot
-    joints = tuple(
-        replace(
-            joint,
-            friction=FrictionValues(
-                law=rename_law(laws[joint.name].law),
-                shape=laws[joint.name].shape,
-                smoothing=laws[joint.name].smoothing,
-            ),
-        )
-        if joint.name in laws
-        else joint
-        for joint in robot.joints
-    )
-    return replace(robot, joints=joints)
 
 
 def _restore_settings(robot: Robot, settings: Mapping[str, object]) -> Robot:
@@ -304,32 +344,6 @@ _CHOSEN_TOO = tuple(
 )
 
 
-def _compare_settings(
-    described: Robot, restored: Robot, settings: Sequence[tuple[str, str]], chosen: object
-) -> tuple[Notice, ...]:
-    """Return the settings that differ between the estimate and the robot file, but for overridden ones.
-
-    Those of a named set in the file differ together, and are named once. Where the fit has `chosen` some from
-    its logs, ends that it cut, instruments and velocities are chosen too.
-    """
-    overridden = {key for key, _ in settings} | ({*_CHOSEN_TOO} if chosen else set())
-    of_estimate = _flatten(describe_settings(restored))
-    for entry in described.settings:
-        of_set = _flatten(describe_settings(override_settings(described, [("settings", entry.name)])))
-        if of_set == of_estimate and describe_settings(described) != describe_settings(restored):
-            text = f"the estimate has the settings '{entry.name}' of the robot file, and they are used"
-            named = Notice(code="estimate.settings-differ", text=text)
-            return () if "settings" in overridden else (named,)
-    of_file = _flatten(describe_settings(described))
-    notices = []
-    for key in sorted({*of_file, *of_estimate} - overridden):
-        mine, other = of_estimate.get(key, "nothing"), of_file.get(key, "nothing")
-        if mine != other:
-            text = f"{key}: the estimate has {mine}, the robot file {other}; that of the estimate is used"
-            notices.append(Notice(code="estimate.settings-differ", text=text))
-    return tuple(notices)
-
-
 def _flatten(value: object, prefix: str = "") -> dict[str, object]:
     if not isinstance(value, Mapping):
         return {prefix: value}
@@ -361,10 +375,13 @@ def validate_estimate(
     """
     check_model(estimate, library.card)
     settled = resolve_processing(estimate, processing, recording)
-    cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), _get_fit_cut(estimate)
+    stored = estimate.settings.get("processing")
+    found = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
+    first, last = (entry if isinstance(entry, int) else 0 for entry in (*found, 0, 0)[:2])
+    cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
-    whole = prepare_all_rows(rows, library, recording, counted, window=window, overlap=overlap)
+    whole = prepare_rows(rows, library, recording, counted, window=window, overlap=overlap, every=True)
     built = leave_out_rows(whole, library, recording, counted)
     shared = measure_overlap(recording, estimate.sources, estimate.settings, cut=cut, fitted_cut=fitted_cut)
     predicted = built.matrix @ estimate.assemble(built.names)
@@ -388,20 +405,42 @@ def validate_estimate(
         warnings = [build_warning("validate.fitted-log", file=recording.source, what="estimate", part=part)]
     residual = compute_residuals(built, built.values - predicted, 0)
     # Who states filter and decimation of the log compares its rows, as publications do.
-    choice, scoring = estimate.choice, 0.0
+    choice, scoring, scored = estimate.choice, 0.0, residual
     left_open = {*settled.origin.values()} != {"stated"}
     # Without held-out stretches, as of long logs, the fit has nothing to compare with.
     if choice is not None and estimate.evidence is not None and left_open and rows not in SCALAR_KINDS:
-        scoring = choice.scoring
+        # Rows and what is predicted of them, both low-passed.
+        scoring, inner = choice.scoring, mask_inner(built)
+        table = smooth_rows(built, np.column_stack([built.values, built.values - predicted]), scoring)
+        inner = inner if inner.any() else np.ones_like(inner)
+        smooth = replace(select_rows(built, inner), values=table[inner, 0])
+        scored = compute_residuals(smooth, table[inner, 1], 0)
+    motion = []
+    if whole.kind not in SCALAR_KINDS:
+        # What is left of all rows in the phases of motion; joints without rows that count are left out of
+        # residuals.
+        errors = whole.values - whole.matrix @ estimate.assemble(whole.names)
+        inner = np.ones(len(errors), dtype=np.bool_)
+        if scoring:
+            errors, inner = smooth_rows(whole, errors[:, None], scoring)[:, 0], mask_inner(whole)
+            inner = inner if inner.any() else np.ones_like(inner)
+        names = {built.group_names[group] for group in np.unique(built.group)}
+        for group in np.unique(whole.group):
+            own, name = inner & (whole.group == group), whole.group_names[group]
+            if own.any():
+                phases = find_phases(whole.time[own], whole.velocity[own], whole.run[own])
+                left_out = 0 if name in names else int(np.sum(own))
+                unit = whole.group_units[group]
+                motion.append(MotionResidual.measure(name, unit, errors[own], phases, left_out))
     return Validation(
         robot=estimate.robot,
         signature=estimate.signature,
         source=recording.source,
         rows=rows,
-        residual=_score(built, predicted, scoring) if scoring else residual,
+        residual=scored,
         scoring=scoring,
         all_rows=residual if scoring else (),
-        motion=_measure_motion(whole, whole.matrix @ estimate.assemble(whole.names), built, scoring),
+        motion=tuple(motion),
         series=series,
         samples=len(built.values),
         fitted=shared > 0.0,
@@ -410,35 +449,210 @@ def validate_estimate(
     )
 
 
-def _measure_motion(
-    whole: Rows, predicted: FloatArray, counted: Rows, scoring: float
-) -> tuple[MotionResidual, ...]:
-    """Return what is left of `whole` rows beside what is predicted of them (m,), in the phases of motion.
+_FOLDS = 5
+_RANK = 1e-10
+"""Singular value relative to the largest below which the other folds do not identify a direction."""
 
-    Within the `scoring` band in Hz if there is one. Joints without `counted` rows are left out of residuals.
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Price:
+    """The price of a choice: `what` in words, `percent` more of `of`."""
+
+    what: str
+    of: str
+    percent: float
+
+
+def measure_decimation_price(
+    builder: RowBuilder,
+    recordings: Sequence[Recording],
+    identifiability: Identifiability,
+    groups: FloatArray,
+    weights: Sequence[float] | None = None,
+) -> tuple[Price, ...]:
+    """Return the prices of decimation against every sample; none without it, or with too few rows.
+
+    `groups` are the weights (g,) of the joints, `weights` those of each recording's squared residuals.
     """
-    if whole.kind in SCALAR_KINDS:
+    if builder.kind != "torque" or builder.processing.decimation.factor == 1:
         return ()
-    errors, inner = whole.values - predicted, np.ones(len(whole.values), dtype=np.bool_)
-    if scoring:
-        errors, inner = smooth_rows(whole, errors[:, None], scoring)[:, 0], mask_inner(whole)
-        inner = inner if inner.any() else np.ones_like(inner)
-    names = {counted.group_names[group] for group in np.unique(counted.group)}
-    found = []
-    for group in np.unique(whole.group):
-        own, name = inner & (whole.group == group), whole.group_names[group]
-        if own.any():
-            phases = find_phases(whole.time[own], whole.velocity[own], whole.run[own])
-            left_out = 0 if name in names else int(np.sum(own))
-            unit = whole.group_units[group]
-            found.append(MotionResidual.measure(name, unit, errors[own], phases, left_out))
-    return tuple(found)
+    every = builder._replace(processing=replace(builder.processing, decimation=Decimation()))
+    some, full = (condense_recordings(entry, recordings, weights) for entry in (builder, every))
+    if some is None or full is None:
+        return ()
+    freedom = builder.processing.noise_freedom
+    ours, theirs = (
+        np.sqrt(np.maximum(np.diag(compute_long_covariance(entry, groups, freedom)), 0.0))
+        for entry in (some, full)
+    )
+    both = (ours > 0.0) & (theirs > 0.0)
+    if not both.any():
+        return ()
+    judged, number = _weigh(some, identifiability, groups)
+    others, place = _weigh(full, identifiability, groups)
+    left = np.zeros(2)
+    for fold in range(_FOLDS):
+        held = judged[number == fold]
+        for index, table in enumerate((judged[number != fold], others[place != fold])):
+            values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RANK)[0]
+            left[index] += float(np.sum((held[:, -1] - held[:, :-1] @ values) ** 2))
+    held_out = 100.0 * (float(np.sqrt(left[0] / left[1])) - 1.0) if left[1] else 0.0
+    what = f"decimation by {builder.processing.decimation.factor}"
+    wider = 100.0 * (float(np.median(ours[both] / theirs[both])) - 1.0)
+    return (
+        Price(what=what, of="held-out residual", percent=held_out),
+        Price(what=what, of="median stated standard deviation (for white noise)", percent=wider),
+    )
 
 
-def _score(rows: Rows, predicted: FloatArray, scoring: float) -> tuple[Residual, ...]:
-    """Return the residuals of rows and what is predicted of them (m,), both low-passed at `scoring` Hz."""
-    table = smooth_rows(rows, np.column_stack([rows.values, rows.values - predicted]), scoring)
-    inner = mask_inner(rows)
-    inner = inner if inner.any() else np.ones_like(inner)
-    smooth = replace(select_rows(rows, inner), values=table[inner, 0])
-    return compute_residuals(smooth, table[inner, 1], 0)
+def _weigh(
+    long: LongRows, identifiability: Identifiability, groups: FloatArray
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return weighted rows [A B, y] with the squares of all equations, and the fifth of time of each."""
+    sketch, fold = long.sketch(), np.zeros(0, dtype=np.intp)
+    for group in np.unique(sketch.group):
+        count = int(np.sum(sketch.group == group))
+        fold = np.concatenate([fold, np.arange(count) * _FOLDS // count])
+    table = (
+        np.column_stack([sketch.matrix @ identifiability.basis, sketch.values])
+        * groups[sketch.group][:, None]
+    )
+    return table, fold
+
+
+_KINDS = ("torque", "momentum")
+_FREE = 1e-6
+"""Percent below which a price is rounding."""
+_ALONE = ("ols", "wls", "huber", "sequential", FILTERED_INSTRUMENTAL)
+"""Estimators that need nothing but rows."""
+_CHANGED = 1e-6
+"""Deviations by which a fit made again may differ from the estimate."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Diagnosis:
+    """All that follows from a fit and its logs beyond the parameters.
+
+    Args:
+        singular: of the weighted matrix with columns of length one, in falling order, and its `rank`.
+        correlated: (name, name, correlation), the closest first; `ellipse` of the first pair.
+        essential, bootstrap, drift: see there.
+        structure: functions that explain the residual of each joint; profiles: the residual against states.
+        prices: of the estimator against plain least squares of the same weights, and of decimation.
+        refit: largest difference, in stated deviations, between the estimate and the fit made again; None
+            where the estimator needs more than the logs.
+        notices: what a reader should know.
+    """
+
+    singular: tuple[float, ...] = field(metadata=name_key("singular_values"))
+    rank: int
+    correlated: tuple[tuple[str, str, float], ...]
+    ellipse: Ellipse | None = field(metadata=HIDDEN)
+    essential: Essential
+    bootstrap: Bootstrap
+    drift: Drift
+    structure: tuple[ResidualFinding, ...]
+    profiles: tuple[JointProfiles, ...] = field(metadata=HIDDEN)
+    prices: tuple[Price, ...]
+    refit: float | None = None
+    notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
+
+
+def diagnose_estimate(
+    estimate: Estimate,
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    *,
+    seed: int = 0,
+) -> Diagnosis:
+    """Return the diagnosis of `estimate` on the recordings that it was fitted to, as their runs are set.
+
+    What `processing` leaves open is taken from the estimate; `seed` is that of the bootstrap's draws.
+
+    Raises:
+        EstimateError: the estimate belongs to another model, or its settings cannot be read.
+        UsageError: its rows mix the joints.
+    """
+    check_model(estimate, library.card)
+    if estimate.rows not in _KINDS:
+        text = f"{estimate.rows} rows mix the joints, which a diagnosis treats one by one; use torque rows"
+        raise UsageError(Notice(code="usage.mixed-rows", text=text))
+    settled = resolve_processing(estimate, processing, recordings[0])
+    processing, weights = settled.processing, get_run_weights(estimate.settings, len(recordings))
+    window, overlap = get_fit_window(estimate.settings), get_fit_overlap(estimate.settings)
+    builder = RowBuilder(estimate.rows, library, processing, window, overlap)
+    alone = estimate.estimator in _ALONE
+    # The choice says by which speed a row is slow, but not to fits of logs that are too long for memory.
+    long = is_long(builder, recordings, estimate.estimator, LARGEST)
+    plan = FitPlan(
+        processing=processing,
+        estimator=estimate.estimator if alone else "wls",
+        choice=None if long else estimate.choice,
+    )
+    fitted, *_ = fit_in_memory(builder, recordings, plan, rule=RankRule(), weights=weights)
+    rows, identifiability = fitted.rows, fitted.identifiability
+    values = estimate.assemble(rows.names)
+    known = {entry.name: place for place, entry in enumerate(estimate.parameters)}
+    covariance = np.zeros((len(rows.names), len(rows.names)))
+    places = [(k, known[name]) for k, name in enumerate(rows.names) if name in known]
+    if places:
+        ours, theirs = (list(index) for index in zip(*places, strict=True))
+        covariance[np.ix_(ours, ours)] = np.array(estimate.covariance)[np.ix_(theirs, theirs)]
+    groups = np.ones(len(rows.group_names))
+    if estimate.estimator != "ols":
+        groups = estimate_group_weights(rows, identifiability, processing.noise_freedom)
+    fit = RegressionFit(
+        values=values,
+        covariance=covariance,
+        residuals=rows.values - rows.matrix @ values,
+        spent=count_freedom(processing.noise_freedom, int(identifiability.basis.shape[1]), rows.independent)[
+            0
+        ],
+        condition=estimate.condition,
+        weights=groups[rows.group] * np.sqrt(rows.weight),
+    )
+    covariance = np.array(estimate.covariance)
+    names = tuple(entry.name for entry in estimate.parameters)
+    values = estimate.assemble(rows.names)
+    correlated, ellipse = list_correlated(covariance, names), None
+    if correlated:
+        pair = [names.index(name) for name in correlated[0][:2]]
+        chosen = [estimate.parameters[k].value for k in pair]
+        ellipse = compute_ellipse(chosen, covariance[np.ix_(pair, pair)])
+    refit: float | None = None
+    if alone:
+        # The largest difference between the estimate and the same fit made again, in its deviations.
+        again = dict(zip(rows.names, fitted.fit.values.tolist(), strict=True))
+        away = [
+            abs(again[entry.name] - entry.value) / max(entry.std, np.finfo(float).eps * abs(entry.value))
+            for entry in estimate.parameters
+            if entry.std or entry.value
+        ]
+        refit = max(away, default=0.0)
+    # By how much the residual is larger than that of plain least squares of the same weights.
+    weighed = compute_mean_weights(rows, fit)
+    least = fit_weighted(rows, identifiability, weighed)
+    own, best = (float(np.linalg.norm(entry.residuals * fit.weights)) for entry in (fit, least))
+    percent = 100.0 * (own / best - 1.0) if best else 0.0
+    what = f"estimator {estimate.estimator} instead of least squares"
+    price = (Price(what=what, of="residual", percent=percent),) if percent >= _FREE else ()
+    changed = refit is not None and refit > _CHANGED
+    warnings = (build_warning("diagnosis.other-values", refit=refit),) if changed else ()
+    return Diagnosis(
+        singular=tuple(map(float, compute_spectrum(rows.matrix * fit.weights[:, None]).singular)),
+        rank=int(identifiability.basis.shape[1]),
+        correlated=correlated,
+        ellipse=ellipse,
+        essential=select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
+        bootstrap=compute_bootstrap(rows, fit, identifiability, np.random.default_rng(seed)),
+        drift=measure_drift(rows, fit, processing.noise_freedom),
+        structure=analyse_structure(values, library, recordings, processing, weights=weights),
+        profiles=compute_profiles(values, library, recordings, processing),
+        prices=(
+            *price,
+            *measure_decimation_price(builder, recordings, identifiability, weighed, weights),
+        ),
+        refit=refit,
+        notices=(*settled.notices, *warnings),
+    )

@@ -8,7 +8,7 @@ import pytest
 
 import symid
 from symid.identification.estimators import JointEvidence
-from symid.identification.estimators.evidence import LawSelection
+from symid.identification.estimators.estimate import LawSelection
 from symid.identification.friction_search import _give_up_worse, _make_plain
 from symid.identification.rigid import PLAIN, FrictionChoice
 from symid.identification.rigid.friction_choice import JointLaw, _Trial, choose_trial

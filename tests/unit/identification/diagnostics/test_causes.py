@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.identification.diagnostics.causes import find_cause
-from symid.identification.diagnostics.quick_model import build_quick_logs, fit_quick, mask_impossible
+from symid.identification.diagnostics.causes import build_quick_logs, find_cause, fit_quick, mask_impossible
 from symid.identification.diagnostics.stretches import measure_scoring_band
 from symid.identification.rigid.plan import cut_moving_ends
 from symid.logs.signals import low_pass

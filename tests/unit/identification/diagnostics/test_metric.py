@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from symid.errors import LogError
+from symid.identification.diagnostics.residual_structure import compute_band_residual, predict_torques
 from symid.identification.diagnostics.stretches import ENDS
-from symid.identification.diagnostics.torque_prediction import compute_band_residual, predict_torques
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import (
     ONE_AXIS_TRUTH,

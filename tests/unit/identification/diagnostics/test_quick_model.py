@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.identification.diagnostics.quick_model import build_quick_logs, fit_quick, mask_impossible
+from symid.identification.diagnostics.causes import build_quick_logs, fit_quick, mask_impossible
 from symid.identification.regression.equations import evaluate_columns
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link

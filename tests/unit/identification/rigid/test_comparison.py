@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from symid.identification.rigid.comparison import (
+from symid.identification.compare import (
     ReadingTrial,
     build_stated_values,
     compare_values,

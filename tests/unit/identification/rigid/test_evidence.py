@@ -8,9 +8,8 @@ from scipy.signal import butter, sosfiltfilt
 
 from symid.identification.diagnostics.stretches import fit_stretches
 from symid.identification.regression.equations import stack_rows
-from symid.identification.regression.preparation import prepare_all_rows, prepare_rows
-from symid.identification.rigid.evidence import JudgedRows, list_joint_evidence
-from symid.identification.rigid.fit import identify_parameters
+from symid.identification.regression.preparation import prepare_rows
+from symid.identification.rigid.fit import JudgedRows, identify_parameters, list_joint_evidence
 from symid.identification.rigid.validation import validate_estimate
 from symid.logs.sampling import resample_if_uneven
 from symid.robot.description import Decimation, Processing
@@ -128,7 +127,7 @@ def test_a_joint_that_never_moves_is_left_out_and_what_it_would_add_is_said():
     assert (first.joint, first.left_out, first.rows[:2]) == ("joint1", first.rows[2], (0, 0))
     assert first.rms == (None, None, first.whole)
     assert second.left_out == 0
-    rows = prepare_all_rows("torque", LIBRARY, still, STATED, window=0.1)
+    rows = prepare_rows("torque", LIBRARY, still, STATED, window=0.1, every=True)
     errors = (rows.values - rows.matrix @ estimate.assemble(rows.names))[rows.group == 0]
     assert first.whole == pytest.approx(np.sqrt(np.mean(errors**2)))
     assert first.left_out == len(errors)

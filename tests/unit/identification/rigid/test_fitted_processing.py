@@ -7,14 +7,14 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from symid.errors import EstimateError, UsageError
-from symid.identification.diagnostics.torque_prediction import predict_torques
+from symid.identification.diagnostics.residual_structure import predict_torques
 from symid.identification.estimators.least_squares import fit_ols
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.regression.preparation import choose_filters, prepare_rows
-from symid.identification.rigid.diagnosis import diagnose_estimate
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import (
+    diagnose_estimate,
     get_fit_overlap,
     get_fit_window,
     get_run_weights,

@@ -14,13 +14,14 @@ from symid.identification.estimators.least_squares import RegressionFit
 from symid.identification.estimators.linear_estimators import fit_rows
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
-from symid.identification.regression.long_logs import (
+from symid.identification.regression.preparation import (
     RowBuilder,
     StatesKeeper,
     condense_recordings,
     predict_outlines,
+    prepare_rows,
+    prepare_states,
 )
-from symid.identification.regression.preparation import prepare_rows, prepare_states
 from symid.identification.rigid.fit import compute_long_covariance, fit_long, identify_parameters, is_long
 from symid.logs.recording import Recording
 from symid.logs.signals import decimate, decimate_blocks
@@ -150,7 +151,7 @@ def test_states_are_prepared_once_for_neighbouring_passes(recordings, monkeypatc
         asked.append(recording.source)
         return prepare_states(library, recording, processing)
 
-    monkeypatch.setattr("symid.identification.regression.long_logs.prepare_states", prepare)
+    monkeypatch.setattr("symid.identification.regression.preparation.prepare_states", prepare)
     first, second = recordings
     keeper = StatesKeeper()
     for log in (first, first, second, first):

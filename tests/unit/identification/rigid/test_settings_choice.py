@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import firwin
 
 from symid.errors import UsageError
-from symid.identification.regression import mask_fast, prepare_all_rows
+from symid.identification.regression import mask_fast, prepare_rows
 from symid.identification.rigid import settings_choice
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.friction_tables import limit_cutoff
@@ -278,7 +278,7 @@ def test_rows_are_a_windowed_ideal_low_pass_at_their_places(band, step):
 def test_rows_beside_slow_ones_are_left_out_unless_they_are_most(margin):
     log, _ = record_sticking(0)
     settings = Processing(decimation=Decimation(factor=5), filter_cutoff=50.0, standstill=(0.02, 0.02))
-    rows = prepare_all_rows("torque", LIBRARY, log, settings, window=0.1)
+    rows = prepare_rows("torque", LIBRARY, log, settings, window=0.1, every=True)
     bare, _ = mask_fast(rows, rows.velocity, settings)
     kept, notices = mask_fast(rows, rows.velocity, settings, margin=margin)
     assert not np.any(kept & ~bare)
