@@ -239,6 +239,18 @@ def transform_body(
     return _fill_tensor(entries), algebra.add_vectors(m, algebra.scale_vector(mass, t)), mass
 
 
+def add_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
+    """Return the sum of two matrices."""
+    x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left, right, strict=True))
+    return x, y, z
+
+
+def add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
+    """Return two bodies of one frame as one."""
+    tensor = add_matrices(algebra, left[0], right[0])
+    return tensor, algebra.add_vectors(left[1], right[1]), algebra.add(left[2], right[2])
+
+
 def compute_mass_matrix(
     recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
 ) -> tuple[tuple[T, ...], ...]:
@@ -263,10 +275,8 @@ def compute_mass_matrix(
             matrix[joint][other] = matrix[other][joint] = entries[other]
         parent = robot.joints[joint].parent
         if parent >= 0:
-            left, right = bodies[parent], transform_body(algebra, frames[joint], bodies[joint])
-            x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left[0], right[0], strict=True))
-            moments = algebra.add_vectors(left[1], right[1])
-            bodies[parent] = ((x, y, z), moments, algebra.add(left[2], right[2]))
+            moved = transform_body(algebra, frames[joint], bodies[joint])
+            bodies[parent] = add_bodies(algebra, bodies[parent], moved)
     add_drive_inertias(recursion, matrix, parameters)
     return tuple(tuple(row) for row in matrix)
 

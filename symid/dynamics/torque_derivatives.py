@@ -31,8 +31,10 @@ from symid.dynamics.algebra import Algebra, Matrix, T, Vector, transpose
 from symid.dynamics.bodies import (
     Body,
     Parameters,
+    add_bodies,
     add_drive_inertias,
     add_drive_torques,
+    add_matrices,
     gather_body,
     rotate_matrix,
     transform_body,
@@ -143,20 +145,10 @@ def _carry_composite(algebra: Algebra[T], frame: LinkFrame[T], part: _Composite[
     )
 
 
-def _add_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
-    x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left, right, strict=True))
-    return x, y, z
-
-
-def _add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
-    tensor = _add_matrices(algebra, left[0], right[0])
-    return tensor, algebra.add_vectors(left[1], right[1]), algebra.add(left[2], right[2])
-
-
 def _join(algebra: Algebra[T], left: _Composite[T], right: _Composite[T]) -> _Composite[T]:
     return _Composite(
-        body=_add_bodies(algebra, left.body, right.body),
-        turning=_add_matrices(algebra, left.turning, right.turning),
+        body=add_bodies(algebra, left.body, right.body),
+        turning=add_matrices(algebra, left.turning, right.turning),
         momentum=algebra.add_vectors(left.momentum, right.momentum),
     )
 
@@ -354,7 +346,7 @@ def _compute_composite_bodies(recursion: Recursion[T], parameters: Parameters[T]
         parent = robot.joints[link].parent
         if parent >= 0:
             moved = transform_body(algebra, recursion.frames[link], found[link], turn_matrix)
-            found[parent] = _add_bodies(algebra, found[parent], moved)
+            found[parent] = add_bodies(algebra, found[parent], moved)
     return found
 
 
