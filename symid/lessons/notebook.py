@@ -11,7 +11,7 @@ Supported: all robots of the lesson. Not supported: what only moves on the page.
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -204,14 +204,6 @@ def _list_code(lesson: Lesson, anchor: str) -> Iterator[str]:
             yield _GRAVITY if short else _LONG_GRAVITY
         case "motion":
             yield from (_MOTION,) if short else (_LONG_CORIOLIS, _LONG_MOTION)
-
-
-def _write_numbers(values: Sequence[float]) -> str:
-    if len(values) <= 6:
-        return repr([float(f"{value:.12g}") for value in values])
-    lines = [values[k : k + 6] for k in range(0, len(values), 6)]
-    body = "".join(f"    {', '.join(repr(float(f'{x:.12g}')) for x in line)},\n" for line in lines)
-    return f"[\n{body}]"
 
 
 _IMPORTS = """import numpy as np
