@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.bodies import (
         DRIVE_PARAMETERS as DRIVE_PARAMETERS,
+        add_bodies as add_bodies,
         compute_drive_energy as compute_drive_energy,
         compute_mass_matrix as compute_mass_matrix,
         gather_body as gather_body,
@@ -92,7 +93,6 @@ if TYPE_CHECKING:
         build_identified_robot as build_identified_robot,
     )
     from symid.dynamics.recursion import (
-        LinkMotion as LinkMotion,
         ProjectionFrame as ProjectionFrame,
         Recursion as Recursion,
         Wrench as Wrench,

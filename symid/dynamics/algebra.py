@@ -98,7 +98,7 @@ class OperatorAlgebra(Algebra[Any]):
     neg: Any = staticmethod(operator.neg)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class RobotState(Generic[T]):
     """The state of a robot in one carrier, one entry a joint, those that follow another included.
 
@@ -143,6 +143,4 @@ def build_state(robot: Robot, algebra: Algebra[T], values: Mapping[str, T]) -> R
         spread_coordinates(robot, algebra, take(prefix, robot.coordinates))[: robot.size]
         for prefix in ("dq", "ddq")
     )
-    return RobotState(
-        sine=sine, cosine=cosine, position=position, velocity=velocity, acceleration=acceleration
-    )
+    return RobotState(sine, cosine, position, velocity, acceleration)

@@ -20,9 +20,8 @@ Not supported: articulated bodies of joints that share a coordinate or a drive.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
-from typing import Generic
 
 from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector, transpose
 from symid.dynamics.recursion import (
@@ -239,6 +238,18 @@ def transform_body(
     return _fill_tensor(entries), algebra.add_vectors(m, algebra.scale_vector(mass, t)), mass
 
 
+def add_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
+    """Return the sum of two matrices."""
+    x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left, right, strict=True))
+    return x, y, z
+
+
+def add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
+    """Return two bodies of one frame as one."""
+    tensor = add_matrices(algebra, left[0], right[0])
+    return tensor, algebra.add_vectors(left[1], right[1]), algebra.add(left[2], right[2])
+
+
 def compute_mass_matrix(
     recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
 ) -> tuple[tuple[T, ...], ...]:
@@ -263,10 +274,8 @@ def compute_mass_matrix(
             matrix[joint][other] = matrix[other][joint] = entries[other]
         parent = robot.joints[joint].parent
         if parent >= 0:
-            left, right = bodies[parent], transform_body(algebra, frames[joint], bodies[joint])
-            x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left[0], right[0], strict=True))
-            moments = algebra.add_vectors(left[1], right[1])
-            bodies[parent] = ((x, y, z), moments, algebra.add(left[2], right[2]))
+            moved = transform_body(algebra, frames[joint], bodies[joint])
+            bodies[parent] = add_bodies(algebra, bodies[parent], moved)
     add_drive_inertias(recursion, matrix, parameters)
     return tuple(tuple(row) for row in matrix)
 
@@ -318,76 +327,6 @@ def _carry_inertia(algebra: Algebra[T], frame: LinkFrame[T], inertia: _Inertia[T
     return _mirror([*upper, *(pushing[k][k:] for k in range(3))])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _FreeJoint(Generic[T]):
-    """What a free joint does, u / D and g (see above), and leaves to its parent."""
-
-    own: T
-    answer: tuple[T, ...]
-    inertia: _Inertia[T]
-    wrench: Wrench[T]
-
-
-def _free_joint(
-    algebra: Algebra[T],
-    body: tuple[_Inertia[T], Wrench[T]],
-    axis: int,
-    drive: tuple[T, T],
-    invert: Callable[[T], T],
-) -> _FreeJoint[T]:
-    """Return what a joint does that moves along row `axis`, under a torque, with a rotor: its `drive`."""
-    (inertia, wrench), (torque, rotor) = body, drive
-    push, loads = inertia[axis], (*wrench.moment, *wrench.force)
-    inverse = invert(algebra.add(push[axis], rotor))
-    # Along the axis g is 1 - IA / D: without a rotor no difference of equal numbers is left to round.
-    rest, excess = algebra.mul(rotor, inverse), algebra.sub(torque, loads[axis])
-    answer = [algebra.mul(entry, inverse) for entry in push]
-    answer[axis] = algebra.sub(algebra.one, rest)
-
-    def leave(i: int, j: int) -> T:
-        if axis in {i, j}:
-            return algebra.mul(rest, inertia[i][j])
-        return algebra.sub(inertia[i][j], algebra.mul(push[i], answer[j]))
-
-    left = [algebra.add(load, algebra.mul(g, excess)) for load, g in zip(loads, answer, strict=True)]
-    left[axis] = algebra.sub(torque, algebra.mul(rest, excess))
-    return _FreeJoint(
-        own=algebra.mul(excess, inverse),
-        answer=tuple(answer),
-        inertia=_mirror([[leave(i, j) for j in range(i, 6)] for i in range(6)]),
-        wrench=Wrench(moment=(left[0], left[1], left[2]), force=(left[3], left[4], left[5])),
-    )
-
-
-def _free_joints(
-    recursion: Recursion[T],
-    parameters: Parameters[T],
-    torques: Sequence[T],
-    wrenches: Sequence[Wrench[T]],
-    invert: Callable[[T], T],
-) -> list[_FreeJoint[T]]:
-    """Return what the joints do, from the last one to the first."""
-    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    drives = list_drive_parameters(robot)
-    inertias = [_build_inertia(algebra, gather_body(algebra, parameters, link)) for link in range(robot.size)]
-    bodies = list(zip(inertias, wrenches, strict=True))
-    joints = []
-    for joint in reversed(range(robot.size)):
-        rotor = parameters.get((joint, "IA"), algebra.zero) if (joint, "IA") in drives else algebra.zero
-        axis = 2 if frames[joint].revolute else 5
-        free = _free_joint(algebra, bodies[joint], axis, (torques[joint], rotor), invert)
-        joints.append(free)
-        parent = robot.joints[joint].parent
-        if parent >= 0:
-            inertia, wrench = bodies[parent]
-            moved = _carry_inertia(algebra, frames[joint], free.inertia)
-            pairs = (zip(*rows, strict=True) for rows in zip(inertia, moved, strict=True))
-            total = tuple(tuple(algebra.add(*pair) for pair in row) for row in pairs)
-            load = transform_wrench(algebra, frames[joint], free.wrench)
-            bodies[parent] = total, add_wrenches(algebra, wrench, load)
-    return joints
-
-
 def solve_articulated_bodies(
     recursion: Recursion[T],
     parameters: Parameters[T],
@@ -400,19 +339,55 @@ def solve_articulated_bodies(
     `wrenches` are those that the links take in their own frames while no joint accelerates, in N and N m;
     `invert` returns the inverse of a value.
     """
-    robot, algebra, none = recursion.robot, recursion.algebra, (recursion.algebra.zero,) * 3
+    robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
+    zero, drives = algebra.zero, list_drive_parameters(robot)
+    inertias = [_build_inertia(algebra, gather_body(algebra, parameters, link)) for link in range(robot.size)]
+    bodies = list(zip(inertias, wrenches, strict=True))
+    # What every free joint does, u / D and g (see above), from the last one to the first.
+    answers: list[tuple[T, list[T]]] = []
+    for joint in reversed(range(robot.size)):
+        (inertia, wrench), torque, axis = bodies[joint], torques[joint], 2 if frames[joint].revolute else 5
+        rotor = parameters.get((joint, "IA"), zero) if (joint, "IA") in drives else zero
+        push, loads = inertia[axis], (*wrench.moment, *wrench.force)
+        inverse = invert(algebra.add(push[axis], rotor))
+        # Along the axis g is 1 - IA / D: without a rotor no difference of equal numbers is left to round.
+        rest, excess = algebra.mul(rotor, inverse), algebra.sub(torque, loads[axis])
+        answer = [algebra.mul(entry, inverse) for entry in push]
+        answer[axis] = algebra.sub(algebra.one, rest)
+        left = [algebra.add(load, algebra.mul(g, excess)) for load, g in zip(loads, answer, strict=True)]
+        left[axis] = algebra.sub(torque, algebra.mul(rest, excess))
+        answers.append((algebra.mul(excess, inverse), answer))
+        # What it leaves to its parent.
+        kept = [
+            [
+                algebra.mul(rest, inertia[i][j])
+                if axis in {i, j}
+                else algebra.sub(inertia[i][j], algebra.mul(push[i], answer[j]))
+                for j in range(i, 6)
+            ]
+            for i in range(6)
+        ]
+        parent = robot.joints[joint].parent
+        if parent >= 0:
+            inertia, wrench = bodies[parent]
+            moved = _carry_inertia(algebra, frames[joint], _mirror(kept))
+            pairs = (zip(*rows, strict=True) for rows in zip(inertia, moved, strict=True))
+            total = tuple(tuple(algebra.add(*pair) for pair in row) for row in pairs)
+            load = Wrench(moment=(left[0], left[1], left[2]), force=(left[3], left[4], left[5]))
+            load = transform_wrench(algebra, frames[joint], load)
+            bodies[parent] = total, add_wrenches(algebra, wrench, load)
     motions: list[Screw[T]] = []
     found = []
-    joints = reversed(_free_joints(recursion, parameters, torques, wrenches, invert))
-    for joint, free, frame in zip(robot.joints, joints, recursion.frames, strict=True):
-        before = motions[joint.parent] if joint.parent >= 0 else Screw(angular=none, linear=none)
-        moved = transform_screw(algebra, frame, before)
-        shares = map(algebra.mul, free.answer, (*moved.angular, *moved.linear))
-        found.append(algebra.sub(free.own, algebra.sum_values(shares)))
+    none = (zero, zero, zero)
+    for one, (start, answer), frame in zip(robot.joints, reversed(answers), frames, strict=True):
+        before = motions[one.parent] if one.parent >= 0 else Screw(angular=none, linear=none)
+        screw = transform_screw(algebra, frame, before)
+        shares = map(algebra.mul, answer, (*screw.angular, *screw.linear))
+        found.append(algebra.sub(start, algebra.sum_values(shares)))
         own = (algebra.zero, algebra.zero, found[-1])
         if frame.revolute:
-            moved = replace(moved, angular=algebra.add_vectors(moved.angular, own))
+            screw = replace(screw, angular=algebra.add_vectors(screw.angular, own))
         else:
-            moved = replace(moved, linear=algebra.add_vectors(moved.linear, own))
-        motions.append(moved)
+            screw = replace(screw, linear=algebra.add_vectors(screw.linear, own))
+        motions.append(screw)
     return tuple(found)

@@ -346,17 +346,13 @@ def _expand_wave(
     if basis.shared[position]:
         return {(frequency, int(odd), 0): sign}
     # Chebyshev: cos(n q) = T_n(cos q), sin(n q) = sin q U_(n - 1)(cos q).
-    degree = frequency - odd
-    return {
-        (int(odd), degree - 2 * k, 0): sign * (-1) ** k * _count_chebyshev(degree, k, second=odd)
-        for k in range(degree // 2 + 1)
-    }
-
-
-def _count_chebyshev(degree: int, k: int, *, second: bool) -> int:
-    """Return the size of the coefficient of x^(n - 2 k) in T_n, or U_n where `second`, with n = `degree`."""
-    size = math.comb(degree - k, k) << (degree - 2 * k)
-    return size if second or not degree else size * degree // (2 * (degree - k))
+    degree, result = frequency - odd, {}
+    for k in range(degree // 2 + 1):
+        # The size of the coefficient of x^(n - 2 k), in U_n, and in T_n.
+        size = math.comb(degree - k, k) << (degree - 2 * k)
+        size = size if odd or not degree else size * degree // (2 * (degree - k))
+        result[int(odd), degree - 2 * k, 0] = sign * (-1) ** k * size
+    return result
 
 
 def _multiply_wave(wave: _Wave, frequency: int, *, sine: bool) -> _Wave:
@@ -471,19 +467,15 @@ def write_polynomial(value: PolyElement, *, most: int = 12) -> tuple[str, str]:
     return f"{text} + ({left_out})", rf"{formula} + (\text{{{left_out}}})"
 
 
-def _write_parameter(name: str) -> str:
-    """Return a parameter as SymPy prints it: letters, and the number of its joint below."""
-    if match := _PARAMETER.match(name):
-        return f"{match[1]}_{{{match[2]}}}"
-    return rf"\mathit{{{name.translate(_MARKED)}}}"
-
-
 def write_name_latex(text: str) -> str:
     """Return the left side of a formula in LaTeX: a slope, a velocity, a parameter, or words."""
     if match := _SLOPE.match(text):
         above = rf"\tau_{{{match[2]}}}" if match[1] == "tau" else match[1]
-        return rf"\frac{{\partial {above}}}{{\partial {_write_parameter(match[3])}}}"
+        return rf"\frac{{\partial {above}}}{{\partial {write_name_latex(match[3])}}}"
     if match := _VELOCITY.match(text):
         letter = r"\omega" if match[1] == "w" else "v"
         return rf"{letter}_{{{match[2]},{match[3]}}}"
-    return _write_parameter(text) if text.isidentifier() else rf"\text{{{text.translate(_MARKED)}}}"
+    # A parameter as SymPy prints it: letters, and the number of its joint below.
+    if match := _PARAMETER.match(text):
+        return f"{match[1]}_{{{match[2]}}}"
+    return rf"\{'mathit' if text.isidentifier() else 'text'}{{{text.translate(_MARKED)}}}"

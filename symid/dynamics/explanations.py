@@ -174,7 +174,17 @@ def _explain_transfer(robot: Robot, label: Label, heads: Sequence[Label]) -> str
         rate = f"dq{number}" if index < robot.size else "its speed"
         return f"the rotor's energy is proportional to the square of {rate}, like that of other parameters"
     if name not in INERTIAL:
-        return _explain_torque(robot, label, heads)
+        steps = [head for head in heads if head[1] in ("Fcp", "Fcn")]
+        # Both steps together can make a constant; one of them alone is a function of the speed's sign.
+        alone = name in ("Fcp", "Fcn") and len(steps) == 1
+        if name not in _CONSTANT or alone or any(head[1] in _MOVING for head in heads):
+            return "it acts on the same coordinate and is proportional to the same function"
+        force = "force" if is_prismatic(robot, index) else "torque"
+        place = f" at joint {index + 1}" if index < robot.size else ""
+        if any(head[1] in INERTIAL for head in heads):
+            return f"it is a constant {force}{place}, like that of a weight along its axis"
+        alike = ", ".join(write_label(robot, head) for head in heads if head[1] in _CONSTANT)
+        return f"it is a constant {force}{place}, like {alike or 'others of the group'}"
     parent = robot.joints[index].parent
     carrier = f"link {parent + 1}" if parent >= 0 else "the base"
     if robot.joints[index].mimic is not None:
@@ -189,19 +199,3 @@ def _explain_transfer(robot: Robot, label: Label, heads: Sequence[Label]) -> str
         own = f"XX{number} {{}} YY{number}"
         return f"{own.format('+')} does not change as joint {number} turns; only {own.format('-')} does"
     return f"at joint {number} its effect equals that of parameters of {carrier} or before"
-
-
-def _explain_torque(robot: Robot, label: Label, heads: Sequence[Label]) -> str:
-    """Return why a friction or spring parameter has the effect of another."""
-    index, name = label
-    steps = [head for head in heads if head[1] in ("Fcp", "Fcn")]
-    # Both steps together can make a constant; one of them alone is a function of the speed's sign.
-    alone = name in ("Fcp", "Fcn") and len(steps) == 1
-    if name not in _CONSTANT or alone or any(head[1] in _MOVING for head in heads):
-        return "it acts on the same coordinate and is proportional to the same function"
-    force = "force" if is_prismatic(robot, index) else "torque"
-    place = f" at joint {index + 1}" if index < robot.size else ""
-    if any(head[1] in INERTIAL for head in heads):
-        return f"it is a constant {force}{place}, like that of a weight along its axis"
-    alike = ", ".join(write_label(robot, head) for head in heads if head[1] in _CONSTANT)
-    return f"it is a constant {force}{place}, like {alike or 'others of the group'}"

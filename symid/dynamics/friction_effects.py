@@ -99,26 +99,15 @@ def _get_linear_parts(robot: Robot, label: Label) -> Parts:
     return (*parts[:3], -Fraction(named["dqs"])) if "dqs" in named and label[1] == "Fv" else parts
 
 
-def _scale_shape(law: FrictionLaw, friction: FrictionValues, size: Fraction) -> dict[str, object]:
-    """Return the shape values of a law as those of the function of w, at the speed size * w.
-
-    Values that are speeds shrink with the scale, so that equal functions have equal values.
-    """
-    if not friction.shape:
-        return {entry.name: "unknown" for entry in law.shape}
-    scaled = {}
-    for entry, value in zip(law.shape, map(Fraction, friction.shape), strict=True):
-        power = {"rad/s": -1, "s/rad": 1}.get(entry.unit, 0)
-        scaled[entry.name] = value * size**power
-    return dict(scaled)
-
-
 def _describe_curve(
     law: FrictionLaw, friction: FrictionValues, name: str, scale: Fraction
 ) -> tuple[Function, Fraction]:
     """Return which odd function of w a column at the speed scale w is, and how many times."""
     size, sign = abs(scale), Fraction(1 if scale > 0 else -1)
-    shape = _scale_shape(law, friction, size)
+    # Shape values that are speeds shrink with the scale, so that equal functions have equal values.
+    shape: dict[str, object] = {entry.name: "unknown" for entry in law.shape}
+    for entry, value in zip(law.shape if friction.shape else (), friction.shape, strict=True):
+        shape[entry.name] = Fraction(value) * size ** {"rad/s": -1, "s/rad": 1}.get(entry.unit, 0)
     smoothing = Fraction(friction.smoothing) / size
     for wave in law.waves:
         if wave.name == name:

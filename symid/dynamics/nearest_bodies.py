@@ -45,27 +45,6 @@ def compute_standard_parameters(pseudo_inertias: FloatArray) -> FloatArray:
     return found
 
 
-def _build_round_bodies(robot: Robot) -> FloatArray:
-    """Return the pseudo-inertias (n, 4, 4) of round bodies of unit mass."""
-    symbols = dict(robot.symbols)
-    # Positions of the joints that a link carries.
-    spans: list[list[FloatArray]] = [[] for _ in robot.joints]
-    for joint in robot.joints:
-        if joint.parent >= 0:
-            values = [value.to_float(symbols) for value in joint.placement.translation]
-            spans[joint.parent].append(np.array(values))
-    lengths = [max((float(np.linalg.norm(point)) for point in points), default=0.0) for points in spans]
-    known = [length for length in lengths if length > 0]
-    usual = sum(known) / len(known) if known else _REACH
-    bodies = []
-    for points, length in zip(spans, lengths, strict=True):
-        centre = 0.5 * np.mean(points, axis=0) if points else np.zeros(3)
-        extended = np.append(centre, 1.0)
-        radius = (length or usual) / 4
-        bodies.append(np.outer(extended, extended) + radius**2 * np.diag([1.0, 1.0, 1.0, 0.0]))
-    return np.array(bodies)
-
-
 def _round_off(stated: FloatArray, body: FloatArray) -> FloatArray | None:
     """Return a stated pseudo-inertia, made round where it is flat; None where no body has it."""
     mass = float(stated[3, 3])
@@ -82,7 +61,21 @@ def build_prior(robot: Robot, grouping: FloatArray, values: Sequence[float] | Fl
 
     `grouping` (m, 10 n): the equations' coefficients of the links' parameters; `values` (m,): their sums.
     """
-    bodies = _build_round_bodies(robot)
+    # Round bodies of unit mass, from the positions of the joints that a link carries.
+    symbols = dict(robot.symbols)
+    spans: list[list[FloatArray]] = [[] for _ in robot.joints]
+    for joint in robot.joints:
+        if joint.parent >= 0:
+            place = [value.to_float(symbols) for value in joint.placement.translation]
+            spans[joint.parent].append(np.array(place))
+    lengths = [max((float(np.linalg.norm(point)) for point in points), default=0.0) for points in spans]
+    seen = [length for length in lengths if length > 0]
+    usual = sum(seen) / len(seen) if seen else _REACH
+    bodies = np.empty((robot.size, 4, 4))
+    for body, points, length in zip(bodies, spans, lengths, strict=True):
+        extended = np.append(0.5 * np.mean(points, axis=0) if points else np.zeros(3), 1.0)
+        spread = np.diag([1.0, 1.0, 1.0, 0.0])
+        body[:] = np.outer(extended, extended) + ((length or usual) / 4) ** 2 * spread
     stated: list[FloatArray | None] = [
         None
         if joint.inertial is None
@@ -192,8 +185,7 @@ Weights = tuple[float, float]
 
 def _flatten(matrices: FloatArray) -> FloatArray:
     """Return symmetric matrices (..., 4, 4) as vectors (..., 10) with the same scalar product."""
-    flat: FloatArray = matrices[..., _UPPER[0], _UPPER[1]] * _FACTORS
-    return flat
+    return np.asarray(matrices[..., _UPPER[0], _UPPER[1]] * _FACTORS, dtype=np.float64)
 
 
 def compute_errors(problem: BodyProblem, state: NearestBodies) -> FloatArray:

@@ -105,7 +105,6 @@ def split_into_blocks(robot: Robot) -> tuple[Block, ...]:
 
 
 SparseMatrix = tuple[Row, ...]
-"""A matrix as sparse rows."""
 Split = Mapping[BasisFunction, SparseMatrix]
 _SIX = 6
 
@@ -304,47 +303,38 @@ def _build_drive_rows(
     torques: Mapping[Label, PositionTorque],
 ) -> tuple[Family, list[Family]]:
     """Return what springs and torques of positions add to the weight, rotors to the momenta."""
-    convert = transport.basis.field.convert
-    inside = {position: k for k, position in enumerate(block.coordinates)}
-    weight: Family = {}
-    momenta: list[Family] = [{} for _ in block.coordinates]
-    for index in (*block.joints, *(robot.size + k for k in block.couplings)):
-        shares = [
-            (inside[position], convert(QQ(factor.numerator, factor.denominator)))
-            for position, factor in robot.transmission[index]
-        ]
-        for c, left in shares:
-            for k, right in shares:
-                parts, rates = build_power_function(transport.basis)
-                turning = tuple(int(position == k) for position in range(len(rates)))
-                _add_row(momenta[c], (parts, turning), {columns[index, "IA"]: left * right})
-            line, square = (build_power_function(transport.basis, c, e) for e in (1, 2))
-            if index < robot.size:
-                _add_row(weight, line, {columns[index, "KR"]: left})
-                _add_row(weight, square, {columns[index, "KS"]: left * left})
-        for label, torque in torques.items():
-            if label[0] == index:
-                for function, value in _build_potential(robot, block, transport, index, torque).items():
-                    _add_row(weight, function, {columns[label]: value})
-    return weight, momenta
-
-
-def _build_potential(
-    robot: Robot, block: Block, transport: Transport, index: int, torque: PositionTorque
-) -> dict[BasisFunction, Number]:
-    """Return the potential of a drive's torque that depends on its position alone, in the block's basis."""
-    basis, w = transport.basis, torque.frequency
+    basis, weight = transport.basis, dict[BasisFunction, Row]()
 
     def convert(value: Fraction) -> Number:
         return basis.field.convert(QQ(value.numerator, value.denominator))
 
-    shares = [(block.coordinates.index(position), factor) for position, factor in robot.transmission[index]]
-    if not w:
-        return {build_power_function(basis, c, 1): convert(factor * torque.factor) for c, factor in shares}
-    # The integral of cos w u is sin(w u) / w, that of sin w u is -cos(w u) / w.
-    waves = build_wave_functions(basis, [(c, w * factor) for c, factor in shares], sine=not torque.sine)
-    scale = convert(torque.factor / (-w if torque.sine else w))
-    return {function: scale * amplitude for function, amplitude in waves.items()}
+    momenta: list[Family] = [{} for _ in block.coordinates]
+    for index in (*block.joints, *(robot.size + k for k in block.couplings)):
+        shares = [
+            (block.coordinates.index(position), factor) for position, factor in robot.transmission[index]
+        ]
+        for c, left in shares:
+            for k, right in shares:
+                parts, rates = build_power_function(basis)
+                turning = tuple(int(position == k) for position in range(len(rates)))
+                _add_row(momenta[c], (parts, turning), {columns[index, "IA"]: convert(left) * convert(right)})
+            line, square = (build_power_function(basis, c, e) for e in (1, 2))
+            if index < robot.size:
+                _add_row(weight, line, {columns[index, "KR"]: convert(left)})
+                _add_row(weight, square, {columns[index, "KS"]: convert(left) * convert(left)})
+        for label, torque in torques.items():
+            w = torque.frequency
+            if label[0] == index and not w:
+                for c, factor in shares:
+                    row = {columns[label]: convert(factor * torque.factor)}
+                    _add_row(weight, build_power_function(basis, c, 1), row)
+            elif label[0] == index:
+                # The integral of cos w u is sin(w u) / w, that of sin w u is -cos(w u) / w.
+                angles = [(c, w * factor) for c, factor in shares]
+                scale = convert(torque.factor / (-w if torque.sine else w))
+                for function, size in build_wave_functions(basis, angles, sine=not torque.sine).items():
+                    _add_row(weight, function, {columns[label]: scale * size})
+    return weight, momenta
 
 
 def _merge_families(*families: Mapping[BasisFunction, Row]) -> Family:
@@ -414,25 +404,6 @@ class ObservableSubspace:
     visible: tuple[ObservableRows, ...]
 
 
-_MOST_SHARING = 2
-
-
-def _check_effort(robot: Robot, field: Domain) -> None:
-    """Refuse what would not end: rational functions over roots, in a coordinate that three joints share."""
-    if not field.is_FractionField or not field.field.domain.is_Algebraic:
-        return
-    masters = [row[0][0] for row in robot.transmission[: robot.size]]
-    for position in range(robot.freedom):
-        sharing = [joint.name for joint, own in zip(robot.joints, masters, strict=True) if own == position]
-        if len(sharing) > _MOST_SHARING:
-            text = (
-                f"symbolic lengths ({', '.join(list_symbols(robot))}), angles of 30 or 45 degrees and a "
-                f"coordinate that moves joints {', '.join(sharing)}: exact base parameters take too long. "
-                "Write the lengths as numbers"
-            )
-            raise RobotError(Notice(code="robot.too-symbolic", text=text, file=robot.path))
-
-
 Carried = Mapping[int, Sequence[tuple[int, SparseMatrix]]]
 """Per link, the links of the blocks on it, and the constant part of what they become there."""
 
@@ -463,7 +434,17 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
     symbols, roots and followers together make exact arithmetic too slow.
     """
     field = build_field(robot)
-    _check_effort(robot, field)
+    # What would not end: rational functions over roots, in a coordinate that three joints share.
+    for position in range(robot.freedom if field.is_FractionField and field.field.domain.is_Algebraic else 0):
+        rows_of = zip(robot.joints, robot.transmission, strict=False)
+        sharing = [joint.name for joint, row in rows_of if row[0][0] == position]
+        if len(sharing) > 2:
+            text = (
+                f"symbolic lengths ({', '.join(list_symbols(robot))}), angles of 30 or 45 degrees and a "
+                f"coordinate that moves joints {', '.join(sharing)}: exact base parameters take too long. "
+                "Write the lengths as numbers"
+            )
+            raise RobotError(Notice(code="robot.too-symbolic", text=text, file=robot.path))
     blocks = split_into_blocks(robot)
     domain = choose_domain(robot)
     transports = [derive_transport(build_block_robot(robot, block), domain, field) for block in blocks]

@@ -297,7 +297,20 @@ def estimate_payload(
     chi2 = float(left @ left)
     scale = float(np.sqrt(max(1.0, chi2 / freedom))) if freedom else 1.0
     covariance = covariance * scale**2
-    _check_mass(names[link], system, float(found[9]), float(np.sqrt(covariance[9, 9])))
+    weight, spread = float(found[9]), float(np.sqrt(covariance[9, 9]))
+    if not _is_identifiable(system, np.eye(10)[9]):
+        text = (
+            f"the mass on the link of joint {names[link]!r} is not identifiable on its own, nor is its "
+            "centre: state the mass by --mass"
+            + (", or identify more base parameters" if system.lacking else "")
+        )
+        raise IdentifiabilityError(Notice(code="payload.mass-unseen", text=text))
+    if not weight > _SIGNIFICANT * spread:
+        text = (
+            f"no significant payload: its mass is {weight:.4g} kg with a standard deviation of {spread:.2g} "
+            "kg. Check which log is the loaded one, move more joints against gravity, or record longer"
+        )
+        raise IdentifiabilityError(Notice(code="payload.none", text=text))
     body, moved = _choose_body(system, found, scale)
     friction = [p.name for p in base.friction if p.name in loaded.names and p.name in empty.names]
     return Payload(
@@ -311,24 +324,6 @@ def estimate_payload(
         unexplained=_list_changes(system.names, loaded, empty, left),
         friction=_list_changes(friction, loaded, empty),
     )
-
-
-def _check_mass(joint: str, system: PayloadSystem, mass: float, deviation: float) -> None:
-    """Refuse a mass that is not identifiable or not significant."""
-    if not _is_identifiable(system, np.eye(10)[9]):
-        text = (
-            f"the mass on the link of joint {joint!r} is not identifiable on its own, nor is its centre: "
-            "state the mass by --mass"
-        )
-        if system.lacking:
-            text += ", or identify more base parameters"
-        raise IdentifiabilityError(Notice(code="payload.mass-unseen", text=text))
-    if not mass > _SIGNIFICANT * deviation:
-        text = (
-            f"no significant payload: its mass is {mass:.4g} kg with a standard deviation of {deviation:.2g} "
-            "kg. Check which log is the loaded one, move more joints against gravity, or record longer"
-        )
-        raise IdentifiabilityError(Notice(code="payload.none", text=text))
 
 
 def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tuple[FloatArray, float]:
@@ -362,11 +357,14 @@ def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tupl
 
 def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) -> BodyProblem:
     """Return the problem of the body nearest to root root' under rows (m, 10) of unit variance."""
-    blocks = root.T @ np.einsum("mk,kab->mab", rows, PSEUDO_INERTIA_FORMS) @ root
+    blocks, none = (
+        root.T @ np.einsum("mk,kab->mab", rows, PSEUDO_INERTIA_FORMS) @ root,
+        np.zeros((len(target), 0)),
+    )
     return BodyProblem(
         blocks=blocks[:, None],
-        positive=np.zeros((len(target), 0)),
-        others=np.zeros((len(target), 0)),
+        positive=none,
+        others=none,
         target=target,
         shares=np.ones(1),
         middle=np.zeros(0),

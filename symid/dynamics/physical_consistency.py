@@ -49,23 +49,6 @@ from symid.robot import (
     explain_impossible_inertia,
 )
 
-
-def _read_values(base: BaseParameters, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the base values in the order of the base set; a UsageError where they cannot be used."""
-    known = [parameter.name for parameter in (*base.parameters, *base.friction)]
-    unknown = [name for name in values if name not in known]
-    result = {name: float(values[name]) for name in known if name in values}
-    bad = [name for name, value in result.items() if not np.isfinite(value)]
-    text = "" if result else "no base value is given"
-    if unknown:
-        text = f"unknown base parameters {', '.join(unknown)}; the robot has {', '.join(known)}"
-    elif bad:
-        text = f"base values must be finite numbers: {', '.join(bad)}"
-    if text:
-        raise UsageError(Notice(code="usage.base-values", text=text))
-    return result
-
-
 _ROTOR_SHARE = 0.1
 # What the distance of an unknown rotor counts for: it takes what its link does not have.
 _LOOSE_ROTOR = 0.02
@@ -188,37 +171,6 @@ class StandardSet:
     reason: str
 
 
-def _blame(
-    grouping: Grouping, target: FloatArray, problem: BodyProblem, shares: FloatArray
-) -> tuple[tuple[str, ...], str]:
-    """Return which base values cannot be, and why; `shares` are the sizes of the multipliers nu.
-
-    They make sum nu_i (K pi)_i >= 0 for all bodies (but for rounding), and sum nu_i beta_i < 0.
-    """
-    names = [parameter.name for parameter in grouping.parameters]
-    # Rows whose left-hand side is positive for all bodies, and whose value is not.
-    alone = [
-        row
-        for row in range(len(names))
-        if problem.target[row] <= 0
-        and float(np.linalg.eigvalsh(problem.blocks[row]).min()) > -1e-12
-        and not np.any(problem.others[row])
-        and np.all(problem.positive[row] >= 0)
-    ]
-    order = [int(row) for row in np.argsort(-shares, kind="stable") if shares[row] >= _BLAMED * shares.max()]
-    blamed = alone + [row for row in order if row not in alone]
-    listed = ", ".join(f"{names[row]} = {target[row]:.6g}" for row in alone or order)
-    if alone:
-        reason = f"{listed}: positive for all bodies ({grouping.parameters[alone[0]].expression})"
-    else:
-        reason = f"no bodies have these values at the same time: {listed}"
-    links = sorted(
-        {index for row in blamed for (index, name), _ in grouping.parameters[row].terms if name in INERTIAL}
-    )
-    text = f"{reason}; links: {', '.join(str(index + 1) for index in links)}"
-    return tuple(names[row] for row in blamed), text
-
-
 def _build_set(
     grouping: Grouping, target: FloatArray, scaled: ScaledProblem, solution: NearestBodies
 ) -> StandardSet:
@@ -286,7 +238,17 @@ def compute_standard_set(
         RobotError: a symbolic length has no value.
         SolverError: the numbers span too many orders of magnitude.
     """
-    known = _read_values(base, values)
+    every = [parameter.name for parameter in (*base.parameters, *base.friction)]
+    unknown = [name for name in values if name not in every]
+    known = {name: float(values[name]) for name in every if name in values}
+    bad = [name for name, value in known.items() if not np.isfinite(value)]
+    text = "" if known else "no base value is given"
+    if unknown:
+        text = f"unknown base parameters {', '.join(unknown)}; the robot has {', '.join(every)}"
+    elif bad:
+        text = f"base values must be finite numbers: {', '.join(bad)}"
+    if text:
+        raise UsageError(Notice(code="usage.base-values", text=text))
     whitening = None if covariance is None else _compute_whitening(covariance, list(values), list(known))
     grouping = build_grouping(robot, base, tuple(known))
     target = np.array(list(known.values()))
@@ -315,9 +277,35 @@ def compute_standard_set(
     if not np.isfinite(nearest.gap):
         text = "no consistent set was found: the values and the prior lie too many orders of magnitude apart"
         raise SolverError(Notice(code="solver.standard-set", text=text))
-    blamed, reason = _blame(grouping, target, problem, np.abs(weights.T @ nearest.multipliers))
-    found = _build_set(grouping, target, scaled, nearest)
-    return replace(found, outcome=StandardOutcome.NEAREST, blamed=blamed, reason=reason)
+    # Which base values cannot be: the multipliers make sum nu_i (K pi)_i >= 0 for all bodies (but for
+    # rounding), and sum nu_i beta_i < 0.
+    shares = np.abs(weights.T @ nearest.multipliers)
+    names = [parameter.name for parameter in grouping.parameters]
+    # Rows whose left-hand side is positive for all bodies, and whose value is not.
+    alone = [
+        row
+        for row in range(len(names))
+        if problem.target[row] <= 0
+        and float(np.linalg.eigvalsh(problem.blocks[row]).min()) > -1e-12
+        and not np.any(problem.others[row])
+        and np.all(problem.positive[row] >= 0)
+    ]
+    order = [int(row) for row in np.argsort(-shares, kind="stable") if shares[row] >= _BLAMED * shares.max()]
+    blamed = alone + [row for row in order if row not in alone]
+    listed = ", ".join(f"{names[row]} = {target[row]:.6g}" for row in alone or order)
+    if alone:
+        reason = f"{listed}: positive for all bodies ({grouping.parameters[alone[0]].expression})"
+    else:
+        reason = f"no bodies have these values at the same time: {listed}"
+    links = sorted(
+        {index for row in blamed for (index, name), _ in grouping.parameters[row].terms if name in INERTIAL}
+    )
+    return replace(
+        _build_set(grouping, target, scaled, nearest),
+        outcome=StandardOutcome.NEAREST,
+        blamed=tuple(names[row] for row in blamed),
+        reason=f"{reason}; links: {', '.join(str(index + 1) for index in links)}",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -350,9 +338,14 @@ def build_identified_robot(
         stated = np.array(rows, dtype=np.float64)
         prior = stated if np.linalg.eigvalsh(build_pseudo_inertias(stated)).min() > 0 else None
     if not grouped:
-        prior = _join_rotors(
-            robot, compute_standard_set(robot, base, values, prior=prior, covariance=covariance)
-        )
+        # Bodies that have the inertia of their rotors, about the joint's axis alone, or their mass.
+        first = compute_standard_set(robot, base, values, prior=prior, covariance=covariance)
+        prior = np.array(first.pi)
+        for (index, name), value in first.drives:
+            if name == "IA" and index < robot.size:
+                revolute = robot.joints[index].kind is JointKind.REVOLUTE
+                own = [0.5, 0, 0, 0.5, 0, 1.0, 0, 0, 0, 0] if revolute else [0.0] * 9 + [1.0]
+                prior[index] += value * np.array(own)
     standard = compute_standard_set(robot, base, values, prior=prior, covariance=covariance, grouped=grouped)
     known: dict[Label, float] = dict(standard.drives)
     if not grouped:
@@ -392,19 +385,6 @@ def build_identified_robot(
         for index, coupling in enumerate(robot.couplings, start=robot.size)
     )
     return IdentifiedRobot(robot=replace(robot, joints=tuple(joints), couplings=couplings), standard=standard)
-
-
-def _join_rotors(robot: Robot, standard: StandardSet) -> FloatArray:
-    """Return bodies (n, 10) that have the inertia of their rotors, about the joint's axis alone."""
-    bodies = np.array(standard.pi)
-    for (index, name), value in standard.drives:
-        if name == "IA" and index < robot.size:
-            revolute = robot.joints[index].kind is JointKind.REVOLUTE
-            bodies[index] += value * np.array([0.5, 0, 0, 0.5, 0, 1.0, 0, 0, 0, 0] if revolute else _POINT)
-    return bodies
-
-
-_POINT = [0.0] * 9 + [1.0]
 
 
 def _change_friction(robot: Robot, index: int, known: Mapping[Label, float]) -> FrictionValues:

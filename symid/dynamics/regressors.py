@@ -243,10 +243,14 @@ def _compute_gradient(polynomial: PolyElement, point: Sequence[Number]) -> dict[
     return result
 
 
-def _compute_generator_rates(
-    energy: ExactEnergy, values: Mapping[str, Number]
-) -> tuple[list[Number], list[Number], list[list[tuple[int, Number]]]]:
-    """Return the point, the time derivative of each generator, and d(generator)/dq as sparse columns."""
+def evaluate_torque_columns(
+    energy: ExactEnergy, keys: Sequence[Label], values: Mapping[str, Number]
+) -> Columns[Number]:
+    """Return tau = dp/dt - dL/dq per unit of each parameter at one exact point.
+
+    `values` has a number of the ring's field for each generator; s^2 + c^2 = 1 must hold.
+    """
+    # Point, the time derivative of each generator, and d(generator)/dq as sparse columns.
     names = [str(symbol) for symbol in energy.algebra.ring.symbols]
     point = [values[name] for name in names]
     rates = [0 * point[0]] * len(names)
@@ -265,17 +269,6 @@ def _compute_generator_rates(
         rates[names.index(f"dq{k + 1}")] = values[f"ddq{k + 1}"]
         for index, slope in column:
             rates[index] = slope * values[f"dq{k + 1}"]
-    return point, rates, by_coordinate
-
-
-def evaluate_torque_columns(
-    energy: ExactEnergy, keys: Sequence[Label], values: Mapping[str, Number]
-) -> Columns[Number]:
-    """Return tau = dp/dt - dL/dq per unit of each parameter at one exact point.
-
-    `values` has a number of the ring's field for each generator; s^2 + c^2 = 1 must hold.
-    """
-    point, rates, by_coordinate = _compute_generator_rates(energy, values)
     momenta = derive_momentum_columns(energy, keys)
     result: Columns[Number] = {}
     for key in keys:

@@ -15,7 +15,7 @@ Not supported: symbolic or rounded factors; open readings of Coulomb friction of
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -84,34 +84,29 @@ def read_group(text: str, robot: Robot, base: BaseParameters | None = None) -> _
         if match is None or (place and match[1] is None):
             raise UsageError(_say_unreadable(text, text[place:]))
         sign, factor, name = match.groups()
-        terms = _resolve(name, known)
-        if terms is None:
+        # A name of ours, or a widespread one; longer stems first: "my2" is a moment before it is a mass.
+        head = _HEAD.fullmatch(name)
+        spellings = (name, f"{head[1]}R{head[2]}") if head else (name,)
+        stems = sorted(_ALIASES, key=len, reverse=True)
+        ours = [
+            option
+            for spelling in spellings
+            for option in (
+                spelling,
+                *(f"{_ALIASES[x]}{spelling.removeprefix(x)}" for x in stems if spelling.startswith(x)),
+            )
+            if option in known
+        ]
+        if not ours:
             raise UsageError(_say_unreadable(text, name))
         share = Fraction(factor or "1") * (-1 if sign == "-" else 1)
         if share and not 1 / _LARGEST <= abs(share) <= _LARGEST:
             message = f"group {text!r}: factor {factor} of {name}: expected between 1e-12 and 1e12"
             raise UsageError(Notice(code="usage.unreadable-group", text=message))
-        for label, value in terms:
+        for label, value in known[ours[0]]:
             found[label] = found.get(label, Integer(0)) + sympify(share) * value
         place = match.end()
     return found
-
-
-def _resolve(
-    name: str, known: Mapping[str, tuple[tuple[Label, Expr], ...]]
-) -> tuple[tuple[Label, Expr], ...] | None:
-    """Return what a name of ours, or a widespread one, stands for; None where there is no such name."""
-    head = _HEAD.fullmatch(name)
-    spellings = (name, f"{head[1]}R{head[2]}") if head else (name,)
-    for spelling in spellings:
-        if spelling in known:
-            return known[spelling]
-        # Longer stems first: "my2" is a moment before it is a mass.
-        for stem in sorted(_ALIASES, key=len, reverse=True):
-            ours = f"{_ALIASES[stem]}{spelling.removeprefix(stem)}"
-            if spelling.startswith(stem) and ours in known:
-                return known[ours]
-    return None
 
 
 def _say_unreadable(text: str, part: str) -> Notice:
@@ -232,11 +227,8 @@ def list_coupled_readings(
             for place, row in enumerate(rows):
                 factor = sum((a * b for a, b in zip(row, shares, strict=True) if a and b), Integer(0))
                 if factor and not row[column]:
-                    readings.append(
-                        OpenReading(
-                            group=place, column=column, name=name, factor=factor, coupling=coupling.name
-                        )
-                    )
+                    found = OpenReading(group=place, column=column, name=name, factor=factor)
+                    readings.append(replace(found, coupling=coupling.name))
     return tuple(readings)
 
 

@@ -31,21 +31,21 @@ from symid.dynamics.algebra import Algebra, Matrix, T, Vector, transpose
 from symid.dynamics.bodies import (
     Body,
     Parameters,
+    add_bodies,
     add_drive_inertias,
     add_drive_torques,
+    add_matrices,
     gather_body,
     rotate_matrix,
     transform_body,
     turn_matrix,
 )
 from symid.dynamics.newton_euler import (
-    AccelerationTensor,
     accumulate_wrenches,
     compute_acceleration_tensors,
     compute_link_wrenches,
 )
 from symid.dynamics.recursion import (
-    LinkFrame,
     LinkMotion,
     ProjectionFrame,
     Recursion,
@@ -132,52 +132,6 @@ def _build_composite(
     return _Composite(body=body, turning=_shift_turning(algebra, spin, v, body[1]), momentum=momentum)
 
 
-def _carry_composite(algebra: Algebra[T], frame: LinkFrame[T], part: _Composite[T]) -> _Composite[T]:
-    """Return a composite body about the parent's origin, in its axes."""
-    turning = rotate_matrix(algebra, frame, part.turning)
-    momentum = rotate_to_parent(algebra, frame, part.momentum)
-    return _Composite(
-        body=transform_body(algebra, frame, part.body, turn_matrix),
-        turning=_shift_turning(algebra, turning, momentum, frame.origin),
-        momentum=momentum,
-    )
-
-
-def _add_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
-    x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left, right, strict=True))
-    return x, y, z
-
-
-def _add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
-    tensor = _add_matrices(algebra, left[0], right[0])
-    return tensor, algebra.add_vectors(left[1], right[1]), algebra.add(left[2], right[2])
-
-
-def _join(algebra: Algebra[T], left: _Composite[T], right: _Composite[T]) -> _Composite[T]:
-    return _Composite(
-        body=_add_bodies(algebra, left.body, right.body),
-        turning=_add_matrices(algebra, left.turning, right.turning),
-        momentum=algebra.add_vectors(left.momentum, right.momentum),
-    )
-
-
-def _compute_composites(
-    recursion: Recursion[T], parameters: Parameters[T], *, double: bool
-) -> list[_Composite[T]]:
-    """Return the composite body of every link."""
-    robot, algebra = recursion.robot, recursion.algebra
-    found = [
-        _build_composite(algebra, gather_body(algebra, parameters, link), motion, double=double)
-        for link, motion in enumerate(recursion.motions)
-    ]
-    for link in reversed(range(robot.size)):
-        parent = robot.joints[link].parent
-        if parent >= 0:
-            moved = _carry_composite(algebra, recursion.frames[link], found[link])
-            found[parent] = _join(algebra, found[parent], moved)
-    return found
-
-
 def _double(algebra: Algebra[T], screw: Screw[T]) -> Screw[T]:
     a, b = screw.angular, screw.linear
     return Screw(angular=algebra.add_vectors(a, a), linear=algebra.add_vectors(b, b))
@@ -205,25 +159,6 @@ def _build_couple(algebra: Algebra[T], part: _Composite[T], screw: Screw[T]) -> 
     moment = algebra.apply_matrix(transpose(part.turning), screw.angular)
     moment = algebra.add_vectors(moment, algebra.cross(part.momentum, screw.linear))
     return Wrench(force=(algebra.zero,) * 3, moment=moment)
-
-
-def _compute_second_rates(
-    recursion: Recursion[T], rates: Sequence[Screw[T]], spins: Sequence[AccelerationTensor[T]]
-) -> list[Screw[T]]:
-    """Return T of every joint: (U z, a x z + 2 v x (w x z)), or (0, U z) if prismatic."""
-    algebra = recursion.algebra
-    zero = algebra.zero
-    none, axis = (zero, zero, zero), (zero, zero, algebra.one)
-    found = []
-    for link, spin in enumerate(spins):
-        x, y, z = (row[2] for row in spin.tensor)
-        if recursion.frames[link].revolute:
-            swing = algebra.cross(recursion.motions[link].linear, _double(algebra, rates[link]).angular)
-            linear = algebra.add_vectors(algebra.cross(spin.linear, axis), swing)
-            found.append(Screw(angular=(x, y, z), linear=linear))
-        else:
-            found.append(Screw(angular=none, linear=(x, y, z)))
-    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -320,7 +255,13 @@ def compute_mass_derivatives(
 ) -> tuple[Rows[T], ...]:
     """Return dM_ij/dq_k, kg m^2/rad, a matrix for every joint k (see above)."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    bodies = _compute_composite_bodies(recursion, parameters)
+    # Composite bodies.
+    bodies = [gather_body(algebra, parameters, link) for link in range(robot.size)]
+    for link in reversed(range(robot.size)):
+        parent = robot.joints[link].parent
+        if parent >= 0:
+            moved = transform_body(algebra, frames[link], bodies[link], turn_matrix)
+            bodies[parent] = add_bodies(algebra, bodies[parent], moved)
     axes = build_axis_screws(recursion)
     screws = transform_screws(recursion, axes)
     found = [[[algebra.zero] * robot.size for _ in range(robot.size)] for _ in range(robot.size)]
@@ -347,25 +288,32 @@ def compute_mass_derivatives(
     return tuple(tuple(map(tuple, matrix)) for matrix in found)
 
 
-def _compute_composite_bodies(recursion: Recursion[T], parameters: Parameters[T]) -> list[Body[T]]:
-    robot, algebra = recursion.robot, recursion.algebra
-    found = [gather_body(algebra, parameters, link) for link in range(robot.size)]
-    for link in reversed(range(robot.size)):
-        parent = robot.joints[link].parent
-        if parent >= 0:
-            moved = transform_body(algebra, recursion.frames[link], found[link], turn_matrix)
-            found[parent] = _add_bodies(algebra, found[parent], moved)
-    return found
-
-
 def _build_sweep(
     recursion: Recursion[T], parameters: Parameters[T], meet: ProjectionFrame | None, *, double: bool
 ) -> _Sweep[T]:
     rates = compute_screw_rates(recursion)
+    robot, algebra = recursion.robot, recursion.algebra
+    found = [
+        _build_composite(algebra, gather_body(algebra, parameters, link), motion, double=double)
+        for link, motion in enumerate(recursion.motions)
+    ]
+    for link in reversed(range(robot.size)):
+        parent, frame, part = robot.joints[link].parent, recursion.frames[link], found[link]
+        if parent >= 0:
+            # About the parent's origin, in its axes, it is part of the parent's.
+            turning, left = rotate_matrix(algebra, frame, part.turning), found[parent]
+            momentum = rotate_to_parent(algebra, frame, part.momentum)
+            moved = transform_body(algebra, frame, part.body, turn_matrix)
+            turning = _shift_turning(algebra, turning, momentum, frame.origin)
+            found[parent] = _Composite(
+                body=add_bodies(algebra, left.body, moved),
+                turning=add_matrices(algebra, left.turning, turning),
+                momentum=algebra.add_vectors(left.momentum, momentum),
+            )
     return _Sweep(
         recursion=recursion,
         meet=meet,
-        composites=_compute_composites(recursion, parameters, double=double),
+        composites=found,
         axes=build_axis_screws(recursion),
         rates=[_double(recursion.algebra, rate) for rate in rates] if double else rates,
     )
@@ -411,7 +359,18 @@ def compute_torque_derivatives(
     spins = compute_acceleration_tensors(recursion)
     wrenches = accumulate_wrenches(recursion, compute_link_wrenches(recursion, parameters, spins))
     single = compute_screw_rates(recursion)
-    second = _compute_second_rates(recursion, single, spins)
+    # T of every joint, (U z, a x z + 2 v x (w x z)), or (0, U z) if prismatic.
+    zero = algebra.zero
+    none, along = (zero, zero, zero), (zero, zero, algebra.one)
+    second = []
+    for link, spin in enumerate(spins):
+        x, y, z = (row[2] for row in spin.tensor)
+        if recursion.frames[link].revolute:
+            swing = algebra.cross(recursion.motions[link].linear, _double(algebra, single[link]).angular)
+            linear = algebra.add_vectors(algebra.cross(spin.linear, along), swing)
+            second.append(Screw(angular=(x, y, z), linear=linear))
+        else:
+            second.append(Screw(angular=none, linear=(x, y, z)))
     rates, seconds = sweep.carry(single), sweep.carry(second)
 
     def compute_lower(joint: int) -> list[tuple[Wrench[T], Screws[T]]]:

@@ -71,19 +71,6 @@ def clamp(algebra: Carrier[V], value: V, low: V, high: V) -> V:
     return algebra.maximum(low, algebra.minimum(high, value))
 
 
-def _compute_pieces(algebra: Carrier[V], value: V, places: Sequence[V], forces: Sequence[V]) -> tuple[V, V]:
-    """Return a piecewise linear function of (place, force), and its integral from the first place."""
-    force, energy = forces[0], algebra.zero
-    for k in range(len(places) - 1):
-        gap = algebra.sub(places[k + 1], places[k])
-        part = clamp(algebra, algebra.sub(value, places[k]), algebra.zero, gap)
-        slope = algebra.div(algebra.sub(forces[k + 1], forces[k]), gap)
-        half = algebra.scale(0.5, algebra.mul(slope, algebra.mul(part, part)))
-        energy = algebra.add(energy, algebra.add(algebra.mul(forces[k], part), half))
-        force = algebra.add(force, algebra.mul(slope, part))
-    return force, energy
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlipSpring:
     """A slider behind a spring of any shape: force f(E), deflection E = x - P[x] between -r and r.
@@ -195,7 +182,16 @@ class SlipSpring:
             )
         least, most = algebra.sub(motion.position, high), algebra.sub(motion.position, low)
         play = clamp(algebra, states[0], least, most)
-        force, energy = _compute_pieces(algebra, algebra.sub(motion.position, play), places, forces)
+        # f, and its integral from the first place.
+        bend = algebra.sub(motion.position, play)
+        force, energy = forces[0], algebra.zero
+        for k in range(len(places) - 1):
+            gap = algebra.sub(places[k + 1], places[k])
+            part = clamp(algebra, algebra.sub(bend, places[k]), algebra.zero, gap)
+            slope = algebra.div(algebra.sub(forces[k + 1], forces[k]), gap)
+            half = algebra.scale(0.5, algebra.mul(slope, algebra.mul(part, part)))
+            energy = algebra.add(energy, algebra.add(algebra.mul(forces[k], part), half))
+            force = algebra.add(force, algebra.mul(slope, part))
         return BranchStep(force=force, states=(play,), stored=algebra.sub(energy, values["least"]))
 
 

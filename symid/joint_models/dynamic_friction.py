@@ -169,12 +169,6 @@ def get_dynamic_law(name: str) -> DynamicLaw:
     raise UsageError(Notice(code="joint.no-dynamic-friction", text=text))
 
 
-def _lugre_level(algebra: Carrier[V], velocity: V, values: Sequence[V]) -> V:
-    _, _, coulomb, static, speed, exponent, _ = values
-    fall = _compute_fall(algebra, velocity, speed, exponent)
-    return algebra.add(coulomb, algebra.mul(algebra.sub(static, coulomb), fall))
-
-
 def _compute_fall(algebra: Carrier[V], velocity: V, speed: V, exponent: V) -> V:
     ratio = algebra.div(algebra.absolute(velocity), speed)
     return algebra.exp(algebra.sub(algebra.zero, algebra.power(ratio, exponent)))
@@ -217,7 +211,12 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
                 build_parameter("gamma", r"\gamma", "number", "Stribeck exponent", 0.5, 4.0),
                 build_parameter("fV", "f_V", "viscous", "viscous friction"),
             ),
-            level=_lugre_level,
+            level=lambda algebra, velocity, values: algebra.add(
+                values[2],
+                algebra.mul(
+                    algebra.sub(values[3], values[2]), _compute_fall(algebra, velocity, values[4], values[5])
+                ),
+            ),
             damping=lambda _algebra, values: (values[1], values[6]),
             formula=(
                 "dz/dt = v - sigma0 |v| / g(v) z, g = fC + (fS - fC) exp(-|v / vs|^gamma), "
@@ -273,42 +272,29 @@ def advance_memory(
         fall = _compute_fall(algebra, velocity, values["vs"], values["gamma"])
         level = algebra.add(level, algebra.mul(values["Fe"], fall))
     level = algebra.maximum(level, algebra.scale(_LEAST_LEVEL, algebra.one))
+    after: list[V] = []
     if "sigma0" in values:
-        torque, after = _bend_bristles(algebra, values, (velocity, way, level), states[0])
+        # sigma0 z + sigma1 dz/dt.
+        stiffness = values["sigma0"]
+        turn = algebra.div(algebra.mul(stiffness, algebra.absolute(way)), level)
+        decay = algebra.exp(algebra.sub(algebra.zero, turn))
+        rest = algebra.div(algebra.mul(level, algebra.sign(way)), stiffness)
+        after.append(algebra.add(rest, algebra.mul(algebra.sub(states[0], rest), decay)))
+        torque = bent = algebra.mul(stiffness, after[0])
+        if "sigma1" in values:
+            slip = algebra.mul(algebra.absolute(velocity), algebra.div(bent, level))
+            torque = algebra.add(bent, algebra.mul(values["sigma1"], algebra.sub(velocity, slip)))
     else:
-        torque, after = _move_elements(algebra, values, way, level, states)
+        # Springs, each held within what its share bears.
+        torque = algebra.zero
+        for number, state in enumerate(states, start=1):
+            stiffness = values[f"stiffness{number}"]
+            most = algebra.div(algebra.mul(values[f"share{number}"], level), stiffness)
+            bent = algebra.minimum(algebra.add(state, way), most)
+            after.append(algebra.maximum(bent, algebra.sub(algebra.zero, most)))
+            torque = algebra.add(torque, algebra.mul(stiffness, after[-1]))
     torque = algebra.add(torque, algebra.mul(values["Fv"], velocity))
-    return algebra.add(torque, values["offset"]) if "offset" in values else torque, after
-
-
-def _bend_bristles(
-    algebra: Carrier[V], values: Mapping[str, V], motion: tuple[V, V, V], state: V
-) -> tuple[V, tuple[V, ...]]:
-    """Return sigma0 z + sigma1 dz/dt and z after a motion: velocity, way and level."""
-    (velocity, way, level), stiffness = motion, values["sigma0"]
-    turn = algebra.div(algebra.mul(stiffness, algebra.absolute(way)), level)
-    decay = algebra.exp(algebra.sub(algebra.zero, turn))
-    rest = algebra.div(algebra.mul(level, algebra.sign(way)), stiffness)
-    after = algebra.add(rest, algebra.mul(algebra.sub(state, rest), decay))
-    bent = algebra.mul(stiffness, after)
-    if "sigma1" not in values:
-        return bent, (after,)
-    slip = algebra.mul(algebra.absolute(velocity), algebra.div(bent, level))
-    return algebra.add(bent, algebra.mul(values["sigma1"], algebra.sub(velocity, slip))), (after,)
-
-
-def _move_elements(
-    algebra: Carrier[V], values: Mapping[str, V], way: V, level: V, states: Sequence[V]
-) -> tuple[V, tuple[V, ...]]:
-    """Return the sum of the springs' torques and their deflections, each held within what its share bears."""
-    torque, after = algebra.zero, []
-    for number, state in enumerate(states, start=1):
-        stiffness = values[f"stiffness{number}"]
-        most = algebra.div(algebra.mul(values[f"share{number}"], level), stiffness)
-        bent = algebra.minimum(algebra.add(state, way), most)
-        after.append(algebra.maximum(bent, algebra.sub(algebra.zero, most)))
-        torque = algebra.add(torque, algebra.mul(stiffness, after[-1]))
-    return torque, tuple(after)
+    return algebra.add(torque, values["offset"]) if "offset" in values else torque, tuple(after)
 
 
 _TINY = 1e-40

@@ -107,7 +107,20 @@ def list_element_values(elasticity: Elasticity) -> dict[str, float]:
     for k, (place, slope) in enumerate((*terms.above, *terms.below), start=1):
         named |= {f"R{k}": place, f"s{k}": slope}
     if elasticity.knees and not elasticity.cubic:
-        named["least"] = _find_least(elasticity)
+        # The least value of the formula of its energy, J.
+        inverse, _, _ = invert_spring(build_float_carrier(), terms)
+        total = 0.0
+        for weight, radius in zip(inverse.weights[1:], inverse.thresholds, strict=True):
+            # S(p + r) + S(p - r) rises with p, and is zero between -r and r.
+            low, high = -radius, radius
+            for _ in range(_HALVINGS):
+                middle = 0.5 * (low + high)
+                ends = np.array([middle + radius, middle - radius])
+                below = np.sum(compute_outer_torque(terms, ends)) < 0.0
+                low, high = (middle, high) if below else (low, middle)
+            ends = np.array([low + radius, low - radius])
+            total += 0.5 * weight * float(np.sum(compute_outer_integral(terms, ends)))
+        named["least"] = total
     for head, branch in _name_branches(elasticity):
         named |= {head + name: value for name, value in branch.list_values().items()}
     return named
@@ -255,26 +268,6 @@ def _compute_stored(
     return algebra.sub(total, least)
 
 
-def _find_least(elasticity: Elasticity) -> float:
-    """Return the least value of the formula of the energy of a spring with knees, J."""
-    terms = read_spring_terms(elasticity)
-    inverse, _, _ = invert_spring(build_float_carrier(), terms)
-    total = 0.0
-    for weight, radius in zip(inverse.weights[1:], inverse.thresholds, strict=True):
-        # S(p + r) + S(p - r) rises with p, and is zero between -r and r.
-        low, high = -radius, radius
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            ends = np.array([middle + radius, middle - radius])
-            low, high = (middle, high) if np.sum(compute_outer_torque(terms, ends)) < 0.0 else (low, middle)
-        total += (
-            0.5
-            * weight
-            * float(np.sum(compute_outer_integral(terms, np.array([low + radius, low - radius]))))
-        )
-    return total
-
-
 _HALVINGS = 60
 
 
@@ -345,13 +338,6 @@ def invert_step(
     return found
 
 
-def _refuse_inverse(elasticity: Elasticity) -> None:
-    reason = describe_inverse(elasticity)
-    if reason:
-        text = f"the element has no inverse: {reason}"
-        raise RobotError(Notice(code="robot.no-inverse", text=text))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ElementRun:
     """What an element does along a recording.
@@ -409,36 +395,15 @@ def run_element(
         RobotError: an element that depends on the speed and no time.
     """
     position = np.asarray(position, dtype=np.float64)
-    states = _read_start(elasticity, float(position[0]) if len(position) else 0.0, start)
+    if isinstance(start, str):
+        first = float(position[0]) if len(position) and start != "zero" else 0.0
+        states = start_states(elasticity, first, _SIDES[start])
+    else:
+        states = tuple(map(float, start))
     periods = _read_periods(elasticity, len(position), time)
     if velocity is None:
         velocity = np.diff(position, prepend=states[0]) / periods
-    traces, taken = _trace_states(elasticity, (position, velocity, periods), states, runner)
-    step = advance_element(
-        build_numpy_carrier(),
-        elasticity,
-        {name: np.asarray(value) for name, value in list_element_values(elasticity).items()},
-        (position, periods),
-        [trace[:-1] for trace in traces],
-        velocity=np.asarray(velocity, dtype=np.float64),
-        taken=taken,
-    )
-    stored = np.full(len(position), np.nan) if step.stored is None else step.stored
-    return ElementRun(
-        output=freeze(np.broadcast_to(step.output, position.shape)),
-        stored=freeze(np.broadcast_to(stored, position.shape)),
-        states=tuple(float(trace[-1]) for trace in traces),
-    )
-
-
-def _trace_states(
-    elasticity: Elasticity,
-    recording: tuple[FloatArray, FloatArray, FloatArray],
-    states: tuple[float, ...],
-    runner: BranchRunner | None,
-) -> tuple[list[FloatArray], list[BranchStep[FloatArray] | None]]:
-    """Return every state (N + 1,) along position, velocity and periods, and the steps of branches."""
-    position, velocity, periods = recording
+    # Every state (N + 1,) along the recording, and the steps of branches.
     traces, at = [np.concatenate([states[:1], position])], 1
     if elasticity.backlash:
         gap, memory = np.array([elasticity.backlash]), np.array(states[1:2])
@@ -456,14 +421,21 @@ def _trace_states(
         traces += list(trace.states.T)
         taken.append(trace.steps)
         at += size
-    return traces, taken
-
-
-def _read_start(elasticity: Elasticity, first: float, start: Start | Sequence[float]) -> tuple[float, ...]:
-    """Return the states before the first sample."""
-    if not isinstance(start, str):
-        return tuple(map(float, start))
-    return start_states(elasticity, 0.0 if start == "zero" else first, _SIDES[start])
+    step = advance_element(
+        build_numpy_carrier(),
+        elasticity,
+        {name: np.asarray(value) for name, value in list_element_values(elasticity).items()},
+        (position, periods),
+        [trace[:-1] for trace in traces],
+        velocity=np.asarray(velocity, dtype=np.float64),
+        taken=taken,
+    )
+    stored = np.full(len(position), np.nan) if step.stored is None else step.stored
+    return ElementRun(
+        output=freeze(np.broadcast_to(step.output, position.shape)),
+        stored=freeze(np.broadcast_to(stored, position.shape)),
+        states=tuple(float(trace[-1]) for trace in traces),
+    )
 
 
 def _read_periods(elasticity: Elasticity, count: int, time: FloatArray | None) -> FloatArray:
@@ -570,14 +542,29 @@ def invert_element(
     Raises:
         RobotError: the element has no inverse (`describe_inverse`), or needs time.
     """
-    _refuse_inverse(elasticity)
+    reason = describe_inverse(elasticity)
+    if reason:
+        text = f"the element has no inverse: {reason}"
+        raise RobotError(Notice(code="robot.no-inverse", text=text))
     output = np.asarray(output, dtype=np.float64)
-    states = _read_start(elasticity, _find_place(elasticity, output, start), start)
+    algebra, values = build_float_carrier(), list_element_values(elasticity)
+    slope = find_least_slope(elasticity)
+    if isinstance(start, str):
+        side, first = _SIDES[start], 0.0
+
+        def stand(place: float) -> _Step:
+            before = start_states(elasticity, place, side)
+            return advance_element(algebra, elasticity, values, (place, 1.0), before)
+
+        # It stands where the first output is with a memory come there.
+        if start != "zero" and len(output):
+            first = find_input(stand, float(output[0]), 0.0, slope)
+        states = start_states(elasticity, first, side)
+    else:
+        states = tuple(map(float, start))
     periods = _read_periods(elasticity, len(output), time)
     if has_closed_inverse(elasticity):
         return invert_hysteresis(elasticity, output - elasticity.offset, np.array(states[1:]))
-    algebra, values = build_float_carrier(), list_element_values(elasticity)
-    slope = find_least_slope(elasticity)
     found = np.empty(len(output))
     for k, (goal, period) in enumerate(zip(output.tolist(), periods.tolist(), strict=True)):
 
@@ -587,19 +574,6 @@ def invert_element(
         found[k] = find_input(move, goal, states[0], slope)
         states = move(float(found[k])).states
     return found
-
-
-def _find_place(elasticity: Elasticity, output: FloatArray, start: Start | Sequence[float]) -> float:
-    """Return where an element stands that begins with an output and a memory come there, rad or m."""
-    if not isinstance(start, str) or start == "zero" or not len(output):
-        return 0.0
-    algebra, values = build_float_carrier(), list_element_values(elasticity)
-
-    def stand(place: float) -> _Step:
-        before = start_states(elasticity, place, _SIDES[start])
-        return advance_element(algebra, elasticity, values, (place, 1.0), before)
-
-    return find_input(stand, float(output[0]), 0.0, find_least_slope(elasticity))
 
 
 def find_input(step: Callable[[float], _Step], goal: float, start: float, slope: float) -> float:

@@ -26,7 +26,7 @@ from typing import Any, NoReturn, TypeAlias
 import numpy as np
 from sympy import Rational
 from sympy.polys.polyerrors import CoercionFailed
-from sympy.polys.rings import PolyElement, PolyRing
+from sympy.polys.rings import PolyRing
 
 from symid.dynamics import ExactAlgebra, PointAlgebra, write_label
 from symid.errors import InputError, Notice
@@ -199,9 +199,20 @@ class _Field:
             return self._call(node), self.algebra.one
         match node.kind:
             case "number":
-                return self._convert(Fraction(node.text)), self.algebra.one
+                value, domain = Fraction(node.text), self._get_domain()
+                number = domain.convert(value.numerator) / domain.convert(value.denominator)
+                return self.algebra.one * number, self.algebra.one
             case "letter":
-                return self._find(node.text)
+                name = node.text
+                if name in self.letters:
+                    return self.letters[name], self.algebra.one
+                if match := _WAVE.fullmatch(name):
+                    joints = list(match[2]) if self.size < _ONE_DIGIT else [match[2]]
+                    wave = self._expand_wave(match[1].lower(), [(int(joint), 1) for joint in joints])
+                    return wave, self.algebra.one
+                if name in self.formulas:
+                    return self.evaluate(self.formulas[name])
+                _refuse(f'"{name}" is no letter of this lesson')
             case "^":
                 return self._raise(node)
         (a, b), (c, d) = map(self.evaluate, node.parts)
@@ -215,22 +226,8 @@ class _Field:
         left, right = mul(a, d), mul(c, b)
         return (left + right if node.kind == "+" else left - right), mul(b, d)
 
-    def _convert(self, value: Fraction) -> Any:  # noqa: ANN401  an element of the algebra
-        domain = self._get_domain()
-        return self.algebra.one * (domain.convert(value.numerator) / domain.convert(value.denominator))
-
     def _get_domain(self) -> Any:  # noqa: ANN401  a domain of SymPy
         return self.algebra.domain if isinstance(self.algebra, PointAlgebra) else self.algebra.ring.domain
-
-    def _find(self, name: str) -> Ratio:
-        if name in self.letters:
-            return self.letters[name], self.algebra.one
-        if match := _WAVE.fullmatch(name):
-            joints = list(match[2]) if self.size < _ONE_DIGIT else [match[2]]
-            return self._expand_wave(match[1].lower(), [(int(j), 1) for j in joints]), self.algebra.one
-        if name in self.formulas:
-            return self.evaluate(self.formulas[name])
-        _refuse(f'"{name}" is no letter of this lesson')
 
     def _raise(self, node: Expression) -> Ratio:
         base, power = self.evaluate(node.parts[0]), read_rational(node.parts[1])
@@ -375,25 +372,21 @@ def build_comparison(lesson: Lesson) -> FormulaComparison:
     def build(algebra: ExactAlgebra | PointAlgebra, letters: Mapping[str, Any]) -> _Field:
         return _Field(algebra=algebra, letters=letters, formulas=formulas, size=robot.size)
 
-    points = [build(PointAlgebra(domain, {}), _choose_point(known, domain, seed)) for seed in _POINTS]
-    short = robot.freedom <= WRITTEN_OUT
-    return FormulaComparison(points=tuple(points), ring=build(algebra, known) if short else None)
-
-
-def _choose_point(known: Mapping[str, PolyElement], domain: Any, seed: int) -> dict[str, Any]:  # noqa: ANN401
-    """Return exact numbers for all letters, with s^2 + c^2 = 1."""
-    rng = np.random.default_rng(seed)
-
-    def draw() -> Fraction:
-        return Fraction(int(rng.integers(1, 400)), int(rng.integers(200, 400)))
-
     def convert(value: Fraction) -> Any:  # noqa: ANN401  an element of the domain
         return domain.convert(value.numerator) / domain.convert(value.denominator)
 
-    point = {name: convert(draw()) for name in known}
-    for name in known:
-        if name[0] == "s" and name[1:].isdigit():
-            t = draw()
-            point[name] = convert(2 * t / (1 + t * t))
-            point[f"c{name[1:]}"] = convert((1 - t * t) / (1 + t * t))
-    return point
+    points = []
+    for seed in _POINTS:
+        # Exact numbers for all letters, with s^2 + c^2 = 1.
+        rng = np.random.default_rng(seed)
+        draws = [
+            Fraction(int(rng.integers(1, 400)), int(rng.integers(200, 400))) for _ in range(2 * len(known))
+        ]
+        point = {name: convert(value) for name, value in zip(known, draws, strict=False)}
+        for name, t in zip(known, draws[len(known) :], strict=True):
+            if name[0] == "s" and name[1:].isdigit():
+                point[name] = convert(2 * t / (1 + t * t))
+                point[f"c{name[1:]}"] = convert((1 - t * t) / (1 + t * t))
+        points.append(build(PointAlgebra(domain, {}), point))
+    short = robot.freedom <= WRITTEN_OUT
+    return FormulaComparison(points=tuple(points), ring=build(algebra, known) if short else None)

@@ -14,7 +14,7 @@ import numpy as np
 from sympy.polys.rings import PolyElement
 
 from symid.dynamics import (
-    BaseParameters,
+    BaseParameter,
     build_grouping,
     compute_jacobian,
     compute_parameter_values,
@@ -44,7 +44,7 @@ WRITTEN_OUT = 3
 """Joints up to which a lesson writes everything out."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Item:
     """A piece of a chapter.
 
@@ -67,7 +67,17 @@ class Item:
     items: tuple["Item", ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+def say(text: str) -> Item:
+    """Return a text."""
+    return Item("text", text)
+
+
+def show(latex: str) -> Item:
+    """Return a formula without a value."""
+    return Item("formula", latex=latex)
+
+
+@dataclass(frozen=True, slots=True)
 class Chapter:
     """A numbered chapter: its title, and an anchor for the list of contents."""
 
@@ -133,7 +143,7 @@ class ChapterWriter:
         """Return left = value with its value by `name`, and the right side for SymPy."""
         total = self.write(value)
         return Item(
-            kind="formula",
+            "formula",
             latex=f"{left} = {write_latex(total, self.style)}",
             name=name,
             code=write_code(total, "v") if name else "",
@@ -177,7 +187,15 @@ def build_values(robot: Robot, model: LessonModel) -> tuple[dict[str, float], tu
     beta = {entry.name: known.get(entry.name, made[entry.name]) for entry in base.parameters}
     values = {**dict(model.robot.symbols), **beta}
     for number, body in enumerate(bodies, start=1):
-        values |= _split_body(number, body)
+        # Mass, centre of mass and central inertia by the letters of lessons.
+        mass = body[9]
+        c = np.array(body[6:9]) / mass if mass else np.zeros(3)
+        shift = mass * (c @ c * np.eye(3) - np.outer(c, c))
+        values |= {f"m{number}": mass}
+        values |= {f"l{axis}{number}": float(x) for axis, x in zip("xyz", c, strict=True)}
+        pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+        for value, (i, j) in zip(body[:6], pairs, strict=True):
+            values[f"I{number}{'xyz'[i]}{'xyz'[j]}"] = float(value - shift[i, j])
     return values, tuple(beta.values()), bool(missing)
 
 
@@ -201,70 +219,12 @@ def find_tip(robot: Robot, index: int) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _split_body(number: int, body: Sequence[float]) -> dict[str, float]:
-    """Return mass, centre of mass and central inertia of a link by the letters of lessons."""
-    mass = body[9]
-    c = np.array(body[6:9]) / mass if mass else np.zeros(3)
-    shift = mass * (c @ c * np.eye(3) - np.outer(c, c))
-    result = {f"m{number}": mass}
-    result |= {f"l{axis}{number}": float(x) for axis, x in zip("xyz", c, strict=True)}
-    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-    for value, (i, j) in zip(body[:6], pairs, strict=True):
-        result[f"I{number}{'xyz'[i]}{'xyz'[j]}"] = float(value - shift[i, j])
-    return result
-
-
 # Geometry.
 
 
 def _write_exact(value: Exact, writer: ChapterWriter) -> str:
     """Return a number or linear form of lengths in LaTeX."""
     return writer.latex(writer.model.algebra.constant(value))
-
-
-def write_kinematics(writer: ChapterWriter, robot: Robot) -> Iterator[Chapter]:
-    """Yield the chapters from the frames to the Jacobian."""
-    yield _write_frames(writer, robot)
-    yield _write_transforms(writer)
-    yield _write_velocities(writer)
-    yield _write_jacobian(writer)
-
-
-def _write_row(writer: ChapterWriter, index: int) -> tuple[str, ...]:
-    """Return the row of a joint: kind, parent, alpha, a, theta, d where it has one, else its placement."""
-    joint = writer.model.robot.joints[index]
-    (xx, xy, xz), (_, _, yz), (_, _, zz) = joint.placement.rotation
-    x, y, z = joint.placement.translation
-    kind = "slides" if joint.prismatic else "turns"
-    before = str(joint.parent + 1) if joint.parent >= 0 else "base"
-    if xz:
-        axis = ", ".join(_write_exact(value, writer) for value in (xz, yz, zz))
-        origin = ", ".join(_write_exact(value, writer) for value in (x, y, z))
-        return (str(index + 1), joint.name, kind, before, f"$z = ({axis})$", "", "", f"$p = ({origin})$")
-    alpha = _write_degrees(zz, -yz)
-    turn = _write_degrees(xx, -xy)
-    along = _find_offset(joint.placement.rotation, (x, y, z))
-    offset = "?" if along is None else _write_exact(along, writer)
-    q = writer.coordinate(index)
-    own = f"{q} + {turn}" if turn != "0" else q
-    theta, d = (turn, f"{q} + {offset}" if offset != "0" else q) if joint.prismatic else (own, offset)
-    return (
-        str(index + 1),
-        joint.name,
-        kind,
-        before,
-        f"${alpha}$",
-        f"${_write_exact(x, writer)}$",
-        f"${theta}$",
-        f"${d}$",
-    )
-
-
-def _find_offset(rotation: Sequence[Sequence[Exact]], translation: Sequence[Exact]) -> Exact | None:
-    """Return d of a row whose axis is (0, -sin alpha, cos alpha)."""
-    _, y, z = translation
-    _, yz, zz = (row[2] for row in rotation)
-    return yz * y + zz * z
 
 
 def _write_degrees(cosine: Exact, sine: Exact) -> str:
@@ -280,40 +240,53 @@ def _write_degrees(cosine: Exact, sine: Exact) -> str:
     return number if bottom == 1 else rf"{'-' if top < 0 else ''}\tfrac{{{number.lstrip('-')}}}{{{bottom}}}"
 
 
-def _write_frames(writer: ChapterWriter, robot: Robot) -> Chapter:
+def _write_row(writer: ChapterWriter, index: int) -> tuple[str, ...]:
+    """Return the row of a joint: kind, parent, alpha, a, theta, d where it has one, else its placement."""
+    joint = writer.model.robot.joints[index]
+    (xx, xy, xz), (_, _, yz), (_, _, zz) = joint.placement.rotation
+    x, y, z = joint.placement.translation
+    kind = "slides" if joint.prismatic else "turns"
+    start = (str(index + 1), joint.name, kind, str(joint.parent + 1) if joint.parent >= 0 else "base")
+    if xz:
+        axis = ", ".join(_write_exact(value, writer) for value in (xz, yz, zz))
+        origin = ", ".join(_write_exact(value, writer) for value in (x, y, z))
+        return (*start, f"$z = ({axis})$", "", "", f"$p = ({origin})$")
+    # d of a row whose axis is (0, -sin alpha, cos alpha).
+    turn, offset = _write_degrees(xx, -xy), _write_exact(yz * y + zz * z, writer)
+    q = writer.coordinate(index)
+    own = f"{q} + {turn}" if turn != "0" else q
+    theta, d = (turn, f"{q} + {offset}" if offset != "0" else q) if joint.prismatic else (own, offset)
+    return (*start, f"${_write_degrees(zz, -yz)}$", f"${_write_exact(x, writer)}$", f"${theta}$", f"${d}$")
+
+
+def write_frames(writer: ChapterWriter, robot: Robot) -> Chapter:
+    """Return the chapter on the frames of `robot`, whose file has these lengths as numbers."""
     model, book = writer.model, writer.book
     letters = rf"${book.length}$", rf"${book.offset}$"
     head = ("joint", "name", "motion", "after", r"$\alpha$", letters[0], r"$\theta$", letters[1])
     rows = tuple(_write_row(writer, index) for index in range(robot.size))
     items = [
-        Item(
-            kind="text",
-            text="Every link has a frame whose $z$ axis is the axis of its joint. The table holds the "
-            "rows of "
-            "modified Denavit-Hartenberg parameters: from the frame before, turn by $\\alpha$ about $x$, "
-            "move by "
-            f"{letters[0]} along it, turn by $\\theta$ about the new $z$, move by {letters[1]} along it."
+        say(
+            f"Every link has a frame whose $z$ axis is the axis of its joint. The table holds the rows of "
+            f"modified Denavit-Hartenberg parameters: from the frame before, turn by $\\alpha$ about $x$, "
+            f"move by {letters[0]} along it, turn by $\\theta$ about the new $z$, move by {letters[1]} along "
+            f"it."
             + (
                 " The file has standard rows; they were converted exactly."
                 if robot.convention == "standard"
                 else ""
-            ),
+            )
         ),
-        Item(kind="table", rows=(head, *rows)),
-        Item(kind="widget", text="frames"),
+        Item("table", rows=(head, *rows)),
+        Item("widget", "frames"),
     ]
     if model.lengths:
         named = [
             (f"${writer.symbol(name)}$", f"{value:g}", "m/s²" if name == "g" else "m")
             for name, value in model.lengths.items()
         ]
-        items.append(
-            Item(
-                kind="text",
-                text="Lengths of the file have names, so that formulas show where they come from:",
-            )
-        )
-        items.append(Item(kind="table", rows=(("letter", "value", "unit"), *named)))
+        items.append(say("Lengths of the file have names, so that formulas show where they come from:"))
+        items.append(Item("table", rows=(("letter", "value", "unit"), *named)))
     followers = [
         rf"joint {k} follows joint {joint.mimic.master + 1}: ${writer.coordinate(k - 1)} = "
         rf"{write_number(abs(joint.mimic.multiplier))}\,{writer.coordinate(joint.mimic.master)}$"
@@ -322,133 +295,90 @@ def _write_frames(writer: ChapterWriter, robot: Robot) -> Chapter:
         if joint.mimic is not None
     ]
     if followers:
-        items.append(Item(kind="text", text="; ".join(followers).capitalize() + "."))
+        items.append(say("; ".join(followers).capitalize() + "."))
     gravity = ", ".join(_write_exact(value, writer) for value in model.robot.gravity)
-    items.append(Item(kind="text", text=f"Gravity is $({gravity})$ in the base frame."))
-    return Chapter(title="Frames", anchor="frames", items=tuple(items))
+    items.append(say(f"Gravity is $({gravity})$ in the base frame."))
+    return Chapter("Frames", "frames", tuple(items))
 
 
-def _write_transforms(writer: ChapterWriter) -> Chapter:
-    recursion = build_model_recursion(writer.model)
-    algebra, robot = writer.model.algebra, writer.model.robot
-    items: list[Item] = [
-        Item(
-            kind="text",
-            text="A row of the table is a homogeneous transform: rotation and origin of link $j$ in the "
-            "frame of "
-            "the link before. $s_j$ and $c_j$ stand for sine and cosine of the joint's angle."
-            if not writer.book.long
-            else "A row of the table is a homogeneous transform: rotation and origin of link $j$.",
+def write_matrix(left: str, rows: Sequence[Sequence[str]]) -> Item:
+    """Return left = matrix, its elements in LaTeX."""
+    body = r" \\ ".join(" & ".join(row) for row in rows)
+    return Item("matrix", latex=rf"{left} = \begin{{bmatrix}} {body} \end{{bmatrix}}")
+
+
+def _fold(items: Sequence[Item], title: str, most: int = 4) -> tuple[Item, ...]:
+    """Return the items, closed under a title where there are many."""
+    if len(items) <= most:
+        return tuple(items)
+    return (Item("details", f"{title} ({len(items)})", items=tuple(items)),)
+
+
+def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
+    """Yield the chapters from the transforms to the Jacobian."""
+    recursion, robot, algebra = build_model_recursion(writer.model), writer.model.robot, writer.model.algebra
+    text = "A row of the table is a homogeneous transform: rotation and origin of link $j$"
+    if not writer.book.long:
+        text += (
+            " in the frame of the link before. $s_j$ and $c_j$ stand for sine and cosine of the joint's angle"
         )
-    ]
     matrices = []
     for index, frame in enumerate(recursion.frames):
         rotation = frame.fixed
         if frame.turn is not None:
-            c, s = frame.turn
-            turn = (
-                (c, algebra.neg(s), algebra.zero),
-                (s, c, algebra.zero),
-                (algebra.zero, algebra.zero, algebra.one),
-            )
+            (c, s), zero = frame.turn, algebra.zero
+            turn = ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, algebra.one))
             rotation = algebra.multiply_matrices(rotation, turn)
         rows = [
             [*map(writer.latex, row), writer.latex(x)] for row, x in zip(rotation, frame.origin, strict=True)
         ]
         left = rf"{{}}^{{{robot.joints[index].parent + 1}}}T_{{{index + 1}}}"
         matrices.append(write_matrix(left, [*rows, ["0", "0", "0", "1"]]))
-    return Chapter(
-        title="Transforms", anchor="transforms", items=(*items, *_fold(matrices, "All transforms"))
-    )
-
-
-def write_matrix(left: str, rows: Sequence[Sequence[str]]) -> Item:
-    """Return left = matrix, its elements in LaTeX."""
-    body = r" \\ ".join(" & ".join(row) for row in rows)
-    return Item(kind="matrix", latex=rf"{left} = \begin{{bmatrix}} {body} \end{{bmatrix}}")
-
-
-def _fold(items: Sequence[Item], title: str, most: int = 4) -> tuple[Item, ...]:
-    """Return the items, closed under a title where there are many."""
-    return (
-        tuple(items)
-        if len(items) <= most
-        else (Item(kind="details", text=f"{title} ({len(items)})", items=tuple(items)),)
-    )
-
-
-def _write_velocities(writer: ChapterWriter) -> Chapter:
-    recursion, robot = build_model_recursion(writer.model), writer.model.robot
+    items: tuple[Item, ...] = (say(f"{text}."), *_fold(matrices, "All transforms"))
+    yield Chapter("Transforms", "transforms", items)
     law = (
         r"\omega_j = R_j^{\mathsf T}\,\omega_{j-1} + \dot q_j\, z, \qquad "
         r"v_j = R_j^{\mathsf T}\,(v_{j-1} + \omega_{j-1}\times p_j)"
     )
-    items = [
-        Item(
-            kind="text",
-            text="From the base outwards: the velocity of the link before, in the axes of this link, plus "
-            "that of "
-            "its own joint. $R_j$ and $p_j$ are rotation and origin in the transform above; a joint that "
-            "slides "
-            r"adds $\dot q_j z$ to $v_j$ instead.",
-        ),
-        Item(kind="formula", latex=law.replace(r"\dot q", rf"\dot {writer.book.angle}")),
-    ]
     shown = range(robot.size) if robot.size <= WRITTEN_OUT + 1 else range(3)
     vectors = []
     for index in shown:
         motion = recursion.motions[index]
         for letter, vector in ((r"\omega", motion.angular), ("v", motion.linear)):
-            rows = [[writer.latex(value)] for value in vector]
-            vectors.append(write_matrix(rf"{letter}_{{{index + 1}}}", rows))
-    items += _fold(vectors, "Velocities of the links", 8)
+            vectors.append(write_matrix(rf"{letter}_{{{index + 1}}}", [[writer.latex(x)] for x in vector]))
+    items = (
+        say(
+            r"From the base outwards: the velocity of the link before, in the axes of this link, plus that "
+            r"of its own joint. $R_j$ and $p_j$ are rotation and origin in the transform above; a joint that "
+            r"slides adds $\dot q_j z$ to $v_j$ instead."
+        ),
+        show(law.replace(r"\dot q", rf"\dot {writer.book.angle}")),
+        *_fold(vectors, "Velocities of the links", 8),
+    )
     if len(shown) < robot.size:
-        items.append(
-            Item(
-                kind="text",
-                text="The links beyond go on in the same way; below, composite bodies take their place.",
-            )
-        )
-    return Chapter(title="Velocities", anchor="velocities", items=tuple(items))
-
-
-def _write_jacobian(writer: ChapterWriter) -> Chapter:
-    model = writer.model
-    recursion, robot = build_model_recursion(model), model.robot
-    items = [
-        Item(
-            kind="text",
-            text="The column of joint $j$ is the velocity of the last link per unit of its rate: with the "
-            "axis "
-            "$z_j$ and the origin $p_j$ in the base frame,",
+        items += (say("The links beyond go on in the same way; below, composite bodies take their place."),)
+    yield Chapter("Velocities", "velocities", items)
+    items = (
+        say(
+            "The column of joint $j$ is the velocity of the last link per unit of its rate: with the axis "
+            "$z_j$ and the origin $p_j$ in the base frame,"
         ),
-        Item(
-            kind="formula",
-            latex=r"J_j = \begin{bmatrix} z_j \times (p_n - p_j) \\ z_j \end{bmatrix}, \qquad "
-            r"J_j = \begin{bmatrix} z_j \\ 0 \end{bmatrix} \text{ for a joint that slides.}",
+        show(
+            r"J_j = \begin{bmatrix} z_j \times (p_n - p_j) \\ z_j \end{bmatrix}, \qquad "
+            r"J_j = \begin{bmatrix} z_j \\ 0 \end{bmatrix} \text{ for a joint that slides.}"
         ),
-    ]
+    )
     if robot.size <= WRITTEN_OUT + 1:
-        rows = compute_jacobian(recursion)
-        items.append(
-            write_matrix("J", [[*map(writer.latex, fold_vector(robot, model.algebra, row))] for row in rows])
-        )
+        folded = (fold_vector(robot, algebra, row) for row in compute_jacobian(recursion))
+        items += (write_matrix("J", [list(map(writer.latex, row)) for row in folded]),)
     else:
-        poses = compute_poses(recursion)
-        first = [k for k in range(robot.size) if k < 3]
-        for k in first:
-            axis = [[writer.latex(row[2])] for row in poses[k].rotation]
-            origin = [[writer.latex(value)] for value in poses[k].origin]
-            items.append(write_matrix(rf"z_{{{k + 1}}}", axis))
-            items.append(write_matrix(rf"p_{{{k + 1}}}", origin))
-        items.append(
-            Item(
-                kind="text",
-                text="Those beyond are products of the transforms; their numbers follow the posture.",
-            )
-        )
-    items.append(Item(kind="widget", text="jacobian"))
-    return Chapter(title="Jacobian", anchor="jacobian", items=tuple(items))
+        for k, pose in enumerate(compute_poses(recursion)[:3], start=1):
+            axis, origin = [row[2] for row in pose.rotation], pose.origin
+            items += (write_matrix(rf"z_{{{k}}}", [[writer.latex(x)] for x in axis]),)
+            items += (write_matrix(rf"p_{{{k}}}", [[writer.latex(x)] for x in origin]),)
+        items += (say("Those beyond are products of the transforms; their numbers follow the posture."),)
+    items += (Item("widget", "jacobian"),)
+    yield Chapter("Jacobian", "jacobian", items)
 
 
 # Parameters.
@@ -459,41 +389,39 @@ def write_base(writer: ChapterWriter) -> Chapter:
     model = writer.model
     robot, base = model.robot, model.base
     total = sum(name in (*INERTIAL, "IA", "KS", "KR") for _, name in base.labels)
-    items = [
-        Item(
-            kind="text",
-            text=f"The energies are linear in the {total} standard parameters of links, rotors and "
-            f"springs. Only "
-            f"{base.count} combinations of them change any torque: the base parameters, found exactly "
-            f"from the "
-            "energies (Gautier and Khalil 1990). Each has a reason.",
-        ),
-        Item(
-            kind="hint",
-            text='A button "show" plays the motion that cannot tell the members of a group apart.',
-        ),
-        Item(kind="base"),
-    ]
     rows = [("name", "stands for", "why", "show")]
     for entry in base.parameters:
-        terms = _write_group(writer, base, entry.name)
-        rows.append(
-            (f"${writer.symbol(entry.name)}$", f"${terms}$", entry.reason, _name_show(robot, entry.terms))
+        # The drawing shows what lies on the axis of a joint: of the first such member of the group.
+        shown = next(
+            (
+                f"show:{link + 1}:{name}"
+                for (link, name), _ in entry.terms[1:]
+                if link < robot.size and name in ("M", "MZ", "YY") and not robot.joints[link].prismatic
+            ),
+            "",
         )
+        terms = _write_group(writer, entry)
+        rows.append((f"${writer.symbol(entry.name)}$", f"${terms}$", entry.reason, shown))
     gone: dict[str, list[str]] = {}
     for lost in base.eliminated:
         gone.setdefault(lost.reason, []).append(f"${writer.symbol(write_label(robot, lost.label))}$")
-    items[-1] = Item(kind="table", rows=tuple(rows), text="base")
-    lost_rows = [("eliminated", "why"), *((", ".join(names), reason) for reason, names in gone.items())]
-    items.append(
+    lost_rows = (("eliminated", "why"), *((", ".join(names), reason) for reason, names in gone.items()))
+    items = [
+        say(
+            f"The energies are linear in the {total} standard parameters of links, rotors and springs. Only "
+            f"{base.count} combinations of them change any torque: the base parameters, found exactly from "
+            f"the energies (Gautier and Khalil 1990). Each has a reason."
+        ),
+        Item("hint", 'A button "show" plays the motion that cannot tell the members of a group apart.'),
+        Item("table", rows=tuple(rows), text="base"),
         Item(
-            kind="details",
-            text=f"What no torque shows alone ({len(base.eliminated)} parameters)",
-            items=(Item(kind="table", rows=tuple(lost_rows)),),
-        )
-    )
+            "details",
+            f"What no torque shows alone ({len(base.eliminated)} parameters)",
+            items=(Item("table", rows=lost_rows),),
+        ),
+    ]
     if model.form != "base":
-        items.append(Item(kind="text", text="In the letters of this lesson:"))
+        items.append(say("In the letters of this lesson:"))
         items += [
             writer.formula(
                 writer.symbol(entry.name),
@@ -503,26 +431,16 @@ def write_base(writer: ChapterWriter) -> Chapter:
             )
             for entry in base.parameters
         ]
-    return Chapter(title="Base parameters", anchor="base", items=tuple(items))
+    return Chapter("Base parameters", "base", tuple(items))
 
 
-def _name_show(robot: Robot, terms: Sequence[tuple[tuple[int, str], object]]) -> str:
-    """Return what the drawing shows for a group, a joint and what lies on its axis; empty for nothing."""
-    for (link, name), _ in terms[1:]:
-        if link < robot.size and name in ("M", "MZ", "YY") and not robot.joints[link].prismatic:
-            return f"show:{link + 1}:{name}"
-    return ""
-
-
-def _write_group(writer: ChapterWriter, base: BaseParameters, name: str) -> str:
+def _write_group(writer: ChapterWriter, entry: BaseParameter) -> str:
     """Return a group as a sum of standard parameters with factors in lengths."""
-    (entry,) = (one for one in base.parameters if one.name == name)
     text = ""
     for label, factor in entry.terms:
         symbol = writer.symbol(write_label(writer.model.robot, label))
-        domain = writer.model.algebra.ring
         try:
-            share = writer.write(domain.from_expr(factor))
+            share = writer.write(writer.model.algebra.ring.from_expr(factor))
         except (ValueError, TypeError):
             return rf"\text{{{entry.expression}}}"
         written = write_latex(share, writer.style)

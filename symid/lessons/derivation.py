@@ -9,7 +9,6 @@ are checked at an exact rational point instead of term by term, and the lesson a
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from sympy import Add, Symbol, latex
@@ -19,15 +18,12 @@ from symid.dynamics import (
     DRIVE_PARAMETERS,
     BaseParameters,
     ExactEnergy,
-    Label,
-    LinkMotion,
     PointAlgebra,
     build_basis,
     build_field,
     build_power_function,
     build_recursion,
     build_state,
-    choose_domain,
     compute_torque_columns,
     derive_base_parameters,
     derive_energy,
@@ -39,10 +35,7 @@ from symid.dynamics import (
     write_name_latex,
     write_polynomial,
 )
-from symid.errors import Notice, SymidError
 from symid.joint_models import (
-    FrictionLaw,
-    FrictionValues,
     advance_memory,
     build_float_carrier,
     compute_friction_torque,
@@ -50,12 +43,17 @@ from symid.joint_models import (
     get_friction_law,
     list_memory_values,
 )
-from symid.lessons.matrices import build_model, check_mass_is_curvature, check_skew, derive_equations
+from symid.lessons.chapters import WRITTEN_OUT, require
+from symid.lessons.matrices import (
+    build_exact_point,
+    build_model,
+    check_mass_is_curvature,
+    check_skew,
+    derive_equations,
+)
 from symid.lessons.textbook import build_style, get_book, write_latex, write_sum, write_text
 from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
-
-_WRITTEN_OUT = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,13 +74,6 @@ class Step:
     sentence: str
     formulas: tuple[Formula, ...] = ()
     check: str = ""
-
-
-def _require(holds: bool, otherwise: str) -> None:  # noqa: FBT001  reads as an assertion
-    """Raise if an identity does not hold: then symid itself is wrong."""
-    if not holds:
-        text = f"the derivation contradicts itself: {otherwise}; please report this robot"
-        raise SymidError(Notice(code="dynamics.contradiction", text=text))
 
 
 def _build_formula(left: str, value: PolyElement) -> Formula:
@@ -131,20 +122,6 @@ def _write_sum(terms: Sequence[tuple[Fraction, str]]) -> str:
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
 
 
-def _describe_velocities(motions: Sequence[LinkMotion[PolyElement]]) -> Step:
-    formulas: list[Formula] = []
-    for number, motion in enumerate(motions, start=1):
-        for letter, vector in (("w", motion.angular), ("v", motion.linear)):
-            entries = zip("xyz", vector, strict=True)
-            formulas += [_build_formula(f"{letter}{number}{axis}", entry) for axis, entry in entries if entry]
-    return Step(
-        title="Velocities",
-        sentence="From the base outwards: the velocity of the link before, in the axes of this link, plus "
-        "that of its own joint. s1, c1 stand for sin q1, cos q1. Entries that are not listed are zero.",
-        formulas=tuple(formulas),
-    )
-
-
 def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
     formulas = []
     for parameter in base.parameters:
@@ -169,7 +146,7 @@ def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
         for label, value in left.items()
         if any(function != constant for function in split_polynomial(basis, value))
     ]
-    _require(not lost, f"the grouping loses {lost}")
+    require(not lost, f"the grouping loses {lost}")
     check = "verified exactly: energy per standard parameter = energy per base parameter times the grouping"
     return Step(
         title="Energy",
@@ -181,34 +158,13 @@ def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
     )
 
 
-def _describe_base(robot: Robot, base: BaseParameters) -> Step:
-    formulas = []
-    for parameter in base.parameters:
-        # In its own order.
-        products = [factor * Symbol(write_label(robot, label)) for label, factor in parameter.terms]
-        formulas.append(
-            Formula(
-                left=parameter.name,
-                text=parameter.expression,
-                latex=str(latex(Add(*products, evaluate=False), order="none")),
-                left_latex=write_name_latex(parameter.name),
-            )
-        )
-    total = sum(name in (*INERTIAL, *DRIVE_PARAMETERS) for _, name in base.labels)
-    return Step(
-        title="Base parameters",
-        sentence=f"Of {total} inertial parameters only {base.count} combinations are identifiable.",
-        formulas=tuple(formulas),
-    )
-
-
 def _describe_matrices(robot: Robot) -> list[Step]:
     """Return M, C and g as textbooks write them, with their checks; beyond three coordinates nothing."""
-    if robot.freedom > _WRITTEN_OUT:
+    if robot.freedom > WRITTEN_OUT:
         return []
     equations = derive_equations(build_model(robot))
-    _require(check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy")
-    _require(check_skew(equations), "dM/dt - 2C is not skew")
+    require(check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy")
+    require(check_skew(equations), "dM/dt - 2C is not skew")
     size, sums = range(robot.freedom), equations.model.sums
     style = build_style(get_book("symid"), frozenset(k + 1 for k in size if robot.axes[k].prismatic))
 
@@ -242,11 +198,20 @@ def _describe_matrices(robot: Robot) -> list[Step]:
 
 
 def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -> Step:
-    written = robot.freedom <= _WRITTEN_OUT
+    algebra = energy.algebra
     sentence = "Lagrange: tau = d/dt(dT/ddq) - dT/dq + dV/dq, per base parameter, from the energy alone."
-    if not written:
+    if robot.freedom > WRITTEN_OUT:
         sentence += " The expressions are too long to print; generated code evaluates them."
-        return Step(title="Torques", sentence=sentence, check=_check_at_point(robot, energy, base.keys))
+        values = build_exact_point(robot, algebra)
+        from_energy = evaluate_torque_columns(energy, base.keys, values)
+        numbers = PointAlgebra(algebra.ring.domain, values)
+        recursion = build_recursion(robot, numbers, build_state(robot, numbers, values))
+        by_recursion = compute_torque_columns(recursion, base.keys)
+        pairs = ((fold_vector(robot, numbers, by_recursion[key]), from_energy[key]) for key in base.keys)
+        same = all(found == tuple(wanted) for found, wanted in pairs)
+        require(same, "Lagrange and Newton-Euler differ at a rational point")
+        check = "verified exactly at a rational point: equal to the Newton-Euler recursion"
+        return Step(title="Torques", sentence=sentence, check=check)
     columns = derive_torque_columns(energy, base.keys)
     formulas = [
         _build_formula(f"dtau{joint + 1}/d{parameter.name}", columns[parameter.label][position])
@@ -254,34 +219,12 @@ def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -
         for parameter in base.parameters
         if columns[parameter.label][position]
     ]
-    state = build_state(robot, energy.algebra, energy.algebra.generators)
-    other = compute_torque_columns(build_recursion(robot, energy.algebra, state), base.keys)
-    same = all(fold_vector(robot, energy.algebra, other[key]) == tuple(columns[key]) for key in base.keys)
-    _require(same, "Lagrange and Newton-Euler give different polynomials")
+    state = build_state(robot, algebra, algebra.generators)
+    other = compute_torque_columns(build_recursion(robot, algebra, state), base.keys)
+    same = all(fold_vector(robot, algebra, other[key]) == tuple(columns[key]) for key in base.keys)
+    require(same, "Lagrange and Newton-Euler give different polynomials")
     check = "verified exactly: the same polynomials as by the Newton-Euler recursion"
     return Step(title="Torques", sentence=sentence, formulas=tuple(formulas), check=check)
-
-
-def _check_at_point(robot: Robot, energy: ExactEnergy, keys: Sequence[Label]) -> str:
-    """Compare both recursions at a fixed exact point with s^2 + c^2 = 1, and return the statement."""
-    domain = choose_domain(robot)
-
-    def number(value: Fraction) -> Any:  # noqa: ANN401  an element of a SymPy domain
-        return domain.convert(value.numerator) / domain.convert(value.denominator)
-
-    values: dict[str, Any] = {str(symbol): number(Fraction(3, 7)) for symbol in energy.algebra.ring.symbols}
-    for k in range(1, robot.size + 1):
-        t = Fraction(2 * k + 1, 3 * k + 5)
-        values[f"s{k}"], values[f"c{k}"] = number(2 * t / (1 + t * t)), number((1 - t * t) / (1 + t * t))
-        values[f"q{k}"] = number(Fraction(k, 5))
-        values[f"dq{k}"], values[f"ddq{k}"] = number(Fraction(7 - 2 * k, 3)), number(Fraction(5 * k - 11, 4))
-    from_energy = evaluate_torque_columns(energy, keys, values)
-    algebra = PointAlgebra(energy.algebra.ring.domain, values)
-    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
-    by_recursion = compute_torque_columns(recursion, keys)
-    same = all(fold_vector(robot, algebra, by_recursion[key]) == tuple(from_energy[key]) for key in keys)
-    _require(same, "Lagrange and Newton-Euler differ at a rational point")
-    return "verified exactly at a rational point: equal to the Newton-Euler recursion"
 
 
 _LONG_WAY = 1e9
@@ -298,45 +241,38 @@ _ELEMENTS = (
 
 def describe_friction(robot: Robot) -> Step | None:
     """Return the friction laws of all joints with their sources; None without any."""
-    joints = [
-        (number, joint, get_friction_law(joint.friction)) for number, joint in enumerate(robot.joints, 1)
-    ]
-    formulas, sentences, checked = [], [], []
-    for number, joint, law in joints:
+    formulas, sentences, checked = [], [], ""
+    for number, joint in enumerate(robot.joints, start=1):
+        law = get_friction_law(joint.friction)
         if law is None:
             continue
         sentences.append(f"{joint.name}: {law.name} ({law.source})")
         steady = law.latex.removeprefix(r"\tau_f = ")
-        left = f"tau_f{number}"
         if law.memory:
             damping = r"\sigma_1 \dot z + " if len(law.memory) > 1 else ""
             bent = _ELEMENTS if law.elements else _BRISTLES.replace("{damping}", damping)
             bent += r" + \tau_0" if law.linear[-1].name == "offset" else ""
             steady = rf"{bent}, \quad \text{{steady: }} {steady}"
-            checked.append(_check_steady(law, joint.friction))
-        formulas.append(Formula(left=left, text=law.formula, latex=steady, left_latex=rf"\tau_{{f{number}}}"))
+            # At numbers of its own the state of the law ends at its curve.
+            linear = [0.5 + 0.25 * k for k in range(len(law.linear))]
+            values = dict(zip((entry.name for entry in law.linear), linear, strict=True))
+            values |= list_memory_values(law, joint.friction)
+            still = (0.0,) * count_states(law, joint.friction)
+            torque, _ = advance_memory(build_float_carrier(), values, 0.3, _LONG_WAY, still)
+            curve = compute_friction_torque(law, {"velocity": np.array([0.3])}, linear, joint.friction.shape)
+            same = abs(torque - float(curve[0])) <= _AGREEMENT * abs(torque)
+            require(same, "bristles do not end at the curve of steady sliding")
+            checked = "verified at a speed: after a long way bristles give the curve of steady sliding"
+        left, latex_left = f"tau_f{number}", rf"\tau_{{f{number}}}"
+        formulas.append(Formula(left=left, text=law.formula, latex=steady, left_latex=latex_left))
     if not sentences:
         return None
-    _require(all(checked), "bristles do not end at the curve of steady sliding")
     return Step(
         title="Friction",
         sentence=f"Friction is added to these torques, against positive velocity. {'; '.join(sentences)}.",
         formulas=tuple(formulas),
-        check="verified at a speed: after a long way bristles give the curve of steady sliding"
-        if checked
-        else "",
+        check=checked,
     )
-
-
-def _check_steady(law: FrictionLaw, friction: FrictionValues) -> bool:
-    """Return whether the state of a law ends at its curve, at numbers of its own."""
-    linear = [0.5 + 0.25 * k for k in range(len(law.linear))]
-    values = dict(zip((entry.name for entry in law.linear), linear, strict=True))
-    values |= list_memory_values(law, friction)
-    speed, count = 0.3, count_states(law, friction)
-    torque, _ = advance_memory(build_float_carrier(), values, speed, _LONG_WAY, (0.0,) * count)
-    steady = compute_friction_torque(law, {"velocity": np.array([speed])}, linear, friction.shape)
-    return abs(torque - float(steady[0])) <= _AGREEMENT * abs(torque)
 
 
 def derive_lesson(robot: Robot) -> tuple[Step, ...]:
@@ -347,12 +283,37 @@ def derive_lesson(robot: Robot) -> tuple[Step, ...]:
     """
     base, energy = derive_base_parameters(robot), derive_energy(robot)
     state = build_state(robot, energy.algebra, energy.algebra.generators)
+    velocities: list[Formula] = []
+    for number, motion in enumerate(build_recursion(robot, energy.algebra, state).motions, start=1):
+        for letter, vector in (("w", motion.angular), ("v", motion.linear)):
+            entries = zip("xyz", vector, strict=True)
+            velocities += [
+                _build_formula(f"{letter}{number}{axis}", entry) for axis, entry in entries if entry
+            ]
+    groups = []
+    for parameter in base.parameters:
+        # In its own order.
+        products = [factor * Symbol(write_label(robot, label)) for label, factor in parameter.terms]
+        formula, left = str(latex(Add(*products, evaluate=False), order="none")), parameter.name
+        text, name = parameter.expression, write_name_latex(left)
+        groups.append(Formula(left=left, text=text, latex=formula, left_latex=name))
+    total = sum(name in (*INERTIAL, *DRIVE_PARAMETERS) for _, name in base.labels)
     friction = describe_friction(robot)
     return (
         _describe_frames(robot),
-        _describe_velocities(build_recursion(robot, energy.algebra, state).motions),
+        Step(
+            title="Velocities",
+            sentence="From the base outwards: the velocity of the link before, in the axes of this link, "
+            "plus that of its own joint. s1, c1 stand for sin q1, cos q1. Entries that are not listed are "
+            "zero.",
+            formulas=tuple(velocities),
+        ),
         _describe_energy(energy, base),
-        _describe_base(robot, base),
+        Step(
+            title="Base parameters",
+            sentence=f"Of {total} inertial parameters only {base.count} combinations are identifiable.",
+            formulas=tuple(groups),
+        ),
         *_describe_matrices(robot),
         _describe_torques(robot, energy, base),
         *([] if friction is None else [friction]),

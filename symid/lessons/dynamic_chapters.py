@@ -1,18 +1,26 @@
-r"""The chapters of a lesson on the dynamics of a rigid robot, and the lesson as a whole.
+r"""The chapters of a lesson on the dynamics of a robot, its joints rigid or elastic, and the whole lesson.
 
 Robot, book -> `Lesson`: energies, base parameters, M, C, g, equation of motion, drives and friction. Up to
 three joints, and where four give short formulas, all is written out; beyond, composite bodies and their
 momenta have names, and torques are those of the recursion. What is stated as checked was compared before.
+Then, on elastic joints, motor and link, springs, energies, inverse, two steps; the page runs the generated
+step of the springs beside them.
 
-Supported: robots of the exact algebra. Not supported: a closed form of C beyond four joints.
+    link    M ddq + C dq + g = tau_J            play  P_r[x] = max(x - r, min(x + r, P_r before))
+    motor   IA ddtheta + tau_f + tau_J = tau_m  stop  E_r[x] = x - P_r[x]
+    spring  tau_J = S(k0 phi + sum k_i E_i[phi]),  phi = theta - q
+
+Kuhnen 2003; Zhang and Zhang 2023 for the two-step method.
+Supported: robots of the exact algebra; springs with stops, knees and a cubic part.
+Not supported: a closed form of C beyond four joints; branches of other models (named only).
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 
 from sympy.polys.rings import PolyElement
 
 from symid.dynamics import compute_torque_columns, fold_vector
+from symid.joint_models import Elasticity
 from symid.lessons.chapters import (
     WRITTEN_OUT,
     Chapter,
@@ -23,7 +31,10 @@ from symid.lessons.chapters import (
     find_tip,
     list_slides,
     require,
+    say,
+    show,
     write_base,
+    write_frames,
     write_kinematics,
     write_matrix,
 )
@@ -31,7 +42,6 @@ from symid.lessons.derivation import describe_friction
 from symid.lessons.matrices import (
     Composites,
     Equations,
-    LessonModel,
     Parameterisation,
     build_model,
     build_model_recursion,
@@ -63,20 +73,24 @@ def build_lesson(robot: Robot, book: Book, form: Parameterisation | None = None)
     equations, composites = None, None
     if robot.freedom <= WRITTEN_OUT + 1:
         equations = derive_equations(build_model(robot, form))
-        if robot.freedom > WRITTEN_OUT and not _is_short(equations):
+        elements = (write_sum(value, equations.model.sums) for row in equations.mass for value in row)
+        if robot.freedom > WRITTEN_OUT and any(one.count_terms() > _MOST_TERMS for one in elements):
             equations = None
     if equations is None:
         composites = derive_composites(robot)
     model = equations.model if equations else composites.model if composites else build_model(robot, form)
     writer = ChapterWriter(model=model, book=book, style=build_style(book, list_slides(robot)))
     values, beta, stand_ins = build_values(robot, model)
-    dynamics = _write_short(writer, equations) if equations else _write_long(writer, composites)
-    chapters = [*write_kinematics(writer, robot), *dynamics, *_write_joints(robot)]
+    chapters = [write_frames(writer, robot), *write_kinematics(writer)]
+    if equations:
+        chapters += _write_short(writer, equations)
+    elif composites:
+        chapters += _write_long(writer, composites)
     return Lesson(
         robot=robot,
         model=model,
         book=book,
-        chapters=tuple(chapters),
+        chapters=(*chapters, *_write_joints(robot), *_write_elastic(robot, book)),
         values=values,
         beta=beta,
         stand_ins=stand_ins,
@@ -84,155 +98,145 @@ def build_lesson(robot: Robot, book: Book, form: Parameterisation | None = None)
     )
 
 
-def _is_short(equations: Equations) -> bool:
-    sums = equations.model.sums
-    return all(write_sum(x, sums).count_terms() <= _MOST_TERMS for row in equations.mass for x in row)
-
-
 # Short robots: all is written out.
 
 
-def _write_short(writer: ChapterWriter, equations: Equations) -> Iterator[Chapter]:
-    yield _write_energies(writer, equations)
-    yield write_base(writer)
-    yield _write_mass(writer, equations)
-    yield _write_coriolis(writer, equations)
-    yield _write_gravity(writer, equations)
-    yield _write_motion(writer, equations)
-
-
-def _write_energies(writer: ChapterWriter, equations: Equations) -> Chapter:
-    book = writer.book
-    regressor = _write_energy_columns(writer, equations)
-    items = [
-        Item(
-            kind="text",
-            text="The kinetic energy of a link with mass $M$, first moments $\\mathit{MS}$ and inertia "
-            "$I$ about the origin "
-            "of its frame, and its potential in the field $g$:",
-        ),
-        Item(
-            kind="formula",
-            latex=rf"{book.kinetic}_j = \tfrac12\,\omega_j^{{\mathsf T}} I_j\,\omega_j + \omega_j \cdot "
-            rf"(\mathit{{MS}}_j \times v_j) + \tfrac12\,M_j\, v_j \cdot v_j, \qquad "
-            rf"{book.potential}_j = -g \cdot (M_j\, p_j + R\,\mathit{{MS}}_j)",
-        ),
-        Item(kind="text", text="Summed over the links, in the letters of this lesson:"),
-        writer.formula(book.kinetic, equations.kinetic, "T", "J"),
-        writer.formula(book.potential, equations.potential, "V", "J"),
-        Item(
-            kind="details",
-            text="The energy regressor: both energies per unit of each parameter",
-            items=regressor,
-        ),
-    ]
-    return Chapter(title="Energies", anchor="energies", items=tuple(items))
-
-
-def _write_energy_columns(writer: ChapterWriter, equations: Equations) -> tuple[Item, ...]:
-    model, book, items = writer.model, writer.book, []
-    if model.form != "base":
-        letters = _list_linear_letters(model)
-    else:
-        letters = [entry.name for entry in model.base.parameters]
-    for name in letters:
-        letter = model.algebra.generators[name]
-        for symbol, energy in ((book.kinetic, equations.kinetic), (book.potential, equations.potential)):
-            slope = energy.diff(letter)
-            if slope:
-                left = rf"\frac{{\partial {symbol}}}{{\partial {writer.symbol(name)}}}"
-                items.append(writer.formula(left, slope))
-    return tuple(items)
-
-
-def _list_linear_letters(model: LessonModel) -> list[str]:
-    """Return the letters that all parameters are linear in: masses and inertias."""
-    known = model.algebra.generators
-    found = []
-    for name, letter in known.items():
-        used = [value for value in model.parameters.values() if value.diff(letter)]
-        if used and all(not value.diff(letter).diff(letter) for value in used) and name[0] in "mMI":
-            found.append(name)
-    return found
-
-
-def _is_small(texts: Sequence[str], most: int = 46) -> bool:
-    return all(
-        len(text.replace(r"\,", "").replace(r"\mathit", "").replace("{", "")) <= most for text in texts
+def _write_slopes(writer: ChapterWriter, slopes: Iterable[tuple[str, str, PolyElement]]) -> tuple[Item, ...]:
+    """Return d(symbol)/d(parameter) = value for all that are not zero."""
+    return tuple(
+        writer.formula(rf"\frac{{\partial {symbol}}}{{\partial {writer.symbol(name)}}}", value)
+        for symbol, name, value in slopes
+        if value
     )
 
 
-def _write_elements(
-    writer: ChapterWriter,
-    letter: str,
-    rows: Sequence[Sequence[PolyElement]],
-    name: str,
-    *,
-    symmetric: bool,
-    unit: str,
-) -> list[Item]:
-    """Return a matrix as such where its elements are short, else its elements one by one."""
-    size = len(rows)
-    texts = [[writer.latex(value) for value in row] for row in rows]
-    items: list[Item] = []
-    if size <= 2 and _is_small([text for row in texts for text in row], 120):
-        shown = [
-            [r"\text{sym.}" if symmetric and j < i else text for j, text in enumerate(row)]
-            for i, row in enumerate(texts)
-        ]
-        items.append(write_matrix(letter, shown))
-    for i, row in enumerate(rows):
-        for j, value in enumerate(row):
-            if symmetric and j < i:
-                continue
-            index = f"{i + 1}{j + 1}" if size < 10 else f"{i + 1},{j + 1}"
-            left = rf"{letter[0]}_{{{index}}}" if len(letter) == 1 else rf"{letter}_{{{index}}}"
-            items.append(writer.formula(left, value, f"{name}{i + 1}_{j + 1}", unit if value else ""))
-    return items
+def _list_energy_slopes(
+    writer: ChapterWriter, equations: Equations
+) -> Iterator[tuple[str, str, PolyElement]]:
+    """Yield both energies per unit of each letter that all parameters are linear in: masses and inertias."""
+    model, book = writer.model, writer.book
+    names = [entry.name for entry in model.base.parameters]
+    if model.form != "base":
+        names = []
+        for name, letter in model.algebra.generators.items():
+            used = [value for value in model.parameters.values() if value.diff(letter)]
+            if used and all(not value.diff(letter).diff(letter) for value in used) and name[0] in "mMI":
+                names.append(name)
+    for name in names:
+        letter = model.algebra.generators[name]
+        yield book.kinetic, name, equations.kinetic.diff(letter)
+        yield book.potential, name, equations.potential.diff(letter)
 
 
-def _write_mass(writer: ChapterWriter, equations: Equations) -> Chapter:
+def _write_short(writer: ChapterWriter, equations: Equations) -> Iterator[Chapter]:
+    model, book, q = writer.model, writer.book, writer.book.coordinates
+    M, C, T, V = book.mass, book.coriolis, book.kinetic, book.potential
+    yield Chapter(
+        "Energies",
+        "energies",
+        (
+            say(
+                "The kinetic energy of a link with mass $M$, first moments $\\mathit{MS}$ and inertia $I$ "
+                "about the origin of its frame, and its potential in the field $g$:"
+            ),
+            show(
+                rf"{T}_j = \tfrac12\,\omega_j^{{\mathsf T}} I_j\,\omega_j + \omega_j \cdot "
+                rf"(\mathit{{MS}}_j \times v_j) + \tfrac12\,M_j\, v_j \cdot v_j, \qquad "
+                rf"{V}_j = -g \cdot (M_j\, p_j + R\,\mathit{{MS}}_j)"
+            ),
+            say("Summed over the links, in the letters of this lesson:"),
+            writer.formula(T, equations.kinetic, "T", "J"),
+            writer.formula(V, equations.potential, "V", "J"),
+            Item(
+                "details",
+                "The energy regressor: both energies per unit of each parameter",
+                items=_write_slopes(writer, _list_energy_slopes(writer, equations)),
+            ),
+        ),
+    )
+    yield write_base(writer)
     require(check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy")
-    book, q = writer.book, writer.book.coordinates
-    items = [
-        Item(
-            kind="text",
-            text=rf"The kinetic energy is the square form ${book.kinetic} = \tfrac12\,\dot {q}^{{\mathsf T}} "
-            rf"{book.mass}({q})\,\dot {q}$; the inertia matrix ${book.mass}$ is symmetric, and positive "
-            rf"definite for "
-            "bodies that exist.",
+    texts = [[writer.latex(value) for value in row] for row in equations.mass]
+    mass = []
+    if len(texts) <= 2 and _is_small(texts, 120):
+        shown = [[r"\text{sym.}" if j < i else x for j, x in enumerate(row)] for i, row in enumerate(texts)]
+        mass.append(write_matrix(M, shown))
+    for i, row in enumerate(equations.mass):
+        for j, value in enumerate(row[i:], start=i):
+            unit = "kg m²" if value else ""
+            mass.append(writer.formula(rf"{M}_{{{i + 1}{j + 1}}}", value, f"M{i + 1}_{j + 1}", unit))
+    yield Chapter(
+        "Inertia matrix",
+        "mass",
+        (
+            say(
+                rf"The kinetic energy is the square form ${T} = \tfrac12\,\dot {q}^{{\mathsf T}} "
+                rf"{M}({q})\,\dot {q}$; the inertia matrix ${M}$ is symmetric, and positive definite for "
+                rf"bodies that exist."
+            ),
+            *mass,
+            Item(
+                "check",
+                f"exact: ${M}$ from composite bodies equals the second derivatives of ${T}$ by the rates, "
+                f"element by element; so it is symmetric",
+            ),
+            Item("widget", "mass"),
         ),
-        *_write_elements(writer, book.mass, equations.mass, "M", symmetric=True, unit="kg m²"),
-        Item(
-            kind="check",
-            text=f"exact: ${book.mass}$ from composite bodies equals the second derivatives of "
-            f"${book.kinetic}$ by the "
-            "rates, element by element; so it is symmetric",
+    )
+    yield _write_coriolis(writer, equations)
+    slope = rf"${book.gravity}_i = \partial {V} / \partial {q}_i$"
+    text = f"At rest the motors hold the slope of the potential: {slope}."
+    yield Chapter(
+        "Gravity",
+        "gravity",
+        (say(text), *_write_gravity(writer, equations.gravity), Item("widget", "gravity")),
+    )
+    require(check_newton_euler(equations), "Lagrange and Newton-Euler differ")
+    require(check_power(equations), "the power of the torques is not the change of the energy")
+    columns = compute_torque_columns(build_model_recursion(model), model.base.keys)
+    slopes = (
+        (f"{book.torque}_{{{k}}}", entry.name, value)
+        for entry in model.base.parameters
+        for k, value in enumerate(fold_vector(model.robot, model.algebra, columns[entry.label]), start=1)
+    )
+    yield Chapter(
+        "Equation of motion",
+        "motion",
+        (
+            *_write_law(book),
+            Item(
+                "check",
+                f"exact: ${M}\\ddot {q} + {C}\\dot {q} + {book.gravity}$ equals the torques of the "
+                f"Newton-Euler recursion (Luh, Walker and Paul 1980), polynomial by polynomial",
+            ),
+            Item(
+                "check",
+                rf"exact: $\frac{{d}}{{dt}}({T} + {V}) = \dot {q} \cdot {book.torque}$, the energy theorem",
+            ),
+            Item("widget", "energy"),
+            Item(
+                "details",
+                "The torque regressor: torques per unit of each base parameter",
+                items=_write_slopes(writer, slopes),
+            ),
         ),
-        Item(kind="widget", text="mass"),
-    ]
-    return Chapter(title="Inertia matrix", anchor="mass", items=tuple(items))
+    )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Named:
-    """A Christoffel symbol that has a letter: h, or h with a number."""
+def _is_small(texts: Sequence[Sequence[str]], most: int) -> bool:
+    """Return whether formulas are short enough for the elements of a matrix."""
+    plain = (
+        text.replace(r"\,", "").replace(r"\mathit", "").replace("{", "") for row in texts for text in row
+    )
+    return all(len(text) <= most for text in plain)
 
-    letter: str
-    name: str
-    value: PolyElement
 
-
-def _name_symbols(equations: Equations) -> list[_Named]:
-    """Return the different Christoffel symbols, up to their sign and a number, with their letters."""
-    found: list[PolyElement] = []
-    for value in equations.christoffel.values():
-        if value and not any(_find_ratio(value, known) for known in found):
-            found.append(value)
-    single = len(found) == 1
+def _write_gravity(writer: ChapterWriter, values: Sequence[PolyElement]) -> list[Item]:
+    """Return the torques at rest, one a coordinate."""
+    units = ["N" if joint.prismatic else "N m" for joint in writer.model.robot.axes]
     return [
-        _Named(letter="h" if single else f"h_{{{k}}}", name="h" if single else f"h{k}", value=value)
-        for k, value in enumerate(found, start=1)
+        writer.formula(rf"{writer.book.gravity}_{{{k}}}", value, f"g{k}_", unit)
+        for k, (value, unit) in enumerate(zip(values, units, strict=True), start=1)
     ]
 
 
@@ -240,202 +244,99 @@ def _find_ratio(value: PolyElement, known: PolyElement) -> PolyElement | None:
     """Return the number r with value = r known, None where there is none."""
     if not value or set(value) != set(known):
         return None
-    domain, monomial = value.ring.domain, next(iter(known))
-    ratio = domain.quo(value[monomial], known[monomial]) if domain.is_Field else None
-    if ratio is None:
-        return None
-    scaled = known.mul_ground(ratio)
-    return value.ring.ground_new(ratio) if scaled == value else None
+    monomial = next(iter(known))
+    ratio = value.ring.domain.quo(value[monomial], known[monomial])
+    return value.ring.ground_new(ratio) if known.mul_ground(ratio) == value else None
 
 
 def _write_coriolis(writer: ChapterWriter, equations: Equations) -> Chapter:
     require(check_skew(equations), "dM/dt - 2C is not skew")
-    book, named = writer.book, _name_symbols(equations)
-    M, C = book.mass, book.coriolis
-    q = book.coordinates
+    M, C, q = writer.book.mass, writer.book.coriolis, writer.book.coordinates
+    # Christoffel symbols that differ by more than a sign and a number have letters: h, or h with a number.
+    found: list[PolyElement] = []
+    for value in equations.christoffel.values():
+        if value and not any(_find_ratio(value, known) for known in found):
+            found.append(value)
+    single = len(found) == 1
+    named = [
+        ("h" if single else f"h_{{{k}}}", "h" if single else f"h{k}", value)
+        for k, value in enumerate(found, start=1)
+    ]
     items = [
-        Item(
-            kind="text",
-            text=f"Many matrices ${C}$ give the same torques ${C}\\dot {q}$. That of Christoffel symbols "
-            f"makes "
-            rf"$\dot {M} - 2{C}$ skew:",
+        say(
+            rf"Many matrices ${C}$ give the same torques ${C}\dot {q}$. That of Christoffel symbols makes "
+            rf"$\dot {M} - 2{C}$ skew:"
         ),
-        Item(
-            kind="formula",
-            latex=rf"{C}_{{ij}} = \sum_k c_{{ijk}}\,\dot {q}_k, \qquad c_{{ijk}} = "
-            rf"\tfrac12\left(\frac{{\partial {M}_{{ij}}}}"
-            rf"{{\partial {q}_k}} + \frac{{\partial {M}_{{ik}}}}{{\partial {q}_j}} - "
-            rf"\frac{{\partial {M}_{{jk}}}}"
-            rf"{{\partial {q}_i}}\right)",
+        show(
+            rf"{C}_{{ij}} = \sum_k c_{{ijk}}\,\dot {q}_k, \qquad c_{{ijk}} = \tfrac12\left(\frac{{\partial "
+            rf"{M}_{{ij}}}}{{\partial {q}_k}} + \frac{{\partial {M}_{{ik}}}}{{\partial {q}_j}} - "
+            rf"\frac{{\partial {M}_{{jk}}}}{{\partial {q}_i}}\right)"
         ),
     ]
     if not named:
-        items.append(Item(kind="text", text=f"The inertia matrix does not depend on the posture: ${C} = 0$."))
-    items += [writer.formula(entry.letter, entry.value, entry.name, "kg m²") for entry in named]
+        items.append(say(f"The inertia matrix does not depend on the posture: ${C} = 0$."))
+    items += [writer.formula(letter, value, name, "kg m²") for letter, name, value in named]
     items += _write_products(writer, equations, named) if named else []
-    items.append(
-        Item(kind="check", text=rf"exact: $\dot {M} - 2{C}$ plus its transpose is the zero polynomial")
-    )
-    items.append(Item(kind="widget", text="skew"))
-    return Chapter(title="Coriolis matrix", anchor="coriolis", items=tuple(items))
+    items.append(Item("check", rf"exact: $\dot {M} - 2{C}$ plus its transpose is the zero polynomial"))
+    items.append(Item("widget", "skew"))
+    return Chapter("Coriolis matrix", "coriolis", tuple(items))
 
 
-def _write_products(writer: ChapterWriter, equations: Equations, named: Sequence[_Named]) -> list[Item]:
+def _write_products(
+    writer: ChapterWriter, equations: Equations, named: Sequence[tuple[str, str, PolyElement]]
+) -> list[Item]:
     """Return C in the letters of its Christoffel symbols: a matrix where it is short, else its elements."""
     C, joints = writer.book.coriolis, writer.model.robot.coordinates
-    size = len(joints)
-    texts: list[list[str]] = []
-    codes: list[list[str]] = []
-    for i in range(size):
-        row = [_list_products(writer, equations, named, (i, j)) for j in range(size)]
-        texts.append([_join_rates([part[:3] for part in parts]) for parts in row])
-        codes.append([" + ".join(part[3] for part in parts) or "0" for parts in row])
-    places = [(i, j) for i in range(size) for j in range(size)]
-    if size <= WRITTEN_OUT and _is_small([text for row in texts for text in row], 60):
-        values = [Item(kind="value", name=f"C{i + 1}_{j + 1}", code=codes[i][j]) for i, j in places]
+    places = [(i, j) for i in range(len(joints)) for j in range(len(joints))]
+    texts: list[list[str]] = [[] for _ in joints]
+    codes = {}
+    for i, j in places:
+        # Sums of number * h * rate with equal h collected: -h (dq1 + dq2).
+        groups: dict[tuple[str, str], list[str]] = {}
+        terms = []
+        for k, joint in enumerate(joints):
+            for letter, name, value in named:
+                ratio = _find_ratio(equations.christoffel[i, j, k], value)
+                if ratio is not None:
+                    number, rate = writer.latex(ratio), writer.coordinate(joint, "d")
+                    factor = "" if number in ("1", "-1") else number.lstrip("-") + r"\,"
+                    sign = "-" if number.startswith("-") else ""
+                    groups.setdefault((sign, letter), []).append(f"{factor}{rate}")
+                    terms.append(f"({write_code(writer.write(ratio), 'v')})*v.{name}*v.dq{joint + 1}")
+        text = ""
+        for (sign, letter), rates in groups.items():
+            inner = " + ".join(rates)
+            product = rf"{letter}\,{inner}" if len(rates) == 1 else rf"{letter}\,({inner})"
+            text += f" {sign or '+'} {product}" if text else f"{sign}{product}"
+        texts[i].append(text or "0")
+        codes[i, j] = " + ".join(terms) or "0"
+    names = {(i, j): f"C{i + 1}_{j + 1}" for i, j in places}
+    if len(joints) <= WRITTEN_OUT and _is_small(texts, 60):
+        values = [Item("value", name=names[place], code=codes[place]) for place in places]
         return [write_matrix(C, texts), *values]
     return [
         Item(
-            kind="formula",
+            "formula",
             latex=rf"{C}_{{{i + 1}{j + 1}}} = {texts[i][j]}",
-            name=f"C{i + 1}_{j + 1}",
-            code=codes[i][j],
+            name=names[i, j],
+            code=codes[i, j],
             unit="kg m²/s",
         )
         for i, j in places
     ]
 
 
-def _list_products(
-    writer: ChapterWriter, equations: Equations, named: Sequence[_Named], place: tuple[int, int]
-) -> list[tuple[str, str, str, str]]:
-    """Return number, letter and rate of every term of an element of C, and the term in JavaScript."""
-    found = []
-    for k, joint in enumerate(writer.model.robot.coordinates):
-        for entry in named:
-            ratio = _find_ratio(equations.christoffel[*place, k], entry.value)
-            if ratio is not None:
-                code = f"({write_code(writer.write(ratio), 'v')})*v.{entry.name}*v.dq{joint + 1}"
-                found.append((writer.latex(ratio), entry.letter, writer.coordinate(joint, "d"), code))
-    return found
-
-
-def _join_rates(parts: Sequence[tuple[str, str, str]]) -> str:
-    """Return a sum of number * h * rate with equal h collected: -h (dq1 + dq2)."""
-    groups: dict[tuple[str, str], list[str]] = {}
-    for number, letter, rate in parts:
-        sign = "-" if number.startswith("-") else ""
-        groups.setdefault((sign, letter), []).append(
-            f"{'' if number in ('1', '-1') else number.lstrip('-') + chr(92) + ','}{rate}"
-        )
-    text = ""
-    for (sign, letter), rates in groups.items():
-        inner = " + ".join(rates)
-        product = rf"{letter}\,{inner}" if len(rates) == 1 else rf"{letter}\,({inner})"
-        text += f" {sign or '+'} {product}" if text else f"{sign}{product}"
-    return text or "0"
-
-
-def _write_gravity(writer: ChapterWriter, equations: Equations) -> Chapter:
-    book = writer.book
-    items = [
-        Item(
-            kind="text",
-            text=f"At rest the motors hold the slope of the potential: ${book.gravity}_i = \\partial "
-            f"{book.potential} / "
-            f"\\partial {book.coordinates}_i$.",
-        ),
-        *(
-            writer.formula(rf"{book.gravity}_{{{k}}}", value, f"g{k}_", _name_unit(writer.model.robot, k - 1))
-            for k, value in enumerate(equations.gravity, start=1)
-        ),
-        Item(kind="widget", text="gravity"),
-    ]
-    return Chapter(title="Gravity", anchor="gravity", items=tuple(items))
-
-
-def _name_unit(robot: Robot, position: int) -> str:
-    return "N" if robot.axes[position].prismatic else "N m"
-
-
-def _write_motion(writer: ChapterWriter, equations: Equations) -> Chapter:
-    require(check_newton_euler(equations), "Lagrange and Newton-Euler differ")
-    require(check_power(equations), "the power of the torques is not the change of the energy")
-    book = writer.book
-    items = [
-        *_write_law(book),
-        Item(
-            kind="check",
-            text=f"exact: ${book.mass}\\ddot {book.coordinates} + {book.coriolis}\\dot {book.coordinates} + "
-            f"{book.gravity}$ equals the torques of the Newton-Euler recursion (Luh, Walker and Paul "
-            f"1980), polynomial by polynomial",
-        ),
-        Item(
-            kind="check",
-            text=rf"exact: $\frac{{d}}{{dt}}({book.kinetic} + {book.potential}) = \dot {book.coordinates} "
-            rf"\cdot {book.torque}$, "
-            "the energy theorem",
-        ),
-        Item(kind="widget", text="energy"),
-        Item(
-            kind="details",
-            text="The torque regressor: torques per unit of each base parameter",
-            items=_write_torque_columns(writer),
-        ),
-    ]
-    return Chapter(title="Equation of motion", anchor="motion", items=tuple(items))
-
-
 def _write_law(book: Book) -> list[Item]:
-    q = book.coordinates
-    return [
-        Item(
-            kind="formula",
-            latex=rf"{book.torque} = {book.mass}({q})\,\ddot {q} + {book.coriolis}({q}, \dot {q})\,\dot "
-            rf"{q} + {book.gravity}({q})",
-        ),
-        *(
-            [
-                Item(
-                    kind="text",
-                    text=rf"Craig writes $V(\Theta, \dot\Theta)$ for the vector "
-                    rf"${book.coriolis}\,\dot\Theta$.",
-                )
-            ]
-            if book.name == "craig"
-            else []
-        ),
-    ]
-
-
-def _write_torque_columns(writer: ChapterWriter) -> tuple[Item, ...]:
-    model = writer.model
-    columns = compute_torque_columns(build_model_recursion(model), model.base.keys)
-    items = []
-    for entry in model.base.parameters:
-        folded = fold_vector(model.robot, model.algebra, columns[entry.label])
-        for k, value in enumerate(folded, start=1):
-            if value:
-                left = (
-                    rf"\frac{{\partial {writer.book.torque}_{{{k}}}}}{{\partial {writer.symbol(entry.name)}}}"
-                )
-                items.append(writer.formula(left, value))
-    return tuple(items)
+    """Return the equation of motion, and what Craig writes in its place."""
+    q, C = book.coordinates, book.coriolis
+    right = rf"{book.mass}({q})\,\ddot {q} + {C}({q}, \dot {q})\,\dot {q} + {book.gravity}({q})"
+    law = [show(f"{book.torque} = {right}")]
+    if book.name == "craig":
+        law.append(say(rf"Craig writes $V(\Theta, \dot\Theta)$ for the vector ${C}\,\dot\Theta$."))
+    return law
 
 
 # Long robots: composite bodies.
-
-
-def _write_long(writer: ChapterWriter, composites: Composites | None) -> Iterator[Chapter]:
-    if composites is None:
-        return
-    require(check_composites(composites), "the named quantities do not give the matrices")
-    yield write_base(writer)
-    yield _write_composites(writer, composites)
-    yield _write_long_mass(writer, composites)
-    yield _write_long_gravity(writer, composites)
-    yield _write_long_motion(writer)
-
 
 _KINDS = {
     "body": r"Composite bodies: link $j$ and all beyond it, as one rigid body in the frame of link $j$",
@@ -447,113 +348,76 @@ _KINDS = {
 }
 
 
-def _write_composites(writer: ChapterWriter, composites: Composites) -> Chapter:
-    items = [
-        Item(
-            kind="text",
-            text="Written out, the inertia matrix has thousands of terms. It becomes short with the "
-            "composite bodies "
-            "of Walker and Orin (1982): lock all joints beyond joint $j$, and the links from $j$ on are "
-            "one body, whose inertia "
-            "$\\overline{\\mathit{XX}}_j \\ldots$, first moments $\\overline{\\mathit{MX}}_j \\ldots$ and "
-            "mass follow from "
-            "those of the body before it, from the tip to the base. What is not listed is zero or a "
-            "parameter itself.",
+def _write_long(writer: ChapterWriter, composites: Composites) -> Iterator[Chapter]:
+    require(check_composites(composites), "the named quantities do not give the matrices")
+    book, robot, q = writer.book, writer.model.robot, writer.book.coordinates
+    yield write_base(writer)
+    bodies = [
+        say(
+            "Written out, the inertia matrix has thousands of terms. It becomes short with the composite "
+            "bodies of Walker and Orin (1982): lock all joints beyond joint $j$, and the links from $j$ on "
+            "are one body, whose inertia $\\overline{\\mathit{XX}}_j \\ldots$, first moments "
+            "$\\overline{\\mathit{MX}}_j \\ldots$ and mass follow from those of the body before it, from the "
+            "tip to the base. What is not listed is zero or a parameter itself."
         )
     ]
     for kind, title in _KINDS.items():
         listed = [entry for entry in composites.definitions if entry.kind == kind]
-        formulas = [writer.formula(writer.symbol(entry.name), entry.value, entry.name) for entry in listed]
+        formulas = tuple(writer.formula(writer.symbol(x.name), x.value, x.name) for x in listed)
         if formulas:
-            items.append(Item(kind="details", text=f"{title} ({len(formulas)})", items=tuple(formulas)))
-    return Chapter(title="Composite bodies", anchor="composites", items=tuple(items))
-
-
-def _write_long_mass(writer: ChapterWriter, composites: Composites) -> Chapter:
-    book, robot = writer.book, writer.model.robot
-    items = [
-        Item(
-            kind="text",
-            text=f"The element ${book.mass}_{{ij}}$ is the momentum of the composite body $j$, per unit "
-            f"rate of its joint, about "
-            "the axis of joint $i$. Every element in closed form:",
-        )
-    ]
+            bodies.append(Item("details", f"{title} ({len(formulas)})", items=formulas))
+    yield Chapter("Composite bodies", "composites", tuple(bodies))
     rows: dict[int, list[Item]] = {}
+    comma = "," if robot.size > 9 else ""
     for (i, j), value in sorted(composites.mass.items()):
-        comma = "," if robot.size > 9 else ""
-        left = rf"{book.mass}_{{{i + 1}{comma}{j + 1}}}"
-        rows.setdefault(i, []).append(
-            writer.formula(left, value, f"M{i + 1}_{j + 1}", "kg m²" if value else "")
-        )
-    for i, formulas in rows.items():
-        items.append(
-            Item(kind="details", text=f"Row {i + 1}", items=tuple(formulas), name="open" if i < 3 else "")
-        )
-    items.append(
+        left, unit = rf"{book.mass}_{{{i + 1}{comma}{j + 1}}}", "kg m²" if value else ""
+        rows.setdefault(i, []).append(writer.formula(left, value, f"M{i + 1}_{j + 1}", unit))
+    mass = (
+        say(
+            f"The element ${book.mass}_{{ij}}$ is the momentum of the composite body $j$, per unit rate of "
+            f"its joint, about the axis of joint $i$. Every element in closed form:"
+        ),
+        *(
+            Item("details", f"Row {i + 1}", items=tuple(row), name="open" if i < 3 else "")
+            for i, row in rows.items()
+        ),
         Item(
-            kind="check",
-            text=f"exact at a rational point: with all names put in, ${book.mass}$ and ${book.gravity}$ "
-            f"are those of the "
-            "Newton-Euler recursion",
-        )
+            "check",
+            f"exact at a rational point: with all names put in, ${book.mass}$ and ${book.gravity}$ are those "
+            f"of the Newton-Euler recursion",
+        ),
+        Item("widget", "mass"),
     )
-    items.append(Item(kind="widget", text="mass"))
-    return Chapter(title="Inertia matrix", anchor="mass", items=tuple(items))
-
-
-def _write_long_gravity(writer: ChapterWriter, composites: Composites) -> Chapter:
-    book, robot = writer.book, writer.model.robot
-    formulas = [
-        writer.formula(
-            rf"{book.gravity}_{{{k}}}", value, f"g{k}_", "N" if robot.joints[k - 1].prismatic else "N m"
-        )
-        for k, value in enumerate(composites.gravity, start=1)
-    ]
+    yield Chapter("Inertia matrix", "mass", mass)
     text = "At rest a joint carries the weight of its composite body, by its first moments."
-    items = (Item(kind="text", text=text), *formulas, Item(kind="widget", text="gravity"))
-    return Chapter(title="Gravity", anchor="gravity", items=items)
-
-
-def _write_long_motion(writer: ChapterWriter) -> Chapter:
-    book = writer.book
-    q = book.coordinates
-    law = [
-        Item(
-            kind="text",
-            text="The torques of a motion follow from the tip to the base, with forces in place of momenta:",
+    weights = (say(text), *_write_gravity(writer, composites.gravity), Item("widget", "gravity"))
+    yield Chapter("Gravity", "gravity", weights)
+    law = (
+        say("The torques of a motion follow from the tip to the base, with forces in place of momenta:"),
+        show(
+            rf"\dot\omega_j = R_j^{{\mathsf T}}\dot\omega_{{j-1}} + \omega_j\times z\,\dot {q}_j + z\,\ddot "
+            rf"{q}_j, \qquad a_j = R_j^{{\mathsf T}}\left(a_{{j-1}} + \dot\omega_{{j-1}}\times p_j + "
+            rf"\omega_{{j-1}}\times(\omega_{{j-1}}\times p_j)\right)"
         ),
-        Item(
-            kind="formula",
-            latex=rf"\dot\omega_j = R_j^{{\mathsf T}}\dot\omega_{{j-1}} + \omega_j\times z\,\dot {q}_j + "
-            rf"z\,\ddot {q}_j, \qquad "
-            r"a_j = R_j^{\mathsf T}\left(a_{j-1} + \dot\omega_{j-1}\times p_j + "
-            r"\omega_{j-1}\times(\omega_{j-1}\times p_j)\right)",
+        show(
+            r"f_j = M_j a_j + \dot\omega_j\times \mathit{MS}_j + \omega_j\times(\omega_j\times "
+            r"\mathit{MS}_j) + \sum R f, \qquad n_j = I_j\dot\omega_j + \omega_j\times I_j\omega_j + "
+            r"\mathit{MS}_j\times a_j + \sum (R n + p\times R f)"
         ),
-        Item(
-            kind="formula",
-            latex=r"f_j = M_j a_j + \dot\omega_j\times \mathit{MS}_j + \omega_j\times(\omega_j\times "
-            r"\mathit{MS}_j) + \sum R f, \qquad "
-            r"n_j = I_j\dot\omega_j + \omega_j\times I_j\omega_j + \mathit{MS}_j\times a_j + \sum (R n + "
-            r"p\times R f)",
-        ),
-        Item(kind="formula", latex=rf"{book.torque}_j = z\cdot n_j, \qquad a_0 = -g"),
-        Item(
-            kind="text",
-            text=rf"Collected, they are the equation below; ${book.coriolis}$ is the matrix of "
-            rf"Christoffel symbols, "
-            "which generated code computes in the same recursion (Echeandia and Wensing 2021).",
+        show(rf"{book.torque}_j = z\cdot n_j, \qquad a_0 = -g"),
+        say(
+            f"Collected, they are the equation below; ${book.coriolis}$ is the matrix of Christoffel "
+            f"symbols, which generated code computes in the same recursion (Echeandia and Wensing 2021)."
         ),
         *_write_law(book),
-        Item(kind="widget", text="skew"),
-        Item(
-            kind="text",
-            text=rf"The energy theorem holds along every motion: "
-            rf"$\frac{{d}}{{dt}}({book.kinetic} + {book.potential}) = \dot {q}\cdot {book.torque}$.",
+        Item("widget", "skew"),
+        say(
+            rf"The energy theorem holds along every motion: "
+            rf"$\frac{{d}}{{dt}}({book.kinetic} + {book.potential}) = \dot {q}\cdot {book.torque}$."
         ),
-        Item(kind="widget", text="energy"),
-    ]
-    return Chapter(title="Equation of motion", anchor="motion", items=tuple(law))
+        Item("widget", "energy"),
+    )
+    yield Chapter("Equation of motion", "motion", law)
 
 
 # Joints: drives and friction.
@@ -562,35 +426,152 @@ def _write_long_motion(writer: ChapterWriter) -> Chapter:
 def _write_joints(robot: Robot) -> Iterator[Chapter]:
     items: list[Item] = []
     rotors = [
-        k
+        str(k)
         for k, joint in enumerate(robot.joints, start=1)
         if joint.drive.has_rotor and joint.elasticity is None
     ]
     if rotors or robot.couplings:
-        names = ", ".join(map(str, rotors))
-        items.append(
-            Item(
-                kind="text",
-                text=(
-                    f"The rotors of joints {names} turn with their joints: $\\mathit{{IA}}_j\\,\\dot "
-                    f"q_j^2/2$ is added to the kinetic "
-                    "energy, $\\mathit{IA}_j$ the inertia on the joint side. "
-                    if rotors
-                    else ""
-                )
-                + " ".join(
-                    f"Drive {one.name} turns with several joints, so its inertia couples them."
-                    for one in robot.couplings
-                ),
-            )
+        text = (
+            f"The rotors of joints {', '.join(rotors)} turn with their joints: $\\mathit{{IA}}_j\\,\\dot "
+            f"q_j^2/2$ is added to the kinetic energy, $\\mathit{{IA}}_j$ the inertia on the joint side. "
         )
+        drives = (
+            f"Drive {one.name} turns with several joints, so its inertia couples them."
+            for one in robot.couplings
+        )
+        items.append(say((text if rotors else "") + " ".join(drives)))
     friction = describe_friction(robot)
     if friction is not None:
-        items.append(Item(kind="text", text=friction.sentence))
-        items += [
-            Item(kind="formula", latex=f"{entry.left_latex} = {entry.latex}") for entry in friction.formulas
-        ]
+        items.append(say(friction.sentence))
+        items += [show(f"{entry.left_latex} = {entry.latex}") for entry in friction.formulas]
         if friction.check:
-            items.append(Item(kind="check", text=friction.check))
+            items.append(Item("check", friction.check))
     if items:
-        yield Chapter(title="Drives and friction", anchor="joints", items=tuple(items))
+        yield Chapter("Drives and friction", "joints", tuple(items))
+
+
+# Elastic joints.
+
+_PLAY = (
+    r"P_r[x](t) = \max\bigl(x - r,\ \min(x + r,\ P_r(t^-))\bigr), \qquad E_r[x] = x - P_r[x], \qquad "
+    r"|E_r| \le r"
+)
+_SPRING = r"v = k_0\,\varphi + \sum_i k_i\,E_{r_i}[\varphi], \qquad \tau_J = S(v)"
+_CUBIC_SPRING = _SPRING.replace(r"\varphi +", r"\varphi + k_3\,\varphi^3 +", 1)
+_DEAD = r"S(v) = v + \sum_{R_j > 0} s_j \max(v - R_j, 0) + \sum_{R_j < 0} s_j \min(v - R_j, 0)"
+_STORED = r"U = \tfrac12 k_0\,\varphi^2 + \tfrac12 \sum_i k_i\,E_i^2, \qquad D = \sum_i k_i\, r_i \int |dP_i|"
+_THEOREM = r"\int \tau_J\, d\varphi = U(t) - U(0) + D(t), \qquad \dot D \ge 0"
+_MASING = (
+    r"\tau_J - \tau_r = 2\,f\!\left(\tfrac12(\varphi - \varphi_r)\right), \qquad "
+    r"f \text{ the first curve from rest}"
+)
+_INVERSE = (
+    r"\varphi = w'_0\,v + \sum_i w'_i\,P_{r'_i}[v], \qquad v = S^{-1}(\tau_J), \qquad w'_0 = \frac{1}{W_0}, "
+    r"\quad w'_i = \frac{1}{W_i} - \frac{1}{W_{i-1}}, \quad r'_i = r'_{i-1} + W_{i-1}\,(r_i - r_{i-1})"
+)
+_ENERGY_ROWS = (
+    r"\Delta\bigl(h_T + h_V\bigr)\,\beta + \Delta\bigl(\tfrac12 \dot\theta^2\bigr) I_a + \int \dot\theta\, "
+    r"F(\dot\theta)\,dt\; f = \int \dot\theta\,\tau_m\,dt - \int \tau_J\,\dot\varphi\,dt"
+)
+
+
+def _list_spring_values(elasticity: Elasticity, number: str) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of a spring: joint, part, threshold, stiffness or slope."""
+    yield number, "$k_0$", "-", f"{elasticity.stiffness:g}" if elasticity.stiffness else "open"
+    for k, stop in enumerate(elasticity.stops, start=1):
+        value = "open" if stop.stiffness is None else f"{stop.stiffness:g}"
+        yield number, f"stop $k_{k}$", f"$r_{k}$ = {stop.threshold:g} rad", value
+    for k, knee in enumerate(elasticity.knees, start=1):
+        yield number, f"knee $s_{k}$", f"$R_{k}$ = {knee.threshold:g} N m", f"{knee.slope:g}"
+
+
+def _write_elastic(robot: Robot, book: Book) -> Iterator[Chapter]:
+    """Yield the chapters on elastic joints; none where no joint is elastic."""
+    springs = {str(k): joint.elasticity for k, joint in enumerate(robot.joints, start=1) if joint.elasticity}
+    if not springs:
+        return
+    q = book.coordinates
+    where = "All joints are" if len(springs) == robot.size else f"Joints {', '.join(springs)} are"
+    sides = (
+        say(
+            rf"{where} elastic: a gear with a flexible spline, a belt or a long shaft stands between motor "
+            rf"and link. The link is at ${q}$, the motor, seen through the gear, at $\theta$; the torsion is "
+            rf"the difference."
+        ),
+        show(rf"\varphi = \theta - {q}"),
+        say(
+            "The equation of motion above is that of the links, with the torque of the springs on its left "
+            "side; the rotors have equations of their own (Spong 1987):"
+        ),
+        show(
+            rf"{book.mass}({q})\,\ddot {q} + {book.coriolis}({q},\dot {q})\,\dot {q} + "
+            rf"{book.gravity}({q}) = \tau_J"
+        ),
+        show(r"I_a\,\ddot\theta + \tau_f(\dot\theta) + \tau_J = \tau_m"),
+        Item("widget", "sides"),
+    )
+    yield Chapter("Motor and link", "sides", sides)
+    cubic, knees = (any(getattr(spring, part) for spring in springs.values()) for part in ("cubic", "knees"))
+    head = ("joint", "part", "threshold", "stiffness, N m/rad (knees: slope)")
+    others = sorted({branch.kind for spring in springs.values() for branch in spring.branches})
+    items = [
+        say(
+            "A spring behind dry friction holds until its own torsion reaches its threshold, then slips. "
+            "That is the stop operator; what it lags behind is the play. A few of them beside a plain spring "
+            "make a loop of any shape with memory (Prandtl 1928, Ishlinskii 1944); a function behind makes "
+            "it harden (modified Prandtl-Ishlinskii model, Kuhnen 2003)."
+        ),
+        show(_PLAY),
+        show(_CUBIC_SPRING if cubic else _SPRING),
+        show(_DEAD),
+        Item(
+            "table", rows=(head, *(row for k, one in springs.items() for row in _list_spring_values(one, k)))
+        ),
+        Item("widget", "hysteresis"),
+        say(
+            "Drag the torsion: from rest the torque follows the first curve. After each reversal every stop "
+            "has to give back twice its threshold before it slips again, so the branch is the first curve at "
+            "twice its size, until it meets the curve that it left before (Masing 1926):"
+        ),
+        show(_MASING),
+    ]
+    if others:
+        items.append(say(f"Beside these the file has branches of other models: {', '.join(others)}."))
+    yield Chapter("Springs that remember", "springs", tuple(items))
+    energies = (
+        say(
+            "What the torque does on the torsion is stored in the springs or lost in the stops that "
+            "slip. " + ("Without knees" if knees else "Here")
+        ),
+        show(_STORED),
+        show(_THEOREM),
+        Item("widget", "balance"),
+        say(
+            r"The spring can be turned round: the inverse is a sum of plays again, in closed form. A "
+            r"controller computes with it the torsion that a wanted torque needs. With $W_i = k_0 + "
+            r"\sum_{j>i} k_j$, $r_0 = r'_0 = 0$:"
+        ),
+        show(_INVERSE),
+        Item("widget", "inverse"),
+    )
+    yield Chapter("Energy of the springs, and their inverse", "springs-energy", energies)
+    method = (
+        say(
+            "Dynamics and springs are unknown together, and their product is no linear problem. The two-step "
+            "method (after Zhang and Zhang 2023) takes turns. First, with the springs held, energy rows are "
+            "linear in the base parameters, rotors and friction:"
+        ),
+        show(_ENERGY_ROWS),
+        say(
+            "Then, with those held, the motor's equation gives the torque of each spring, and stiffness and "
+            "stops are linear in it for given thresholds:"
+        ),
+        show(
+            r"\tau_J = \tau_m - I_a\,\ddot\theta - \tau_f(\dot\theta) \approx k_0\,\varphi + \sum_i "
+            r"k_i\,E_{r_i}[\varphi]"
+        ),
+        say(
+            "The steps alternate until nothing changes; `symid identify` compares it with four other methods."
+        ),
+    )
+    yield Chapter("The two-step method", "two-step", method)

@@ -29,12 +29,7 @@ from symid.dynamics import (
     write_label,
 )
 from symid.errors import InputError, Notice
-from symid.lessons.answers import (
-    FormulaComparison,
-    build_comparison,
-    evaluate_number,
-    read_answer,
-)
+from symid.lessons.answers import build_comparison, evaluate_number, read_answer
 from symid.lessons.chapters import Lesson, list_items
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
@@ -103,7 +98,15 @@ def _ask_group(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
 def _ask_torque(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
     robot = lesson.robot
     q = [round(float(x), 1) for x in rng.uniform(-1.5, 1.5, robot.freedom)]
-    torques = _compute_gravity(lesson, q)
+    # Torques at rest, springs included, by the Newton-Euler recursion in doubles.
+    algebra = _FloatAlgebra(dict(robot.symbols))
+    values: dict[str, float] = {}
+    for number, angle in enumerate(spread_coordinates(robot, algebra, q)[: robot.size], start=1):
+        values |= {f"s{number}": math.sin(angle), f"c{number}": math.cos(angle), f"q{number}": angle}
+    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
+    keys = derive_base_parameters(robot).keys
+    loads = compute_inverse_dynamics(recursion, dict(zip(keys, lesson.beta, strict=True)))
+    torques = fold_vector(robot, algebra, loads)
     joint = int(rng.integers(robot.freedom))
     if abs(torques[joint]) < _SMALL_TORQUE:
         return None
@@ -145,19 +148,6 @@ class _FloatAlgebra(OperatorAlgebra):
 
     def half(self, value: float) -> float:
         return 0.5 * value
-
-
-def _compute_gravity(lesson: Lesson, q: Sequence[float]) -> tuple[float, ...]:
-    """Return the torques at rest, springs included, by the Newton-Euler recursion in doubles."""
-    robot = lesson.robot
-    algebra = _FloatAlgebra(dict(robot.symbols))
-    values: dict[str, float] = {}
-    for number, angle in enumerate(spread_coordinates(robot, algebra, q)[: robot.size], start=1):
-        values |= {f"s{number}": math.sin(angle), f"c{number}": math.cos(angle), f"q{number}": angle}
-    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
-    keys = derive_base_parameters(robot).keys
-    torques = compute_inverse_dynamics(recursion, dict(zip(keys, lesson.beta, strict=True)))
-    return fold_vector(robot, algebra, torques)
 
 
 # The sheet.
@@ -237,36 +227,6 @@ class MarkedAnswer:
     note: str = ""
 
 
-def _mark_answers(
-    lesson: Lesson, exercises: Sequence[Exercise], sheet: AnswerSheet
-) -> tuple[MarkedAnswer, ...]:
-    """Return the marks of all exercises of a lesson; formulas are compared exactly."""
-    comparison = build_comparison(lesson)
-    found = []
-    for number, one in enumerate(exercises, start=1):
-        typed, mark, note = sheet.answers.get(number, ""), "empty", ""
-        if typed:
-            try:
-                right, note = _mark(lesson, comparison, one, typed)
-                mark = "right" if right else "wrong"
-            except InputError as error:
-                mark, note = "unreadable", str(error)
-        found.append(MarkedAnswer(number=number, prompt=one.prompt, typed=typed, mark=mark, note=note))
-    return tuple(found)
-
-
-def _mark(lesson: Lesson, comparison: FormulaComparison, one: Exercise, typed: str) -> tuple[bool, str]:
-    """Return whether a typed answer is right, and how it was compared."""
-    if one.options:
-        name = one.answer.partition(":")[0]
-        return re.sub(r"[\s_{}$]", "", typed) == re.sub(r"[\s_]", "", name), ""
-    if one.number is not None:
-        value = evaluate_number(read_answer(typed), lesson.values)
-        close = abs(value - one.number) <= _SHARE * max(_SHARE, abs(one.number))
-        return close, f"{value:.5g}, to one percent"
-    return comparison.compare(typed, one.code)
-
-
 def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswer, ...]:
     """Return the marks of a sheet that was written for `robot`; its exercises are drawn again.
 
@@ -287,4 +247,24 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswe
         text = f"its questions are not those of {robot.name} with these settings; give the robot that the "
         text += "sheet was written for, or write it again with this version"
         raise InputError(Notice(code="lesson.other-exercises", text=text, file=file))
-    return _mark_answers(lesson, drawn, sheet)
+    comparison = build_comparison(lesson)
+    found = []
+    for number, one in enumerate(drawn, start=1):
+        typed, right, mark, note = sheet.answers.get(number, ""), False, "", ""
+        try:
+            if not typed:
+                mark = "empty"
+            elif one.options:
+                name = one.answer.partition(":")[0]
+                right = re.sub(r"[\s_{}$]", "", typed) == re.sub(r"[\s_]", "", name)
+            elif one.number is not None:
+                value = evaluate_number(read_answer(typed), lesson.values)
+                right = abs(value - one.number) <= _SHARE * max(_SHARE, abs(one.number))
+                note = f"{value:.5g}, to one percent"
+            else:
+                right, note = comparison.compare(typed, one.code)
+        except InputError as error:
+            mark, note = "unreadable", str(error)
+        mark = mark or ("right" if right else "wrong")
+        found.append(MarkedAnswer(number=number, prompt=one.prompt, typed=typed, mark=mark, note=note))
+    return tuple(found)

@@ -15,7 +15,7 @@ masses, centres of mass and central inertias.
 Not supported: names for lengths of placements that are no Denavit-Hartenberg row (their numbers stay).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Literal, TypeAlias
@@ -31,6 +31,7 @@ from symid.dynamics import (
     Recursion,
     Vector,
     Wrench,
+    add_bodies,
     build_exact_algebra,
     build_recursion,
     build_state,
@@ -198,24 +199,19 @@ def _list_formulas(
     found = {name: value.expand() for name, value in derive_parameter_formulas(robot, base).items()}
     if not found or any(joint.form is None for joint in robot.joints):
         return {}
-    rest = {entry.name: Symbol(entry.name) for entry in base.parameters if entry.name not in found}
-    silent = {name for name in rest if _is_zero(robot, base, name)}
-    polynomials = all(value.as_numer_denom()[1].is_number for value in found.values())
-    return {**found, **dict.fromkeys(silent, Symbol("zero") * 0)} if polynomials else {}
-
-
-def _is_zero(robot: Robot, base: BaseParameters, name: str) -> bool:
-    """Return whether the file states that a base parameter is zero."""
-    (entry,) = (entry for entry in base.parameters if entry.name == name)
-    if any(label[1] not in INERTIAL for label, _ in entry.terms):
-        return False
-    values = [robot.joints[link].inertial for (link, _), _ in entry.terms]
-    numbers = [
-        inertial[INERTIAL.index(label[1])]
-        for inertial, (label, _) in zip(values, entry.terms, strict=True)
-        if inertial is not None
-    ]
-    return len(numbers) == len(values) and not any(numbers)
+    if not all(value.as_numer_denom()[1].is_number for value in found.values()):
+        return {}
+    for entry in base.parameters:
+        # The file states that these are zero.
+        bodies = [
+            robot.joints[link].inertial if name in INERTIAL else None for (link, name), _ in entry.terms
+        ]
+        pairs = zip(bodies, entry.terms, strict=True)
+        if entry.name not in found and all(
+            body is not None and not body[INERTIAL.index(label[1])] for body, (label, _) in pairs
+        ):
+            found[entry.name] = Symbol("zero") * 0
+    return found
 
 
 def write_body(joint: Joint, number: int) -> tuple[Expr, ...]:
@@ -297,18 +293,13 @@ def derive_energies(model: LessonModel) -> tuple[PolyElement, PolyElement]:
             moving, resting = compute_drive_energy(recursion, key)
             kinetic += algebra.mul(value, moving)
             potential += algebra.mul(value, resting)
-    still = _find_constant(model, potential)
-    return kinetic, potential - still
-
-
-def _find_constant(model: LessonModel, value: PolyElement) -> PolyElement:
-    """Return the terms that no coordinate takes part in."""
+    # Terms that no coordinate takes part in are left out.
+    letters = [str(symbol) for symbol in algebra.ring.symbols]
     moving = [
-        k
-        for k, symbol in enumerate(model.algebra.ring.symbols)
-        if str(symbol).rstrip("0123456789") in ("s", "c", "q") and str(symbol)[-1].isdigit()
+        k for k, x in enumerate(letters) if x.rstrip("0123456789") in ("s", "c", "q") and x[-1].isdigit()
     ]
-    return value.ring.from_dict({key: n for key, n in value.items() if not any(key[k] for k in moving)})
+    terms = {key: n for key, n in potential.items() if any(key[k] for k in moving)}
+    return kinetic, algebra.ring.from_dict(terms)
 
 
 def derive_equations(model: LessonModel) -> Equations:
@@ -402,20 +393,13 @@ def check_power(equations: Equations) -> bool:
 
 def build_exact_point(robot: Robot, algebra: ExactAlgebra) -> dict[str, Any]:
     """Return a fixed number for every generator, with s^2 + c^2 = 1."""
-    domain = choose_domain(robot)
-
-    def number(value: Fraction) -> Any:  # noqa: ANN401  an element of a SymPy domain
-        return domain.convert(value.numerator) / domain.convert(value.denominator)
-
-    values = {
-        str(symbol): number(Fraction(3 + k % 5, 7 + k % 3)) for k, symbol in enumerate(algebra.ring.symbols)
-    }
+    values = {str(x): Fraction(3 + k % 5, 7 + k % 3) for k, x in enumerate(algebra.ring.symbols)}
     for k in range(1, robot.size + 1):
         t = Fraction(2 * k + 1, 3 * k + 5)
-        values[f"s{k}"], values[f"c{k}"] = number(2 * t / (1 + t * t)), number((1 - t * t) / (1 + t * t))
-        values[f"q{k}"] = number(Fraction(k, 5))
-        values[f"dq{k}"], values[f"ddq{k}"] = number(Fraction(7 - 2 * k, 3)), number(Fraction(5 * k - 11, 4))
-    return values
+        values |= {f"s{k}": 2 * t / (1 + t * t), f"c{k}": (1 - t * t) / (1 + t * t), f"q{k}": Fraction(k, 5)}
+        values |= {f"dq{k}": Fraction(7 - 2 * k, 3), f"ddq{k}": Fraction(5 * k - 11, 4)}
+    convert = choose_domain(robot).convert
+    return {name: convert(value.numerator) / convert(value.denominator) for name, value in values.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -447,140 +431,90 @@ _SHORT = 6
 """Terms up to which a quantity has no name of its own."""
 
 
-def _list_composite_names(robot: Robot) -> Iterator[str]:
-    for number in range(1, robot.size + 1):
-        yield from (f"{name}c{number}" for name in INERTIAL)
-        yield from (f"G{number}{axis}" for axis in "xyz")
-        parent = robot.joints[number - 1].parent
-        while parent >= 0:
-            yield from (f"{letter}{number}_{parent + 1}{axis}" for letter in "FN" for axis in "xyz")
-            parent = robot.joints[parent].parent
-
-
-class _Namer:
-    """Gives values a letter where they are long, and keeps the definitions."""
-
-    def __init__(self, model: LessonModel) -> None:
-        self.model = model
-        self.known = model.algebra.generators
-        self.definitions: list[Definition] = []
-
-    def name(self, value: PolyElement, name: str, kind: str, most: int = _SHORT) -> PolyElement:
-        """Return the letter of `value`, or `value` itself where it is short."""
-        if len(value) <= 1 or write_sum(value, self.model.sums).count_terms() <= most:
-            return value
-        self.definitions.append(Definition(name=name, kind=kind, value=value))
-        return self.known[name]
-
-
 def derive_composites(robot: Robot) -> Composites:
     """Return M and g of a robot in composite bodies and their momenta (Walker and Orin 1982), all named."""
     named, _ = name_lengths(robot)
-    model = build_model(robot, "base", tuple(_list_composite_names(named)))
-    namer, algebra, recursion = _Namer(model), model.algebra, build_model_recursion(model)
-    bodies = _name_bodies(namer, recursion)
-    pulls = _name_gravity(namer, recursion)
-    mass: dict[tuple[int, int], PolyElement] = {}
+    joints, size, further = named.joints, named.size, []
+    for number, one in enumerate(joints, start=1):
+        further += [*(f"{label}c{number}" for label in INERTIAL), *(f"G{number}{axis}" for axis in "xyz")]
+        parent = one.parent
+        while parent >= 0:
+            further += [f"{letter}{number}_{parent + 1}{axis}" for letter in "FN" for axis in "xyz"]
+            parent = joints[parent].parent
+    model = build_model(robot, "base", further)
+    algebra, recursion = model.algebra, build_model_recursion(model)
+    known, zero, frames = algebra.generators, algebra.zero, recursion.frames
+    definitions: list[Definition] = []
+
+    def name(value: PolyElement, letter: str, kind: str, most: int = _SHORT) -> PolyElement:
+        """Return the letter of `value`, now defined, or `value` itself where it is short."""
+        if len(value) <= 1 or write_sum(value, model.sums).count_terms() <= most:
+            return value
+        definitions.append(Definition(name=letter, kind=kind, value=value))
+        return known[letter]
+
+    def name_vector(vector: Vector[PolyElement], head: str, kind: str) -> Vector[PolyElement]:
+        x, y, z = (name(value, f"{head}{axis}", kind) for value, axis in zip(vector, "xyz", strict=True))
+        return x, y, z
+
+    # Composite bodies from the tip to the base, in the frame of their own link.
+    bodies: list[Any] = [gather_body(algebra, model.parameters, link) for link in range(size)]
+    for joint in reversed(range(size)):
+        tensor, moments, mass = bodies[joint]
+        entries = [tensor[i][j] for i in range(3) for j in range(i, 3)] + [*moments, mass]
+        xx, xy, xz, yy, yz, zz, mx, my, mz, m = (
+            name(value, f"{label}c{joint + 1}", "body", 1)
+            for label, value in zip(INERTIAL, entries, strict=True)
+        )
+        bodies[joint] = (((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (mx, my, mz), m)
+        parent = joints[joint].parent
+        if parent >= 0:
+            moved = transform_body(algebra, frames[joint], bodies[joint])
+            bodies[parent] = add_bodies(algebra, bodies[parent], moved)
+    # Gravity in every link's frame, from the base outwards.
+    x, y, z = map(algebra.constant, named.gravity)
+    pulls: list[Vector[PolyElement]] = []
+    for index, (one, frame) in enumerate(zip(joints, frames, strict=True)):
+        before = pulls[one.parent] if one.parent >= 0 else (x, y, z)
+        pulls.append(name_vector(rotate_to_link(algebra, frame, before), f"G{index + 1}", "gravity"))
+    # Rows of M: the momentum of the composite body of a joint at every joint below it.
+    elements: dict[tuple[int, int], PolyElement] = {}
     weights = []
-    for joint in range(named.size):
+    for joint in range(size):
         (xx, xy, xz), (mx, my, _), total = bodies[joint][0][2], bodies[joint][1], bodies[joint][2]
-        zero = algebra.zero
         x, y, z = pulls[joint]
-        if recursion.frames[joint].revolute:
+        if frames[joint].revolute:
             wrench = Wrench(force=(-my, mx, zero), moment=(xx, xy, xz))
             weights.append(algebra.mul(my, x) - algebra.mul(mx, y))
         else:
             wrench = Wrench(force=(zero, zero, total), moment=(my, -mx, zero))
             weights.append(-algebra.mul(total, z))
-        _project(namer, recursion, joint, wrench, mass)
-    for (index, name), value in model.parameters.items():
-        if name == "IA" and index < named.size:
-            mass[index, index] += value
-    used = _select_used(namer.definitions, [*mass.values(), *weights])
-    return Composites(model=model, definitions=used, mass=mass, gravity=tuple(weights))
-
-
-def _select_used(definitions: Sequence[Definition], values: Sequence[PolyElement]) -> tuple[Definition, ...]:
-    """Return the definitions that `values` need, in their order."""
-    wanted = {str(x) for value in values for x in _list_letters(value)}
-    kept = []
+        below = joint
+        while below >= 0:
+            elements[below, joint] = wrench.moment[2] if frames[below].revolute else wrench.force[2]
+            parent = joints[below].parent
+            if parent >= 0:
+                pushed, place = transform_wrench(algebra, frames[below], wrench), f"{joint + 1}_{parent + 1}"
+                force = name_vector(pushed.force, f"F{place}", "momentum")
+                moment = name_vector(pushed.moment, f"N{place}", "momentum")
+                wrench = Wrench(force=force, moment=moment)
+            below = parent
+    for (index, parameter), value in model.parameters.items():
+        if parameter == "IA" and index < size:
+            elements[index, index] += value
+    # Only what M and g need is defined.
+    wanted = {letter for value in (*elements.values(), *weights) for letter in _list_letters(value)}
+    used: list[Definition] = []
     for entry in reversed(definitions):
         if entry.name in wanted:
-            kept.append(entry)
-            wanted |= {str(x) for x in _list_letters(entry.value)}
-    return tuple(reversed(kept))
+            used.insert(0, entry)
+            wanted.update(_list_letters(entry.value))
+    return Composites(model=model, definitions=tuple(used), mass=elements, gravity=tuple(weights))
 
 
-def _list_letters(value: PolyElement) -> list[Any]:
+def _list_letters(value: PolyElement) -> list[str]:
     powers = [max(column) for column in zip(*value.keys(), strict=True)] if value else []
-    return [x for x, power in zip(value.ring.symbols, powers, strict=bool(powers)) if power]
-
-
-def _name_gravity(namer: _Namer, recursion: Recursion[PolyElement]) -> list[Vector[PolyElement]]:
-    """Return the gravity vector in every link's frame, from the base outwards, its long entries named."""
-    algebra, robot = namer.model.algebra, recursion.robot
-    x, y, z = map(algebra.constant, robot.gravity)
-    pulls: list[Vector[PolyElement]] = []
-    for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
-        before = pulls[joint.parent] if joint.parent >= 0 else (x, y, z)
-        turned = rotate_to_link(algebra, frame, before)
-        u, v, w = (
-            namer.name(value, f"G{index + 1}{axis}", "gravity")
-            for value, axis in zip(turned, "xyz", strict=True)
-        )
-        pulls.append((u, v, w))
-    return pulls
-
-
-def _name_bodies(namer: _Namer, recursion: Recursion[PolyElement]) -> list[Any]:
-    """Return the composite bodies, their entries named from the tip to the base."""
-    model = namer.model
-    algebra, robot = model.algebra, model.robot
-    bodies = [gather_body(algebra, model.parameters, link) for link in range(robot.size)]
-    for joint in reversed(range(robot.size)):
-        tensor, moments, mass = bodies[joint]
-        entries = [tensor[i][j] for i in range(3) for j in range(i, 3)] + [*moments, mass]
-        xx, xy, xz, yy, yz, zz, mx, my, mz, m = (
-            namer.name(value, f"{name}c{joint + 1}", "body", 1)
-            for name, value in zip(INERTIAL, entries, strict=True)
-        )
-        bodies[joint] = (((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (mx, my, mz), m)
-        parent = robot.joints[joint].parent
-        if parent >= 0:
-            left, right = bodies[parent], transform_body(algebra, recursion.frames[joint], bodies[joint])
-            x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left[0], right[0], strict=True))
-            bodies[parent] = (
-                (x, y, z),
-                algebra.add_vectors(left[1], right[1]),
-                algebra.add(left[2], right[2]),
-            )
-    return bodies
-
-
-def _project(
-    namer: _Namer,
-    recursion: Recursion[PolyElement],
-    joint: int,
-    wrench: Wrench[PolyElement],
-    mass: dict[tuple[int, int], PolyElement],
-) -> None:
-    """Write the row of M of a joint: the momentum of its composite body at every joint below."""
-    robot, frames = recursion.robot, recursion.frames
-    below = joint
-    while below >= 0:
-        mass[below, joint] = wrench.moment[2] if frames[below].revolute else wrench.force[2]
-        parent = robot.joints[below].parent
-        if parent >= 0:
-            moved = transform_wrench(namer.model.algebra, frames[below], wrench)
-            parts = []
-            for letter, vector in (("F", moved.force), ("N", moved.moment)):
-                x, y, z = (
-                    namer.name(value, f"{letter}{joint + 1}_{parent + 1}{axis}", "momentum")
-                    for value, axis in zip(vector, "xyz", strict=True)
-                )
-                parts.append((x, y, z))
-            wrench = Wrench(force=parts[0], moment=parts[1])
-        below = parent
+    return [str(x) for x, power in zip(value.ring.symbols, powers, strict=bool(powers)) if power]
 
 
 def evaluate_polynomial(value: PolyElement, point: Mapping[str, Any]) -> Any:  # noqa: ANN401

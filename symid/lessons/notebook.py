@@ -11,7 +11,7 @@ Supported: all robots of the lesson. Not supported: what only moves on the page.
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,8 @@ from typing import Any
 from symid import __version__
 from symid.environment import locate_resource_folder
 from symid.errors import GenerationError, Notice
-from symid.lessons.chapters import WRITTEN_OUT, Chapter, Item, Lesson
+from symid.lessons.chapters import WRITTEN_OUT, Item, Lesson
 from symid.lessons.dynamic_chapters import build_lesson
-from symid.lessons.elastic_chapters import write_elastic
 from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import Book
 from symid.robot import Robot
@@ -50,27 +49,39 @@ def write_lesson_notebook(
         GenerationError: a cell failed.
     """
     lesson = build_lesson(robot, book, form)
-    cells = [_write_head(lesson)]
-    code = {anchor: list(_list_code(lesson, anchor)) for anchor in ("frames", "base", "mass", "gravity")}
-    code |= {anchor: list(_list_code(lesson, anchor)) for anchor in ("coriolis", "motion")}
-    place = 1
-    for number, chapter in enumerate((*lesson.chapters, *write_elastic(robot, book)), start=1):
-        text, place = _write_chapter(chapter, number, place)
-        cells += [("markdown", text), *(("code", cell) for cell in code.get(chapter.anchor, ()))]
+    made = (
+        "\n\n**The file has no inertial values: numbers are those of stand-in links of 3 kg and less.** "
+        "The formulas do not depend on them."
+    )
+    letters = f" Letters as in {book.title}." if book.title else ""
+    text = (
+        f"# {_write_text(robot.name)}: equation of motion\n\n{_write_text(robot.description)}.\n\n"
+        f"Every formula was derived exactly from the robot file and checked by a second derivation.{letters} "
+        f"The cells between the chapters compute with the same objects in SymPy: change them."
+        f"{made if lesson.stand_ins else ''}\n\nWritten by symid {__version__}. SI units throughout."
+    )
+    kinds, place = [("markdown", text)], 1
+    for number, chapter in enumerate(lesson.chapters, start=1):
+        # Formulas are numbered from `place`, through all chapters.
+        lines = [f"## {number} {chapter.title}"]
+        for item in chapter.items:
+            text, place = _write_item(item, place)
+            lines.append(text)
+        kinds.append(("markdown", "\n\n".join(filter(None, lines))))
+        kinds += [("code", cell) for cell in _list_code(lesson, chapter.anchor)]
+    cells: list[dict[str, Any]] = []
+    for k, (kind, text) in enumerate(kinds):
+        cells.append({"cell_type": kind, "id": f"cell-{k}", "metadata": {}, "source": text})
+        cells[-1] |= {"execution_count": None, "outputs": []} if kind == "code" else {}
     notebook: dict[str, Any] = {
         "nbformat": 4,
         "nbformat_minor": 5,
         "metadata": {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}},
-        "cells": [_build_cell(kind, text, k) for k, (kind, text) in enumerate(cells)],
+        "cells": cells,
     }
     done = _execute(notebook, folder)
     text = json.dumps(done or notebook, indent=1, sort_keys=True, ensure_ascii=False)
     return LessonNotebook(text=f"{text}\n", executed=done is not None)
-
-
-def _build_cell(kind: str, text: str, number: int) -> dict[str, Any]:
-    cell: dict[str, Any] = {"cell_type": kind, "id": f"cell-{number}", "metadata": {}, "source": text}
-    return cell | ({"execution_count": None, "outputs": []} if kind == "code" else {})
 
 
 def _execute(notebook: dict[str, Any], folder: Path) -> dict[str, Any] | None:
@@ -102,37 +113,12 @@ def _execute(notebook: dict[str, Any], folder: Path) -> dict[str, Any] | None:
 # Text.
 
 
-def _write_head(lesson: Lesson) -> tuple[str, str]:
-    robot = lesson.robot
-    made = (
-        "\n\n**The file has no inertial values: numbers are those of stand-in links of 3 kg and less.** "
-        "The formulas do not depend on them."
-        if lesson.stand_ins
-        else ""
+def _write_text(text: str, bar: str = "|") -> str:
+    """Return a text in Markdown, its $formulas$ and `code` as they are but for `bar` in place of |."""
+    return "".join(
+        part.replace("|", bar) if k % 2 else re.sub(r"([*_<>\[\]|])", r"\\\1", part)
+        for k, part in enumerate(_MARKED.split(text))
     )
-    letters = f" Letters as in {lesson.book.title}." if lesson.book.title else ""
-    text = (
-        f"# {_write_text(robot.name)}: equation of motion\n\n{_write_text(robot.description)}.\n\n"
-        f"Every formula was derived exactly from the robot file and checked by a second derivation.{letters} "
-        f"The cells between the chapters compute with the same objects in SymPy: change them.{made}\n\n"
-        f"Written by symid {__version__}. SI units throughout."
-    )
-    return "markdown", text
-
-
-def _write_text(text: str) -> str:
-    """Return a text in Markdown, its $formulas$ and `code` as they are."""
-    parts = _MARKED.split(text)
-    return "".join(part if k % 2 else re.sub(r"([*_<>\[\]|])", r"\\\1", part) for k, part in enumerate(parts))
-
-
-def _write_chapter(chapter: Chapter, number: int, place: int) -> tuple[str, int]:
-    """Return a chapter in Markdown, its formulas numbered from `place`, and the next number."""
-    lines = [f"## {number} {chapter.title}"]
-    for item in chapter.items:
-        text, place = _write_item(item, place)
-        lines.append(text)
-    return "\n\n".join(filter(None, lines)), place
 
 
 def _write_item(item: Item, place: int) -> tuple[str, int]:
@@ -145,7 +131,8 @@ def _write_item(item: Item, place: int) -> tuple[str, int]:
             return f"$$\n{_break_lines(item.latex)} \\tag{{{place}}}\n$$", place + 1
         case "table":
             rows = [row[:3] if item.text == "base" else row for row in item.rows]
-            head, *body = [f"| {' | '.join(map(_write_cell, row))} |" for row in rows]
+            marked = [[_write_text(text, bar=r"\vert ") for text in row] for row in rows]
+            head, *body = [f"| {' | '.join(row)} |" for row in marked]
             return "\n".join([head, "|" + "---|" * len(rows[0]), *body]), place
         case "details":
             parts = []
@@ -155,13 +142,6 @@ def _write_item(item: Item, place: int) -> tuple[str, int]:
             inside = "\n\n".join(filter(None, parts))
             return f"<details><summary>{_write_text(item.text)}</summary>\n\n{inside}\n\n</details>", place
     return "", place
-
-
-def _write_cell(text: str) -> str:
-    parts = _MARKED.split(text)
-    return "".join(
-        part.replace("|", r"\vert ") if k % 2 else _write_text(part) for k, part in enumerate(parts)
-    )
 
 
 def _break_lines(latex: str) -> str:
@@ -176,17 +156,13 @@ def _break_lines(latex: str) -> str:
     parts.append(right[start:].strip())
     lines = [""]
     for part in parts:
-        if lines[-1] and _measure(f"{lines[-1]} {part}") > _LONGEST_LINE:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {part}".strip()
+        joined = f"{lines[-1]} {part}".strip()
+        seen = re.sub(r"\\(?:mathit|mathrm|,|dot|overline)|[{}_^ ]|\\[a-z]+", "", joined)
+        lines[-1:] = [lines[-1], part] if lines[-1] and len(seen) > _LONGEST_LINE else [joined]
     if not equals or len(lines) == 1 or r"\begin" in latex or r"\left" in latex:
         return latex
     body = r" \\ &\quad {} ".join(lines)
     return rf"\begin{{aligned}} {left} &= {body} \end{{aligned}}"
-
-
-def _measure(latex: str) -> int:
-    return len(re.sub(r"\\(?:mathit|mathrm|,|dot|overline)|[{}_^ ]|\\[a-z]+", "", latex))
 
 
 # Cells.
@@ -197,50 +173,37 @@ def _list_code(lesson: Lesson, anchor: str) -> Iterator[str]:
     short = lesson.robot.freedom <= WRITTEN_OUT
     match anchor:
         case "frames":
-            yield f"{_IMPORTS}\n\nrobot = symid.load({_name(lesson.robot)!r})\n{_JOINTS}"
+            # A robot that comes with symid has a name, another one the path of its file.
+            path = Path(lesson.robot.path)
+            inside = path.parent.resolve() == locate_resource_folder("robots").resolve()
+            name = path.stem if inside else str(path.resolve())
+            yield f"{_IMPORTS}\n\nrobot = symid.load({name!r})\n{_JOINTS}"
         case "base":
             yield "robot.base"
         case "mass":
-            yield from _list_mass(lesson, short=short)
+            yield _MASS if short else _LONG_MASS
+            if any(joint.form is not None for joint in lesson.robot.joints):
+                yield _FORMULAS
+            q = [round(0.5 + 0.3 * (-1) ** k * (k + 1) / 2, 2) for k in range(lesson.robot.freedom)]
+            note = "stand-ins: the file has no values" if lesson.stand_ins else "the values of the robot file"
+            numbers = [repr(float(f"{value:.12g}")) for value in lesson.beta]
+            lines = [", ".join(numbers[k : k + 6]) for k in range(0, len(numbers), 6)]
+            beta = ", ".join(numbers) if len(lines) <= 1 else "\n" + "".join(f"    {x},\n" for x in lines)
+            yield (
+                f"q = {q}  # a posture: change it\nbeta = [{beta}]  # {note}\n"
+                "lengths = [float(value) for value in M.lengths.values()]\n\n\n"
+                "def evaluate(function, *arguments):\n"
+                '    """Return the output of a symbolic function at numbers."""\n'
+                "    values = function.lambdify()(*arguments, *([lengths] if lengths else []))\n"
+                "    return np.array(values[0], dtype=float)\n\n\n"
+                "inertia = evaluate(M, q, beta)\nassert np.all(np.linalg.eigvalsh(inertia) > 0)\ninertia"
+            )
         case "coriolis":
             yield _CORIOLIS if short else _LONG_CORIOLIS
         case "gravity":
             yield _GRAVITY if short else _LONG_GRAVITY
         case "motion":
             yield from (_MOTION,) if short else (_LONG_CORIOLIS, _LONG_MOTION)
-
-
-def _name(robot: Robot) -> str:
-    """Return the name of a robot that comes with symid, else the path of its file."""
-    path = Path(robot.path)
-    inside = path.parent.resolve() == locate_resource_folder("robots").resolve()
-    return path.stem if inside else str(path.resolve())
-
-
-def _list_mass(lesson: Lesson, *, short: bool) -> Iterator[str]:
-    yield _MASS if short else _LONG_MASS
-    if any(joint.form is not None for joint in lesson.robot.joints):
-        yield _FORMULAS
-    size = lesson.robot.freedom
-    q = [round(0.5 + 0.3 * (-1) ** k * (k + 1) / 2, 2) for k in range(size)]
-    note = "stand-ins: the file has no values" if lesson.stand_ins else "the values of the robot file"
-    yield (
-        f"q = {q}  # a posture: change it\nbeta = {_write_numbers(lesson.beta)}  # {note}\n"
-        "lengths = [float(value) for value in M.lengths.values()]\n\n\n"
-        "def evaluate(function, *arguments):\n"
-        '    """Return the output of a symbolic function at numbers."""\n'
-        "    values = function.lambdify()(*arguments, *([lengths] if lengths else []))\n"
-        "    return np.array(values[0], dtype=float)\n\n\n"
-        "inertia = evaluate(M, q, beta)\nassert np.all(np.linalg.eigvalsh(inertia) > 0)\ninertia"
-    )
-
-
-def _write_numbers(values: Sequence[float]) -> str:
-    if len(values) <= 6:
-        return repr([float(f"{value:.12g}") for value in values])
-    lines = [values[k : k + 6] for k in range(0, len(values), 6)]
-    body = "".join(f"    {', '.join(repr(float(f'{x:.12g}')) for x in line)},\n" for line in lines)
-    return f"[\n{body}]"
 
 
 _IMPORTS = """import numpy as np

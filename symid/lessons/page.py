@@ -13,7 +13,7 @@ Supported: all robots of the lesson. Not supported: readers without JavaScript, 
 import base64
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -30,9 +30,8 @@ from symid.codegen import (
 )
 from symid.dynamics import derive_base_parameters, get_label_unit, write_label
 from symid.environment import locate_resource_folder
-from symid.lessons.chapters import Chapter, Item, Lesson, list_items, list_slides
+from symid.lessons.chapters import Chapter, Item, Lesson, list_items, list_slides, say, show
 from symid.lessons.dynamic_chapters import build_lesson
-from symid.lessons.elastic_chapters import write_elastic
 from symid.lessons.exercises import Exercise, draw_exercises, write_sheet
 from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import Book, write_symbol
@@ -94,7 +93,7 @@ def write_lesson_page(
         RobotError: a symbolic length has no value.
     """
     lesson = build_lesson(robot, book, form)
-    chapters = (*lesson.chapters, *write_elastic(robot, book))
+    chapters = lesson.chapters
     drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed))
     if lesson.beta:
         chapters = (*chapters, _write_identification(lesson, logged))
@@ -102,25 +101,66 @@ def write_lesson_page(
         chapters = (*chapters, _EXERCISES)
     folder = locate_resource_folder("templates") / "lesson"
     numbers = iter(range(1, 100_000))
-    sections = [_write_section(chapter, place, numbers) for place, chapter in enumerate(chapters, start=1)]
-    contents = "".join(
-        f'<li><a href="#{chapter.anchor}">{escape(chapter.title)}</a></li>' for chapter in chapters
-    )
+    sections, contents = [], ""
+    for place, chapter in enumerate(chapters, start=1):
+        body = "\n".join(_write_item(item, numbers) for item in chapter.items)
+        title = escape(chapter.title)
+        heading = f'<h2><span class="count">{place}</span>{title}</h2>'
+        sections.append(f'<section id="{chapter.anchor}">{heading}\n{body}\n</section>')
+        contents += f'<li><a href="#{chapter.anchor}">{title}</a></li>'
     file = Path(robot.path).name or robot.name
+    # Formulas with values as JavaScript, each after those that it needs.
+    items = [item for chapter in chapters for item in list_items(chapter.items) if item.name and item.code]
+    lead = f"Letters as in {escape(book.title)}. " if book.title else ""
+    if lesson.stand_ins:
+        lead += (
+            "<strong>The file has no inertial values: the numbers on this page are those of stand-in links, "
+            "rods of 3 kg and less.</strong> The formulas do not depend on them. "
+        )
+    lead += (
+        "Every formula was derived exactly from the robot file and checked by a second derivation. Numbers "
+        "beside formulas are those at the posture of the sliders."
+    )
+    # The motion of the log: q, dq, ddq of each sample, to 1e-6 of the SI unit.
+    log = None
+    if logged is not None:
+        log = {"name": logged.name, "samples": (np.round(logged.states, 6).transpose(1, 0, 2) + 0.0).tolist()}
+    # Generated functions in JavaScript, those of the rigid robot and of its springs.
+    base = derive_base_parameters(robot)
+    names: tuple[str, ...] = _FUNCTIONS
+    if any(joint.elasticity for joint in robot.joints):
+        known = {spec.name for spec in list_robot_specs(robot, base)}
+        names += tuple(name for name in _SPRING_FUNCTIONS if name in known)
+    specs = list_robot_specs(robot, base, names)
+    lines: list[str] = []
+    for spec in specs:
+        lines += write_javascript_function(choose_route(robot, base, spec).program, exported=False)
+    # KaTeX's style with the fonts at hand inside.
+    style = (folder / "katex" / "katex.min.css").read_text(encoding="utf-8")
+
+    def put(match: re.Match[str]) -> str:
+        found = re.search(r"url\(fonts/([\w-]+\.woff2)\)", match[0])
+        file = folder / "katex" / "fonts" / (found[1] if found else "")
+        if not file.is_file():
+            return ""
+        data = base64.b64encode(file.read_bytes()).decode("ascii")
+        return re.sub(r"src:[^}]*", f'src:url(data:font/woff2;base64,{data}) format("woff2")', match[0])
+
     parts = {
         "TITLE": escape(f"{robot.name}: equation of motion"),
         "NAME": escape(robot.name.replace("_", " ")),
         "DESCRIPTION": escape(robot.description),
-        "LEAD": _write_lead(lesson),
+        "LEAD": lead,
         "CONTENTS": contents,
         "SECTIONS": "\n".join(sections),
         "FOOT": escape(f"Written by symid {__version__} from {file}. SI units throughout."),
-        "STYLE": _write_fonts(folder) + (folder / "lesson.css").read_text(encoding="utf-8"),
+        "STYLE": re.sub(r"@font-face\{[^}]*\}", put, style)
+        + (folder / "lesson.css").read_text(encoding="utf-8"),
         "KATEX": (folder / "katex" / "katex.min.js").read_text(encoding="utf-8"),
-        "FUNCTIONS": _write_functions(robot),
-        "FORMULAS": _write_formulas(chapters),
+        "FUNCTIONS": "\n".join(lines) + f"\nreturn {{ {', '.join(spec.name for spec in specs)} }};",
+        "FORMULAS": ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in items),
         "EXERCISES": ",\n".join(map(_write_exercise, drawn)),
-        "DATA": _write_json({**_describe(lesson), "log": _describe_log(logged)}),
+        "DATA": _write_json({**_describe(lesson), "log": log}),
         "SCRIPT": "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS),
     }
     template = (folder / "lesson.html").read_text(encoding="utf-8")
@@ -137,38 +177,6 @@ def _write_json(value: object) -> str:
     return json.dumps(value, separators=(",", ":"), sort_keys=True).replace("<", "\\u003c")
 
 
-def _write_lead(lesson: Lesson) -> str:
-    book = lesson.book
-    letters = f"Letters as in {escape(book.title)}. " if book.title else ""
-    made = (
-        "<strong>The file has no inertial values: the numbers on this page are those of stand-in links, "
-        "rods of 3 kg "
-        "and less.</strong> The formulas do not depend on them. "
-        if lesson.stand_ins
-        else ""
-    )
-    return (
-        f"{letters}{made}Every formula was derived exactly from the robot file and checked by a second "
-        f"derivation. "
-        "Numbers beside formulas are those at the posture of the sliders."
-    )
-
-
-def _write_fonts(folder: Path) -> str:
-    """Return KaTeX's style with the fonts at hand inside."""
-    style = (folder / "katex" / "katex.min.css").read_text(encoding="utf-8")
-
-    def put(match: re.Match[str]) -> str:
-        found = re.search(r"url\(fonts/([\w-]+\.woff2)\)", match[0])
-        file = folder / "katex" / "fonts" / (found[1] if found else "")
-        if not file.is_file():
-            return ""
-        data = base64.b64encode(file.read_bytes()).decode("ascii")
-        return re.sub(r"src:[^}]*", f'src:url(data:font/woff2;base64,{data}) format("woff2")', match[0])
-
-    return re.sub(r"@font-face\{[^}]*\}", put, style)
-
-
 # HTML of the chapters.
 
 
@@ -177,19 +185,10 @@ def _write_inline(text: str) -> str:
     result, place = "", 0
     for match in _MARKED.finditer(text):
         result += escape(text[place : match.start()])
-        tag = (
-            f'<span class="tex">{escape(match[1])}</span>' if match[1] else f"<code>{escape(match[2])}</code>"
-        )
-        result += tag
+        formula, code = match.groups()
+        result += f'<span class="tex">{escape(formula)}</span>' if formula else f"<code>{escape(code)}</code>"
         place = match.end()
     return result + escape(text[place:])
-
-
-def _write_section(chapter: Chapter, place: int, numbers: Iterator[int]) -> str:
-    body = "\n".join(_write_item(item, numbers) for item in chapter.items)
-    title = escape(chapter.title)
-    heading = f'<h2><span class="count">{place}</span>{title}</h2>'
-    return f'<section id="{chapter.anchor}">{heading}\n{body}\n</section>'
 
 
 def _write_item(item: Item, numbers: Iterator[int]) -> str:
@@ -199,9 +198,33 @@ def _write_item(item: Item, numbers: Iterator[int]) -> str:
         case "check":
             return f'<p class="check">{_TICK} <strong>Checked</strong>, {_write_inline(item.text)}.</p>'
         case "formula" | "matrix":
-            return _write_formula(item, next(numbers))
+            number = next(numbers)
+            wide = " wide" if item.kind == "matrix" else ""
+            value = ""
+            if item.name and item.code != "0":
+                unit = f' data-unit="{escape(item.unit)}"' if item.unit else ""
+                value = f'<span class="value" data-name="{escape(item.name)}"{unit}></span>'
+            sympy = f' data-sympy="{escape(item.sympy)}"' if item.sympy else ""
+            formula = f'<span class="tex">{escape(item.latex)}</span>'
+            return (
+                f'<div class="formula{wide}"{sympy}><div class="set">{formula}</div>'
+                f'{value}<span class="number">({number})</span></div>'
+            )
         case "table":
-            return _write_table(item)
+            head, *rows = item.rows
+            kind = ' class="base"' if item.text == "base" else ""
+
+            def cell(text: str) -> str:
+                if text.startswith("show:"):
+                    _, joint, name = text.split(":")
+                    data = f'data-joint="{joint}" data-kind="{name}"'
+                    return f'<td><button type="button" class="show" {data}>show</button></td>'
+                return f"<td>{_write_inline(text)}</td>"
+
+            titles = "".join(f'<th scope="col">{_write_inline(text)}</th>' for text in head)
+            lines = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
+            table = f"<table{kind}><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
+            return f"<div {_REGION}>{table}</div>"
         case "details":
             inner = "\n".join(_write_item(part, numbers) for part in item.items)
             opened = " open" if item.name == "open" else ""
@@ -212,58 +235,7 @@ def _write_item(item: Item, numbers: Iterator[int]) -> str:
             return ""
 
 
-def _write_formula(item: Item, number: int) -> str:
-    wide = " wide" if item.kind == "matrix" else ""
-    value = ""
-    if item.name and item.code != "0":
-        unit = f' data-unit="{escape(item.unit)}"' if item.unit else ""
-        value = f'<span class="value" data-name="{escape(item.name)}"{unit}></span>'
-    sympy = f' data-sympy="{escape(item.sympy)}"' if item.sympy else ""
-    formula = f'<span class="tex">{escape(item.latex)}</span>'
-    return (
-        f'<div class="formula{wide}"{sympy}><div class="set">{formula}</div>'
-        f'{value}<span class="number">({number})</span></div>'
-    )
-
-
-def _write_table(item: Item) -> str:
-    head, *rows = item.rows
-    kind = ' class="base"' if item.text == "base" else ""
-
-    def cell(text: str) -> str:
-        if text.startswith("show:"):
-            _, joint, name = text.split(":")
-            data = f'data-joint="{joint}" data-kind="{name}"'
-            return f'<td><button type="button" class="show" {data}>show</button></td>'
-        return f"<td>{_write_inline(text)}</td>"
-
-    titles = "".join(f'<th scope="col">{_write_inline(text)}</th>' for text in head)
-    lines = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
-    table = f"<table{kind}><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
-    return f"<div {_REGION}>{table}</div>"
-
-
 # What the page computes with.
-
-
-def _write_functions(robot: Robot) -> str:
-    """Return the generated functions in JavaScript, those of the rigid robot and of its springs."""
-    base = derive_base_parameters(robot)
-    names: tuple[str, ...] = _FUNCTIONS
-    if any(joint.elasticity for joint in robot.joints):
-        known = {spec.name for spec in list_robot_specs(robot, base)}
-        names += tuple(name for name in _SPRING_FUNCTIONS if name in known)
-    specs = list_robot_specs(robot, base, names)
-    lines: list[str] = []
-    for spec in specs:
-        lines += write_javascript_function(choose_route(robot, base, spec).program, exported=False)
-    return "\n".join(lines) + f"\nreturn {{ {', '.join(spec.name for spec in specs)} }};"
-
-
-def _write_formulas(chapters: Sequence[Chapter]) -> str:
-    """Return the formulas with values as JavaScript, each after those that it needs."""
-    items = [item for chapter in chapters for item in list_items(chapter.items) if item.name and item.code]
-    return ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in items)
 
 
 def _describe(lesson: Lesson) -> dict[str, object]:
@@ -272,14 +244,13 @@ def _describe(lesson: Lesson) -> dict[str, object]:
     symbols, slides = dict(robot.symbols), list_slides(robot)
     joints = []
     for index, joint in enumerate(robot.joints):
-        place = joint.placement
         joints.append(
             {
                 "name": joint.name,
                 "parent": joint.parent,
                 "prismatic": joint.prismatic,
-                "rotation": [[value.to_float(symbols) for value in row] for row in place.rotation],
-                "origin": [value.to_float(symbols) for value in place.translation],
+                "rotation": [[x.to_float(symbols) for x in row] for row in joint.placement.rotation],
+                "origin": [x.to_float(symbols) for x in joint.placement.translation],
                 "limits": joint.limits.position,
                 "master": joint.mimic.master if joint.mimic else index,
                 "multiplier": float(joint.mimic.multiplier) if joint.mimic else 1.0,
@@ -310,12 +281,8 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         ],
         "springs": springs,
         "letters": {
-            "mass": book.mass,
-            "gravity": book.gravity,
-            "kinetic": book.kinetic,
-            "potential": book.potential,
-            "torque": book.torque,
-            "coriolis": book.coriolis,
+            name: getattr(book, name)
+            for name in ("mass", "gravity", "kinetic", "potential", "torque", "coriolis")
         },
         "stops": [len(joint.elasticity.stops) if joint.elasticity else 0 for joint in robot.axes],
         "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
@@ -323,53 +290,40 @@ def _describe(lesson: Lesson) -> dict[str, object]:
     }
 
 
-def _describe_log(logged: LoggedMotion | None) -> dict[str, object] | None:
-    """Return the samples for the page: q, dq, ddq of each, to 1e-6 of the SI unit."""
-    if logged is None:
-        return None
-    samples = np.round(logged.states, 6).transpose(1, 0, 2) + 0.0
-    return {"name": logged.name, "samples": samples.tolist()}
-
-
 def _write_identification(lesson: Lesson, logged: LoggedMotion | None) -> Chapter:
     """Return the chapter in which a reader moves the robot and sees what the torques identify."""
     tau, q = lesson.book.torque, lesson.book.coordinates
     taken = "" if logged is None else f", or take the one of `{logged.name}`"
     items = (
-        Item(
-            kind="text",
-            text=rf"Torques are linear in the base parameters: ${tau} = Y({q}, \dot {q}, \ddot {q})\,\beta$. "
+        say(
+            rf"Torques are linear in the base parameters: ${tau} = Y({q}, \dot {q}, \ddot {q})\,\beta$. "
             r"With independent noise of standard deviation $\sigma_j$ in each sample of the torque of joint "
-            r"$j$, the estimate of least squares has the covariance",
+            r"$j$, the estimate of least squares has the covariance"
         ),
-        Item(
-            kind="formula",
-            latex=r"\operatorname{cov}\hat\beta = \Bigl(\sum_k Y_k^{\mathsf T}\, W\, Y_k\Bigr)^{-1}, \qquad "
-            r"W = \operatorname{diag}(\sigma_1^{-2}, \ldots, \sigma_n^{-2}).",
+        show(
+            r"\operatorname{cov}\hat\beta = \Bigl(\sum_k Y_k^{\mathsf T}\, W\, Y_k\Bigr)^{-1}, \qquad "
+            r"W = \operatorname{diag}(\sigma_1^{-2}, \ldots, \sigma_n^{-2})."
         ),
-        Item(
-            kind="text",
-            text="The sum grows with every sample: the longer and the richer the motion, the smaller the "
+        say(
+            "The sum grows with every sample: the longer and the richer the motion, the smaller the "
             "deviations. What a motion does not move, or moves in one way only, it cannot tell apart, and "
             f"the sum has no inverse. Design a motion{taken}, and play it; $Y$ is that of generated code, at "
-            "50 samples a second; friction is known.",
+            "50 samples a second; friction is known."
         ),
-        Item(kind="widget", text="identification"),
+        Item("widget", "identification"),
     )
-    return Chapter(title="What a motion identifies", anchor="identification", items=items)
+    return Chapter("What a motion identifies", "identification", items)
 
 
 _EXERCISES = Chapter(
-    title="Exercises",
-    anchor="exercises",
-    items=(
-        Item(
-            kind="text",
-            text="Type formulas with the letters of the copied SymPy text, as `m2*lc2*g*cos(q1 + q2)`, or "
-            "shorter, "
-            "as `m2 lc2 g c12`. They are compared with the answer at random points.",
+    "Exercises",
+    "exercises",
+    (
+        say(
+            "Type formulas with the letters of the copied SymPy text, as `m2*lc2*g*cos(q1 + q2)`, or "
+            "shorter, as `m2 lc2 g c12`. They are compared with the answer at random points."
         ),
-        Item(kind="widget", text="exercises"),
+        Item("widget", "exercises"),
     ),
 )
 
@@ -415,11 +369,10 @@ def write_lesson_tex(robot: Robot, book: Book, form: Parameterisation | None = N
         SymidError: two derivations that must agree do not.
     """
     lesson = build_lesson(robot, book, form)
-    chapters = (*lesson.chapters, *write_elastic(robot, book))
     title = _write_tex(f"{robot.name}: equation of motion")
     parts = [_TEX_HEAD, rf"\title{{{title}}}\author{{symid {__version__}}}\date{{}}\maketitle"]
     parts.append(_write_tex(robot.description))
-    for chapter in chapters:
+    for chapter in lesson.chapters:
         parts.append(rf"\section{{{_write_tex(chapter.title)}}}")
         parts += map(_write_tex_item, chapter.items)
     return "\n\n".join([*filter(None, parts), r"\end{document}"]) + "\n"
@@ -450,17 +403,13 @@ def _write_tex_item(item: Item) -> str:
             inner = "\n\n".join(filter(None, map(_write_tex_item, item.items)))
             return rf"\subsection*{{{_write_tex(item.text)}}}" + f"\n{inner}"
         case "table":
-            return _write_tex_table(item)
+            # Table; the columns of one that gives reasons have widths of their own.
+            rows = [row[:3] if item.text == "base" else row for row in item.rows]
+            wide = {2: "p{.35\\linewidth}p{.58\\linewidth}", 3: "lp{.34\\linewidth}p{.46\\linewidth}"}
+            given = any(len(text) > _LONG_CELL for row in rows for text in row)
+            columns = wide.get(len(rows[0]), "l" * len(rows[0])) if given else "l" * len(rows[0])
+            lines = [" & ".join(map(_write_tex, row)) + r" \\" for row in rows]
+            body = "\n".join([rf"{lines[0]} \hline\endhead", *lines[1:]])
+            return rf"\begin{{longtable}}{{{columns}}}" + f"\n{body}\n" + r"\end{longtable}"
         case _:
             return ""
-
-
-def _write_tex_table(item: Item) -> str:
-    """Return a table; the columns of one that gives reasons have widths of their own."""
-    rows = [row[:3] if item.text == "base" else row for row in item.rows]
-    wide = {2: "p{.35\\linewidth}p{.58\\linewidth}", 3: "lp{.34\\linewidth}p{.46\\linewidth}"}
-    given = any(len(text) > _LONG_CELL for row in rows for text in row)
-    columns = wide.get(len(rows[0]), "l" * len(rows[0])) if given else "l" * len(rows[0])
-    lines = [" & ".join(map(_write_tex, row)) + r" \\" for row in rows]
-    body = "\n".join([rf"{lines[0]} \hline\endhead", *lines[1:]])
-    return rf"\begin{{longtable}}{{{columns}}}" + f"\n{body}\n" + r"\end{longtable}"

@@ -28,7 +28,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cache, partial
+from functools import cache
 from typing import Literal, TypeAlias
 
 from sympy import QQ, Add, Expr, Matrix, Mul, Rational
@@ -46,7 +46,7 @@ Monomial: TypeAlias = tuple[tuple[Letter, int], ...]
 Terms: TypeAlias = dict[Monomial, Fraction]
 
 _ONE = Exact.of(1)
-_Axes: TypeAlias = tuple[tuple[Exact, Exact, Exact], ...]
+_Axes: TypeAlias = tuple[tuple[Exact, ...], ...]
 
 _PARAMETERS = ("m", "M", "I", "J", "X", "Y", "Z", "K")
 _LONGEST_CHAIN = 3
@@ -95,35 +95,25 @@ def list_chains(robot: Robot) -> tuple[Angle, ...]:
     turned: list[tuple[int, _Axes | None]] = []
     for index, joint in enumerate(robot.joints):
         chain, rotation = turned[joint.parent] if joint.parent >= 0 else (-1, None)
-        placed = joint.placement.rotation
-        total = placed if rotation is None else _multiply(rotation, placed)
+        total: _Axes = joint.placement.rotation
+        if rotation is not None:
+            columns = list(zip(*total, strict=True))
+            total = tuple(tuple(x * u + y * v + z * w for u, v, w in columns) for x, y, z in rotation)
         if joint.kind is JointKind.PRISMATIC or joint.mimic is not None:
             turned.append((chain if joint.mimic is None else -1, total if chain >= 0 else None))
             continue
         sense = 1 if total[2][2] == _ONE else -1 if total[2][2] == -_ONE else 0
-        free = chain >= 0 and sense and not _is_followed(open_chains[chain], robot, index)
-        if free:
-            before = open_chains[chain][-1][1]
-            open_chains[chain] = (*open_chains[chain], (index + 1, before * sense))
+        # The chain must end at the last joint that this one turns after, not go on beyond it.
+        before = joint.parent
+        while before >= 0 and robot.joints[before].kind is JointKind.PRISMATIC:
+            before = robot.joints[before].parent
+        if chain >= 0 and sense and open_chains[chain][-1][0] == before + 1:
+            open_chains[chain] = (*open_chains[chain], (index + 1, open_chains[chain][-1][1] * sense))
         else:
             open_chains.append(((index + 1, 1),))
             chain = len(open_chains) - 1
         turned.append((chain, None))
     return tuple(open_chains)
-
-
-def _is_followed(chain: Angle, robot: Robot, index: int) -> bool:
-    """Return whether the chain goes on already, beyond the last joint that `index` turns after."""
-    before = robot.joints[index].parent
-    while before >= 0 and robot.joints[before].kind is JointKind.PRISMATIC:
-        before = robot.joints[before].parent
-    return chain[-1][0] != before + 1
-
-
-def _multiply(left: _Axes, right: _Axes) -> _Axes:
-    columns = list(zip(*right, strict=True))
-    a, b, c = (tuple(x * u + y * v + z * w for u, v, w in columns) for x, y, z in left)
-    return ((a[0], a[1], a[2]), (b[0], b[1], b[2]), (c[0], c[1], c[2]))
 
 
 def build_angle_sums(robot: Robot) -> AngleSums:
@@ -144,34 +134,25 @@ def _list_choices(chain: Angle) -> Iterator[_Choice]:
         matrix = Matrix(rows)
         if matrix.det() == 0:
             continue
-        angles = tuple(_orient(chain[a : b + 1]) for a, b in choice)
+        turns = [chain[a : b + 1] for a, b in choice]
+        angles = tuple(tuple((number, sign * run[0][1]) for number, sign in run) for run in turns)
         senses = [chain[a][1] for a, _ in choice]
         inverse = matrix.inv()
         shares = [[int(inverse[k, n]) * senses[n] for n in range(size)] for k in range(size)]
-        yield _build_choice(chain, angles, shares)
-
-
-def _orient(run: Angle) -> Angle:
-    return tuple((number, sign * run[0][1]) for number, sign in run)
-
-
-def _build_choice(chain: Angle, angles: tuple[Angle, ...], shares: Sequence[Sequence[int]]) -> _Choice:
-    """Return the choice; `shares` has every joint's angle as whole multiples of the sums."""
-    ring = PolyRing([f"{kind}{k}" for k in range(len(angles)) for kind in "sc"], QQ)
-    algebra = ExactAlgebra(ring, tuple((2 * k, 2 * k + 1) for k in range(len(angles))))
-    images: dict[Letter, PolyElement] = {}
-    for (number, _), row in zip(chain, shares, strict=True):
-        sine, cosine = ring.zero, ring.one
-        for k, share in enumerate(row):
-            for _ in range(abs(share)):
-                s, c = ring.gens[2 * k] * (1 if share > 0 else -1), ring.gens[2 * k + 1]
-                sine, cosine = (
-                    algebra.reduce(sine * c + cosine * s),
-                    algebra.reduce(cosine * c - sine * s),
-                )
-        images["s", ((number, 1),)] = sine
-        images["c", ((number, 1),)] = cosine
-    return _Choice(angles, images, algebra)
+        # Every joint's angle is a sum of whole multiples, its share, of those sums.
+        ring = PolyRing([f"{kind}{k}" for k in range(len(angles)) for kind in "sc"], QQ)
+        algebra = ExactAlgebra(ring, tuple((2 * k, 2 * k + 1) for k in range(len(angles))))
+        images: dict[Letter, PolyElement] = {}
+        for (number, _), row in zip(chain, shares, strict=True):
+            sine, cosine = ring.zero, ring.one
+            for k, share in enumerate(row):
+                for _ in range(abs(share)):
+                    s, c = ring.gens[2 * k] * (1 if share > 0 else -1), ring.gens[2 * k + 1]
+                    turned = sine * c + cosine * s, cosine * c - sine * s
+                    sine, cosine = map(algebra.reduce, turned)
+            images["s", ((number, 1),)] = sine
+            images["c", ((number, 1),)] = cosine
+        yield _Choice(angles, images, algebra)
 
 
 def sort_letter(letter: Letter) -> tuple[object, ...]:
@@ -227,29 +208,21 @@ def write_sum(value: PolyElement, sums: AngleSums, senses: Mapping[str, Letter] 
     """
     groups: dict[Monomial, Terms] = {}
     for monomial, number in list_terms(value, senses).items():
-        plain = tuple(item for item in monomial if not _is_wave(item[0]))
-        waves = tuple(item for item in monomial if _is_wave(item[0]))
+        plain = tuple(item for item in monomial if not _is_angle(item[0]))
+        waves = tuple(item for item in monomial if _is_angle(item[0]))
         groups.setdefault(plain, {})[waves] = number
     terms: Terms = {}
     for plain, share in groups.items():
-        for monomial, number in _join_angles(share, sums).items():
+        # Sines and cosines go into the sums of angles that give them the fewest terms.
+        joined = share
+        for choices in sums.chains:
+            own = choices[0].images
+            if any(letter in own for monomial in joined for letter, _ in monomial):
+                forms = (_complete_squares(_substitute(joined, choice), choice.angles) for choice in choices)
+                joined = min(forms, key=lambda form: (len(form), _measure_waves(form)))
+        for monomial, number in joined.items():
             terms[_sort({**dict(plain), **dict(monomial)})] = number
     return _collect(terms)
-
-
-def _is_wave(letter: Letter) -> bool:
-    return isinstance(letter, tuple) and letter[0] in ("s", "c")
-
-
-def _join_angles(waves: Terms, sums: AngleSums) -> Terms:
-    """Return a polynomial of sines and cosines in the sums of angles that give it the fewest terms."""
-    for choices in sums.chains:
-        own = choices[0].images
-        if not any(letter in own for monomial in waves for letter, _ in monomial):
-            continue
-        forms = (_complete_squares(_substitute(waves, choice), choice.angles) for choice in choices)
-        waves = min(forms, key=lambda form: (len(form), _measure_waves(form)))
-    return waves
 
 
 def _measure_waves(terms: Terms) -> int:
@@ -258,6 +231,7 @@ def _measure_waves(terms: Terms) -> int:
 
 
 def _is_angle(letter: Letter) -> bool:
+    """Return whether a letter is the sine or cosine of an angle."""
     return isinstance(letter, tuple) and isinstance(letter[1], tuple)
 
 
@@ -275,13 +249,10 @@ def _substitute(waves: Terms, choice: _Choice) -> Terms:
             else:
                 rest.append((letter, power))
         for exponents, factor in image.terms():
-            joined = {**dict(rest), **{letters[k]: n for k, n in enumerate(exponents) if n}}
-            key = _sort(joined)
-            total = result.get(key, Fraction(0)) + number * Fraction(
-                int(factor.numerator), int(factor.denominator)
-            )
-            result[key] = total
-            if not total:
+            key = _sort({**dict(rest), **{letters[k]: n for k, n in enumerate(exponents) if n}})
+            share = number * Fraction(int(factor.numerator), int(factor.denominator))
+            result[key] = result.get(key, Fraction(0)) + share
+            if not result[key]:
                 del result[key]
     return result
 
@@ -315,54 +286,42 @@ def _collect(terms: Terms) -> Sum:
     products: list[Product] = []
     rest = dict(terms)
     while rest:
-        factor, saved = _find_factor(rest)
-        if saved <= 0:
+        # The product of letters that saves most when it is taken out of the terms that share it.
+        keys = [dict(key) for key in rest]
+        saved: dict[Monomial, int] = {}
+        for left, right in itertools.combinations(keys, 2):
+            common = _sort({letter: n for letter, n in left.items() if right.get(letter) == n})
+            if common and common not in saved:
+                weight = sum(n * (2 if _is_angle(letter) else 1) for letter, n in common)
+                saved[common] = (sum(_divides(dict(common), key) for key in keys) - 1) * weight
+        best = max(saved, key=lambda key: (saved[key], -len(key)), default=())
+        if saved.get(best, 0) <= 0:
             products += [Product(number, monomial) for monomial, number in rest.items()]
             break
-        divisor = dict(factor)
+        divisor = dict(best)
         chosen = {key: rest.pop(key) for key in tuple(rest) if _divides(divisor, dict(key))}
-        products.append(_take_out(chosen, divisor))
+        inner = {
+            _sort({letter: power - divisor.get(letter, 0) for letter, power in key}): number
+            for key, number in chosen.items()
+        }
+        numbers = list(inner.values())
+        factor = Fraction(
+            math.gcd(*(x.numerator for x in numbers)), math.lcm(*(x.denominator for x in numbers))
+        )
+        factor = -factor if all(number < 0 for number in numbers) else factor
+        if any(abs(number / factor) > _LARGE for number in numbers):
+            factor = Fraction(1)
+        bracket = _collect({key: number / factor for key, number in inner.items()})
+        products.append(Product(factor, best, bracket))
     ordered = sorted(products, key=_sort_product)
     # A sum begins with a term that is added, where it has one.
     first = next((k for k, product in enumerate(ordered) if product.number > 0), 0)
     return Sum((ordered[first], *ordered[:first], *ordered[first + 1 :]) if ordered else ())
 
 
-def _take_out(chosen: Terms, divisor: Mapping[Letter, int]) -> Product:
-    inner = {
-        _sort({letter: power - divisor.get(letter, 0) for letter, power in key}): number
-        for key, number in chosen.items()
-    }
-    numbers = list(inner.values())
-    factor = Fraction(
-        math.gcd(*(number.numerator for number in numbers)),
-        math.lcm(*(number.denominator for number in numbers)),
-    )
-    factor = -factor if all(number < 0 for number in numbers) else factor
-    if any(abs(number / factor) > _LARGE for number in numbers):
-        factor = Fraction(1)
-    return Product(factor, _sort(divisor), _collect({key: number / factor for key, number in inner.items()}))
-
-
 def _divides(divisor: Mapping[Letter, int], monomial: Mapping[Letter, int]) -> bool:
     """Return whether a product holds the divisor, and no more of its letters: squares stay whole."""
     return all(monomial.get(letter, 0) == power for letter, power in divisor.items())
-
-
-def _find_factor(terms: Terms) -> tuple[Monomial, int]:
-    """Return the product of letters that saves most when it is taken out of the terms that share it."""
-    keys = [dict(key) for key in terms]
-    candidates: dict[Monomial, int] = {}
-    for left, right in itertools.combinations(keys, 2):
-        common = _sort({letter: n for letter, n in left.items() if right.get(letter) == n})
-        if common and common not in candidates:
-            weight = sum(n * (2 if _is_angle(letter) else 1) for letter, n in common)
-            count = sum(_divides(dict(common), key) for key in keys)
-            candidates[common] = (count - 1) * weight
-    if not candidates:
-        return (), 0
-    best = max(candidates, key=lambda key: (candidates[key], -len(key)))
-    return best, candidates[best]
 
 
 def _sort_product(product: Product) -> tuple[object, ...]:
@@ -383,43 +342,38 @@ def _count_waves(total: Sum | None) -> int:
 
 def expand_sum(total: Sum, algebra: ExactAlgebra, names: Mapping[Letter, str] | None = None) -> PolyElement:
     """Return a sum as the polynomial of `algebra` that it stands for; `names` undoes the senses."""
-    known, result = algebra.generators, algebra.zero
+    known, ring, result = algebra.generators, algebra.ring, algebra.zero
     for product in total.products:
         number = QQ(product.number.numerator, product.number.denominator)
-        value = algebra.one * algebra.ring.domain.convert(number)
+        value = algebra.one * ring.domain.convert(number)
         for letter, power in product.letters:
-            factor = _expand_letter(letter, algebra, known, names or {})
+            named = (names or {}).get(letter, letter)
+            if isinstance(named, str):
+                factor = known[named]
+            elif isinstance(named[1], int):
+                factor = ring.ground_new(ring.domain.from_sympy(Rational(named[1]) ** Rational(1, 2)))
+            else:
+                sine, cosine = algebra.zero, algebra.one
+                for joint, sign in named[1]:
+                    s, c = known[f"s{joint}"] * sign, known[f"c{joint}"]
+                    sine, cosine = (
+                        algebra.reduce(sine * c + cosine * s),
+                        algebra.reduce(cosine * c - sine * s),
+                    )
+                factor = sine if named[0] == "s" else cosine
             for _ in range(power):
                 value = algebra.mul(value, factor)
-        result += (
-            value if product.inner is None else algebra.mul(value, expand_sum(product.inner, algebra, names))
-        )
+        if product.inner is not None:
+            value = algebra.mul(value, expand_sum(product.inner, algebra, names))
+        result += value
     return result
-
-
-def _expand_letter(
-    letter: Letter, algebra: ExactAlgebra, known: Mapping[str, PolyElement], names: Mapping[Letter, str]
-) -> PolyElement:
-    if letter in names:
-        return known[names[letter]]
-    if isinstance(letter, str):
-        return known[letter]
-    kind, what = letter
-    if isinstance(what, int):
-        return algebra.ring.ground_new(algebra.ring.domain.from_sympy(Rational(what) ** Rational(1, 2)))
-    sine, cosine = algebra.zero, algebra.one
-    for number, sign in what:
-        s, c = known[f"s{number}"] * sign, known[f"c{number}"]
-        sine, cosine = algebra.reduce(sine * c + cosine * s), algebra.reduce(cosine * c - sine * s)
-    return sine if kind == "s" else cosine
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
-    """How letters are written: `write` in LaTeX with its power; decimals shorter than `digits` stay whole."""
+    """How letters are written: `write` in LaTeX, with its power."""
 
     write: Callable[[Letter, int], str]
-    digits: int = 6
 
 
 def write_latex(total: Sum, style: Style) -> str:
@@ -431,26 +385,17 @@ def write_latex(total: Sum, style: Style) -> str:
         negative = product.number < 0
         sign = "-" if negative else "+" if k else ""
         text += f" {sign} " if k else sign
-        text += _write_product(abs(product.number), product, style)
+        number, inner = abs(product.number), product.inner
+        alone = inner is None and not product.letters
+        parts = [] if number == 1 and not alone else [write_number(number)]
+        letters = [style.write(letter, power) for letter, power in product.letters]
+        if inner is not None:
+            # A bracket without sines stands before the sines: (m1 lc1 + m2 l1) g c1.
+            early = (isinstance(x, str) and sort_letter(x)[0] != 5 for x, _ in product.letters)
+            place = len(letters) if _count_waves(inner) else sum(early)
+            letters.insert(place, rf"({write_latex(inner, style)})")
+        text += r" \, ".join([*parts, *letters])
     return text
-
-
-def _write_product(number: Fraction, product: Product, style: Style) -> str:
-    inner = product.inner
-    alone = inner is None and not product.letters
-    parts = [] if number == 1 and not alone else [write_number(number)]
-    letters = [style.write(letter, power) for letter, power in product.letters]
-    if inner is not None:
-        # A bracket without sines stands before the sines: (m1 lc1 + m2 l1) g c1.
-        place = len(letters)
-        if not _count_waves(inner):
-            place = sum(not _is_late(letter) for letter, _ in product.letters)
-        letters.insert(place, rf"({write_latex(inner, style)})")
-    return r" \, ".join([*parts, *letters])
-
-
-def _is_late(letter: Letter) -> bool:
-    return isinstance(letter, tuple) or sort_letter(letter)[0] == 5
 
 
 def write_number(number: Fraction) -> str:
@@ -470,20 +415,24 @@ def write_number(number: Fraction) -> str:
     return rf"\tfrac{{{number.numerator}}}{{{number.denominator}}}"
 
 
+def _join_products(total: Sum, write: Callable[[Letter, int], list[str]], fraction: str) -> str:
+    """Return a sum in ASCII; `write` gives the factors of a letter with its power."""
+    text = ""
+    for product in total.products:
+        number = abs(product.number)
+        plain = number == 1 and (product.letters or product.inner is not None)
+        factors = [] if plain else [fraction.format(number) if number.denominator > 1 else str(number)]
+        for letter, power in product.letters:
+            factors += write(letter, power)
+        if product.inner is not None:
+            factors.append(f"({_join_products(product.inner, write, fraction)})")
+        text += (" - " if product.number < 0 else " + ") + "*".join(factors)
+    return (text[3:] if text.startswith(" + ") else text.replace(" - ", "-", 1)) or "0"
+
+
 def write_text(total: Sum) -> str:
     """Return a sum in plain text, c23 for cos(q2 + q3), as Python reads it with ** for powers."""
-    parts = []
-    for product in total.products:
-        factors = (
-            []
-            if abs(product.number) == 1 and (product.letters or product.inner)
-            else [str(abs(product.number))]
-        )
-        factors += [write_letter(letter) + (f"**{n}" if n > 1 else "") for letter, n in product.letters]
-        factors += [f"({write_text(product.inner)})"] if product.inner else []
-        parts.append(("- " if product.number < 0 else "+ ") + "*".join(factors))
-    text = " ".join(parts)
-    return (text[2:] if text.startswith("+ ") else text.replace("- ", "-", 1)) or "0"
+    return _join_products(total, lambda letter, n: [write_letter(letter) + (f"**{n}" if n > 1 else "")], "{}")
 
 
 def write_letter(letter: Letter) -> str:
@@ -501,31 +450,19 @@ def write_letter(letter: Letter) -> str:
 
 def write_code(total: Sum, values: str = "") -> str:
     """Return a sum as code: SymPy's, or with `values` JavaScript that reads the object of that name."""
-    parts = []
-    for product in total.products:
-        number = abs(product.number)
-        plain = number == 1 and (product.letters or product.inner is not None)
-        factors = [] if plain else [f"({number})" if number.denominator > 1 else str(number)]
-        for letter, power in product.letters:
-            text = _write_code_letter(letter, values)
-            factors += [text] * power if values else [text if power == 1 else f"{text}**{power}"]
-        if product.inner is not None:
-            factors.append(f"({write_code(product.inner, values)})")
-        parts.append(("- " if product.number < 0 else "+ ") + "*".join(factors))
-    text = " ".join(parts)
-    return (text[2:] if text.startswith("+ ") else text.replace("- ", "-", 1)) or "0"
+    head, function = (f"{values}.", "Math.") if values else ("", "")
 
+    def write(letter: Letter, power: int) -> list[str]:
+        if isinstance(letter, str):
+            text = f"{head}{letter}"
+        elif isinstance(letter[1], int):
+            text = f"{function}sqrt({letter[1]})"
+        else:
+            angle = " ".join(f"{'+' if sign > 0 else '-'} {head}q{number}" for number, sign in letter[1])
+            text = f"{function}{'sin' if letter[0] == 's' else 'cos'}({angle.removeprefix('+ ')})"
+        return [text] * power if values else [text if power == 1 else f"{text}**{power}"]
 
-def _write_code_letter(letter: Letter, values: str) -> str:
-    head = f"{values}." if values else ""
-    if isinstance(letter, str):
-        return f"{head}{letter}"
-    kind, what = letter
-    function = "Math." if values else ""
-    if isinstance(what, int):
-        return f"{function}sqrt({what})"
-    angle = " ".join(f"{'+' if sign > 0 else '-'} {head}q{number}" for number, sign in what)
-    return f"{function}{'sin' if kind == 's' else 'cos'}({angle.removeprefix('+ ')})"
+    return _join_products(total, write, "({})")
 
 
 # The letters of books.
@@ -663,10 +600,6 @@ def write_symbol(name: str, book: Book, slides: frozenset[int] = frozenset()) ->
         return f"\\ell_{{{match[2]}{match[1]}}}"
     if match := _CENTRAL.match(name):
         return f"I_{{{match[1]},{match[2]}}}"
-    return _write_plain(name)
-
-
-def _write_plain(name: str) -> str:
     head = name.rstrip("0123456789_")
     if head.lower() in _GREEK.split():
         number = name[len(head) :].strip("_")
@@ -685,39 +618,27 @@ def write_angle(angle: Angle, book: Book) -> str:
     return text.removeprefix(" + ")
 
 
-def _write_wave(kind: str, angle: Angle, power: int, book: Book) -> str:
-    above = f"^{{{power}}}" if power > 1 else ""
-    simple = all(sign > 0 for _, sign in angle)
-    if book.long:
-        name = r"\sin" if kind == "s" else r"\cos"
-        inner = write_angle(angle, book)
-        return rf"{name}{above} {inner}" if len(angle) == 1 else rf"{name}{above}({inner})"
-    letter = book.sine if kind == "s" else book.cosine
-    comma = "," if any(number > 9 for number, _ in angle) else ""
-    numbers = [f"{'' if sign > 0 else '-'}{number}" for number, sign in angle]
-    below = comma.join(numbers) if simple else "".join(numbers)
-    return f"{letter}_{{{below}}}{above}"
-
-
-def _write_letter(book: Book, slides: frozenset[int], letter: Letter, power: int) -> str:
-    if isinstance(letter, str):
-        text = write_symbol(letter, book, slides)
-        if power == 1:
-            return text
-        busy = "^" in text or text.startswith(r"\d")
-        return (
-            f"({text})^{{{power}}}"
-            if "^" in text
-            else f"{text}^{{{power}}}"
-            if not busy
-            else f"{text}^{{\\,{power}}}"
-        )
-    kind, what = letter
-    if isinstance(what, int):
-        return rf"\sqrt{{{what}}}"
-    return _write_wave(kind, what, power, book)
-
-
 def build_style(book: Book, slides: frozenset[int] = frozenset()) -> Style:
     """Return how sums are written in the letters of a book."""
-    return Style(write=partial(_write_letter, book, slides))
+
+    def write(letter: Letter, power: int) -> str:
+        if isinstance(letter, str):
+            text = write_symbol(letter, book, slides)
+            if power == 1:
+                return text
+            if "^" in text:
+                return f"({text})^{{{power}}}"
+            return f"{text}^{{\\,{power}}}" if text.startswith(r"\d") else f"{text}^{{{power}}}"
+        kind, what = letter
+        if isinstance(what, int):
+            return rf"\sqrt{{{what}}}"
+        above = f"^{{{power}}}" if power > 1 else ""
+        if book.long:
+            name, inner = r"\sin" if kind == "s" else r"\cos", write_angle(what, book)
+            return rf"{name}{above} {inner}" if len(what) == 1 else rf"{name}{above}({inner})"
+        numbers = [f"{'' if sign > 0 else '-'}{number}" for number, sign in what]
+        comma = all(sign > 0 for _, sign in what) and any(number > 9 for number, _ in what)
+        below = ("," if comma else "").join(numbers)
+        return f"{book.sine if kind == 's' else book.cosine}_{{{below}}}{above}"
+
+    return Style(write=write)
