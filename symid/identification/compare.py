@@ -19,6 +19,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 from sympy import Expr
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
@@ -204,13 +205,11 @@ def compare_values(ours: StatedValues, theirs: StatedValues) -> ValueComparison:
         widths = spread[known]
         sizes, axes = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(widths, widths))
         if sizes[0] >= _SINGULAR * sizes[-1]:
-            from scipy.special import chdtrc
-
             value, freedom = float(np.sum((axes.T @ deviations[known]) ** 2 / sizes)), len(widths)
             total = ChiSquare(
                 value=value,
                 freedom=freedom,
-                chance=float(chdtrc(float(freedom), value)),
+                chance=float(scipy.special.chdtrc(float(freedom), value)),
                 log_size=float(np.sum(np.log(sizes)) + 2.0 * np.sum(np.log(widths))),
             )
     return ValueComparison(

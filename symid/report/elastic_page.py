@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.errors import Notice
@@ -333,11 +334,9 @@ def _measure_spring(spring: Elasticity, amplitude: float) -> tuple[float, float,
     # The second cycle is closed: the first one begins on the virgin curve.
     path = _sweep_torsion(amplitude, -amplitude, amplitude)
     if not spring.is_plain:
-        from scipy.integrate import trapezoid
-
         torque = run_element(spring, path).output
         steepest, cycle = find_most_slope(spring), slice(_SAMPLES, None)
-        lost = float(trapezoid(torque[cycle], path[cycle]))
+        lost = float(scipy.integrate.trapezoid(torque[cycle], path[cycle]))
         return spring.stiffness or 0.0, steepest, float(torque[_SAMPLES]) / amplitude, lost
     first = float(compute_first_curve(spring, np.array([amplitude]))[0])
     work = compute_spring_work(spring, path) if not (spring.cubic and spring.knees) else None

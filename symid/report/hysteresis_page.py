@@ -16,6 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.identification.hysteresis import (
@@ -163,14 +164,12 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
 
 def compute_cycles(trace: ElementTrace) -> FloatArray:
     """Return width, measured and predicted work (c, 3) of all cycles, from a reversal to the next but one."""
-    from scipy.integrate import trapezoid
-
     strokes = find_strokes(trace.position)[1:-1]
     rows = []
     for (low, _), (_, high) in pairwise(strokes):
         part = slice(max(low - 1, 0), high)
         x = trace.position[part]
-        work = [float(trapezoid(y[part], x)) for y in (trace.measured, trace.predicted)]
+        work = [float(scipy.integrate.trapezoid(y[part], x)) for y in (trace.measured, trace.predicted)]
         # What the ends leave open is no loop: closed by the straight line between them.
         gap = float(x[0] - x[-1])
         work = [

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle
@@ -308,7 +309,6 @@ def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drif
             residual.append((run, name, float(means.mean()), deviation))
     if len(runs) < 2:
         return Drift(runs=runs, changed=(), compared=0, residual=tuple(residual))
-    from scipy.special import fdtrc
 
     weights = compute_mean_weights(rows, fit)
     # Parameters and deviations (p,) of each log alone, and which of them are identifiable.
@@ -337,7 +337,7 @@ def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drif
         shares = 1.0 / safe**2
         mean = float(np.sum(shares * values) / np.sum(shares))
         square, count = float(np.sum(((values - mean) / safe) ** 2)), len(values) - 1
-        chance = float(fdtrc(count, _BLOCKS - 1, square / count))
+        chance = float(scipy.special.fdtrc(count, _BLOCKS - 1, square / count))
         changes.append(ParameterDrift(name=name, **pairs, chance=chance))
     limit = _CHANCE / max(len(changes), 1)
     changed = sorted((entry for entry in changes if entry.chance < limit), key=lambda entry: entry.chance)

@@ -24,6 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
@@ -571,8 +572,6 @@ def _fit_disc(rows: Sequence[_GearRows], waves: Sequence[FloatArray]) -> tuple[F
     It is as long as the motion, so that a spring answers it with all it has: springs are fitted again for
     every trial (variable projection, Golub and Pereyra 1973).
     """
-    from scipy.optimize import least_squares
-
     size = max(float(np.std(part.phi)) for part in rows)
 
     def leave(values: FloatArray) -> FloatArray:
@@ -582,7 +581,9 @@ def _fit_disc(rows: Sequence[_GearRows], waves: Sequence[FloatArray]) -> tuple[F
 
     before = leave(np.zeros(2))
     level = float(np.sqrt(np.mean(before**2))) or 1.0
-    fit = least_squares(lambda values: leave(values) / level, np.zeros(2), diff_step=1e-4, x_scale=0.1)
+    fit = scipy.optimize.least_squares(
+        lambda values: leave(values) / level, np.zeros(2), diff_step=1e-4, x_scale=0.1
+    )
     # What springs of stops leave is correlated.
     inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
     scores, _ = sum_block_scores(fit.jac, fit.fun, np.zeros(len(fit.fun), dtype=np.intp), _STRETCHES)

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
@@ -274,8 +275,6 @@ _ENOUGH = 20
 
 def _agree(fit: BandFit, other: BandFit) -> bool:
     """Return whether a fit of more rows agrees with one of fewer."""
-    from scipy.special import chdtri
-
     known = np.isfinite(np.diag(other.covariance)) & np.isfinite(np.diag(fit.covariance))
     if np.count_nonzero(known) < np.count_nonzero(np.isfinite(np.diag(fit.covariance))):
         return True
@@ -287,7 +286,7 @@ def _agree(fit: BandFit, other: BandFit) -> bool:
     # Directions that the rows left out told nothing of cannot disagree.
     open_ways = values > _OPEN
     moved = vectors.T[open_ways] @ (apart / lengths)
-    limit = float(chdtri(max(1, np.count_nonzero(open_ways)), 1.0 - _AGREE))
+    limit = float(scipy.special.chdtri(max(1, np.count_nonzero(open_ways)), 1.0 - _AGREE))
     return float(np.sum(moved**2 / values[open_ways])) <= limit
 
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
@@ -465,10 +466,9 @@ def find_contradiction(work: ElasticEquations, fit: MethodFit) -> tuple[str, flo
     """
     if fit.method not in SPRUNG_METHODS:
         return "", 0.0
-    from scipy.special import chdtri
 
     chi2, count = _measure_disagreement(work, fit, _TOLERATED)
-    limit = float(chdtri(max(1, count), 1.0 - _LEVEL))
+    limit = float(scipy.special.chdtri(max(1, count), 1.0 - _LEVEL))
     if chi2 <= limit:
         return "", chi2 / limit
     text = (
@@ -486,7 +486,6 @@ def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, f
     told = np.isfinite(work.problem.known) & ~mark_rigid_rotors(work.problem.library.card)
     if not np.any(told):
         return 0.0, ()
-    from scipy.special import chdtri
 
     problem = work.problem
     rigid = np.where(mark_rigid_rotors(problem.library.card), 0.0, np.nan)
@@ -508,7 +507,7 @@ def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, f
     order = np.argsort(-np.abs(shift))
     count = max(_NAMED, int(np.count_nonzero(np.abs(shift) > _FAR)))
     far = tuple((names[known[k]], float(alone.chi[known[k]]), float(lengths[k])) for k in order[:count])
-    return float(shift @ inverse @ shift) / float(chdtri(len(known), 1.0 - _LEVEL)), far
+    return float(shift @ inverse @ shift) / float(scipy.special.chdtri(len(known), 1.0 - _LEVEL)), far
 
 
 _FAR, _NAMED = 3.0, 2

@@ -36,6 +36,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.codegen import ModelCard
@@ -658,22 +659,23 @@ def _build_knee_steps(spring: SpringLayout, basis: FloatArray, x: Any) -> Any:  
 def _add_steps(sums: StepSums, steps: Any) -> Any:  # noqa: ANN401
     """Return the rows (M, 1) of step means (N - 1, 1)."""
     import casadi
-    from scipy.sparse import csc_matrix, diags
 
     if isinstance(steps, int):
         return steps
     if isinstance(sums, WindowSums):
         places = np.repeat(np.arange(sums.count), sums.length), np.arange(sums.span.start, sums.span.stop)
         shape = (sums.count, len(sums.weights))
-        return casadi.DM(csc_matrix((sums.weights[sums.span], places), shape=shape)) @ steps
+        return casadi.DM(scipy.sparse.csc_matrix((sums.weights[sums.span], places), shape=shape)) @ steps
     # What flows in between two rows, then what is left of it in all later ones.
     late = np.maximum(np.arange(sums.last) - sums.first, -1) // sums.length + 1
     ends = sums.first + late * sums.length
     shares = (1.0 - sums.decay) * sums.decay ** (ends - 1 - np.arange(sums.last))
-    inflow = csc_matrix((shares, (late, np.arange(sums.last))), shape=(sums.count, sums.steps))
+    inflow = scipy.sparse.csc_matrix((shares, (late, np.arange(sums.last))), shape=(sums.count, sums.steps))
     reach = int(np.log(_FADED) / (np.log(sums.decay) * sums.length)) + 1
     left = [sums.decay ** (sums.length * row) for row in range(min(reach, sums.count))]
-    outflow = diags(left, [-row for row in range(len(left))], shape=(sums.count, sums.count), format="csc")
+    outflow = scipy.sparse.diags(
+        left, [-row for row in range(len(left))], shape=(sums.count, sums.count), format="csc"
+    )
     return casadi.DM(outflow) @ (casadi.DM(inflow) @ steps)
 
 

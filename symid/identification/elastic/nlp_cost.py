@@ -37,6 +37,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
@@ -109,21 +110,17 @@ class FilterSums:
 
     def add(self, steps: FloatArray) -> FloatArray:
         """Return the rows (M, ...) of step means (N - 1, ...)."""
-        from scipy.signal import lfilter
-
         flat = steps.reshape(self.steps, -1)
         inflow = np.empty((self.count, flat.shape[1]))
         inflow[0] = self._fade(self.first) @ flat[: self.first]
         blocks = flat[self.first : self.last].reshape(self.count - 1, self.length, flat.shape[1])
         inflow[1:] = np.matmul(self._fade(self.length), blocks)
-        rows: FloatArray = lfilter([1.0], [1.0, -(self.decay**self.length)], inflow, axis=0)
+        rows: FloatArray = scipy.signal.lfilter([1.0], [1.0, -(self.decay**self.length)], inflow, axis=0)
         return rows.reshape(self.count, *steps.shape[1:])
 
     def spread(self, rows: FloatArray) -> FloatArray:
         """Return the steps (N - 1,) that the adjoint makes of rows (M,)."""
-        from scipy.signal import lfilter
-
-        outflow = lfilter([1.0], [1.0, -(self.decay**self.length)], rows[::-1])[::-1]
+        outflow = scipy.signal.lfilter([1.0], [1.0, -(self.decay**self.length)], rows[::-1])[::-1]
         steps = np.zeros(self.steps)
         steps[: self.first] = outflow[0] * self._fade(self.first)
         steps[self.first : self.last] = np.outer(outflow[1:], self._fade(self.length)).ravel()

@@ -23,6 +23,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
@@ -121,13 +122,11 @@ def mark_sliding(signals: ElasticSignals, width: float, limits: FloatArray) -> N
     Within `width` s about a sample, such as what a low-pass makes of it. A motor that turns back so often
     that hardly anything is left is taken as it is: its friction changes its sign, and has no time to rest.
     """
-    from scipy.ndimage import minimum_filter1d
-
     # Zero where the motor turns back between two samples.
     turned = np.zeros(signals.dtheta.shape, dtype=bool)
     turned[1:] = signals.dtheta[1:] * signals.dtheta[:-1] < 0.0
     count = 1 + 2 * max(1, round(0.5 * width / signals.period))
-    least = minimum_filter1d(np.where(turned, 0.0, np.abs(signals.dtheta)), count, axis=0)
+    least = scipy.ndimage.minimum_filter1d(np.where(turned, 0.0, np.abs(signals.dtheta)), count, axis=0)
     slides: NDArray[np.bool_] = least > limits
     busy = np.sqrt(np.mean(signals.dtheta**2, axis=0)) > _BUSY * limits
     return np.asarray(slides | (busy & (np.mean(slides, axis=0) < _LEAST_SHARE)))
@@ -480,10 +479,8 @@ def filter_held(values: FloatArray, rate: float, period: float) -> FloatArray:
 
     y_k = a y_k-1 + (1 - a) x_k-1, a = exp(-rate period); rate in rad/s, period in s.
     """
-    from scipy.signal import lfilter
-
     decay = np.exp(-rate * period)
-    result: FloatArray = lfilter([0.0, 1.0 - decay], [1.0, -decay], values, axis=0)
+    result: FloatArray = scipy.signal.lfilter([0.0, 1.0 - decay], [1.0, -decay], values, axis=0)
     return result
 
 
@@ -676,13 +673,14 @@ def solve_with_signs(
     low = list_lower_bounds(card, count - len(card.beta) - card.size - len(card.friction))
     if np.all(solution >= low):
         return solution
-    from scipy.optimize import lsq_linear
 
     if answer[2] < count:
         # Of the many solutions the bounded problem must take a short one too; this hardly weighs elsewhere.
         left = np.vstack([left, rule.singular * answer[3][0] * np.eye(count)])
         values = np.concatenate([values, np.zeros(count)])
-    bounded: FloatArray = lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls").x / scales
+    bounded: FloatArray = (
+        scipy.optimize.lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls").x / scales
+    )
     return np.where(alive, bounded, 0.0)
 
 

@@ -20,6 +20,7 @@ from enum import Enum
 from functools import partial
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library
@@ -492,8 +493,6 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
 
 def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) -> JointStiffness:
     """Return the spring of one joint; `present` says whether it has a link encoder."""
-    from scipy.stats import chi2, t
-
     explained, left, unit = float(fits.explained[index]), float(fits.left[index]), card.position_unit
     runs = run_stds = np.full(fits.compliances.shape[1], np.nan)
     mean = std = low = high = float("nan")
@@ -527,8 +526,8 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) 
         if freedom:
             excess = float(np.sum(((runs - mean) / np.maximum(run_stds, 1e-300)) ** 2))
             # The Birge ratio; and the chance that equal springs differ so much.
-            std, chance = std * max(1.0, excess / freedom) ** 0.5, float(chi2.sf(excess, freedom))
-        half = float(t.ppf(0.5 + 0.5 * _LEVEL, max(1, n - 1))) * std
+            std, chance = std * max(1.0, excess / freedom) ** 0.5, float(scipy.stats.chi2.sf(excess, freedom))
+        half = float(scipy.stats.t.ppf(0.5 + 0.5 * _LEVEL, max(1, n - 1))) * std
         low, high = mean - half, mean + half
         small = (
             f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "

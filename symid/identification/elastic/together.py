@@ -34,6 +34,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.errors import RobotError
@@ -455,8 +456,6 @@ def _improve(problem: ElasticProblem, fit: MethodFit) -> tuple[MethodFit, float]
 
     The latter is the largest relative change of a number of the springs.
     """
-    from scipy.optimize import least_squares
-
     design, springs = _follow_springs(problem, fit)
     free = np.isnan(problem.known)
     base: FloatArray = np.linalg.qr(design[:, free], mode="reduced")[0]
@@ -465,7 +464,7 @@ def _improve(problem: ElasticProblem, fit: MethodFit) -> tuple[MethodFit, float]
     def project(values: FloatArray) -> FloatArray:
         return np.asarray(values - base @ (base.T @ values))
 
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         lambda factors: project(springs.move(factors) - given),
         np.ones(len(springs.numbers)),
         lambda factors: project(springs.differentiate(factors)),

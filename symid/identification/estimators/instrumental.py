@@ -26,6 +26,7 @@ from model errors that differ between both states.
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import IdentifiabilityError, Notice
@@ -225,8 +226,6 @@ def assess_exogeneity(rows: Rows, found: InstrumentalSolution, freedom: str = "b
 
     `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
-    from scipy.special import fdtrc
-
     factors, basis = found.fit.weights, found.identifiability.basis
     ratio = factors / np.sqrt(rows.weight)
     weights = np.ones(len(rows.group_names))
@@ -250,7 +249,7 @@ def assess_exogeneity(rows: Rows, found: InstrumentalSolution, freedom: str = "b
     statistic, probability = 0.0, 1.0
     if count and free > 0.0 and rest > 0.0:
         statistic = gained / count / (rest / free)
-        probability = float(fdtrc(count, free, statistic))
+        probability = float(scipy.special.fdtrc(count, free, statistic))
     shift: FloatArray = usual.values - found.fit.values
     deviation = np.sqrt(np.maximum(np.diag(usual.covariance), 0.0))
     # A fit to the last bit leaves rounding in both.

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, SolverError, UsageError
@@ -139,14 +140,12 @@ def _is_as_good(
     problem: FrictionProblem, search: FrictionSearch, columns: FloatArray, variance: float, freedom: int
 ) -> bool:
     """Return whether fewer columns leave J no greater than chance explains."""
-    from scipy.special import chdtri
-
     residual = problem.target
     if columns.shape[1]:
         residual = residual - columns @ solve_scaled(columns, residual, rcond=1e-11)
     gain = float(residual @ residual) - search.objective
     rounding = 1e-20 * float(problem.target @ problem.target)
-    return gain <= float(chdtri(freedom, 1e-4)) * variance + rounding
+    return gain <= float(scipy.special.chdtri(freedom, 1e-4)) * variance + rounding
 
 
 def _refuse_uncertain(

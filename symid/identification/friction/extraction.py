@@ -27,6 +27,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
@@ -77,10 +78,9 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
     def cut(values: FloatArray, *, degree: int) -> FloatArray:
         if abs(exact - wanted) < 1e-3 and wanted <= len(values):
             return values[:wanted].reshape(periods, samples, -1)
-        from scipy.interpolate import make_interp_spline
 
         at = time[0] + np.arange(wanted) * period / samples
-        spline = make_interp_spline(time, values, k=degree, axis=0)
+        spline = scipy.interpolate.make_interp_spline(time, values, k=degree, axis=0)
         # Rounding may put the last place a hair behind the last sample.
         found: FloatArray = spline(np.minimum(at, time[-1]))
         return found.reshape(periods, samples, -1)

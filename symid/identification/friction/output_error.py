@@ -21,6 +21,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray, freeze_fields
 from symid.errors import LogError, Notice, UsageError
@@ -343,8 +344,6 @@ def fit_output_error(
 
     Errors of samples in `left_out` do not count. Raises LogError for a window of fewer than 40 samples.
     """
-    from scipy.optimize import least_squares
-
     short = [window for window in windows if window.last - window.first < _FEWEST]
     if short or not windows:
         text = f"windows {short}: at least one is needed, with {_FEWEST} samples or more each"
@@ -359,7 +358,7 @@ def fit_output_error(
         room = 1e-6 * scale
         inside = np.clip(start, lower + room, upper - room)
         fits.append(
-            least_squares(
+            scipy.optimize.least_squares(
                 lambda values: compute_output_error(model, values, run, windows, left_out),
                 inside,
                 jac=lambda values: compute_output_error(model, values, run, windows, left_out, rates=True),

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, SymidError
@@ -191,9 +192,7 @@ class PoseParameter:
         """Return the 95 % interval at every pose."""
         half = [CONFIDENCE] * len(self.values)
         if self.freedom:
-            from scipy.stats import t
-
-            half = [float(t.ppf(0.975, freedom)) for freedom in self.freedom]
+            half = [float(scipy.stats.t.ppf(0.975, freedom)) for freedom in self.freedom]
         triples = zip(self.values, self.stds, half, strict=True)
         return tuple((value - factor * std, value + factor * std) for value, std, factor in triples)
 
@@ -304,21 +303,17 @@ def compare_poses(
 
 def compute_chance(values: FloatArray, stds: FloatArray, freedom: FloatArray) -> float:
     """Return the p-value of equal means, by Welch's test."""
-    from scipy.stats import f
-
     count = len(values)
     weights = 1.0 / stds**2
     shares = weights / np.sum(weights)
     distance = np.sum(weights * (values - np.sum(shares * values)) ** 2) / (count - 1)
     small = float(np.sum((1.0 - shares) ** 2 / freedom))
     statistic = float(distance / (1.0 + 2.0 * (count - 2) / (count**2 - 1) * small))
-    return float(f.sf(statistic, count - 1, (count**2 - 1) / (3.0 * small)))
+    return float(scipy.stats.f.sf(statistic, count - 1, (count**2 - 1) / (3.0 * small)))
 
 
 def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[float, float] | None:
     """Return the largest difference of two friction curves over the largest friction, and its 95 % limit."""
-    from scipy.stats import t
-
     ranges = np.array([reach for *_, reach in fits])
     slow, fast = float(ranges[:, 0].max()), float(ranges[:, 1].min())
     known = all(entry.name in deviations for _, deviations, *_ in fits for entry in law.physical)
@@ -332,7 +327,7 @@ def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[float, 
         own = compute_law_sensitivities(law, inputs, linear, shape)
         beside = np.zeros((len(own), len(estimate.other)))
         deviations, freedom = covariance.compute_deviations(np.hstack([own, beside]))
-        bands.append(deviations * t.ppf(0.975, freedom))
+        bands.append(deviations * scipy.stats.t.ppf(0.975, freedom))
         curves.append(compute_friction_torque(law, inputs, linear, shape))
     largest = float(np.max(np.abs(curves)))
     if largest == 0.0:

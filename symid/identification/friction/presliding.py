@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, UsageError
@@ -177,8 +178,6 @@ def fit_presliding(
         IdentifiabilityError: no positions, nothing moves, or there are fewer rows than unknowns.
         UsageError: times that do not increase within a recording, or all parameters are fixed.
     """
-    from scipy.optimize import least_squares
-
     if set(law.names) <= set(fixed):
         text = f"all parameters of {law.name!r} are fixed: leave some to be fitted"
         raise UsageError(Notice(code="friction.presliding-options", text=text))
@@ -210,7 +209,7 @@ def fit_presliding(
                 least = np.log(parameter.lower) if parameter.lower > 0.0 else -np.inf
                 lower[place] = max(start[place] - _REACH, least)
                 upper[place] = min(start[place] + _REACH, np.log(parameter.upper))
-        search = least_squares(
+        search = scipy.optimize.least_squares(
             problem.compute_residual,
             start,
             jac=problem.compute_jacobian,

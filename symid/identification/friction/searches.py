@@ -35,6 +35,7 @@ parameters only in the searches between bounds.
 import itertools
 
 import numpy as np
+import scipy
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -327,8 +328,6 @@ def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> Fr
 
     Raises UsageError for motion in both directions, or not exactly one free shape value.
     """
-    from scipy.optimize import brentq
-
     free, mistakes = np.flatnonzero(problem.is_free), []
     if len(free) != 1:
         mistakes.append(f"one free shape value; law {problem.law.name!r} has {len(free)} here")
@@ -357,7 +356,9 @@ def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> Fr
     roots = 0
     for left, right, before, after in zip(scan[:-1], scan[1:], slopes[:-1], slopes[1:], strict=True):
         if before * after < 0.0:
-            root = float(brentq(compute_slope, left, right, xtol=options.tolerance, rtol=1e-14))
+            root = float(
+                scipy.optimize.brentq(compute_slope, left, right, xtol=options.tolerance, rtol=1e-14)
+            )
             compute_slope(root)
             roots += 1
             projector.record(kept[root][1])
@@ -602,8 +603,6 @@ def search_by_evolution(
     problem: FrictionProblem, options: EvolutionOptions, generator: np.random.Generator
 ) -> FrictionSearch:
     """Return the best candidate of differential evolution."""
-    from scipy.optimize import differential_evolution
-
     box = UnitBoxProblem(problem)
 
     def compute_objectives(genes: FloatArray) -> FloatArray:
@@ -611,7 +610,7 @@ def search_by_evolution(
         box.history.append(min(*box.history[-1:], float(np.min(objectives)), np.inf))
         return objectives
 
-    answer = differential_evolution(
+    answer = scipy.optimize.differential_evolution(
         compute_objectives,
         [(0.0, 1.0)] * box.size,
         maxiter=options.generations,

@@ -26,6 +26,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
@@ -402,8 +403,6 @@ def _spread_speeds(samples: FrictionSamples) -> "tuple[FloatArray, csc_matrix]":
     In each direction they are even in asinh(|v| / v0), fine near standstill, with polynomials through
     `_POINTS` neighbours; standstill is a speed of its own.
     """
-    from scipy.sparse import csr_matrix
-
     velocity, size = samples.velocity, np.abs(samples.velocity)
     fastest = float(size.max())
     finest = find_slowest(samples)
@@ -425,7 +424,9 @@ def _spread_speeds(samples: FrictionSamples) -> "tuple[FloatArray, csc_matrix]":
     speeds = finest * np.sinh(step * np.arange(_SPEEDS))
     # Friction jumps at zero velocity: the slowest speed is the limit from its side.
     speeds[0] = _LIMIT * fastest
-    spread = csr_matrix((weights.ravel(), index.ravel(), starts), shape=(len(size), 2 * _SPEEDS + 1))
+    spread = scipy.sparse.csr_matrix(
+        (weights.ravel(), index.ravel(), starts), shape=(len(size), 2 * _SPEEDS + 1)
+    )
     return np.concatenate([speeds, -speeds, [0.0]]), spread.tocsc()
 
 

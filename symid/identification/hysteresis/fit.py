@@ -19,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle
@@ -386,9 +387,10 @@ def _solve(
     square, right = triangle[: len(lengths), :-1], triangle[: len(lengths), -1]
     if np.all(np.isinf(low)) and np.all(np.isinf(high)):
         return np.asarray(np.linalg.lstsq(square, right, rcond=None)[0] / lengths)
-    from scipy.optimize import lsq_linear
 
-    found: FloatArray = lsq_linear(square, right, (low * lengths, high * lengths), method="bvls").x
+    found: FloatArray = scipy.optimize.lsq_linear(
+        square, right, (low * lengths, high * lengths), method="bvls"
+    ).x
     return found / lengths
 
 
@@ -408,7 +410,6 @@ def _search(
     starts = family.list_starts(data.path) if begin is None else [begin]
     if not (family.searched and len(starts[0])):
         return starts[0]
-    from scipy.optimize import least_squares
 
     rows = slice(None) if kept is None else kept
     # Positive values in their logarithm; an asymmetry, which may be negative, as it is.
@@ -427,7 +428,9 @@ def _search(
     packed = [np.where(positive, np.log(np.where(positive, s, 1.0)), s) for s in starts]
     ranked = sorted(packed, key=lambda start: float(np.sum(errors(start) ** 2)))
     runs = [
-        least_squares(errors, start, diff_step=1e-4, max_nfev=_TRIES, bounds=(start - 6.0, start + 6.0))
+        scipy.optimize.least_squares(
+            errors, start, diff_step=1e-4, max_nfev=_TRIES, bounds=(start - 6.0, start + 6.0)
+        )
         for start in ranked[:_RANKED]
     ]
     return unpack(min(runs, key=lambda run: float(run.cost)).x)

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, compute_triangle
@@ -228,12 +229,12 @@ def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
 
     y_k = a y_k-1 + g x_k + (1 - a - g) x_k-1, g = 1 - (1 - a) / (rate period), a = exp(-rate period).
     """
-    from scipy.signal import lfilter
-
     decay = np.exp(-rate * period)
     ahead = 1.0 - (1.0 - decay) / (rate * period)
     start = -ahead * values[:1]
-    result: FloatArray = lfilter([ahead, 1.0 - decay - ahead], [1.0, -decay], values, axis=0, zi=start)[0]
+    result: FloatArray = scipy.signal.lfilter(
+        [ahead, 1.0 - decay - ahead], [1.0, -decay], values, axis=0, zi=start
+    )[0]
     return result
 
 
@@ -285,13 +286,11 @@ def fit_spring(
 
 def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Return argmin |matrix x - right|, x >= 0, with columns scaled to length one; empty columns get zero."""
-    from scipy.optimize import nnls
-
     count = matrix.shape[1]
     triangle = compute_triangle(np.column_stack([matrix, right]))
     lengths = np.linalg.norm(matrix, axis=0)
     scales = np.where(lengths > 1e-12 * max(float(lengths.max(initial=0.0)), 1e-300), lengths, np.inf)
-    solution: FloatArray = nnls(triangle[:, :count] / scales, triangle[:, count])[0] / scales
+    solution: FloatArray = scipy.optimize.nnls(triangle[:, :count] / scales, triangle[:, count])[0] / scales
     return solution
 
 
@@ -334,8 +333,6 @@ def optimise_spring(
 
     With a `goal` for the cost the first spring that reaches it is enough, and one far from it is given up.
     """
-    from scipy.optimize import lsq_linear
-
     (best, bases, cost), damping = _evaluate_spring(data, target, start), 1e-4
     for count in range(_STEPS):
         if goal is not None and (cost <= goal or (count >= _PATIENCE and cost > _FAR * goal)):
@@ -363,7 +360,7 @@ def optimise_spring(
         for _ in range(_TRIES):
             matrix = np.vstack([square, np.sqrt(damping) * np.eye(len(lengths))])
             whole = np.concatenate([right, np.zeros(len(lengths))])
-            move = lsq_linear(matrix, whole, bounds=(low, high), method="bvls").x / lengths
+            move = scipy.optimize.lsq_linear(matrix, whole, bounds=(low, high), method="bvls").x / lengths
             trial, trial_bases, reached = _evaluate_spring(data, target, best.move(move))
             if reached < cost:
                 fall = (cost - reached) / cost

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, compute_triangle, freeze
@@ -272,11 +273,12 @@ def solve_scaled(
         right = np.concatenate([right, np.zeros(len(lengths))])
     if np.all(np.isneginf(low)) and np.all(np.isposinf(high)):
         return np.asarray(np.linalg.lstsq(scaled, right, rcond=rcond)[0] / lengths)
-    from scipy.optimize import lsq_linear
 
     triangle = compute_triangle(np.column_stack([scaled, right]))
     bounds = (low * lengths, high * lengths)
-    answer = lsq_linear(triangle[:, :-1], triangle[:, -1], bounds=bounds, method="bvls", tol=1e-14)
+    answer = scipy.optimize.lsq_linear(
+        triangle[:, :-1], triangle[:, -1], bounds=bounds, method="bvls", tol=1e-14
+    )
     return np.asarray(np.clip(answer.x / lengths, low, high))
 
 
