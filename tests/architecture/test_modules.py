@@ -16,6 +16,8 @@ LIGHT_MODULES = frozenset({"symid.codegen.functions", "symid.codegen.library", "
 SYMBOLIC_MODULES = frozenset(
     {f"symid.identification.{name}" for name in ("compare", "export", "identified", "payload")}
 )
+# Problems of CasADi, which are loaded when one is posed.
+SYMBOLIC_MODULES |= {"symid.identification.elastic.nlp", "symid.identification.friction.output_error"}
 SYMBOLIC = frozenset({"sympy", "casadi"})
 
 

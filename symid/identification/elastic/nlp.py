@@ -35,6 +35,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import casadi
 import numpy as np
 import scipy
 
@@ -516,8 +517,6 @@ class ElasticMotion:
 
     def play(self, threshold: Any) -> Any:  # noqa: ANN401  # an expression of casadi, or a number
         """Return the play of the torsion (N, 1) for a threshold in rad or m, from the virgin state on."""
-        import casadi
-
         memory, value, radius = (casadi.SX.sym(name) for name in ("memory", "value", "radius"))
         after = compute_play(build_casadi_carrier(), value, radius, memory)
         step, count = casadi.Function("play", [memory, value, radius], [after]), self.phi.shape[0]
@@ -573,16 +572,12 @@ class NlpGraph:
     @property
     def cost(self) -> Any:  # noqa: ANN401  # an expression of casadi
         """Return what is minimised, an expression (1, 1) of MX."""
-        import casadi
-
         squares = sum(casadi.sumsqr(residual) for residual in self.residuals)
         return squares / (2.0 * self.rows) + sum(self.terms)
 
 
 def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions) -> NlpGraph:
     """Return the last round of a one-shot fit: the same cost, starting where the fit ended."""
-    import casadi
-
     cost, start = found.cost, found.run.x
     layout = cost.layout
     numbers = zip(start, layout.lower, layout.upper, compute_scales(cost, start), strict=True)
@@ -638,8 +633,6 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
 
 def _build_knee_steps(spring: SpringLayout, basis: FloatArray, x: Any) -> Any:  # noqa: ANN401
     """Return the step means (N - 1, 1) of what all knees of a joint add to its torque; 0 for none."""
-    import casadi
-
     torque = casadi.DM(basis) @ x[spring.weights]
     changes = casadi.DM(spring.changes) @ x[spring.slopes] + casadi.DM(spring.offset)
     total = 0
@@ -658,8 +651,6 @@ def _build_knee_steps(spring: SpringLayout, basis: FloatArray, x: Any) -> Any:  
 
 def _add_steps(sums: StepSums, steps: Any) -> Any:  # noqa: ANN401
     """Return the rows (M, 1) of step means (N - 1, 1)."""
-    import casadi
-
     if isinstance(steps, int):
         return steps
     if isinstance(sums, WindowSums):
@@ -690,8 +681,6 @@ def get_variable(graph: NlpGraph, name: str) -> Any:  # noqa: ANN401
 
 def add_variable(graph: NlpGraph, name: str, start: float, lower: float, upper: float) -> NlpGraph:
     """Return the problem with one unknown more, in SI units; raise UsageError for a name that is taken."""
-    import casadi
-
     if name in graph.variables:
         text = f"{name!r} is a variable of this problem already; give the new one another name"
         raise UsageError(Notice(code="usage.variable-name", text=text))
@@ -745,8 +734,6 @@ def add_constraint(graph: NlpGraph, expression: Any, lower: float, upper: float)
 
 def _take(graph: NlpGraph, given: Any, what: str, shape: tuple[int, int] = (1, 1)) -> Any:  # noqa: ANN401
     """Return an expression as MX; refuse other shapes, and symbols that are not of this problem."""
-    import casadi
-
     try:
         found = casadi.MX(given)
     except (NotImplementedError, TypeError) as error:
@@ -787,8 +774,6 @@ class NlpAnswer:
 
 def solve_nlp_graph(graph: NlpGraph) -> NlpAnswer:
     """Return the optimum next to where the variables start; raise SolverError where there is none."""
-    import casadi
-
     entries = list(graph.variables.values())
     x, cost = casadi.vertcat(*(entry.symbol for entry in entries)), graph.cost
     start, lower, upper = np.array([(entry.start, entry.lower, entry.upper) for entry in entries]).T

@@ -20,6 +20,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
+import casadi
 import numpy as np
 import scipy
 
@@ -126,8 +127,6 @@ def simulate_axis(
 
 @lru_cache(maxsize=64)
 def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
-    import casadi
-
     count = len(model.parameters)
     state, inputs = casadi.SX.sym("z", 2), casadi.SX.sym("u", 2)
     values = casadi.SX.sym("p", count)
@@ -157,8 +156,6 @@ def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, ra
 
 def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period: float) -> Any:  # noqa: ANN401, PLR0917  # expressions of casadi
     """Return the state after a step: one motion, or one up to rest and what follows."""
-    import casadi
-
     position, speed = state[0], state[1]
     # Where the axis is halfway: forces of the position are right to the square of the step.
     half = position + 0.5 * period * speed
@@ -203,8 +200,6 @@ def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period:
 
 def _compute_gains(rate: Any, time: Any) -> tuple[Any, Any]:  # noqa: ANN401  # expressions of casadi
     """Return the integral of exp(-rate t) over a time, and the integral of that."""
-    import casadi
-
     z = -rate * time
     small = casadi.fabs(z) < _SERIES_FIRST
     safe = casadi.if_else(small, 1.0, z)
