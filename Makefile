@@ -23,6 +23,8 @@ INSTALL := $(PIP) install --quiet --no-compile --no-deps --require-hashes --requ
 ITSELF := $(PIP) install --quiet --no-deps --no-build-isolation --editable .
 DEMO := demo
 WORKERS ?= 2
+# Folders of tests that need no compiler and are quick.
+QUICK := tests/architecture $(addprefix tests/unit/,kernel robot joint_models logs dynamics excitation report fleet)
 FUZZ_SECONDS ?= 600
 # A worker a core: threads of the linear algebra would only wait for each other, and change last digits.
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
@@ -77,10 +79,10 @@ lint: $(VENV)/dev
 
 # The tests come last, so that pytest's closing line is the last one.
 check: lint
-	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile -m quick
+	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile -m "not slow and not long" $(QUICK)
 
 test: lint
-	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile -m "quick or usual"
+	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile -m "not slow and not long"
 
 test-all: lint
 	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile

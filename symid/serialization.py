@@ -130,6 +130,11 @@ def name_key(key: str) -> dict[str, str]:
     return {"key": key}
 
 
+def keep_name(name: str) -> dict[str, str]:
+    """Return the metadata of a field that files of earlier versions call `name`."""
+    return {"was": name}
+
+
 def write_as(write: Callable[[Any], object]) -> dict[str, Callable[[Any], object]]:
     """Return the metadata of a field that programs read as `write` returns it."""
     return {"write": write}
@@ -174,9 +179,14 @@ def read_record(kind: type[Record], value: object, where: str = "", *, complete:
         InputError: with all that is wrong: the first problem of every field, fields that are missing or
             unknown, or what the record itself refuses.
     """
-    table = _expect(value, (dict,), where)
-    hints = _get_hints(cast("Any", kind))
     known = {entry.name: entry for entry in fields(cast("Any", kind))}
+    earlier = {entry.metadata["was"]: name for name, entry in known.items() if "was" in entry.metadata}
+    stated = _expect(value, (dict,), where)
+    table = {
+        name if earlier.get(name, name) in stated else earlier.get(name, name): stated[name]
+        for name in stated
+    }
+    hints = _get_hints(cast("Any", kind))
     problems = [
         _place(where, f"{name} is missing")
         for name, entry in sorted(known.items())

@@ -16,6 +16,10 @@ from hypothesis import settings
 
 PROJECT = Path(__file__).resolve().parent.parent
 
+# A file a line, or the beginning of a test's name, and its seconds: `make test` leaves these out.
+_TABLE = (PROJECT / "tests" / "long.txt").read_text(encoding="utf-8")
+LONG = [line.split()[0] for line in _TABLE.splitlines()]
+
 # The same examples in every run: a failure here is a failure everywhere.
 settings.register_profile("symid", derandomize=True, deadline=None, print_blob=True)
 settings.load_profile("symid")
@@ -67,6 +71,21 @@ def pytest_configure(config: pytest.Config) -> None:
             (quick / "cc").chmod(0o755)
             os.environ[OPTIMISING] = compiler
             os.environ["PATH"] = f"{quick}{os.pathsep}{os.environ['PATH']}"
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave files out that take long, where those tests are not wanted, without importing them."""
+    if "not long" not in config.option.markexpr or collection_path.suffix != ".py":
+        return None
+    return True if collection_path.relative_to(PROJECT).as_posix() in LONG else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the tests that take long."""
+    files, tests = {name for name in LONG if "::" not in name}, tuple(name for name in LONG if "::" in name)
+    for item in items:
+        if item.nodeid.split("::")[0] in files or item.nodeid.startswith(tests):
+            item.add_marker(pytest.mark.long)
 
 
 def pytest_collection_finish() -> None:
