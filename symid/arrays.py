@@ -1,7 +1,6 @@
 """Names for arrays, and how products keep them: float64, row-major, read-only copies."""
 
 from dataclasses import fields
-from functools import cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -61,14 +60,8 @@ class FrozenArrays:
 def freeze_fields(record: object) -> None:
     """Replace the arrays of a dataclass, its fields of the type FloatArray, by read-only copies."""
     kind: Any = type(record)
-    for name in _list_array_fields(kind):
+    array_types = (FloatArray, FloatMatrix, FloatArray | None)
+    for name in (field.name for field in fields(kind) if field.type in array_types):
         value = getattr(record, name)
         if value is not None:
             object.__setattr__(record, name, freeze(value))
-
-
-@cache
-def _list_array_fields(kind: Any) -> tuple[str, ...]:  # noqa: ANN401  (a dataclass)
-    return tuple(
-        field.name for field in fields(kind) if field.type in (FloatArray, FloatMatrix, FloatArray | None)
-    )

@@ -57,10 +57,7 @@ IPOPT_STATUSES: dict[str, tuple[Ending, str]] = {
     "Maximum_WallTime_Exceeded": (Ending.LIMIT, "the limit of time was reached"),
     "Restoration_Failed": (Ending.STALLED, "no step towards feasible points made progress"),
     "Error_In_Step_Computation": (Ending.FAILED, "no step could be computed: the equations are singular"),
-    "Not_Enough_Degrees_Of_Freedom": (
-        Ending.FAILED,
-        "there are fewer unknowns than equality constraints",
-    ),
+    "Not_Enough_Degrees_Of_Freedom": (Ending.FAILED, "there are fewer unknowns than equality constraints"),
     "Invalid_Problem_Definition": (Ending.FAILED, "the problem is not well formed"),
     "Invalid_Option": (Ending.FAILED, "an option or the linear solver is not available"),
     "Invalid_Number_Detected": (Ending.FAILED, "a function gave no finite number"),

@@ -255,7 +255,18 @@ def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> ob
     if origin is Annotated and arguments[0] is float:
         return float(_expect(value, (float, int), where))
     if origin in {Union, UnionType}:
-        return _read_choice(arguments, value, where, complete=complete)
+        if NoneType in arguments:
+            inner = next(entry for entry in arguments if entry is not NoneType)
+            return None if value is None else _read(inner, value, where, complete=complete)
+        if not all(map(is_dataclass, arguments)):
+            return _expect(value, arguments, where)
+        table = _expect(value, (dict,), where)
+        names = [[entry.name for entry in fields(choice)] for choice in arguments]
+        for choice, known in zip(arguments, names, strict=True):
+            if set(table) <= set(known):
+                return read_record(choice, table, where, complete=complete)
+        listed = "; or ".join(", ".join(known) for known in names)
+        raise _refuse(_place(where, f"expected a table of {listed}; got {', '.join(table)}"))
     if origin is Literal:
         if value in arguments:
             return value
@@ -263,9 +274,26 @@ def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> ob
     if is_dataclass(origin):
         return read_record(kind, value, where, complete=complete)
     if origin is tuple:
-        return _read_tuple(arguments, value, where, complete=complete)
+        entries = _expect(value, (list,), where)
+        kinds = arguments[:1] * len(entries) if arguments[-1] is Ellipsis else arguments
+        if len(entries) != len(kinds):
+            text = f"expected {len(kinds)} entries, got {len(entries)}"
+            raise _refuse(_place(where, text))
+        return tuple(
+            _read(inner, entry, f"{where}[{k}]", complete=complete)
+            for k, (inner, entry) in enumerate(zip(kinds, entries, strict=True))
+        )
     if origin is Annotated or origin.__name__ == "ndarray":
-        return _read_array(arguments, value, where)
+        import numpy as np
+
+        rows = _expect(value, (list,), where)
+        if len(arguments) > 1 and arguments[1] == "matrix":
+            numbers = [[_read(float, entry, where) for entry in _expect(row, (list,), where)] for row in rows]
+            if len(set(map(len, numbers))) > 1:
+                raise _refuse(_place(where, "rows of different lengths"))
+            return np.array(numbers, dtype=np.float64)
+        number = bool if get_args(arguments[1])[0] is np.bool_ else float
+        return np.array([_read(number, entry, where) for entry in rows], dtype=number)
     if issubclass(origin, Mapping):
         return _expect(value, (dict,), where)
     if issubclass(origin, Enum):
@@ -276,49 +304,6 @@ def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> ob
     if origin is float:
         return math.inf if value is None else float(_expect(value, (float, int), where))
     return _expect(value, (origin,), where)
-
-
-def _read_array(arguments: tuple[Any, ...], value: object, where: str) -> object:
-    import numpy as np
-
-    rows = _expect(value, (list,), where)
-    if len(arguments) > 1 and arguments[1] == "matrix":
-        numbers = [[_read(float, entry, where) for entry in _expect(row, (list,), where)] for row in rows]
-        if len(set(map(len, numbers))) > 1:
-            raise _refuse(_place(where, "rows of different lengths"))
-        return np.array(numbers, dtype=np.float64)
-    kind = bool if get_args(arguments[1])[0] is np.bool_ else float
-    return np.array([_read(kind, entry, where) for entry in rows], dtype=kind)
-
-
-def _read_tuple(
-    arguments: tuple[Any, ...], value: object, where: str, *, complete: bool
-) -> tuple[object, ...]:
-    entries = _expect(value, (list,), where)
-    kinds = arguments[:1] * len(entries) if arguments[-1] is Ellipsis else arguments
-    if len(entries) != len(kinds):
-        text = f"expected {len(kinds)} entries, got {len(entries)}"
-        raise _refuse(_place(where, text))
-    return tuple(
-        _read(inner, entry, f"{where}[{k}]", complete=complete)
-        for k, (inner, entry) in enumerate(zip(kinds, entries, strict=True))
-    )
-
-
-def _read_choice(arguments: tuple[Any, ...], value: object, where: str, *, complete: bool) -> object:
-    """Return `value` as a type or None, or as the one of several records that has all its entries."""
-    if NoneType in arguments:
-        inner = next(entry for entry in arguments if entry is not NoneType)
-        return None if value is None else _read(inner, value, where, complete=complete)
-    if not all(map(is_dataclass, arguments)):
-        return _expect(value, arguments, where)
-    table = _expect(value, (dict,), where)
-    names = [[entry.name for entry in fields(kind)] for kind in arguments]
-    for kind, known in zip(arguments, names, strict=True):
-        if set(table) <= set(known):
-            return read_record(kind, table, where, complete=complete)
-    listed = "; or ".join(", ".join(known) for known in names)
-    raise _refuse(_place(where, f"expected a table of {listed}; got {', '.join(table)}"))
 
 
 _WORDS = {str: "text", int: "a whole number", float: "a number", bool: "true or false", dict: "a table"}

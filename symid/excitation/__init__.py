@@ -3,10 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.excitation.limits import (
-        LimitOptions as LimitOptions,
-        read_workspace as read_workspace,
-    )
+    from symid.excitation.limits import LimitOptions as LimitOptions, read_workspace as read_workspace
     from symid.excitation.optimise import (
         ExcitationOptions as ExcitationOptions,
         OptimisedExcitation as OptimisedExcitation,

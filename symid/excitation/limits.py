@@ -14,7 +14,7 @@ Not supported: the part of the torsion in the speed of a rotor; contact between 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
@@ -22,7 +22,7 @@ import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, RobotError
-from symid.excitation.observation import InPlaceFunction, smooth_friction
+from symid.joint_models import NO_FRICTION, FrictionValues, get_friction_law, name_values
 from symid.robot import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -35,6 +35,56 @@ from symid.robot import (
 )
 
 Vector = tuple[float, float, float]
+Shape = tuple[int, ...]
+_SMOOTHING = 0.02
+"""Width of the sign change of friction for the optimiser, relative to the velocity limit."""
+_SLOW = 0.02
+"""The same for joints without a velocity limit, rad/s or m/s."""
+
+
+def smooth_friction(robot: Robot) -> Robot:
+    """Return the robot with friction that has a slope everywhere."""
+
+    def smooth(friction: FrictionValues, velocity: float | None) -> FrictionValues:
+        law = get_friction_law(friction)
+        if law is not None and {"load", "temperature"} & set(law.inputs):
+            # Neither is known before the robot moves; what the motion must show of them is less.
+            named = name_values(friction)
+            values = tuple(named.get(name, 0.0) for name in ("Fv", "Fc", "offset")) if named else None
+            friction = FrictionValues(
+                law="coulomb-viscous-offset", values=values, smoothing=friction.smoothing
+            )
+        if friction.law == NO_FRICTION or friction.smoothing > 0.0:
+            return friction
+        return replace(friction, smoothing=_SLOW if velocity is None else _SMOOTHING * velocity)
+
+    joints = tuple(
+        replace(joint, friction=smooth(joint.friction, joint.limits.velocity)) for joint in robot.joints
+    )
+    couplings = tuple(replace(entry, friction=smooth(entry.friction, None)) for entry in robot.couplings)
+    return replace(robot, joints=joints, couplings=couplings)
+
+
+@final
+class InPlaceFunction:
+    """A CasADi function at N samples that reads and writes its own memory."""
+
+    def __init__(self, function: Any, samples: int, inputs: tuple[Shape, ...], output: Shape) -> None:  # noqa: ANN401  of casadi
+        """Allocate arrays of these shapes for each sample."""
+        self._inputs = [np.zeros((samples, *shape)) for shape in inputs]
+        self._output = np.zeros((samples, *output))
+        # The buffer must live as long as its call.
+        self._buffer, self._call = function.map(samples).buffer()
+        for place, memory in enumerate(self._inputs):
+            self._buffer.set_arg(place, memory.data)
+        self._buffer.set_res(0, self._output.data)
+
+    def __call__(self, *values: FloatArray) -> FloatArray:
+        """Return the output, which the next call overwrites."""
+        for memory, value in zip(self._inputs, values, strict=True):
+            memory[...] = value
+        self._call()
+        return self._output
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -277,7 +327,26 @@ def build_state_limits(
     size = robot.freedom
     states = [ca.SX.sym(name, size) for name in ("q", "dq", "ddq")]
     entries, notices = _list_loads(robot, limits, options, states)
-    entries += _list_clearances(robot, options.workspace, states[0])
+    import casadi as ca
+
+    from symid.codegen import build_functions
+
+    if options.workspace:
+        turns, origins = build_functions(robot, names=("forward_kinematics",)).functions[0](states[0])
+        for region in options.workspace:
+            anchor = ca.DM(list(region.anchor))
+            for point in region.points:
+                turn = ca.reshape(turns[point.joint, :], 3, 3).T
+                place = origins[point.joint, :].T + turn @ ca.DM(list(point.place))
+                if region.kind == "plane":
+                    limit = 1.0
+                    expression = 1.0 - (ca.dot(anchor, place) - region.extent - point.size)
+                else:
+                    limit = region.extent + (point.size if region.kind == "out" else -point.size)
+                    squared = ca.sumsqr(place - anchor) / limit**2
+                    expression = 2.0 - squared if region.kind == "out" else squared
+                name = f"{region.label}, {robot.joints[point.joint].name}"
+                entries.append(StateLimit(name=name, kind=region.kind, limit=limit, expression=expression))
     if not entries:
         return StateLimits(notices=notices)
     state = ca.vertcat(*states)
@@ -297,7 +366,28 @@ def _list_loads(
     """Return limits of torque and torsion, and a notice where they cannot be kept."""
     if not np.any(np.isfinite(limits.torque)) and options.torsion is None:
         return [], ()
-    found = _build_torques(robot, states)
+    import casadi as ca
+
+    from symid.codegen import build_functions
+
+    smooth = smooth_friction(robot)
+    made = build_functions(smooth, names=("inverse_dynamics",))
+    card = made.card
+    if any(entry.value is None for entry in (*card.beta, *card.friction, *card.rotors)):
+        found = None
+    else:
+        link = made.functions[0](*states, ca.DM([entry.value or 0.0 for entry in card.beta]))
+        motor = ca.SX(link)
+        if card.friction:
+            friction = build_functions(smooth, names=("friction",)).functions[0]
+            # Only positions are read here besides velocities: see `smooth_friction`.
+            values = ca.DM([entry.value or 0.0 for entry in card.friction])
+            motor = motor + friction(states[1], *states[: len(card.friction_inputs)], values)
+        names = [joint.name for joint in robot.axes]
+        for entry in card.rotors:
+            place = names.index(entry.joint)
+            motor[place] += (entry.value or 0.0) * states[2][place]
+        found = link, motor
     if found is None:
         if options.torsion is not None:
             text = "a limit of the torsion needs all masses, inertias, springs and friction; state them"
@@ -312,83 +402,29 @@ def _list_loads(
     loads = [("torque", motor, limits.share * limits.torque, np.ones(robot.freedom))]
     if options.torsion is not None:
         allowed = np.full(robot.freedom, limits.share * options.torsion)
-        loads.append(("torsion", link, allowed, _get_stiffness(robot, options.stiffness)))
+        # With all stops slipping, else that of the stops; infinite of rigid joints.
+        stiffness: Sequence[float | None] = options.stiffness or [
+            None if spring is None else spring.stiffness or spring.initial_stiffness
+            for spring in (joint.elasticity for joint in robot.axes)
+        ]
+        text = ""
+        if len(stiffness) != robot.freedom or not all(value is None or value > 0.0 for value in stiffness):
+            text = f"expected a positive stiffness for each of {robot.freedom} joints, got {list(stiffness)}"
+        elif not any(stiffness):
+            text = "no joint is elastic, or its stiffness is not stated; give the stiffness of all joints"
+        if text:
+            raise RobotError(Notice(code="excitation.stiffness", text=text, file=robot.path))
+        slack = np.array([math.inf if value is None else value for value in stiffness])
+        loads.append(("torsion", link, allowed, slack))
     entries = [
         StateLimit(name=joint.name, kind=kind, limit=limit, expression=torque[place] / (factor * limit))
-        for kind, torque, bounds, factors in loads
+        for kind, torque, bounds, rates in loads
         for place, (joint, limit, factor) in enumerate(
-            zip(robot.axes, bounds.tolist(), factors.tolist(), strict=True)
+            zip(robot.axes, bounds.tolist(), rates.tolist(), strict=True)
         )
         if math.isfinite(factor * limit)
     ]
     return entries, ()
-
-
-def _get_stiffness(robot: Robot, stated: tuple[float, ...] | None) -> FloatArray:
-    """Return the stiffness (n,) with all stops slipping, else that of the stops; inf of rigid joints."""
-    stiffness: Sequence[float | None] = stated or [
-        None if spring is None else spring.stiffness or spring.initial_stiffness
-        for spring in (joint.elasticity for joint in robot.axes)
-    ]
-    text = ""
-    if len(stiffness) != robot.freedom or not all(value is None or value > 0.0 for value in stiffness):
-        text = f"expected a positive stiffness for each of {robot.freedom} joints, got {list(stiffness)}"
-    elif not any(stiffness):
-        text = "no joint is elastic, or its stiffness is not stated; give the stiffness of all joints"
-    if text:
-        raise RobotError(Notice(code="excitation.stiffness", text=text, file=robot.path))
-    return np.array([math.inf if value is None else value for value in stiffness])
-
-
-def _build_torques(robot: Robot, states: Sequence[Any]) -> tuple[Any, Any] | None:
-    """Return torques of the links and of the motors, None where values are not known."""
-    import casadi as ca
-
-    from symid.codegen import build_functions
-
-    smooth = smooth_friction(robot)
-    made = build_functions(smooth, names=("inverse_dynamics",))
-    card = made.card
-    if any(entry.value is None for entry in (*card.beta, *card.friction, *card.rotors)):
-        return None
-    link = made.functions[0](*states, ca.DM([entry.value or 0.0 for entry in card.beta]))
-    motor = ca.SX(link)
-    if card.friction:
-        friction = build_functions(smooth, names=("friction",)).functions[0]
-        # Only positions are read here besides velocities: see `smooth_friction`.
-        values = ca.DM([entry.value or 0.0 for entry in card.friction])
-        motor = motor + friction(states[1], *states[: len(card.friction_inputs)], values)
-    names = [joint.name for joint in robot.axes]
-    for entry in card.rotors:
-        place = names.index(entry.joint)
-        motor[place] += (entry.value or 0.0) * states[2][place]
-    return link, motor
-
-
-def _list_clearances(robot: Robot, regions: Sequence[WorkspaceRegion], position: Any) -> list[StateLimit]:  # noqa: ANN401  of casadi
-    import casadi as ca
-
-    from symid.codegen import build_functions
-
-    if not regions:
-        return []
-    turns, origins = build_functions(robot, names=("forward_kinematics",)).functions[0](position)
-    entries = []
-    for region in regions:
-        anchor = ca.DM(list(region.anchor))
-        for point in region.points:
-            turn = ca.reshape(turns[point.joint, :], 3, 3).T
-            place = origins[point.joint, :].T + turn @ ca.DM(list(point.place))
-            if region.kind == "plane":
-                limit = 1.0
-                expression = 1.0 - (ca.dot(anchor, place) - region.extent - point.size)
-            else:
-                limit = region.extent + (point.size if region.kind == "out" else -point.size)
-                squared = ca.sumsqr(place - anchor) / limit**2
-                expression = 2.0 - squared if region.kind == "out" else squared
-            name = f"{region.label}, {robot.joints[point.joint].name}"
-            entries.append(StateLimit(name=name, kind=region.kind, limit=limit, expression=expression))
-    return entries
 
 
 @final

@@ -10,7 +10,7 @@ Random series: centres in the middle half of the positions; normal coefficients 
 result breaks are added. Where they overshoot between grid points they are tightened, and the last run is
 repeated.
 
-Supported: the criteria of `observation`; starts that break limits; the same seed gives the same trajectory.
+Supported: the criteria of `problem`; starts that break limits; the same seed gives the same trajectory.
 Not supported: a limit of time; narrow workspaces, which a random pose hardly ever meets (give a start there).
 """
 
@@ -23,13 +23,15 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SolverError, UsageError
 from symid.excitation.limits import compute_coefficient_scales
-from symid.excitation.observation import CRITERIA, Criterion, scale_gram
 from symid.excitation.problem import (
+    CRITERIA,
+    Criterion,
     ExcitationProblem,
     Margin,
     ProblemOptions,
     build_problem,
     compute_margins,
+    scale_gram,
 )
 from symid.excitation.trajectories import Trajectory
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
@@ -210,20 +212,57 @@ def optimise_excitation(
         SolverError: no feasible series was found, or none whose limits hold at all times.
     """
     options = options or ExcitationOptions()
-    _check_options(options)
+    problems = [
+        f"{name}: must be at least 1, got {getattr(options, name)}"
+        for name in ("candidates", "starts", "refined", "iterations")
+        if getattr(options, name) < 1
+    ]
+    if options.criterion not in CRITERIA:
+        problems.append(f"criterion: expected {' or '.join(CRITERIA)}, got {options.criterion!r}")
+    if not 0.0 <= options.weight < np.inf:
+        problems.append(f"weight: must be finite and not negative, got {options.weight:g}")
+    limits = options.problem.limits
+    if limits.stiffness and limits.torsion is None:
+        problems.append("--stiffness needs --torsion, the largest torsion; give both")
+    if options.starts > options.candidates:
+        problems.append(f"{options.starts} starts need at least as many candidates, got {options.candidates}")
+    if not 0.0 < limits.share <= 1.0:
+        problems.append(f"share: must be above 0 and at most 1, got {limits.share:g}")
+    if problems:
+        raise UsageError(*(Notice(code="usage.excitation", text=text) for text in problems))
     report = progress or (lambda _: None)
     report(f"deriving the regressor of {robot.name}")
     problem = build_problem(robot, options.problem)
     report(f"drawing {options.candidates} random trajectories within the limits")
     candidates, conditions = draw_candidates(problem, options.candidates, rng)
     if not np.isfinite(conditions[0]):
-        raise IdentifiabilityError(_describe_rank(problem, candidates[0]))
+        # The columns of the weakest direction.
+        vector = np.abs(np.linalg.eigh(scale_gram(problem.compute_gram(candidates[0]))[0])[1][:, 0])
+        largest = np.argsort(-vector, kind="stable")[:4]
+        which = [problem.observation.names[place] for place in largest if vector[place] > 0.1]
+        text = (
+            f"with {problem.space.harmonics} harmonics within these limits the regressor has no full rank: "
+            f"{', '.join(which)} are linearly dependent; widen the limits, or use more harmonics"
+        )
+        raise IdentifiabilityError(Notice(code="excitation.rank", text=text))
     names = tuple(joint.name for joint in robot.axes)
     starts = [
         OptimisationRun(unknowns=z, value=np.inf, start=float(c), condition=float(c), iterations=0, status="")
         for z, c in zip(candidates, conditions, strict=True)
     ]
-    runs = _search(problem, starts[: options.starts], options, report)
+    runs = starts[: options.starts]
+    tightening = np.zeros(len(problem.state_limits.entries))
+    # The first round runs on the coarse grid.
+    form = problem.build_coarse()
+    objective = attrgetter("value" if options.criterion == "d-optimal" else "condition")
+    for number, (kept, criterion, ipopt) in enumerate(_list_search_stages(options), 1):
+        by_power = f"condition number with power {criterion.power:g}"
+        what = "d-optimal" if criterion.name == "d-optimal" else by_power
+        report(f"round {number}: {kept} trajectories, {what}")
+        taken = [_advance_run(form, run, criterion, ipopt, tightening) for run in runs[:kept]]
+        runs = sorted((*taken, *runs[kept:]), key=objective)
+        report(f"  condition number {min(run.condition for run in runs):.4g}")
+        form = problem
     unknowns, margins = _enforce_limits(problem, names, runs[0], options)
     stated = problem.build_stated(robot)
     order = np.argsort([problem.compute_information(z) for z in candidates], kind="stable")
@@ -251,27 +290,6 @@ def optimise_excitation(
     )
 
 
-def _check_options(options: ExcitationOptions) -> None:
-    problems = [
-        f"{name}: must be at least 1, got {getattr(options, name)}"
-        for name in ("candidates", "starts", "refined", "iterations")
-        if getattr(options, name) < 1
-    ]
-    if options.criterion not in CRITERIA:
-        problems.append(f"criterion: expected {' or '.join(CRITERIA)}, got {options.criterion!r}")
-    if not 0.0 <= options.weight < np.inf:
-        problems.append(f"weight: must be finite and not negative, got {options.weight:g}")
-    limits = options.problem.limits
-    if limits.stiffness and limits.torsion is None:
-        problems.append("--stiffness needs --torsion, the largest torsion; give both")
-    if options.starts > options.candidates:
-        problems.append(f"{options.starts} starts need at least as many candidates, got {options.candidates}")
-    if not 0.0 < limits.share <= 1.0:
-        problems.append(f"share: must be above 0 and at most 1, got {limits.share:g}")
-    if problems:
-        raise UsageError(*(Notice(code="usage.excitation", text=text) for text in problems))
-
-
 def _list_search_stages(options: ExcitationOptions) -> list[tuple[int, Criterion, IpoptOptions]]:
     """Return how many series take part in each round, its criterion, and options of Ipopt."""
     many, few, full = options.starts, min(options.refined, options.starts), options.iterations
@@ -289,28 +307,6 @@ def _list_search_stages(options: ExcitationOptions) -> list[tuple[int, Criterion
         )
         for power, kept, barrier, iterations in plan
     ]
-
-
-def _search(
-    problem: ExcitationProblem,
-    runs: list[OptimisationRun],
-    options: ExcitationOptions,
-    progress: Callable[[str], None],
-) -> list[OptimisationRun]:
-    """Return the runs, which are starts, after all rounds, the best first."""
-    tightening = np.zeros(len(problem.state_limits.entries))
-    # The first round runs on the coarse grid.
-    form = problem.build_coarse()
-    objective = attrgetter("value" if options.criterion == "d-optimal" else "condition")
-    for number, (kept, criterion, ipopt) in enumerate(_list_search_stages(options), 1):
-        by_power = f"condition number with power {criterion.power:g}"
-        what = "d-optimal" if criterion.name == "d-optimal" else by_power
-        progress(f"round {number}: {kept} trajectories, {what}")
-        taken = [_advance_run(form, run, criterion, ipopt, tightening) for run in runs[:kept]]
-        runs = sorted((*taken, *runs[kept:]), key=objective)
-        progress(f"  condition number {min(run.condition for run in runs):.4g}")
-        form = problem
-    return runs
 
 
 def _advance_run(
@@ -374,14 +370,3 @@ def _enforce_limits(
     broken = ", ".join(f"{margin.kind} of {margin.name}" for margin in margins if not margin.kept)
     text = f"limits hold at the grid points but not between them ({broken}); use fewer harmonics"
     raise SolverError(Notice(code="excitation.between", text=text))
-
-
-def _describe_rank(problem: ExcitationProblem, unknowns: FloatArray) -> Notice:
-    vector = np.abs(np.linalg.eigh(scale_gram(problem.compute_gram(unknowns))[0])[1][:, 0])
-    largest = np.argsort(-vector, kind="stable")[:4]
-    which = [problem.observation.names[place] for place in largest if vector[place] > 0.1]
-    text = (
-        f"with {problem.space.harmonics} harmonics within these limits the regressor has no full rank: "
-        f"{', '.join(which)} are linearly dependent; widen the limits, or use more harmonics"
-    )
-    return Notice(code="excitation.rank", text=text)

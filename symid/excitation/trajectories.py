@@ -70,7 +70,22 @@ class Trajectory(FrozenArrays):
             envelope * wave - k * self.decay * waves[k - 1] if k else envelope * wave
             for k, wave in enumerate(waves)
         ]
-        ramps = _evaluate_ramp(t, self.ramp, order)
+        ramp = self.ramp
+        if ramp <= 0.0:
+            ramps = [np.ones_like(t), *(np.zeros_like(t) for _ in range(order))]
+        else:
+            s, inside = np.clip(t / ramp, 0.0, 1.0), (t >= 0.0) & (t < ramp)
+            # Factors that vanish at the ends leave no rounding there.
+            values = [
+                s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
+                30.0 * s**2 * (1.0 - s) ** 2,
+                60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+                np.where(inside, 60.0 - 360.0 * s + 360.0 * s**2, 0.0),
+                np.where(inside, 720.0 * s - 360.0, 0.0),
+                np.where(inside, 720.0, 0.0),
+            ]
+            values += [np.zeros_like(t) for _ in range(order - 5)]
+            ramps = [value / ramp**k for k, value in enumerate(values[: order + 1])]
         found = [
             sum((math.comb(k, j) * ramps[j] * inner[k - j] for j in range(k + 1)), np.zeros_like(inner[k]))
             for k in range(order + 1)
@@ -218,24 +233,6 @@ def scale_trajectory(trajectory: Trajectory, scale: float) -> Trajectory:
         return trajectory
     source = f"{trajectory.source}, amplitudes times {scale:g}"
     return replace(trajectory, amplitude=scale * trajectory.amplitude, source=source)
-
-
-def _evaluate_ramp(t: FloatArray, ramp: float, order: int) -> list[FloatArray]:
-    """Return the ramp and its derivatives; after its end, and where there is none, it is one."""
-    if ramp <= 0.0:
-        return [np.ones_like(t), *(np.zeros_like(t) for _ in range(order))]
-    s, inside = np.clip(t / ramp, 0.0, 1.0), (t >= 0.0) & (t < ramp)
-    # Factors that vanish at the ends leave no rounding there.
-    values = [
-        s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
-        30.0 * s**2 * (1.0 - s) ** 2,
-        60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
-        np.where(inside, 60.0 - 360.0 * s + 360.0 * s**2, 0.0),
-        np.where(inside, 720.0 * s - 360.0, 0.0),
-        np.where(inside, 720.0, 0.0),
-    ]
-    values += [np.zeros_like(t) for _ in range(order - 5)]
-    return [value / ramp**k for k, value in enumerate(values[: order + 1])]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -44,7 +44,6 @@ from symid.environment import read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
 from symid.fleet.jobs import FleetJob, compute_key, digest_robot, read_study
 from symid.fleet.running import (
-    Ended,
     FleetLimits,
     FleetRow,
     Task,
@@ -432,7 +431,25 @@ class Fleet(Result):
 
     def figures(self) -> tuple[Drawing, ...]:
         """Return the surest changes over the nights."""
-        return tuple(_draw_change(entry) for entry in self.changes()[:_MOST_DRAWN])
+        found = []
+        for entry in self.changes()[:_MOST_DRAWN]:
+            nights = np.arange(1.0, len(entry.nights) + 1.0)
+            cut, what = entry.nights.index(entry.since), _name_quantity(entry)
+            sides = ((nights[:cut], entry.before), (nights[cut:], entry.after))
+            drawing = build_line_figure(
+                f"{entry.name}: {what} changed by {entry.sigma:+.1f} deviations since {entry.since}.",
+                ("night", f"{what} ({'logarithm' if entry.residual else entry.unit})"),
+                [
+                    Line("nights", "measured", nights, np.array(entry.values), markers=True, joined=False),
+                    *(
+                        Line("mean before and after", "predicted", x, np.full(len(x), mean))
+                        for x, mean in sides
+                    ),
+                ],
+                whole=True,
+            )
+            found.append(drawing)
+        return tuple(found)
 
 
 _MOST_SHOWN = 40
@@ -447,22 +464,6 @@ _COLUMNS = (
 
 def _name_quantity(entry: RobotChange) -> str:
     return f"residual of {entry.quantity}" if entry.residual else entry.quantity
-
-
-def _draw_change(entry: RobotChange) -> Drawing:
-    nights = np.arange(1.0, len(entry.nights) + 1.0)
-    cut = entry.nights.index(entry.since)
-    sides = ((nights[:cut], entry.before), (nights[cut:], entry.after))
-    what = _name_quantity(entry)
-    return build_line_figure(
-        f"{entry.name}: {what} changed by {entry.sigma:+.1f} deviations since {entry.since}.",
-        ("night", f"{what} ({'logarithm' if entry.residual else entry.unit})"),
-        [
-            Line("nights", "measured", nights, np.array(entry.values), markers=True, joined=False),
-            *(Line("mean before and after", "predicted", x, np.full(len(x), mean)) for x, mean in sides),
-        ],
-        whole=True,
-    )
 
 
 def run(
@@ -525,7 +526,26 @@ def run(
             ended = run_dask(tasks, cluster, count, limits, progress)
         else:
             ended = run_processes(tasks, count, limits)
-        _keep(ended, store, place / "costs.csv", len(jobs), progress)
+        # Rows and costs are written as they come; how far it is, and how long it takes, is reported.
+        count = len(jobs)
+        start, told, lost = time.monotonic(), -math.inf, 0
+        with contextlib.ExitStack() as stack:
+            # Workers are ended with the generator, whatever happens here.
+            stack.callback(getattr(ended, "close", lambda: None))
+            stream = stack.enter_context((place / "costs.csv").open("a", encoding="utf-8"))
+            for done, (row, cost) in enumerate(ended, start=1):
+                store.write(row)
+                stream.write(
+                    f"{row.key},{row.status},{cost.seconds:.3f},{cost.processor:.3f},{cost.memory:.0f}\n"
+                )
+                stream.flush()
+                lost += row.status != "done"
+                now, left = time.monotonic(), count - store.found - done
+                if now - told >= _SECONDS_BETWEEN or not left:
+                    told = now
+                    rest = f", about {_describe_time((now - start) / done * left)} left" if left else ""
+                    without = f", {lost} without a fit" if lost else ""
+                    progress(f"{store.found + done} of {count} jobs{without}{rest}")
         listed = {"format": _FORMAT, "version": 1, "jobs": keys}
         write_file(place / "fleet.json", write_json(listed) + "\n")
     return load(place, level=level, control=control)
@@ -632,28 +652,6 @@ class _Store:
             else:
                 self.found += 1
             met.add(key)
-
-
-def _keep(ended: Iterator[Ended], store: _Store, costs: Path, count: int, progress: Progress) -> None:
-    """Write rows and costs as they come, and report how far it is and how long it takes."""
-    start, told, lost = time.monotonic(), -math.inf, 0
-    with contextlib.ExitStack() as stack:
-        # Workers are ended with the generator, whatever happens here.
-        stack.callback(getattr(ended, "close", lambda: None))
-        stream = stack.enter_context(costs.open("a", encoding="utf-8"))
-        for done, (row, cost) in enumerate(ended, start=1):
-            store.write(row)
-            stream.write(
-                f"{row.key},{row.status},{cost.seconds:.3f},{cost.processor:.3f},{cost.memory:.0f}\n"
-            )
-            stream.flush()
-            lost += row.status != "done"
-            now, left = time.monotonic(), count - store.found - done
-            if now - told >= _SECONDS_BETWEEN or not left:
-                told = now
-                rest = f", about {_describe_time((now - start) / done * left)} left" if left else ""
-                without = f", {lost} without a fit" if lost else ""
-                progress(f"{store.found + done} of {count} jobs{without}{rest}")
 
 
 _SECONDS_BETWEEN = 2.0

@@ -26,22 +26,20 @@ if TYPE_CHECKING:
         write_raw_log as write_raw_log,
         write_recording as write_recording,
     )
-    from symid.logs.parts import (
-        LogPart as LogPart,
-        join_units as join_units,
-        read_part as read_part,
-        read_parts as read_parts,
-        refuse_shared as refuse_shared,
-        take_parts as take_parts,
-    )
     from symid.logs.reader import read_raw as read_raw
     from symid.logs.recording import (
         STATES as STATES,
+        LogPart as LogPart,
         Recording as Recording,
         Signals as Signals,
         cut_ends as cut_ends,
         cut_recording as cut_recording,
         has_states as has_states,
+        join_units as join_units,
+        read_part as read_part,
+        read_parts as read_parts,
+        refuse_shared as refuse_shared,
+        take_parts as take_parts,
     )
     from symid.logs.runs import (
         IN_MEMORY_PREFIX as IN_MEMORY_PREFIX,

@@ -143,7 +143,19 @@ def estimate_alignment(
     """
     pairs = [get_encoders(recording) for recording in recordings]
     present = np.logical_and.reduce([pair.present for pair in pairs])
-    _check_recordings(recordings, present)
+    uneven = (describe_uneven(recording.time, file=recording.source) for recording in recordings)
+    mistakes = [notice for notice in uneven if notice is not None]
+    least = 2.0 * _EDGE + 4.0 * _BLOCK
+    for recording in recordings:
+        span = recording.time[-1] - recording.time[0]
+        if span < least:
+            text = f"{span:.3g} s are too short to estimate a delay; at least {least:g} s are needed"
+            mistakes.append(Notice(code="log.short-alignment", text=text, file=recording.source))
+    if not present.any():
+        text = "no joint moves and has both encoders in all logs: delay and torsion are not identifiable"
+        mistakes.append(Notice(code="log.no-link-encoder", text=text, file=recordings[0].source))
+    if mistakes:
+        raise LogError(*mistakes)
     first, step = _fit_joints(recordings, pairs, columns, 0.0, block)
     found, delay = first, step
     for _ in range(_ROUNDS):
@@ -173,22 +185,6 @@ def estimate_alignment(
     return found
 
 
-def _check_recordings(recordings: Sequence[Recording], present: NDArray[np.bool_]) -> None:
-    uneven = (describe_uneven(recording.time, file=recording.source) for recording in recordings)
-    mistakes = [notice for notice in uneven if notice is not None]
-    least = 2.0 * _EDGE + 4.0 * _BLOCK
-    for recording in recordings:
-        span = recording.time[-1] - recording.time[0]
-        if span < least:
-            text = f"{span:.3g} s are too short to estimate a delay; at least {least:g} s are needed"
-            mistakes.append(Notice(code="log.short-alignment", text=text, file=recording.source))
-    if not present.any():
-        text = "no joint moves and has both encoders in all logs: delay and torsion are not identifiable"
-        mistakes.append(Notice(code="log.no-link-encoder", text=text, file=recordings[0].source))
-    if mistakes:
-        raise LogError(*mistakes)
-
-
 def _fit_joints(
     recordings: Sequence[Recording],
     pairs: Sequence[Encoders],
@@ -212,7 +208,31 @@ def _fit_joints(
         for joint, found in parts.items():
             design = np.column_stack([speed[:, joint], zero, columns[run][:, joint], gap[:, joint]])
             found += [design[rows] for rows in split_blocks(len(gap), period, _EDGE + abs(shift), block)]
-    fits = [_fit_blocks(found, len(recordings)) for found in parts.values()]
+    # Of each joint: delay and offsets, NaN if unidentifiable, their standard deviations, the delay without
+    # each block, the explained share of the variance, the RMS residual.
+    fits = []
+    head = [*range(len(recordings) + 1), -1]
+    for blocks in parts.values():
+        grams = np.array([block_rows.T @ block_rows for block_rows in blocks])
+        whole = grams.sum(axis=0)
+        without = np.array([_solve(whole - gram)[: len(head) - 1] for gram in grams])
+        still = _compute_residual_square(whole[np.ix_(head[1:], head[1:])])
+        delayed = _compute_residual_square(whole[np.ix_(head, head)])
+        identifiable = [True]
+        for column in range(1, len(head) - 1):
+            order = [*(other for other in range(len(whole) - 1) if other != column), column]
+            left = _compute_residual_square(whole[np.ix_(order, order)])
+            identifiable.append(left > _INDEPENDENT_PART**2 * float(whole[column, column]))
+        rest = max(_compute_residual_square(whole), 0.0) / sum(map(len, blocks))
+        fits.append(
+            (
+                np.where(identifiable, _solve(whole)[: len(head) - 1], np.nan),
+                np.where(identifiable, _compute_jackknife_std(without), np.nan),
+                without[:, 0],
+                1.0 - delayed / max(still, 1e-300),
+                float(np.sqrt(rest)),
+            )
+        )
     values, stds, replicates, explained, residual = (np.array(part) for part in zip(*fits, strict=True))
     spread = np.maximum(stds[:, 0], 1e-12)
     weights = (1.0 / spread**2) / np.sum(1.0 / spread**2)
@@ -239,35 +259,6 @@ def _fit_joints(
         sources=tuple(recording.source for recording in recordings),
     )
     return alignment, step
-
-
-def _fit_blocks(
-    blocks: list[FloatArray], runs: int
-) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
-    """Return delay and offsets (1 + runs,) of a joint, NaN if unidentifiable, and their standard deviations.
-
-    Then the delay without each block, the explained share of the variance, the RMS residual.
-    """
-    grams = np.array([part.T @ part for part in blocks])
-    whole = grams.sum(axis=0)
-    values = _solve(whole)
-    replicates = np.array([_solve(whole - gram)[: runs + 1] for gram in grams])
-    head = [*range(runs + 1), -1]
-    offsets = _compute_residual_square(whole[np.ix_(head[1:], head[1:])])
-    delayed = _compute_residual_square(whole[np.ix_(head, head)])
-    samples = sum(map(len, blocks))
-    identifiable = [True]
-    for column in range(1, runs + 1):
-        order = [*(other for other in range(len(whole) - 1) if other != column), column]
-        left = _compute_residual_square(whole[np.ix_(order, order)])
-        identifiable.append(left > _INDEPENDENT_PART**2 * float(whole[column, column]))
-    return (
-        np.where(identifiable, values[: runs + 1], np.nan),
-        np.where(identifiable, _compute_jackknife_std(replicates), np.nan),
-        replicates[:, 0],
-        1.0 - delayed / max(offsets, 1e-300),
-        float(np.sqrt(max(_compute_residual_square(whole), 0.0) / samples)),
-    )
 
 
 def _solve(gram: FloatArray) -> FloatArray:

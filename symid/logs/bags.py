@@ -19,7 +19,7 @@ Needs rosbags, the extra `ros`. Not supported: ROS 1; other messages, which are 
 import os.path
 import re
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -95,10 +95,10 @@ def read_bag(path: Path) -> RawLog:
                 types |= {entry.topic: entry.msgtype for entry in reader.connections}
                 for entry in reader.connections:
                     counts[entry.topic] = counts.get(entry.topic, 0) + entry.msgcount
-                known = [entry for entry in reader.connections if entry.msgtype in _PARSERS]
+                known = [entry for entry in reader.connections if entry.msgtype in _PARSED]
                 for entry, received, data in reader.messages(known) if known else ():
                     message = store.deserialize_cdr(data, entry.msgtype)
-                    parsed = _PARSERS[entry.msgtype](message, received)
+                    parsed = _parse(message, entry.msgtype, received)
                     found.setdefault(entry.topic, []).append(parsed)
     # The readers raise any of these on a damaged file, according to where the damage lies.
     except (
@@ -121,7 +121,7 @@ def read_bag(path: Path) -> RawLog:
         if topic not in found
     )
     if not found:
-        text = f"the bag has no messages of {', '.join(_PARSERS)}; it has {', '.join(others) or 'no topics'}"
+        text = f"the bag has no messages of {', '.join(_PARSED)}; it has {', '.join(others) or 'no topics'}"
         raise build_file_error(path, text, "log.no-topic")
     return _build_columns(path, found, types, others)
 
@@ -133,44 +133,34 @@ def _list_files(path: Path) -> list[Path]:
     return sorted(entry for entry in path.iterdir() if entry.suffix in STORAGE_SUFFIXES)
 
 
-def _parse_joint_state(message: Any, received: int) -> _Message:  # noqa: ANN401  made by rosbags
-    names = list(map(str, message.name))
+def _parse(message: Any, kind: str, received: int) -> _Message:  # noqa: ANN401  made by rosbags
+    """Return a message of one of `_PARSED`."""
     values: dict[tuple[str, str], float] = {}
+    if kind == _ARRAY:
+        array = np.array(message.data, dtype=np.float64)
+        return _Message(stamp=0, received=received, values=values, array=array)
+    names = tuple(map(str, message.name if kind == _JOINT_STATE else message.joint_names))
     odd = twice = len(set(names)) < len(names)
-    for channel in ("position", "velocity", "effort"):
-        numbers = getattr(message, channel)
-        if len(numbers) == len(names) and not twice:
-            values |= {(name, channel): float(x) for name, x in zip(names, numbers, strict=True)}
-        odd |= len(numbers) not in (0, len(names))
-    return _Message(
-        stamp=_read_stamp(message.header), received=received, values=values, joints=tuple(names), odd=odd
-    )
+    if kind == _JOINT_STATE:
+        for channel in ("position", "velocity", "effort"):
+            numbers = getattr(message, channel)
+            if len(numbers) == len(names) and not twice:
+                values |= {(name, channel): float(x) for name, x in zip(names, numbers, strict=True)}
+            odd |= len(numbers) not in (0, len(names))
+    else:
+        odd |= len(message.interface_values) != len(names)
+        for name, entry in () if odd else tuple(zip(names, message.interface_values, strict=True)):
+            channels = list(map(str, entry.interface_names))
+            if len(set(channels)) == len(entry.values) == len(channels):
+                values |= {(name, key): float(x) for key, x in zip(channels, entry.values, strict=True)}
+            else:
+                odd = True
+    seconds, rest = message.header.stamp.sec, message.header.stamp.nanosec
+    stamp = int(seconds) * _NANO + int(rest)
+    return _Message(stamp=stamp, received=received, values=values, joints=names, odd=odd)
 
 
-def _parse_dynamic(message: Any, received: int) -> _Message:  # noqa: ANN401  made by rosbags
-    names = tuple(map(str, message.joint_names))
-    values: dict[tuple[str, str], float] = {}
-    odd = len(message.interface_values) != len(names) or len(set(names)) < len(names)
-    for name, entry in () if odd else tuple(zip(names, message.interface_values, strict=True)):
-        channels = list(map(str, entry.interface_names))
-        if len(set(channels)) == len(entry.values) == len(channels):
-            values |= {(name, key): float(x) for key, x in zip(channels, entry.values, strict=True)}
-        else:
-            odd = True
-    return _Message(
-        stamp=_read_stamp(message.header), received=received, values=values, joints=names, odd=odd
-    )
-
-
-def _parse_array(message: Any, received: int) -> _Message:  # noqa: ANN401  made by rosbags
-    return _Message(stamp=0, received=received, values={}, array=np.array(message.data, dtype=np.float64))
-
-
-def _read_stamp(header: Any) -> int:  # noqa: ANN401  made by rosbags
-    return int(header.stamp.sec) * _NANO + int(header.stamp.nanosec)
-
-
-_PARSERS = {_JOINT_STATE: _parse_joint_state, _DYNAMIC: _parse_dynamic, _ARRAY: _parse_array}
+_PARSED = (_JOINT_STATE, _DYNAMIC, _ARRAY)
 
 
 def _build_columns(
@@ -203,10 +193,52 @@ def _build_columns(
             source += ", because all stamps of the headers are zero"
         parts.append(f"time is {source}" + (f", less {origin // _NANO} s" if origin else ""))
         if joints:
-            own, places = _stack_joints(messages, stamps if headed[topic] else None)
-            parts += _describe_messages(messages, joints, len(places))
+            # Messages in sequence with the same stamp, and with other joints, are one row.
+            common = stamps if headed[topic] else None
+            rows: list[int] = []
+            places: list[int] = []
+            held: set[str] = set()
+            for k, entry in enumerate(messages):
+                same = common is not None and k > 0 and common[k] == common[k - 1]
+                if not same or held & set(entry.joints):
+                    places.append(k)
+                    held = set()
+                held |= set(entry.joints)
+                rows.append(len(places) - 1)
+            keys = dict.fromkeys(key for entry in messages for key in entry.values)
+            own = {f"{joint}/{channel}": np.full(len(places), np.nan) for joint, channel in keys}
+            for row, entry in zip(rows, messages, strict=True):
+                for (joint, channel), value in entry.values.items():
+                    own[f"{joint}/{channel}"][row] = value
+            orders = dict.fromkeys(
+                entry.joints for entry in messages if len(set(entry.joints)) == len(entry.joints)
+            )
+            usual = dict.fromkeys(name for order in orders for name in order)
+            if any(list(order) != [name for name in usual if name in order] for order in orders):
+                parts.append("the order of joints changes between messages, values were assigned by name")
+            lacking = sum(set(entry.joints) != set(joints) for entry in messages)
+            if lacking:
+                parts.append(f"{lacking} messages have a part of the joints only")
+            if len(places) < len(messages):
+                parts.append(
+                    f"{len(messages)} messages became {len(places)} samples: those with one stamp and other "
+                    "joints are one"
+                )
+            odd = sum(entry.odd for entry in messages)
+            if odd:
+                parts.append(
+                    f"{odd} messages have names twice, or not as many values as names, which were not read"
+                )
             stamps = [stamps[place] for place in places]
-            parts += _describe_steps(np.diff(np.array(stamps)) / _NANO)
+            steps = np.diff(np.array(stamps)) / _NANO
+            onward = steps[steps > 0.0]
+            if len(onward):
+                median = float(np.median(onward))
+                rms = 100.0 * float(np.sqrt(np.mean((onward / median - 1.0) ** 2)))
+                parts.append(
+                    f"steps of {median:.6g} s, the longest {float(onward.max()):.6g} s, deviations "
+                    f"{rms:.2g} % RMS"
+                )
         else:
             sizes = {len(entry.array) for entry in messages if entry.array is not None}
             if len(sizes) != 1 or sizes == {0}:
@@ -216,70 +248,20 @@ def _build_columns(
         columns[f"{topic}/time"] = freeze(np.array([(stamp - origin) / _NANO for stamp in stamps]))
         columns |= {f"{topic}/{name}": freeze(values) for name, values in own.items()}
         notices.append(Notice(code="log.topic-read", text="; ".join(parts), file=str(path)))
-    notices += _describe_left_files(path)
-    return RawLog(columns=columns, others=others, notices=tuple(notices))
-
-
-def _stack_joints(
-    messages: Sequence[_Message], stamps: Sequence[int] | None
-) -> tuple[dict[str, FloatArray], list[int]]:
-    """Return columns by JOINT/CHANNEL, NaN where a message lacks one, and the first message of each row.
-
-    Messages in sequence with the same of `stamps`, and with other joints, are one row.
-    """
-    rows: list[int] = []
-    places: list[int] = []
-    held: set[str] = set()
-    for k, entry in enumerate(messages):
-        same = stamps is not None and k > 0 and stamps[k] == stamps[k - 1]
-        if not same or held & set(entry.joints):
-            places.append(k)
-            held = set()
-        held |= set(entry.joints)
-        rows.append(len(places) - 1)
-    keys = dict.fromkeys(key for entry in messages for key in entry.values)
-    columns = {f"{joint}/{channel}": np.full(len(places), np.nan) for joint, channel in keys}
-    for row, entry in zip(rows, messages, strict=True):
-        for (joint, channel), value in entry.values.items():
-            columns[f"{joint}/{channel}"][row] = value
-    return columns, places
-
-
-def _describe_messages(messages: Sequence[_Message], joints: tuple[str, ...], rows: int) -> Iterable[str]:
-    """Yield what is unusual in the messages of a topic."""
-    orders = dict.fromkeys(entry.joints for entry in messages if len(set(entry.joints)) == len(entry.joints))
-    usual = dict.fromkeys(name for order in orders for name in order)
-    if any(list(order) != [name for name in usual if name in order] for order in orders):
-        yield "the order of joints changes between messages, values were assigned by name"
-    lacking = sum(set(entry.joints) != set(joints) for entry in messages)
-    if lacking:
-        yield f"{lacking} messages have a part of the joints only"
-    if rows < len(messages):
-        yield f"{len(messages)} messages became {rows} samples: those with one stamp and other joints are one"
-    odd = sum(entry.odd for entry in messages)
-    if odd:
-        yield f"{odd} messages have names twice, or not as many values as names, which were not read"
-
-
-def _describe_steps(steps: FloatArray) -> Iterable[str]:
-    """Yield how even the samples are, of their steps in s."""
-    onward = steps[steps > 0.0]
-    if len(onward):
-        median = float(np.median(onward))
-        rms = 100.0 * float(np.sqrt(np.mean((onward / median - 1.0) ** 2)))
-        yield f"steps of {median:.6g} s, the longest {float(onward.max()):.6g} s, deviations {rms:.2g} % RMS"
-
-
-def _describe_left_files(path: Path) -> list[Notice]:
-    """Return a warning where a file is one of several of a bag."""
     if path.is_dir():
-        return []
-    beside = [entry.name for entry in path.parent.iterdir() if entry.suffix == path.suffix]
-    if len(beside) < 2 or not (path.parent / _METADATA).exists():
-        return []
-    text = f"this is one of {len(beside)} files of a bag ({_METADATA} is beside them), and the others were"
-    text += f" not read; give the folder {os.path.dirname(path) or '.'} for all of them"  # noqa: PTH120
-    return [Notice(code="log.part-of-bag", text=text, file=str(path))]
+        notices += []
+    else:
+        beside = [entry.name for entry in path.parent.iterdir() if entry.suffix == path.suffix]
+        if len(beside) < 2 or not (path.parent / _METADATA).exists():
+            notices += []
+        else:
+            text = (
+                f"this is one of {len(beside)} files of a bag ({_METADATA} is beside them), and "
+                "the others were"
+            )
+            text += f" not read; give the folder {os.path.dirname(path) or '.'} for all of them"  # noqa: PTH120
+            notices += [Notice(code="log.part-of-bag", text=text, file=str(path))]
+    return RawLog(columns=columns, others=others, notices=tuple(notices))
 
 
 _CHANNEL = re.compile(r"(.*)/([^/]+)/(position|velocity|effort)")
@@ -313,7 +295,29 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
     exact = [topic for topic, names in named.items() if names == own_names]
     chosen = exact or list(named)
     if len(chosen) != 1:
-        _refuse_topics(raw, topics, chosen, robot, findings)
+        # Of a table that is no bag this is a mistake only if several could be meant.
+        if chosen:
+            text = f"topics {join_names(chosen)} have position and effort of every joint"
+            remedy = (
+                f'--set log.topic={chosen[0]}, topic = "{chosen[0]}" in [log], or --columns topic= of '
+                "`symid new`"
+            )
+            findings.refuse("log.topic", f"{text}; choose one: {remedy}")
+        elif any(f"{topic}/time" in raw.columns for topic in topics):
+            parts = []
+            for topic, channels in topics.items():
+                if robot.log.topic not in (None, topic):
+                    continue
+                absent = [name for name in own_names if name not in channels]
+                what = [f"lacks {join_names(absent)}"] if absent else []
+                for channel in ("position", "effort"):
+                    bare = [name for name in own_names if channel not in channels.get(name, {channel})]
+                    what += [f"has no {channel} of {join_names(bare)}"] if bare else []
+                if not what:
+                    what = [f"is a command by its name, log.topic={topic} reads it"]
+                parts.append(f"{topic} {' and '.join(what)} (it has {join_names(channels)})")
+            text = f"no topic has position and effort of every joint of {robot.name}: {'; '.join(parts)}"
+            findings.refuse("log.topic", f"{text}; cut joints without messages off a URDF by --tip LINK")
         return raw, {}
     (topic,) = chosen
     names = named[topic]
@@ -321,10 +325,9 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
         pairs = ", ".join(f"{mine!r} is {own!r}" for mine, own in zip(names, own_names, strict=True))
         text = f"joints of topic {topic} have other names than those of the robot: {pairs}"
         findings.remark("log.joint-names", f"{text}; is it this robot?")
-    channels = {"position": "position", "velocity": "velocity", "torque": "effort"}
+    fields = {"position": "position", "velocity": "velocity", "torque": "effort"}
     columns = {
-        quantity: tuple(f"{topic}/{name}/{channel}" for name in names)
-        for quantity, channel in channels.items()
+        quantity: tuple(f"{topic}/{name}/{channel}" for name in names) for quantity, channel in fields.items()
     }
     if any(name not in raw.columns for name in columns["velocity"]):
         del columns["velocity"]
@@ -367,38 +370,6 @@ def _list_starts(name: str) -> set[int]:
 
 def _list_sides(text: str) -> set[str]:
     return {_SIDES[word.lower()] for word in _WORD.findall(text) if word.lower() in _SIDES}
-
-
-def _refuse_topics(
-    raw: RawLog,
-    topics: Mapping[str, Mapping[str, set[str]]],
-    chosen: Sequence[str],
-    robot: Robot,
-    findings: Findings,
-) -> None:
-    """Note why no topic can be chosen; of a table that is no bag, only if several could be."""
-    names = [joint.name for joint in robot.axes]
-    if chosen:
-        text = f"topics {join_names(chosen)} have position and effort of every joint"
-        remedy = (
-            f'--set log.topic={chosen[0]}, topic = "{chosen[0]}" in [log], or --columns topic= of `symid new`'
-        )
-        findings.refuse("log.topic", f"{text}; choose one: {remedy}")
-    elif any(f"{topic}/time" in raw.columns for topic in topics):
-        parts = []
-        for topic, channels in topics.items():
-            if robot.log.topic not in (None, topic):
-                continue
-            absent = [name for name in names if name not in channels]
-            what = [f"lacks {join_names(absent)}"] if absent else []
-            for channel in ("position", "effort"):
-                own = [name for name in names if channel not in channels.get(name, {channel})]
-                what += [f"has no {channel} of {join_names(own)}"] if own else []
-            if not what:
-                what = [f"is a command by its name, log.topic={topic} reads it"]
-            parts.append(f"{topic} {' and '.join(what)} (it has {join_names(channels)})")
-        text = f"no topic has position and effort of every joint of {robot.name}: {'; '.join(parts)}"
-        findings.refuse("log.topic", f"{text}; cut joints without messages off a URDF by --tip LINK")
 
 
 def _keep_complete(

@@ -38,15 +38,88 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     summaries = summarise_joints(recording, robot)
     for index, (joint, summary) in enumerate(zip(robot.axes, summaries, strict=True)):
         found += _check_position(recording.position[:, index], joint)
-        found += _check_jumps(recording.time, recording.position[:, index], joint)
-        found += _check_stuck(recording, index, joint)
-        found += _check_torque(recording.torque[:, index], summary, joint)
+        # A position jumps where an encoder wraps, or samples are missing.
+        steps = np.abs(np.diff(recording.position[:, index]))
+        limit = max(_LEAST_JUMP, _JUMP * float(np.quantile(steps, _USUAL))) if len(steps) else 0.0
+        places = np.flatnonzero(steps > limit)
+        if len(places):
+            first, size = int(places[0]), float(steps[places[0]])
+            wraps = (
+                joint.kind is JointKind.REVOLUTE
+                and abs(size / (2.0 * np.pi) - round(size / (2.0 * np.pi))) < 0.05
+            )
+            unit, why = "in one sample", "samples are missing, or files were joined: cut there"
+            if wraps:
+                unit, why = "rad", "the encoder wraps: unwrap it"
+            text = (
+                f"the position of joint {joint.name!r} jumps by {size:.3g} {unit} at "
+                f"{recording.time[first]:.6g} s ({len(places)} jumps); {why}"
+            )
+            found.append(("log.position-jump", text))
+        # A position that stays the same to the bit while the torque goes on as before.
+        position, torque = recording.position[:, index], recording.torque[:, index]
+        changes = np.flatnonzero(np.diff(position))
+        if len(changes):
+            edges = np.concatenate([[0], changes + 1, [len(position)]])
+            longest = int(np.argmax(np.diff(edges)))
+            low, high = int(edges[longest]), int(edges[longest + 1])
+            if _STUCK * len(position) <= high - low < len(position) - 2:
+                elsewhere = float(np.std(np.delete(torque, np.s_[low:high])))
+                if not float(np.std(torque[low:high])) < _AT_WORK * elsewhere:
+                    since, last = float(recording.time[low]), float(recording.time[high - 1])
+                    text = (
+                        f"the position of joint {joint.name!r} is the same to the last bit from {since:.6g} "
+                        f"s to {last:.6g} s, while its torque goes on as before: the encoder is stuck, or "
+                        "samples were repeated; leave this part out"
+                    )
+                    found.append(("log.stuck-encoder", text))
+        peak, most = summary.peak, joint.limits.torque
+        if np.ptp(torque) == 0.0:
+            found.append(
+                ("log.constant-torque", f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout")
+            )
+        else:
+            if summary.saturated > _SATURATED:
+                share = f"{100 * summary.saturated:.1f} % of the torques"
+                text = f"joint {joint.name!r}: {share} are equal to the peak of {peak:.4g}"
+                found.append(("log.saturation", f"{text}: the drive saturates, or the log is clipped"))
+            if most is not None and peak > most * (1.0 + 1e-6):
+                text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {most:.4g}"
+                found.append(("log.torque-beyond-limit", f"{text}; check unit, factor and gear"))
         if summary.low < summary.high and summary.standstill > _STANDSTILL:
             text = f"joint {joint.name!r} stands still during {100 * summary.standstill:.0f} % of the log"
             found.append(("log.standstill", f"{text}; inertia and viscous friction are poorly identifiable"))
-    found += _check_second(recording, robot)
+    side = get_second_encoder_side(recording)
+    second = recording.motor_position if side == "motor" else recording.link_position
+    if side is not None and second is not None:
+        names = [repr(joint.name) for joint in robot.axes]
+        # Rigid joints beside elastic ones have one position, which a log may give twice.
+        asked = np.array(robot.elastic) | (not any(robot.elastic))
+        still = (np.ptp(second, axis=0) == 0.0) & asked
+        copied = np.all(second == recording.position, axis=0) & ~still & asked
+        for mask, what in ((still, "is constant"), (copied, "repeats the position to the last bit")):
+            if mask.any():
+                joints = ", ".join(name for name, hit in zip(names, mask, strict=True) if hit)
+                text = f"the channel of the {side} encoder {what} for {joints}: it is not an encoder"
+                found.append(("log.no-second-encoder", f"{text}, and the torsion of these joints is unknown"))
     if recording.velocity is not None and np.all(np.isfinite(recording.velocity)):
-        found += _check_velocity(recording, recording.velocity, robot)
+        # The integral of the logged velocity, which may have a small bias, against the position.
+        velocity = recording.velocity
+        steps = 0.5 * np.diff(recording.time)[:, None] * (velocity[1:] + velocity[:-1])
+        ways = np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
+        for index, joint in enumerate(robot.axes):
+            position, integral = map(take_line_off, (recording.position[:, index], ways[:, index]))
+            sizes = float(np.linalg.norm(position)), float(np.linalg.norm(integral))
+            if not min(sizes) or np.ptp(recording.position[:, index]) < _LEAST_WAY:
+                continue
+            likeness = float(position @ integral) / (sizes[0] * sizes[1])
+            ratio = sizes[1] / sizes[0] * np.sign(likeness)
+            if abs(likeness) < _UNLIKE:
+                text = f"the velocity of joint {joint.name!r} is not that of its position"
+                found.append(("log.velocity-differs", f"{text}; check the order of the velocity columns"))
+            elif abs(ratio - 1.0) > _RATIO:
+                text = f"the velocity of joint {joint.name!r} is {ratio:.4g} times the rate of its position"
+                found.append(("log.velocity-differs", f"{text}: {_explain_ratio(ratio, joint.drive.gear)}"))
     return tuple(Notice(code=code, text=text, file=recording.source) for code, text in found)
 
 
@@ -56,52 +129,10 @@ _LEAST_JUMP = 1e-3
 """rad or m: smaller steps are ticks of an encoder."""
 
 
-def _check_jumps(time: FloatArray, position: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
-    """Yield a warning where a position jumps: an encoder wraps, or samples are missing."""
-    steps = np.abs(np.diff(position))
-    limit = max(_LEAST_JUMP, _JUMP * float(np.quantile(steps, _USUAL))) if len(steps) else 0.0
-    places = np.flatnonzero(steps > limit)
-    if not len(places):
-        return
-    first, size = int(places[0]), float(steps[places[0]])
-    wraps = (
-        joint.kind is JointKind.REVOLUTE and abs(size / (2.0 * np.pi) - round(size / (2.0 * np.pi))) < 0.05
-    )
-    why = "the encoder wraps: unwrap it" if wraps else "samples are missing, or files were joined: cut there"
-    text = (
-        f"the position of joint {joint.name!r} jumps by {size:.3g} {'rad' if wraps else 'in one sample'} at "
-        f"{time[first]:.6g} s ({len(places)} jumps); {why}"
-    )
-    yield "log.position-jump", text
-
-
 _STUCK = 0.05
 """Of a log: shortest time for which a position that does not change at all is looked at."""
 _AT_WORK = 0.5
 """Times the torque's deviation elsewhere: a joint at work is not at rest."""
-
-
-def _check_stuck(recording: Recording, index: int, joint: Joint) -> Iterator[tuple[str, str]]:
-    """Yield a warning where a position stays the same to the bit while the torque goes on as before."""
-    position, torque = recording.position[:, index], recording.torque[:, index]
-    changes = np.flatnonzero(np.diff(position))
-    if not len(changes):
-        return
-    edges = np.concatenate([[0], changes + 1, [len(position)]])
-    longest = int(np.argmax(np.diff(edges)))
-    low, high = int(edges[longest]), int(edges[longest + 1])
-    if high - low < _STUCK * len(position) or high - low >= len(position) - 2:
-        return
-    elsewhere = float(np.std(np.delete(torque, np.s_[low:high])))
-    if float(np.std(torque[low:high])) < _AT_WORK * elsewhere:
-        return
-    first, last = float(recording.time[low]), float(recording.time[high - 1])
-    text = (
-        f"the position of joint {joint.name!r} is the same to the last bit from {first:.6g} s to {last:.6g} "
-        "s, while its torque goes on as before: the encoder is stuck, or samples were repeated; leave this "
-        "part out"
-    )
-    yield "log.stuck-encoder", text
 
 
 def get_second_encoder_side(recording: Recording) -> str | None:
@@ -109,42 +140,6 @@ def get_second_encoder_side(recording: Recording) -> str | None:
     if recording.motor_position is not None:
         return "motor"
     return None if recording.link_position is None else "link"
-
-
-def _check_second(recording: Recording, robot: Robot) -> Iterator[tuple[str, str]]:
-    side = get_second_encoder_side(recording)
-    second = recording.motor_position if side == "motor" else recording.link_position
-    if side is None or second is None:
-        return
-    names = [repr(joint.name) for joint in robot.axes]
-    # Rigid joints beside elastic ones have one position, which a log may give twice.
-    asked = np.array(robot.elastic) | (not any(robot.elastic))
-    still = (np.ptp(second, axis=0) == 0.0) & asked
-    copied = np.all(second == recording.position, axis=0) & ~still & asked
-    for mask, what in ((still, "is constant"), (copied, "repeats the position to the last bit")):
-        if mask.any():
-            joints = ", ".join(name for name, hit in zip(names, mask, strict=True) if hit)
-            text = f"the channel of the {side} encoder {what} for {joints}: it is not an encoder"
-            yield "log.no-second-encoder", f"{text}, and the torsion of these joints is unknown"
-
-
-def _check_velocity(recording: Recording, velocity: FloatArray, robot: Robot) -> Iterator[tuple[str, str]]:
-    """Compare the integral of the logged velocity, which may have a small bias, with the position."""
-    steps = 0.5 * np.diff(recording.time)[:, None] * (velocity[1:] + velocity[:-1])
-    ways = np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
-    for index, joint in enumerate(robot.axes):
-        position, integral = map(take_line_off, (recording.position[:, index], ways[:, index]))
-        sizes = float(np.linalg.norm(position)), float(np.linalg.norm(integral))
-        if not min(sizes) or np.ptp(recording.position[:, index]) < _LEAST_WAY:
-            continue
-        likeness = float(position @ integral) / (sizes[0] * sizes[1])
-        ratio = sizes[1] / sizes[0] * np.sign(likeness)
-        if abs(likeness) < _UNLIKE:
-            text = f"the velocity of joint {joint.name!r} is not that of its position"
-            yield "log.velocity-differs", f"{text}; check the order of the velocity columns"
-        elif abs(ratio - 1.0) > _RATIO:
-            text = f"the velocity of joint {joint.name!r} is {ratio:.4g} times the rate of its position"
-            yield "log.velocity-differs", f"{text}: {_explain_ratio(ratio, joint.drive.gear)}"
 
 
 def _explain_ratio(ratio: float, gear: float) -> str:
@@ -188,21 +183,6 @@ def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, s
         if gear != 1.0 and (high - low) / gear < _MANY_TURNS / 2.0:
             text += f" ({(high - low) / gear:.4g} rad by its gear ratio)"
         yield "log.looks-like-degrees", f"{text}; check whether the log is in degrees, or of the motor side"
-
-
-def _check_torque(torque: FloatArray, summary: "JointSummary", joint: Joint) -> Iterator[tuple[str, str]]:
-    peak = summary.peak
-    if np.ptp(torque) == 0.0:
-        yield "log.constant-torque", f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout"
-        return
-    if summary.saturated > _SATURATED:
-        share = f"{100 * summary.saturated:.1f} % of the torques"
-        text = f"joint {joint.name!r}: {share} are equal to the peak of {peak:.4g}"
-        yield "log.saturation", f"{text}: the drive saturates, or the log is clipped"
-    limit = joint.limits.torque
-    if limit is not None and peak > limit * (1.0 + 1e-6):
-        text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {limit:.4g}"
-        yield "log.torque-beyond-limit", f"{text}; check unit, factor and gear"
 
 
 _SAMPLES = 200_000

@@ -239,7 +239,15 @@ def extract_quantity(
         free = all(column in raw.columns and column not in claimed for column in names)
         if name in OPTIONAL_CHANNELS and not free:
             return None, ()
-        if not _check_joint_numbers(raw, robot, name, names, findings):
+        numbers = _list_numbers(names)
+        first = [] if robot.log.position else _list_numbers(choose_default_names(raw, "position"))
+        text = ""
+        if numbers and (numbers[0] > 1 or numbers != list(range(numbers[0], numbers[0] + len(numbers)))):
+            text = f"{name}: {join_names(names)} are not numbered as 1, 2 ... or 0, 1 ..."
+        elif numbers and first and first[0] in (0, 1) and first[0] != numbers[0]:
+            text = f"{name} is numbered from {numbers[0]} ({join_names(names)}), position from {first[0]}"
+        if text:
+            findings.refuse("log.joint-numbers", f"{text}; list the columns in [log.{name}], one a joint")
             return None, names
     lacking = [column for column in names if column not in raw.columns]
     if name in CONTROL_CHANNELS and lacking:
@@ -256,7 +264,7 @@ def extract_quantity(
             return None, names
         findings.remark("log.transposed", f"{name}: {join_names(names)} has a row a joint and was transposed")
         array = array.T
-    array = _spread_temperature(name, array, robot.freedom)
+    array = np.tile(array, (1, robot.freedom)) if name == "temperature" and array.shape[1] == 1 else array
     if array.shape[1] != robot.freedom:
         text = f"{name} has {array.shape[1]} columns ({join_names(names)}), the robot {robot.freedom} joints"
         findings.refuse("log.joint-count", text)
@@ -280,11 +288,6 @@ def extract_quantity(
     return (values + offset if offset.any() else values), names
 
 
-def _spread_temperature(name: str, values: FloatArray, joints: int) -> FloatArray:
-    """Return the values (N, n) of a quantity; one temperature is that of all joints."""
-    return np.tile(values, (1, joints)) if name == "temperature" and values.shape[1] == 1 else values
-
-
 def choose_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
     """Return the names under which the quantity is there; the first default name if it is not."""
     for stem in DEFAULT_NAMES[name]:
@@ -306,22 +309,6 @@ def _list_numbers(names: tuple[str, ...]) -> list[int]:
     """Return the numbers at the end of names such as q1, q2; none of names without a number."""
     matches = [re.fullmatch(r"[a-z]+_?(\d+)", name) for name in names]
     return [int(match[1]) for match in matches if match]
-
-
-def _check_joint_numbers(
-    raw: RawLog, robot: Robot, name: str, names: tuple[str, ...], findings: Findings
-) -> bool:
-    """Return whether numbered columns count the joints from 0 or 1 without a gap, and as positions do."""
-    numbers = _list_numbers(names)
-    first = [] if robot.log.position else _list_numbers(choose_default_names(raw, "position"))
-    text = ""
-    if numbers and (numbers[0] > 1 or numbers != list(range(numbers[0], numbers[0] + len(numbers)))):
-        text = f"{name}: {join_names(names)} are not numbered as 1, 2 ... or 0, 1 ..."
-    elif numbers and first and first[0] in (0, 1) and first[0] != numbers[0]:
-        text = f"{name} is numbered from {numbers[0]} ({join_names(names)}), position from {first[0]}"
-    if text:
-        findings.refuse("log.joint-numbers", f"{text}; list the columns in [log.{name}], one a joint")
-    return not text
 
 
 def _stack_columns(

@@ -107,13 +107,26 @@ def draft_log_map(robot: Robot, log: Path, columns: NamesByQuantity, units: Name
         remarks.append(Notice(code="new.unused-columns", text=text, file=str(log)))
     robot = replace(robot, log=found.short)
     recording = resample_if_uneven(read_recording(log, robot, uneven=True, raw=raw))
+    texts = {}
+    plain = [joint.name for joint in robot.axes if joint.friction.law == NO_FRICTION]
+    if plain:
+        texts["new.no-friction"] = (
+            f"no friction is stated for {', '.join(plain)}, but real joints have some: give --friction "
+            "coulomb-viscous-offset, or write it into the file"
+        )
+    still = [joint.name for joint in robot.axes if joint.drive.gear != 1 and not joint.drive.has_rotor]
+    if still:
+        texts["new.no-rotor"] = (
+            f"no rotor is stated for {', '.join(still)}, but its inertia matters behind a gear: give "
+            "--rotors, or write it into the file"
+        )
     return LogMapDraft(
         robot=robot,
         file=log,
         read=read,
         units=found.units,
         unused=unused,
-        assumed=(*remarks, *_note_missing_friction(robot)),
+        assumed=(*remarks, *tuple(Notice(code=code, text=text) for code, text in texts.items())),
         warnings=check_recording(recording, robot),
     )
 
@@ -137,24 +150,6 @@ def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ..
     if mistakes:
         raise UsageError(*(Notice(code="usage.quantity", text=text) for text in mistakes))
     return found
-
-
-def _note_missing_friction(robot: Robot) -> tuple[Notice, ...]:
-    """Return notices on joints without friction or rotors, with which no log fits."""
-    texts = {}
-    plain = [joint.name for joint in robot.axes if joint.friction.law == NO_FRICTION]
-    if plain:
-        texts["new.no-friction"] = (
-            f"no friction is stated for {', '.join(plain)}, but real joints have some: give --friction "
-            "coulomb-viscous-offset, or write it into the file"
-        )
-    still = [joint.name for joint in robot.axes if joint.drive.gear != 1 and not joint.drive.has_rotor]
-    if still:
-        texts["new.no-rotor"] = (
-            f"no rotor is stated for {', '.join(still)}, but its inertia matters behind a gear: give "
-            "--rotors, or write it into the file"
-        )
-    return tuple(Notice(code=code, text=text) for code, text in texts.items())
 
 
 Numbers = str | float | Sequence[float]
@@ -212,9 +207,41 @@ def draft_robot(order: DraftOrder) -> Draft:
         UsageError: options that do not fit together, a number or a quantity that cannot be read.
         RobotError, LogError: the source or the log is wrong.
     """
-    _check_order(order)
+    texts = []
+    if sum(entry is not None for entry in (order.urdf, order.table, order.name)) != 1:
+        texts.append("give one source: --from-urdf FILE (or --from-mjcf), --from-dh FILE or --from ROBOT")
+    owned = (
+        ("--from-urdf", order.urdf, {"--base": order.base, "--tip": order.tip}),
+        ("--from-dh", order.table, {"--convention": order.convention, "--gravity": order.gravity}),
+        ("--log LOG", order.log, {"--columns": order.columns, "--units": order.units}),
+    )
+    for owner, given, own in owned:
+        texts += [f"{option} belongs to {owner}" for option in _list_given(own) if given is None]
+    if order.table is not None and order.convention is None:
+        texts.append("--from-dh needs --convention modified or --convention standard; it is never guessed")
+    if texts:
+        raise UsageError(*(Notice(code="usage.call", text=text) for text in texts))
     if order.name is not None:
-        return _copy(order, locate_robot_file(order.name))
+        found = locate_robot_file(order.name)
+        if is_xml(found):
+            return _build(order, choose_reading(partial(read_xml_robot, found)))
+        options = {
+            "--log": order.log,
+            "--friction": order.friction,
+            "--rotors": order.rotors,
+            "--gear": order.gear,
+            "--torque-constant": order.constant,
+        }
+        added = _list_given(options)
+        if added:
+            text = (
+                f"{', '.join(added)}: a robot file is copied as it is; leave this out, and "
+                "complete it by hand"
+            )
+            raise UsageError(Notice(code="usage.copied", text=text, file=str(found)))
+        robot = read_robot(found)
+        text = found.read_text(encoding="utf-8-sig")
+        return Draft(robot=robot, source=found, text=text, log=None, notices=robot.notices)
     if order.urdf is not None:
         reader = partial(read_xml_robot, order.urdf, base=order.base, tip=order.tip)
         return _build(order, choose_reading(reader))
@@ -232,24 +259,6 @@ def draft_robot(order: DraftOrder) -> Draft:
     return _build(order, read_dh_table(table, convention, (x, y, z)))
 
 
-def _check_order(order: DraftOrder) -> None:
-    """Refuse an order without one source, or with options of another one."""
-    texts = []
-    if sum(entry is not None for entry in (order.urdf, order.table, order.name)) != 1:
-        texts.append("give one source: --from-urdf FILE (or --from-mjcf), --from-dh FILE or --from ROBOT")
-    owned = (
-        ("--from-urdf", order.urdf, {"--base": order.base, "--tip": order.tip}),
-        ("--from-dh", order.table, {"--convention": order.convention, "--gravity": order.gravity}),
-        ("--log LOG", order.log, {"--columns": order.columns, "--units": order.units}),
-    )
-    for owner, given, options in owned:
-        texts += [f"{option} belongs to {owner}" for option in _list_given(options) if given is None]
-    if order.table is not None and order.convention is None:
-        texts.append("--from-dh needs --convention modified or --convention standard; it is never guessed")
-    if texts:
-        raise UsageError(*(Notice(code="usage.call", text=text) for text in texts))
-
-
 def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
     """Return the options that have a value; a flag that is not given is False, a table empty."""
     return tuple(
@@ -257,26 +266,6 @@ def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
         for option, value in options.items()
         if not (value is None or value is False or (isinstance(value, Mapping) and not value))
     )
-
-
-def _copy(order: DraftOrder, found: Path) -> Draft:
-    """Return the file of another robot as it is; a URDF or MJCF is converted, and takes options."""
-    if is_xml(found):
-        return _build(order, choose_reading(partial(read_xml_robot, found)))
-    options = {
-        "--log": order.log,
-        "--friction": order.friction,
-        "--rotors": order.rotors,
-        "--gear": order.gear,
-        "--torque-constant": order.constant,
-    }
-    added = _list_given(options)
-    if added:
-        text = f"{', '.join(added)}: a robot file is copied as it is; leave this out, and complete it by hand"
-        raise UsageError(Notice(code="usage.copied", text=text, file=str(found)))
-    robot = read_robot(found)
-    text = found.read_text(encoding="utf-8-sig")
-    return Draft(robot=robot, source=found, text=text, log=None, notices=robot.notices)
 
 
 def _build(order: DraftOrder, robot: Robot, *notices: Notice) -> Draft:
@@ -291,31 +280,26 @@ def _build(order: DraftOrder, robot: Robot, *notices: Notice) -> Draft:
     part = draft_log_map(robot, order.log, order.columns, order.units) if order.log else None
     robot = part.robot if part else robot
     assumed, warnings = (part.assumed, part.warnings) if part else ((), ())
-    return Draft(
-        robot=robot,
-        source=Path(robot.path),
-        text=_write(robot, assumed),
-        log=part,
-        notices=(*robot.notices, *notices, *assumed, *warnings),
-    )
-
-
-def _write(robot: Robot, assumed: Sequence[Notice]) -> str:
-    """Return the text of the new file, which can be read, with what was assumed as its first comment."""
     comment = _COMMENT.format(source=Path(robot.path).name)
     lines: list[str] = []
     for notice in assumed:
         lines += textwrap.wrap(notice.text, _WIDTH, initial_indent="* ", subsequent_indent="  ")
     if lines:
         comment = "\n".join((comment, "", _ASSUMED, *lines))
-    text = write_robot(robot, comment=comment, hints=True)
+    written = write_robot(robot, comment=comment, hints=True)
     try:
-        parse_robot(text)
+        parse_robot(written)
     except RobotError as error:
         texts = [f"cannot be written as a robot file: {notice.text}" for notice in error.notices]
-        notices = (Notice(code="new.unwritable", text=text, file=robot.path) for text in texts)
-        raise RobotError(*notices) from error
-    return text
+        wrong = (Notice(code="new.unwritable", text=written, file=robot.path) for written in texts)
+        raise RobotError(*wrong) from error
+    return Draft(
+        robot=robot,
+        source=Path(robot.path),
+        text=written,
+        log=part,
+        notices=(*robot.notices, *notices, *assumed, *warnings),
+    )
 
 
 def _read_numbers(given: Numbers) -> tuple[list[str], list[float]]:

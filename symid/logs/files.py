@@ -127,15 +127,37 @@ TableLines = list[tuple[int, list[str]]]
 
 def read_csv(path: Path) -> RawLog:
     """Return the columns of a text file, or raise a LogError with all bad lines and cells."""
-    lines = _read_lines(path)
-    if not lines:
+    try:
+        text = read_file(path, LARGEST_ARRAY).decode("utf-8-sig")
+    except (UnicodeDecodeError, OSError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise build_file_error(path, f"this is not a text file that can be read: {reason}") from error
+    filled = [
+        (number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
+    ]
+    if not filled:
         raise build_file_error(path, "the file has no line with column names")
+    separator = max(_SEPARATORS, key=filled[0][1].count)
+    table = csv.reader((line for _, line in filled), delimiter=separator, skipinitialspace=True)
+    try:
+        lines: TableLines = [(number, row) for (number, _), row in zip(filled, table, strict=False)]
+    except csv.Error as error:
+        raise build_file_error(path, f"this is not a table that can be read: {error}") from error
     headings = [split_heading(cell) for cell in lines[0][1]]
     names = [name for name, _ in headings]
     _check_heading(path, lines, names)
-    texts = _list_text_columns(names, lines[1:])
+    # Columns of words are left out, unless that is every one.
+    texts: tuple[str, ...] = ()
+    rows, first = lines[1:], lines[1 : _LOOKED_AT + 1]
+    if first and all(len(cells) == len(names) for _, cells in rows):
+        words = [
+            name
+            for index, name in enumerate(names)
+            if all(cells[index].strip()[:1].isalpha() and not _is_number(cells[index]) for _, cells in first)
+            or all(cells[index].strip()[:1] in _QUOTES for _, cells in first)
+        ]
+        texts = tuple(words) if len(words) < len(names) else ()
     kept = [index for index, name in enumerate(names) if name not in texts]
-    rows = lines[1:]
     if texts:
         rows = [(number, [cells[index] for index in kept]) for number, cells in rows]
     values = _read_numbers(path, [names[index] for index in kept], rows)
@@ -145,25 +167,6 @@ def read_csv(path: Path) -> RawLog:
         others=texts,
         line=lines[0][0],
     )
-
-
-def _read_lines(path: Path) -> TableLines:
-    try:
-        text = read_file(path, LARGEST_ARRAY).decode("utf-8-sig")
-    except (UnicodeDecodeError, OSError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise build_file_error(path, f"this is not a text file that can be read: {reason}") from error
-    kept = [
-        (number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
-    ]
-    if not kept:
-        return []
-    separator = max(_SEPARATORS, key=kept[0][1].count)
-    cells = csv.reader((line for _, line in kept), delimiter=separator, skipinitialspace=True)
-    try:
-        return [(number, row) for (number, _), row in zip(kept, cells, strict=False)]
-    except csv.Error as error:
-        raise build_file_error(path, f"this is not a table that can be read: {error}") from error
 
 
 def _check_heading(path: Path, lines: TableLines, names: list[str]) -> None:
@@ -183,20 +186,6 @@ def _check_heading(path: Path, lines: TableLines, names: list[str]) -> None:
     else:
         return
     raise LogError(Notice(code=code, text=text, file=str(path), line=lines[0][0]))
-
-
-def _list_text_columns(names: list[str], lines: TableLines) -> tuple[str, ...]:
-    """Return the names of columns of words; none where that is every one."""
-    first = lines[:_LOOKED_AT]
-    if not first or any(len(cells) != len(names) for _, cells in lines):
-        return ()
-    words = [
-        name
-        for index, name in enumerate(names)
-        if all(cells[index].strip()[:1].isalpha() and not _is_number(cells[index]) for _, cells in first)
-        or all(cells[index].strip()[:1] in _QUOTES for _, cells in first)
-    ]
-    return tuple(words) if len(words) < len(names) else ()
 
 
 def _read_numbers(path: Path, names: list[str], lines: TableLines) -> FloatArray:
@@ -557,10 +546,6 @@ _WRITTEN = {
 _SUFFIXES = (".npz", ".csv")
 
 
-def _get_unit(symbol: str, *, prismatic: bool) -> str:
-    return symbol if symbol in UNITS else get_unit(symbol, prismatic=prismatic)
-
-
 def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
     """Write all channels but extras in SI units to `path` (.npz or .csv), and return the path.
 
@@ -574,7 +559,10 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
         values: FloatArray | None = getattr(recording, channel)
         if values is None:
             continue
-        own = [_get_unit(symbol, prismatic=joint.kind is JointKind.PRISMATIC) for joint in robot.axes]
+        own = [
+            (symbol if symbol in UNITS else get_unit(symbol, prismatic=(joint.kind is JointKind.PRISMATIC)))
+            for joint in robot.axes
+        ]
         if flat:
             columns |= {f"{name}{number}": column for number, column in enumerate(values.T, 1)}
             units |= {f"{name}{number}": unit for number, unit in enumerate(own, 1)}

@@ -90,8 +90,19 @@ def read_headings(raw: RawLog, joints: Sequence[Joint]) -> tuple[Heading, ...]:
 
 def _read_heading(raw: RawLog, column: str, own: set[str], names: set[str]) -> Heading:
     """Return a heading; the words `own` of joints' names have no other meaning."""
-    name, unit = _split_unit(column, raw.units.get(column), own)
-    words = _list_words(_drop_topic(name, names))
+    # The unit stands in brackets, else in parentheses, else behind the last underscore.
+    name, unit = column, raw.units.get(column)
+    match = _PARENTHESES.fullmatch(column)
+    if unit is None and match:
+        name, unit = match[1], match[2].strip()
+    elif unit is None:
+        start, sign, end = column.rpartition("_")
+        # q_1 is the joint 1, no number without a unit; of a joint A, tau_A is no current in ampere.
+        stands = end in UNITS and not end.isdecimal() and end.lower() not in own
+        name, unit = (start, end) if sign and start and stands else (column, None)
+    # Behind the topic of a ROS message stand a joint and a field, or a field.
+    parts = name.split("/")
+    words = _list_words("/".join(parts[next((k for k, part in enumerate(parts) if part in names), -1) :]))
     known = {word: _QUANTITIES[word] for word in words if word not in own and word in _QUANTITIES}
     quantities = set(known.values())
     if not quantities and words[:2] == _KUKA_POSITION and not own & set(words[:2]):
@@ -119,25 +130,6 @@ def _read_heading(raw: RawLog, column: str, own: set[str], names: set[str]) -> H
 def is_commanded(name: str, own: AbstractSet[str] = frozenset()) -> bool:
     """Return whether a name has a word of commands that is not in those of joints, `own`."""
     return bool((_COMMANDED_WORDS - own) & set(_list_words(name)))
-
-
-def _drop_topic(name: str, joints: set[str]) -> str:
-    """Return what stands behind the topic of a ROS message: a joint and a field, or a field."""
-    parts = name.split("/")
-    return "/".join(parts[next((k for k, part in enumerate(parts) if part in joints), -1) :])
-
-
-def _split_unit(column: str, stated: str | None, own: set[str]) -> tuple[str, str | None]:
-    """Return name and unit: in brackets, else in parentheses, else behind the last underscore."""
-    if stated is not None:
-        return column, stated
-    match = _PARENTHESES.fullmatch(column)
-    if match:
-        return match[1], match[2].strip()
-    name, sign, unit = column.rpartition("_")
-    # q_1 is the joint 1, no number without a unit; of a joint A, tau_A is no current in ampere.
-    stands = unit in UNITS and not unit.isdecimal() and unit.lower() not in own
-    return (name, unit) if sign and name and stands else (column, None)
 
 
 def _list_words(name: str) -> tuple[str, ...]:
@@ -169,7 +161,21 @@ def choose_columns(
     if all(len(hit) == 1 for hit in hits):
         return tuple(hit[0] for hit in hits)
     if quantity in REQUIRED_QUANTITIES:
-        _refuse_columns(headings, quantity, joints, hits, findings)
+        alone = len(hits) != len(joints) or quantity == "time"
+        owners = [quantity] if alone else [f"{quantity} of joint {joint.name!r}" for joint in joints]
+        pairs = list(zip(owners, hits, strict=True))
+        double = [f"{owner} could be {' or '.join(map(repr, hit))}" for owner, hit in pairs if len(hit) > 1]
+        lacking = [owner for owner, hit in pairs if not hit]
+        parts = [*double, *([f"no column was recognised as {' or '.join(lacking)}"] if lacking else [])]
+        example, order = "NAME", ""
+        if quantity != "time":
+            example = ",".join(f"NAME_{number}" for number in range(1, len(joints) + 1))
+            order = f" (the columns of {join_names(joint.name for joint in joints)})"
+        there = join_names(entry.column for entry in headings)
+        text = f"{'; '.join(parts)}: give --columns {quantity}={example}{order}; the log has {there}"
+        if lacking and len(lacking) < len(owners):
+            text += "; if the log leaves out the last joints of a URDF, cut them off by --tip LINK"
+        findings.refuse("new.ambiguous-column" if double else "new.unknown-column", text)
     return ()
 
 
@@ -188,8 +194,20 @@ def _sort_by_joint(
     if whole and alone and sorted(named) == sorted(counted):
         return _merge_columns(named, counted)
     if whole and numbers[:1] == [0]:
-        return _merge_columns(named, _list_ones_before(headings, named))
-    if any(named) and not (alone and _may_count(named, counted, numbers[0])):
+        # Columns one number below those of joints' names are theirs; not where a joint's name begins with 0,
+        # too, or the columns have no numbers.
+        claimed = {entry.column: entry.number for entry in headings if [entry.column] in named}
+        below = {column: number - 1 for column, number in claimed.items() if number}
+        if len(below) < len(claimed):
+            return _merge_columns(named, [[] for _ in named])
+        before = [[entry.column for entry in headings if entry.number == below[hit[0]]] for hit in named]
+        return _merge_columns(named, before)
+    # Numbers may be an order, though some joints have a column by their name: the others have none, and
+    # numbers begin with 0, or name the same columns: q7 of `gripper` behind `joint6`.
+    alike = all(not mine or mine == other for mine, other in zip(named, counted, strict=alone))
+    among = {name for hit in named for name in hit} <= {name for hit in counted for name in hit}
+    order = alone and not all(named) and among and (numbers[0] == 0 or alike)
+    if any(named) and not order:
         return named
     if alone:
         # The last number in each joint's name, such as 3 of wrist_j3.
@@ -201,30 +219,6 @@ def _sort_by_joint(
             return _merge_columns(numbered, counted)
         describe_order(tuple(zip(numbers, joints, strict=True)), findings)
     return counted or named
-
-
-def _may_count(named: Sequence[Sequence[str]], counted: Sequence[Sequence[str]], first: int) -> bool:
-    """Return whether numbers are an order, though some joints have a column by their name.
-
-    The others have none, and numbers begin with 0, or name the same columns: q7 of `gripper` behind `joint6`.
-    """
-    lacking = not all(named)
-    alike = all(not mine or mine == other for mine, other in zip(named, counted, strict=True))
-    among = {name for hit in named for name in hit} <= {name for hit in counted for name in hit}
-    return lacking and among and (first == 0 or alike)
-
-
-def _list_ones_before(headings: Sequence[Heading], named: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Return the columns one number below those of joints' names, which are theirs if numbers begin with 0.
-
-    None where a joint's name begins with 0, too, or the columns have no numbers.
-    """
-    places = {hit[0] for hit in named}
-    claimed = [entry for entry in headings if entry.column in places]
-    if any(entry.number is None or entry.number == 0 for entry in claimed):
-        return [[] for _ in named]
-    below = {entry.column: entry.number - 1 for entry in claimed if entry.number is not None}
-    return [[entry.column for entry in headings if entry.number == below[hit[0]]] for hit in named]
 
 
 def describe_order(pairs: Sequence[tuple[int, Joint]], findings: Findings) -> None:
@@ -277,31 +271,6 @@ def check_columns(
     return () if missing else names
 
 
-def _refuse_columns(
-    headings: Sequence[Heading],
-    quantity: str,
-    joints: Sequence[Joint],
-    hits: Sequence[Sequence[str]],
-    findings: Findings,
-) -> None:
-    """Report the joints that have no column of a quantity, or more than one."""
-    alone = len(hits) != len(joints) or quantity == "time"
-    owners = [quantity] if alone else [f"{quantity} of joint {joint.name!r}" for joint in joints]
-    pairs = list(zip(owners, hits, strict=True))
-    double = [f"{owner} could be {' or '.join(map(repr, hit))}" for owner, hit in pairs if len(hit) > 1]
-    lacking = [owner for owner, hit in pairs if not hit]
-    parts = [*double, *([f"no column was recognised as {' or '.join(lacking)}"] if lacking else [])]
-    example, order = "NAME", ""
-    if quantity != "time":
-        example = ",".join(f"NAME_{number}" for number in range(1, len(joints) + 1))
-        order = f" (the columns of {join_names(joint.name for joint in joints)})"
-    there = join_names(entry.column for entry in headings)
-    text = f"{'; '.join(parts)}: give --columns {quantity}={example}{order}; the log has {there}"
-    if lacking and len(lacking) < len(owners):
-        text += "; if the log leaves out the last joints of a URDF, cut them off by --tip LINK"
-    findings.refuse("new.ambiguous-column" if double else "new.unknown-column", text)
-
-
 _EXAMPLES = {"time": "s", "position": "deg", "velocity": "deg/s", "torque": "Nm"}
 _LIKE = {"reference_velocity": "velocity", "feedforward": "torque"}
 _LINEAR = frozenset({"length", "velocity", "force"})
@@ -321,31 +290,7 @@ def build_quantity(
         findings.refuse("new.no-unit", f"{text}; {remedy}")
         return None
     units = tuple(stated[name] for name in names)
-    if not _check_units(quantity, like, list(zip(names, units, strict=True)), joints, findings):
-        return None
-    alike = len(set(units)) == 1
-    if "current" not in {get_unit_factor(unit)[0] for unit in units}:
-        if alike:
-            return LogQuantity(columns=names, unit=units[0])
-        return LogQuantity(columns=names, unit="SI", factor=tuple(get_unit_factor(unit)[1] for unit in units))
-    # Currents become torques by torque constants and gears.
-    lacking = [joint.name for joint in joints if joint.drive.torque_constant is None]
-    if not alike:
-        text = f"{quantity}: {join_names(names)} are in different units: {', '.join(units)}"
-        findings.refuse("new.mixed-units", f"{text}; log all of them in one, or as torques")
-    if lacking:
-        text = f"{quantity}: {join_names(names)} are motor currents, and no torque constant is known of"
-        findings.refuse("new.torque-constant", f"{text} {join_names(lacking)}: {ask_constants(joints)}")
-    if lacking or not alike:
-        return None
-    factor = compute_current_factor(joints, coupled=False) or (1.0,)
-    return LogQuantity(columns=names, unit=units[0], factor=factor)
-
-
-def _check_units(
-    quantity: str, like: str, pairs: Sequence[tuple[str, str]], joints: Sequence[Joint], findings: Findings
-) -> bool:
-    """Return whether all units are in the table, and of a dimension that the quantity can have."""
+    pairs = list(zip(names, units, strict=True))
     texts, numbers = [], []
     for index, joint in enumerate(joints):
         name, unit = pairs[index if len(pairs) > 1 else 0]
@@ -369,7 +314,25 @@ def _check_units(
         text = f"{quantity}: the size of one count of {join_names(dict.fromkeys(numbers))} is not known"
         remedy = f"give --units {quantity}=SI, then write factor = [...] behind it in [log] of the robot file"
         findings.refuse("new.wrong-unit", f"{text}; {remedy}")
-    return not texts and not numbers
+    if texts or numbers:
+        return None
+    alike = len(set(units)) == 1
+    if "current" not in {get_unit_factor(unit)[0] for unit in units}:
+        if alike:
+            return LogQuantity(columns=names, unit=units[0])
+        return LogQuantity(columns=names, unit="SI", factor=tuple(get_unit_factor(unit)[1] for unit in units))
+    # Currents become torques by torque constants and gears.
+    lacking = [joint.name for joint in joints if joint.drive.torque_constant is None]
+    if not alike:
+        text = f"{quantity}: {join_names(names)} are in different units: {', '.join(units)}"
+        findings.refuse("new.mixed-units", f"{text}; log all of them in one, or as torques")
+    if lacking:
+        text = f"{quantity}: {join_names(names)} are motor currents, and no torque constant is known of"
+        findings.refuse("new.torque-constant", f"{text} {join_names(lacking)}: {ask_constants(joints)}")
+    if lacking or not alike:
+        return None
+    factor = compute_current_factor(joints, coupled=False) or (1.0,)
+    return LogQuantity(columns=names, unit=units[0], factor=factor)
 
 
 def ask_constants(joints: Sequence[Joint]) -> str:

@@ -145,7 +145,17 @@ def recognise_columns(
         found = Recognised(raw=raw, table=table, short=table, units=stated)
     if found is None or findings.mistakes:
         return None
-    _note_sides(robot, found.table.torque, findings)
+    torque = found.table.torque
+    # What is assumed of gears and sides.
+    current = torque is not None and get_unit_factor(torque.unit)[0] == "current"
+    plain = tuple(joint.name for joint in robot.axes if joint.drive.gear == 1)
+    if current and plain:
+        text = f"currents: gear ratio 1 (direct drive) is assumed for {join_names(plain)}"
+        findings.remark("new.assumed-gear", f"{text}; give --gear RATIO,... where there are gears")
+    if len(plain) < robot.freedom:
+        what = "positions" if current else "positions and torques"
+        text = f"{what} are assumed to be on the joint side of the gears"
+        findings.remark("new.assumed-side", f'{text}; write side = "motor" in [log] if they are the motors\'')
     return found
 
 
@@ -169,8 +179,11 @@ def _match_preset(
         stated = any(name in raw.units for entry in read.values() for name in entry.columns)
         if mistakes or stated or not set(REQUIRED_QUANTITIES) <= set(read):
             continue
-        if preset == "franka" and not _counts_milliseconds(raw.columns[read["time"].columns[0]]):
-            continue
+        if preset == "franka":
+            # Times of a robot in s are closer to each other than those in ms.
+            time = raw.columns[read["time"].columns[0]]
+            if len(time) > 1 and not np.median(np.diff(time)) > _MILLISECONDS:
+                continue
         for entry in tried.mistakes:
             findings.refuse("new.torque-constant", f"{entry.text}: {ask_constants(robot.axes)}")
         findings.remarks += tried.remarks
@@ -202,11 +215,6 @@ def _list_units(read: Mapping[str, LogQuantity]) -> dict[str, tuple[str, ...]]:
     return {name: (entry.unit,) for name, entry in read.items()}
 
 
-def _counts_milliseconds(time: FloatArray) -> bool:
-    """Return whether times (N,) may be in ms: those of a robot in s are closer to each other."""
-    return len(time) < 2 or bool(np.median(np.diff(time)) > _MILLISECONDS)
-
-
 def _match_symid_columns(raw: RawLog, robot: Robot) -> LogMap | None:
     """Return the columns that symid itself writes, with their units; None where they are not there."""
     names: dict[str, tuple[str, ...]] = {"time": ("t",), "position": ("q",), "torque": ("tau",)}
@@ -224,19 +232,6 @@ def _match_symid_columns(raw: RawLog, robot: Robot) -> LogMap | None:
         return None
     read = {key: LogQuantity(columns=entry, unit=raw.units[entry[0]]) for key, entry in names.items()}
     return LogMap(preset="symid", time=read["time"], position=read["position"], torque=read["torque"])
-
-
-def _note_sides(robot: Robot, torque: LogQuantity | None, findings: Findings) -> None:
-    """Note what is assumed of gears and sides."""
-    current = torque is not None and get_unit_factor(torque.unit)[0] == "current"
-    plain = tuple(joint.name for joint in robot.axes if joint.drive.gear == 1)
-    if current and plain:
-        text = f"currents: gear ratio 1 (direct drive) is assumed for {join_names(plain)}"
-        findings.remark("new.assumed-gear", f"{text}; give --gear RATIO,... where there are gears")
-    if len(plain) < robot.freedom:
-        what = "positions" if current else "positions and torques"
-        text = f"{what} are assumed to be on the joint side of the gears"
-        findings.remark("new.assumed-side", f'{text}; write side = "motor" in [log] if they are the motors\'')
 
 
 def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, Robot]:
@@ -267,7 +262,18 @@ def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog,
             text = f"{name}: preset {preset!r} needs {wanted} ... of every joint, which the log lacks"
             findings.refuse("log.preset", f"{text}; name the columns in [log.{name}]")
         elif name == "torque" and preset == "ur-rtde":
-            found[name] = _convert_currents(names, "A", robot, findings)
+            lacking = [joint.name for joint in robot.axes if joint.drive.torque_constant is None]
+            if lacking:
+                text = (
+                    f"torque: {names[0]!r} ... are motor currents, but joint {lacking[0]!r} has no "
+                    "torque_constant (N m/A) in its drive; add it, and the gear ratio"
+                )
+                findings.refuse("log.no-torque-constant", text)
+            coupled = robot.log.transmission is not None
+            factor = compute_current_factor(robot.axes, coupled=coupled) or (1.0,)
+            found[name] = LogQuantity(
+                columns=names, unit="A", factor=factor, side="motor" if coupled else "joint"
+            )
         else:
             found[name] = LogQuantity(columns=names, unit="SI")
     return raw, replace(robot, log=replace(log, **found))
@@ -316,20 +322,6 @@ def _match_layout(
     return columns
 
 
-def _convert_currents(columns: tuple[str, ...], unit: str, robot: Robot, findings: Findings) -> LogQuantity:
-    """Return the quantity for motor currents, by the torque constants of the robot file."""
-    lacking = [joint.name for joint in robot.axes if joint.drive.torque_constant is None]
-    if lacking:
-        text = (
-            f"torque: {columns[0]!r} ... are motor currents, but joint {lacking[0]!r} has no torque_constant "
-            "(N m/A) in its drive; add it, and the gear ratio"
-        )
-        findings.refuse("log.no-torque-constant", text)
-    coupled = robot.log.transmission is not None
-    factor = compute_current_factor(robot.axes, coupled=coupled) or (1.0,)
-    return LogQuantity(columns=columns, unit=unit, factor=factor, side="motor" if coupled else "joint")
-
-
 READERS: dict[str, Callable[[Path], RawLog]] = {
     ".mat": read_mat,
     ".npz": read_npz,
@@ -368,38 +360,21 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     # Holes in a velocity or an acceleration are accepted, states then come from the position; so are those
     # of a controller's channels.
     needed = (column for name in _GAPLESS for column in columns[name])
-    _check_numbers(raw, (*used, *needed), findings)
-    _check_encoders(columns, findings, no_position=values["position"] is None)
-    if time is not None and not uneven:
-        _check_time(time, robot.processing, findings)
-    position, torque = values["position"], values["torque"]
-    if findings.mistakes or time is None or position is None or torque is None:
-        raise LogError(*findings.mistakes)
-    known = {*used, *(name for names in columns.values() for name in names)}
-    unused = tuple(name for name in raw.columns if name not in known)
-    left_out = ", ".join((*unused, *raw.others))
-    parts = [f"columns that were not used: {left_out}"] if left_out else []
-    for name in ("velocity", "acceleration"):
-        if columns[name]:
-            text = f"{name} was read; it is used where it predicts better than the filtered position"
-            parts.append(f"{text} (columns {', '.join(columns[name])})")
-    if parts:
-        findings.remark("log.unused-columns", "; ".join(parts))
-    channels: dict[str, Any] = {name: values[name] for name in OPTIONAL_CHANNELS}
-    return Recording(
-        time=time,
-        position=position,
-        torque=torque,
-        **channels,
-        source=str(path),
-        notices=tuple(findings.remarks),
-        extras={name: raw.columns[name] for name in unused},
-        transmission=get_torque_transmission(robot),
-    )
-
-
-def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings, *, no_position: bool) -> None:
-    """Refuse second encoders without a first one, of both sides, or equal to the first one."""
+    listed = (*used, *needed)
+    for name in dict.fromkeys(listed):
+        column = raw.columns.get(name)
+        if column is None:
+            continue
+        bad = np.argwhere(~(np.abs(np.atleast_1d(column)) <= _LARGEST))
+        if len(bad):
+            first = int(bad[0, 0])
+            place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
+            text = (
+                f"{name!r} has {len(bad)} values that are not finite numbers (NaN, infinite, beyond "
+                f"{_LARGEST:g}), the first at {place} (counted from 0); cut or repair the log there"
+            )
+            findings.refuse("log.not-finite", text)
+    no_position = values["position"] is None
     motor, link = (columns[name] for name in _ENCODERS)
     if no_position and motor and not link:
         text = (
@@ -430,6 +405,32 @@ def _check_encoders(columns: dict[str, tuple[str, ...]], findings: Findings, *, 
             if name == "link_position":
                 remedy = "name the motor columns in [log.position]; where joints are rigid, leave it out"
             findings.refuse("log.same-encoder", f"{text}; {remedy}")
+    if time is not None and not uneven:
+        _check_time(time, robot.processing, findings)
+    position, torque = values["position"], values["torque"]
+    if findings.mistakes or time is None or position is None or torque is None:
+        raise LogError(*findings.mistakes)
+    known = {*used, *(name for names in columns.values() for name in names)}
+    unused = tuple(name for name in raw.columns if name not in known)
+    left_out = ", ".join((*unused, *raw.others))
+    parts = [f"columns that were not used: {left_out}"] if left_out else []
+    for name in ("velocity", "acceleration"):
+        if columns[name]:
+            text = f"{name} was read; it is used where it predicts better than the filtered position"
+            parts.append(f"{text} (columns {', '.join(columns[name])})")
+    if parts:
+        findings.remark("log.unused-columns", "; ".join(parts))
+    channels: dict[str, Any] = {name: values[name] for name in OPTIONAL_CHANNELS}
+    return Recording(
+        time=time,
+        position=position,
+        torque=torque,
+        **channels,
+        source=str(path),
+        notices=tuple(findings.remarks),
+        extras={name: raw.columns[name] for name in unused},
+        transmission=get_torque_transmission(robot),
+    )
 
 
 def read_raw(path: Path) -> RawLog:
@@ -456,22 +457,6 @@ def read_raw(path: Path) -> RawLog:
         return reader(path)
     except PermissionError as error:
         raise build_file_error(path, "the file may not be read (no permission)", "log.unreadable") from error
-
-
-def _check_numbers(raw: RawLog, used: tuple[str, ...], findings: Findings) -> None:
-    for name in dict.fromkeys(used):
-        column = raw.columns.get(name)
-        if column is None:
-            continue
-        bad = np.argwhere(~(np.abs(np.atleast_1d(column)) <= _LARGEST))
-        if len(bad):
-            first = int(bad[0, 0])
-            place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
-            text = (
-                f"{name!r} has {len(bad)} values that are not finite numbers (NaN, infinite, beyond "
-                f"{_LARGEST:g}), the first at {place} (counted from 0); cut or repair the log there"
-            )
-            findings.refuse("log.not-finite", text)
 
 
 def _check_time(time: FloatArray, processing: Processing, findings: Findings) -> None:

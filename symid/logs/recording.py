@@ -1,13 +1,24 @@
-"""Recording: what a log holds, in SI units, on the joint side; and parts of it.
+"""Recording: what a log holds, in SI units, on the joint side; and parts of it, to fit and to test.
 
-Arrays from a reader -> Recording; Recording, numbers of samples -> a shorter Recording with a notice.
+Arrays from a reader -> Recording; Recording, numbers of samples -> a shorter Recording with a notice. Text or
+seconds -> `LogPart`; recording, part -> the shorter recording.
+
+    0:60%     the first 60 % of the log, as :60%; a unit at one end is that of both: 20:60% is 20 % to 60 %
+    60%:      the rest
+    2.5:30    seconds, counted from the first sample of the log, as 2.5s:30s; 60: is from 60 s to the end
+    5s:60%    each end in its own unit
+
+A sample at a bound is of the part that begins there, so that 0:60% and 60%: share none. Time stamps stay as
+they were logged.
 
 Supported: position, torque and time; where the log has them velocity, a second encoder, the controller's
 reference and feed-forward; other numeric columns as logged.
 """
 
+import math
 import os
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze, freeze_fields
-from symid.errors import LogError, Notice
+from symid.errors import LogError, Notice, UsageError
 from symid.serialization import compute_signature
 
 CONTROL_CHANNELS = ("reference", "reference_velocity", "feedforward")
@@ -216,3 +227,191 @@ def change_channels(recording: Recording, change: Callable[[FloatArray], FloatAr
         if values is not None:
             changed[name] = change(values)
     return replace(recording, **changed)
+
+
+PERCENT, SECONDS, BOTH = "%", "s", "% and s"
+"""Units of the ends of a part; the last one where several parts have different ones."""
+_Part = str | tuple[float | None, float | None]
+
+_NUMBER = r"(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)?"
+_PART = re.compile(rf"\s*{_NUMBER}\s*([%s]?)\s*:\s*{_NUMBER}\s*([%s]?)\s*")
+_EXPECTED = "expected START:END in seconds or per cent, such as 0:60%, 60%: or 2.5:30"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogPart:
+    """A part of a log in time.
+
+    Args:
+        start, end: from the first sample of the log; an infinite end is that of the log.
+        units: of both, `PERCENT` of the log's duration or `SECONDS`.
+        stated: the unit that the text states, empty for none; `BOTH` if its ends have different ones.
+        text: as `read_part` takes it again.
+    """
+
+    start: float
+    end: float
+    units: tuple[str, str]
+    stated: str
+    text: str
+
+
+def read_part(given: _Part, name: str, unit: str = "") -> LogPart:
+    """Return a part of a log as an option or a file states it.
+
+    Args:
+        given: text, or two numbers in s.
+        name: of the option, for messages.
+        unit: where the text states none, as that of another option; empty for seconds.
+
+    Raises:
+        UsageError: it is no part; its end is not after its start; or its unit can only be guessed.
+    """
+    text = given if isinstance(given, str) else _write_seconds(given, name)
+    found = _PART.fullmatch(text)
+    if found is None or (found[2] and not found[1]) or (found[4] and not found[3]):
+        raise _refuse(name, text, _EXPECTED)
+    start, end = float(found[1] or 0.0), float(found[3] or math.inf)
+    written = [mark for mark in (found[2], found[4]) if mark]
+    stated = BOTH if len(set(written)) > 1 else written[0] if written else ""
+    measured = [value for value in (start, end) if 0.0 < value < math.inf]
+    if unit == BOTH and not stated and measured:
+        raise _refuse(name, text, "state its unit, % or s, because parts in both units are given")
+    fallback = (stated if stated != BOTH else "") or (unit if unit != BOTH else "") or SECONDS
+    units = (found[2] or fallback, found[4] or fallback)
+    if any(
+        mark == PERCENT and 100.0 < value < math.inf for value, mark in zip((start, end), units, strict=True)
+    ):
+        raise _refuse(name, text, "a log has 100 %")
+    if units[0] == units[1] and not start < end:
+        raise _refuse(name, text, "its end must be after its start")
+    shown = stated or unit not in {"", BOTH}
+    marks = [
+        mark if shown and value in measured else "" for value, mark in zip((start, end), units, strict=True)
+    ]
+    written_again = f"{found[1] or 0}{marks[0]}:{found[3] or ''}{marks[1]}"
+    return LogPart(start=start, end=end, units=units, stated=stated, text=written_again)
+
+
+def _write_seconds(given: object, name: str) -> str:
+    """Return a pair of seconds as text."""
+    pair = tuple(given) if isinstance(given, tuple | list | np.ndarray) else ()
+    numbers = [value for value in pair if value is not None]
+    good = all(isinstance(value, int | float | np.number) and 0.0 <= value < math.inf for value in numbers)
+    if len(pair) != 2 or not good or any(isinstance(value, bool) for value in numbers):
+        raise _refuse(
+            name, repr(given), f"{_EXPECTED}, or a pair of seconds (2.5, 30.0), None for an open end"
+        )
+    first, last = ("" if value is None else f"{float(value)!r}{SECONDS}" for value in pair)
+    return f"{first}:{last}"
+
+
+def _refuse(name: str, text: str, why: str) -> UsageError:
+    return UsageError(Notice(code="usage.log-part", text=f"{name} {text!r}: {why}"))
+
+
+def read_parts(given: _Part | Sequence[_Part] | None, name: str, unit: str = "") -> tuple[LogPart, ...]:
+    """Return one part for all logs, or one for each, or none; see `read_part`."""
+    if given is None:
+        return ()
+    alone = isinstance(given, str) or not any(isinstance(entry, str | tuple | list) for entry in given)
+    entries = [given] if alone and len(given) else given
+    return tuple(read_part(entry, name, unit) for entry in entries)  # type: ignore[arg-type]  # checked there
+
+
+def join_units(parts: Sequence[LogPart]) -> str:
+    """Return the unit that the parts state: empty for none, `BOTH` for different ones."""
+    units = {part.stated for part in parts} - {""}
+    return BOTH if len(units) > 1 else next(iter(units), "")
+
+
+def refuse_shared(train: Sequence[LogPart], test: Sequence[LogPart]) -> None:
+    """Refuse parts to fit and to test, one or one a log, that overlap.
+
+    Raises:
+        UsageError: they overlap, or their units hide whether they do.
+    """
+    count = max(len(train), len(test))
+    ours, others = (parts * count if len(parts) == 1 else parts for parts in (tuple(train), tuple(test)))
+    for mine, other in zip(ours, others, strict=False):
+        pairs = ((mine, other), (other, mine))
+        if any(one.units[1] == two.units[0] and one.end <= two.start for one, two in pairs):
+            continue
+        name, why = "--test", f"overlaps with --train {mine.text!r}; test on other samples"
+        if len({*mine.units, *other.units}) > 1:
+            why = f"may overlap with --train {mine.text!r}; state both in one unit, % or s"
+        raise _refuse(name, other.text, why)
+
+
+def take_part(recording: Recording, part: LogPart, name: str) -> Recording:
+    """Return the part of a recording, in time of the whole log, with a notice.
+
+    Raises:
+        UsageError: another part was taken of it before.
+        LogError: the part is not in the log, or has too few samples.
+    """
+    if recording.run is not None and recording.run.train:
+        text = f"{name} {part.text!r}: this run has the part {recording.run.train!r} already; state only one"
+        raise UsageError(Notice(code="usage.log-part", text=text, file=recording.source))
+    extent, period = recording.extent, recording.period
+    whole = extent.end - extent.start
+    first, last = (
+        value * whole / 100.0 if mark == PERCENT and value < math.inf else value
+        for value, mark in zip((part.start, part.end), part.units, strict=True)
+    )
+    given = f"{name} {part.text!r}"
+    # The last sample lasts a period, of which only the order of magnitude is certain where stamps are uneven.
+    if max(first, last if last < math.inf else 0.0) > whole + period:
+        hint = "" if part.stated else "; numbers without a unit are seconds, write % for per cent"
+        text = f"{given}: the log lasts {whole:.6g} s; an open end is that of the log{hint}"
+        raise LogError(Notice(code="log.part", text=text, file=recording.source))
+    since = recording.time - extent.start
+    begin, end = (int(np.searchsorted(since, bound - 1e-3 * period)) for bound in (first, last))
+    if end - begin < FEWEST:
+        text = (
+            f"{given}: {max(end - begin, 0)} samples are left of {len(recording.time)} between "
+            f"{since[0]:.6g} and {since[-1]:.6g} s, at least {FEWEST} are needed; take a longer part"
+        )
+        raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
+    kept = slice(begin, end)
+    count = len(recording.time)
+    if kept == slice(0, count):
+        return recording
+    since = recording.time[kept] - recording.extent.start
+    text = (
+        f"{kept.stop - kept.start} of {count} samples are used, {since[0]:.6g} to {since[-1]:.6g} s from the "
+        f"start of the log, as set by {name} {part.text!r}"
+    )
+    return add_notice(cut_recording(recording, kept), "log.cut", text)
+
+
+def take_parts(
+    recordings: Sequence[Recording], parts: Sequence[LogPart], name: str, *, keep: bool = False
+) -> tuple[Recording, ...]:
+    """Return the parts of recordings: one part for all of them, or one for each in order.
+
+    With `keep` they become settings of the runs, with which the logs of a fit are read again.
+
+    Raises:
+        UsageError: there are as many parts as fit neither, or a run file states them already.
+        LogError: parts are not in the logs, or have too few samples; all of them are named.
+    """
+    if not parts:
+        return tuple(recordings)
+    if len(parts) not in {1, len(recordings)}:
+        logs = f"{len(recordings)} log{'s'[: len(recordings) > 1]}"
+        text = f"{len(parts)} times {name} for {logs}: give it once, or once for each log in order"
+        raise UsageError(Notice(code="usage.log-part", text=text))
+    each = parts if len(parts) > 1 else [parts[0]] * len(recordings)
+    found, notices = list[Recording](), list[Notice]()
+    for recording, part in zip(recordings, each, strict=True):
+        try:
+            taken = take_part(recording, part, name)
+        except LogError as error:
+            notices += error.notices
+            continue
+        run = taken.run or RunSettings(file=taken.source)
+        found.append(replace(taken, run=replace(run, train=part.text)) if keep else taken)
+    if notices:
+        raise LogError(*notices)
+    return tuple(found)

@@ -24,9 +24,16 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import InputError, LogError, Notice, RobotError, UsageError
-from symid.logs.parts import join_units, read_part, take_part
 from symid.logs.reader import read_recording
-from symid.logs.recording import Recording, RunSettings, add_notice, cut_ends
+from symid.logs.recording import (
+    Recording,
+    RunSettings,
+    add_notice,
+    cut_ends,
+    join_units,
+    read_part,
+    take_part,
+)
 from symid.logs.sampling import resample_if_uneven
 from symid.notation import INERTIAL
 from symid.robot import (

@@ -125,7 +125,12 @@ def _describe_decimation(decimation: Decimation) -> _LowPass:
 
 def _filter_both_ways(kind: _LowPass, values: FloatArray) -> FloatArray:
     """Return what a filter keeps of `values` (N, ...), both ways; LogError if there are too few."""
-    factor, pad = kind.factor, _check_length(len(values), kind.order)
+    samples = len(values)
+    pad = compute_pad_length(kind.order)
+    if samples <= pad:
+        text = f"{samples} samples are left to filter; order {kind.order} needs more than {pad}"
+        raise LogError(Notice(code="log.too-short", text=text))
+    factor = kind.factor
     kept, blocks = -(-len(values) // factor), _build_blocks(kind)
     if blocks is None:
         # The import takes longer than most filters run.
@@ -225,7 +230,25 @@ def _build_blocks(kind: _LowPass) -> _FilterBlocks | None:
         return None
     length = factor * -(-(_LEAST_BLOCK if factor > 1 else _WHOLE_BLOCK) // factor)
     most = max(length, pad)
-    states, response = _compute_responses(_design_sections(kind), memory + most)
+    sections = _design_sections(kind)
+    count = memory + most
+    size = 2 * len(sections)
+    # What each state alone leaves, and the response to a pulse: in extended precision, where there is one, as
+    # the filter runs through cancelling states. One sample of all states, and of an input of one behind them.
+    ones = np.eye(size, size + 1, dtype=np.longdouble)
+    signal = np.zeros(size + 1, dtype=np.longdouble)
+    signal[size] = 1.0
+    after = np.empty_like(ones)
+    for k, (b0, b1, b2, _, a1, a2) in enumerate(sections.astype(np.longdouble)):
+        entering, signal = signal, b0 * signal + ones[2 * k]
+        after[2 * k] = b1 * entering - a1 * signal + ones[2 * k + 1]
+        after[2 * k + 1] = b2 * entering - a2 * signal
+    power, entry = after[:, :size], after[:, size]
+    free = signal[None, :size]
+    while len(free) < count:
+        free = np.concatenate([free, free @ power])
+        power = power @ power
+    states, response = free[:count], np.concatenate([signal[size:], free[: count - 1] @ entry])
     free = _orthonormalise(states)
     step = free[:-1].T @ free[1:]
     # What an input adds to the state, k samples later; what a constant input left.
@@ -253,29 +276,6 @@ def _build_blocks(kind: _LowPass) -> _FilterBlocks | None:
         steady=steady.astype(np.float64),
         last=(late[:, :pad] @ ending + settled[:, None] * ending[-1]).T.copy(),
     )
-
-
-def _compute_responses(sections: FloatArray, count: int) -> tuple[LongArray, LongArray]:
-    """Return the outputs (count, states) that each state alone leaves, and the response (count,) to a pulse.
-
-    In extended precision, where there is one: the filter runs through cancelling states.
-    """
-    size = 2 * len(sections)
-    # One sample of all states, and of an input of one behind them.
-    states = np.eye(size, size + 1, dtype=np.longdouble)
-    signal = np.zeros(size + 1, dtype=np.longdouble)
-    signal[size] = 1.0
-    after = np.empty_like(states)
-    for k, (b0, b1, b2, _, a1, a2) in enumerate(sections.astype(np.longdouble)):
-        entering, signal = signal, b0 * signal + states[2 * k]
-        after[2 * k] = b1 * entering - a1 * signal + states[2 * k + 1]
-        after[2 * k + 1] = b2 * entering - a2 * signal
-    power, entry = after[:, :size], after[:, size]
-    free = signal[None, :size]
-    while len(free) < count:
-        free = np.concatenate([free, free @ power])
-        power = power @ power
-    return free[:count], np.concatenate([signal[size:], free[: count - 1] @ entry])
 
 
 def _count_remembered(kind: _LowPass, rest: float) -> int:
@@ -354,15 +354,6 @@ def _design_sections(kind: _LowPass) -> FloatArray:
     found[0, :3] *= gain
     found.setflags(write=False)
     return found
-
-
-def _check_length(samples: int, order: int) -> int:
-    """Return the samples by which ends are continued; raise LogError where a signal is not longer."""
-    pad = compute_pad_length(order)
-    if samples <= pad:
-        text = f"{samples} samples are left to filter; order {order} needs more than {pad}"
-        raise LogError(Notice(code="log.too-short", text=text))
-    return pad
 
 
 def take_line_off(values: FloatArray) -> FloatArray:

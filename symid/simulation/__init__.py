@@ -4,13 +4,18 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.simulation.elastic_experiment import (
+        ControlSettings as ControlSettings,
         ElasticExperimentOptions as ElasticExperimentOptions,
         ElasticRun as ElasticRun,
         MotorReference as MotorReference,
+        SensorSettings as SensorSettings,
         build_clean_options as build_clean_options,
         build_noisy_options as build_noisy_options,
+        check_sensor_settings as check_sensor_settings,
+        check_stated_values as check_stated_values,
         observe as observe,
         simulate_elastic as simulate_elastic,
+        simulate_log as simulate_log,
     )
     from symid.simulation.friction_rig import (
         ForceDrive as ForceDrive,
@@ -23,13 +28,6 @@ if TYPE_CHECKING:
     from symid.simulation.rigid_plant import (
         RigidPlant as RigidPlant,
         simulate_rigid_plant as simulate_rigid_plant,
-    )
-    from symid.simulation.simulated_log import (
-        ControlSettings as ControlSettings,
-        SensorSettings as SensorSettings,
-        check_sensor_settings as check_sensor_settings,
-        check_stated_values as check_stated_values,
-        simulate_log as simulate_log,
     )
 else:
     from symid.lazy import load_names

@@ -1,4 +1,4 @@
-"""An experiment with an elastic robot: motors under PD control along a trajectory, logged like a real one.
+"""An experiment with an elastic robot: motors under PD control along a trajectory; and the log of any robot.
 
 Robot, Library with values, ReferenceMotion, ElasticExperimentOptions, random generator -> ElasticRun.
 
@@ -10,39 +10,46 @@ with theta_m from the motor encoder and dtheta the true motor speed. By default 
 tau_d = g(q_d(0)), phi_0 being the torsion under the weight at the first pose. The logged torque holds from
 the sample on. A torque held for T damps a motor of inertia B only while Kd T / B < 2.
 
-Supported: own gains, sensors, references and values; torque limits of the robot file.
+Robot whose file states all values, rigid or elastic, SensorSettings -> SimulatedLog.
+
+Supported: own gains, sensors, references and values; torque limits of the robot file. A
+SimulatedLog has sensors with one standard deviation for all joints.
 Not supported: control on link encoders, robots that are elastic in part, logs without link encoders.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import Library, PlantExperiment, PlantLog
-from symid.errors import Notice, SolverError, UsageError
+from symid.codegen import Library, PlantExperiment
+from symid.errors import Notice, RobotError, SolverError, UsageError
 from symid.excitation import ReferenceMotion
-from symid.joint_models import REFERENCE_TEMPERATURE
+from symid.joint_models import NO_FRICTION, REFERENCE_TEMPERATURE
 from symid.logs import Recording
-from symid.robot import Robot
+from symid.robot import Coupling, Joint, Robot
 from symid.simulation import experiment
 from symid.simulation.elastic_plant import (
     ElasticValues,
-    RestState,
     build_elements,
     build_plant_robot,
     compute_rest,
     count_substeps,
     get_elastic_values,
+    refuse_rigid_joints,
     simulate_plant,
 )
 from symid.simulation.experiment import (
+    PERIOD,
     ElasticSensors,
+    ExperimentOptions,
+    SensorOptions,
     add_torque_noise,
     check_sensors,
     get_encoder_turns,
+    simulate_experiment,
 )
 from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds, quantise
 
@@ -254,13 +261,43 @@ def simulate_elastic(
     # Motors follow the trajectory shifted by the first torsion, and carry the weight.
     torque = np.broadcast_to(hold, desired.shape)
     followed = reference or MotorReference(angle=desired + rest.phi, speed=speed, torque=torque)
-    order = _build_order(
-        robot, library, stated, gains, options, desired=desired, reference=followed, rest=rest
+    for name in ("angle", "speed", "torque"):
+        shape = getattr(followed, name).shape
+        if shape != desired.shape:
+            text = f"reference {name}: expected the shape {desired.shape}, got {shape}"
+            raise UsageError(Notice(code="usage.experiment", text=text))
+    poses = desired[np.linspace(0, len(desired) - 1, _POSES).astype(int)]
+    (mass,) = library.evaluate("mass_matrix", poses, stated.beta)
+    if not np.all(np.linalg.eigvalsh(mass) > 0.0):
+        raise SolverError(experiment.describe_massless(robot))
+    loops = gains or compute_gains(
+        mass, stated.rotor, options.bandwidth or experiment.BANDWIDTH, options.period
+    )
+    order = PlantExperiment(
+        angle=followed.angle,
+        speed=followed.speed,
+        torque=followed.torque,
+        stiffness=np.array(loops.stiffness),
+        damping=np.array(loops.damping),
+        limit=experiment.get_limits(robot, "torque"),
+        step=get_encoder_turns(robot) / (options.control_counts or np.inf),
+        period=options.period,
+        substeps=count_substeps(library, stated, poses, period=options.period, step=options.step),
+        parts=options.parts,
+        q=desired[0],
+        theta=desired[0] + rest.phi,
+        play=rest.play,
     )
     ran = simulate_plant(library, plant, order, elements)
     log = ran.log
     bandwidth = None if gains else options.bandwidth or experiment.BANDWIDTH
-    _check_control(robot, log, desired, period=options.period, bandwidth=bandwidth)
+    # Whether it went out of control.
+    reach = experiment.compute_reach(robot, desired)
+    lost = ~((np.abs(log.q) < reach) & (np.abs(log.theta) < reach))
+    lost[log.ticks :] = True
+    if np.any(lost):
+        tick = int(np.flatnonzero(np.any(lost, axis=1))[0])
+        raise SolverError(experiment.describe_runaway(robot, lost[tick], tick, options.period, bandwidth))
     if not (values or reference):
         poses = desired[:: max(1, len(desired) // 50)]
         loads = np.abs(library.evaluate("gravity", poses, stated.beta)[0]).max(axis=0)
@@ -297,23 +334,8 @@ def simulate_elastic(
     return replace(run, recording=observe(run, options.sensors, rng))
 
 
-def _check_control(
-    robot: Robot, log: PlantLog, desired: FloatArray, *, period: float, bandwidth: float | None
-) -> None:
-    """Refuse a run that went out of control; `desired` (N, n); see `experiment.describe_runaway`."""
-    reach = experiment.compute_reach(robot, desired)
-    lost = ~((np.abs(log.q) < reach) & (np.abs(log.theta) < reach))
-    lost[log.ticks :] = True
-    if np.any(lost):
-        tick = int(np.flatnonzero(np.any(lost, axis=1))[0])
-        raise SolverError(experiment.describe_runaway(robot, lost[tick], tick, period, bandwidth))
-
-
 def _check_experiment(
-    robot: Robot,
-    library: Library,
-    trajectory: ReferenceMotion,
-    options: ElasticExperimentOptions,
+    robot: Robot, library: Library, trajectory: ReferenceMotion, options: ElasticExperimentOptions
 ) -> tuple[FloatArray, MotorGains | None]:
     """Return the control ticks (N,) in s of an experiment that can be run, and gains that are stated."""
     shipped = SHIPPED_GAINS.get(robot.name)
@@ -338,42 +360,164 @@ def _check_experiment(
     return time, gains
 
 
-def _build_order(
+DEFAULT_NOISE = 0.05
+"""N m or N, of rigid robots; elastic ones have noise in proportion to their torques."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorSettings:
+    """Sensors of either kind of robot.
+
+    Args:
+        clean: whether they are perfect: no noise, no encoder steps.
+        noise: standard deviation of the torque, N m or N; None for the default of the kind of robot.
+        delay: of an elastic robot: by how much its link encoders are later than its motor encoders, s.
+        offset: of an elastic robot: what its link encoders read at zero, rad or m.
+    """
+
+    clean: bool = False
+    noise: float | None = None
+    delay: float = 0.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlSettings:
+    """Control of either kind of robot, None for what robot file and inertia give.
+
+    Args:
+        bandwidth: Hz, of gains with critical damping.
+        period: of control and log, s.
+        stiffness, damping: Kp in N m/rad or N/m and Kd in N m s/rad or N s/m of each joint, both or neither.
+    """
+
+    bandwidth: float | None = None
+    period: float | None = None
+    stiffness: tuple[float, ...] | None = None
+    damping: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimulatedLog:
+    """A log, and how it came about.
+
+    Args:
+        recording: what the sensors read.
+        energy_gap: how far work, energy and losses disagree, relative to the work.
+        backend: what computed the motion.
+        details: in plain types: the noise, the controller of a rigid robot, the torsion of an elastic one.
+    """
+
+    recording: Recording
+    energy_gap: float
+    backend: str
+    details: Mapping[str, object]
+
+
+def check_sensor_settings(robot: Robot, sensors: SensorSettings) -> None:
+    """Refuse, by a UsageError, a delay or an offset between encoders for a robot without elastic joints."""
+    if not any(robot.elastic) and (sensors.delay or sensors.offset):
+        text = (
+            f"--delay and --offset are between motor and link encoders, and {robot.name} has no elastic "
+            "joint; leave them out"
+        )
+        raise UsageError(Notice(code="usage.rigid-sensors", text=text))
+
+
+def simulate_log(
     robot: Robot,
     library: Library,
-    values: ElasticValues,
-    gains: MotorGains | None,
-    options: ElasticExperimentOptions,
+    motion: ReferenceMotion,
+    sensors: SensorSettings,
+    rng: np.random.Generator,
     *,
-    desired: FloatArray,
-    reference: MotorReference,
-    rest: RestState,
-) -> PlantExperiment:
-    """Return what the plant is to do; gains that are not given follow from the bandwidth."""
-    for name in ("angle", "speed", "torque"):
-        shape = getattr(reference, name).shape
-        if shape != desired.shape:
-            text = f"reference {name}: expected the shape {desired.shape}, got {shape}"
-            raise UsageError(Notice(code="usage.experiment", text=text))
-    poses = desired[np.linspace(0, len(desired) - 1, _POSES).astype(int)]
-    (mass,) = library.evaluate("mass_matrix", poses, values.beta)
-    if not np.all(np.linalg.eigvalsh(mass) > 0.0):
-        raise SolverError(experiment.describe_massless(robot))
-    gains = gains or compute_gains(
-        mass, values.rotor, options.bandwidth or experiment.BANDWIDTH, options.period
+    control: ControlSettings | None = None,
+) -> SimulatedLog:
+    """Return the log of a robot with all values under PD control along `motion`; `rng` is of the noise."""
+    control = control or ControlSettings()
+    texts = []
+    if (control.stiffness is None) != (control.damping is None):
+        texts.append("give --stiffness and --damping together, one number for each joint")
+    if control.bandwidth is not None and control.stiffness is not None:
+        texts.append("--bandwidth is that of gains that follow from the inertia; give it or the gains")
+    for name in ("stiffness", "damping"):
+        values: tuple[float, ...] = getattr(control, name) or ()
+        if not all(0.0 <= value < np.inf for value in values):
+            texts.append(f"--{name}: expected finite numbers of 0 or more, got {values}")
+    if texts:
+        raise UsageError(*(Notice(code="usage.gains", text=text) for text in texts))
+    if not any(robot.elastic):
+        noise = DEFAULT_NOISE if sensors.noise is None else sensors.noise
+        one = SensorOptions(counts_per_turn=None) if sensors.clean else SensorOptions(torque_noise=(noise,))
+        order = ExperimentOptions(
+            sensors=one,
+            controller=robot.controller,
+            bandwidth=control.bandwidth,
+            period=control.period or PERIOD,
+            stiffness=control.stiffness,
+            damping=control.damping,
+        )
+        rigid = simulate_experiment(robot, library, motion, order, rng)
+        return SimulatedLog(
+            recording=rigid.recording,
+            energy_gap=rigid.energy_gap,
+            backend=rigid.backend,
+            details={"noise": 0.0 if sensors.clean else noise, "controller": asdict(rigid.controller)},
+        )
+    options = build_clean_options() if sensors.clean else build_noisy_options()
+    options = replace(options, bandwidth=control.bandwidth, period=control.period or options.period)
+    if control.stiffness is not None and control.damping is not None:
+        gains = MotorGains(stiffness=control.stiffness, damping=control.damping)
+        options = replace(options, gains=gains)
+    both = replace(options.sensors, delay=sensors.delay, link_offset=(sensors.offset,))
+    if sensors.noise is not None and not sensors.clean:
+        both = replace(both, torque_noise=(sensors.noise,), relative_noise=(0.0,))
+    elastic = simulate_elastic(robot, library, motion, replace(options, sensors=both), rng)
+    return SimulatedLog(
+        recording=elastic.recording,
+        energy_gap=elastic.relative_gap,
+        backend=elastic.backend,
+        details={
+            "noise": both.torque_noise[0],
+            "relative_noise": both.relative_noise[0],
+            "delay": sensors.delay,
+            "offset": sensors.offset,
+            "largest_torsion": abs(elastic.phi).max(axis=0).tolist(),
+        },
     )
-    return PlantExperiment(
-        angle=reference.angle,
-        speed=reference.speed,
-        torque=reference.torque,
-        stiffness=np.array(gains.stiffness),
-        damping=np.array(gains.damping),
-        limit=experiment.get_limits(robot, "torque"),
-        step=get_encoder_turns(robot) / (options.control_counts or np.inf),
-        period=options.period,
-        substeps=count_substeps(library, values, poses, period=options.period, step=options.step),
-        parts=options.parts,
-        q=desired[0],
-        theta=desired[0] + rest.phi,
-        play=rest.play,
-    )
+
+
+def _list_gaps(part: Joint | Coupling) -> Iterator[str]:
+    """Yield the values that a joint or a coupling does not state."""
+    if isinstance(part, Coupling):
+        if part.has_rotor and part.rotor_inertia is None:
+            yield "the rotor_inertia"
+    else:
+        if part.inertial is None:
+            yield "[joint.link] mass, com and inertia"
+        if part.drive.has_rotor and part.drive.rotor_inertia is None:
+            yield "the rotor_inertia of [joint.drive]"
+        if part.spring is not None and None in (part.spring.stiffness, part.spring.rest):
+            yield "stiffness and rest of [joint.spring]"
+        if part.elasticity is not None and part.elasticity.initial_stiffness is None:
+            yield "the stiffness of [joint.elasticity] and of its stops"
+        if part.elasticity is not None and not part.drive.has_rotor:
+            yield "the rotor_inertia of [joint.drive], which an elastic joint needs"
+    if part.friction.law != NO_FRICTION and part.friction.values is None:
+        yield f"the values of friction {part.friction.law}"
+
+
+def check_stated_values(robot: Robot) -> None:
+    """Refuse a robot that cannot be simulated before minutes go into its derivation.
+
+    Raises:
+        RobotError: its file lacks values.
+        UsageError: only some of its joints are elastic.
+    """
+    if any(robot.elastic):
+        refuse_rigid_joints(robot)
+    lacking = [f"joint '{joint.name}': {gap}" for joint in robot.joints for gap in _list_gaps(joint)]
+    lacking += [f"coupling '{one.name}': {gap}" for one in robot.couplings for gap in _list_gaps(one)]
+    if lacking:
+        text = f"cannot be simulated, these values are not stated: {'; '.join(lacking)}"
+        raise RobotError(Notice(code="robot.no-values", text=text, file=robot.path))

@@ -21,13 +21,7 @@ from typing import final
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import (
-    Library,
-    ModelCard,
-    PlantExperiment,
-    PlantLog,
-    PlantRobot,
-)
+from symid.codegen import Library, ModelCard, PlantExperiment, PlantLog, PlantRobot
 from symid.errors import Notice, SolverError, UsageError
 from symid.joint_models import (
     REFERENCE_TEMPERATURE,
@@ -40,11 +34,8 @@ from symid.joint_models import (
     list_element_values,
     start_states,
 )
-from symid.robot import (
-    Robot,
-)
+from symid.robot import Robot
 from symid.simulation.rigid_plant import (
-    Bristles,
     BristleStride,
     RigidPlantState,
     build_bristles,
@@ -370,7 +361,14 @@ class _ElasticStepper:
 
     def step(self, x: FloatArray, memory: FloatArray, torque: FloatArray, h: float) -> FloatArray:
         push, z = self.compute_springs(x, memory), self.z
-        bend = self._begin(x, push, torque, h)
+        if self._bristles is None:
+            bend = None
+        else:
+            # A motor at rest goes where it is pushed.
+            spin = self._compute_slope(x, push, torque, self.z)[3]
+            modes = np.where(np.where(x[3] == 0.0, spin, x[3]) < 0.0, -1, 1)
+            state = RigidPlantState(q=x[2], dq=x[3], modes=tuple(modes.tolist()), bristles=self.z)
+            bend = BristleStride(self._bristles, state, h)
 
         def find_slope(y: FloatArray, passed: float) -> FloatArray:
             bent = z if bend is None else bend.move(y[2] - x[2], y[3])
@@ -384,15 +382,6 @@ class _ElasticStepper:
         if bend is not None:
             self.bent = bend.move(after[2] - x[2], after[3])
         return after
-
-    def _begin(self, x: FloatArray, push: FloatArray, torque: FloatArray, h: float) -> BristleStride | None:
-        """Return the step of the bristles; a motor at rest goes where it is pushed."""
-        if self._bristles is None:
-            return None
-        spin = self._compute_slope(x, push, torque, self.z)[3]
-        modes = np.where(np.where(x[3] == 0.0, spin, x[3]) < 0.0, -1, 1)
-        state = RigidPlantState(q=x[2], dq=x[3], modes=tuple(modes.tolist()), bristles=self.z)
-        return BristleStride(self._bristles, state, h)
 
     def bends(self, x: FloatArray, after: FloatArray, memory: FloatArray) -> bool:
         if self._bristles is not None and bool(np.any((x[3] * after[3] < 0.0) & self._bristles.joints)):
@@ -485,15 +474,6 @@ def simulate_plant(
     return PlantRun(log=plant.run(library, robot, order), backend="c", notices=notices)
 
 
-def _find_bristle_rate(bristles: Bristles, rotor: FloatArray) -> float:
-    """Return the largest rate, 1/s, at which motors of inertia `rotor` (n,) swing or settle on bristles."""
-    stiffness = np.bincount(bristles.owner, bristles.stiffness, minlength=len(rotor))
-    slow, straight = np.full(len(rotor), _SMALL), np.zeros(len(bristles.owner))
-    offset = bristles.compute_torque(np.zeros(len(rotor)), straight)
-    damping = (bristles.compute_torque(slow, straight) - offset) / _SMALL
-    return float(max(np.sqrt(stiffness / rotor).max(), np.max(damping / rotor)))
-
-
 def count_substeps(
     library: Library, values: ElasticValues, poses: FloatArray, *, period: float, step: float
 ) -> int:
@@ -519,7 +499,13 @@ def count_substeps(
         bristles = build_bristles(library, values.friction)
         if bristles is not None:
             drag = drag * ~bristles.joints
-            rate = max(rate, _find_bristle_rate(bristles, values.rotor))
+            # Motors swing or settle on bristles.
+            rotor = values.rotor
+            stiffness = np.bincount(bristles.owner, bristles.stiffness, minlength=len(rotor))
+            slow, straight = np.full(len(rotor), _SMALL), np.zeros(len(bristles.owner))
+            offset = bristles.compute_torque(np.zeros(len(rotor)), straight)
+            damping = (bristles.compute_torque(slow, straight) - offset) / _SMALL
+            rate = max(rate, float(max(np.sqrt(stiffness / rotor).max(), np.max(damping / rotor))))
         ahead, back = np.split(np.asarray(drag), 2)
         slope = np.diagonal(ahead - back) / (2.0 * _SMALL)
         rate = max(rate, float(np.max(slope / values.rotor)))

@@ -377,7 +377,25 @@ def simulate_experiment(
     encoder = get_encoder_turns(robot) / (options.sensors.counts_per_turn or np.inf)
     desired, speeds, _ = trajectory.evaluate(times)
     law, bandwidth, notices = _complete_controller(robot, library, plant, desired, options)
-    order = _build_order(robot, plant, law, (desired, speeds), options, encoder=encoder)
+    # What the plant is to do, from rest at the first pose.
+    order = RigidExperiment(
+        position=desired,
+        speed=speeds * float(law.velocity == "error"),
+        torque=np.broadcast_to(np.array(law.offset), desired.shape),
+        stiffness=np.array(law.stiffness),
+        damping=np.array(law.damping),
+        limit=get_limits(robot, "torque"),
+        step=encoder,
+        reach=compute_reach(robot, desired),
+        period=options.period,
+        substeps=options.substeps,
+        blend=_compute_blend(law, options.period),
+        sensed=law.velocity_source == "sensor",
+        q=desired[0],
+        dq=np.zeros(plant.size),
+        measured=quantise(desired[0], encoder),
+        velocity=np.zeros(plant.size),
+    )
     move = partial(_run_plant, robot, library, plant, law=law, bandwidth=bandwidth)
     try:
         run = move(order)
@@ -387,7 +405,7 @@ def simulate_experiment(
         # Steps as long as their error allows.
         run = move(replace(order, controlled=True))
     check_friction_at_speeds(plant.friction, library.card.joints, run.dq)
-    poses = desired[_choose_samples(desired)]
+    poses = desired[np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(np.int64)]
     weight = np.abs([plant.compute_weight(pose) for pose in poses]).max(axis=0)
     check_following(robot, run.q, desired, run.torque, weight)
     # The mean of the torques before and after each tick; nothing was held before the first.
@@ -408,38 +426,6 @@ def simulate_experiment(
 
 _OF_STEPS = ("simulate.energy", "simulate.not-finite")
 """Codes of what shorter steps may mend."""
-
-
-def _build_order(
-    robot: Robot,
-    plant: RigidPlant,
-    law: Controller,
-    reference: tuple[FloatArray, FloatArray],
-    options: ExperimentOptions,
-    *,
-    encoder: FloatArray,
-) -> RigidExperiment:
-    """Return what the plant is to do, from rest at the first pose."""
-    desired, speeds = reference
-    size = plant.size
-    return RigidExperiment(
-        position=desired,
-        speed=speeds * float(law.velocity == "error"),
-        torque=np.broadcast_to(np.array(law.offset), desired.shape),
-        stiffness=np.array(law.stiffness),
-        damping=np.array(law.damping),
-        limit=get_limits(robot, "torque"),
-        step=encoder,
-        reach=compute_reach(robot, desired),
-        period=options.period,
-        substeps=options.substeps,
-        blend=_compute_blend(law, options.period),
-        sensed=law.velocity_source == "sensor",
-        q=desired[0],
-        dq=np.zeros(size),
-        measured=quantise(desired[0], encoder),
-        velocity=np.zeros(size),
-    )
 
 
 def _compute_blend(law: Controller, period: float) -> float:
@@ -529,25 +515,6 @@ def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: flo
     return True
 
 
-def _choose_samples(desired: FloatArray) -> NDArray[np.int64]:
-    """Return the rows of `desired` (N, n) at which the robot is examined."""
-    return np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(np.int64)
-
-
-def _compute_inertias(
-    robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return M (K, n, n) along the motion, and 1 / (M^-1)_jj (K, n): what a joint feels, others free."""
-    (mass,) = library.evaluate("mass_matrix", desired[_choose_samples(desired)], plant.beta)
-    try:
-        inertias: FloatArray = 1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2)
-    except np.linalg.LinAlgError as error:
-        raise SolverError(describe_massless(robot)) from error
-    if not (np.all(np.isfinite(inertias)) and np.all(np.linalg.eigvalsh(mass) > 0.0)):
-        raise SolverError(describe_massless(robot))
-    return mass, inertias
-
-
 def _complete_controller(
     robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
 ) -> tuple[Controller, float | None, tuple[Notice, ...]]:
@@ -556,7 +523,14 @@ def _complete_controller(
     Kp = w^2 J, Kd = 2 w J, J the mean effective inertia. Where these sampled loops are not stable along the
     motion, J is the lowest one, viscous friction D adds w D to Kp, and w is lowered until they are.
     """
-    mass, inertias = _compute_inertias(robot, library, plant, desired)
+    poses = desired[np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(np.int64)]
+    (mass,) = library.evaluate("mass_matrix", poses, plant.beta)
+    try:
+        inertias: FloatArray = 1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2)
+    except np.linalg.LinAlgError as error:
+        raise SolverError(describe_massless(robot)) from error
+    if not (np.all(np.isfinite(inertias)) and np.all(np.linalg.eigvalsh(mass) > 0.0)):
+        raise SolverError(describe_massless(robot))
     given = options.controller or Controller(
         stiffness=(), damping=(), velocity_filter=options.velocity_filter
     )
@@ -588,23 +562,9 @@ def _complete_controller(
             return first, BANDWIDTH, ()
         found = build(bandwidth, lowest, viscous)
     stable = options.bandwidth is None or _is_stable(plant, mass, found, options.period)
-    notice = _describe_gains(robot, inertias, (first, found), bandwidth, options, stable=stable)
-    return found, bandwidth, (notice,)
-
-
-def _describe_gains(
-    robot: Robot,
-    inertias: FloatArray,
-    laws: tuple[Controller, Controller],
-    bandwidth: float,
-    options: ExperimentOptions,
-    *,
-    stable: bool,
-) -> Notice:
-    """Return the notice on gains that differ from those of the mean inertia ; `laws`: those, these."""
     lowest, asked = inertias.min(axis=0), options.bandwidth or BANDWIDTH
     joint = int(np.argmax(inertias.max(axis=0) / lowest))
-    (before, after), name = ([law.stiffness[joint] for law in laws], robot.axes[joint].name)
+    (before, after), name = ([law.stiffness[joint] for law in (first, found)], robot.axes[joint].name)
     change = (
         f"was lowered from {asked:g} Hz to {bandwidth:.3g} Hz" if bandwidth < asked else f"is {asked:g} Hz"
     )
@@ -618,4 +578,5 @@ def _describe_gains(
         f"is {after:.3g} instead of {before:.3g} N m/rad or N/m. A shorter --period allows more; --bandwidth "
         "or --stiffness and --damping set other gains"
     )
-    return Notice(code="simulate.bandwidth", text=text)
+    notice = Notice(code="simulate.bandwidth", text=text)
+    return found, bandwidth, (notice,)

@@ -654,7 +654,7 @@ class RigidPlant:
                 state = after
                 left *= 1.0 - share * (taken / left)
                 if state.events - events > _MOST_EVENTS:
-                    raise SolverError(_describe_chatter(state.q, duration))
+                    raise SolverError(_describe_failure("chatter", state.q, duration))
                 if tries > _MOST_STRIDES * substeps:
                     raise SolverError(self.describe_steep(duration, _MOST_STRIDES))
         return state
@@ -798,7 +798,7 @@ class RigidPlant:
                 break
             modes[wrong[0]] = int(better[wrong[0]])
         else:
-            raise SolverError(_describe_unsettled(state.q))
+            raise SolverError(_describe_failure("unsettled", state.q, 0.0))
         if self.bristles is not None:
             modes = [mode or int(bends) for mode, bends in zip(modes, self.bristles.joints, strict=True)]
         return replace(state, modes=tuple(modes))
@@ -856,23 +856,21 @@ class RigidPlant:
         return share
 
 
-def _describe_chatter(q: FloatArray, duration: float) -> Notice:
+def _describe_failure(end: str, q: FloatArray, duration: float) -> Notice:
+    """Return the notice on a motion that ended as "chatter" or "unsettled" at `q`, within `duration` in s."""
     pose = ", ".join(f"{value:.3g}" for value in q.tolist())
-    text = (
-        f"joints came to rest more than {_MOST_EVENTS} times within {duration:g} s, at q = {pose}; lower the "
-        "control gains or the friction, or shorten the control period"
-    )
-    return Notice(code="simulate.chatter", text=text)
-
-
-def _describe_unsettled(q: FloatArray) -> Notice:
-    pose = ", ".join(f"{value:.3g}" for value in q.tolist())
-    text = (
-        f"at q = {pose} no choice of joints that rest and joints that slide fits the torques: the mass "
-        "matrix is not positive definite there, or friction grows with the load too much; correct the "
-        "masses, inertias and friction of the robot"
-    )
-    return Notice(code="simulate.unsettled", text=text)
+    if end == "chatter":
+        text = (
+            f"joints came to rest more than {_MOST_EVENTS} times within {duration:g} s, at q = {pose}; lower "
+            "the control gains or the friction, or shorten the control period"
+        )
+    else:
+        text = (
+            f"at q = {pose} no choice of joints that rest and joints that slide fits the torques: the mass "
+            "matrix is not positive definite there, or friction grows with the load too much; correct the "
+            "masses, inertias and friction of the robot"
+        )
+    return Notice(code=f"simulate.{end}", text=text)
 
 
 def quantise(values: FloatArray, step: FloatArray) -> FloatArray:
@@ -953,48 +951,42 @@ def _run_once(
     names = [*RIGID_FUNCTIONS, *(("friction",) if cards else ()), *(("friction_step",) * bool(plant.memory))]
     code, notices = find_compiled_plant(library, names, "rigid", compiler=compiler)
     if code is None:
-        log = _control_in_numpy(plant, order)
+        # Equal to the compiled plant within the error of its steps.
+        modes = tuple(int(side) for side in np.sign(order.dq))
+        state = replace(build_rest_state(order.q, plant.memory), dq=order.dq, modes=modes)
+        measured, velocity, end = order.measured, order.velocity, "well"
+        states, torques = [], []
+        for k, wanted in enumerate(order.position):
+            before, measured = measured, quantise(state.q, order.step)
+            raw = state.dq if order.sensed else (measured - before) / order.period
+            velocity = velocity + order.blend * (raw - velocity)
+            pull = order.torque[k] + order.stiffness * (wanted - measured)
+            demand = pull + order.damping * (order.speed[k] - velocity)
+            torques.append(np.minimum(np.maximum(demand, -order.limit), order.limit))
+            states.append(state)
+            if not (np.all(np.abs(state.q - wanted) < order.reach) and np.all(np.isfinite(state.dq))):
+                end = "away"
+                break
+            if k + 1 < len(order.position):
+                # A loop that runs away overflows within a period, and is refused at its end.
+                with np.errstate(over="ignore", invalid="ignore"):
+                    state = plant.advance(
+                        state, torques[-1], order.period, order.substeps, controlled=order.controlled
+                    )
+        log = RigidLog(
+            q=np.array([state.q for state in states]),
+            dq=np.array([state.dq for state in states]),
+            torque=np.array(torques),
+            z=np.array([state.bristles for state in states]),
+            work=np.array([state.work for state in states]),
+            lost=np.array([state.dissipation for state in states]),
+            end=end,
+            events=state.events,
+        )
     else:
         log = code.run_rigid(library, plant.describe(friction), order)
-    if log.end == "chatter":
-        raise SolverError(_describe_chatter(log.q[-1], order.period))
+    if log.end in {"chatter", "unsettled"}:
+        raise SolverError(_describe_failure(log.end, log.q[-1], order.period))
     if log.end == "steep":
         raise SolverError(plant.describe_steep(order.period, _COMPILED_STRIDES))
-    if log.end == "unsettled":
-        raise SolverError(_describe_unsettled(log.q[-1]))
     return RigidPlantRun(log=log, backend="python" if code is None else "c", notices=notices)
-
-
-def _control_in_numpy(plant: RigidPlant, order: RigidExperiment) -> RigidLog:
-    """Return the motion, equal to that of the compiled plant within the error of its steps."""
-    modes = tuple(int(side) for side in np.sign(order.dq))
-    state = replace(build_rest_state(order.q, plant.memory), dq=order.dq, modes=modes)
-    measured, velocity, end = order.measured, order.velocity, "well"
-    states, torques = [], []
-    for k, wanted in enumerate(order.position):
-        before, measured = measured, quantise(state.q, order.step)
-        raw = state.dq if order.sensed else (measured - before) / order.period
-        velocity = velocity + order.blend * (raw - velocity)
-        pull = order.torque[k] + order.stiffness * (wanted - measured)
-        demand = pull + order.damping * (order.speed[k] - velocity)
-        torques.append(np.minimum(np.maximum(demand, -order.limit), order.limit))
-        states.append(state)
-        if not (np.all(np.abs(state.q - wanted) < order.reach) and np.all(np.isfinite(state.dq))):
-            end = "away"
-            break
-        if k + 1 < len(order.position):
-            # A loop that runs away overflows within a period, and is refused at its end.
-            with np.errstate(over="ignore", invalid="ignore"):
-                state = plant.advance(
-                    state, torques[-1], order.period, order.substeps, controlled=order.controlled
-                )
-    return RigidLog(
-        q=np.array([state.q for state in states]),
-        dq=np.array([state.dq for state in states]),
-        torque=np.array(torques),
-        z=np.array([state.bristles for state in states]),
-        work=np.array([state.work for state in states]),
-        lost=np.array([state.dissipation for state in states]),
-        end=end,
-        events=state.events,
-    )

@@ -3,22 +3,20 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.study.elastic_held_out import (
-        ManyJointsResult as ManyJointsResult,
-        TrackingStudy as TrackingStudy,
-        study_many_joints as study_many_joints,
-        study_tracking as study_tracking,
-    )
     from symid.study.elastic_methods import (
         DatasetStudy as DatasetStudy,
         ElasticStudy as ElasticStudy,
+        ManyJointsResult as ManyJointsResult,
         SensorCondition as SensorCondition,
+        TrackingStudy as TrackingStudy,
         compute_hysteresis_errors as compute_hysteresis_errors,
         compute_parameter_error as compute_parameter_error,
         get_true_parameters as get_true_parameters,
         observe_runs as observe_runs,
         simulate_runs as simulate_runs,
         study_elastic as study_elastic,
+        study_many_joints as study_many_joints,
+        study_tracking as study_tracking,
     )
     from symid.study.foreign_truths import (
         TRUTHS as TRUTHS,
@@ -41,6 +39,8 @@ if TYPE_CHECKING:
         TABLE_4 as TABLE_4,
         AgreementStudy as AgreementStudy,
         EstimatorComparison as EstimatorComparison,
+        FrictionCheck as FrictionCheck,
+        FrictionStudy as FrictionStudy,
         GainStudy as GainStudy,
         RecoveredParameter as RecoveredParameter,
         Recovery as Recovery,
@@ -49,10 +49,6 @@ if TYPE_CHECKING:
         build_recovery_scene as build_recovery_scene,
         build_sweep_scene as build_sweep_scene,
         draw_samples as draw_samples,
-    )
-    from symid.study.friction_tables import (
-        FrictionCheck as FrictionCheck,
-        FrictionStudy as FrictionStudy,
         study_friction as study_friction,
     )
     from symid.study.rigid_methods import (

@@ -248,30 +248,30 @@ def _advance_spring(plant: "_Plant", before: _Spring, phi: FloatArray) -> _Sprin
     What stops hold when the torsion leaves the springs is friction across the gap.
     """
     p, has, step = plant.hidden, plant.has, plant.step
-    x = phi - np.minimum(np.maximum(phi, -p.gap), p.gap) if has.gap else phi
+    x = phi - np.minimum(np.maximum(phi, -p.gap), p.gap) if "gap" in has else phi
     dx = x - before.x
     limit = p.thresholds
-    if has.rise:
+    if "rise" in has:
         limit = limit * (1.0 + p.rise * np.exp(-np.abs(dx) / (step * p.slip_speed)))[..., None]
     trial = before.stops + dx[..., None]
     level = np.minimum(np.maximum(trial, -limit), limit)
     stops = level + (trial - level) * plant.kept
     pulls, square = p.stops * stops, x * x
     torque, stiffness = p.linear * x, p.linear
-    if has.cubic:
+    if "cubic" in has:
         torque, stiffness = torque + p.cubic * x**3, stiffness + 0.5 * p.cubic * square
     torque = torque + pulls.sum(axis=-1)
     slip = p.stops * (trial - stops)
     stored = 0.5 * square * stiffness + 0.5 * (pulls * stops).sum(axis=-1)
     loss = (slip * stops).sum(axis=-1)
-    if has.slope:
+    if "slope" in has:
         # int knee dx = knee^2 / (2 slope K) + int (knee / K) d(slip), K the stiffness of springs and stops.
         knee = p.slope * (torque - np.minimum(np.maximum(torque, -p.knee), p.knee))
         stored += 0.5 * knee * knee / (plant.whole * np.maximum(p.slope, 1e-9))
         loss += knee / plant.whole * slip.sum(axis=-1)
         torque = torque + knee
     inner, stretch = before.inner, before.stretch
-    if has.hysteretic:
+    if "hysteretic" in has:
         part, turning = dx / p.width, _LOADING * np.sign(dx)
         middle = inner + 0.5 * part * (1.0 - _bend(p, inner, turning))
         bent = _bend(p, middle, turning)
@@ -279,7 +279,7 @@ def _advance_spring(plant: "_Plant", before: _Spring, phi: FloatArray) -> _Sprin
         torque = torque + p.hysteretic * p.width * inner
         stored += 0.5 * p.hysteretic * (p.width * inner) ** 2
         loss += p.hysteretic * p.width * middle * dx * bent
-    if has.branch:
+    if "branch" in has:
         # It relaxes for half a step before dx, and for half a step after.
         decay = np.exp(-0.5 * step / p.delay)
         middle = stretch * decay + 0.5 * dx
@@ -287,7 +287,7 @@ def _advance_spring(plant: "_Plant", before: _Spring, phi: FloatArray) -> _Sprin
         torque = torque + p.branch * stretch
         stored += 0.5 * p.branch * stretch**2
         loss += p.branch * middle**2 * step / p.delay
-    if has.gap:
+    if "gap" in has:
         loss += torque * (phi - before.phi - dx)
     return _Spring(phi, x, stops, inner, stretch, torque, stored, loss)
 
@@ -315,11 +315,11 @@ def _kick_motor(plant: "_Plant", before: _Motor, net: FloatArray) -> _Motor:
     speed = before.speed
     guess = speed + 0.5 * step * before.acceleration
     level = p.coulomb
-    if has.static:
+    if "static" in has:
         level = level + p.static * np.exp(-((guess / p.stribeck) ** 2))
     bristle, dry, rest = before.bristle, level, np.zeros_like(level)
     stored, lost = rest, rest
-    if has.bristle:
+    if "bristle" in has:
         stiffness = np.maximum(p.bristle, 1.0)
         rate, steady = stiffness * np.abs(guess) / level, np.sign(speed) * level / stiffness
         # From the middle of the last step to that of this one: the speed at its start is the mean one.
@@ -339,20 +339,6 @@ def _kick_motor(plant: "_Plant", before: _Motor, net: FloatArray) -> _Motor:
     return _Motor(after, (after - speed) / step, bristle, mean, stored, lost * step)
 
 
-def _build_commands(
-    arm: Arm, links: FloatArray, motions: Sequence[ForeignMotion], ticks: int
-) -> tuple[FloatArray, ...]:
-    """Return angle, speed and torque (N, R, n) that the motors are asked for; the last tick is repeated."""
-    found = []
-    for motion in motions:
-        mass, bias, _ = _compute_links(links, motion.q, motion.dq)
-        torque = (mass @ motion.ddq[:, :, None])[:, :, 0] + bias
-        torque += arm.rotor * motion.ddq + arm.viscous * motion.dq
-        last = np.minimum(np.arange(ticks), len(motion.time) - 1)
-        found.append((motion.q[last], motion.dq[last], torque[last]))
-    return tuple(np.stack(parts, axis=1) for parts in zip(*found, strict=True))
-
-
 class _PlantState(NamedTuple):
     """The plant at the end of a step; `pull` is ddq at its middle, `applied` the torque of the motors."""
 
@@ -367,33 +353,12 @@ class _PlantState(NamedTuple):
     held: FloatArray
 
 
-def _start_plant(p: HiddenJoints) -> _PlantState:
-    zero = np.zeros(p.linear.shape)
-    spring = _Spring(zero, zero, np.zeros(p.stops.shape), zero, zero, zero, zero, zero)
-    held = -p.ripple.sum(axis=1) / _TEETH
-    motor = _Motor(zero, zero, zero, zero, zero, zero)
-    return _PlantState(zero, zero, zero, zero, zero, spring, motor, np.zeros((2, len(zero))), held)
-
-
-class _HiddenParts(NamedTuple):
-    """Which parts any joint of any run has; `teeth`: ripple or kinematic errors."""
-
-    gap: bool
-    cubic: bool
-    rise: bool
-    slope: bool
-    hysteretic: bool
-    branch: bool
-    static: bool
-    bristle: bool
-    teeth: bool
-
-
 class _Plant(NamedTuple):
     """What does not change, of runs side by side.
 
     Args:
-        links: see `_build_links`. step: s.
+        links: see `_build_links`. step: s. has: which parts any joint of any run has, "teeth" for ripple or
+            kinematic errors.
         late: (R, n), what a lag leaves of a torque in half a step; kept: (R, n, 3), what slipping stops keep
             of their excess in a step. whole: (R, n) N m/rad, springs and stops.
         share, brake: (R, n), h / (2 J) and 1 + Fv h / (2 J) of the motors.
@@ -401,7 +366,7 @@ class _Plant(NamedTuple):
 
     links: FloatArray
     hidden: HiddenJoints
-    has: _HiddenParts
+    has: frozenset[str]
     step: float
     rotor: FloatArray
     late: FloatArray
@@ -411,32 +376,13 @@ class _Plant(NamedTuple):
     brake: FloatArray
 
 
-def _build_plant(arm: Arm, hidden: Sequence[HiddenJoints], step: float) -> _Plant:
-    names = [entry.name for entry in fields(HiddenJoints)]
-    p = HiddenJoints(**{name: np.stack([getattr(part, name) for part in hidden]) for name in names})
-    share, has = 0.5 * step / arm.rotor, {name: bool(getattr(p, name).any()) for name in names}
-    parts = {name: has[name] for name in _HiddenParts._fields if name in has}
-    return _Plant(
-        links=_build_links(arm),
-        hidden=p,
-        has=_HiddenParts(**parts, teeth=has["ripple"] or has["kinematic"]),
-        step=step,
-        rotor=arm.rotor,
-        late=np.where(p.lag > 0.0, np.exp(-0.5 * step / np.where(p.lag > 0.0, p.lag, 1.0)), 0.0),
-        kept=np.exp(-p.attraction * step)[..., None],
-        whole=p.linear + p.stops.sum(axis=-1),
-        share=share,
-        brake=1.0 + share * p.viscous,
-    )
-
-
 def _advance_plant(plant: _Plant, s: _PlantState, command: FloatArray) -> _PlantState:
     """Return the plant a step later."""
     p, step = plant.hidden, plant.step
     theta = s.theta + 0.5 * step * s.motor.speed
     q: FloatArray = s.q + 0.5 * step * s.dq
     torque = command + (s.applied - command) * plant.late
-    if plant.has.teeth:
+    if "teeth" in plant.has:
         wave, swing = np.sin(_TEETH * theta), np.cos(_TEETH * theta)
         spring = _advance_spring(plant, s.spring, theta + p.kinematic * wave - q)
         net = torque - (1.0 + _TEETH * p.kinematic * swing) * spring.torque - p.ripple * wave
@@ -470,10 +416,40 @@ def simulate_plant_runs(
     Kp = w^2 J with w = 2 pi 12 Hz, from an encoder of 20 bits, every millisecond of `substeps` steps.
     """
     ticks, step = max(len(motion.time) for motion in motions), PERIOD / substeps
-    plant, rest = _build_plant(arm, hidden, step), np.zeros((1, arm.size))
+    names = [entry.name for entry in fields(HiddenJoints)]
+    p = HiddenJoints(**{name: np.stack([getattr(part, name) for part in hidden]) for name in names})
+    share = 0.5 * step / arm.rotor
+    has = {name for name in names if getattr(p, name).any()}
+    has |= {"teeth"} if has & {"ripple", "kinematic"} else set()
+    plant = _Plant(
+        links=_build_links(arm),
+        hidden=p,
+        has=frozenset(has),
+        step=step,
+        rotor=arm.rotor,
+        late=np.where(p.lag > 0.0, np.exp(-0.5 * step / np.where(p.lag > 0.0, p.lag, 1.0)), 0.0),
+        kept=np.exp(-p.attraction * step)[..., None],
+        whole=p.linear + p.stops.sum(axis=-1),
+        share=share,
+        brake=1.0 + share * p.viscous,
+    )
+    rest = np.zeros((1, arm.size))
     effective = arm.rotor + np.diag(_compute_links(plant.links, rest, rest)[0][0])
-    angle, rate, feed = _build_commands(arm, plant.links, motions, ticks)
-    state, shape = _start_plant(plant.hidden), plant.hidden.linear.shape
+    found = []
+    for motion in motions:
+        mass, bias, _ = _compute_links(plant.links, motion.q, motion.dq)
+        torque = (mass @ motion.ddq[:, :, None])[:, :, 0] + bias
+        torque += arm.rotor * motion.ddq + arm.viscous * motion.dq
+        last = np.minimum(np.arange(ticks), len(motion.time) - 1)
+        found.append((motion.q[last], motion.dq[last], torque[last]))
+    # What the motors are asked for, (N, R, n); the last tick is repeated.
+    angle, rate, feed = (np.stack(part, axis=1) for part in zip(*found, strict=True))
+    zero = np.zeros(p.linear.shape)
+    spring = _Spring(zero, zero, np.zeros(p.stops.shape), zero, zero, zero, zero, zero)
+    held = -p.ripple.sum(axis=1) / _TEETH
+    motor = _Motor(zero, zero, zero, zero, zero, zero)
+    sums, shape = np.zeros((2, len(zero))), zero.shape
+    state = _PlantState(zero, zero, zero, zero, zero, spring, motor, sums, held)
     log, energy = np.zeros((6, ticks, *shape)), np.zeros((3, ticks, len(motions)))
     for tick in range(ticks):
         motor, lag = state.motor, angle[tick] - np.round(state.theta / ENCODER_STEP) * ENCODER_STEP

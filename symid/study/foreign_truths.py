@@ -139,35 +139,7 @@ def _build_lugre(arm: Arm, size: float) -> dict[str, FloatArray]:
     }
 
 
-def _build_ripple(arm: Arm, size: float) -> dict[str, FloatArray]:
-    return {"ripple": 0.1 * size * arm.coulomb, "kinematic": np.full(arm.size, 1e-4 * size)}
-
-
-def _build_delays(arm: Arm, size: float) -> dict[str, FloatArray]:
-    return {"lag": np.full(arm.size, 1e-3 * size), "encoder_lag": np.full(arm.size, 0.5e-3 * size)}
-
-
-def _build_branch(arm: Arm, size: float) -> dict[str, FloatArray]:
-    return {"branch": 0.15 * size * arm.stiffness, "delay": np.full(arm.size, 0.02)}
-
-
-def _build_maxwell_slip(arm: Arm, size: float) -> dict[str, FloatArray]:
-    one = np.ones(arm.size)
-    return {"rise": 0.4 * size * one, "slip_speed": 0.01 * one, "attraction": 200.0 * one, "slope": 0.0 * one}
-
-
-def _build_all(arm: Arm, size: float) -> dict[str, FloatArray]:
-    parts = (
-        _build_bouc_wen(arm, size, 0.2),
-        _build_branch(arm, size),
-        _build_lugre(arm, size),
-        _build_ripple(arm, size),
-        _build_delays(arm, size),
-        {"eccentricity": np.full(arm.size, 5e-4 * size)},
-    )
-    return {name: value for part in parts for name, value in part.items()}
-
-
+_TOGETHER = ("asymmetric-bouc-wen", "viscoelastic", "lugre", "ripple", "delays", "eccentricity")
 TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
     "family": lambda arm, size: {
         name: value for name, value in _build_family(arm, 0.4 * size).items() if name in {"linear", "stops"}
@@ -175,17 +147,33 @@ TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
     "bouc-wen": _build_bouc_wen,
     "asymmetric-bouc-wen": lambda arm, size: _build_bouc_wen(arm, size, 0.2),
     "backlash": lambda arm, size: {"gap": np.full(arm.size, 2e-4 * size)},
-    "viscoelastic": _build_branch,
-    "maxwell-slip": _build_maxwell_slip,
+    "viscoelastic": lambda arm, size: {
+        "branch": 0.15 * size * arm.stiffness,
+        "delay": np.full(arm.size, 0.02),
+    },
+    "maxwell-slip": lambda arm, size: {
+        "rise": np.full(arm.size, 0.4 * size),
+        "slip_speed": np.full(arm.size, 0.01),
+        "attraction": np.full(arm.size, 200.0),
+        "slope": np.zeros(arm.size),
+    },
     "cubic": lambda arm, size: {"cubic": 0.4 * size * arm.stiffness / 8e-3**2, "slope": np.zeros(arm.size)},
     "lugre": _build_lugre,
     "dahl": lambda arm, size: {"bristle": arm.coulomb / (2e-3 * size)},
     "sharp-coulomb": lambda arm, size: {"smoothing": np.full(arm.size, 1e-3 / size)},
     "stribeck": lambda arm, size: {"static": 0.6 * size * arm.coulomb, "stribeck": np.full(arm.size, 0.1)},
-    "ripple": _build_ripple,
+    "ripple": lambda arm, size: {
+        "ripple": 0.1 * size * arm.coulomb,
+        "kinematic": np.full(arm.size, 1e-4 * size),
+    },
     "eccentricity": lambda arm, size: {"eccentricity": np.full(arm.size, 5e-4 * size)},
-    "delays": _build_delays,
-    "all-together": _build_all,
+    "delays": lambda arm, size: {
+        "lag": np.full(arm.size, 1e-3 * size),
+        "encoder_lag": np.full(arm.size, 0.5e-3 * size),
+    },
+    "all-together": lambda arm, size: {
+        name: value for truth in _TOGETHER for name, value in TRUTHS[truth](arm, size).items()
+    },
 }
 """What differs from stops and knees with plain friction, by the size of the difference."""
 

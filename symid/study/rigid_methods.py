@@ -82,7 +82,28 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
     from symid.codegen import prepare_library
 
     library, bodies = prepare_library(robot, backend=backend), build_bodies(robot)
-    truth = _get_truth(library, bodies)
+    from symid.dynamics import compute_standard_parameters
+
+    stated = [entry.value for entry in (*library.card.beta, *library.card.friction)]
+    known = [value for value in stated if value is not None]
+    if len(known) == len(stated):
+        truth = np.array(known)
+    else:
+        # Else the parameters of clouds of points about bodies of any mass.
+        rng, clouds = np.random.default_rng(0), []
+        for index, body in enumerate(build_pseudo_inertias(bodies.stated)):
+            shape = body / body[3, 3]
+            centre = shape[:3, 3]
+            root = np.linalg.cholesky(shape[:3, :3] - np.outer(centre, centre))
+            points = centre + rng.normal(size=(_POINTS, 3)) @ root.T
+            extended = np.column_stack([points, np.ones(_POINTS)])
+            mass = _HEAVY * (len(bodies.stated) - index) / len(bodies.stated)
+            clouds.append(mass / _POINTS * extended.T @ extended)
+        pi = compute_standard_parameters(np.array(clouds))
+        values: FloatArray = np.einsum("pnk,nk->p", bodies.links, pi)
+        # Rotors as heavy as a tenth of a first link's; friction of one in its unit; no offsets.
+        values = values + bodies.positive @ np.full(bodies.positive.shape[1], 0.1)
+        truth = values + bodies.bounded @ np.ones(bodies.bounded.shape[1])
     time = freeze(_PERIOD * np.arange(round(DURATION / _PERIOD) + 1))
     plain = Processing()
     parts: dict[str, list[Rows]] = {"torque": [], "momentum": []}
@@ -108,30 +129,6 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
         bound=np.linalg.norm(np.linalg.inv(triangle), axis=1),
         samples=len(time),
     )
-
-
-def _get_truth(library: Library, bodies: Bodies) -> FloatArray:
-    """Return what the robot file states, or the parameters of clouds of points about bodies of any mass."""
-    from symid.dynamics import compute_standard_parameters
-
-    stated = [entry.value for entry in (*library.card.beta, *library.card.friction)]
-    known = [value for value in stated if value is not None]
-    if len(known) == len(stated):
-        return np.array(known)
-    rng, clouds = np.random.default_rng(0), []
-    for index, body in enumerate(build_pseudo_inertias(bodies.stated)):
-        shape = body / body[3, 3]
-        centre = shape[:3, 3]
-        root = np.linalg.cholesky(shape[:3, :3] - np.outer(centre, centre))
-        points = centre + rng.normal(size=(_POINTS, 3)) @ root.T
-        extended = np.column_stack([points, np.ones(_POINTS)])
-        mass = _HEAVY * (len(bodies.stated) - index) / len(bodies.stated)
-        clouds.append(mass / _POINTS * extended.T @ extended)
-    pi = compute_standard_parameters(np.array(clouds))
-    values: FloatArray = np.einsum("pnk,nk->p", bodies.links, pi)
-    # Rotors as heavy as a tenth of a first link's; friction of one in its unit; no offsets.
-    values = values + bodies.positive @ np.full(bodies.positive.shape[1], 0.1)
-    return values + bodies.bounded @ np.ones(bodies.bounded.shape[1])
 
 
 _BATCH = 20

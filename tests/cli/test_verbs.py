@@ -127,7 +127,7 @@ def test_simulate_writes_over_nothing(capsys, log):
 
 
 def test_simulate_ta_is_for_two_joints(capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.simulation.simulated_log.check_stated_values", lambda _: None)
+    monkeypatch.setattr("symid.simulation.elastic_experiment.check_stated_values", lambda _: None)
     code, answer = call_json(capsys, "simulate", "emps", "--trajectory", "ta", "-o", tmp_path / "a.npz")
     assert code == 2
     assert list(tmp_path.iterdir()) == []

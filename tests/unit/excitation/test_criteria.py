@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from symid.excitation.observation import (
+from symid.excitation.problem import (
     CRITERIA,
     Criterion,
     compute_condition,

@@ -15,9 +15,9 @@ from symid.excitation.limits import (
     WorkspaceRegion,
     build_state_limits,
     get_motion_limits,
+    smooth_friction,
 )
-from symid.excitation.observation import Criterion, Observation, smooth_friction
-from symid.excitation.problem import ProblemOptions, build_problem
+from symid.excitation.problem import Criterion, Observation, ProblemOptions, build_problem
 from symid.excitation.trajectories import SeriesOptions, build_grid_basis
 from symid.joint_models import FrictionValues
 from symid.robot.toml_reader import read_robot

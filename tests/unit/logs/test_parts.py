@@ -7,8 +7,17 @@ import numpy as np
 import pytest
 
 from symid.errors import LogError, UsageError
-from symid.logs.parts import LogPart, join_units, read_part, read_parts, refuse_shared, take_part, take_parts
-from symid.logs.recording import Recording, cut_ends
+from symid.logs.recording import (
+    LogPart,
+    Recording,
+    cut_ends,
+    join_units,
+    read_part,
+    read_parts,
+    refuse_shared,
+    take_part,
+    take_parts,
+)
 from symid.logs.runs import (
     compute_log_digests,
     describe_digests,

@@ -7,9 +7,14 @@ import pytest
 
 from symid.errors import UsageError
 from symid.report.study_text import list_tables
-from symid.study import friction_tables as friction_study
-from symid.study.friction_protocols import EstimatorComparison, EstimatorRun, MeanGain
-from symid.study.friction_tables import list_checks, study_friction
+from symid.study import friction_protocols as friction_study
+from symid.study.friction_protocols import (
+    EstimatorComparison,
+    EstimatorRun,
+    MeanGain,
+    list_checks,
+    study_friction,
+)
 
 GAIN = MeanGain(role="prediction", mean=15.0, deviation=1.0, rms=7.0, held_out=14.0, paper=16.3, miss=-1.3)
 

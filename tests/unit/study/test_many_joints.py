@@ -6,8 +6,7 @@ import pytest
 from symid.codegen.cache import prepare_library
 from symid.errors import UsageError
 from symid.robot.toml_reader import read_robot
-from symid.study.elastic_held_out import study_many_joints
-from symid.study.elastic_methods import SensorCondition, get_true_parameters, simulate_runs
+from symid.study.elastic_methods import SensorCondition, get_true_parameters, simulate_runs, study_many_joints
 
 
 @pytest.fixture(scope="module")

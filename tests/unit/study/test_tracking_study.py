@@ -5,7 +5,7 @@ from unittest.mock import Mock
 import pytest
 
 from symid.identification.elastic.methods import AUTOMATIC_METHODS
-from symid.study import elastic_held_out as tracking_study
+from symid.study import elastic_methods as tracking_study
 
 
 def test_the_automatic_choice_has_all_its_candidates(monkeypatch):
