@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.environment import check_suffix, write_file
@@ -214,9 +215,7 @@ def read_trajectory(path: Path, robot: Robot) -> SampledMotion:
         raise LogError(*notices)
     start = time - time[0]
     if velocity is None or acceleration is None:
-        from scipy.interpolate import make_interp_spline
-
-        spline = make_interp_spline(start, position, k=5)
+        spline = scipy.interpolate.make_interp_spline(start, position, k=5)
         velocity, acceleration = (np.asarray(spline(start, k), dtype=np.float64) for k in (1, 2))
     return SampledMotion(
         time=start,

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FloatMatrix, FrozenArrays
@@ -52,9 +53,10 @@ def shift_channel(time: FloatArray, values: FloatArray, delay: float) -> FloatAr
     """Return `values` (N, n) at time + delay (s), by cubic splines; beyond the ends they stay."""
     if delay == 0.0:
         return values
-    from scipy.interpolate import CubicSpline
 
-    moved: FloatArray = CubicSpline(time, values, axis=0)(np.clip(time + delay, time[0], time[-1]))
+    moved: FloatArray = scipy.interpolate.CubicSpline(time, values, axis=0)(
+        np.clip(time + delay, time[0], time[-1])
+    )
     return moved
 
 

@@ -15,6 +15,7 @@ Not supported: clocks that drift against the robot's; several pieces at once.
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
@@ -142,10 +143,10 @@ class Resampling:
 
 def _interpolate(before: FloatArray, values: FloatArray, after: FloatArray) -> FloatArray:
     """Return `values` (K, ...) at times `before` (K,) at times `after` (M,); holes stay holes."""
-    from scipy.interpolate import PchipInterpolator
-
     holes = ~np.isfinite(values)
-    moved: FloatArray = PchipInterpolator(before, np.where(holes, 0.0, values), axis=0)(after)
+    moved: FloatArray = scipy.interpolate.PchipInterpolator(before, np.where(holes, 0.0, values), axis=0)(
+        after
+    )
     if holes.any():
         # A cubic uses two samples on either side.
         flat = holes.reshape(len(before), -1)

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
@@ -133,10 +134,10 @@ def _filter_both_ways(kind: _LowPass, values: FloatArray) -> FloatArray:
     factor = kind.factor
     kept, blocks = -(-len(values) // factor), _build_blocks(kind)
     if blocks is None:
-        # The import takes longer than most filters run.
-        from scipy.signal import sosfiltfilt
-
-        smooth = sosfiltfilt(_design_sections(kind).copy(), values, axis=0, padtype="odd", padlen=pad)
+        # SciPy loads this on first use, which takes longer than most filters run.
+        smooth = scipy.signal.sosfiltfilt(
+            _design_sections(kind).copy(), values, axis=0, padtype="odd", padlen=pad
+        )
         first = factor - (factor * kept - len(values)) - 1
         return np.ascontiguousarray(smooth[first::factor])
     flat = np.asarray(values, dtype=np.float64).reshape(len(values), math.prod(values.shape[1:]))

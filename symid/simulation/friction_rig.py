@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, SolverError, UsageError
@@ -166,8 +167,6 @@ _RUNAWAY = 1e15
 
 def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> RigRun:
     """Return the motion of the mass from straight bristles; a SolverError if it cannot be integrated."""
-    from scipy.integrate import solve_ivp
-
     count = math.floor(options.duration * options.rate * (1.0 + 1e-12)) + 1
     time = np.arange(count) / options.rate
     largest = compute_largest_level(rig.law, rig.values)
@@ -185,7 +184,7 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
     reason = ""
     with np.errstate(all="ignore"):
         try:
-            solved = solve_ivp(
+            solved = scipy.integrate.solve_ivp(
                 compute_rates,
                 (0.0, time[-1]),
                 [options.position, options.velocity, 0.0, 0.0, 0.0, 0.0],
