@@ -22,6 +22,7 @@ from symid.api.result import JudgedResult, Progress, Result, ignore
 from symid.api.robot import RobotModel, load
 from symid.api.robot_files import export_fit
 from symid.errors import Notice, OutputError, SymidError
+from symid.options import ExportOptions
 
 if TYPE_CHECKING:
     from symid.identification.elastic import TrackingRun
@@ -348,7 +349,7 @@ def demo(
     fits = _identify_by_methods(robot, training)
     deviations = {method: _compute_errors(robot, fit, runs[_HELD_OUT]) for method, fit in fits.items()}
     estimate = fits[_AUTOMATIC].save(place / "estimate.json")
-    export_fit(robot.description, estimate, place / "identified.toml", accept=True, progress=progress)
+    export_fit(robot.description, estimate, place / "identified.toml", ExportOptions(accept=True), progress)
     tracking = _simulate_tracking(robot, fits)
     progress("simulating and identifying an arm with friction of another kind")
     foreign = try_foreign(_FOREIGN, seed, report.judge_fit, share=_SHARE)
@@ -418,10 +419,10 @@ def _simulate_logs(
 
 def _identify_by_methods(robot: RobotModel, logs: "Sequence[Log]") -> dict[str, ElasticFit]:
     """Return what `robot.identify` gives by each method; the equations are built once."""
-    from symid.identification import IdentifyTask, prepare_elastic_methods
+    from symid.identification import IdentifyOptions, prepare_elastic_methods
 
     recordings = [log.recording for log in logs]
-    identify = prepare_elastic_methods(robot.description, recordings, IdentifyTask(), robot.context)
+    identify = prepare_elastic_methods(robot.description, recordings, IdentifyOptions(), robot.context)
     fits = {}
     for method in _METHODS:
         found = identify(method)

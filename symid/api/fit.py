@@ -16,15 +16,17 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from symid import report
+from symid import identification, report
 from symid.api.log import LogLike, Logs, Part, Parts, list_logs, list_parts, take_one_log
 from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.api.robot import RobotModel, Settings, list_pairs, load
 from symid.api.validation import FitDiagnosis, FitPage, LogValidation
-from symid.errors import EstimateError, Notice, UsageError
+from symid.errors import Notice, UsageError
+from symid.identification import elastic
+from symid.options import ExportOptions, Precision
 
 if TYPE_CHECKING:
-    from symid.api.robot_files import ExportedFile, Precision
+    from symid.api.robot_files import ExportedFile
     from symid.api.validation import Comparison, DeviationUnit
     from symid.arrays import FloatArray
     from symid.identification import AnyValidation, TrackingTask
@@ -33,7 +35,6 @@ if TYPE_CHECKING:
     from symid.identification.friction import FrictionIdentification, JointFriction
     from symid.logs import Alignment, LogPart, Recording
     from symid.report import Block, FitVerdict
-    from symid.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -312,7 +313,7 @@ class Fit(JudgedResult):
         self,
         path: str | PathLike[str] | None = None,
         *,
-        precision: "Precision" = "double",
+        precision: Precision = "double",
         accept: bool = False,
         limit: float | None = None,
     ) -> "ExportedFile":
@@ -346,15 +347,8 @@ class Fit(JudgedResult):
         from symid.api.robot_files import export_fit
 
         robot = self.robot
-        return export_fit(
-            robot.description,
-            self,
-            path,
-            precision=precision,
-            accept=accept,
-            limit=limit,
-            progress=robot.progress,
-        )
+        options = ExportOptions(precision=precision, accept=accept, limit=limit)
+        return export_fit(robot.description, self, path, options, robot.progress)
 
     def report(
         self,
@@ -710,44 +704,15 @@ def load_fit(
     return kind(estimate=estimate, file=file, model=robot, progress=progress, remarks=estimate.notices)
 
 
-def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
-    """Return the estimate of a rigid fit, or the path of its file.
-
-    Raises:
-        EstimateError: the fit is of another kind.
-    """
-    match fit:
-        case None:
-            return None
-        case RigidFit():
-            return fit.estimate
-        case Fit():
-            text = "expected base parameters of a rigid robot, as `robot.identify` returns them"
-            raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(fit.file)))
-    return Path(fspath(fit))
-
-
-def take_known(
-    known: "Fit | RobotModel | str | PathLike[str] | Mapping[str, float] | None",
-) -> "ElasticEstimate | Robot | Path | Mapping[str, float] | None":
-    """Return known dynamics of elastic joints: of a fit, of a robot, by name, or the path of their file.
-
-    Raises:
-        EstimateError: the fit is of another kind.
-    """
-    match known:
-        case None:
-            return None
-        case RobotModel():
-            return known.description
-        case ElasticFit():
-            return known.estimate
-        case Fit():
-            text = "expected a fit of elastic joints, as `robot.identify` returns it"
-            raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(known.file)))
-        case Mapping():
-            return dict(known)
-    return Path(fspath(known))
+def build_dynamics_fit(
+    found: "identification.Identification[Estimate | ElasticEstimate]", robot: RobotModel
+) -> RigidFit | ElasticFit:
+    """Return the fit of an identification of this robot."""
+    extra, notices = {"backend": found.backend}, found.notices
+    if isinstance(found.estimate, elastic.ElasticEstimate):
+        fit = ElasticFit(estimate=found.estimate, model=robot, remarks=notices, extra=extra)
+        return replace(fit, alignment=found.alignment)
+    return RigidFit(estimate=found.estimate, model=robot, remarks=notices, extra=extra)
 
 
 def _name_file(file: Path | None) -> str:

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, final
 
 from symid import report
-from symid.api.code import Target, WrittenCode
+from symid.api.code import WrittenCode
 from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.errors import LogError, Notice
 from symid.identification import hysteresis as elements, is_element, read_element, write_element
 from symid.joint_models import Elasticity
+from symid.options import HysteresisOptions, Target
 from symid.robot import suggest_names
 
 if TYPE_CHECKING:
@@ -355,7 +356,7 @@ def fit(
     """
     import numpy as np
 
-    options = elements.HysteresisOptions(model=model, passive=passive)
+    options = HysteresisOptions(model=model, passive=passive)
     time = None if t is None else np.asarray(t, dtype=np.float64)
     record = elements.fit_hysteresis(
         np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), time, options

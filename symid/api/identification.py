@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
+from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 from symid import report
 from symid.api.log import Log, Logged, LogLike
@@ -132,8 +132,6 @@ def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | Elemen
     return hysteresis.load(file) if hysteresis.is_saved(file) else None
 
 
-PayloadRows = Literal["torque", "momentum"]
-PayloadEstimator = Literal["ols", "wls"]
 PayloadSide: TypeAlias = "GivenResult | LogLike | Sequence[LogLike]"
 """One side: a fit or its file, or logs."""
 

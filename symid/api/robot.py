@@ -20,34 +20,39 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, final
 
 from symid import report
 from symid.api.dynamics import BaseForm, BaseSet, derive_base_set
-from symid.api.result import Figures, Progress, check_choice, check_count, check_positive, ignore
-from symid.api.studies import list_seeds
+from symid.api.experiment import list_seeds
+from symid.api.result import Figures, Progress, check_choice, ignore
 from symid.codegen import BACKENDS
 from symid.errors import Notice, UsageError
+from symid.identification import IdentifyOptions, LawOptions
+from symid.options import (
+    ExciteOptions,
+    GenerateOptions,
+    PayloadOptions,
+    Precision,
+    SimulateOptions,
+    Target,
+    merge,
+)
 
 if TYPE_CHECKING:
     import casadi as ca
 
-    from symid.api.code import CompiledModel, Parameters, Target, WrittenCode
+    from symid.api.code import CompiledModel, WrittenCode
     from symid.api.dynamics import Derivation, LessonParameters, MarkedSheet, Notation, WrittenLesson
-    from symid.api.experiment import ExcitationCriterion, ExcitedTrajectory, Simulation
+    from symid.api.experiment import ExcitedTrajectory, Simulation, Study
     from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit
     from symid.api.identification import (
         OneShotProblem,
-        PayloadEstimator,
         PayloadResult,
-        PayloadRows,
         PayloadSide,
         Stiffness,
     )
     from symid.api.log import LogLike, Logs, Parts, RobotCheck
-    from symid.api.robot_files import ExportedFile, Precision
-    from symid.api.studies import Study
+    from symid.api.robot_files import ExportedFile
     from symid.codegen import Library, SymbolicFunction
     from symid.excitation import SampledMotion, Trajectory
     from symid.identification import TaskContext
-    from symid.identification.elastic import ElasticOptions
-    from symid.identification.friction import FrictionOptions
     from symid.logs import Recording
     from symid.report import Block
     from symid.robot import Joint, Robot
@@ -62,32 +67,29 @@ The set "published" is `"published"`, a value is `{"processing.filter_cutoff": 5
 """
 
 
-def list_pairs(settings: Settings | None, *processing: object) -> tuple[tuple[str, str], ...]:
-    """Return pairs of key and text from settings, and from arguments that are settings by another name.
+def list_pairs(
+    settings: Settings | None, options: IdentifyOptions | LawOptions | None = None
+) -> tuple[tuple[str, str], ...]:
+    """Return pairs of key and text from settings, and from options that are settings by another name.
 
     Args:
         settings: a set's name, or values by dotted key; a list may be given as one.
-        processing: cutoff, decimate, drop_first, drop_last; None where not given.
+        options: whose cutoff, decimate, drop_first and drop_last are settings where they are given.
     """
-    keys = ("filter_cutoff", "decimation.factor", "drop_first", "drop_last")
-    named = zip(keys, processing, strict=False)
-    given = [(f"processing.{key}", value) for key, value in named if value is not None]
     keyed = {"settings": settings} if isinstance(settings, str) else settings or {}
-    return tuple((key.strip(), _write_value(value)) for key, value in ((*keyed.items(), *given)))
+    pairs = [*keyed.items()]
+    if options is not None:
+        names = ("cutoff", "decimate", "drop_first", "drop_last")
+        keys = ("filter_cutoff", "decimation.factor", "drop_first", "drop_last")
+        named = zip(keys, (getattr(options, name) for name in names), strict=True)
+        pairs += [(f"processing.{key}", value) for key, value in named if value is not None]
+    return tuple((key.strip(), _write_value(value)) for key, value in pairs)
 
 
 def _to_plain(value: T) -> T:
     """Return a number or an array of NumPy in Python's own types, and all else as it is."""
     plain: T = value.tolist() if hasattr(value, "tolist") else value
     return plain
-
-
-def _list_periods(period: float | Sequence[float] | None) -> tuple[float, ...]:
-    """Return one period, several, or none, as a tuple."""
-    plain = _to_plain(period)
-    if plain is None:
-        return ()
-    return (plain,) if isinstance(plain, int | float) else tuple(map(_to_plain, plain))
 
 
 def _write_value(value: object) -> str:
@@ -101,15 +103,6 @@ def _write_value(value: object) -> str:
         case list() | tuple():
             return ", ".join(map(_write_value, value))
     return str(value).strip()
-
-
-def _list_numbers(values: Sequence[float] | None, name: str) -> tuple[float, ...] | None:
-    """Return the numbers of an argument as a tuple, or raise a UsageError."""
-    try:
-        return None if values is None else tuple(map(float, values))
-    except (TypeError, ValueError) as error:
-        text = f"{name}={values!r}: expected a list of numbers, one a joint"
-        raise UsageError(Notice(code="usage.range", text=text)) from error
 
 
 @final
@@ -417,12 +410,12 @@ class RobotModel:
 
     def write(
         self,
-        target: "Target",
+        target: Target,
         folder: str | PathLike[str],
         *,
         functions: Sequence[str] | None = None,
-        precision: Literal["double", "float"] = "double",
-        parameters: "Parameters" = "base",
+        precision: Precision = "double",
+        parameters: Literal["base", "standard"] = "base",
         constant: bool = False,
         trigonometry: Literal["own", "library"] = "own",
         friction_laws: bool = False,
@@ -460,16 +453,16 @@ class RobotModel:
             'passed'
         """
         from symid.api.code import WrittenCode
-        from symid.codegen import CodeRequest, GenerateOptions, generate_folder, generate_springs
+        from symid.codegen import generate_folder, generate_springs
 
-        order = CodeRequest(
-            names=None if functions is None else tuple(functions),
+        order = GenerateOptions(
             target=target,
+            functions=None if functions is None else tuple(functions),
+            precision=precision,
             parameters=parameters,
             constant=constant,
-            options=GenerateOptions(
-                precision=precision, trigonometry=trigonometry, friction_laws=friction_laws
-            ),
+            trigonometry=trigonometry,
+            friction_laws=friction_laws,
         )
         path = Path(fspath(folder))
         made = generate_folder(self.description, order, path, progress=self.progress, force=force)
@@ -606,22 +599,10 @@ class RobotModel:
         settings: Settings | None = None,
         cutoff: float | None = None,
         decimate: int | None = None,
-        drop_first: int | None = None,
-        drop_last: int | None = None,
-        partial: bool = False,
-        window: float | None = None,
-        overlap: float | None = None,
-        period: float | Sequence[float] = (),
-        prior: "Fit | str | PathLike[str] | None" = None,
-        prior_deviation: float | None = None,
-        prior_weight: float | None = None,
-        start: "Fit | str | PathLike[str] | None" = None,
-        tolerance: float | None = None,
-        thresholds: int | None = None,
-        knees: int | None = None,
-        rate: float | None = None,
+        period: float | Sequence[float] | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | Mapping[str, float] | None" = None,
-        elastic: "ElasticOptions | None" = None,
+        partial: bool | None = None,
+        options: IdentifyOptions | None = None,
     ) -> "RigidFit | ElasticFit":
         """Identify base parameters and friction from logs; for elastic joints also springs and hysteresis.
 
@@ -645,25 +626,13 @@ class RobotModel:
             settings: replace those of the robot file: a set by its name, or values by dotted key.
             cutoff: Hz, of the low-pass filter.
             decimate: keep one sample in so many.
-            drop_first: number of samples cut off at the start.
-            drop_last: number of samples cut off at the end.
-            partial: fit the identifiable parameters even if they are less than three quarters of all.
-            window: s, length of the interval of a momentum, filtered or energy row.
-            overlap: part of the window shared with the next one, for momentum and energy rows.
             period: s, of a repeated motion, for "gls": one value for all logs, or one for each.
-            prior: for "ridge": a fit or its file as the prior, or "robot" for the robot file's values.
-            prior_deviation: percent of the robot file's values, or a factor on the prior's deviations.
-            prior_weight: 1 to use these deviations as stated, 0 for no prior; chosen by cross-validation by
-                default.
-            start: for estimators that simulate: a fit or its file with the initial values.
-            tolerance: for elastic joints: relative change at which an iteration stops.
-            thresholds: for elastic joints: number of stops of each joint's hysteresis.
-            knees: for elastic joints: number of knees on each side of a spring.
-            rate: for elastic joints: rad/s, corner frequency of the first-order filter.
             known: for elastic joints: dynamics that are not identified: a robot with values (such as those of
                 CAD) or its file (.toml, .urdf, .xml), its links and the rotors whose inertia it states; a fit
                 of this robot or its file; or parameters by name, in SI units.
-            elastic: all options for elastic joints; the arguments above take precedence.
+            partial: fit the identifiable parameters even if they are less than three quarters of all.
+            options: all options, such as `symid.IdentifyOptions(prior=fit, window=0.5)`; the arguments above
+                take precedence.
 
         Raises:
             UsageError: options that do not go together, or not with this robot and these logs.
@@ -679,43 +648,31 @@ class RobotModel:
             >>> abs(fit["ZZ2"].value - robot.base.values["ZZ2"]) < 4 * fit["ZZ2"].std
             True
         """
-        from symid.api.fit import ElasticFit, RigidFit, take_estimate, take_known
-        from symid.identification import IdentifyTask, identify_robot, needs_search, read_joint_laws
-        from symid.identification.elastic import ElasticEstimate
-        from symid.identification.rigid import RigidOptions
+        from symid.api.fit import build_dynamics_fit
+        from symid.identification import identify_robot, needs_search, read_joint_laws
+        from symid.identification.rigid import check_estimator
 
-        pairs = list_pairs(settings, cutoff, decimate, drop_first, drop_last)
-        options = RigidOptions(
+        order = merge(
+            options,
+            IdentifyOptions(),
             rows=rows,
             estimator=estimator,
-            overlap=_to_plain(overlap),
-            period=_list_periods(period),
-            prior="robot" if prior == "robot" else take_estimate(prior),
-            prior_deviation=_to_plain(prior_deviation),
-            prior_weight=_to_plain(prior_weight),
-            start=take_estimate(start),
+            method=method,
+            friction=friction,
+            cutoff=cutoff,
+            decimate=decimate,
+            period=period,
+            known=known,
             partial=partial,
         )
-        given = {"tolerance": tolerance, "thresholds": thresholds, "knees": knees, "rate": rate}
-        plain = {name: _to_plain(value) for name, value in (*given.items(), ("window", window))}
-        friction = read_joint_laws(friction, self.description)
-        searched = friction if needs_search(friction) else None
-        task = IdentifyTask(
-            pairs=pairs,
-            rigid=options,
-            method=method,
-            elastic=plain,
-            options=elastic,
-            friction=searched,
-            known=take_known(known),
-        )
-        stated = friction if isinstance(friction, str) and not searched else None
-        found = identify_robot(*self._gather(logs, pairs, stated, train), task, self.context)
-        extra, notices = {"backend": found.backend}, found.notices
-        if isinstance(found.estimate, ElasticEstimate):
-            fit = ElasticFit(estimate=found.estimate, model=self, remarks=notices, extra=extra)
-            return replace(fit, alignment=found.alignment)
-        return RigidFit(estimate=found.estimate, model=self, remarks=notices, extra=extra)
+        check_estimator(order.rows or "torque", order.estimator)
+        law = read_joint_laws(order.friction, self.description)
+        searched = law if needs_search(law) else None
+        stated = law if isinstance(law, str) and not searched else None
+        pairs = list_pairs(settings, order)
+        described, recordings = self._gather(logs, pairs, stated, train)
+        found = identify_robot(described, recordings, replace(order, friction=searched), self.context, pairs)
+        return build_dynamics_fit(found, self)
 
     def _gather(
         self,
@@ -743,15 +700,11 @@ class RobotModel:
         estimator: str | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | None" = None,
         smoothing: float | None = None,
-        period: float | Sequence[float] = (),
+        period: float | Sequence[float] | None = None,
         seed: int | None = None,
         friction: str | None = None,
         settings: Settings | None = None,
-        cutoff: float | None = None,
-        decimate: int | None = None,
-        drop_first: int | None = None,
-        drop_last: int | None = None,
-        options: "FrictionOptions | None" = None,
+        options: LawOptions | None = None,
     ) -> "FrictionFit":
         """Identify a friction law and its parameters for every joint that moves.
 
@@ -770,11 +723,7 @@ class RobotModel:
             seed: of a stochastic estimator.
             friction: the friction model of all joints in the rigid part, in place of the robot file's.
             settings: replace those of the robot file: a set by its name, or values by dotted key.
-            cutoff: Hz, of the low-pass filter.
-            decimate: keep one sample in so many.
-            drop_first: number of samples cut off at the start.
-            drop_last: number of samples cut off at the end.
-            options: all options of the estimators; `seed` takes precedence.
+            options: all options, such as `symid.LawOptions(cutoff=20.0)`; the arguments above win.
 
         Raises:
             UsageError: there is no such law or estimator.
@@ -790,22 +739,22 @@ class RobotModel:
             >>> sorted(fit.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.fit import FrictionFit, take_estimate
-        from symid.identification import FrictionRequest, identify_robot_friction
-        from symid.identification.friction import FrictionOptions
+        from symid.api.fit import FrictionFit
+        from symid.identification import identify_robot_friction
 
-        pairs = list_pairs(settings, cutoff, decimate, drop_first, drop_last)
-        request = FrictionRequest(
+        order = merge(
+            options,
+            LawOptions(),
             model=model,
             estimator=estimator,
-            known=known.description if isinstance(known, RobotModel) else take_estimate(known),
-            smoothing=_to_plain(smoothing),
-            period=_list_periods(period),
-            seed=_to_plain(seed),
+            known=known,
+            smoothing=smoothing,
+            period=period,
+            seed=seed,
             friction=friction,
-            options=options or FrictionOptions(),
         )
-        found = identify_robot_friction(*self._gather(logs, pairs, friction, train), request, self.context)
+        given = self._gather(logs, list_pairs(settings, order), order.friction, train)
+        found = identify_robot_friction(*given, order, self.context)
         extra = {"backend": found.backend}
         return FrictionFit(estimate=found.estimate, model=self, remarks=found.notices, extra=extra)
 
@@ -838,7 +787,7 @@ class RobotModel:
         from symid.api.identification import Stiffness
         from symid.identification import identify_stiffness
 
-        pairs = list_pairs(settings, None, None, drop_first, drop_last)
+        pairs = list_pairs(settings, IdentifyOptions(drop_first=drop_first, drop_last=drop_last))
         described, recordings = self._gather(logs, pairs, friction, train)
         found, notices = identify_stiffness(described, recordings, pairs, self.context)
         return Stiffness(estimate=found, notices=notices)
@@ -849,12 +798,12 @@ class RobotModel:
         *,
         train: "Parts | None" = None,
         settings: Settings | None = None,
-        elastic: "ElasticOptions | None" = None,
+        options: IdentifyOptions | None = None,
     ) -> "OneShotProblem":
         """Return the problem of the method "nlp" as CasADi expressions, open to terms and constraints.
 
         The problem is that of the last round, and starts at the fit. `logs`, `train`, `settings` and
-        `elastic` are those of `identify`.
+        `options` are those of `identify`.
 
         Raises:
             UsageError: no joint is elastic, or a setting does not apply.
@@ -870,12 +819,11 @@ class RobotModel:
         """
         from symid.api.identification import OneShotProblem
         from symid.identification import build_elastic_graph
-        from symid.identification.elastic import ElasticOptions
 
-        pairs = list_pairs(settings)
+        order = options or IdentifyOptions()
+        pairs = list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, None, train)
-        options = elastic or ElasticOptions()
-        graph, notices = build_elastic_graph(described, recordings, options, pairs, self.context)
+        graph, notices = build_elastic_graph(described, recordings, order, pairs, self.context)
         return OneShotProblem(robot=self, graph=graph, remarks=notices)
 
     # Trajectories and experiments.
@@ -883,46 +831,34 @@ class RobotModel:
     def excite(
         self,
         *,
-        harmonics: int = 5,
-        period: float = 10.0,
-        criterion: "ExcitationCriterion" = "condition",
-        weight: float = 0.1,
-        moving: bool = False,
+        harmonics: int | None = None,
+        period: float | None = None,
+        criterion: Literal["condition", "d-optimal"] | None = None,
         start: Sequence[float] | None = None,
-        share: float = 0.95,
-        sweep: float = 1.0,
-        velocity: float = 2.0,
-        acceleration: float = 10.0,
-        jerk: float | None = None,
+        share: float | None = None,
         workspace: str | PathLike[str] | None = None,
         torsion: float | None = None,
-        stiffness: Sequence[float] | None = None,
-        deviations: Sequence[float] | None = None,
-        candidates: int = 1000,
-        starts: int = 10,
-        seed: int = 1,
+        candidates: int | None = None,
+        starts: int | None = None,
+        seed: int | None = None,
+        options: ExciteOptions | None = None,
     ) -> "ExcitedTrajectory":
         """Return an optimal trajectory for identification, within all limits.
 
         Args:
-            harmonics: number of harmonics of each joint.
-            period: length of the trajectory, s.
-            criterion: "condition" (condition number of the scaled regressor) or "d-optimal" (information).
-            weight: weight of the information, added to the condition number.
-            moving: let it start and end in motion instead of at rest.
+            harmonics: number of harmonics of each joint; 5 by default.
+            period: length of the trajectory, s; 10 by default.
+            criterion: "condition" (condition number of the scaled regressor, the default) or "d-optimal"
+                (information).
             start: (n,) pose at its start and end, rad or m.
-            share: part of every limit that may be used.
-            sweep: position limit on either side of zero where the robot file states none, rad or m.
-            velocity: limit where the robot file states none, rad/s or m/s.
-            acceleration: limit where the robot file states none, rad/s^2 or m/s^2.
-            jerk: limit where the robot file states none, rad/s^3 or m/s^3; None for none.
+            share: part of every limit that may be used; 0.95 by default.
             workspace: file (.toml) of spheres and planes that bound the links.
             torsion: largest torsion of elastic joints, rad or m.
-            stiffness: (n,) for the torsion, N m/rad or N/m; else the robot file's.
-            deviations: (n,) of the torque noise, N m or N; equal where left out.
-            candidates: number of random trajectories to start from and to compare with.
-            starts: how many of them are optimised.
-            seed: of the random trajectories.
+            candidates: number of random trajectories to start from and to compare with; 1000 by default.
+            starts: how many of them are optimised; 10 by default.
+            seed: of the random trajectories; 1 by default.
+            options: all options, such as `symid.ExciteOptions(velocity=1.5)` for what the robot file does not
+                limit; the arguments above take precedence.
 
         Raises:
             UsageError: an option is out of range or does not fit the robot.
@@ -934,82 +870,56 @@ class RobotModel:
             >>> found.condition < found.product.random_condition
             True
         """
-        check_count("seed", seed)
         import numpy as np
 
         from symid.api.experiment import ExcitedTrajectory
-        from symid.excitation import (
-            ExcitationOptions,
-            LimitOptions,
-            ProblemOptions,
-            SeriesOptions,
-            optimise_excitation,
-            read_workspace,
-        )
+        from symid.excitation import build_excitation_options, optimise_excitation
 
-        series = SeriesOptions(
-            harmonics=harmonics, period=period, rest=not moving, start=_list_numbers(start, "start")
-        )
-        robot = self.description
-        limits = LimitOptions(
-            share=share,
-            sweep=sweep,
-            speed=velocity,
-            acceleration=acceleration,
-            jerk=jerk,
-            workspace=() if workspace is None else read_workspace(Path(workspace), robot),
-            torsion=torsion,
-            stiffness=_list_numbers(stiffness, "stiffness"),
-        )
-        options = ExcitationOptions(
-            problem=ProblemOptions(
-                series=series, limits=limits, deviations=_list_numbers(deviations, "deviations")
-            ),
+        order = merge(
+            options,
+            ExciteOptions(),
+            harmonics=harmonics,
+            period=period,
             criterion=criterion,
-            weight=weight,
+            start=start,
+            share=share,
+            workspace=workspace,
+            torsion=torsion,
             candidates=candidates,
-            starts=min(starts, candidates),
+            starts=starts,
+            seed=seed,
         )
-        rng = np.random.default_rng(seed)
-        found = optimise_excitation(robot, options, rng=rng, progress=self.progress)
-        return ExcitedTrajectory(robot=robot, product=found, seed=seed)
+        search, rng = build_excitation_options(order, self.description), np.random.default_rng(order.seed)
+        found = optimise_excitation(self.description, search, rng=rng, progress=self.progress)
+        return ExcitedTrajectory(robot=self.description, product=found, seed=order.seed)
 
     def simulate(
         self,
         trajectory: "str | PathLike[str] | ExcitedTrajectory | Trajectory | SampledMotion" = "fourier",
         *,
-        scale: float = 1.0,
-        joint: int = 1,
         duration: float | None = None,
+        scale: float | None = None,
         noise: float | None = None,
-        clean: bool = False,
-        delay: float = 0.0,
-        offset: float = 0.0,
+        clean: bool | None = None,
         bandwidth: float | None = None,
-        period: float | None = None,
-        stiffness: Sequence[float] | None = None,
-        damping: Sequence[float] | None = None,
-        seed: int = 1,
+        seed: int | None = None,
+        options: SimulateOptions | None = None,
     ) -> "Simulation":
         """Simulate the robot under PD control along a trajectory; return the measured log.
 
         Args:
             trajectory: "fourier" (a random series), "ta" or "tb" (published), "tc" (for validation), a file,
                 a result of `excite`, or a motion.
-            scale: factor on the trajectory's amplitudes.
-            joint: that "tb" moves, counted from one.
             duration: s; that of the trajectory where left out.
+            scale: factor on the trajectory's amplitudes; 1 by default.
             noise: standard deviation of the torque sensors, N m or N; 0.05 by default, of an elastic robot
                 2 % of each joint's RMS torque.
             clean: whether the sensors are perfect: no noise, no encoder steps.
-            delay: for an elastic robot: delay of the link encoders relative to the motor encoders, s.
-            offset: for an elastic robot: reading of the link encoders at zero, rad or m.
             bandwidth: of the gains, which follow from the inertia of the joints, Hz; by default 12, or less
                 where the loops would not be stable (a note says so), or the gains of the robot file.
-            period: of control and log, s; 0.001 by default, of an elastic robot with `clean` 0.0002.
-            stiffness: own gains of the position, one a joint, N m/rad or N/m, together with `damping`.
-            damping: own gains of the velocity, N m s/rad or N s/m.
-            seed: of all random numbers.
+            seed: of all random numbers; 1 by default.
+            options: all options, such as `symid.SimulateOptions(control_period=0.002)`; the arguments above
+                take precedence.
 
         Raises:
             UsageError: there is no such trajectory, or an option does not fit the robot.
@@ -1022,46 +932,41 @@ class RobotModel:
             >>> run.q.shape, run.tau.shape
             ((501, 2), (501, 2))
         """
-        check_count("seed", seed)
-        check_positive("noise", noise, zero=True)
-        check_positive("bandwidth", bandwidth)
-        check_positive("period", period)
         import numpy as np
 
         from symid.api.experiment import ExcitedTrajectory, Simulation
         from symid.excitation import build_motion
-        from symid.simulation import (
-            ControlSettings,
-            SensorSettings,
-            check_sensor_settings,
-            check_stated_values,
-            simulate_log,
-        )
+        from symid.simulation import check_sensor_options, check_stated_values, simulate_log
 
-        robot = self.description
-        sensors = SensorSettings(clean=clean, noise=noise, delay=delay, offset=offset)
-        control = ControlSettings(
-            bandwidth=None if bandwidth is None else float(bandwidth),
-            period=None if period is None else float(period),
-            stiffness=_list_numbers(stiffness, "stiffness"),
-            damping=_list_numbers(damping, "damping"),
+        order = merge(
+            options,
+            SimulateOptions(),
+            duration=duration,
+            scale=scale,
+            noise=noise,
+            clean=clean,
+            bandwidth=bandwidth,
+            seed=seed,
         )
-        check_sensor_settings(robot, sensors)
+        robot = self.description
+        check_sensor_options(robot, order)
         # Before minutes go into the derivation.
         check_stated_values(robot)
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(order.seed)
         given = trajectory.trajectory if isinstance(trajectory, ExcitedTrajectory) else trajectory
         named = fspath(given) if isinstance(given, PathLike) else given
-        motion = build_motion(robot, named, rng, duration=duration, joint=joint, scale=scale)
+        motion = build_motion(
+            robot, named, rng, duration=order.duration, joint=order.joint, scale=order.scale
+        )
         library = self.library
         self.progress(f"simulating {motion.duration:g} s of {robot.name}")
-        found = simulate_log(robot, library, motion, sensors, rng, control=control)
+        found = simulate_log(robot, library, motion, order, rng)
         return Simulation(
             robot=robot,
             recording=found.recording,
             trajectory=motion.source,
             duration=motion.duration,
-            seed=seed,
+            seed=order.seed,
             energy_gap=found.energy_gap,
             backend=found.backend,
             details=found.details,
@@ -1077,8 +982,8 @@ class RobotModel:
         *,
         joint: str | None = None,
         mass: float | None = None,
-        rows: "PayloadRows" = "torque",
-        estimator: "PayloadEstimator" = "wls",
+        rows: Literal["torque", "momentum"] = "torque",
+        estimator: Literal["ols", "wls"] = "wls",
     ) -> "PayloadResult":
         """Identify mass, centre of mass and inertia of the payload: in `loaded`, but not in `empty`.
 
@@ -1113,24 +1018,14 @@ class RobotModel:
             1.0
         """
         from symid.api.identification import PayloadResult, list_payload_side
-        from symid.identification import PayloadTask, identify_payload
+        from symid.identification import identify_payload
 
-        check_positive("mass", mass)
-        check_choice("rows", rows, ("torque", "momentum"))
-        check_choice("estimator", estimator, ("ols", "wls"))
-        task = PayloadTask(
-            joint=joint,
-            mass=mass,
-            rows=rows,
-            estimator=estimator,
-            prepare=lambda: self.library,
-            progress=self.progress,
-        )
+        options = PayloadOptions(joint=joint, mass=mass, rows=rows, estimator=estimator)
         sides = (list_payload_side(loaded), list_payload_side(empty))
-        found = identify_payload(self.description, *sides, task)
+        found = identify_payload(self.description, *sides, options, self.context)
         return PayloadResult(product=found, carrier=self.description)
 
-    def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
+    def export(self, path: str | PathLike[str], *, precision: Precision = "double") -> "ExportedFile":
         """Write the robot with the values of its robot file; the suffix of `path` selects the format.
 
         Args:
@@ -1189,7 +1084,7 @@ class RobotModel:
         **options: object,
     ) -> "Study[Any]":
         """Return a study with the noise of every seed in `numbers`, in several processes."""
-        from symid.api.studies import Study
+        from symid.api.experiment import Study
         from symid.environment import report_count
 
         # Made here, with its progress told, before processes look for it.
@@ -1216,8 +1111,8 @@ class RobotModel:
             >>> study.product.chosen > 0
             True
         """
+        from symid.api.experiment import Study
         from symid.api.log import take_one_log
-        from symid.api.studies import Study
         from symid.environment import report_count
         from symid.identification.elastic import build_motor_recording, build_rigid_variant
         from symid.logs import read_one_log
@@ -1296,7 +1191,7 @@ class RobotModel:
             >>> robot = symid.load("puma560_elastic")
             >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
-        from symid.api.studies import Study
+        from symid.api.experiment import Study
         from symid.study import SensorCondition, study_many_joints
 
         numbers, library = list_seeds(seeds, seed), self.library

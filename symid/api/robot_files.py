@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from symid import report
-from symid.api.result import Progress, Result, check_positive, ignore
+from symid.api.result import Progress, Result, ignore
 from symid.errors import EstimateError, Notice
+from symid.options import ExportOptions
 
 if TYPE_CHECKING:
     from symid.identification import FileExport, GivenResult
@@ -159,9 +160,6 @@ def new_robot(
     return RobotDraft(product=draft_robot(order))
 
 
-Precision = Literal["double", "float"]
-
-
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExportedFile(Result):
@@ -216,10 +214,7 @@ def export_fit(
     robot: "Robot",
     found: "GivenResult",
     path: str | PathLike[str] | None,
-    *,
-    precision: Precision = "double",
-    accept: bool = False,
-    limit: float | None = None,
+    options: ExportOptions | None = None,
     progress: Progress = ignore,
 ) -> ExportedFile:
     """Write a robot with the values of a fit, or of its file; see `Fit.export`.
@@ -237,17 +232,17 @@ def export_fit(
     )
     from symid.identification.friction import FrictionIdentification
 
-    check_positive("limit", limit, zero=True)
+    options = options or ExportOptions()
     output = locate_source(robot) if path is None else Path(path)
     result, source = read_result(found)
-    check_format(output, precision, friction=isinstance(result, FrictionIdentification))
-    judged = _check_verdict(result, source, accept=accept)
+    check_format(output, options.precision, friction=isinstance(result, FrictionIdentification))
+    judged = _check_verdict(result, source, accept=options.accept)
     if isinstance(result, FrictionIdentification):
         progress(f"comparing {robot.name} with the model whose friction was identified")
         return _add_notices(write_friction(robot, result, source, output), judged)
     identified = build_identified(robot, result, source)
     progress(f"computing consistent bodies with the identified values of {robot.name}")
-    written = write_identified(identified, source, output, precision=precision, limit=limit)
+    written = write_identified(identified, source, output, precision=options.precision, limit=options.limit)
     return _add_notices(written, judged)
 
 

@@ -11,6 +11,12 @@ import click
 import symid
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
+    FILE,
+    INPUT,
+    METHOD,
+    MODEL,
+    OUTPUT,
+    WHOLE,
     NamedRobot,
     add_page,
     backend_option,
@@ -23,8 +29,8 @@ from symid.cli.options import (
     robot_argument,
     settings_options,
     split_pairs,
+    verb,
 )
-from symid.cli.verbs import FILE, INPUT, METHOD, MODEL, OUTPUT, WHOLE, verb
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
 

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
         compute_model_signature as compute_model_signature,
     )
     from symid.codegen.generation import (
-        CodeRequest as CodeRequest,
         GeneratedFolder as GeneratedFolder,
         generate_folder as generate_folder,
     )
@@ -64,7 +63,6 @@ if TYPE_CHECKING:
     )
     from symid.codegen.source_text import (
         BACKENDS as BACKENDS,
-        GenerateOptions as GenerateOptions,
         build_library_prefix as build_library_prefix,
         clean_text as clean_text,
     )

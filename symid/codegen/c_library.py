@@ -44,8 +44,9 @@ from symid.codegen.references import (
     ReferenceRows,
 )
 from symid.codegen.source_folder import SourceSet
-from symid.codegen.source_text import GenerateOptions, write_template
+from symid.codegen.source_text import write_template
 from symid.joint_models import FRICTION_LAWS, REFERENCE_TEMPERATURE
+from symid.options import GenerateOptions
 
 # Parts that sum up to pi/2, of which all but the last have exact products with n; coefficients of S and of C.
 _TRIGONOMETRY = {

@@ -22,7 +22,6 @@ from typing import TYPE_CHECKING
 from symid import __version__
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.generation import (
-    CodeRequest,
     GeneratedFolder,
     choose_runner,
     describe_untested,
@@ -56,6 +55,7 @@ from symid.joint_models import (
     start_element,
     start_states,
 )
+from symid.options import GenerateOptions
 from symid.robot import Robot
 from symid.serialization import compute_signature
 
@@ -333,7 +333,12 @@ def generate_element(
 
 
 def generate_springs(
-    robot: Robot, order: CodeRequest, folder: Path, *, progress: Callable[[str], None], force: bool = False
+    robot: Robot,
+    order: GenerateOptions,
+    folder: Path,
+    *,
+    progress: Callable[[str], None],
+    force: bool = False,
 ) -> tuple[tuple[GeneratedFolder, ...], tuple[Notice, ...]]:
     """Write the springs of elastic joints to folders `spring_<joint>` in `folder`, where one is not plain.
 
@@ -351,7 +356,7 @@ def generate_springs(
         own = ElementCode(
             name=f"{robot.name}_{label}",
             target=order.target,
-            precision=order.options.precision,
+            precision=order.precision,
             reach=_find_reach(spring),
             facts=(f"Spring of {owner}: torque of its torsion.",),
         )

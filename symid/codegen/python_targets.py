@@ -31,8 +31,9 @@ from symid.codegen.printing import print_javascript, print_python
 from symid.codegen.programs import Operations, Program
 from symid.codegen.references import PER_UNIT, TOLERANCES, WEIGHTS, ReferenceRows
 from symid.codegen.source_folder import SourceSet, write_sources
-from symid.codegen.source_text import GenerateOptions, build_library_prefix, write_template
+from symid.codegen.source_text import build_library_prefix, write_template
 from symid.errors import GenerationError, Notice, UsageError
+from symid.options import GenerateOptions
 from symid.robot import Robot
 from symid.serialization import compute_signature
 

@@ -16,7 +16,7 @@ endeffector-config.json (RIDE CLI documentation 1.1.1, "End effector commissioni
 Not supported: the limits of a single robot, such as its rated payload; a centre that is not identified.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -24,7 +24,6 @@ from pathlib import Path
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen import Library
 from symid.dynamics import (
     PAYLOAD_QUANTITIES,
     BaseParameters,
@@ -39,6 +38,7 @@ from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Estimate, ParameterEstimate
 from symid.identification.friction_search import identify_loaded
 from symid.identification.identified import build_identified
+from symid.identification.identify import TaskContext
 from symid.identification.rigid import identify_parameters
 from symid.identification.stored import (
     GivenResult,
@@ -49,30 +49,12 @@ from symid.identification.stored import (
     read_one,
 )
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
+from symid.options import PayloadOptions
 from symid.robot import Placement, Robot, describe_settings, suggest_names
 from symid.serialization import write_json
 
 GivenSide = Sequence[GivenResult | Recording]
 """One estimate, or logs: each itself, or its file."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PayloadTask:
-    """The options, and the services they need.
-
-    Args:
-        joint: whose link carries the payload, None for the last one; mass: kg, where it was weighed.
-        rows: of logs: how measurements become equations; estimator: how equations become parameters.
-        prepare: returns the robot's compiled functions.
-        progress: called with a short text on what begins.
-    """
-
-    joint: str | None
-    mass: float | None
-    rows: str
-    estimator: str
-    prepare: Callable[[], Library]
-    progress: Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -92,7 +74,9 @@ class _Side:
     notices: tuple[Notice, ...]
 
 
-def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: PayloadTask) -> PayloadFinding:
+def identify_payload(
+    robot: Robot, loaded: GivenSide, empty: GivenSide, options: PayloadOptions, context: TaskContext
+) -> PayloadFinding:
     """Return what the robot carries in `loaded` and not in `empty`.
 
     Raises:
@@ -102,13 +86,13 @@ def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: Pa
         IdentifiabilityError: no parameter is identifiable from the logs, or no payload is significant.
     """
     check_distinct([Path(entry) for entry in (*loaded, *empty) if isinstance(entry, str | PathLike)])
-    first = _read_side("with the payload", robot, loaded, task)
-    second = _read_side("without it", robot, empty, task)
+    first = _read_side("with the payload", robot, loaded, options, context)
+    second = _read_side("without it", robot, empty, options, context)
     if first.robot.elastic != second.robot.elastic:
         text = "one side has elastic joints and the other rigid ones; identify both by the same method"
         raise EstimateError(Notice(code="payload.other-model", text=text))
     found = estimate_payload(
-        first.robot, first.base, first.values, second.values, joint=task.joint, mass=task.mass
+        first.robot, first.base, first.values, second.values, joint=options.joint, mass=options.mass
     )
     return PayloadFinding(robot=first.robot.name, payload=found, notices=(*first.notices, *second.notices))
 
@@ -154,7 +138,9 @@ def read_payload(path: Path) -> PayloadFinding:
     return found
 
 
-def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> _Side:
+def _read_side(
+    name: str, robot: Robot, given: GivenSide, options: PayloadOptions, context: TaskContext
+) -> _Side:
     """Return the base values of an estimate, or of logs; notices of their identification name the side."""
     logs: list[Path | Recording] = []
     estimates: list[GivenResult] = []
@@ -166,7 +152,7 @@ def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> 
         else:
             estimates.append(entry)
     if not estimates:
-        side = _identify(robot, logs, task)
+        side = _identify(robot, logs, options, context)
     elif len(given) > 1:
         first = estimates[0] if isinstance(estimates[0], str | PathLike) else "a fit"
         text = (
@@ -185,24 +171,26 @@ def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> 
     return replace(side, notices=tuple(named))
 
 
-def _identify(robot: Robot, logs: Sequence[Path | Recording], task: PayloadTask) -> _Side:
+def _identify(
+    robot: Robot, logs: Sequence[Path | Recording], options: PayloadOptions, context: TaskContext
+) -> _Side:
     """Return the base values identified from logs."""
     if any(robot.elastic):
         text = "the robot has elastic joints: identify both sets of logs first, and give the estimates"
         raise UsageError(Notice(code="usage.payload-elastic", text=text, file=robot.path))
     recordings = read_recordings(logs, robot)
     check_distinct_samples(recordings)
-    library = task.prepare()
+    library = context.prepare(robot)
     names = ", ".join(Path(entry.source).name for entry in recordings)
-    task.progress(f"identifying {robot.name} from {names}")
+    context.progress(f"identifying {robot.name} from {names}")
 
     def fit(logs: Sequence[Recording]) -> Estimate:
         return identify_parameters(
             library,
             logs,
             robot.processing,
-            rows=task.rows,
-            estimator=task.estimator,
+            rows=options.rows,
+            estimator=options.estimator,
             echo={"log": describe_settings(robot)["log"]},
         )
 

@@ -25,9 +25,7 @@ if TYPE_CHECKING:
         simulate_rigid_plant as simulate_rigid_plant,
     )
     from symid.simulation.simulated_log import (
-        ControlSettings as ControlSettings,
-        SensorSettings as SensorSettings,
-        check_sensor_settings as check_sensor_settings,
+        check_sensor_options as check_sensor_options,
         check_stated_values as check_stated_values,
         simulate_log as simulate_log,
     )

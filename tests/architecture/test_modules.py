@@ -188,7 +188,7 @@ def test_only_the_command_line_prints_or_exits():
 def test_a_verb_is_a_client_of_the_api():
     # What is not a verb: how verbs are called, and what they share.
     shared = {"symid.cli.call", "symid.cli.main"}
-    allowed = {"symid", "symid.api", "symid.errors", "symid.environment", "click"}
+    allowed = {"symid", "symid.api", "symid.errors", "symid.environment", "symid.options", "click"}
     offered = {f"symid.{name}" for name in symid.__all__}
     wrong = [
         f"{module.name}: {source}.{name}"
