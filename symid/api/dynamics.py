@@ -10,15 +10,17 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypedDict, Unpack, final
 
-from symid import report
+from symid import dynamics, lessons, logs as log_files, report, robot as robots
 from symid.api.result import Result
+from symid.environment import check_suffix, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
+from symid.identification import regression
 
 if TYPE_CHECKING:
     from symid.api.log import LogLike
     from symid.codegen import RouteCount
     from symid.dynamics import BaseParameter, BaseParameters
-    from symid.lessons import AnswerSheet, LoggedMotion, MarkedAnswer, Step
+    from symid.lessons import AnswerSheet, MarkedAnswer, Step
     from symid.report import Block
     from symid.robot import Robot
 
@@ -71,9 +73,7 @@ class BaseSet(Result):
     @property
     def values(self) -> Mapping[str, float]:
         """Return the values of base and friction parameters in the robot file, SI units, by name."""
-        from symid.dynamics import compute_parameter_values
-
-        return compute_parameter_values(self.robot, self.product)
+        return dynamics.compute_parameter_values(self.robot, self.product)
 
     def __len__(self) -> int:
         """Return the number of inertial base parameters."""
@@ -91,22 +91,18 @@ class BaseSet(Result):
         """
         entries = {entry.name: entry for entry in (*self.product.parameters, *self.product.friction)}
         if name not in entries:
-            from symid.robot import suggest_names
-
             gone = {entry.name: entry.reason for entry in self.product.eliminated}
             head = self._list_heads().get(name)
             group = f"it is the first of the group {head.name}" if head else ""
-            hint = gone.get(name) or group or suggest_names(name, entries, otherwise="there are")
+            hint = gone.get(name) or group or robots.suggest_names(name, entries, otherwise="there are")
             text = f"{name!r} is not a base parameter of {self.robot.name}: {hint}"
             raise UsageError(Notice(code="usage.unknown-parameter", text=text))
         return entries[name]
 
     def _list_heads(self) -> "dict[str, BaseParameter]":
         """Return the base parameters by the name of the first standard parameter of their group."""
-        from symid.dynamics import write_label
-
         entries = (*self.product.parameters, *self.product.friction)
-        return {write_label(self.robot, entry.label): entry for entry in entries}
+        return {dynamics.write_label(self.robot, entry.label): entry for entry in entries}
 
     def explain(self, name: str) -> str:
         """Return the grouping of a parameter with its reason, or why it was eliminated.
@@ -149,12 +145,10 @@ def derive_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
     Raises:
         UsageError: there is no such form.
     """
-    from symid.dynamics import BASE_FORMS, derive_base_parameters
-
-    if form not in BASE_FORMS:
-        text = f"there is no form {form!r}; allowed are {', '.join(BASE_FORMS)}"
+    if form not in dynamics.BASE_FORMS:
+        text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
         raise UsageError(Notice(code="usage.base-form", text=text))
-    return BaseSet(robot=robot, form=form, product=derive_base_parameters(robot, form=form))
+    return BaseSet(robot=robot, form=form, product=dynamics.derive_base_parameters(robot, form=form))
 
 
 Notation = Literal["symid", "siciliano", "craig", "khalil"]
@@ -248,22 +242,19 @@ def write_lesson(
     log: "LogLike | None" = None,
 ) -> WrittenLesson:
     """Write the lesson on `robot`; see `RobotModel.write_lesson`."""
-    from symid.environment import check_suffix, write_file
-    from symid.lessons import get_book, write_lesson_notebook, write_lesson_page, write_lesson_tex
-
     file = Path(fspath(path))
     suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
-    book = get_book(notation, angle=angle, long=long_sines)
+    book = lessons.get_book(notation, angle=angle, long=long_sines)
     if suffix in (".tex", ".ipynb") and (exercises or log is not None):
         given = f"exercises={exercises}: they are" if exercises else "log: its motion is"
         what = f"{given} part of a page; write a .html for that"
         raise UsageError(Notice(code="usage.lesson-option", text=what))
     if suffix == ".tex":
-        text = write_lesson_tex(robot, book, parameters)
+        text = lessons.write_lesson_tex(robot, book, parameters)
         size = len(text.encode())
         return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
     if suffix == ".ipynb":
-        made = write_lesson_notebook(robot, book, parameters, file.resolve().parent)
+        made = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
         return WrittenLesson(
             robot=robot,
             path=write_file(file, made.text),
@@ -276,7 +267,7 @@ def write_lesson(
         text = "has answers that were typed; move it, or name the page otherwise"
         raise OutputError(Notice(code="output.answers", text=text, file=str(sheet_file)))
     logged = None if log is None else _sample_log(robot, log)
-    page = write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed, logged=logged)
+    page = lessons.write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed, logged=logged)
     answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
     sheet = write_file(sheet_file, page.sheet) if page.sheet else None
     return WrittenLesson(
@@ -295,7 +286,7 @@ _STILL = 1e-3
 """rad or m: what moves by less stands still."""
 
 
-def _sample_log(robot: "Robot", log: "LogLike") -> "LoggedMotion":
+def _sample_log(robot: "Robot", log: "LogLike") -> "lessons.LoggedMotion":
     """Return the motion of a log, filtered as for an identification.
 
     Raises:
@@ -304,22 +295,19 @@ def _sample_log(robot: "Robot", log: "LogLike") -> "LoggedMotion":
     import numpy as np
 
     from symid.api.log import adopt_log_map, take_one_log
-    from symid.identification.regression import choose_filters
-    from symid.lessons import MOTION_RATE, LoggedMotion
-    from symid.logs import prepare_signals, read_recordings
 
     described = adopt_log_map(robot, log)
-    (recording,) = read_recordings((take_one_log(log),), described)
-    processing = choose_filters(described.processing, [recording]).processing
-    signals = prepare_signals(recording, processing)
+    (recording,) = log_files.read_recordings((take_one_log(log),), described)
+    processing = regression.choose_filters(described.processing, [recording]).processing
+    signals = log_files.prepare_signals(recording, processing)
     length = min(float(signals.time[-1] - signals.time[0]), _LONGEST_MOTION)
-    times = signals.time[0] + np.arange(int(length * MOTION_RATE) + 1) / MOTION_RATE
+    times = signals.time[0] + np.arange(int(length * lessons.MOTION_RATE) + 1) / lessons.MOTION_RATE
     tables = (signals.q, signals.dq, signals.ddq)
     states = np.stack([[np.interp(times, signals.time, part) for part in table.T] for table in tables])
     still = np.ptp(states[0], axis=1) < _STILL
     states[0, still] = states[0, still].mean(axis=1, keepdims=True)
     states[1:, still] = 0.0
-    return LoggedMotion(name=Path(recording.source).name, states=states.transpose(0, 2, 1))
+    return lessons.LoggedMotion(name=Path(recording.source).name, states=states.transpose(0, 2, 1))
 
 
 def _read_sheet(path: Path) -> "AnswerSheet":
@@ -328,9 +316,6 @@ def _read_sheet(path: Path) -> "AnswerSheet":
     Raises:
         InputError: the file cannot be read, or is no such sheet.
     """
-    from symid.environment import read_file
-    from symid.lessons import read_sheet
-
     try:
         text = read_file(path, _LARGEST_SHEET).decode("utf-8-sig")
     except (OSError, ValueError) as error:
@@ -338,7 +323,7 @@ def _read_sheet(path: Path) -> "AnswerSheet":
         raise InputError(
             Notice(code="lesson.unreadable", text=f"cannot be read: {reason}", file=str(path))
         ) from error
-    return read_sheet(text, str(path))
+    return lessons.read_sheet(text, str(path))
 
 
 @final
@@ -410,10 +395,10 @@ class MarkedSheet(Result):
 
 def check_answers(robot: "Robot", path: str | PathLike[str]) -> MarkedSheet:
     """Mark a sheet of exercises; see `RobotModel.check_answers`."""
-    from symid.lessons import mark_sheet
-
     file = Path(fspath(path))
-    return MarkedSheet(robot=robot, path=file, answers=mark_sheet(robot, _read_sheet(file), str(file)))
+    return MarkedSheet(
+        robot=robot, path=file, answers=lessons.mark_sheet(robot, _read_sheet(file), str(file))
+    )
 
 
 @final
@@ -465,7 +450,6 @@ class Derivation(Result):
         return self._write(path, ".ipynb", letters)
 
     def _write(self, path: str | PathLike[str], suffix: str, letters: LessonLetters) -> Path:
-        from symid.environment import check_suffix
 
         check_suffix(Path(fspath(path)), "such a lesson", (suffix,))
         return write_lesson(self.robot, path, **letters).path

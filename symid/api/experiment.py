@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, final
 
-from symid import report
+from symid import excitation, report, study as studies
 from symid.api.log import Log, Measurements
 from symid.api.result import Figures, Progress, Result, check_count, ignore
 from symid.environment import report_count
@@ -88,11 +88,11 @@ class ExcitedTrajectory(Result):
         Raises:
             OutputError: the suffix is not .csv, or the file cannot be written.
         """
-        from symid.excitation import write_trajectory
-
         remarks = report.list_remarks(self.robot, self.product, self.seed)
         file = Path(path)
-        write_trajectory(self.trajectory, file, self.robot, rate=rate, periods=periods, remarks=remarks)
+        excitation.write_trajectory(
+            self.trajectory, file, self.robot, rate=rate, periods=periods, remarks=remarks
+        )
         return file
 
     def count_samples(self, *, rate: float = 1000.0, periods: int = 1) -> int:
@@ -314,12 +314,10 @@ def study_friction_tables(
         Traceback (most recent call last):
         symid.errors.UsageError: 1 draw: a standard deviation over draws needs two or more
     """
-    from symid.study import study_friction
-
     progress("all estimators on one data set")
     numbers = list_seeds(seeds, seed)
     return FrictionTables(
-        product=study_friction(numbers, jobs=jobs, timed=timed, progress=report_count(progress))
+        product=studies.study_friction(numbers, jobs=jobs, timed=timed, progress=report_count(progress))
     )
 
 
@@ -359,14 +357,12 @@ def study_foreign(
         Traceback (most recent call last):
         symid.errors.UsageError: unknown truth 'rust': choose from family, bouc-wen, asymmetric-bouc-wen, ...
     """
-    from symid.study import TRUTHS, study_foreign
-
     numbers = list_seeds(seeds, seed)
-    found = study_foreign(
+    found = studies.study_foreign(
         numbers,
         report.judge_fit,
         arm=arm,
-        truths=tuple(truths) or tuple(TRUTHS),
+        truths=tuple(truths) or tuple(studies.TRUTHS),
         sizes=sizes,
         share=share,
         jobs=jobs,

@@ -16,13 +16,13 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from symid import identification, report
+from symid import identification, logs as log_files, report, robot as robots
 from symid.api.log import LogLike, Logs, Part, Parts, list_logs, list_parts, take_one_log
 from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.api.robot import RobotModel, Settings, list_pairs, load
 from symid.api.validation import FitDiagnosis, FitPage, LogValidation
 from symid.errors import Notice, UsageError
-from symid.identification import elastic
+from symid.identification import elastic, friction as friction_fits
 from symid.options import ExportOptions, Precision
 
 if TYPE_CHECKING:
@@ -175,9 +175,7 @@ class Fit(JudgedResult):
         if name in self.refused:
             text = f"{name!r} has no value: {self.refused[name]}"
         else:
-            from symid.robot import suggest_names
-
-            hint = suggest_names(name, entries, otherwise="there are")
+            hint = robots.suggest_names(name, entries, otherwise="there are")
             text = f"{name!r} is not a parameter of this fit: {hint}"
         raise UsageError(Notice(code="usage.unknown-parameter", text=text))
 
@@ -194,9 +192,9 @@ class Fit(JudgedResult):
             >>> fit.save("fit.json").name
             'fit.json'
         """
-        from symid.identification import write_fit
-
-        return write_fit(self.estimate, Path(fspath(path)), verdict=report.describe_verdict(self.verdict))
+        return identification.write_fit(
+            self.estimate, Path(fspath(path)), verdict=report.describe_verdict(self.verdict)
+        )
 
     def validate(
         self,
@@ -241,9 +239,8 @@ class Fit(JudgedResult):
         band: float | None = None,
         tracking: "TrackingTask | None" = None,
     ) -> "AnyValidation":
-        from symid.identification import validate_fit
 
-        return validate_fit(
+        return identification.validate_fit(
             self.robot.description,
             self.estimate,
             log,
@@ -257,9 +254,11 @@ class Fit(JudgedResult):
 
     def _list_test_parts(self, test: Parts | None) -> "tuple[LogPart, ...]":
         """Return parts to predict; a number without unit has that of the parts that were fitted."""
-        from symid.logs import get_train_unit
-
-        return () if test is None else list_parts(test, "--test", get_train_unit(self.estimate.settings))
+        return (
+            ()
+            if test is None
+            else list_parts(test, "--test", log_files.get_train_unit(self.estimate.settings))
+        )
 
     def compare(
         self,
@@ -493,9 +492,7 @@ class RigidFit(_DynamicsFit):
             >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
             >>> fit.diagnose()  # doctest: +SKIP
         """
-        from symid.identification import diagnose_fit
-
-        found = diagnose_fit(self.robot.description, self.estimate, self.robot.context)
+        found = identification.diagnose_fit(self.robot.description, self.estimate, self.robot.context)
         return FitDiagnosis(robot=self.estimate.robot, product=found)
 
     def validate(
@@ -589,10 +586,8 @@ class ElasticFit(_DynamicsFit):
             >>> fit = robot.identify(robot.simulate(duration=4.0, seed=1).log, method="linear-spring")
             >>> fit.track(robot.simulate("tc", seed=2).log)  # doctest: +SKIP
         """
-        from symid.identification import build_tracking_task
-
         others = tuple((_name_file(entry.file), entry.estimate) for entry in against)
-        task = build_tracking_task(self.robot.description, seed, others)
+        task = identification.build_tracking_task(self.robot.description, seed, others)
         pairs = list_pairs(settings)
         found = self._try(take_one_log(log, pairs), pairs, test=test, tracking=task)
         return LogValidation(product=found, gate=gate, estimate=self.estimate)
@@ -694,12 +689,12 @@ def load_fit(
         True
     """
     file = Path(fspath(path))
-    from symid.identification import read_fit
-    from symid.identification.elastic import ElasticEstimate
-    from symid.identification.friction import FrictionIdentification
 
-    estimate = read_fit(file)
-    kinds: dict[type, type[Fit]] = {FrictionIdentification: FrictionFit, ElasticEstimate: ElasticFit}
+    estimate = identification.read_fit(file)
+    kinds: dict[type, type[Fit]] = {
+        friction_fits.FrictionIdentification: FrictionFit,
+        elastic.ElasticEstimate: ElasticFit,
+    }
     kind = kinds.get(type(estimate), RigidFit)
     return kind(estimate=estimate, file=file, model=robot, progress=progress, remarks=estimate.notices)
 

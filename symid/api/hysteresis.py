@@ -10,7 +10,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, final
 
-from symid import report
+from symid import codegen, logs as log_files, report
 from symid.api.code import WrittenCode
 from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.errors import LogError, Notice
@@ -62,10 +62,8 @@ def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = N
         >>> symid.hysteresis.read_columns("spring.csv", x="phi", y="tau").y.tolist()
         [0.0, 2.0]
     """
-    from symid.logs import read_raw
-
     file = Path(fspath(path))
-    raw = read_raw(file)
+    raw = log_files.read_raw(file)
     columns: dict[str, FloatArray] = {}
     for name, values in raw.columns.items():
         if values.ndim == 1:
@@ -245,8 +243,6 @@ class ElementFit(JudgedResult):
             >>> fit.write("python", "spring_code", name="spring").selftest
             'passed'
         """
-        from symid.codegen import ElementCode, generate_element
-
         record = self.record
         low, high = record.span
         form = f"{record.model}, {record.form}" if record.form else record.model
@@ -255,7 +251,7 @@ class ElementFit(JudgedResult):
             f"{form}, fitted to {record.samples} samples: {left}",
             f"The input went from {low:.6g} to {high:.6g}; beyond it the element extrapolates.",
         )
-        order = ElementCode(
+        order = codegen.ElementCode(
             name=name,
             target=target,
             precision=precision,
@@ -263,7 +259,7 @@ class ElementFit(JudgedResult):
             period=float(record.trace.time[-1]) / max(1, record.samples - 1),
             facts=facts,
         )
-        made = generate_element(
+        made = codegen.generate_element(
             record.elasticity, order, Path(fspath(folder)), progress=progress, force=force
         )
         return WrittenCode(robot=None, product=made)

@@ -12,7 +12,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
 
-from symid import report
+from symid import logs as log_files, report
 from symid.api.result import Figures, Result
 from symid.errors import LogError, Notice, UsageError
 
@@ -70,9 +70,7 @@ class Measurements(Result):
             >>> len(symid.read_log(log.save("run.csv"), robot)) == len(log)
             True
         """
-        from symid.logs import write_recording
-
-        return write_recording(self.recording, Path(fspath(path)), self.robot)
+        return log_files.write_recording(self.recording, Path(fspath(path)), self.robot)
 
 
 @final
@@ -114,9 +112,7 @@ class Log(Measurements):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return warnings and notes: conversions, unused columns, suspicious samples."""
-        from symid.logs import check_recording
-
-        return (*self.recording.notices, *check_recording(self.recording, self.robot))
+        return (*self.recording.notices, *log_files.check_recording(self.recording, self.robot))
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -140,9 +136,9 @@ class Log(Measurements):
             >>> len(log.cut("0:60%")), len(log.cut((1.5, None)))
             (1201, 501)
         """
-        from symid.logs import read_parts, take_parts
-
-        (recording,) = take_parts((self.recording,), read_parts(part, "part"), "part", keep=True)
+        (recording,) = log_files.take_parts(
+            (self.recording,), log_files.read_parts(part, "part"), "part", keep=True
+        )
         return replace(self, recording=recording)
 
     def summarise(self) -> str:
@@ -151,17 +147,13 @@ class Log(Measurements):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return the table of joints: range, speed, torque."""
-        from symid.logs import summarise_joints
-
-        summary = summarise_joints(self.recording, self.robot)
+        summary = log_files.summarise_joints(self.recording, self.robot)
         return (self.summarise(), report.show_joints({"file": self.source}, summary))
 
     def to_dict(self) -> dict[str, object]:
         """Return samples, timing and the range of every joint in plain types."""
-        from symid.logs import measure_timing, summarise_joints
-
-        summary = summarise_joints(self.recording, self.robot)
-        return report.describe_log(self.recording, measure_timing(self.time), summary)
+        summary = log_files.summarise_joints(self.recording, self.robot)
+        return report.describe_log(self.recording, log_files.measure_timing(self.time), summary)
 
 
 @runtime_checkable
@@ -230,9 +222,8 @@ def list_parts(given: Parts | None, name: str, unit: str = "") -> "tuple[LogPart
     """
     if given is None:
         return ()
-    from symid.logs import read_parts
 
-    return read_parts(given, name, unit)
+    return log_files.read_parts(given, name, unit)
 
 
 def pair_parts(
@@ -248,8 +239,6 @@ def pair_parts(
     Raises:
         UsageError: they overlap, are not one for each log, or logs are tested that were fitted as a whole.
     """
-    from symid.logs import join_units, read_parts, refuse_shared
-
     text = ""
     listing = [str(log) for log in logs if log.suffix.lower() == ".toml"]
     if test and not train:
@@ -263,9 +252,11 @@ def pair_parts(
         )
     if text:
         raise UsageError(Notice(code="usage.log-part", text=text))
-    unit = join_units([*read_parts(train, "--train"), *read_parts(test, "--test")])
-    fitted, tried = read_parts(train, "--train", unit), read_parts(test, "--test", unit)
-    refuse_shared(fitted, tried)
+    unit = log_files.join_units(
+        [*log_files.read_parts(train, "--train"), *log_files.read_parts(test, "--test")]
+    )
+    fitted, tried = log_files.read_parts(train, "--train", unit), log_files.read_parts(test, "--test", unit)
+    log_files.refuse_shared(fitted, tried)
     each = [part.text for part in tried] * (len(logs) if len(tried) == 1 else 1)
     return [part.text for part in fitted] or None, tuple(zip(logs, each, strict=bool(test)))
 
@@ -315,9 +306,7 @@ def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = 
         >>> [len(log) for log in symid.read_logs(robot.simulate(duration=1.0).save("run.npz"), robot)]
         [1001]
     """
-    from symid.logs import read_recordings
-
-    recordings = read_recordings((Path(fspath(path)),), robot.description, uneven=uneven)
+    recordings = log_files.read_recordings((Path(fspath(path)),), robot.description, uneven=uneven)
     return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
 
 
@@ -387,8 +376,6 @@ def build_log(
     """
     import numpy as np
 
-    from symid.logs import Recording
-
     arrays = {"q": q, "tau": tau, "dq": dq, "ddq": ddq, "theta": theta}
     arrays |= {"load": load, "temperature": temperature}
     try:
@@ -412,7 +399,7 @@ def build_log(
         wrong.append("time must be a list of two or more stamps in s that increase")
     if wrong:
         raise LogError(*(Notice(code="log.arrays", text=text, file=source) for text in wrong))
-    recording = Recording(
+    recording = log_files.Recording(
         time=stamps,
         position=given["q"],
         torque=given["tau"],

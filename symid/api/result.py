@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from symid import report
+from symid.environment import write_file
 from symid.errors import Notice, UsageError, arrange_notices
 
 if TYPE_CHECKING:
@@ -192,8 +193,6 @@ class Figures:
             UsageError: the suffix is another one.
             OutputError: the file cannot be written.
         """
-        from symid.environment import write_file
-
         file = Path(fspath(path))
         if file.suffix.lower() == ".svg":
             return write_file(file, report.write_svg(self.drawings))

@@ -18,13 +18,25 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, final
 
-from symid import report
+from symid import (
+    codegen,
+    dynamics,
+    excitation,
+    identification,
+    lessons,
+    logs as log_files,
+    report,
+    robot as robots,
+    simulation,
+    study as studies,
+)
 from symid.api.dynamics import BaseForm, BaseSet, derive_base_set
 from symid.api.experiment import list_seeds
 from symid.api.result import Figures, Progress, check_choice, ignore
 from symid.codegen import BACKENDS
+from symid.environment import report_count
 from symid.errors import Notice, UsageError
-from symid.identification import IdentifyOptions, LawOptions
+from symid.identification import IdentifyOptions, LawOptions, diagnostics, elastic, rigid as rigid_fits
 from symid.options import (
     ExciteOptions,
     GenerateOptions,
@@ -52,7 +64,6 @@ if TYPE_CHECKING:
     from symid.api.robot_files import ExportedFile
     from symid.codegen import Library, SymbolicFunction
     from symid.excitation import SampledMotion, Trajectory
-    from symid.identification import TaskContext
     from symid.logs import Recording
     from symid.report import Block
     from symid.robot import Joint, Robot
@@ -186,10 +197,8 @@ class RobotModel:
             >>> robot.description.processing.filter_cutoff
             20.0
         """
-        from symid.robot import override_settings
-
         check_choice("backend", backend or self.backend, BACKENDS)
-        changed = override_settings(self.description, list_pairs(settings), friction)
+        changed = robots.override_settings(self.description, list_pairs(settings), friction)
         backend, progress = backend or self.backend, progress or self.progress
         return replace(self, description=changed, backend=backend, progress=progress)
 
@@ -239,12 +248,10 @@ class RobotModel:
         from symid.api.dynamics import Derivation
 
         self.progress(f"deriving the dynamics of {self.name}")
-        from symid.codegen import count_route_operations
-        from symid.lessons import derive_lesson
 
-        steps = derive_lesson(self.description)
+        steps = lessons.derive_lesson(self.description)
         self.progress("counting the operations of all routes to code")
-        counts = count_route_operations(self.description)
+        counts = codegen.count_route_operations(self.description)
         return Derivation(robot=self.description, steps=steps, operations=counts, latex=latex)
 
     def write_lesson(
@@ -331,10 +338,8 @@ class RobotModel:
             >>> gravity["g"].shape
             (2, 1)
         """
-        from symid.codegen import derive_symbolic
-
         self._check_function(name)
-        return derive_symbolic(self.description, name, standard=standard, base=self.base.product)
+        return codegen.derive_symbolic(self.description, name, standard=standard, base=self.base.product)
 
     def casadi(
         self, name: str, *, standard: bool = False, constant: bool = False, compiled: bool = False
@@ -363,25 +368,22 @@ class RobotModel:
             >>> gravity.size1_in("q")
             2
         """
-        from symid.codegen import build_casadi_function, build_compiled_function
-
         self._check_function(name)
         if compiled:
-            return build_compiled_function(self.description, name, standard=standard, constant=constant)
-        return build_casadi_function(self.description, name, standard=standard, constant=constant)
+            return codegen.build_compiled_function(
+                self.description, name, standard=standard, constant=constant
+            )
+        return codegen.build_casadi_function(self.description, name, standard=standard, constant=constant)
 
     def _check_function(self, name: str) -> None:
         """Refuse a function that the catalogue does not have for this robot, with the nearest names."""
-        from symid.codegen import LIMITED, list_robot_specs
-        from symid.robot import suggest_names
-
-        if name in LIMITED:
+        if name in codegen.LIMITED:
             # Written on request, or for few coordinates: the error says so.
-            list_robot_specs(self.description, self.base.product, (name,))
+            codegen.list_robot_specs(self.description, self.base.product, (name,))
             return
-        names = [spec.name for spec in list_robot_specs(self.description, self.base.product)]
+        names = [spec.name for spec in codegen.list_robot_specs(self.description, self.base.product)]
         if name not in names:
-            hint = suggest_names(name, names, otherwise="there are")
+            hint = robots.suggest_names(name, names, otherwise="there are")
             text = f"function {name!r} is not in the catalogue of {self.name}: {hint}"
             raise UsageError(Notice(code="usage.unknown-function", text=text))
 
@@ -453,7 +455,6 @@ class RobotModel:
             'passed'
         """
         from symid.api.code import WrittenCode
-        from symid.codegen import generate_folder, generate_springs
 
         order = GenerateOptions(
             target=target,
@@ -465,8 +466,8 @@ class RobotModel:
             friction_laws=friction_laws,
         )
         path = Path(fspath(folder))
-        made = generate_folder(self.description, order, path, progress=self.progress, force=force)
-        springs, notices = generate_springs(
+        made = codegen.generate_folder(self.description, order, path, progress=self.progress, force=force)
+        springs, notices = codegen.generate_springs(
             self.description, order, path, progress=self.progress, force=force
         )
         whole = replace(made, springs=springs, notices=(*made.notices, *notices))
@@ -508,14 +509,13 @@ class RobotModel:
             True
         """
         from symid.api.log import RobotCheck, list_logs
-        from symid.identification.diagnostics import LogsCheck, check_robot_logs
 
         if resample is not None and len(logs) != 1:
             text = f"resample: a copy is made of one log at a time, got {len(logs)}"
             raise UsageError(Notice(code="usage.one-log", text=text))
-        found = LogsCheck()
+        found = diagnostics.LogsCheck()
         if logs:
-            found = check_robot_logs(
+            found = diagnostics.check_robot_logs(
                 self.description,
                 list_logs(logs),
                 prepare=lambda: self.library,
@@ -543,9 +543,6 @@ class RobotModel:
         """
         from symid.api.fit import load_fit
         from symid.api.log import list_logs
-        from symid.excitation import is_trajectory, read_trajectory
-        from symid.identification.diagnostics import summarise_log
-        from symid.logs import read_recordings
 
         robot = self.description
         if what is None:
@@ -557,10 +554,10 @@ class RobotModel:
             path = Path(fspath(what))
             if path.suffix.lower() == ".json":
                 return load_fit(path, self).plot()
-            if is_trajectory(path):
-                return Figures(drawings=report.draw_motion(read_trajectory(path, robot), robot))
-        read = read_recordings(list_logs((what,)), robot, uneven=True)
-        logs = [summarise_log(recording, robot) for recording in read]
+            if excitation.is_trajectory(path):
+                return Figures(drawings=report.draw_motion(excitation.read_trajectory(path, robot), robot))
+        read = log_files.read_recordings(list_logs((what,)), robot, uneven=True)
+        logs = [diagnostics.summarise_log(recording, robot) for recording in read]
         return Figures(
             drawings=tuple(drawing for log in logs for drawing in report.draw_log(log.recording, robot, log))
         )
@@ -568,22 +565,19 @@ class RobotModel:
     # Identification.
 
     @property
-    def context(self) -> "TaskContext":
+    def context(self) -> "identification.TaskContext":
         """Return compiled functions on demand, and the callback for progress, for long computations."""
-        from symid.codegen import keep_dynamics
-        from symid.identification import TaskContext
 
         def prepare(description: "Robot") -> "Library":
             """Return this robot's library, loaded once, where the dynamics are its own."""
-            own = keep_dynamics(description) == keep_dynamics(self.description)
+            own = codegen.keep_dynamics(description) == codegen.keep_dynamics(self.description)
             return self.library if own else self._prepare(description)
 
-        return TaskContext(prepare=prepare, progress=self.progress)
+        return identification.TaskContext(prepare=prepare, progress=self.progress)
 
     def _prepare(self, description: "Robot", *, fused: bool = False, whole: bool = False) -> "Library":
-        from symid.codegen import prepare_library
 
-        return prepare_library(
+        return codegen.prepare_library(
             description, progress=self.progress, backend=self.backend, fused=fused, whole=whole
         )
 
@@ -649,8 +643,6 @@ class RobotModel:
             True
         """
         from symid.api.fit import build_dynamics_fit
-        from symid.identification import identify_robot, needs_search, read_joint_laws
-        from symid.identification.rigid import check_estimator
 
         order = merge(
             options,
@@ -665,13 +657,15 @@ class RobotModel:
             known=known,
             partial=partial,
         )
-        check_estimator(order.rows or "torque", order.estimator)
-        law = read_joint_laws(order.friction, self.description)
-        searched = law if needs_search(law) else None
+        rigid_fits.check_estimator(order.rows or "torque", order.estimator)
+        law = identification.read_joint_laws(order.friction, self.description)
+        searched = law if identification.needs_search(law) else None
         stated = law if isinstance(law, str) and not searched else None
         pairs = list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, stated, train)
-        found = identify_robot(described, recordings, replace(order, friction=searched), self.context, pairs)
+        found = identification.identify_robot(
+            described, recordings, replace(order, friction=searched), self.context, pairs
+        )
         return build_dynamics_fit(found, self)
 
     def _gather(
@@ -683,13 +677,13 @@ class RobotModel:
     ) -> "tuple[Robot, tuple[Recording, ...]]":
         """Return the robot with the settings of the call, and what it fits of the recordings."""
         from symid.api.log import adopt_log_map, list_logs, list_parts
-        from symid.logs import read_fit_recordings, take_parts
-        from symid.robot import override_settings
 
         given = list_logs(logs, pairs)
-        described = override_settings(adopt_log_map(self.description, logs), pairs, friction)
+        described = robots.override_settings(adopt_log_map(self.description, logs), pairs, friction)
         parts = list_parts(train, "--train")
-        return described, take_parts(read_fit_recordings(given, described), parts, "--train", keep=True)
+        return described, log_files.take_parts(
+            log_files.read_fit_recordings(given, described), parts, "--train", keep=True
+        )
 
     def identify_friction(
         self,
@@ -740,7 +734,6 @@ class RobotModel:
             ['elbow', 'shoulder']
         """
         from symid.api.fit import FrictionFit
-        from symid.identification import identify_robot_friction
 
         order = merge(
             options,
@@ -754,7 +747,7 @@ class RobotModel:
             friction=friction,
         )
         given = self._gather(logs, list_pairs(settings, order), order.friction, train)
-        found = identify_robot_friction(*given, order, self.context)
+        found = identification.identify_robot_friction(*given, order, self.context)
         extra = {"backend": found.backend}
         return FrictionFit(estimate=found.estimate, model=self, remarks=found.notices, extra=extra)
 
@@ -785,11 +778,10 @@ class RobotModel:
             ['elbow', 'shoulder']
         """
         from symid.api.identification import Stiffness
-        from symid.identification import identify_stiffness
 
         pairs = list_pairs(settings, IdentifyOptions(drop_first=drop_first, drop_last=drop_last))
         described, recordings = self._gather(logs, pairs, friction, train)
-        found, notices = identify_stiffness(described, recordings, pairs, self.context)
+        found, notices = identification.identify_stiffness(described, recordings, pairs, self.context)
         return Stiffness(estimate=found, notices=notices)
 
     def one_shot(
@@ -818,12 +810,11 @@ class RobotModel:
             True
         """
         from symid.api.identification import OneShotProblem
-        from symid.identification import build_elastic_graph
 
         order = options or IdentifyOptions()
         pairs = list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, None, train)
-        graph, notices = build_elastic_graph(described, recordings, order, pairs, self.context)
+        graph, notices = identification.build_elastic_graph(described, recordings, order, pairs, self.context)
         return OneShotProblem(robot=self, graph=graph, remarks=notices)
 
     # Trajectories and experiments.
@@ -873,7 +864,6 @@ class RobotModel:
         import numpy as np
 
         from symid.api.experiment import ExcitedTrajectory
-        from symid.excitation import build_excitation_options, optimise_excitation
 
         order = merge(
             options,
@@ -889,8 +879,11 @@ class RobotModel:
             starts=starts,
             seed=seed,
         )
-        search, rng = build_excitation_options(order, self.description), np.random.default_rng(order.seed)
-        found = optimise_excitation(self.description, search, rng=rng, progress=self.progress)
+        search, rng = (
+            excitation.build_excitation_options(order, self.description),
+            np.random.default_rng(order.seed),
+        )
+        found = excitation.optimise_excitation(self.description, search, rng=rng, progress=self.progress)
         return ExcitedTrajectory(robot=self.description, product=found, seed=order.seed)
 
     def simulate(
@@ -935,8 +928,6 @@ class RobotModel:
         import numpy as np
 
         from symid.api.experiment import ExcitedTrajectory, Simulation
-        from symid.excitation import build_motion
-        from symid.simulation import check_sensor_options, check_stated_values, simulate_log
 
         order = merge(
             options,
@@ -949,18 +940,18 @@ class RobotModel:
             seed=seed,
         )
         robot = self.description
-        check_sensor_options(robot, order)
+        simulation.check_sensor_options(robot, order)
         # Before minutes go into the derivation.
-        check_stated_values(robot)
+        simulation.check_stated_values(robot)
         rng = np.random.default_rng(order.seed)
         given = trajectory.trajectory if isinstance(trajectory, ExcitedTrajectory) else trajectory
         named = fspath(given) if isinstance(given, PathLike) else given
-        motion = build_motion(
+        motion = excitation.build_motion(
             robot, named, rng, duration=order.duration, joint=order.joint, scale=order.scale
         )
         library = self.library
         self.progress(f"simulating {motion.duration:g} s of {robot.name}")
-        found = simulate_log(robot, library, motion, order, rng)
+        found = simulation.simulate_log(robot, library, motion, order, rng)
         return Simulation(
             robot=robot,
             recording=found.recording,
@@ -1018,11 +1009,10 @@ class RobotModel:
             1.0
         """
         from symid.api.identification import PayloadResult, list_payload_side
-        from symid.identification import identify_payload
 
         options = PayloadOptions(joint=joint, mass=mass, rows=rows, estimator=estimator)
         sides = (list_payload_side(loaded), list_payload_side(empty))
-        found = identify_payload(self.description, *sides, options, self.context)
+        found = identification.identify_payload(self.description, *sides, options, self.context)
         return PayloadResult(product=found, carrier=self.description)
 
     def export(self, path: str | PathLike[str], *, precision: Precision = "double") -> "ExportedFile":
@@ -1045,9 +1035,10 @@ class RobotModel:
         from symid.api.robot_files import ExportedFile
 
         self.progress(f"writing {self.name}")
-        from symid.identification import write_stated
 
-        return ExportedFile(product=write_stated(self.description, Path(path), precision=precision))
+        return ExportedFile(
+            product=identification.write_stated(self.description, Path(path), precision=precision)
+        )
 
     # Studies of methods on the robot, simulated.
 
@@ -1068,10 +1059,8 @@ class RobotModel:
             >>> [method.method for method in study.product.methods]
             ['wls', 'momentum', 'consistent']
         """
-        from symid.study import study_precision
-
         found = self._study(
-            study_precision, "precision of", report.show_precision, list_seeds(seeds, seed), jobs=jobs
+            studies.study_precision, "precision of", report.show_precision, list_seeds(seeds, seed), jobs=jobs
         )
         return replace(found, notices=self.notices)
 
@@ -1085,7 +1074,6 @@ class RobotModel:
     ) -> "Study[Any]":
         """Return a study with the noise of every seed in `numbers`, in several processes."""
         from symid.api.experiment import Study
-        from symid.environment import report_count
 
         # Made here, with its progress told, before processes look for it.
         _ = self.library
@@ -1113,17 +1101,15 @@ class RobotModel:
         """
         from symid.api.experiment import Study
         from symid.api.log import take_one_log
-        from symid.environment import report_count
-        from symid.identification.elastic import build_motor_recording, build_rigid_variant
-        from symid.logs import read_one_log
-        from symid.study import study_cutoff
 
         robot = self.description
-        recording = read_one_log(take_one_log(log), robot)
-        rigid = build_rigid_variant(robot) if self.elastic else robot
+        recording = log_files.read_one_log(take_one_log(log), robot)
+        rigid = elastic.build_rigid_variant(robot) if self.elastic else robot
         library = replace(self, description=rigid).library
-        measured = build_motor_recording(recording, robot)
-        found = study_cutoff(library, measured, robot.processing, progress=report_count(self.progress))
+        measured = elastic.build_motor_recording(recording, robot)
+        found = studies.study_cutoff(
+            library, measured, robot.processing, progress=report_count(self.progress)
+        )
         return Study(
             title=f"cut-off of {robot.name}",
             product=found,
@@ -1148,11 +1134,9 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_elastic(seeds=1)  # doctest: +SKIP
         """
-        from symid.study import study_elastic
-
         numbers, title = list_seeds(seeds, seed), "methods for the elastic joints of"
         show = report.show_elastic_study
-        found = self._study(study_elastic, title, show, numbers, jobs=jobs, timed=timed)
+        found = self._study(studies.study_elastic, title, show, numbers, jobs=jobs, timed=timed)
         return replace(found, described=report.describe_elastic_study(found.product, numbers))
 
     def study_tracking(
@@ -1171,10 +1155,8 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_tracking(seeds=1)  # doctest: +SKIP
         """
-        from symid.study import study_tracking
-
         numbers = list_seeds(seeds, seed)
-        return self._study(study_tracking, "tracking of", report.show_tracking, numbers, jobs=jobs)
+        return self._study(studies.study_tracking, "tracking of", report.show_tracking, numbers, jobs=jobs)
 
     def study_six_joints(self, *, seeds: int = 1, seed: int = 1) -> "Study[tuple[ManyJointsResult, ...]]":
         """Validate the identified dynamics of an elastic arm with any number of joints on a held-out motion.
@@ -1192,13 +1174,12 @@ class RobotModel:
             >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
         from symid.api.experiment import Study
-        from symid.study import SensorCondition, study_many_joints
 
         numbers, library = list_seeds(seeds, seed), self.library
         found = tuple(
-            study_many_joints(self.description, library, condition, number)
+            studies.study_many_joints(self.description, library, condition, number)
             for number in numbers
-            for condition in SensorCondition
+            for condition in studies.SensorCondition
         )
         return Study(
             title=f"dynamics of the elastic arm {self.name}",
@@ -1251,8 +1232,6 @@ def load(
         >>> symid.load("panda").name
         'panda'
     """
-    from symid.robot import load_robot
-
     check_choice("backend", backend, BACKENDS)
     written = None
     if gravity is not None:
@@ -1262,7 +1241,7 @@ def load(
         x, y, z = (repr(float(part)) for part in gravity)
         written = (x, y, z)
     read = partial(
-        load_robot,
+        robots.load_robot,
         fspath(robot),
         list_pairs(settings),
         friction,
@@ -1274,9 +1253,8 @@ def load(
     described = read(snap=snap)
     if snap is None and any(notice.code in _ROUNDED for notice in described.notices):
         # Loads SymPy: only where an angle was rounded.
-        from symid.dynamics import choose_reading
 
-        described = choose_reading(read)
+        described = dynamics.choose_reading(read)
     return RobotModel(description=described, backend=backend, progress=progress)
 
 
@@ -1288,6 +1266,4 @@ def list_robots() -> tuple[str, ...]:
         >>> "panda" in symid.list_robots()
         True
     """
-    from symid.robot import list_robots as list_names
-
-    return list_names()
+    return robots.list_robots()

@@ -10,9 +10,11 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
-from symid import report
+from symid import identification, logs as log_files, report, robot as robots
 from symid.api.result import Progress, Result, ignore
+from symid.environment import check_suffix, write_file
 from symid.errors import EstimateError, Notice
+from symid.identification import friction as friction_fits
 from symid.options import ExportOptions
 
 if TYPE_CHECKING:
@@ -65,12 +67,9 @@ class RobotDraft(Result):
         Raises:
             OutputError: the suffix is not .toml, or the file cannot be written.
         """
-        from symid.environment import check_suffix, write_file
-        from symid.robot import move_source
-
         file = Path(path)
         check_suffix(file, "a robot file", (".toml",))
-        write_file(file, move_source(self.text, self.robot, file.parent))
+        write_file(file, robots.move_source(self.text, self.robot, file.parent))
         return file
 
     def summarise(self) -> str:
@@ -136,12 +135,10 @@ def new_robot(
         >>> draft.text.count("[[joint]]")
         4
     """
-    from symid.logs import DraftOrder, draft_robot
-
     source = urdf or table or robot
     if source is not None:
         progress(f"reading {fspath(source)}")
-    order = DraftOrder(
+    order = log_files.DraftOrder(
         urdf=None if urdf is None else Path(urdf),
         base=base,
         tip=tip,
@@ -157,7 +154,7 @@ def new_robot(
         gear=gear,
         constant=torque_constant,
     )
-    return RobotDraft(product=draft_robot(order))
+    return RobotDraft(product=log_files.draft_robot(order))
 
 
 @final
@@ -222,27 +219,21 @@ def export_fit(
     Springs are written as identified. Friction laws are written to robot files if these have a model for
     them.
     """
-    from symid.identification import (
-        build_identified,
-        check_format,
-        locate_source,
-        read_result,
-        write_friction,
-        write_identified,
-    )
-    from symid.identification.friction import FrictionIdentification
-
     options = options or ExportOptions()
-    output = locate_source(robot) if path is None else Path(path)
-    result, source = read_result(found)
-    check_format(output, options.precision, friction=isinstance(result, FrictionIdentification))
+    output = identification.locate_source(robot) if path is None else Path(path)
+    result, source = identification.read_result(found)
+    identification.check_format(
+        output, options.precision, friction=isinstance(result, friction_fits.FrictionIdentification)
+    )
     judged = _check_verdict(result, source, accept=options.accept)
-    if isinstance(result, FrictionIdentification):
+    if isinstance(result, friction_fits.FrictionIdentification):
         progress(f"comparing {robot.name} with the model whose friction was identified")
-        return _add_notices(write_friction(robot, result, source, output), judged)
-    identified = build_identified(robot, result, source)
+        return _add_notices(identification.write_friction(robot, result, source, output), judged)
+    identified = identification.build_identified(robot, result, source)
     progress(f"computing consistent bodies with the identified values of {robot.name}")
-    written = write_identified(identified, source, output, precision=options.precision, limit=options.limit)
+    written = identification.write_identified(
+        identified, source, output, precision=options.precision, limit=options.limit
+    )
     return _add_notices(written, judged)
 
 
