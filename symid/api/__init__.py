@@ -36,7 +36,6 @@ if TYPE_CHECKING:
         Fit as Fit,
         FrictionFit as FrictionFit,
         RigidFit as RigidFit,
-        load_fit as load_fit,
     )
     from symid.api.identification import (
         OneShotProblem as OneShotProblem,
@@ -56,7 +55,12 @@ if TYPE_CHECKING:
         read_logs as read_logs,
     )
     from symid.api.result import Figures as Figures, Result as Result
-    from symid.api.robot import RobotModel as RobotModel, list_robots as list_robots, load as load
+    from symid.api.robot import (
+        RobotModel as RobotModel,
+        list_robots as list_robots,
+        load as load,
+        load_fit as load_fit,
+    )
     from symid.api.robot_files import (
         ExportedFile as ExportedFile,
         RobotDraft as RobotDraft,

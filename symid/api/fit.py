@@ -8,7 +8,7 @@ Estimates, of now or from a file -> `RigidFit`, `ElasticFit`, `FrictionFit`, all
 """
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,17 +17,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from symid import identification, logs as log_files, report, robot as robots
-from symid.api.log import LogLike, Logs, Part, Parts, list_logs, list_parts, take_one_log
-from symid.api.result import Figures, JudgedResult, Progress, ignore
-from symid.api.robot import RobotModel, Settings, list_pairs, load
-from symid.api.validation import FitDiagnosis, FitPage, LogValidation
+from symid.api.dynamics import RobotDynamics
+from symid.api.log import (
+    LogLike,
+    Logs,
+    Part,
+    Parts,
+    Settings,
+    list_logs,
+    list_pairs,
+    list_parts,
+    take_one_log,
+)
+from symid.api.result import Figures, JudgedResult
+from symid.api.robot_files import ExportedFile, export_fit
+from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
 from symid.errors import Notice, UsageError
-from symid.identification import elastic, friction as friction_fits
+from symid.identification import elastic
 from symid.options import ExportOptions, Precision
 
 if TYPE_CHECKING:
-    from symid.api.robot_files import ExportedFile
-    from symid.api.validation import Comparison, DeviationUnit
     from symid.arrays import FloatArray
     from symid.identification import AnyValidation, TrackingTask
     from symid.identification.elastic import ElasticEstimate, SpringEstimate
@@ -44,8 +53,7 @@ class Fit(JudgedResult):
     Attributes:
         estimate: the full result, with the settings used.
         file: where it was read from; None for a new fit.
-        model: the robot; None for a fit read from a file without naming its robot.
-        progress: called with a short text when the robot is loaded by its name.
+        model: the robot, or what loads it by the name stored in the file.
         remarks: warnings and notes on the fit, its robot and its logs.
         extra: entries of `to_dict` that only a new fit has, such as the backend.
 
@@ -61,8 +69,7 @@ class Fit(JudgedResult):
 
     estimate: "Estimate | ElasticEstimate | FrictionIdentification"
     file: Path | None = None
-    model: RobotModel | None = None
-    progress: Progress = ignore
+    model: RobotDynamics | Callable[[], RobotDynamics]
     remarks: tuple[Notice, ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
 
@@ -82,17 +89,17 @@ class Fit(JudgedResult):
         """Return the residual of the fit on its own logs, joint by joint."""
 
     @cached_property
-    def robot(self) -> RobotModel:
+    def robot(self) -> RobotDynamics:
         """Return the robot; if none was given, it is loaded by the name stored in the fit.
 
         Raises:
             UsageError: there is no robot of this name.
         """
-        if self.model is not None:
+        if isinstance(self.model, RobotDynamics):
             return self.model
         name = self.product.robot
         try:
-            return load(name, progress=self.progress)
+            return self.model()
         except UsageError as error:
             first = error.notices[0]
             if first.code != "usage.unknown-robot":
@@ -266,10 +273,10 @@ class Fit(JudgedResult):
         name: str | None = None,
         value: str | None = None,
         deviation: str | None = None,
-        deviation_unit: "DeviationUnit | None" = None,
+        deviation_unit: DeviationUnit | None = None,
         read_as: Mapping[str, str] | None = None,
         gate: float | None = None,
-    ) -> "Comparison":
+    ) -> Comparison:
         """Compare the values of the fit with others; differences in standard deviations of both sides.
 
         Args:
@@ -293,8 +300,6 @@ class Fit(JudgedResult):
             >>> fit.compare(fit).largest
             0.0
         """
-        from symid.api.validation import compare_fit
-
         return compare_fit(
             self.robot.description,
             self,
@@ -315,7 +320,7 @@ class Fit(JudgedResult):
         precision: Precision = "double",
         accept: bool = False,
         limit: float | None = None,
-    ) -> "ExportedFile":
+    ) -> ExportedFile:
         """Write the robot with the values of the fit; the suffix of `path` selects the format.
 
         Among all physically consistent bodies with the identified combinations of masses and inertias, those
@@ -343,8 +348,6 @@ class Fit(JudgedResult):
             >>> fit.export("identified.urdf").format
             'URDF'
         """
-        from symid.api.robot_files import export_fit
-
         robot = self.robot
         options = ExportOptions(precision=precision, accept=accept, limit=limit)
         return export_fit(robot.description, self, path, options, robot.progress)
@@ -668,39 +671,8 @@ class FrictionFit(Fit):
         return {**self._describe_verdict(), **report.describe_friction(self.estimate), **self.extra}
 
 
-def load_fit(
-    path: str | PathLike[str], robot: RobotModel | None = None, *, progress: Progress = ignore
-) -> Fit:
-    """Return the fit stored in a file, of any kind.
-
-    Args:
-        path: a file that `Fit.save` or `symid identify -o` wrote.
-        robot: its robot; loaded on use by the name stored in the file by default.
-        progress: called with a short text when the robot is loaded by its name.
-
-    Raises:
-        EstimateError: the file does not exist, or is not a fit.
-
-    Example:
-        >>> import symid
-        >>> robot = symid.load("two_link")
-        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-        >>> symid.load_fit(fit.save("fit.json"))["ZZ2"] == fit["ZZ2"]
-        True
-    """
-    file = Path(fspath(path))
-
-    estimate = identification.read_fit(file)
-    kinds: dict[type, type[Fit]] = {
-        friction_fits.FrictionIdentification: FrictionFit,
-        elastic.ElasticEstimate: ElasticFit,
-    }
-    kind = kinds.get(type(estimate), RigidFit)
-    return kind(estimate=estimate, file=file, model=robot, progress=progress, remarks=estimate.notices)
-
-
 def build_dynamics_fit(
-    found: "identification.Identification[Estimate | ElasticEstimate]", robot: RobotModel
+    found: "identification.Identification[Estimate | ElasticEstimate]", robot: RobotDynamics
 ) -> RigidFit | ElasticFit:
     """Return the fit of an identification of this robot."""
     extra, notices = {"backend": found.backend}, found.notices

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 from symid import identification, report
+from symid.api import hysteresis
+from symid.api.dynamics import RobotDynamics
 from symid.api.log import Log, Logged, LogLike
 from symid.api.result import Result
 from symid.errors import EstimateError, Notice
@@ -20,7 +22,6 @@ from symid.identification import elastic
 
 if TYPE_CHECKING:
     from symid.api.hysteresis import ElementFit
-    from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.dynamics import Payload, PayloadQuantity
     from symid.identification import FlangeFrame, GivenResult, GivenSide, PayloadCommand, PayloadFinding
@@ -118,8 +119,6 @@ def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | Elemen
     Raises:
         EstimateError: it is one of them with mistakes; all are named.
     """
-    from symid.api import hysteresis
-
     file = Path(fspath(path))
     if identification.is_stiffness(file):
         return load_stiffness(file)
@@ -245,7 +244,7 @@ class PayloadResult(Result):
         return identification.write_payload(self.product, Path(path), self.to_dict())
 
 
-def load_payload(path: str | PathLike[str], robot: "RobotModel | None" = None) -> PayloadResult:
+def load_payload(path: str | PathLike[str], robot: "RobotDynamics | None" = None) -> PayloadResult:
     """Return the payload that `PayloadResult.save` or `symid payload -o` wrote.
 
     Args:
@@ -308,7 +307,7 @@ class OneShotProblem(Result):
         True
     """
 
-    robot: "RobotModel"
+    robot: RobotDynamics
     graph: "NlpGraph"
     remarks: tuple[Notice, ...] = ()
 

@@ -6,25 +6,72 @@ identification.
 Supported: csv, npz, mat, hdf5, parquet, ROS 2 bags (db3, mcap, folders), files (.toml) of several runs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, TypeVar, final, runtime_checkable
 
-from symid import logs as log_files, report
+from symid import identification, logs as log_files, report
 from symid.api.result import Figures, Result
 from symid.errors import LogError, Notice, UsageError
+from symid.identification import IdentifyOptions, LawOptions
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
     from symid.logs import LogPart, Recording
     from symid.report import Block
     from symid.robot import Robot
+
+
+T = TypeVar("T")
+Settings = str | Mapping[str, object]
+"""Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
+
+The set "published" is `"published"`, a value is `{"processing.filter_cutoff": 50}`; both together are
+`{"settings": "published", "processing.filter_cutoff": 50}`, in which the value wins. See docs/robot_file.md.
+"""
+
+
+def list_pairs(
+    settings: Settings | None, options: IdentifyOptions | LawOptions | None = None
+) -> tuple[tuple[str, str], ...]:
+    """Return pairs of key and text from settings, and from options that are settings by another name.
+
+    Args:
+        settings: a set's name, or values by dotted key; a list may be given as one.
+        options: whose cutoff, decimate, drop_first and drop_last are settings where they are given.
+    """
+    keyed = {"settings": settings} if isinstance(settings, str) else settings or {}
+    pairs = [*keyed.items()]
+    if options is not None:
+        names = ("cutoff", "decimate", "drop_first", "drop_last")
+        keys = ("filter_cutoff", "decimation.factor", "drop_first", "drop_last")
+        named = zip(keys, (getattr(options, name) for name in names), strict=True)
+        pairs += [(f"processing.{key}", value) for key, value in named if value is not None]
+    return tuple((key.strip(), _write_value(value)) for key, value in pairs)
+
+
+def _to_plain(value: T) -> T:
+    """Return a number or an array of NumPy in Python's own types, and all else as it is."""
+    plain: T = value.tolist() if hasattr(value, "tolist") else value
+    return plain
+
+
+def _write_value(value: object) -> str:
+    """Return a value as a robot file has it."""
+    value = _to_plain(value)
+    match value:
+        case None:
+            return "none"
+        case bool():
+            return "true" if value else "false"
+        case list() | tuple():
+            return ", ".join(map(_write_value, value))
+    return str(value).strip()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -289,7 +336,9 @@ def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path |
     return found[0]
 
 
-def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = False) -> tuple[Log, ...]:
+def read_logs(
+    path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False
+) -> tuple[Log, ...]:
     """Return the logs of a file: one, or those of all runs listed in a `.toml`.
 
     Args:
@@ -310,7 +359,7 @@ def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = 
     return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
 
 
-def read_log(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = False) -> Log:
+def read_log(path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False) -> Log:
     """Return the log in a file, converted to SI units on the joint side.
 
     Args:
@@ -337,7 +386,7 @@ def read_log(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = F
 
 
 def build_log(
-    robot: "RobotModel",
+    robot: "identification.Described",
     *,
     time: "ArrayLike",
     q: "ArrayLike",
@@ -384,7 +433,7 @@ def build_log(
     except (TypeError, ValueError) as error:
         text = f"expected arrays of real numbers: {error}"
         raise LogError(Notice(code="log.arrays", text=text, file=source)) from error
-    size = len(robot.joints)
+    size = len(robot.description.axes)
     wrong = [
         f"{name} has the shape {value.shape}, expected {(*stamps.shape[:1], size)}"
         for name, value in given.items()

@@ -13,118 +13,70 @@ Supported: robot files, URDF, MJCF, tables of Denavit-Hartenberg rows. Nothing h
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
 from symid import (
-    codegen,
     dynamics,
     excitation,
     identification,
-    lessons,
     logs as log_files,
     report,
     robot as robots,
     simulation,
     study as studies,
 )
-from symid.api.dynamics import BaseForm, BaseSet, derive_base_set
-from symid.api.experiment import list_seeds
+from symid.api.dynamics import RobotDynamics
+from symid.api.experiment import ExcitedTrajectory, Simulation, Study, list_seeds
+from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit, build_dynamics_fit
+from symid.api.identification import OneShotProblem, PayloadResult, PayloadSide, Stiffness, list_payload_side
+from symid.api.log import (
+    LogLike,
+    Logs,
+    Parts,
+    RobotCheck,
+    Settings,
+    adopt_log_map,
+    list_logs,
+    list_pairs,
+    list_parts,
+    take_one_log,
+)
 from symid.api.result import Figures, Progress, check_choice, ignore
+from symid.api.robot_files import ExportedFile
 from symid.codegen import BACKENDS
 from symid.environment import report_count
 from symid.errors import Notice, UsageError
-from symid.identification import IdentifyOptions, LawOptions, diagnostics, elastic, rigid as rigid_fits
+from symid.identification import (
+    IdentifyOptions,
+    LawOptions,
+    diagnostics,
+    elastic,
+    friction as friction_fits,
+    rigid as rigid_fits,
+)
 from symid.options import (
     ExciteOptions,
-    GenerateOptions,
     PayloadOptions,
     Precision,
     SimulateOptions,
-    Target,
     merge,
 )
 
 if TYPE_CHECKING:
-    import casadi as ca
-
-    from symid.api.code import CompiledModel, WrittenCode
-    from symid.api.dynamics import Derivation, LessonParameters, MarkedSheet, Notation, WrittenLesson
-    from symid.api.experiment import ExcitedTrajectory, Simulation, Study
-    from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit
-    from symid.api.identification import (
-        OneShotProblem,
-        PayloadResult,
-        PayloadSide,
-        Stiffness,
-    )
-    from symid.api.log import LogLike, Logs, Parts, RobotCheck
-    from symid.api.robot_files import ExportedFile
-    from symid.codegen import Library, SymbolicFunction
     from symid.excitation import SampledMotion, Trajectory
     from symid.logs import Recording
     from symid.report import Block
-    from symid.robot import Joint, Robot
+    from symid.robot import Robot
     from symid.study import CutoffStudy, ElasticStudy, ManyJointsResult, PrecisionStudy, TrackingStudy
-
-T = TypeVar("T")
-Settings = str | Mapping[str, object]
-"""Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
-
-The set "published" is `"published"`, a value is `{"processing.filter_cutoff": 50}`; both together are
-`{"settings": "published", "processing.filter_cutoff": 50}`, in which the value wins. See docs/robot_file.md.
-"""
-
-
-def list_pairs(
-    settings: Settings | None, options: IdentifyOptions | LawOptions | None = None
-) -> tuple[tuple[str, str], ...]:
-    """Return pairs of key and text from settings, and from options that are settings by another name.
-
-    Args:
-        settings: a set's name, or values by dotted key; a list may be given as one.
-        options: whose cutoff, decimate, drop_first and drop_last are settings where they are given.
-    """
-    keyed = {"settings": settings} if isinstance(settings, str) else settings or {}
-    pairs = [*keyed.items()]
-    if options is not None:
-        names = ("cutoff", "decimate", "drop_first", "drop_last")
-        keys = ("filter_cutoff", "decimation.factor", "drop_first", "drop_last")
-        named = zip(keys, (getattr(options, name) for name in names), strict=True)
-        pairs += [(f"processing.{key}", value) for key, value in named if value is not None]
-    return tuple((key.strip(), _write_value(value)) for key, value in pairs)
-
-
-def _to_plain(value: T) -> T:
-    """Return a number or an array of NumPy in Python's own types, and all else as it is."""
-    plain: T = value.tolist() if hasattr(value, "tolist") else value
-    return plain
-
-
-def _write_value(value: object) -> str:
-    """Return a value as a robot file has it."""
-    value = _to_plain(value)
-    match value:
-        case None:
-            return "none"
-        case bool():
-            return "true" if value else "false"
-        case list() | tuple():
-            return ", ".join(map(_write_value, value))
-    return str(value).strip()
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class RobotModel:
+class RobotModel(RobotDynamics):
     """A robot with everything that can be done with it; made by `symid.load`.
-
-    Attributes:
-        description: joints, placements, drives, friction, springs, log map, as read and overridden.
-        backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
-        progress: called with a short text at each stage; does nothing by default, `print` is a good choice.
 
     Example:
         >>> import symid
@@ -133,361 +85,9 @@ class RobotModel:
         (['shoulder', 'elbow'], False)
     """
 
-    description: "Robot"
-    backend: str = "auto"
-    progress: Progress = ignore
-
-    @property
-    def name(self) -> str:
-        """Return the name that the robot file states."""
-        return self.description.name
-
-    @property
-    def path(self) -> Path:
-        """Return the file that the robot was read from."""
-        return Path(self.description.path)
-
-    @property
-    def joints(self) -> "tuple[Joint, ...]":
-        """Return the joints that have a coordinate of their own, in the order of q."""
-        return self.description.axes
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes on the robot file, such as the parts of a URDF that are not used."""
-        return self.description.notices
-
-    @property
-    def elastic(self) -> bool:
-        """Return whether any joint is elastic."""
-        return any(self.description.elastic)
-
-    def __getstate__(self) -> dict[str, object]:
-        """Return the state to copy or pickle, without compiled functions, which are loaded again on use."""
-        return {name: value for name, value in self.__dict__.items() if name != "library"}
-
-    def __repr__(self) -> str:
-        """Return the robot in one line."""
-        joints = f"{len(self.joints)} joint{'s'[: len(self.joints) != 1]}"
-        return f"<RobotModel {self.name}: {joints}{', elastic' if self.elastic else ''}, {self.path}>"
-
-    def override(
-        self,
-        *,
-        settings: Settings | None = None,
-        friction: str | None = None,
-        backend: str | None = None,
-        progress: Progress | None = None,
-    ) -> "RobotModel":
-        """Return the robot with other settings.
-
-        Args:
-            settings: a set of the robot file by its name, or keys under its `log`, `processing` and
-                `controller`, with values.
-            friction: the friction model of all joints.
-            backend: what computes its functions.
-            progress: called with a short text at each stage.
-
-        Raises:
-            UsageError: a setting cannot be made, or its value does not fit.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link").override(settings={"processing.filter_cutoff": 20})
-            >>> robot.description.processing.filter_cutoff
-            20.0
-        """
-        check_choice("backend", backend or self.backend, BACKENDS)
-        changed = robots.override_settings(self.description, list_pairs(settings), friction)
-        backend, progress = backend or self.backend, progress or self.progress
-        return replace(self, description=changed, backend=backend, progress=progress)
-
-    # Base parameters.
-
-    @cached_property
-    def base(self) -> BaseSet:
-        """Return the base parameters: the smallest set that describes all motions and torques.
-
-        Example:
-            >>> import symid
-            >>> symid.load("panda").base.count
-            43
-        """
-        return derive_base_set(self.description)
-
-    def derive_base(self, form: BaseForm = "torque") -> BaseSet:
-        """Return the base parameters of the torques, energies, momentum, or torques at rest ("gravity").
-
-        Args:
-            form: "torque", "energy", "momentum" or "gravity".
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").derive_base("gravity").names
-            ('MXR1', 'MY1', 'MX2', 'MY2')
-        """
-        return self.base if form == "torque" else derive_base_set(self.description, form)
-
-    # Derivation, exact functions and code.
-
-    def derivation(self, *, latex: bool = False) -> "Derivation":
-        """Return the derivation of the dynamics, from the frames to the torques, with a check of each step.
-
-        Args:
-            latex: print formulas in LaTeX.
-
-        Raises:
-            RobotError: a symbolic length has no value.
-
-        Example:
-            >>> import symid
-            >>> lesson = symid.load("emps").derivation()
-            >>> lesson.steps[0].title
-            'Frames'
-        """
-        from symid.api.dynamics import Derivation
-
-        self.progress(f"deriving the dynamics of {self.name}")
-
-        steps = lessons.derive_lesson(self.description)
-        self.progress("counting the operations of all routes to code")
-        counts = codegen.count_route_operations(self.description)
-        return Derivation(robot=self.description, steps=steps, operations=counts, latex=latex)
-
-    def write_lesson(
-        self,
-        path: str | PathLike[str],
-        *,
-        notation: "Notation" = "symid",
-        parameters: "LessonParameters | None" = None,
-        angle: Literal["q", "theta"] | None = None,
-        long_sines: bool = False,
-        exercises: int = 0,
-        seed: int = 0,
-        log: "LogLike | None" = None,
-    ) -> "WrittenLesson":
-        """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
-
-        Args:
-            path: of the page, `.html`; `.tex` for a document for pdflatex, `.ipynb` for a notebook with live
-                SymPy objects, executed where nbclient and ipykernel are there.
-            notation: letters of symid, or of Siciliano et al., Craig, or Khalil and Dombre.
-            parameters: "base", the file's "symbols", or "bodies" (masses, centres of mass, inertias). None
-                takes symbols where the file has them, bodies in the books that use them, else base.
-            angle: "q" or "theta" in place of the book's own letter.
-            long_sines: write cos(q1 + q2) in place of c12.
-            exercises: how many stand at the end; a sheet to fill in (`check_answers` marks it) and the
-                answers go to text files beside the page.
-            seed: of the exercises.
-            log: a log or its file, whose motion (at most 30 s) the page offers beside drawn ones.
-
-        Raises:
-            RobotError: a symbolic length has no value.
-            LogError: the log cannot be read or used; the message lists all mistakes.
-            OutputError: the page cannot be written.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").write_lesson("arm.html").notation
-            'symid'
-        """
-        from symid.api.dynamics import write_lesson
-
-        self.progress(f"deriving the lesson on {self.name}")
-        options: dict[str, Any] = {"long_sines": long_sines, "exercises": exercises, "seed": seed, "log": log}
-        return write_lesson(self.description, path, notation, parameters, angle, **options)
-
-    def check_answers(self, path: str | PathLike[str]) -> "MarkedSheet":
-        """Mark the answers that were typed into the sheet of a lesson's exercises.
-
-        Formulas are compared exactly: any form of the right polynomial is right. A number is right to one
-        percent. The sheet says with which settings its exercises were drawn.
-
-        Args:
-            path: of the sheet, as `write_lesson` with `exercises` wrote it beside the page.
-
-        Raises:
-            InputError: the file is no such sheet, or one of another robot.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> sheet = robot.write_lesson("arm.html", exercises=2).sheet
-            >>> robot.check_answers(sheet)
-            <MarkedSheet two_link: arm.exercises.txt, 0 of 2 right>
-        """
-        from symid.api.dynamics import check_answers
-
-        return check_answers(self.description, path)
-
-    def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
-        """Return a function of the catalogue as exact SymPy expressions.
-
-        Args:
-            name: of the function, such as "mass_matrix".
-            standard: whether it takes the standard parameters pi in place of beta.
-
-        Raises:
-            UsageError: the robot has no such function; the message has the nearest names.
-
-        Example:
-            >>> import symid
-            >>> gravity = symid.load("two_link").sympy("gravity")
-            >>> gravity
-            gravity(q, beta) -> g
-            >>> gravity["g"].shape
-            (2, 1)
-        """
-        self._check_function(name)
-        return codegen.derive_symbolic(self.description, name, standard=standard, base=self.base.product)
-
-    def casadi(
-        self, name: str, *, standard: bool = False, constant: bool = False, compiled: bool = False
-    ) -> "ca.Function":
-        """Return a function of the catalogue as a CasADi function, with derivatives of any order.
-
-        Vectors are columns; matrices of samples side by side and `map` work as CasADi has them. SI units.
-
-        Args:
-            name: of the function, such as "forward_dynamics".
-            standard: whether it takes the standard parameters pi in place of beta.
-            constant: use the robot file's values of beta, rotors and friction as constants; the parameters h
-                of springs stay arguments.
-            compiled: of inverse and forward dynamics, call the generated C, for the values and for first
-                derivatives; there are no second ones, so Ipopt needs `hessian_approximation`
-                "limited-memory", or a Gauss-Newton matrix.
-
-        Raises:
-            GenerationError: `compiled`, and no C compiler works.
-            RobotError: a symbolic length has no value.
-            UsageError: the robot has no such function, or its file lacks a value for a constant.
-
-        Example:
-            >>> import symid
-            >>> gravity = symid.load("two_link").casadi("gravity", constant=True)
-            >>> gravity.size1_in("q")
-            2
-        """
-        self._check_function(name)
-        if compiled:
-            return codegen.build_compiled_function(
-                self.description, name, standard=standard, constant=constant
-            )
-        return codegen.build_casadi_function(self.description, name, standard=standard, constant=constant)
-
-    def _check_function(self, name: str) -> None:
-        """Refuse a function that the catalogue does not have for this robot, with the nearest names."""
-        if name in codegen.LIMITED:
-            # Written on request, or for few coordinates: the error says so.
-            codegen.list_robot_specs(self.description, self.base.product, (name,))
-            return
-        names = [spec.name for spec in codegen.list_robot_specs(self.description, self.base.product)]
-        if name not in names:
-            hint = robots.suggest_names(name, names, otherwise="there are")
-            text = f"function {name!r} is not in the catalogue of {self.name}: {hint}"
-            raise UsageError(Notice(code="usage.unknown-function", text=text))
-
-    def compile(self, *, fused: bool = False) -> "CompiledModel":
-        """Return all functions of the robot, compiled and loaded by its `backend`, as attributes.
-
-        Args:
-            fused: let the C compiler make one instruction (FMA) of a product and a sum, which saves about a
-                tenth of the time. Last digits then depend on compiler and processor.
-
-        Raises:
-            RobotError: a symbolic length has no value.
-            GenerationError: there is no compiler and the backend is "c", or it fails.
-
-        Example:
-            >>> import symid
-            >>> lib = symid.load("two_link").compile()
-            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
-            (2, 2)
-        """
-        from symid.api.code import CompiledModel
-
-        if fused:
-            return CompiledModel(self._prepare(self.description, fused=True, whole=True))
-        return CompiledModel(self._whole_library)
-
-    def write(
-        self,
-        target: Target,
-        folder: str | PathLike[str],
-        *,
-        functions: Sequence[str] | None = None,
-        precision: Precision = "double",
-        parameters: Literal["base", "standard"] = "base",
-        constant: bool = False,
-        trigonometry: Literal["own", "library"] = "own",
-        friction_laws: bool = False,
-        force: bool = False,
-    ) -> "WrittenCode":
-        """Write the robot's functions as code that stands alone, and run its self-test.
-
-        Springs with branches (`model` in [joint.elasticity]), backlash or an offset get a folder each in it.
-        Where neither the robot nor anything else has changed since the last time, nothing is done.
-
-        Args:
-            target: "c", "python" (one module of NumPy), "js" (one of JavaScript), or "casadi" (functions,
-                their C, and a loader).
-            folder: new, or written by symid earlier; other files in it are not changed.
-            functions: the names of those wanted; all by default.
-            precision: type of all numbers in C.
-            parameters: arguments of the functions: "base" for beta, "standard" for all standard parameters
-                pi.
-            constant: use the robot file's values as constants.
-            trigonometry: sines in C: "own" (code that computes all angles at once) or "library" (the C
-                library).
-            friction_laws: add all static friction laws to the C library.
-            force: overwrite files that were edited since.
-
-        Raises:
-            RobotError: a symbolic length has no value.
-            UsageError: a value is not offered, the robot has no such function, or its file lacks a value that
-                is to be constant.
-            OutputError: the folder cannot be written, or belongs to something else.
-            GenerationError: the code fails its self-test.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
-            'passed'
-        """
-        from symid.api.code import WrittenCode
-
-        order = GenerateOptions(
-            target=target,
-            functions=None if functions is None else tuple(functions),
-            precision=precision,
-            parameters=parameters,
-            constant=constant,
-            trigonometry=trigonometry,
-            friction_laws=friction_laws,
-        )
-        path = Path(fspath(folder))
-        made = codegen.generate_folder(self.description, order, path, progress=self.progress, force=force)
-        springs, notices = codegen.generate_springs(
-            self.description, order, path, progress=self.progress, force=force
-        )
-        whole = replace(made, springs=springs, notices=(*made.notices, *notices))
-        return WrittenCode(robot=self.description, product=whole)
-
-    @cached_property
-    def library(self) -> "Library":
-        """Return the functions that identification and simulation run on, from the cache or made now.
-
-        `compile` has the derivatives, the Coriolis matrix and the regressor of Slotine and Li as well.
-        """
-        return self._prepare(self.description)
-
-    @cached_property
-    def _whole_library(self) -> "Library":
-        return self._prepare(self.description, whole=True)
-
     # Logs.
 
-    def check(self, *logs: "LogLike", resample: str | PathLike[str] | None = None) -> "RobotCheck":
+    def check(self, *logs: LogLike, resample: str | PathLike[str] | None = None) -> RobotCheck:
         """Return a summary of the robot file, and which parameters are identifiable from logs.
 
         Checks time stamps, units, steps and limits; with the dynamics also signs, exchanged joints, delays,
@@ -508,8 +108,6 @@ class RobotModel:
             >>> robot.check(robot.simulate(duration=4).log).accepted
             True
         """
-        from symid.api.log import RobotCheck, list_logs
-
         if resample is not None and len(logs) != 1:
             text = f"resample: a copy is made of one log at a time, got {len(logs)}"
             raise UsageError(Notice(code="usage.one-log", text=text))
@@ -524,7 +122,7 @@ class RobotModel:
             )
         return RobotCheck(robot=self.description, product=found)
 
-    def plot(self, what: "LogLike | None" = None, *, pose: Sequence[float] | None = None) -> Figures:
+    def plot(self, what: LogLike | None = None, *, pose: Sequence[float] | None = None) -> Figures:
         """Return figures of the robot, of a log, of a trajectory or of a fit; `.save(path)` writes them.
 
         Args:
@@ -541,9 +139,6 @@ class RobotModel:
             >>> symid.load("scara").plot(pose=[0.3, 0.6, 0.1, 0.0]).save("scara.svg").name
             'scara.svg'
         """
-        from symid.api.fit import load_fit
-        from symid.api.log import list_logs
-
         robot = self.description
         if what is None:
             return Figures(drawings=(report.draw_robot(robot, pose),))
@@ -564,28 +159,11 @@ class RobotModel:
 
     # Identification.
 
-    @property
-    def context(self) -> "identification.TaskContext":
-        """Return compiled functions on demand, and the callback for progress, for long computations."""
-
-        def prepare(description: "Robot") -> "Library":
-            """Return this robot's library, loaded once, where the dynamics are its own."""
-            own = codegen.keep_dynamics(description) == codegen.keep_dynamics(self.description)
-            return self.library if own else self._prepare(description)
-
-        return identification.TaskContext(prepare=prepare, progress=self.progress)
-
-    def _prepare(self, description: "Robot", *, fused: bool = False, whole: bool = False) -> "Library":
-
-        return codegen.prepare_library(
-            description, progress=self.progress, backend=self.backend, fused=fused, whole=whole
-        )
-
     def identify(
         self,
-        logs: "Logs",
+        logs: Logs,
         *,
-        train: "Parts | None" = None,
+        train: Parts | None = None,
         rows: str | None = None,
         estimator: str | None = None,
         method: str | None = None,
@@ -597,7 +175,7 @@ class RobotModel:
         known: "Fit | RobotModel | str | PathLike[str] | Mapping[str, float] | None" = None,
         partial: bool | None = None,
         options: IdentifyOptions | None = None,
-    ) -> "RigidFit | ElasticFit":
+    ) -> RigidFit | ElasticFit:
         """Identify base parameters and friction from logs; for elastic joints also springs and hysteresis.
 
         Robot and logs decide the model: rigid; elastic, if joints are elastic and the logs have positions of
@@ -642,8 +220,6 @@ class RobotModel:
             >>> abs(fit["ZZ2"].value - robot.base.values["ZZ2"]) < 4 * fit["ZZ2"].std
             True
         """
-        from symid.api.fit import build_dynamics_fit
-
         order = merge(
             options,
             IdentifyOptions(),
@@ -670,14 +246,12 @@ class RobotModel:
 
     def _gather(
         self,
-        logs: "Logs",
+        logs: Logs,
         pairs: tuple[tuple[str, str], ...],
         friction: str | None,
-        train: "Parts | None",
+        train: Parts | None,
     ) -> "tuple[Robot, tuple[Recording, ...]]":
         """Return the robot with the settings of the call, and what it fits of the recordings."""
-        from symid.api.log import adopt_log_map, list_logs, list_parts
-
         given = list_logs(logs, pairs)
         described = robots.override_settings(adopt_log_map(self.description, logs), pairs, friction)
         parts = list_parts(train, "--train")
@@ -687,9 +261,9 @@ class RobotModel:
 
     def identify_friction(
         self,
-        logs: "Logs",
+        logs: Logs,
         *,
-        train: "Parts | None" = None,
+        train: Parts | None = None,
         model: str | Mapping[str, str] | None = None,
         estimator: str | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | None" = None,
@@ -699,7 +273,7 @@ class RobotModel:
         friction: str | None = None,
         settings: Settings | None = None,
         options: LawOptions | None = None,
-    ) -> "FrictionFit":
+    ) -> FrictionFit:
         """Identify a friction law and its parameters for every joint that moves.
 
         Args:
@@ -733,8 +307,6 @@ class RobotModel:
             >>> sorted(fit.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.fit import FrictionFit
-
         order = merge(
             options,
             LawOptions(),
@@ -753,14 +325,14 @@ class RobotModel:
 
     def identify_stiffness(
         self,
-        logs: "Logs",
+        logs: Logs,
         *,
-        train: "Parts | None" = None,
+        train: Parts | None = None,
         friction: str | None = None,
         settings: Settings | None = None,
         drop_first: int | None = None,
         drop_last: int | None = None,
-    ) -> "Stiffness":
+    ) -> Stiffness:
         """Identify delay and offsets of the encoders, and the stiffness of every joint, with intervals.
 
         The `logs` have the positions of motors and links, of any robot. `train`, `friction`, `settings`,
@@ -777,8 +349,6 @@ class RobotModel:
             >>> sorted(found.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.identification import Stiffness
-
         pairs = list_pairs(settings, IdentifyOptions(drop_first=drop_first, drop_last=drop_last))
         described, recordings = self._gather(logs, pairs, friction, train)
         found, notices = identification.identify_stiffness(described, recordings, pairs, self.context)
@@ -786,12 +356,12 @@ class RobotModel:
 
     def one_shot(
         self,
-        logs: "Logs",
+        logs: Logs,
         *,
-        train: "Parts | None" = None,
+        train: Parts | None = None,
         settings: Settings | None = None,
         options: IdentifyOptions | None = None,
-    ) -> "OneShotProblem":
+    ) -> OneShotProblem:
         """Return the problem of the method "nlp" as CasADi expressions, open to terms and constraints.
 
         The problem is that of the last round, and starts at the fit. `logs`, `train`, `settings` and
@@ -809,8 +379,6 @@ class RobotModel:
             >>> problem.add_constraint(problem["IA1"], upper=0.2).solve()["IA1"] <= 0.2
             True
         """
-        from symid.api.identification import OneShotProblem
-
         order = options or IdentifyOptions()
         pairs = list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, None, train)
@@ -833,7 +401,7 @@ class RobotModel:
         starts: int | None = None,
         seed: int | None = None,
         options: ExciteOptions | None = None,
-    ) -> "ExcitedTrajectory":
+    ) -> ExcitedTrajectory:
         """Return an optimal trajectory for identification, within all limits.
 
         Args:
@@ -862,8 +430,6 @@ class RobotModel:
             True
         """
         import numpy as np
-
-        from symid.api.experiment import ExcitedTrajectory
 
         order = merge(
             options,
@@ -897,7 +463,7 @@ class RobotModel:
         bandwidth: float | None = None,
         seed: int | None = None,
         options: SimulateOptions | None = None,
-    ) -> "Simulation":
+    ) -> Simulation:
         """Simulate the robot under PD control along a trajectory; return the measured log.
 
         Args:
@@ -926,8 +492,6 @@ class RobotModel:
             ((501, 2), (501, 2))
         """
         import numpy as np
-
-        from symid.api.experiment import ExcitedTrajectory, Simulation
 
         order = merge(
             options,
@@ -968,14 +532,14 @@ class RobotModel:
 
     def payload(
         self,
-        loaded: "PayloadSide",
-        empty: "PayloadSide",
+        loaded: PayloadSide,
+        empty: PayloadSide,
         *,
         joint: str | None = None,
         mass: float | None = None,
         rows: Literal["torque", "momentum"] = "torque",
         estimator: Literal["ols", "wls"] = "wls",
-    ) -> "PayloadResult":
+    ) -> PayloadResult:
         """Identify mass, centre of mass and inertia of the payload: in `loaded`, but not in `empty`.
 
         A body fixed to a link changes the base parameters by K_link delta, where delta are its ten standard
@@ -1008,14 +572,12 @@ class RobotModel:
             >>> round(found.mass, 1)
             1.0
         """
-        from symid.api.identification import PayloadResult, list_payload_side
-
         options = PayloadOptions(joint=joint, mass=mass, rows=rows, estimator=estimator)
         sides = (list_payload_side(loaded), list_payload_side(empty))
         found = identification.identify_payload(self.description, *sides, options, self.context)
         return PayloadResult(product=found, carrier=self.description)
 
-    def export(self, path: str | PathLike[str], *, precision: Precision = "double") -> "ExportedFile":
+    def export(self, path: str | PathLike[str], *, precision: Precision = "double") -> ExportedFile:
         """Write the robot with the values of its robot file; the suffix of `path` selects the format.
 
         Args:
@@ -1032,8 +594,6 @@ class RobotModel:
             >>> symid.load("two_link").export("two_link.urdf").format
             'URDF'
         """
-        from symid.api.robot_files import ExportedFile
-
         self.progress(f"writing {self.name}")
 
         return ExportedFile(
@@ -1073,8 +633,6 @@ class RobotModel:
         **options: object,
     ) -> "Study[Any]":
         """Return a study with the noise of every seed in `numbers`, in several processes."""
-        from symid.api.experiment import Study
-
         # Made here, with its progress told, before processes look for it.
         _ = self.library
         counted = report_count(self.progress)
@@ -1082,7 +640,7 @@ class RobotModel:
         title = f"{title} {self.name}"
         return Study(title=title, product=found, tables=show(found), described=asdict(found))
 
-    def study_cutoff(self, log: "LogLike") -> "Study[CutoffStudy]":
+    def study_cutoff(self, log: LogLike) -> "Study[CutoffStudy]":
         """Show how the cut-off of the position filter changes the prediction error of a fit.
 
         Args:
@@ -1099,9 +657,6 @@ class RobotModel:
             >>> study.product.chosen > 0
             True
         """
-        from symid.api.experiment import Study
-        from symid.api.log import take_one_log
-
         robot = self.description
         recording = log_files.read_one_log(take_one_log(log), robot)
         rigid = elastic.build_rigid_variant(robot) if self.elastic else robot
@@ -1173,8 +728,6 @@ class RobotModel:
             >>> robot = symid.load("puma560_elastic")
             >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
-        from symid.api.experiment import Study
-
         numbers, library = list_seeds(seeds, seed), self.library
         found = tuple(
             studies.study_many_joints(self.description, library, condition, number)
@@ -1256,6 +809,38 @@ def load(
 
         described = dynamics.choose_reading(read)
     return RobotModel(description=described, backend=backend, progress=progress)
+
+
+def load_fit(
+    path: str | PathLike[str], robot: RobotModel | None = None, *, progress: Progress = ignore
+) -> Fit:
+    """Return the fit stored in a file, of any kind.
+
+    Args:
+        path: a file that `Fit.save` or `symid identify -o` wrote.
+        robot: its robot; loaded on use by the name stored in the file by default.
+        progress: called with a short text when the robot is loaded by its name.
+
+    Raises:
+        EstimateError: the file does not exist, or is not a fit.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+        >>> symid.load_fit(fit.save("fit.json"))["ZZ2"] == fit["ZZ2"]
+        True
+    """
+    file = Path(fspath(path))
+
+    estimate = identification.read_fit(file)
+    kinds: dict[type, type[Fit]] = {
+        friction_fits.FrictionIdentification: FrictionFit,
+        elastic.ElasticEstimate: ElasticFit,
+    }
+    kind = kinds.get(type(estimate), RigidFit)
+    model = robot or partial(load, estimate.robot, progress=progress)
+    return kind(estimate=estimate, file=file, model=model, remarks=estimate.notices)
 
 
 def list_robots() -> tuple[str, ...]:

@@ -36,7 +36,11 @@ if TYPE_CHECKING:
         identify_stiffness as identify_stiffness,
         prepare_elastic_methods as prepare_elastic_methods,
     )
-    from symid.identification.options import IdentifyOptions as IdentifyOptions, LawOptions as LawOptions
+    from symid.identification.options import (
+        Described as Described,
+        IdentifyOptions as IdentifyOptions,
+        LawOptions as LawOptions,
+    )
     from symid.identification.payload import (
         FlangeFrame as FlangeFrame,
         GivenSide as GivenSide,
