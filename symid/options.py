@@ -15,7 +15,7 @@ Loads nothing heavy: the command line reads the records before it knows what to 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from os import PathLike
 from typing import Any, Literal, TypeVar
 
@@ -97,13 +97,24 @@ FOUND = Kind(name="file", words=("exists",))
 ABOVE, NOT_BELOW = number(above=0.0), number(0.0)
 
 
+def check_value(name: str, value: object, kind: Kind) -> None:
+    """Refuse an argument that is not of its kind; None is accepted.
+
+    Raises:
+        UsageError: the value is refused.
+    """
+    expected = "" if value is None else kind.describe_mistake(value)
+    if expected:
+        raise UsageError(Notice(code="usage.range", text=f"{name}={value!r}: expected {expected}"))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Option:
     """What a field of a record is.
 
     Args:
         meaning: text in the help. group: its heading. metavar: the name of its value in the help.
-        flag: name on the command line; empty where that has no such option.
+        flag: name on the command line; empty where that has no such option, None for that of the field.
         shown: whether the help shows the default.
         code: of the notice that refuses a value.
     """
@@ -112,9 +123,13 @@ class Option:
     group: str
     kind: Kind
     metavar: str | None
-    flag: str
+    flag: str | None
     shown: bool
     code: str
+
+    def name_flag(self, name: str) -> str:
+        """Return the name on the command line of the field called `name`."""
+        return f"--{name.replace('_', '-')}" if self.flag is None else self.flag
 
 
 def option(
@@ -129,13 +144,15 @@ def option(
     code: str = "usage.range",
 ) -> Any:  # noqa: ANN401  as `dataclasses.field`
     """Return a field of a record; `flag` is None for that of the field's name. See `Option`."""
-    about = (meaning, group, kind, metavar, flag, shown, code)
+    about = Option(
+        meaning=meaning, group=group, kind=kind, metavar=metavar, flag=flag, shown=shown, code=code
+    )
     return field(default=default, metadata={"option": about})
 
 
-def inner(default: Any, kind: Kind = TEXT, *, code: str = "usage.range") -> Any:  # noqa: ANN401  as `option`
+def inner(default: Any, meaning: str, kind: Kind = TEXT, *, code: str = "usage.range") -> Any:  # noqa: ANN401  as `option`
     """Return a field of a record that the command line does not have."""
-    return option(default, "", "", kind, flag="", code=code)
+    return option(default, meaning, "", kind, flag="", code=code)
 
 
 def share(record: "type[Options]", name: str) -> Any:  # noqa: ANN401  as `option`
@@ -146,32 +163,36 @@ def share(record: "type[Options]", name: str) -> Any:  # noqa: ANN401  as `optio
 
 def list_options(record: "type[Options]") -> dict[str, Option]:
     """Return the options of a record by the names of its fields, in their order."""
-    found = {}
-    for entry in fields(record):
-        meaning, group, kind, metavar, flag, shown, code = entry.metadata["option"]
-        named = f"--{entry.name.replace('_', '-')}" if flag is None else flag
-        found[entry.name] = Option(
-            meaning=meaning, group=group, kind=kind, metavar=metavar, flag=named, shown=shown, code=code
-        )
-    return found
+    return {entry.name: entry.metadata["option"] for entry in fields(record)}
 
 
 def list_flags(record: "type[Options]") -> dict[str, str]:
     """Return the fields of a record by names of the command line, as in {"period": "control_period"}."""
-    known = list_options(record).items()
-    return {entry.flag.removeprefix("--").replace("-", "_"): name for name, entry in known if entry.flag}
+    flags = {name: entry.name_flag(name) for name, entry in list_options(record).items()}
+    return {flag.removeprefix("--").replace("-", "_"): name for name, flag in flags.items() if flag}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """Options of a procedure; made with `option`."""
+    """Options of a procedure; its fields are made with `option`."""
+
+    def __init_subclass__(cls) -> None:
+        """List the fields with their meanings in the docstring, before its example."""
+        own = {name: entry for name, entry in vars(cls).items() if isinstance(entry, Field)}
+        # A class with slots is made twice; the second time its fields are gone and the text is there.
+        if own and cls.__doc__:
+            entries = {**getattr(cls, "__dataclass_fields__", {}), **own}.items()
+            listed = "".join(f"        {name}: {_explain(entry)}\n" for name, entry in entries)
+            text, mark, example = cls.__doc__.partition("\n    Example:")
+            cls.__doc__ = f"{text.rstrip()}\n\n    Attributes:\n{listed}{mark}{example}"
 
     def __post_init__(self) -> None:
         """Turn numbers of NumPy into Python's own and lists into tuples; refuse wrong values, all at once."""
         mistakes = []
         for entry in fields(self):
             given = getattr(self, entry.name)
-            *_, kind, _, _, _, code = entry.metadata["option"]
+            about: Option = entry.metadata["option"]
+            kind = about.kind
             value = given.tolist() if hasattr(given, "tolist") else given
             if kind.many and isinstance(value, int | float | str):
                 value = (value,)
@@ -182,9 +203,22 @@ class Options:
             expected = "" if value is None and entry.default is None else kind.describe_mistake(value)
             if expected:
                 text = f"{entry.name}={value!r}: expected {expected}"
-                mistakes.append(Notice(code=code, text=text))
+                mistakes.append(Notice(code=about.code, text=text))
         if mistakes:
             raise UsageError(*mistakes)
+
+
+_UNITS = {"HZ": "Hz", "RAD/S": "rad/s", "RAD": "rad or m", "MB": "MB", "KG": "kg", "S": "s"}
+
+
+def _explain(entry: "Field[Any]") -> str:
+    """Return what a field means, with its unit or its words, if it has any."""
+    about: Option = entry.metadata["option"]
+    text = " ".join(about.meaning.split())
+    if about.kind.name == "words":
+        text += f" One of {', '.join(about.kind.words)}."
+    unit = _UNITS.get(about.metavar or "")
+    return text if unit is None or f" {unit}." in text or f"({unit})" in text else f"{text} In {unit}."
 
 
 def _freeze(values: object) -> object:
@@ -212,26 +246,6 @@ _UNSTATED = "where the robot file states none"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExciteOptions(Options):
     """Options of `RobotModel.excite`: what is searched for, within which limits, with how much effort.
-
-    Attributes:
-        harmonics: number of harmonics of each joint.
-        period: length of the trajectory, s.
-        criterion: "condition" (condition number of the scaled regressor) or "d-optimal" (information).
-        weight: weight of the information, added to the condition number.
-        moving: let it start and end in motion instead of at rest.
-        start: (n,) pose at its start and end, rad or m.
-        share: part of every limit that may be used.
-        sweep: position limit on either side of zero where the robot file states none, rad or m.
-        velocity: limit where the robot file states none, rad/s or m/s.
-        acceleration: limit where the robot file states none, rad/s^2 or m/s^2.
-        jerk: limit where the robot file states none, rad/s^3 or m/s^3; None for none.
-        workspace: file (.toml) of spheres and planes that bound the links.
-        torsion: largest torsion of elastic joints, rad or m.
-        stiffness: (n,) for the torsion, N m/rad or N/m; else the robot file's.
-        deviations: (n,) of the torque noise, N m or N; equal where left out.
-        candidates: number of random trajectories to start from and to compare with.
-        starts: how many of them are optimised.
-        seed: of the random trajectories.
 
     Example:
         >>> import symid
@@ -293,22 +307,6 @@ class ExciteOptions(Options):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulateOptions(Options):
     """Options of `RobotModel.simulate`: the motion, the sensors, the control.
-
-    Attributes:
-        scale: factor on the trajectory's amplitudes.
-        joint: that "tb" moves, counted from one.
-        duration: s; that of the trajectory where left out.
-        noise: standard deviation of the torque sensors, N m or N; 0.05 by default, of an elastic robot 2 % of
-            each joint's RMS torque.
-        clean: whether the sensors are perfect: no noise, no encoder steps.
-        delay: for an elastic robot: delay of the link encoders relative to the motor encoders, s.
-        offset: for an elastic robot: reading of the link encoders at zero, rad or m.
-        bandwidth: of the gains, which follow from the inertia of the joints, Hz; by default 12, or less where
-            the loops would not be stable (a note says so), or the gains of the robot file.
-        control_period: of control and log, s; 0.001 by default, of an elastic robot with `clean` 0.0002.
-        stiffness: own gains of the position, one a joint, N m/rad or N/m, together with `damping`.
-        damping: own gains of the velocity, N m s/rad or N s/m.
-        seed: of all random numbers.
 
     Example:
         >>> import symid
@@ -386,20 +384,7 @@ Target = Literal["c", "python", "casadi", "js"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GenerateOptions(Options):
-    """All that fixes generated code besides the robot.
-
-    Attributes:
-        target: "c", "python" (one module of NumPy), "js", or "casadi".
-        precision: the type of every number in the C library.
-        parameters: "base" for functions of beta, "standard" for functions of all standard parameters pi.
-        constant: whether the parameter values of the robot file are constants of the functions.
-        trigonometry: "own" for sines and cosines of all angles at once, in the generated C itself; "library"
-            for calls of the C library.
-        functions: the names of those wanted, None for all.
-        friction_laws: whether the C library holds all static friction laws too.
-        states: number of random states in the self-test.
-        seed: of the generator that draws them.
-    """
+    """All that fixes generated code besides the robot."""
 
     target: Target = option(
         "c",
@@ -436,8 +421,8 @@ class GenerateOptions(Options):
         flag="--function",
     )
     friction_laws: bool = option(False, "Add all static friction laws to the C library.", OUTPUT, FLAG)
-    states: int = inner(100, whole(1), code="usage.states")
-    seed: int = inner(1, whole())
+    states: int = inner(100, "Number of random states in the self-test.", whole(1), code="usage.states")
+    seed: int = inner(1, "Of the generator that draws them.", whole())
 
     def __post_init__(self) -> None:
         """Check the values.
@@ -463,12 +448,7 @@ class GenerateOptions(Options):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportOptions(Options):
-    """Options of `Fit.export`.
-
-    Attributes:
-        precision: of the numbers in a C header. accept: write the file although the verdict is wrong.
-        limit: percent of each joint's torque that the bodies may differ from the fit by.
-    """
+    """Options of `Fit.export`."""
 
     precision: Precision = option(
         "double",
@@ -542,7 +522,14 @@ class RigidOptions(Options):
         flag="--prior-deviation",
         code="usage.prior",
     )
-    prior_factor: float | None = option(None, "", "", ABOVE, flag="--prior-deviation", code="usage.prior")
+    prior_factor: float | None = option(
+        None,
+        "Ridge: factor on the deviations of an estimate as prior; 1 by default.",
+        "",
+        ABOVE,
+        flag="--prior-deviation",
+        code="usage.prior",
+    )
     prior_weight: float | None = option(
         None,
         "Ridge: 1 to use the prior's deviations as stated, 0 for no prior.  [default: cross-validated]",
@@ -576,19 +563,12 @@ class RigidOptions(Options):
         known = list_options(RigidOptions)
         order = dict.fromkeys(("rows", "estimator", "period", "overlap", *known))
         given = (name for name in order if getattr(self, name) not in (None, (), False))
-        return tuple(known[name].flag for name in given if name != "window")
+        return tuple(known[name].name_flag(name) for name in given if name != "window")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PayloadOptions(Options):
-    """Options of `RobotModel.payload`.
-
-    Attributes:
-        joint: of the link that carries it; the last one by default.
-        mass: kg, if it is known.
-        rows: for logs: "torque" or "momentum" equations.
-        estimator: for logs: "ols", or "wls", weighted by the noise of each joint.
-    """
+    """Options of `RobotModel.payload`."""
 
     joint: str | None = option(
         None, "Joint of the link with the payload.  [default: the last joint]", MODEL, TEXT, "NAME"
@@ -616,12 +596,7 @@ class PayloadOptions(Options):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HysteresisOptions(Options):
-    """What a fit of an element with hysteresis is asked for.
-
-    Attributes:
-        model: one of `HYSTERESIS_MODELS`, or auto.
-        passive: True: only elements from which no motion gets work; None: whatever predicts best.
-    """
+    """What a fit of an element with hysteresis is asked for."""
 
     model: str = option(
         "auto",
@@ -642,18 +617,7 @@ class HysteresisOptions(Options):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetOptions(Options):
-    """Options of `symid.fleet.run`.
-
-    Attributes:
-        executor: "serial" (in this process), "processes" or "dask".
-        workers: number of processes, or of workers of a local cluster; one for each core by default.
-        cluster: address of Dask's scheduler; "local" starts one.
-        seconds: that a job may take.
-        megabytes: of memory that a job's process may use for data.
-        again: run jobs again that crashed, failed, or came to a limit.
-        level: of the test for changes.
-        control: of many comparisons, "benjamini-hochberg" or "holm".
-    """
+    """Options of `symid.fleet.run`."""
 
     executor: Literal["serial", "processes", "dask"] | None = option(
         None,

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, final
 from symid import codegen, dynamics, identification, lessons, logs as log_files, report, robot as robots
 from symid.api.code import CompiledModel, WrittenCode
 from symid.api.log import LogLike, Settings, adopt_log_map, list_pairs, take_one_log
-from symid.api.result import Progress, Result, check_choice, ignore
+from symid.api.result import Progress, Result, ignore
 from symid.codegen import BACKENDS
 from symid.environment import check_suffix, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
 from symid.identification import regression
-from symid.options import GenerateOptions, Precision, Target
+from symid.options import GenerateOptions, Precision, Target, check_value, words
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -555,7 +555,7 @@ class RobotDynamics:
             >>> robot.description.processing.filter_cutoff
             20.0
         """
-        check_choice("backend", backend or self.backend, BACKENDS)
+        check_value("backend", backend, words(*BACKENDS))
         changed = robots.override_settings(self.description, list_pairs(settings), friction)
         backend, progress = backend or self.backend, progress or self.progress
         return replace(self, description=changed, backend=backend, progress=progress)

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Generic, TypeVar, final
 
 from symid import excitation, report, study as studies
 from symid.api.log import Log, Measurements
-from symid.api.result import Figures, Progress, Result, check_count, ignore
+from symid.api.result import Figures, Progress, Result, ignore
 from symid.environment import report_count
 from symid.errors import Notice
+from symid.options import check_value, whole
 
 if TYPE_CHECKING:
     from symid.arrays import FloatArray
@@ -244,8 +245,8 @@ def list_seeds(seeds: int, seed: int) -> range:
     Raises:
         UsageError: `seeds` is not positive, or `seed` is negative.
     """
-    check_count("seeds", seeds, least=1)
-    check_count("seed", seed)
+    check_value("seeds", seeds, whole(1))
+    check_value("seed", seed, whole())
     return range(seed, seed + seeds)
 
 

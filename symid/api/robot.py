@@ -44,7 +44,7 @@ from symid.api.log import (
     list_parts,
     take_one_log,
 )
-from symid.api.result import Figures, Progress, check_choice, ignore
+from symid.api.result import Figures, Progress, ignore
 from symid.api.robot_files import ExportedFile
 from symid.codegen import BACKENDS
 from symid.environment import report_count
@@ -62,7 +62,9 @@ from symid.options import (
     PayloadOptions,
     Precision,
     SimulateOptions,
+    check_value,
     merge,
+    words,
 )
 
 if TYPE_CHECKING:
@@ -785,7 +787,7 @@ def load(
         >>> symid.load("panda").name
         'panda'
     """
-    check_choice("backend", backend, BACKENDS)
+    check_value("backend", backend, words(*BACKENDS))
     written = None
     if gravity is not None:
         if len(gravity) != 3 or not all(map(math.isfinite, gravity)):

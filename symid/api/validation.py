@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from symid import identification, report, robot as robots
-from symid.api.result import Figures, JudgedResult, Progress, Result, check_positive, ignore
+from symid.api.result import Figures, JudgedResult, Progress, Result, ignore
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
+from symid.options import ABOVE, check_value
 
 if TYPE_CHECKING:
     from symid.identification import AnyValidation, Compared, ComparedValue, EstimateSide, GivenResult
@@ -53,7 +54,7 @@ class LogValidation(JudgedResult):
         Raises:
             UsageError: it is not a positive number.
         """
-        check_positive("gate", self.gate)
+        check_value("gate", self.gate, ABOVE)
 
     @property
     def source(self) -> str:
@@ -336,7 +337,7 @@ def compare_fit(
     if not others:
         text = "expected at least one fit, file or table to compare with, got none"
         raise UsageError(Notice(code="usage.no-other", text=text))
-    check_positive("gate", gate)
+    check_value("gate", gate, ABOVE)
     files = [Path(entry) for entry in others if isinstance(entry, str | PathLike)]
     ours_file = [Path(estimate)] if isinstance(estimate, str | PathLike) else []
     identification.check_files((*ours_file, *files), getattr(estimate, "file", None))

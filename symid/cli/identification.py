@@ -152,7 +152,9 @@ _KNOWN = {**list_options(symid.LawOptions), **list_options(symid.IdentifyOptions
 def _list_given(options: Mapping[str, object]) -> list[str]:
     """Return the given options as on the command line, in the order of their records."""
     given = {name for name, value in options.items() if value not in (None, (), False)}
-    return [_KNOWN[name].flag if name in _KNOWN else f"--{name}" for name in options if name in given]
+    return [
+        _KNOWN[name].name_flag(name) if name in _KNOWN else f"--{name}" for name in options if name in given
+    ]
 
 
 def _check_mixed(options: Mapping[str, object], rows: str | None) -> None:

@@ -163,7 +163,7 @@ def record_options(record: type[Options], *names: str) -> Decorator:
     known = list_options(record)
     defaults = {entry.name: entry.default for entry in fields(record)}
     made = []
-    for name in names or [name for name, entry in known.items() if entry.flag and entry.meaning]:
+    for name in names or [name for name, entry in known.items() if entry.flag != "" and entry.group]:
         entry, default = known[name], defaults[name]
         settings: dict[str, Any] = {"is_flag": True} if entry.kind.name == "flag" else {"default": default}
         if entry.kind.many:
@@ -173,7 +173,7 @@ def record_options(record: type[Options], *names: str) -> Decorator:
             settings = {}
         elif not entry.shown:
             settings["show_default"] = False
-        kind, named = _choose_type(entry.kind), f"{entry.flag} {name}"
+        kind, named = _choose_type(entry.kind), f"{entry.name_flag(name)} {name}"
         made.append(Group(entry.group).option(named, entry.meaning, kind, entry.metavar, **settings))
     return add_options(*made)
 
@@ -193,7 +193,7 @@ def take_record(record: type[T], values: dict[str, Any], joints: int = 0) -> T:
     given = {name: value for name in known if (value := values.pop(name, None)) is not None}
     for name, text in given.items():
         if known[name].kind.name == "numbers":
-            given[name] = split_numbers(known[name].flag, text, joints)
+            given[name] = split_numbers(known[name].name_flag(name), text, joints)
     return record(**given)
 
 

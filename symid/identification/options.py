@@ -46,39 +46,6 @@ class Described(Protocol):
 class IdentifyOptions(RigidOptions):
     """Options of `RobotModel.identify`; its keywords win over them.
 
-    Attributes:
-        rows: how measurements become equations: "torque" (the default), "momentum", "filtered", "power" or
-            "energy".
-        estimator: how equations become parameters, as for `identify`.
-        partial: fit the identifiable parameters even if they are less than three quarters of all.
-        window: s, length of the interval of a momentum, filtered or energy row.
-        overlap: part of the window shared with the next one, for momentum and energy rows.
-        period: s, of a repeated motion, for "gls": one value for all logs, or one for each.
-        prior: for "ridge": a fit or its file as the prior, or "robot" for the robot file's values.
-        prior_percent: deviations of the robot file's values as the prior, in percent of them; 20 by default.
-        prior_factor: on the deviations of a fit that is the prior; 1 by default.
-        prior_weight: 1 to use these deviations as stated, 0 for no prior; chosen by cross-validation by
-            default.
-        start: for estimators that simulate: a fit or its file with the initial values.
-        method: of elastic joints, as for `identify`.
-        friction: the friction law of all joints or of single ones, as for `identify`.
-        known: dynamics of elastic joints that are not identified, as for `identify`.
-        cutoff: Hz, of the low-pass filter.
-        decimate: keep one sample in so many.
-        drop_first: number of samples cut off at the start.
-        drop_last: number of samples cut off at the end.
-        tolerance: for elastic joints, as all that follow: relative change at which an iteration stops.
-        iterations: at most.
-        rate: rad/s, corner frequency of the first-order filter.
-        threshold_count: number of stops of each joint's hysteresis, on a grid over its torsion.
-        thresholds: one tuple a joint, rad or m: places of the stops, in place of the grid.
-        knee_count: number of knees on each side of a spring; 0 for none.
-        knee_torques: one tuple a joint of signed torques, N m or N: places of the knees, in place of a grid.
-        refine: whether places on a grid are optimised.
-        scheme: of the method "two-step": "two-cost" (the default) or "same-cost".
-        effects: whether to find what drives, gears and encoders add, and to take it off.
-        nlp: of the method "nlp".
-
     Example:
         >>> import symid
         >>> robot = symid.load("two_link")
@@ -95,7 +62,9 @@ class IdentifyOptions(RigidOptions):
     decimate: int | None = option(None, "Keep one sample in N.", PROCESSING, whole(1), "N")
     drop_first: int | None = option(None, "Number of samples cut off at the start.", PROCESSING, whole(), "N")
     drop_last: int | None = option(None, "Number of samples cut off at the end.", PROCESSING, whole(), "N")
-    friction: str | Mapping[str, str] | None = inner(None)
+    friction: str | Mapping[str, str] | None = inner(
+        None, "The friction law of all joints or of single ones, as for `identify`."
+    )
     method: str | None = option(
         None,
         "Elastic joints: the method; stiffness works for any robot.  [default: automatic]",
@@ -133,19 +102,25 @@ class IdentifyOptions(RigidOptions):
         FILE,
         "FILE",
     )
-    scheme: str | None = inner(None)
-    thresholds: tuple[tuple[float, ...], ...] | None = inner(None)
-    knee_torques: tuple[tuple[float, ...], ...] | None = inner(None)
-    refine: bool | None = inner(None)
-    iterations: int | None = inner(None)
-    nlp: NlpOptions | None = inner(None)
-    effects: bool | None = inner(None)
+    scheme: str | None = inner(None, "Of the method two-step: two-cost (the default) or same-cost.")
+    thresholds: tuple[tuple[float, ...], ...] | None = inner(
+        None, "Elastic joints: places of the stops, one tuple a joint, rad or m, in place of a grid."
+    )
+    knee_torques: tuple[tuple[float, ...], ...] | None = inner(
+        None, "Elastic joints: places of the knees, one tuple a joint of signed torques, N m or N."
+    )
+    refine: bool | None = inner(None, "Elastic joints: whether places on a grid are optimised.")
+    iterations: int | None = inner(None, "Elastic joints: of an iteration, at most.")
+    nlp: NlpOptions | None = inner(None, "Of the method nlp.")
+    effects: bool | None = inner(
+        None, "Elastic joints: whether to find what drives, gears and encoders add, and to take it off."
+    )
 
     def list_elastic(self) -> dict[str, object]:
         """Return the options of elastic joints alone that were given, as the command line calls them."""
         flags = list_options(IdentifyOptions)
         given = {name: value for name in _ELASTIC if (value := getattr(self, name)) is not None}
-        return {(flags[name].flag or f"--{name}").removeprefix("--"): given[name] for name in given}
+        return {(flags[name].name_flag(name) or name).removeprefix("--"): given[name] for name in given}
 
     def build_elastic(self) -> ElasticOptions:
         """Return the options of elastic joints, with the defaults of those that were not given.
@@ -169,21 +144,6 @@ _ELASTIC = (
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawOptions(Options):
     """Options of `RobotModel.identify_friction`; its keywords win over them.
-
-    Attributes:
-        model: a law, or "auto", or laws of single joints by name, as for `identify_friction`.
-        estimator: how laws are fitted; "varpro" by default.
-        known: base parameters to subtract, as for `identify_friction`; else the load is subtracted where all
-            logs have it, or the rigid part is fitted along.
-        smoothing: rad/s or m/s over which dry friction changes its sign.
-        period: s, of the motion, one value for all logs or one for each, to average over periods.
-        seed: of a stochastic estimator.
-        friction: the friction model of all joints in the rigid part, in place of the robot file's.
-        cutoff: Hz, of the low-pass filter.
-        decimate: keep one sample in so many.
-        drop_first: number of samples cut off at the start.
-        drop_last: number of samples cut off at the end.
-        search: all options of the estimators; `seed` wins over theirs.
 
     Example:
         >>> import symid
@@ -217,9 +177,11 @@ class LawOptions(Options):
     seed: int | None = option(
         None, "With --rows friction: random seed of a stochastic estimator.", METHOD, whole(), "N"
     )
-    friction: str | None = inner(None)
+    friction: str | None = inner(
+        None, "The friction model of all joints in the rigid part, in place of the robot file's."
+    )
     cutoff: float | None = share(IdentifyOptions, "cutoff")
     decimate: int | None = share(IdentifyOptions, "decimate")
     drop_first: int | None = share(IdentifyOptions, "drop_first")
     drop_last: int | None = share(IdentifyOptions, "drop_last")
-    search: "FrictionOptions | None" = inner(None)
+    search: "FrictionOptions | None" = inner(None, "All options of the estimators; `seed` wins over theirs.")

@@ -345,7 +345,7 @@ def check_rigid_options(rows: str, estimator: str | None, options: RigidOptions)
         "start": (estimator in SIMULATING, f"--estimator {' and '.join(SIMULATING)}"),
     }
     found = [
-        ("mixed-options", f"{flags[name].flag} belongs to {owner}; leave it out, or choose these")
+        ("mixed-options", f"{flags[name].name_flag(name)} belongs to {owner}; leave it out, or choose these")
         for name, (fits, owner) in wanted.items()
         if getattr(options, name) not in (None, ()) and not fits
     ]
