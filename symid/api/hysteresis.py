@@ -10,19 +10,19 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, final
 
-from symid import codegen, logs as log_files, report
+from symid import codegen, identification, logs as log_files, report, robot as robots
 from symid.api.code import WrittenCode
 from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.errors import LogError, Notice
-from symid.identification import hysteresis as elements, is_element, read_element, write_element
-from symid.joint_models import Elasticity
+from symid.identification import hysteresis as elements
 from symid.options import HysteresisOptions, Target
-from symid.robot import suggest_names
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
+    from symid.identification.hysteresis import ElementParameter, HysteresisRecord, HysteresisTrial
+    from symid.joint_models import Elasticity
     from symid.report import Block, FitVerdict
 
 
@@ -73,7 +73,7 @@ def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = N
     mistakes = []
     for name in (x, y, *([] if t is None else [t])):
         if name not in columns:
-            hint = suggest_names(name, columns) or f"it has {', '.join(columns)}"
+            hint = robots.suggest_names(name, columns) or f"it has {', '.join(columns)}"
             text = f"there is no column {name!r}; {hint}"
             mistakes.append(Notice(code="log.no-column", text=text, file=str(file), line=raw.line))
     if mistakes:
@@ -100,7 +100,7 @@ class ElementFit(JudgedResult):
         ('prandtl-ishlinskii', True)
     """
 
-    record: elements.HysteresisRecord
+    record: "HysteresisRecord"
     source: str = ""
 
     @property
@@ -109,7 +109,7 @@ class ElementFit(JudgedResult):
         return report.judge_element(self.record)
 
     @property
-    def element(self) -> Elasticity:
+    def element(self) -> "Elasticity":
         """Return the element, which `symid.joint_models` runs."""
         return self.record.elasticity
 
@@ -123,7 +123,7 @@ class ElementFit(JudgedResult):
         """Return the error of a wrong verdict."""
         return self._split_verdict()[1]
 
-    def __getitem__(self, name: str) -> elements.ElementParameter:
+    def __getitem__(self, name: str) -> "ElementParameter":
         """Return a parameter by name, with its `value` and its `deviation`."""
         found = {entry.name: entry for entry in self.record.parameters}
         if name not in found:
@@ -196,7 +196,9 @@ class ElementFit(JudgedResult):
         Raises:
             OutputError: the file cannot be written.
         """
-        return write_element(self.record, Path(fspath(path)), verdict=report.describe_verdict(self.verdict))
+        return identification.write_element(
+            self.record, Path(fspath(path)), verdict=report.describe_verdict(self.verdict)
+        )
 
     def plot(self, ax: object = None) -> Figures:
         """Return figures: loops, time, residuals, energy of cycles, branches; in axes `ax` of matplotlib."""
@@ -283,8 +285,8 @@ class ElementValidation(JudgedResult):
         'good'
     """
 
-    record: elements.HysteresisRecord
-    trial: elements.HysteresisTrial
+    record: "HysteresisRecord"
+    trial: "HysteresisTrial"
 
     @property
     def verdict(self) -> "FitVerdict":
@@ -377,7 +379,7 @@ def load(path: str | PathLike[str]) -> ElementFit:
         >>> symid.hysteresis.load(fit.save("dahl.json")).record.model
         'dahl'
     """
-    return ElementFit(record=read_element(Path(fspath(path))), source=Path(fspath(path)).name)
+    return ElementFit(record=identification.read_element(Path(fspath(path))), source=Path(fspath(path)).name)
 
 
 def is_saved(path: str | PathLike[str]) -> bool:
@@ -388,4 +390,4 @@ def is_saved(path: str | PathLike[str]) -> bool:
         >>> symid.hysteresis.is_saved("no_such_file.json")
         False
     """
-    return is_element(Path(fspath(path)))
+    return identification.is_element(Path(fspath(path)))

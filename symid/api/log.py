@@ -12,7 +12,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar, final, runtime_checkable
 
-from symid import identification, logs as log_files, report
+from symid import logs as log_files, report
 from symid.api.result import Figures, Result
 from symid.errors import LogError, Notice, UsageError
 from symid.identification import IdentifyOptions, LawOptions
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
+    from symid.identification import Described
     from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
     from symid.logs import LogPart, Recording
     from symid.report import Block
@@ -336,9 +337,7 @@ def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path |
     return found[0]
 
 
-def read_logs(
-    path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False
-) -> tuple[Log, ...]:
+def read_logs(path: str | PathLike[str], robot: "Described", *, uneven: bool = False) -> tuple[Log, ...]:
     """Return the logs of a file: one, or those of all runs listed in a `.toml`.
 
     Args:
@@ -359,7 +358,7 @@ def read_logs(
     return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
 
 
-def read_log(path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False) -> Log:
+def read_log(path: str | PathLike[str], robot: "Described", *, uneven: bool = False) -> Log:
     """Return the log in a file, converted to SI units on the joint side.
 
     Args:
@@ -386,7 +385,7 @@ def read_log(path: str | PathLike[str], robot: "identification.Described", *, un
 
 
 def build_log(
-    robot: "identification.Described",
+    robot: "Described",
     *,
     time: "ArrayLike",
     q: "ArrayLike",
