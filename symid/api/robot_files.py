@@ -20,7 +20,7 @@ from symid.options import ExportOptions
 if TYPE_CHECKING:
     from symid.identification import FileExport, GivenResult
     from symid.logs import Draft
-    from symid.report import AnyEstimate, Block
+    from symid.report import Block
     from symid.robot import Robot
 
 
@@ -222,32 +222,23 @@ def export_fit(
     options = options or ExportOptions()
     output = identification.locate_source(robot) if path is None else Path(path)
     result, source = identification.read_result(found)
-    identification.check_format(
-        output, options.precision, friction=isinstance(result, friction_fits.FrictionIdentification)
-    )
-    judged = _check_verdict(result, source, accept=options.accept)
-    if isinstance(result, friction_fits.FrictionIdentification):
-        progress(f"comparing {robot.name} with the model whose friction was identified")
-        return _add_notices(identification.write_friction(robot, result, source, output), judged)
-    identified = identification.build_identified(robot, result, source)
-    progress(f"computing consistent bodies with the identified values of {robot.name}")
-    written = identification.write_identified(
-        identified, source, output, precision=options.precision, limit=options.limit
-    )
-    return _add_notices(written, judged)
-
-
-def _check_verdict(found: "AnyEstimate", source: Path, *, accept: bool) -> tuple[Notice, ...]:
-    """Return the notice of a doubtful verdict; refuse a wrong one, unless it is accepted."""
-    verdict = report.judge_fit(found)
-    if verdict.level == "wrong" and not accept:
+    is_friction = isinstance(result, friction_fits.FrictionIdentification)
+    identification.check_format(output, options.precision, friction=is_friction)
+    verdict = report.judge_fit(result)
+    if verdict.level == "wrong" and not options.accept:
         text = (
             f"the verdict on this fit is wrong: {verdict.headline} {verdict.remedy} Then identify again, or "
             "write the file all the same with --accept (accept=True)"
         )
         raise EstimateError(Notice(code="export.wrong", text=text, file=str(source)))
-    return report.list_verdict_notices(verdict, str(source))
-
-
-def _add_notices(product: "FileExport", notices: tuple[Notice, ...]) -> ExportedFile:
-    return ExportedFile(product=replace(product, notices=(*notices, *product.notices)))
+    if isinstance(result, friction_fits.FrictionIdentification):
+        progress(f"comparing {robot.name} with the model whose friction was identified")
+        written = identification.write_friction(robot, result, source, output)
+    else:
+        identified = identification.build_identified(robot, result, source)
+        progress(f"computing consistent bodies with the identified values of {robot.name}")
+        written = identification.write_identified(
+            identified, source, output, precision=options.precision, limit=options.limit
+        )
+    notices = (*report.list_verdict_notices(verdict, str(source)), *written.notices)
+    return ExportedFile(product=replace(written, notices=notices))
