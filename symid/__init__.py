@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         DemoResult as DemoResult,
         Derivation as Derivation,
         Doctor as Doctor,
+        DraftOptions as DraftOptions,
         ElasticFit as ElasticFit,
         ExcitedTrajectory as ExcitedTrajectory,
         ExciteOptions as ExciteOptions,

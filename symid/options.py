@@ -646,3 +646,38 @@ class FleetOptions(Options):
         METHOD,
         words("benjamini-hochberg", "holm"),
     )
+
+
+Numbers = str | float | Sequence[float]
+"""One number, several, or a text such as "1,2"."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DraftOptions(Options):
+    """Options of `symid.new_robot`; its keywords win over them.
+
+    Example:
+        >>> import symid
+        >>> symid.DraftOptions(gear=[100.0, 50.0]).gear
+        [100.0, 50.0]
+    """
+
+    base: str | None = option(
+        None, "URDF, MJCF: the link at which the robot starts.  [default: its root]", INPUT, TEXT, "LINK"
+    )
+    tip: str | None = option(
+        None, "URDF, MJCF: the link at which it ends; branches are cut off.", INPUT, TEXT, "LINK"
+    )
+    convention: Literal["modified", "standard"] | None = option(
+        None, "DH convention of the table.", INPUT, words("modified", "standard"), code="usage.call"
+    )
+    gravity: str | Sequence[float] | None = option(
+        None, "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]", INPUT, TEXT, "X,Y,Z"
+    )
+    rotors: bool = option(False, "Give every drive a rotor with unknown inertia.", MODEL, FLAG)
+    gear: Numbers | None = option(
+        None, "Motor turns per joint turn, one for each joint or one for all.", MODEL, TEXT, "N,..."
+    )
+    torque_constant: Numbers | None = option(
+        None, "Torque constant at the motor, N m/A, one for each joint or one for all.", MODEL, TEXT, "K,..."
+    )

@@ -77,6 +77,7 @@ if TYPE_CHECKING:
     from symid.codegen import BACKENDS as BACKENDS
     from symid.identification import IdentifyOptions as IdentifyOptions, LawOptions as LawOptions
     from symid.options import (
+        DraftOptions as DraftOptions,
         ExciteOptions as ExciteOptions,
         ExportOptions as ExportOptions,
         FleetOptions as FleetOptions,

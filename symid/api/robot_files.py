@@ -15,7 +15,7 @@ from symid.api.result import Progress, Result, ignore
 from symid.environment import check_suffix, write_file
 from symid.errors import EstimateError, Notice
 from symid.identification import friction as friction_fits
-from symid.options import ExportOptions
+from symid.options import DraftOptions, ExportOptions, Numbers, merge
 
 if TYPE_CHECKING:
     from symid.identification import FileExport, GivenResult
@@ -90,17 +90,14 @@ def new_robot(
     urdf: str | PathLike[str] | None = None,
     table: str | PathLike[str] | None = None,
     robot: str | PathLike[str] | None = None,
-    base: str | None = None,
-    tip: str | None = None,
-    convention: Literal["modified", "standard"] | None = None,
-    gravity: str | Sequence[float] | None = None,
     log: str | PathLike[str] | None = None,
     columns: Mapping[str, str | Sequence[str]] | None = None,
     units: Mapping[str, str | Sequence[str]] | None = None,
+    convention: Literal["modified", "standard"] | None = None,
     friction: str | None = None,
-    rotors: bool = False,
-    gear: str | float | Sequence[float] | None = None,
-    torque_constant: str | float | Sequence[float] | None = None,
+    rotors: bool | None = None,
+    torque_constant: Numbers | None = None,
+    options: DraftOptions | None = None,
     progress: Progress = ignore,
 ) -> RobotDraft:
     """Return a robot file to complete by hand, from one of `urdf`, `table` and `robot`.
@@ -109,19 +106,16 @@ def new_robot(
         urdf: a URDF or an MJCF model (MuJoCo); the content says which.
         table: a CSV table of Denavit-Hartenberg rows.
         robot: an existing robot: a robot file is copied, a URDF or MJCF is converted.
-        base: for the URDF or MJCF: first link of the robot; its root by default.
-        tip: for the URDF or MJCF: last link of the robot; other branches are removed.
-        convention: for the table: "modified" or "standard"; it is never guessed.
-        gravity: for the table: in its base frame, m/s^2; 0, 0, -9.81 by default.
         log: a log of the robot: its columns and their units become the `[log]` table.
         columns: columns of the log by quantity (time, position, torque, velocity), or the topic of a bag
             ("topic"); recognised by their names
             by default.
         units: units of the columns by quantity, one for each or one for all, if the log states none.
+        convention: for the table: "modified" or "standard"; it is never guessed.
         friction: the friction model of all joints.
         rotors: give every drive a rotor with unknown inertia.
-        gear: motor turns per joint turn, one for each joint or one for all.
         torque_constant: N m/A at the motor, one for each joint or one for all.
+        options: all options, such as `symid.DraftOptions(gear=80.0)`; the arguments above take precedence.
         progress: called with a short text at each stage.
 
     Raises:
@@ -138,21 +132,24 @@ def new_robot(
     source = urdf or table or robot
     if source is not None:
         progress(f"reading {fspath(source)}")
+    given = merge(
+        options, DraftOptions(), convention=convention, rotors=rotors, torque_constant=torque_constant
+    )
     order = log_files.DraftOrder(
         urdf=None if urdf is None else Path(urdf),
-        base=base,
-        tip=tip,
+        base=given.base,
+        tip=given.tip,
         table=None if table is None else Path(table),
-        convention=convention,
-        gravity=gravity,
+        convention=given.convention,
+        gravity=given.gravity,
         name=None if robot is None else fspath(robot),
         log=None if log is None else Path(log),
         columns=dict(columns or {}),
         units=dict(units or {}),
         friction=friction,
-        rotors=rotors,
-        gear=gear,
-        constant=torque_constant,
+        rotors=given.rotors,
+        gear=given.gear,
+        constant=given.torque_constant,
     )
     return RobotDraft(product=log_files.draft_robot(order))
 
