@@ -288,8 +288,7 @@ class RobotModel(RobotDynamics):
             known: base parameters to subtract: a fit or its file, or a robot with values (such as those of
                 CAD) or its file, .toml, .urdf or .xml; otherwise the rigid part is fitted too.
             smoothing: rad/s or m/s over which dry friction changes its sign.
-            period: s, of a cosine motion, to average over all periods: one value for all logs, or one for
-                each.
+            period: s, of a cosine motion, to average over all periods: one value for all logs or for each.
             seed: of a stochastic estimator.
             friction: the friction model of all joints in the rigid part, in place of the robot file's.
             settings: replace those of the robot file: a set by its name, or values by dotted key.
@@ -406,20 +405,9 @@ class RobotModel(RobotDynamics):
     ) -> ExcitedTrajectory:
         """Return an optimal trajectory for identification, within all limits.
 
-        Args:
-            harmonics: number of harmonics of each joint; 5 by default.
-            period: length of the trajectory, s; 10 by default.
-            criterion: "condition" (condition number of the scaled regressor, the default) or "d-optimal"
-                (information).
-            start: (n,) pose at its start and end, rad or m.
-            share: part of every limit that may be used; 0.95 by default.
-            workspace: file (.toml) of spheres and planes that bound the links.
-            torsion: largest torsion of elastic joints, rad or m.
-            candidates: number of random trajectories to start from and to compare with; 1000 by default.
-            starts: how many of them are optimised; 10 by default.
-            seed: of the random trajectories; 1 by default.
-            options: all options, such as `symid.ExciteOptions(velocity=1.5)` for what the robot file does not
-                limit; the arguments above take precedence.
+        `harmonics`, `period`, `criterion`, `start`, `share`, `workspace`, `torsion`, `candidates`, `starts`
+        and `seed` are those of `symid.ExciteOptions`, of which `options` has all, such as the `velocity` that
+        holds where the robot file states none; these arguments take precedence.
 
         Raises:
             UsageError: an option is out of range or does not fit the robot.
@@ -472,13 +460,11 @@ class RobotModel(RobotDynamics):
             trajectory: "fourier" (a random series), "ta" or "tb" (published), "tc" (for validation), a file,
                 a result of `excite`, or a motion.
             duration: s; that of the trajectory where left out.
-            scale: factor on the trajectory's amplitudes; 1 by default.
-            noise: standard deviation of the torque sensors, N m or N; 0.05 by default, of an elastic robot
-                2 % of each joint's RMS torque.
+            scale: factor on the trajectory's amplitudes.
+            noise: standard deviation of the torque sensors, N m or N.
             clean: whether the sensors are perfect: no noise, no encoder steps.
-            bandwidth: of the gains, which follow from the inertia of the joints, Hz; by default 12, or less
-                where the loops would not be stable (a note says so), or the gains of the robot file.
-            seed: of all random numbers; 1 by default.
+            bandwidth: of the gains, which follow from the inertia of the joints, Hz.
+            seed: of all random numbers.
             options: all options, such as `symid.SimulateOptions(control_period=0.002)`; the arguments above
                 take precedence.
 
