@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from symid.codegen import prepare_library
-from symid.identification import IdentifyTask, TaskContext, prepare_elastic_methods
+from symid.identification import IdentifyOptions, TaskContext, prepare_elastic_methods
 from symid.study.foreign_truths import ARMS, AUTOMATIC, _prepare_scene, observe_plant
 from symid.study.monte_carlo import run_tasks
 
@@ -31,7 +31,7 @@ def list_deviations(task: tuple[str, int]) -> dict[str, float]:
         for number, (name, run) in enumerate(zip(scene.names[:-1], scene.runs[:-1], strict=True))
     ]
     context = TaskContext(prepare=prepare_library, progress=lambda _: None)
-    estimate = prepare_elastic_methods(scene.robot, logs, IdentifyTask(), context)(AUTOMATIC).estimate
+    estimate = prepare_elastic_methods(scene.robot, logs, IdentifyOptions(), context)(AUTOMATIC).estimate
     found = {entry.name: entry for entry in estimate.parameters}
     ratios = {
         name: (found[name].value - value) / found[name].std

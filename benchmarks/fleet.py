@@ -50,7 +50,9 @@ def find_ur5():
 
 def write_logs(robot, folder, jobs):
     """Write the nights that are not there yet: FOLDER/ROBOT/NIGHT.parquet."""
-    run = robot.simulate(duration=10.0, period=0.004, clean=True, seed=1)
+    run = robot.simulate(
+        duration=10.0, clean=True, seed=1, options=symid.SimulateOptions(control_period=0.004)
+    )
     base = symid.read_log(run.save(folder / "clean.npz"), robot)
     scale = 0.02 * np.sqrt(np.mean(base.tau**2, axis=0)) + 0.01
     for k in range(jobs):

@@ -22,7 +22,7 @@ from robots import LARGE, Case, find_prefix, write_model, write_states
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
+from symid.options import GenerateOptions
 
 __all__ = ["FUNCTIONS", "Workshop", "find_folder", "hold_folder"]
 

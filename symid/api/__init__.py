@@ -17,7 +17,14 @@ if TYPE_CHECKING:
         MarkedSheet as MarkedSheet,
         WrittenLesson as WrittenLesson,
     )
-    from symid.api.experiment import ExcitedTrajectory as ExcitedTrajectory, Simulation as Simulation
+    from symid.api.experiment import (
+        ExcitedTrajectory as ExcitedTrajectory,
+        FrictionTables as FrictionTables,
+        Simulation as Simulation,
+        Study as Study,
+        study_foreign as study_foreign,
+        study_friction_tables as study_friction_tables,
+    )
     from symid.api.first_steps import (
         DemoResult as DemoResult,
         Doctor as Doctor,
@@ -29,14 +36,11 @@ if TYPE_CHECKING:
         Fit as Fit,
         FrictionFit as FrictionFit,
         RigidFit as RigidFit,
-        load_fit as load_fit,
     )
     from symid.api.identification import (
         OneShotProblem as OneShotProblem,
         OneShotSolution as OneShotSolution,
-        PayloadEstimator as PayloadEstimator,
         PayloadResult as PayloadResult,
-        PayloadRows as PayloadRows,
         Stiffness as Stiffness,
         load_other as load_other,
         load_payload as load_payload,
@@ -51,19 +55,17 @@ if TYPE_CHECKING:
         read_logs as read_logs,
     )
     from symid.api.result import Figures as Figures, Result as Result
-    from symid.api.robot import RobotModel as RobotModel, list_robots as list_robots, load as load
+    from symid.api.robot import (
+        RobotModel as RobotModel,
+        list_robots as list_robots,
+        load as load,
+        load_fit as load_fit,
+    )
     from symid.api.robot_files import (
         ExportedFile as ExportedFile,
-        Precision as Precision,
         RobotDraft as RobotDraft,
         export_fit as export_fit,
         new_robot as new_robot,
-    )
-    from symid.api.studies import (
-        FrictionTables as FrictionTables,
-        Study as Study,
-        study_foreign as study_foreign,
-        study_friction_tables as study_friction_tables,
     )
     from symid.api.validation import (
         Comparison as Comparison,
@@ -73,8 +75,18 @@ if TYPE_CHECKING:
         compare_fit as compare_fit,
     )
     from symid.codegen import BACKENDS as BACKENDS
-    from symid.identification.elastic import METHODS as METHODS
-    from symid.notation import HYSTERESIS_MODELS as HYSTERESIS_MODELS
+    from symid.identification import IdentifyOptions as IdentifyOptions, LawOptions as LawOptions
+    from symid.options import (
+        DraftOptions as DraftOptions,
+        ExciteOptions as ExciteOptions,
+        ExportOptions as ExportOptions,
+        FleetOptions as FleetOptions,
+        GenerateOptions as GenerateOptions,
+        HysteresisOptions as HysteresisOptions,
+        PayloadOptions as PayloadOptions,
+        SimulateOptions as SimulateOptions,
+        list_options as list_options,
+    )
 else:
     from symid.lazy import load_names
 

@@ -13,7 +13,7 @@ Supported: every function of the catalogue that the robot has.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast, final
+from typing import TYPE_CHECKING, cast, final
 
 from symid import report
 from symid.api.result import Result
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from symid.codegen import Call, FunctionSpec, GeneratedFolder, Library, ModelCard, ParameterCard
     from symid.report import Block
     from symid.robot import Robot
-
-Target = Literal["c", "python", "casadi", "js"]
-Parameters = Literal["base", "standard"]
 
 
 @final

@@ -4,23 +4,31 @@ Robot -> `BaseSet`; robot -> `Derivation`, step by step, with operation counts o
 `WrittenLesson`, the derivation as a page.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypedDict, Unpack, final
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, final
 
-from symid import report
-from symid.api.result import Result
+from symid import codegen, dynamics, identification, lessons, logs as log_files, report, robot as robots
+from symid.api.code import CompiledModel, WrittenCode
+from symid.api.log import LogLike, Settings, adopt_log_map, list_pairs, take_one_log
+from symid.api.result import Progress, Result, ignore
+from symid.codegen import BACKENDS
+from symid.environment import check_suffix, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
+from symid.identification import regression
+from symid.options import GenerateOptions, Precision, Target, check_value, words
 
 if TYPE_CHECKING:
-    from symid.api.log import LogLike
-    from symid.codegen import RouteCount
+    import casadi as ca
+
+    from symid.codegen import Library, RouteCount, SymbolicFunction
     from symid.dynamics import BaseParameter, BaseParameters
-    from symid.lessons import AnswerSheet, LoggedMotion, MarkedAnswer, Step
+    from symid.lessons import AnswerSheet, MarkedAnswer, Step
     from symid.report import Block
-    from symid.robot import Robot
+    from symid.robot import Joint, Robot
 
 _LARGEST_SHEET = 1_000_000
 _SHOWN = 48
@@ -71,9 +79,7 @@ class BaseSet(Result):
     @property
     def values(self) -> Mapping[str, float]:
         """Return the values of base and friction parameters in the robot file, SI units, by name."""
-        from symid.dynamics import compute_parameter_values
-
-        return compute_parameter_values(self.robot, self.product)
+        return dynamics.compute_parameter_values(self.robot, self.product)
 
     def __len__(self) -> int:
         """Return the number of inertial base parameters."""
@@ -91,22 +97,18 @@ class BaseSet(Result):
         """
         entries = {entry.name: entry for entry in (*self.product.parameters, *self.product.friction)}
         if name not in entries:
-            from symid.robot import suggest_names
-
             gone = {entry.name: entry.reason for entry in self.product.eliminated}
             head = self._list_heads().get(name)
             group = f"it is the first of the group {head.name}" if head else ""
-            hint = gone.get(name) or group or suggest_names(name, entries, otherwise="there are")
+            hint = gone.get(name) or group or robots.suggest_names(name, entries, otherwise="there are")
             text = f"{name!r} is not a base parameter of {self.robot.name}: {hint}"
             raise UsageError(Notice(code="usage.unknown-parameter", text=text))
         return entries[name]
 
     def _list_heads(self) -> "dict[str, BaseParameter]":
         """Return the base parameters by the name of the first standard parameter of their group."""
-        from symid.dynamics import write_label
-
         entries = (*self.product.parameters, *self.product.friction)
-        return {write_label(self.robot, entry.label): entry for entry in entries}
+        return {dynamics.write_label(self.robot, entry.label): entry for entry in entries}
 
     def explain(self, name: str) -> str:
         """Return the grouping of a parameter with its reason, or why it was eliminated.
@@ -149,12 +151,10 @@ def derive_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
     Raises:
         UsageError: there is no such form.
     """
-    from symid.dynamics import BASE_FORMS, derive_base_parameters
-
-    if form not in BASE_FORMS:
-        text = f"there is no form {form!r}; allowed are {', '.join(BASE_FORMS)}"
+    if form not in dynamics.BASE_FORMS:
+        text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
         raise UsageError(Notice(code="usage.base-form", text=text))
-    return BaseSet(robot=robot, form=form, product=derive_base_parameters(robot, form=form))
+    return BaseSet(robot=robot, form=form, product=dynamics.derive_base_parameters(robot, form=form))
 
 
 Notation = Literal["symid", "siciliano", "craig", "khalil"]
@@ -245,25 +245,22 @@ def write_lesson(
     long_sines: bool = False,
     exercises: int = 0,
     seed: int = 0,
-    log: "LogLike | None" = None,
+    log: LogLike | None = None,
 ) -> WrittenLesson:
     """Write the lesson on `robot`; see `RobotModel.write_lesson`."""
-    from symid.environment import check_suffix, write_file
-    from symid.lessons import get_book, write_lesson_notebook, write_lesson_page, write_lesson_tex
-
     file = Path(fspath(path))
     suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
-    book = get_book(notation, angle=angle, long=long_sines)
+    book = lessons.get_book(notation, angle=angle, long=long_sines)
     if suffix in (".tex", ".ipynb") and (exercises or log is not None):
         given = f"exercises={exercises}: they are" if exercises else "log: its motion is"
         what = f"{given} part of a page; write a .html for that"
         raise UsageError(Notice(code="usage.lesson-option", text=what))
     if suffix == ".tex":
-        text = write_lesson_tex(robot, book, parameters)
+        text = lessons.write_lesson_tex(robot, book, parameters)
         size = len(text.encode())
         return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
     if suffix == ".ipynb":
-        made = write_lesson_notebook(robot, book, parameters, file.resolve().parent)
+        made = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
         return WrittenLesson(
             robot=robot,
             path=write_file(file, made.text),
@@ -276,7 +273,7 @@ def write_lesson(
         text = "has answers that were typed; move it, or name the page otherwise"
         raise OutputError(Notice(code="output.answers", text=text, file=str(sheet_file)))
     logged = None if log is None else _sample_log(robot, log)
-    page = write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed, logged=logged)
+    page = lessons.write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed, logged=logged)
     answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
     sheet = write_file(sheet_file, page.sheet) if page.sheet else None
     return WrittenLesson(
@@ -295,7 +292,7 @@ _STILL = 1e-3
 """rad or m: what moves by less stands still."""
 
 
-def _sample_log(robot: "Robot", log: "LogLike") -> "LoggedMotion":
+def _sample_log(robot: "Robot", log: LogLike) -> "lessons.LoggedMotion":
     """Return the motion of a log, filtered as for an identification.
 
     Raises:
@@ -303,23 +300,18 @@ def _sample_log(robot: "Robot", log: "LogLike") -> "LoggedMotion":
     """
     import numpy as np
 
-    from symid.api.log import adopt_log_map, take_one_log
-    from symid.identification.regression import choose_filters
-    from symid.lessons import MOTION_RATE, LoggedMotion
-    from symid.logs import prepare_signals, read_recordings
-
     described = adopt_log_map(robot, log)
-    (recording,) = read_recordings((take_one_log(log),), described)
-    processing = choose_filters(described.processing, [recording]).processing
-    signals = prepare_signals(recording, processing)
+    (recording,) = log_files.read_recordings((take_one_log(log),), described)
+    processing = regression.choose_filters(described.processing, [recording]).processing
+    signals = log_files.prepare_signals(recording, processing)
     length = min(float(signals.time[-1] - signals.time[0]), _LONGEST_MOTION)
-    times = signals.time[0] + np.arange(int(length * MOTION_RATE) + 1) / MOTION_RATE
+    times = signals.time[0] + np.arange(int(length * lessons.MOTION_RATE) + 1) / lessons.MOTION_RATE
     tables = (signals.q, signals.dq, signals.ddq)
     states = np.stack([[np.interp(times, signals.time, part) for part in table.T] for table in tables])
     still = np.ptp(states[0], axis=1) < _STILL
     states[0, still] = states[0, still].mean(axis=1, keepdims=True)
     states[1:, still] = 0.0
-    return LoggedMotion(name=Path(recording.source).name, states=states.transpose(0, 2, 1))
+    return lessons.LoggedMotion(name=Path(recording.source).name, states=states.transpose(0, 2, 1))
 
 
 def _read_sheet(path: Path) -> "AnswerSheet":
@@ -328,9 +320,6 @@ def _read_sheet(path: Path) -> "AnswerSheet":
     Raises:
         InputError: the file cannot be read, or is no such sheet.
     """
-    from symid.environment import read_file
-    from symid.lessons import read_sheet
-
     try:
         text = read_file(path, _LARGEST_SHEET).decode("utf-8-sig")
     except (OSError, ValueError) as error:
@@ -338,7 +327,7 @@ def _read_sheet(path: Path) -> "AnswerSheet":
         raise InputError(
             Notice(code="lesson.unreadable", text=f"cannot be read: {reason}", file=str(path))
         ) from error
-    return read_sheet(text, str(path))
+    return lessons.read_sheet(text, str(path))
 
 
 @final
@@ -410,10 +399,10 @@ class MarkedSheet(Result):
 
 def check_answers(robot: "Robot", path: str | PathLike[str]) -> MarkedSheet:
     """Mark a sheet of exercises; see `RobotModel.check_answers`."""
-    from symid.lessons import mark_sheet
-
     file = Path(fspath(path))
-    return MarkedSheet(robot=robot, path=file, answers=mark_sheet(robot, _read_sheet(file), str(file)))
+    return MarkedSheet(
+        robot=robot, path=file, answers=lessons.mark_sheet(robot, _read_sheet(file), str(file))
+    )
 
 
 @final
@@ -465,7 +454,6 @@ class Derivation(Result):
         return self._write(path, ".ipynb", letters)
 
     def _write(self, path: str | PathLike[str], suffix: str, letters: LessonLetters) -> Path:
-        from symid.environment import check_suffix
 
         check_suffix(Path(fspath(path)), "such a lesson", (suffix,))
         return write_lesson(self.robot, path, **letters).path
@@ -489,3 +477,375 @@ class Derivation(Result):
     def _repr_latex_(self) -> str:
         """Return the formulas of all steps."""
         return report.write_derivation_latex(self.steps)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RobotDynamics:
+    """A robot with its dynamics: base parameters, exact expressions, code, compiled functions.
+
+    Attributes:
+        description: joints, placements, drives, friction, springs, log map, as read and overridden.
+        backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
+        progress: called with a short text at each stage; does nothing by default, `print` is a good choice.
+    """
+
+    description: "Robot"
+    backend: str = "auto"
+    progress: Progress = ignore
+
+    @property
+    def name(self) -> str:
+        """Return the name that the robot file states."""
+        return self.description.name
+
+    @property
+    def path(self) -> Path:
+        """Return the file that the robot was read from."""
+        return Path(self.description.path)
+
+    @property
+    def joints(self) -> "tuple[Joint, ...]":
+        """Return the joints that have a coordinate of their own, in the order of q."""
+        return self.description.axes
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return warnings and notes on the robot file, such as the parts of a URDF that are not used."""
+        return self.description.notices
+
+    @property
+    def elastic(self) -> bool:
+        """Return whether any joint is elastic."""
+        return any(self.description.elastic)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Return the state to copy or pickle, without compiled functions, which are loaded again on use."""
+        return {name: value for name, value in self.__dict__.items() if name != "library"}
+
+    def __repr__(self) -> str:
+        """Return the robot in one line."""
+        joints = f"{len(self.joints)} joint{'s'[: len(self.joints) != 1]}"
+        return (
+            f"<{type(self).__name__} {self.name}: {joints}{', elastic' if self.elastic else ''}, {self.path}>"
+        )
+
+    def override(
+        self,
+        *,
+        settings: Settings | None = None,
+        friction: str | None = None,
+        backend: str | None = None,
+        progress: Progress | None = None,
+    ) -> Self:
+        """Return the robot with other settings.
+
+        Args:
+            settings: a set of the robot file by its name, or keys under its `log`, `processing` and
+                `controller`, with values.
+            friction: the friction model of all joints.
+            backend: what computes its functions.
+            progress: called with a short text at each stage.
+
+        Raises:
+            UsageError: a setting cannot be made, or its value does not fit.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link").override(settings={"processing.filter_cutoff": 20})
+            >>> robot.description.processing.filter_cutoff
+            20.0
+        """
+        check_value("backend", backend, words(*BACKENDS))
+        changed = robots.override_settings(self.description, list_pairs(settings), friction)
+        backend, progress = backend or self.backend, progress or self.progress
+        return replace(self, description=changed, backend=backend, progress=progress)
+
+    # Base parameters.
+
+    @cached_property
+    def base(self) -> BaseSet:
+        """Return the base parameters: the smallest set that describes all motions and torques.
+
+        Example:
+            >>> import symid
+            >>> symid.load("panda").base.count
+            43
+        """
+        return derive_base_set(self.description)
+
+    def derive_base(self, form: BaseForm = "torque") -> BaseSet:
+        """Return the base parameters of the torques, energies, momentum, or torques at rest ("gravity").
+
+        Args:
+            form: "torque", "energy", "momentum" or "gravity".
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").derive_base("gravity").names
+            ('MXR1', 'MY1', 'MX2', 'MY2')
+        """
+        return self.base if form == "torque" else derive_base_set(self.description, form)
+
+    # Derivation, exact functions and code.
+
+    def derivation(self, *, latex: bool = False) -> Derivation:
+        """Return the derivation of the dynamics, from the frames to the torques, with a check of each step.
+
+        Args:
+            latex: print formulas in LaTeX.
+
+        Raises:
+            RobotError: a symbolic length has no value.
+
+        Example:
+            >>> import symid
+            >>> lesson = symid.load("emps").derivation()
+            >>> lesson.steps[0].title
+            'Frames'
+        """
+        self.progress(f"deriving the dynamics of {self.name}")
+
+        steps = lessons.derive_lesson(self.description)
+        self.progress("counting the operations of all routes to code")
+        counts = codegen.count_route_operations(self.description)
+        return Derivation(robot=self.description, steps=steps, operations=counts, latex=latex)
+
+    def write_lesson(
+        self,
+        path: str | PathLike[str],
+        *,
+        notation: Notation = "symid",
+        parameters: LessonParameters | None = None,
+        angle: Literal["q", "theta"] | None = None,
+        long_sines: bool = False,
+        exercises: int = 0,
+        seed: int = 0,
+        log: LogLike | None = None,
+    ) -> WrittenLesson:
+        """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
+
+        Args:
+            path: of the page, `.html`; `.tex` for a document for pdflatex, `.ipynb` for a notebook with live
+                SymPy objects, executed where nbclient and ipykernel are there.
+            notation: letters of symid, or of Siciliano et al., Craig, or Khalil and Dombre.
+            parameters: "base", the file's "symbols", or "bodies" (masses, centres of mass, inertias). None
+                takes symbols where the file has them, bodies in the books that use them, else base.
+            angle: "q" or "theta" in place of the book's own letter.
+            long_sines: write cos(q1 + q2) in place of c12.
+            exercises: how many stand at the end; a sheet to fill in (`check_answers` marks it) and the
+                answers go to text files beside the page.
+            seed: of the exercises.
+            log: a log or its file, whose motion (at most 30 s) the page offers beside drawn ones.
+
+        Raises:
+            RobotError: a symbolic length has no value.
+            LogError: the log cannot be read or used; the message lists all mistakes.
+            OutputError: the page cannot be written.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").write_lesson("arm.html").notation
+            'symid'
+        """
+        self.progress(f"deriving the lesson on {self.name}")
+        options: dict[str, Any] = {"long_sines": long_sines, "exercises": exercises, "seed": seed, "log": log}
+        return write_lesson(self.description, path, notation, parameters, angle, **options)
+
+    def check_answers(self, path: str | PathLike[str]) -> MarkedSheet:
+        """Mark the answers that were typed into the sheet of a lesson's exercises.
+
+        Formulas are compared exactly: any form of the right polynomial is right. A number is right to one
+        percent. The sheet says with which settings its exercises were drawn.
+
+        Args:
+            path: of the sheet, as `write_lesson` with `exercises` wrote it beside the page.
+
+        Raises:
+            InputError: the file is no such sheet, or one of another robot.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> sheet = robot.write_lesson("arm.html", exercises=2).sheet
+            >>> robot.check_answers(sheet)
+            <MarkedSheet two_link: arm.exercises.txt, 0 of 2 right>
+        """
+        return check_answers(self.description, path)
+
+    def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
+        """Return a function of the catalogue as exact SymPy expressions.
+
+        Args:
+            name: of the function, such as "mass_matrix".
+            standard: whether it takes the standard parameters pi in place of beta.
+
+        Raises:
+            UsageError: the robot has no such function; the message has the nearest names.
+
+        Example:
+            >>> import symid
+            >>> gravity = symid.load("two_link").sympy("gravity")
+            >>> gravity
+            gravity(q, beta) -> g
+            >>> gravity["g"].shape
+            (2, 1)
+        """
+        self._check_function(name)
+        return codegen.derive_symbolic(self.description, name, standard=standard, base=self.base.product)
+
+    def casadi(
+        self, name: str, *, standard: bool = False, constant: bool = False, compiled: bool = False
+    ) -> "ca.Function":
+        """Return a function of the catalogue as a CasADi function, with derivatives of any order.
+
+        Vectors are columns; matrices of samples side by side and `map` work as CasADi has them. SI units.
+
+        Args:
+            name: of the function, such as "forward_dynamics".
+            standard: whether it takes the standard parameters pi in place of beta.
+            constant: use the robot file's values of beta, rotors and friction as constants; the parameters h
+                of springs stay arguments.
+            compiled: of inverse and forward dynamics, call the generated C, for the values and for first
+                derivatives; there are no second ones, so Ipopt needs `hessian_approximation`
+                "limited-memory", or a Gauss-Newton matrix.
+
+        Raises:
+            GenerationError: `compiled`, and no C compiler works.
+            RobotError: a symbolic length has no value.
+            UsageError: the robot has no such function, or its file lacks a value for a constant.
+
+        Example:
+            >>> import symid
+            >>> gravity = symid.load("two_link").casadi("gravity", constant=True)
+            >>> gravity.size1_in("q")
+            2
+        """
+        self._check_function(name)
+        if compiled:
+            return codegen.build_compiled_function(
+                self.description, name, standard=standard, constant=constant
+            )
+        return codegen.build_casadi_function(self.description, name, standard=standard, constant=constant)
+
+    def _check_function(self, name: str) -> None:
+        """Refuse a function that the catalogue does not have for this robot, with the nearest names."""
+        if name in codegen.LIMITED:
+            # Written on request, or for few coordinates: the error says so.
+            codegen.list_robot_specs(self.description, self.base.product, (name,))
+            return
+        names = [spec.name for spec in codegen.list_robot_specs(self.description, self.base.product)]
+        if name not in names:
+            hint = robots.suggest_names(name, names, otherwise="there are")
+            text = f"function {name!r} is not in the catalogue of {self.name}: {hint}"
+            raise UsageError(Notice(code="usage.unknown-function", text=text))
+
+    def compile(self, *, fused: bool = False) -> CompiledModel:
+        """Return all functions of the robot, compiled and loaded by its `backend`, as attributes.
+
+        Args:
+            fused: let the C compiler make one instruction (FMA) of a product and a sum, which saves about a
+                tenth of the time. Last digits then depend on compiler and processor.
+
+        Raises:
+            RobotError: a symbolic length has no value.
+            GenerationError: there is no compiler and the backend is "c", or it fails.
+
+        Example:
+            >>> import symid
+            >>> lib = symid.load("two_link").compile()
+            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
+            (2, 2)
+        """
+        if fused:
+            return CompiledModel(self._prepare(self.description, fused=True, whole=True))
+        return CompiledModel(self._whole_library)
+
+    def write(
+        self,
+        target: Target,
+        folder: str | PathLike[str],
+        *,
+        functions: Sequence[str] | None = None,
+        precision: Precision = "double",
+        parameters: Literal["base", "standard"] = "base",
+        constant: bool = False,
+        trigonometry: Literal["own", "library"] = "own",
+        friction_laws: bool = False,
+        force: bool = False,
+    ) -> WrittenCode:
+        """Write the robot's functions as code that stands alone, and run its self-test.
+
+        Springs with branches (`model` in [joint.elasticity]), backlash or an offset get a folder each in it.
+        Where neither the robot nor anything else has changed since the last time, nothing is done.
+
+        Args:
+            target: "c", "python" (one module of NumPy), "js" (one of JavaScript), or "casadi" (functions,
+                their C, and a loader).
+            folder: new, or written by symid earlier; other files in it are not changed.
+            functions: the names of those wanted; all by default.
+            precision: type of all numbers in C.
+            parameters: arguments of the functions: "base" for beta, "standard" for all standard parameters
+                pi.
+            constant: use the robot file's values as constants.
+            trigonometry: sines in C: "own" (code that computes all angles at once) or "library" (the C
+                library).
+            friction_laws: add all static friction laws to the C library.
+            force: overwrite files that were edited since.
+
+        Raises:
+            RobotError: a symbolic length has no value.
+            UsageError: a value is not offered, the robot has no such function, or its file lacks a value that
+                is to be constant.
+            OutputError: the folder cannot be written, or belongs to something else.
+            GenerationError: the code fails its self-test.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
+            'passed'
+        """
+        order = GenerateOptions(
+            target=target,
+            functions=None if functions is None else tuple(functions),
+            precision=precision,
+            parameters=parameters,
+            constant=constant,
+            trigonometry=trigonometry,
+            friction_laws=friction_laws,
+        )
+        path = Path(fspath(folder))
+        made = codegen.generate_folder(self.description, order, path, progress=self.progress, force=force)
+        springs, notices = codegen.generate_springs(
+            self.description, order, path, progress=self.progress, force=force
+        )
+        whole = replace(made, springs=springs, notices=(*made.notices, *notices))
+        return WrittenCode(robot=self.description, product=whole)
+
+    @cached_property
+    def library(self) -> "Library":
+        """Return the functions that identification and simulation run on, from the cache or made now.
+
+        `compile` has the derivatives, the Coriolis matrix and the regressor of Slotine and Li as well.
+        """
+        return self._prepare(self.description)
+
+    @cached_property
+    def _whole_library(self) -> "Library":
+        return self._prepare(self.description, whole=True)
+
+    @property
+    def context(self) -> "identification.TaskContext":
+        """Return compiled functions on demand, and the callback for progress, for long computations."""
+
+        def prepare(description: "Robot") -> "Library":
+            """Return this robot's library, loaded once, where the dynamics are its own."""
+            own = codegen.keep_dynamics(description) == codegen.keep_dynamics(self.description)
+            return self.library if own else self._prepare(description)
+
+        return identification.TaskContext(prepare=prepare, progress=self.progress)
+
+    def _prepare(self, description: "Robot", *, fused: bool = False, whole: bool = False) -> "Library":
+
+        return codegen.prepare_library(
+            description, progress=self.progress, backend=self.backend, fused=fused, whole=whole
+        )

@@ -15,13 +15,16 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from symid import report
+from symid import codegen, excitation, identification, logs as log_files, report, simulation, study as studies
 from symid.api.fit import ElasticFit
 from symid.api.log import Log, read_log
 from symid.api.result import JudgedResult, Progress, Result, ignore
 from symid.api.robot import RobotModel, load
 from symid.api.robot_files import export_fit
+from symid.environment import locate_resource_folder, show_path
 from symid.errors import Notice, OutputError, SymidError
+from symid.identification import elastic
+from symid.options import ExportOptions
 
 if TYPE_CHECKING:
     from symid.identification.elastic import TrackingRun
@@ -56,9 +59,6 @@ class InstallationFinding:
 
 def check_installation() -> Iterator[InstallationFinding]:
     """Yield the checks of Python, packages, compiler, calls, make, cache and shared files."""
-    from symid.codegen import choose_call_path, locate_cache_folder, locate_compiler
-    from symid.environment import locate_resource_folder
-
     remedy = "" if sys.version_info >= _OLDEST else "install Python 3.11 or later"
     yield InstallationFinding("python", f"{platform.python_version()}, {platform.machine()}", remedy)
     for name in _PACKAGES:
@@ -67,15 +67,15 @@ def check_installation() -> Iterator[InstallationFinding]:
         except PackageNotFoundError:
             found, remedy = "not installed", f"pip install {name}"
         yield InstallationFinding(name, found, remedy)
-    compiler = locate_compiler()
+    compiler = codegen.locate_compiler()
     found = "none" if compiler is None else f"{compiler.path}: {compiler.version}"
     remedy = "" if compiler else "install gcc or clang; until then the slower NumPy code is used"
     yield InstallationFinding("C compiler", found, remedy, needed=compiler is not None)
-    calls, make = choose_call_path(), shutil.which("make")
+    calls, make = codegen.choose_call_path(), shutil.which("make")
     yield InstallationFinding("calls of compiled code", calls.name, calls.remedy, needed=False)
     remedy = "" if make else "install make, to build generated folders and run their self-test"
     yield InstallationFinding("make", make or "none", remedy, needed=False)
-    folder = locate_cache_folder()
+    folder = codegen.locate_cache_folder()
     entries, size = _measure_cache(folder)
     existing = next((path for path in (folder, *folder.parents) if path.exists()), folder)
     remedy = "" if os.access(existing, os.W_OK) else "make it writable, or set XDG_CACHE_HOME"
@@ -257,8 +257,6 @@ class DemoResult(JudgedResult):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return parameters, springs, errors, tracking, and the paths of the files."""
-        from symid.environment import show_path
-
         best = self.fit.estimate
         logs = ", ".join(_LOGS[name] for name in _TRAINING)
         chosen = f"{_AUTOMATIC}: {best.method}"
@@ -336,9 +334,6 @@ def demo(
         >>> result.accepted  # doctest: +SKIP
         True
     """
-    from symid.identification.elastic import evaluate_elastic
-    from symid.study import try_foreign
-
     place = Path(folder)
     _prepare_folder(place, force=force)
     robot = load(_ROBOT, backend=backend, progress=progress)
@@ -348,17 +343,17 @@ def demo(
     fits = _identify_by_methods(robot, training)
     deviations = {method: _compute_errors(robot, fit, runs[_HELD_OUT]) for method, fit in fits.items()}
     estimate = fits[_AUTOMATIC].save(place / "estimate.json")
-    export_fit(robot.description, estimate, place / "identified.toml", accept=True, progress=progress)
+    export_fit(robot.description, estimate, place / "identified.toml", ExportOptions(accept=True), progress)
     tracking = _simulate_tracking(robot, fits)
     progress("simulating and identifying an arm with friction of another kind")
-    foreign = try_foreign(_FOREIGN, seed, report.judge_fit, share=_SHARE)
+    foreign = studies.try_foreign(_FOREIGN, seed, report.judge_fit, share=_SHARE)
     progress("writing the report")
     library, best = robot.library, fits[_AUTOMATIC].estimate
     initial = [spring.elasticity for spring in fits["linear-spring"].estimate.springs]
     held_out = [logs[name].recording for name in (_HELD_OUT, "TA")]
     page = report.build_elastic_page(
         best,
-        tuple(evaluate_elastic(best, library, log, initial=initial) for log in held_out),
+        tuple(elastic.evaluate_elastic(best, library, log, initial=initial) for log in held_out),
         (*robot.notices, *library.notices),
         report.describe_origin(robot.description, library, [log.recording for log in logs.values()]),
         iterated=fits["two-step"].estimate,
@@ -403,25 +398,22 @@ def _simulate_logs(
     robot: RobotModel, folder: Path, seed: int
 ) -> "tuple[Mapping[str, ElasticRun], dict[str, Log]]":
     """Return runs with true values, and their logs, written and read again like those of a real robot."""
-    from symid.logs import write_recording
-    from symid.study import SensorCondition, observe_runs, simulate_runs
-
     library = robot.library
     robot.progress("simulating five experiments with noisy sensors")
-    runs = simulate_runs(robot.description, library, SensorCondition.NOISY)
+    runs = studies.simulate_runs(robot.description, library, studies.SensorCondition.NOISY)
     logs = {}
     for name, file in _LOGS.items():
-        (recording,) = observe_runs(runs, (name,), SensorCondition.NOISY, seed)
-        logs[name] = read_log(write_recording(recording, folder / file, robot.description), robot)
+        (recording,) = studies.observe_runs(runs, (name,), studies.SensorCondition.NOISY, seed)
+        logs[name] = read_log(log_files.write_recording(recording, folder / file, robot.description), robot)
     return runs, logs
 
 
 def _identify_by_methods(robot: RobotModel, logs: "Sequence[Log]") -> dict[str, ElasticFit]:
     """Return what `robot.identify` gives by each method; the equations are built once."""
-    from symid.identification import IdentifyTask, prepare_elastic_methods
-
     recordings = [log.recording for log in logs]
-    identify = prepare_elastic_methods(robot.description, recordings, IdentifyTask(), robot.context)
+    identify = identification.prepare_elastic_methods(
+        robot.description, recordings, identification.IdentifyOptions(), robot.context
+    )
     fits = {}
     for method in _METHODS:
         found = identify(method)
@@ -438,28 +430,27 @@ def _identify_by_methods(robot: RobotModel, logs: "Sequence[Log]") -> dict[str, 
 
 def _compute_errors(robot: RobotModel, fit: ElasticFit, held_out: "ElasticRun") -> DemoErrors:
     """Return the errors of a fit."""
-    from symid.study import compute_hysteresis_errors, compute_parameter_error, get_true_parameters
-
     card = robot.library.card
     found = fit.estimate.build_fit(card)
-    hysteresis = compute_hysteresis_errors(found, held_out.phi, held_out.joint_torque)
-    return compute_parameter_error(found, get_true_parameters(card)), float(hysteresis.max())
+    hysteresis = studies.compute_hysteresis_errors(found, held_out.phi, held_out.joint_torque)
+    return studies.compute_parameter_error(found, studies.get_true_parameters(card)), float(hysteresis.max())
 
 
 def _simulate_tracking(robot: RobotModel, fits: Mapping[str, ElasticFit]) -> "tuple[TrackingRun, ...]":
     """Return closed loops along the held-out motion with feed-forward of the fits."""
-    from symid.excitation import build_tc
-    from symid.identification.elastic import simulate_tracking
-    from symid.simulation import build_noisy_options
-
     robot.progress("tracking the held-out motion with feed-forward of the identified models")
     card = robot.library.card
     models = {
         "Case 1: identified together": fits[_AUTOMATIC].estimate.build_fit(card),
         "Case 2: identified apart": fits["independent"].estimate.build_fit(card),
     }
-    return simulate_tracking(
-        robot.description, robot.library, models, build_tc(), build_noisy_options(), progress=robot.progress
+    return elastic.simulate_tracking(
+        robot.description,
+        robot.library,
+        models,
+        excitation.build_tc(),
+        simulation.build_noisy_options(),
+        progress=robot.progress,
     )
 
 

@@ -8,7 +8,7 @@ Estimates, of now or from a file -> `RigidFit`, `ElasticFit`, `FrictionFit`, all
 """
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,17 +16,28 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
-from symid import report
-from symid.api.log import LogLike, Logs, Part, Parts, list_logs, list_parts, take_one_log
-from symid.api.result import Figures, JudgedResult, Progress, ignore
-from symid.api.robot import RobotModel, Settings, list_pairs, load
-from symid.api.validation import FitDiagnosis, FitPage, LogValidation
-from symid.errors import EstimateError, Notice, UsageError
+from symid import identification, logs as log_files, report, robot as robots
+from symid.api.dynamics import RobotDynamics
+from symid.api.log import (
+    LogLike,
+    Logs,
+    Part,
+    Parts,
+    Settings,
+    list_logs,
+    list_pairs,
+    list_parts,
+    take_one_log,
+)
+from symid.api.result import Figures, JudgedResult
+from symid.api.robot_files import ExportedFile, export_fit
+from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
+from symid.errors import Notice, UsageError
+from symid.identification import elastic
+from symid.options import ExportOptions, Precision
 from symid.serialization import describe_record
 
 if TYPE_CHECKING:
-    from symid.api.robot_files import ExportedFile, Precision
-    from symid.api.validation import Comparison, DeviationUnit
     from symid.arrays import FloatArray
     from symid.identification import AnyValidation, TrackingTask
     from symid.identification.elastic import ElasticEstimate, SpringEstimate
@@ -34,7 +45,6 @@ if TYPE_CHECKING:
     from symid.identification.friction import FrictionIdentification, JointFriction
     from symid.logs import Alignment, LogPart, Recording
     from symid.report import Block, FitVerdict
-    from symid.robot import Robot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -44,8 +54,7 @@ class Fit(JudgedResult):
     Attributes:
         estimate: the full result, with the settings used.
         file: where it was read from; None for a new fit.
-        model: the robot; None for a fit read from a file without naming its robot.
-        progress: called with a short text when the robot is loaded by its name.
+        model: the robot, or what loads it by the name stored in the file.
         remarks: warnings and notes on the fit, its robot and its logs.
         extra: entries of `to_dict` that only a new fit has, such as the backend.
 
@@ -61,8 +70,7 @@ class Fit(JudgedResult):
 
     estimate: "Estimate | ElasticEstimate | FrictionIdentification"
     file: Path | None = None
-    model: RobotModel | None = None
-    progress: Progress = ignore
+    model: RobotDynamics | Callable[[], RobotDynamics]
     remarks: tuple[Notice, ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
 
@@ -82,17 +90,17 @@ class Fit(JudgedResult):
         """Return the residual of the fit on its own logs, joint by joint."""
 
     @cached_property
-    def robot(self) -> RobotModel:
+    def robot(self) -> RobotDynamics:
         """Return the robot; if none was given, it is loaded by the name stored in the fit.
 
         Raises:
             UsageError: there is no robot of this name.
         """
-        if self.model is not None:
+        if isinstance(self.model, RobotDynamics):
             return self.model
         name = self.product.robot
         try:
-            return load(name, progress=self.progress)
+            return self.model()
         except UsageError as error:
             first = error.notices[0]
             if first.code != "usage.unknown-robot":
@@ -175,9 +183,7 @@ class Fit(JudgedResult):
         if name in self.refused:
             text = f"{name!r} has no value: {self.refused[name]}"
         else:
-            from symid.robot import suggest_names
-
-            hint = suggest_names(name, entries, otherwise="there are")
+            hint = robots.suggest_names(name, entries, otherwise="there are")
             text = f"{name!r} is not a parameter of this fit: {hint}"
         raise UsageError(Notice(code="usage.unknown-parameter", text=text))
 
@@ -194,9 +200,9 @@ class Fit(JudgedResult):
             >>> fit.save("fit.json").name
             'fit.json'
         """
-        from symid.identification import write_fit
-
-        return write_fit(self.estimate, Path(fspath(path)), verdict=describe_record(self.verdict))
+        return identification.write_fit(
+            self.estimate, Path(fspath(path)), verdict=describe_record(self.verdict)
+        )
 
     def validate(
         self,
@@ -241,9 +247,8 @@ class Fit(JudgedResult):
         band: float | None = None,
         tracking: "TrackingTask | None" = None,
     ) -> "AnyValidation":
-        from symid.identification import validate_fit
 
-        return validate_fit(
+        return identification.validate_fit(
             self.robot.description,
             self.estimate,
             log,
@@ -257,9 +262,11 @@ class Fit(JudgedResult):
 
     def _list_test_parts(self, test: Parts | None) -> "tuple[LogPart, ...]":
         """Return parts to predict; a number without unit has that of the parts that were fitted."""
-        from symid.logs import get_train_unit
-
-        return () if test is None else list_parts(test, "--test", get_train_unit(self.estimate.settings))
+        return (
+            ()
+            if test is None
+            else list_parts(test, "--test", log_files.get_train_unit(self.estimate.settings))
+        )
 
     def compare(
         self,
@@ -267,10 +274,10 @@ class Fit(JudgedResult):
         name: str | None = None,
         value: str | None = None,
         deviation: str | None = None,
-        deviation_unit: "DeviationUnit | None" = None,
+        deviation_unit: DeviationUnit | None = None,
         read_as: Mapping[str, str] | None = None,
         gate: float | None = None,
-    ) -> "Comparison":
+    ) -> Comparison:
         """Compare the values of the fit with others; differences in standard deviations of both sides.
 
         Args:
@@ -294,8 +301,6 @@ class Fit(JudgedResult):
             >>> fit.compare(fit).largest
             0.0
         """
-        from symid.api.validation import compare_fit
-
         return compare_fit(
             self.robot.description,
             self,
@@ -313,10 +318,10 @@ class Fit(JudgedResult):
         self,
         path: str | PathLike[str] | None = None,
         *,
-        precision: "Precision" = "double",
+        precision: Precision = "double",
         accept: bool = False,
         limit: float | None = None,
-    ) -> "ExportedFile":
+    ) -> ExportedFile:
         """Write the robot with the values of the fit; the suffix of `path` selects the format.
 
         Among all physically consistent bodies with the identified combinations of masses and inertias, those
@@ -344,18 +349,9 @@ class Fit(JudgedResult):
             >>> fit.export("identified.urdf").format
             'URDF'
         """
-        from symid.api.robot_files import export_fit
-
         robot = self.robot
-        return export_fit(
-            robot.description,
-            self,
-            path,
-            precision=precision,
-            accept=accept,
-            limit=limit,
-            progress=robot.progress,
-        )
+        options = ExportOptions(precision=precision, accept=accept, limit=limit)
+        return export_fit(robot.description, self, path, options, robot.progress)
 
     def report(
         self,
@@ -500,9 +496,7 @@ class RigidFit(_DynamicsFit):
             >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
             >>> fit.diagnose()  # doctest: +SKIP
         """
-        from symid.identification import diagnose_fit
-
-        found = diagnose_fit(self.robot.description, self.estimate, self.robot.context)
+        found = identification.diagnose_fit(self.robot.description, self.estimate, self.robot.context)
         return FitDiagnosis(robot=self.estimate.robot, product=found)
 
     def validate(
@@ -596,10 +590,8 @@ class ElasticFit(_DynamicsFit):
             >>> fit = robot.identify(robot.simulate(duration=4.0, seed=1).log, method="linear-spring")
             >>> fit.track(robot.simulate("tc", seed=2).log)  # doctest: +SKIP
         """
-        from symid.identification import build_tracking_task
-
         others = tuple((_name_file(entry.file), entry.estimate) for entry in against)
-        task = build_tracking_task(self.robot.description, seed, others)
+        task = identification.build_tracking_task(self.robot.description, seed, others)
         pairs = list_pairs(settings)
         found = self._try(take_one_log(log, pairs), pairs, test=test, tracking=task)
         return LogValidation(product=found, gate=gate, estimate=self.estimate)
@@ -680,75 +672,15 @@ class FrictionFit(Fit):
         return {**self._describe_verdict(), **report.describe_friction(self.estimate), **self.extra}
 
 
-def load_fit(
-    path: str | PathLike[str], robot: RobotModel | None = None, *, progress: Progress = ignore
-) -> Fit:
-    """Return the fit stored in a file, of any kind.
-
-    Args:
-        path: a file that `Fit.save` or `symid identify -o` wrote.
-        robot: its robot; loaded on use by the name stored in the file by default.
-        progress: called with a short text when the robot is loaded by its name.
-
-    Raises:
-        EstimateError: the file does not exist, or is not a fit.
-
-    Example:
-        >>> import symid
-        >>> robot = symid.load("two_link")
-        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-        >>> symid.load_fit(fit.save("fit.json"))["ZZ2"] == fit["ZZ2"]
-        True
-    """
-    file = Path(fspath(path))
-    from symid.identification import read_fit
-    from symid.identification.elastic import ElasticEstimate
-    from symid.identification.friction import FrictionIdentification
-
-    estimate = read_fit(file)
-    kinds: dict[type, type[Fit]] = {FrictionIdentification: FrictionFit, ElasticEstimate: ElasticFit}
-    kind = kinds.get(type(estimate), RigidFit)
-    return kind(estimate=estimate, file=file, model=robot, progress=progress, remarks=estimate.notices)
-
-
-def take_estimate(fit: "Fit | str | PathLike[str] | None") -> "Estimate | Path | None":
-    """Return the estimate of a rigid fit, or the path of its file.
-
-    Raises:
-        EstimateError: the fit is of another kind.
-    """
-    match fit:
-        case None:
-            return None
-        case RigidFit():
-            return fit.estimate
-        case Fit():
-            text = "expected base parameters of a rigid robot, as `robot.identify` returns them"
-            raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(fit.file)))
-    return Path(fspath(fit))
-
-
-def take_known(
-    known: "Fit | RobotModel | str | PathLike[str] | Mapping[str, float] | None",
-) -> "ElasticEstimate | Robot | Path | Mapping[str, float] | None":
-    """Return known dynamics of elastic joints: of a fit, of a robot, by name, or the path of their file.
-
-    Raises:
-        EstimateError: the fit is of another kind.
-    """
-    match known:
-        case None:
-            return None
-        case RobotModel():
-            return known.description
-        case ElasticFit():
-            return known.estimate
-        case Fit():
-            text = "expected a fit of elastic joints, as `robot.identify` returns it"
-            raise EstimateError(Notice(code="estimate.kind", text=text, file=_name_file(known.file)))
-        case Mapping():
-            return dict(known)
-    return Path(fspath(known))
+def build_dynamics_fit(
+    found: "identification.Identification[Estimate | ElasticEstimate]", robot: RobotDynamics
+) -> RigidFit | ElasticFit:
+    """Return the fit of an identification of this robot."""
+    extra, notices = {"backend": found.backend}, found.notices
+    if isinstance(found.estimate, elastic.ElasticEstimate):
+        fit = ElasticFit(estimate=found.estimate, model=robot, remarks=notices, extra=extra)
+        return replace(fit, alignment=found.alignment)
+    return RigidFit(estimate=found.estimate, model=robot, remarks=notices, extra=extra)
 
 
 def _name_file(file: Path | None) -> str:

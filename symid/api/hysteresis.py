@@ -10,19 +10,20 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, final
 
-from symid import report
-from symid.api.code import Target, WrittenCode
+from symid import codegen, identification, logs as log_files, report, robot as robots
+from symid.api.code import WrittenCode
 from symid.api.result import Figures, JudgedResult, Progress, ignore
 from symid.errors import LogError, Notice
-from symid.identification import hysteresis as elements, is_element, read_element, write_element
-from symid.joint_models import Elasticity
-from symid.robot import suggest_names
+from symid.identification import hysteresis as elements
+from symid.options import HysteresisOptions, Target
 from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
+    from symid.identification.hysteresis import ElementParameter, HysteresisRecord, HysteresisTrial
+    from symid.joint_models import Elasticity
     from symid.report import Block, FitVerdict
 
 
@@ -62,10 +63,8 @@ def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = N
         >>> symid.hysteresis.read_columns("spring.csv", x="phi", y="tau").y.tolist()
         [0.0, 2.0]
     """
-    from symid.logs import read_raw
-
     file = Path(fspath(path))
-    raw = read_raw(file)
+    raw = log_files.read_raw(file)
     columns: dict[str, FloatArray] = {}
     for name, values in raw.columns.items():
         if values.ndim == 1:
@@ -75,7 +74,7 @@ def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = N
     mistakes = []
     for name in (x, y, *([] if t is None else [t])):
         if name not in columns:
-            hint = suggest_names(name, columns) or f"it has {', '.join(columns)}"
+            hint = robots.suggest_names(name, columns) or f"it has {', '.join(columns)}"
             text = f"there is no column {name!r}; {hint}"
             mistakes.append(Notice(code="log.no-column", text=text, file=str(file), line=raw.line))
     if mistakes:
@@ -102,7 +101,7 @@ class ElementFit(JudgedResult):
         ('prandtl-ishlinskii', True)
     """
 
-    record: elements.HysteresisRecord
+    record: "HysteresisRecord"
     source: str = ""
 
     @property
@@ -111,7 +110,7 @@ class ElementFit(JudgedResult):
         return report.judge_element(self.record)
 
     @property
-    def element(self) -> Elasticity:
+    def element(self) -> "Elasticity":
         """Return the element, which `symid.joint_models` runs."""
         return self.record.elasticity
 
@@ -125,7 +124,7 @@ class ElementFit(JudgedResult):
         """Return the error of a wrong verdict."""
         return self._split_verdict()[1]
 
-    def __getitem__(self, name: str) -> elements.ElementParameter:
+    def __getitem__(self, name: str) -> "ElementParameter":
         """Return a parameter by name, with its `value` and its `deviation`."""
         found = {entry.name: entry for entry in self.record.parameters}
         if name not in found:
@@ -198,7 +197,9 @@ class ElementFit(JudgedResult):
         Raises:
             OutputError: the file cannot be written.
         """
-        return write_element(self.record, Path(fspath(path)), verdict=describe_record(self.verdict))
+        return identification.write_element(
+            self.record, Path(fspath(path)), verdict=describe_record(self.verdict)
+        )
 
     def plot(self, ax: object = None) -> Figures:
         """Return figures: loops, time, residuals, energy of cycles, branches; in axes `ax` of matplotlib."""
@@ -245,8 +246,6 @@ class ElementFit(JudgedResult):
             >>> fit.write("python", "spring_code", name="spring").selftest
             'passed'
         """
-        from symid.codegen import ElementCode, generate_element
-
         record = self.record
         low, high = record.span
         form = f"{record.model}, {record.form}" if record.form else record.model
@@ -255,7 +254,7 @@ class ElementFit(JudgedResult):
             f"{form}, fitted to {record.samples} samples: {left}",
             f"The input went from {low:.6g} to {high:.6g}; beyond it the element extrapolates.",
         )
-        order = ElementCode(
+        order = codegen.ElementCode(
             name=name,
             target=target,
             precision=precision,
@@ -263,7 +262,7 @@ class ElementFit(JudgedResult):
             period=float(record.trace.time[-1]) / max(1, record.samples - 1),
             facts=facts,
         )
-        made = generate_element(
+        made = codegen.generate_element(
             record.elasticity, order, Path(fspath(folder)), progress=progress, force=force
         )
         return WrittenCode(robot=None, product=made)
@@ -287,8 +286,8 @@ class ElementValidation(JudgedResult):
         'good'
     """
 
-    record: elements.HysteresisRecord
-    trial: elements.HysteresisTrial
+    record: "HysteresisRecord"
+    trial: "HysteresisTrial"
 
     @property
     def verdict(self) -> "FitVerdict":
@@ -356,7 +355,7 @@ def fit(
     """
     import numpy as np
 
-    options = elements.HysteresisOptions(model=model, passive=passive)
+    options = HysteresisOptions(model=model, passive=passive)
     time = None if t is None else np.asarray(t, dtype=np.float64)
     record = elements.fit_hysteresis(
         np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), time, options
@@ -381,7 +380,7 @@ def load(path: str | PathLike[str]) -> ElementFit:
         >>> symid.hysteresis.load(fit.save("dahl.json")).record.model
         'dahl'
     """
-    return ElementFit(record=read_element(Path(fspath(path))), source=Path(fspath(path)).name)
+    return ElementFit(record=identification.read_element(Path(fspath(path))), source=Path(fspath(path)).name)
 
 
 def is_saved(path: str | PathLike[str]) -> bool:
@@ -392,4 +391,4 @@ def is_saved(path: str | PathLike[str]) -> bool:
         >>> symid.hysteresis.is_saved("no_such_file.json")
         False
     """
-    return is_element(Path(fspath(path)))
+    return identification.is_element(Path(fspath(path)))

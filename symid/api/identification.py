@@ -10,16 +10,18 @@ from dataclasses import dataclass, replace
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, final
+from typing import TYPE_CHECKING, Any, TypeAlias, final
 
-from symid import report
+from symid import identification, report
+from symid.api import hysteresis
+from symid.api.dynamics import RobotDynamics
 from symid.api.log import Log, Logged, LogLike
 from symid.api.result import Result
 from symid.errors import EstimateError, Notice
+from symid.identification import elastic
 
 if TYPE_CHECKING:
     from symid.api.hysteresis import ElementFit
-    from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
     from symid.dynamics import Payload, PayloadQuantity
     from symid.identification import FlangeFrame, GivenResult, GivenSide, PayloadCommand, PayloadFinding
@@ -66,10 +68,8 @@ class Stiffness(Result):
         Raises:
             OutputError: the file cannot be written.
         """
-        from symid.identification import write_stiffness
-
         file = Path(fspath(path))
-        return write_stiffness(self.estimate, file, {**self.to_dict(), "file": file})
+        return identification.write_stiffness(self.estimate, file, {**self.to_dict(), "file": file})
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write a self-contained HTML page to `path`, and return the path.
@@ -109,9 +109,7 @@ def load_stiffness(path: str | PathLike[str]) -> Stiffness:
         >>> symid.load_stiffness(found.save("stiffness.json")).to_dict() == found.to_dict()
         True
     """
-    from symid.identification import read_stiffness
-
-    found = read_stiffness(Path(fspath(path)))
+    found = identification.read_stiffness(Path(fspath(path)))
     return Stiffness(estimate=found, notices=found.notices)
 
 
@@ -121,19 +119,14 @@ def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | Elemen
     Raises:
         EstimateError: it is one of them with mistakes; all are named.
     """
-    from symid.api import hysteresis
-    from symid.identification import is_payload, is_stiffness
-
     file = Path(fspath(path))
-    if is_stiffness(file):
+    if identification.is_stiffness(file):
         return load_stiffness(file)
-    if is_payload(file):
+    if identification.is_payload(file):
         return load_payload(file)
     return hysteresis.load(file) if hysteresis.is_saved(file) else None
 
 
-PayloadRows = Literal["torque", "momentum"]
-PayloadEstimator = Literal["ols", "wls"]
 PayloadSide: TypeAlias = "GivenResult | LogLike | Sequence[LogLike]"
 """One side: a fit or its file, or logs."""
 
@@ -240,9 +233,7 @@ class PayloadResult(Result):
             IdentifiabilityError: mass or centre of mass are not identified.
             EstimateError: the controller takes no such inertia.
         """
-        from symid.identification import build_payload_command
-
-        return build_payload_command(self.carrier, self.payload, controller, frame)
+        return identification.build_payload_command(self.carrier, self.payload, controller, frame)
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the result to `path` as JSON, and return the path; `symid.load_payload` reads it back.
@@ -250,12 +241,10 @@ class PayloadResult(Result):
         Raises:
             OutputError: the file cannot be written.
         """
-        from symid.identification import write_payload
-
-        return write_payload(self.product, Path(path), self.to_dict())
+        return identification.write_payload(self.product, Path(path), self.to_dict())
 
 
-def load_payload(path: str | PathLike[str], robot: "RobotModel | None" = None) -> PayloadResult:
+def load_payload(path: str | PathLike[str], robot: "RobotDynamics | None" = None) -> PayloadResult:
     """Return the payload that `PayloadResult.save` or `symid payload -o` wrote.
 
     Args:
@@ -278,9 +267,7 @@ def load_payload(path: str | PathLike[str], robot: "RobotModel | None" = None) -
         >>> symid.load_payload(found.save("payload.json")).to_dict() == found.to_dict()
         True
     """
-    from symid.identification import read_payload
-
-    found = read_payload(Path(fspath(path)))
+    found = identification.read_payload(Path(fspath(path)))
     if robot is not None and robot.name != found.robot:
         text = f"the payload is of the robot {found.robot!r}, not of {robot.name!r}"
         raise EstimateError(Notice(code="estimate.signature", text=text, file=str(path)))
@@ -320,7 +307,7 @@ class OneShotProblem(Result):
         True
     """
 
-    robot: "RobotModel"
+    robot: RobotDynamics
     graph: "NlpGraph"
     remarks: tuple[Notice, ...] = ()
 
@@ -355,9 +342,7 @@ class OneShotProblem(Result):
         Raises:
             UsageError: there is none; the message gives the nearest names.
         """
-        from symid.identification.elastic import get_variable
-
-        return get_variable(self.graph, name)
+        return elastic.get_variable(self.graph, name)
 
     def add_variable(
         self, name: str, *, start: float = 0.0, lower: float = -inf, upper: float = inf
@@ -373,9 +358,7 @@ class OneShotProblem(Result):
         Raises:
             UsageError: the name is taken, or the start is not between the bounds.
         """
-        from symid.identification.elastic import add_variable
-
-        return replace(self, graph=add_variable(self.graph, name, start, lower, upper))
+        return replace(self, graph=elastic.add_variable(self.graph, name, start, lower, upper))
 
     def add_torque(
         self, joint: str, torque: "Callable[[ElasticMotion], Any]", *, side: str = "spring"
@@ -391,9 +374,7 @@ class OneShotProblem(Result):
         Raises:
             UsageError: no such joint or side; not one number a sample; symbols that are no variables.
         """
-        from symid.identification.elastic import add_torque
-
-        return replace(self, graph=add_torque(self.graph, joint, torque, side))
+        return replace(self, graph=elastic.add_torque(self.graph, joint, torque, side))
 
     def add_term(self, term: Any) -> "OneShotProblem":  # noqa: ANN401  # an expression of casadi
         """Return the problem with `term`, a scalar expression of its variables, added to the cost.
@@ -401,9 +382,7 @@ class OneShotProblem(Result):
         Raises:
             UsageError: not a scalar, or with symbols that are no variables.
         """
-        from symid.identification.elastic import add_term
-
-        return replace(self, graph=add_term(self.graph, term))
+        return replace(self, graph=elastic.add_term(self.graph, term))
 
     def add_constraint(
         self,
@@ -422,9 +401,7 @@ class OneShotProblem(Result):
         Raises:
             UsageError: no limit, not a scalar, or with symbols that are no variables.
         """
-        from symid.identification.elastic import add_constraint
-
-        return replace(self, graph=add_constraint(self.graph, expression, lower, upper))
+        return replace(self, graph=elastic.add_constraint(self.graph, expression, lower, upper))
 
     def solve(self) -> "OneShotSolution":
         """Return the optimum next to where the variables start.
@@ -432,9 +409,7 @@ class OneShotProblem(Result):
         Raises:
             SolverError: the constraints contradict each other, or Ipopt gives no usable numbers.
         """
-        from symid.identification.elastic import solve_nlp_graph
-
-        return OneShotSolution(problem=self, answer=solve_nlp_graph(self.graph))
+        return OneShotSolution(problem=self, answer=elastic.solve_nlp_graph(self.graph))
 
     def summarise(self) -> str:
         """Return robot and sizes."""
@@ -519,9 +494,7 @@ class OneShotSolution(Result):
         Raises:
             UsageError: there is none; the message gives the nearest names.
         """
-        from symid.identification.elastic import get_variable
-
-        get_variable(self.problem.graph, name)
+        elastic.get_variable(self.problem.graph, name)
         return self.answer.values[name]
 
     def summarise(self) -> str:

@@ -6,25 +6,73 @@ identification.
 Supported: csv, npz, mat, hdf5, parquet, ROS 2 bags (db3, mcap, folders), files (.toml) of several runs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, TypeVar, final, runtime_checkable
 
-from symid import report
+from symid import logs as log_files, report
 from symid.api.result import Figures, Result
 from symid.errors import LogError, Notice, UsageError
+from symid.identification import IdentifyOptions, LawOptions
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from symid.api.robot import RobotModel
     from symid.arrays import FloatArray
+    from symid.identification import Described
     from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
     from symid.logs import LogPart, Recording
     from symid.report import Block
     from symid.robot import Robot
+
+
+T = TypeVar("T")
+Settings = str | Mapping[str, object]
+"""Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
+
+The set "published" is `"published"`, a value is `{"processing.filter_cutoff": 50}`; both together are
+`{"settings": "published", "processing.filter_cutoff": 50}`, in which the value wins. See docs/robot_file.md.
+"""
+
+
+def list_pairs(
+    settings: Settings | None, options: IdentifyOptions | LawOptions | None = None
+) -> tuple[tuple[str, str], ...]:
+    """Return pairs of key and text from settings, and from options that are settings by another name.
+
+    Args:
+        settings: a set's name, or values by dotted key; a list may be given as one.
+        options: whose cutoff, decimate, drop_first and drop_last are settings where they are given.
+    """
+    keyed = {"settings": settings} if isinstance(settings, str) else settings or {}
+    pairs = [*keyed.items()]
+    if options is not None:
+        names = ("cutoff", "decimate", "drop_first", "drop_last")
+        keys = ("filter_cutoff", "decimation.factor", "drop_first", "drop_last")
+        named = zip(keys, (getattr(options, name) for name in names), strict=True)
+        pairs += [(f"processing.{key}", value) for key, value in named if value is not None]
+    return tuple((key.strip(), _write_value(value)) for key, value in pairs)
+
+
+def _to_plain(value: T) -> T:
+    """Return a number or an array of NumPy in Python's own types, and all else as it is."""
+    plain: T = value.tolist() if hasattr(value, "tolist") else value
+    return plain
+
+
+def _write_value(value: object) -> str:
+    """Return a value as a robot file has it."""
+    value = _to_plain(value)
+    match value:
+        case None:
+            return "none"
+        case bool():
+            return "true" if value else "false"
+        case list() | tuple():
+            return ", ".join(map(_write_value, value))
+    return str(value).strip()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -70,9 +118,7 @@ class Measurements(Result):
             >>> len(symid.read_log(log.save("run.csv"), robot)) == len(log)
             True
         """
-        from symid.logs import write_recording
-
-        return write_recording(self.recording, Path(fspath(path)), self.robot)
+        return log_files.write_recording(self.recording, Path(fspath(path)), self.robot)
 
 
 @final
@@ -114,9 +160,7 @@ class Log(Measurements):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return warnings and notes: conversions, unused columns, suspicious samples."""
-        from symid.logs import check_recording
-
-        return (*self.recording.notices, *check_recording(self.recording, self.robot))
+        return (*self.recording.notices, *log_files.check_recording(self.recording, self.robot))
 
     def __len__(self) -> int:
         """Return the number of samples."""
@@ -140,9 +184,9 @@ class Log(Measurements):
             >>> len(log.cut("0:60%")), len(log.cut((1.5, None)))
             (1201, 501)
         """
-        from symid.logs import read_parts, take_parts
-
-        (recording,) = take_parts((self.recording,), read_parts(part, "part"), "part", keep=True)
+        (recording,) = log_files.take_parts(
+            (self.recording,), log_files.read_parts(part, "part"), "part", keep=True
+        )
         return replace(self, recording=recording)
 
     def summarise(self) -> str:
@@ -151,17 +195,13 @@ class Log(Measurements):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return the table of joints: range, speed, torque."""
-        from symid.logs import summarise_joints
-
-        summary = summarise_joints(self.recording, self.robot)
+        summary = log_files.summarise_joints(self.recording, self.robot)
         return (self.summarise(), report.show_joints(self.source, summary))
 
     def to_dict(self) -> dict[str, object]:
         """Return samples, timing and the range of every joint in plain types."""
-        from symid.logs import measure_timing, summarise_joints
-
-        summary = summarise_joints(self.recording, self.robot)
-        return report.describe_log(self.recording, measure_timing(self.time), summary)
+        summary = log_files.summarise_joints(self.recording, self.robot)
+        return report.describe_log(self.recording, log_files.measure_timing(self.time), summary)
 
 
 @runtime_checkable
@@ -230,9 +270,8 @@ def list_parts(given: Parts | None, name: str, unit: str = "") -> "tuple[LogPart
     """
     if given is None:
         return ()
-    from symid.logs import read_parts
 
-    return read_parts(given, name, unit)
+    return log_files.read_parts(given, name, unit)
 
 
 def pair_parts(
@@ -248,8 +287,6 @@ def pair_parts(
     Raises:
         UsageError: they overlap, are not one for each log, or logs are tested that were fitted as a whole.
     """
-    from symid.logs import join_units, read_parts, refuse_shared
-
     text = ""
     listing = [str(log) for log in logs if log.suffix.lower() == ".toml"]
     if test and not train:
@@ -263,9 +300,11 @@ def pair_parts(
         )
     if text:
         raise UsageError(Notice(code="usage.log-part", text=text))
-    unit = join_units([*read_parts(train, "--train"), *read_parts(test, "--test")])
-    fitted, tried = read_parts(train, "--train", unit), read_parts(test, "--test", unit)
-    refuse_shared(fitted, tried)
+    unit = log_files.join_units(
+        [*log_files.read_parts(train, "--train"), *log_files.read_parts(test, "--test")]
+    )
+    fitted, tried = log_files.read_parts(train, "--train", unit), log_files.read_parts(test, "--test", unit)
+    log_files.refuse_shared(fitted, tried)
     each = [part.text for part in tried] * (len(logs) if len(tried) == 1 else 1)
     return [part.text for part in fitted] or None, tuple(zip(logs, each, strict=bool(test)))
 
@@ -298,7 +337,7 @@ def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path |
     return found[0]
 
 
-def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = False) -> tuple[Log, ...]:
+def read_logs(path: str | PathLike[str], robot: "Described", *, uneven: bool = False) -> tuple[Log, ...]:
     """Return the logs of a file: one, or those of all runs listed in a `.toml`.
 
     Args:
@@ -315,13 +354,11 @@ def read_logs(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = 
         >>> [len(log) for log in symid.read_logs(robot.simulate(duration=1.0).save("run.npz"), robot)]
         [1001]
     """
-    from symid.logs import read_recordings
-
-    recordings = read_recordings((Path(fspath(path)),), robot.description, uneven=uneven)
+    recordings = log_files.read_recordings((Path(fspath(path)),), robot.description, uneven=uneven)
     return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
 
 
-def read_log(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = False) -> Log:
+def read_log(path: str | PathLike[str], robot: "Described", *, uneven: bool = False) -> Log:
     """Return the log in a file, converted to SI units on the joint side.
 
     Args:
@@ -348,7 +385,7 @@ def read_log(path: str | PathLike[str], robot: "RobotModel", *, uneven: bool = F
 
 
 def build_log(
-    robot: "RobotModel",
+    robot: "Described",
     *,
     time: "ArrayLike",
     q: "ArrayLike",
@@ -387,8 +424,6 @@ def build_log(
     """
     import numpy as np
 
-    from symid.logs import Recording
-
     arrays = {"q": q, "tau": tau, "dq": dq, "ddq": ddq, "theta": theta}
     arrays |= {"load": load, "temperature": temperature}
     try:
@@ -397,7 +432,7 @@ def build_log(
     except (TypeError, ValueError) as error:
         text = f"expected arrays of real numbers: {error}"
         raise LogError(Notice(code="log.arrays", text=text, file=source)) from error
-    size = len(robot.joints)
+    size = len(robot.description.axes)
     wrong = [
         f"{name} has the shape {value.shape}, expected {(*stamps.shape[:1], size)}"
         for name, value in given.items()
@@ -412,7 +447,7 @@ def build_log(
         wrong.append("time must be a list of two or more stamps in s that increase")
     if wrong:
         raise LogError(*(Notice(code="log.arrays", text=text, file=source) for text in wrong))
-    recording = Recording(
+    recording = log_files.Recording(
         time=stamps,
         position=given["q"],
         torque=given["tau"],

@@ -5,19 +5,17 @@ result.verdict          of fits, validations and pages: what it is worth, first 
 result.to_dict()        as the command line gives it with --json
 result.notices          warnings and notes; result.errors why it is not acceptable
 in a notebook           tables, texts and figures; `Figures` are also written as SVG or HTML
-
-Arguments that must be of a range or one of a list are checked here, before anything is done.
 """
 
-import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from symid import report
+from symid.environment import write_file
 from symid.errors import Notice, UsageError, arrange_notices
 from symid.serialization import describe_record
 
@@ -193,8 +191,6 @@ class Figures:
             UsageError: the suffix is another one.
             OutputError: the file cannot be written.
         """
-        from symid.environment import write_file
-
         file = Path(fspath(path))
         if file.suffix.lower() == ".svg":
             return write_file(file, report.write_svg(self.drawings))
@@ -202,42 +198,3 @@ class Figures:
             return write_file(file, report.write_figures(self.drawings))
         text = f"{file}: figures are written as .svg or .html"
         raise UsageError(Notice(code="usage.suffix", text=text))
-
-
-def check_count(name: str, value: int | None, least: int = 0) -> None:
-    """Refuse values other than whole numbers of at least `least`; None (the default) is accepted.
-
-    Raises:
-        UsageError: the value is refused.
-    """
-    if value is None:
-        return
-    whole = not isinstance(value, bool) and hasattr(value, "__index__")
-    if not whole or value < least:
-        text = f"{name}={value!r}: expected a whole number of {least} or more"
-        raise UsageError(Notice(code="usage.range", text=text))
-
-
-def check_positive(name: str, value: float | None, *, zero: bool = False) -> None:
-    """Refuse values other than positive finite numbers, and zero if `zero`; None is accepted.
-
-    Raises:
-        UsageError: the value is refused.
-    """
-    if value is None:
-        return
-    number = hasattr(value, "__float__") and not isinstance(value, bool)
-    if not number or not (value >= 0.0 if zero else value > 0.0) or not math.isfinite(value):
-        text = f"{name}={value!r}: expected a finite number {'of 0 or more' if zero else 'above 0'}"
-        raise UsageError(Notice(code="usage.range", text=text))
-
-
-def check_choice(name: str, value: str, allowed: Sequence[str]) -> None:
-    """Refuse values that are not among `allowed`.
-
-    Raises:
-        UsageError: the value is refused.
-    """
-    if value not in allowed:
-        text = f"{name}={value!r}: expected one of {', '.join(map(repr, allowed))}"
-        raise UsageError(Notice(code="usage.range", text=text))

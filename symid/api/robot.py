@@ -13,115 +13,73 @@ Supported: robot files, URDF, MJCF, tables of Denavit-Hartenberg rows. Nothing h
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, final
+from typing import TYPE_CHECKING, Any, Literal, final
 
-from symid import report
-from symid.api.dynamics import BaseForm, BaseSet, derive_base_set
-from symid.api.result import Figures, Progress, check_choice, check_count, check_positive, ignore
-from symid.api.studies import list_seeds
+from symid import (
+    dynamics,
+    excitation,
+    identification,
+    logs as log_files,
+    report,
+    robot as robots,
+    simulation,
+    study as studies,
+)
+from symid.api.dynamics import RobotDynamics
+from symid.api.experiment import ExcitedTrajectory, Simulation, Study, list_seeds
+from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit, build_dynamics_fit
+from symid.api.identification import OneShotProblem, PayloadResult, PayloadSide, Stiffness, list_payload_side
+from symid.api.log import (
+    LogLike,
+    Logs,
+    Parts,
+    RobotCheck,
+    Settings,
+    adopt_log_map,
+    list_logs,
+    list_pairs,
+    list_parts,
+    take_one_log,
+)
+from symid.api.result import Figures, Progress, ignore
+from symid.api.robot_files import ExportedFile
 from symid.codegen import BACKENDS
+from symid.environment import report_count
 from symid.errors import Notice, UsageError
+from symid.identification import (
+    IdentifyOptions,
+    LawOptions,
+    diagnostics,
+    elastic,
+    friction as friction_fits,
+    rigid as rigid_fits,
+)
+from symid.options import (
+    ExciteOptions,
+    PayloadOptions,
+    Precision,
+    SimulateOptions,
+    check_value,
+    merge,
+    words,
+)
 from symid.serialization import describe_record
 
 if TYPE_CHECKING:
-    import casadi as ca
-
-    from symid.api.code import CompiledModel, Parameters, Target, WrittenCode
-    from symid.api.dynamics import Derivation, LessonParameters, MarkedSheet, Notation, WrittenLesson
-    from symid.api.experiment import ExcitationCriterion, ExcitedTrajectory, Simulation
-    from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit
-    from symid.api.identification import (
-        OneShotProblem,
-        PayloadEstimator,
-        PayloadResult,
-        PayloadRows,
-        PayloadSide,
-        Stiffness,
-    )
-    from symid.api.log import LogLike, Logs, Parts, RobotCheck
-    from symid.api.robot_files import ExportedFile, Precision
-    from symid.api.studies import Study
-    from symid.codegen import Library, SymbolicFunction
     from symid.excitation import SampledMotion, Trajectory
-    from symid.identification import TaskContext
-    from symid.identification.elastic import ElasticOptions
-    from symid.identification.friction import FrictionOptions
     from symid.logs import Recording
     from symid.report import Block
-    from symid.robot import Joint, Robot
+    from symid.robot import Robot
     from symid.study import CutoffStudy, ElasticStudy, ManyJointsResult, PrecisionStudy, TrackingStudy
-
-T = TypeVar("T")
-Settings = str | Mapping[str, object]
-"""Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
-
-The set "published" is `"published"`, a value is `{"processing.filter_cutoff": 50}`; both together are
-`{"settings": "published", "processing.filter_cutoff": 50}`, in which the value wins. See docs/robot_file.md.
-"""
-
-
-def list_pairs(settings: Settings | None, *processing: object) -> tuple[tuple[str, str], ...]:
-    """Return pairs of key and text from settings, and from arguments that are settings by another name.
-
-    Args:
-        settings: a set's name, or values by dotted key; a list may be given as one.
-        processing: cutoff, decimate, drop_first, drop_last; None where not given.
-    """
-    keys = ("filter_cutoff", "decimation.factor", "drop_first", "drop_last")
-    named = zip(keys, processing, strict=False)
-    given = [(f"processing.{key}", value) for key, value in named if value is not None]
-    keyed = {"settings": settings} if isinstance(settings, str) else settings or {}
-    return tuple((key.strip(), _write_value(value)) for key, value in ((*keyed.items(), *given)))
-
-
-def _to_plain(value: T) -> T:
-    """Return a number or an array of NumPy in Python's own types, and all else as it is."""
-    plain: T = value.tolist() if hasattr(value, "tolist") else value
-    return plain
-
-
-def _list_periods(period: float | Sequence[float] | None) -> tuple[float, ...]:
-    """Return one period, several, or none, as a tuple."""
-    plain = _to_plain(period)
-    if plain is None:
-        return ()
-    return (plain,) if isinstance(plain, int | float) else tuple(map(_to_plain, plain))
-
-
-def _write_value(value: object) -> str:
-    """Return a value as a robot file has it."""
-    value = _to_plain(value)
-    match value:
-        case None:
-            return "none"
-        case bool():
-            return "true" if value else "false"
-        case list() | tuple():
-            return ", ".join(map(_write_value, value))
-    return str(value).strip()
-
-
-def _list_numbers(values: Sequence[float] | None, name: str) -> tuple[float, ...] | None:
-    """Return the numbers of an argument as a tuple, or raise a UsageError."""
-    try:
-        return None if values is None else tuple(map(float, values))
-    except (TypeError, ValueError) as error:
-        text = f"{name}={values!r}: expected a list of numbers, one a joint"
-        raise UsageError(Notice(code="usage.range", text=text)) from error
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class RobotModel:
+class RobotModel(RobotDynamics):
     """A robot with everything that can be done with it; made by `symid.load`.
-
-    Attributes:
-        description: joints, placements, drives, friction, springs, log map, as read and overridden.
-        backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
-        progress: called with a short text at each stage; does nothing by default, `print` is a good choice.
 
     Example:
         >>> import symid
@@ -130,371 +88,9 @@ class RobotModel:
         (['shoulder', 'elbow'], False)
     """
 
-    description: "Robot"
-    backend: str = "auto"
-    progress: Progress = ignore
-
-    @property
-    def name(self) -> str:
-        """Return the name that the robot file states."""
-        return self.description.name
-
-    @property
-    def path(self) -> Path:
-        """Return the file that the robot was read from."""
-        return Path(self.description.path)
-
-    @property
-    def joints(self) -> "tuple[Joint, ...]":
-        """Return the joints that have a coordinate of their own, in the order of q."""
-        return self.description.axes
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes on the robot file, such as the parts of a URDF that are not used."""
-        return self.description.notices
-
-    @property
-    def elastic(self) -> bool:
-        """Return whether any joint is elastic."""
-        return any(self.description.elastic)
-
-    def __getstate__(self) -> dict[str, object]:
-        """Return the state to copy or pickle, without compiled functions, which are loaded again on use."""
-        return {name: value for name, value in self.__dict__.items() if name != "library"}
-
-    def __repr__(self) -> str:
-        """Return the robot in one line."""
-        joints = f"{len(self.joints)} joint{'s'[: len(self.joints) != 1]}"
-        return f"<RobotModel {self.name}: {joints}{', elastic' if self.elastic else ''}, {self.path}>"
-
-    def override(
-        self,
-        *,
-        settings: Settings | None = None,
-        friction: str | None = None,
-        backend: str | None = None,
-        progress: Progress | None = None,
-    ) -> "RobotModel":
-        """Return the robot with other settings.
-
-        Args:
-            settings: a set of the robot file by its name, or keys under its `log`, `processing` and
-                `controller`, with values.
-            friction: the friction model of all joints.
-            backend: what computes its functions.
-            progress: called with a short text at each stage.
-
-        Raises:
-            UsageError: a setting cannot be made, or its value does not fit.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link").override(settings={"processing.filter_cutoff": 20})
-            >>> robot.description.processing.filter_cutoff
-            20.0
-        """
-        from symid.robot import override_settings
-
-        check_choice("backend", backend or self.backend, BACKENDS)
-        changed = override_settings(self.description, list_pairs(settings), friction)
-        backend, progress = backend or self.backend, progress or self.progress
-        return replace(self, description=changed, backend=backend, progress=progress)
-
-    # Base parameters.
-
-    @cached_property
-    def base(self) -> BaseSet:
-        """Return the base parameters: the smallest set that describes all motions and torques.
-
-        Example:
-            >>> import symid
-            >>> symid.load("panda").base.count
-            43
-        """
-        return derive_base_set(self.description)
-
-    def derive_base(self, form: BaseForm = "torque") -> BaseSet:
-        """Return the base parameters of the torques, energies, momentum, or torques at rest ("gravity").
-
-        Args:
-            form: "torque", "energy", "momentum" or "gravity".
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").derive_base("gravity").names
-            ('MXR1', 'MY1', 'MX2', 'MY2')
-        """
-        return self.base if form == "torque" else derive_base_set(self.description, form)
-
-    # Derivation, exact functions and code.
-
-    def derivation(self, *, latex: bool = False) -> "Derivation":
-        """Return the derivation of the dynamics, from the frames to the torques, with a check of each step.
-
-        Args:
-            latex: print formulas in LaTeX.
-
-        Raises:
-            RobotError: a symbolic length has no value.
-
-        Example:
-            >>> import symid
-            >>> lesson = symid.load("emps").derivation()
-            >>> lesson.steps[0].title
-            'Frames'
-        """
-        from symid.api.dynamics import Derivation
-
-        self.progress(f"deriving the dynamics of {self.name}")
-        from symid.codegen import count_route_operations
-        from symid.lessons import derive_lesson
-
-        steps = derive_lesson(self.description)
-        self.progress("counting the operations of all routes to code")
-        counts = count_route_operations(self.description)
-        return Derivation(robot=self.description, steps=steps, operations=counts, latex=latex)
-
-    def write_lesson(
-        self,
-        path: str | PathLike[str],
-        *,
-        notation: "Notation" = "symid",
-        parameters: "LessonParameters | None" = None,
-        angle: Literal["q", "theta"] | None = None,
-        long_sines: bool = False,
-        exercises: int = 0,
-        seed: int = 0,
-        log: "LogLike | None" = None,
-    ) -> "WrittenLesson":
-        """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
-
-        Args:
-            path: of the page, `.html`; `.tex` for a document for pdflatex, `.ipynb` for a notebook with live
-                SymPy objects, executed where nbclient and ipykernel are there.
-            notation: letters of symid, or of Siciliano et al., Craig, or Khalil and Dombre.
-            parameters: "base", the file's "symbols", or "bodies" (masses, centres of mass, inertias). None
-                takes symbols where the file has them, bodies in the books that use them, else base.
-            angle: "q" or "theta" in place of the book's own letter.
-            long_sines: write cos(q1 + q2) in place of c12.
-            exercises: how many stand at the end; a sheet to fill in (`check_answers` marks it) and the
-                answers go to text files beside the page.
-            seed: of the exercises.
-            log: a log or its file, whose motion (at most 30 s) the page offers beside drawn ones.
-
-        Raises:
-            RobotError: a symbolic length has no value.
-            LogError: the log cannot be read or used; the message lists all mistakes.
-            OutputError: the page cannot be written.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").write_lesson("arm.html").notation
-            'symid'
-        """
-        from symid.api.dynamics import write_lesson
-
-        self.progress(f"deriving the lesson on {self.name}")
-        options: dict[str, Any] = {"long_sines": long_sines, "exercises": exercises, "seed": seed, "log": log}
-        return write_lesson(self.description, path, notation, parameters, angle, **options)
-
-    def check_answers(self, path: str | PathLike[str]) -> "MarkedSheet":
-        """Mark the answers that were typed into the sheet of a lesson's exercises.
-
-        Formulas are compared exactly: any form of the right polynomial is right. A number is right to one
-        percent. The sheet says with which settings its exercises were drawn.
-
-        Args:
-            path: of the sheet, as `write_lesson` with `exercises` wrote it beside the page.
-
-        Raises:
-            InputError: the file is no such sheet, or one of another robot.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> sheet = robot.write_lesson("arm.html", exercises=2).sheet
-            >>> robot.check_answers(sheet)
-            <MarkedSheet two_link: arm.exercises.txt, 0 of 2 right>
-        """
-        from symid.api.dynamics import check_answers
-
-        return check_answers(self.description, path)
-
-    def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
-        """Return a function of the catalogue as exact SymPy expressions.
-
-        Args:
-            name: of the function, such as "mass_matrix".
-            standard: whether it takes the standard parameters pi in place of beta.
-
-        Raises:
-            UsageError: the robot has no such function; the message has the nearest names.
-
-        Example:
-            >>> import symid
-            >>> gravity = symid.load("two_link").sympy("gravity")
-            >>> gravity
-            gravity(q, beta) -> g
-            >>> gravity["g"].shape
-            (2, 1)
-        """
-        from symid.codegen import derive_symbolic
-
-        self._check_function(name)
-        return derive_symbolic(self.description, name, standard=standard, base=self.base.product)
-
-    def casadi(
-        self, name: str, *, standard: bool = False, constant: bool = False, compiled: bool = False
-    ) -> "ca.Function":
-        """Return a function of the catalogue as a CasADi function, with derivatives of any order.
-
-        Vectors are columns; matrices of samples side by side and `map` work as CasADi has them. SI units.
-
-        Args:
-            name: of the function, such as "forward_dynamics".
-            standard: whether it takes the standard parameters pi in place of beta.
-            constant: use the robot file's values of beta, rotors and friction as constants; the parameters h
-                of springs stay arguments.
-            compiled: of inverse and forward dynamics, call the generated C, for the values and for first
-                derivatives; there are no second ones, so Ipopt needs `hessian_approximation`
-                "limited-memory", or a Gauss-Newton matrix.
-
-        Raises:
-            GenerationError: `compiled`, and no C compiler works.
-            RobotError: a symbolic length has no value.
-            UsageError: the robot has no such function, or its file lacks a value for a constant.
-
-        Example:
-            >>> import symid
-            >>> gravity = symid.load("two_link").casadi("gravity", constant=True)
-            >>> gravity.size1_in("q")
-            2
-        """
-        from symid.codegen import build_casadi_function, build_compiled_function
-
-        self._check_function(name)
-        if compiled:
-            return build_compiled_function(self.description, name, standard=standard, constant=constant)
-        return build_casadi_function(self.description, name, standard=standard, constant=constant)
-
-    def _check_function(self, name: str) -> None:
-        """Refuse a function that the catalogue does not have for this robot, with the nearest names."""
-        from symid.codegen import LIMITED, list_robot_specs
-        from symid.robot import suggest_names
-
-        if name in LIMITED:
-            # Written on request, or for few coordinates: the error says so.
-            list_robot_specs(self.description, self.base.product, (name,))
-            return
-        names = [spec.name for spec in list_robot_specs(self.description, self.base.product)]
-        if name not in names:
-            hint = suggest_names(name, names, otherwise="there are")
-            text = f"function {name!r} is not in the catalogue of {self.name}: {hint}"
-            raise UsageError(Notice(code="usage.unknown-function", text=text))
-
-    def compile(self, *, fused: bool = False) -> "CompiledModel":
-        """Return all functions of the robot, compiled and loaded by its `backend`, as attributes.
-
-        Args:
-            fused: let the C compiler make one instruction (FMA) of a product and a sum, which saves about a
-                tenth of the time. Last digits then depend on compiler and processor.
-
-        Raises:
-            RobotError: a symbolic length has no value.
-            GenerationError: there is no compiler and the backend is "c", or it fails.
-
-        Example:
-            >>> import symid
-            >>> lib = symid.load("two_link").compile()
-            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
-            (2, 2)
-        """
-        from symid.api.code import CompiledModel
-
-        if fused:
-            return CompiledModel(self._prepare(self.description, fused=True, whole=True))
-        return CompiledModel(self._whole_library)
-
-    def write(
-        self,
-        target: "Target",
-        folder: str | PathLike[str],
-        *,
-        functions: Sequence[str] | None = None,
-        precision: Literal["double", "float"] = "double",
-        parameters: "Parameters" = "base",
-        constant: bool = False,
-        trigonometry: Literal["own", "library"] = "own",
-        friction_laws: bool = False,
-        force: bool = False,
-    ) -> "WrittenCode":
-        """Write the robot's functions as code that stands alone, and run its self-test.
-
-        Springs with branches (`model` in [joint.elasticity]), backlash or an offset get a folder each in it.
-        Where neither the robot nor anything else has changed since the last time, nothing is done.
-
-        Args:
-            target: "c", "python" (one module of NumPy), "js" (one of JavaScript), or "casadi" (functions,
-                their C, and a loader).
-            folder: new, or written by symid earlier; other files in it are not changed.
-            functions: the names of those wanted; all by default.
-            precision: type of all numbers in C.
-            parameters: arguments of the functions: "base" for beta, "standard" for all standard parameters
-                pi.
-            constant: use the robot file's values as constants.
-            trigonometry: sines in C: "own" (code that computes all angles at once) or "library" (the C
-                library).
-            friction_laws: add all static friction laws to the C library.
-            force: overwrite files that were edited since.
-
-        Raises:
-            RobotError: a symbolic length has no value.
-            UsageError: a value is not offered, the robot has no such function, or its file lacks a value that
-                is to be constant.
-            OutputError: the folder cannot be written, or belongs to something else.
-            GenerationError: the code fails its self-test.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
-            'passed'
-        """
-        from symid.api.code import WrittenCode
-        from symid.codegen import CodeRequest, GenerateOptions, generate_folder, generate_springs
-
-        order = CodeRequest(
-            names=None if functions is None else tuple(functions),
-            target=target,
-            parameters=parameters,
-            constant=constant,
-            options=GenerateOptions(
-                precision=precision, trigonometry=trigonometry, friction_laws=friction_laws
-            ),
-        )
-        path = Path(fspath(folder))
-        made = generate_folder(self.description, order, path, progress=self.progress, force=force)
-        springs, notices = generate_springs(
-            self.description, order, path, progress=self.progress, force=force
-        )
-        whole = replace(made, springs=springs, notices=(*made.notices, *notices))
-        return WrittenCode(robot=self.description, product=whole)
-
-    @cached_property
-    def library(self) -> "Library":
-        """Return the functions that identification and simulation run on, from the cache or made now.
-
-        `compile` has the derivatives, the Coriolis matrix and the regressor of Slotine and Li as well.
-        """
-        return self._prepare(self.description)
-
-    @cached_property
-    def _whole_library(self) -> "Library":
-        return self._prepare(self.description, whole=True)
-
     # Logs.
 
-    def check(self, *logs: "LogLike", resample: str | PathLike[str] | None = None) -> "RobotCheck":
+    def check(self, *logs: LogLike, resample: str | PathLike[str] | None = None) -> RobotCheck:
         """Return a summary of the robot file, and which parameters are identifiable from logs.
 
         Checks time stamps, units, steps and limits; with the dynamics also signs, exchanged joints, delays,
@@ -515,15 +111,12 @@ class RobotModel:
             >>> robot.check(robot.simulate(duration=4).log).accepted
             True
         """
-        from symid.api.log import RobotCheck, list_logs
-        from symid.identification.diagnostics import LogsCheck, check_robot_logs
-
         if resample is not None and len(logs) != 1:
             text = f"resample: a copy is made of one log at a time, got {len(logs)}"
             raise UsageError(Notice(code="usage.one-log", text=text))
-        found = LogsCheck()
+        found = diagnostics.LogsCheck()
         if logs:
-            found = check_robot_logs(
+            found = diagnostics.check_robot_logs(
                 self.description,
                 list_logs(logs),
                 prepare=lambda: self.library,
@@ -532,7 +125,7 @@ class RobotModel:
             )
         return RobotCheck(robot=self.description, product=found)
 
-    def plot(self, what: "LogLike | None" = None, *, pose: Sequence[float] | None = None) -> Figures:
+    def plot(self, what: LogLike | None = None, *, pose: Sequence[float] | None = None) -> Figures:
         """Return figures of the robot, of a log, of a trajectory or of a fit; `.save(path)` writes them.
 
         Args:
@@ -549,12 +142,6 @@ class RobotModel:
             >>> symid.load("scara").plot(pose=[0.3, 0.6, 0.1, 0.0]).save("scara.svg").name
             'scara.svg'
         """
-        from symid.api.fit import load_fit
-        from symid.api.log import list_logs
-        from symid.excitation import is_trajectory, read_trajectory
-        from symid.identification.diagnostics import summarise_log
-        from symid.logs import read_recordings
-
         robot = self.description
         if what is None:
             return Figures(drawings=(report.draw_robot(robot, pose),))
@@ -565,41 +152,21 @@ class RobotModel:
             path = Path(fspath(what))
             if path.suffix.lower() == ".json":
                 return load_fit(path, self).plot()
-            if is_trajectory(path):
-                return Figures(drawings=report.draw_motion(read_trajectory(path, robot), robot))
-        read = read_recordings(list_logs((what,)), robot, uneven=True)
-        logs = [summarise_log(recording, robot) for recording in read]
+            if excitation.is_trajectory(path):
+                return Figures(drawings=report.draw_motion(excitation.read_trajectory(path, robot), robot))
+        read = log_files.read_recordings(list_logs((what,)), robot, uneven=True)
+        logs = [diagnostics.summarise_log(recording, robot) for recording in read]
         return Figures(
             drawings=tuple(drawing for log in logs for drawing in report.draw_log(log.recording, robot, log))
         )
 
     # Identification.
 
-    @property
-    def context(self) -> "TaskContext":
-        """Return compiled functions on demand, and the callback for progress, for long computations."""
-        from symid.codegen import keep_dynamics
-        from symid.identification import TaskContext
-
-        def prepare(description: "Robot") -> "Library":
-            """Return this robot's library, loaded once, where the dynamics are its own."""
-            own = keep_dynamics(description) == keep_dynamics(self.description)
-            return self.library if own else self._prepare(description)
-
-        return TaskContext(prepare=prepare, progress=self.progress)
-
-    def _prepare(self, description: "Robot", *, fused: bool = False, whole: bool = False) -> "Library":
-        from symid.codegen import prepare_library
-
-        return prepare_library(
-            description, progress=self.progress, backend=self.backend, fused=fused, whole=whole
-        )
-
     def identify(
         self,
-        logs: "Logs",
+        logs: Logs,
         *,
-        train: "Parts | None" = None,
+        train: Parts | None = None,
         rows: str | None = None,
         estimator: str | None = None,
         method: str | None = None,
@@ -607,23 +174,11 @@ class RobotModel:
         settings: Settings | None = None,
         cutoff: float | None = None,
         decimate: int | None = None,
-        drop_first: int | None = None,
-        drop_last: int | None = None,
-        partial: bool = False,
-        window: float | None = None,
-        overlap: float | None = None,
-        period: float | Sequence[float] = (),
-        prior: "Fit | str | PathLike[str] | None" = None,
-        prior_deviation: float | None = None,
-        prior_weight: float | None = None,
-        start: "Fit | str | PathLike[str] | None" = None,
-        tolerance: float | None = None,
-        thresholds: int | None = None,
-        knees: int | None = None,
-        rate: float | None = None,
+        period: float | Sequence[float] | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | Mapping[str, float] | None" = None,
-        elastic: "ElasticOptions | None" = None,
-    ) -> "RigidFit | ElasticFit":
+        partial: bool | None = None,
+        options: IdentifyOptions | None = None,
+    ) -> RigidFit | ElasticFit:
         """Identify base parameters and friction from logs; for elastic joints also springs and hysteresis.
 
         Robot and logs decide the model: rigid; elastic, if joints are elastic and the logs have positions of
@@ -646,25 +201,13 @@ class RobotModel:
             settings: replace those of the robot file: a set by its name, or values by dotted key.
             cutoff: Hz, of the low-pass filter.
             decimate: keep one sample in so many.
-            drop_first: number of samples cut off at the start.
-            drop_last: number of samples cut off at the end.
-            partial: fit the identifiable parameters even if they are less than three quarters of all.
-            window: s, length of the interval of a momentum, filtered or energy row.
-            overlap: part of the window shared with the next one, for momentum and energy rows.
             period: s, of a repeated motion, for "gls": one value for all logs, or one for each.
-            prior: for "ridge": a fit or its file as the prior, or "robot" for the robot file's values.
-            prior_deviation: percent of the robot file's values, or a factor on the prior's deviations.
-            prior_weight: 1 to use these deviations as stated, 0 for no prior; chosen by cross-validation by
-                default.
-            start: for estimators that simulate: a fit or its file with the initial values.
-            tolerance: for elastic joints: relative change at which an iteration stops.
-            thresholds: for elastic joints: number of stops of each joint's hysteresis.
-            knees: for elastic joints: number of knees on each side of a spring.
-            rate: for elastic joints: rad/s, corner frequency of the first-order filter.
             known: for elastic joints: dynamics that are not identified: a robot with values (such as those of
                 CAD) or its file (.toml, .urdf, .xml), its links and the rotors whose inertia it states; a fit
                 of this robot or its file; or parameters by name, in SI units.
-            elastic: all options for elastic joints; the arguments above take precedence.
+            partial: fit the identifiable parameters even if they are less than three quarters of all.
+            options: all options, such as `symid.IdentifyOptions(prior=fit, window=0.5)`; the arguments above
+                take precedence.
 
         Raises:
             UsageError: options that do not go together, or not with this robot and these logs.
@@ -680,80 +223,60 @@ class RobotModel:
             >>> abs(fit["ZZ2"].value - robot.base.values["ZZ2"]) < 4 * fit["ZZ2"].std
             True
         """
-        from symid.api.fit import ElasticFit, RigidFit, take_estimate, take_known
-        from symid.identification import IdentifyTask, identify_robot, needs_search, read_joint_laws
-        from symid.identification.elastic import ElasticEstimate
-        from symid.identification.rigid import RigidOptions
-
-        pairs = list_pairs(settings, cutoff, decimate, drop_first, drop_last)
-        options = RigidOptions(
+        order = merge(
+            options,
+            IdentifyOptions(),
             rows=rows,
             estimator=estimator,
-            overlap=_to_plain(overlap),
-            period=_list_periods(period),
-            prior="robot" if prior == "robot" else take_estimate(prior),
-            prior_deviation=_to_plain(prior_deviation),
-            prior_weight=_to_plain(prior_weight),
-            start=take_estimate(start),
+            method=method,
+            friction=friction,
+            cutoff=cutoff,
+            decimate=decimate,
+            period=period,
+            known=known,
             partial=partial,
         )
-        given = {"tolerance": tolerance, "thresholds": thresholds, "knees": knees, "rate": rate}
-        plain = {name: _to_plain(value) for name, value in (*given.items(), ("window", window))}
-        friction = read_joint_laws(friction, self.description)
-        searched = friction if needs_search(friction) else None
-        task = IdentifyTask(
-            pairs=pairs,
-            rigid=options,
-            method=method,
-            elastic=plain,
-            options=elastic,
-            friction=searched,
-            known=take_known(known),
+        rigid_fits.check_estimator(order.rows or "torque", order.estimator)
+        law = identification.read_joint_laws(order.friction, self.description)
+        searched = law if identification.needs_search(law) else None
+        stated = law if isinstance(law, str) and not searched else None
+        pairs = list_pairs(settings, order)
+        described, recordings = self._gather(logs, pairs, stated, train)
+        found = identification.identify_robot(
+            described, recordings, replace(order, friction=searched), self.context, pairs
         )
-        stated = friction if isinstance(friction, str) and not searched else None
-        found = identify_robot(*self._gather(logs, pairs, stated, train), task, self.context)
-        extra, notices = {"backend": found.backend}, found.notices
-        if isinstance(found.estimate, ElasticEstimate):
-            fit = ElasticFit(estimate=found.estimate, model=self, remarks=notices, extra=extra)
-            return replace(fit, alignment=found.alignment)
-        return RigidFit(estimate=found.estimate, model=self, remarks=notices, extra=extra)
+        return build_dynamics_fit(found, self)
 
     def _gather(
         self,
-        logs: "Logs",
+        logs: Logs,
         pairs: tuple[tuple[str, str], ...],
         friction: str | None,
-        train: "Parts | None",
+        train: Parts | None,
     ) -> "tuple[Robot, tuple[Recording, ...]]":
         """Return the robot with the settings of the call, and what it fits of the recordings."""
-        from symid.api.log import adopt_log_map, list_logs, list_parts
-        from symid.logs import read_fit_recordings, take_parts
-        from symid.robot import override_settings
-
         given = list_logs(logs, pairs)
-        described = override_settings(adopt_log_map(self.description, logs), pairs, friction)
+        described = robots.override_settings(adopt_log_map(self.description, logs), pairs, friction)
         parts = list_parts(train, "--train")
-        return described, take_parts(read_fit_recordings(given, described), parts, "--train", keep=True)
+        return described, log_files.take_parts(
+            log_files.read_fit_recordings(given, described), parts, "--train", keep=True
+        )
 
     def identify_friction(
         self,
-        logs: "Logs",
+        logs: Logs,
         *,
-        train: "Parts | None" = None,
+        train: Parts | None = None,
         model: str | Mapping[str, str] | None = None,
         estimator: str | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | None" = None,
         smoothing: float | None = None,
-        period: float | Sequence[float] = (),
+        period: float | Sequence[float] | None = None,
         seed: int | None = None,
         friction: str | None = None,
         settings: Settings | None = None,
-        cutoff: float | None = None,
-        decimate: int | None = None,
-        drop_first: int | None = None,
-        drop_last: int | None = None,
-        options: "FrictionOptions | None" = None,
-    ) -> "FrictionFit":
+        options: LawOptions | None = None,
+    ) -> FrictionFit:
         """Identify a friction law and its parameters for every joint that moves.
 
         Args:
@@ -766,16 +289,11 @@ class RobotModel:
             known: base parameters to subtract: a fit or its file, or a robot with values (such as those of
                 CAD) or its file, .toml, .urdf or .xml; otherwise the rigid part is fitted too.
             smoothing: rad/s or m/s over which dry friction changes its sign.
-            period: s, of a cosine motion, to average over all periods: one value for all logs, or one for
-                each.
+            period: s, of a cosine motion, to average over all periods: one value for all logs or for each.
             seed: of a stochastic estimator.
             friction: the friction model of all joints in the rigid part, in place of the robot file's.
             settings: replace those of the robot file: a set by its name, or values by dotted key.
-            cutoff: Hz, of the low-pass filter.
-            decimate: keep one sample in so many.
-            drop_first: number of samples cut off at the start.
-            drop_last: number of samples cut off at the end.
-            options: all options of the estimators; `seed` takes precedence.
+            options: all options, such as `symid.LawOptions(cutoff=20.0)`; the arguments above win.
 
         Raises:
             UsageError: there is no such law or estimator.
@@ -791,35 +309,32 @@ class RobotModel:
             >>> sorted(fit.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.fit import FrictionFit, take_estimate
-        from symid.identification import FrictionRequest, identify_robot_friction
-        from symid.identification.friction import FrictionOptions
-
-        pairs = list_pairs(settings, cutoff, decimate, drop_first, drop_last)
-        request = FrictionRequest(
+        order = merge(
+            options,
+            LawOptions(),
             model=model,
             estimator=estimator,
-            known=known.description if isinstance(known, RobotModel) else take_estimate(known),
-            smoothing=_to_plain(smoothing),
-            period=_list_periods(period),
-            seed=_to_plain(seed),
+            known=known,
+            smoothing=smoothing,
+            period=period,
+            seed=seed,
             friction=friction,
-            options=options or FrictionOptions(),
         )
-        found = identify_robot_friction(*self._gather(logs, pairs, friction, train), request, self.context)
+        given = self._gather(logs, list_pairs(settings, order), order.friction, train)
+        found = identification.identify_robot_friction(*given, order, self.context)
         extra = {"backend": found.backend}
         return FrictionFit(estimate=found.estimate, model=self, remarks=found.notices, extra=extra)
 
     def identify_stiffness(
         self,
-        logs: "Logs",
+        logs: Logs,
         *,
-        train: "Parts | None" = None,
+        train: Parts | None = None,
         friction: str | None = None,
         settings: Settings | None = None,
         drop_first: int | None = None,
         drop_last: int | None = None,
-    ) -> "Stiffness":
+    ) -> Stiffness:
         """Identify delay and offsets of the encoders, and the stiffness of every joint, with intervals.
 
         The `logs` have the positions of motors and links, of any robot. `train`, `friction`, `settings`,
@@ -836,26 +351,23 @@ class RobotModel:
             >>> sorted(found.joints)
             ['elbow', 'shoulder']
         """
-        from symid.api.identification import Stiffness
-        from symid.identification import identify_stiffness
-
-        pairs = list_pairs(settings, None, None, drop_first, drop_last)
+        pairs = list_pairs(settings, IdentifyOptions(drop_first=drop_first, drop_last=drop_last))
         described, recordings = self._gather(logs, pairs, friction, train)
-        found, notices = identify_stiffness(described, recordings, pairs, self.context)
+        found, notices = identification.identify_stiffness(described, recordings, pairs, self.context)
         return Stiffness(estimate=found, notices=notices)
 
     def one_shot(
         self,
-        logs: "Logs",
+        logs: Logs,
         *,
-        train: "Parts | None" = None,
+        train: Parts | None = None,
         settings: Settings | None = None,
-        elastic: "ElasticOptions | None" = None,
-    ) -> "OneShotProblem":
+        options: IdentifyOptions | None = None,
+    ) -> OneShotProblem:
         """Return the problem of the method "nlp" as CasADi expressions, open to terms and constraints.
 
         The problem is that of the last round, and starts at the fit. `logs`, `train`, `settings` and
-        `elastic` are those of `identify`.
+        `options` are those of `identify`.
 
         Raises:
             UsageError: no joint is elastic, or a setting does not apply.
@@ -869,14 +381,10 @@ class RobotModel:
             >>> problem.add_constraint(problem["IA1"], upper=0.2).solve()["IA1"] <= 0.2
             True
         """
-        from symid.api.identification import OneShotProblem
-        from symid.identification import build_elastic_graph
-        from symid.identification.elastic import ElasticOptions
-
-        pairs = list_pairs(settings)
+        order = options or IdentifyOptions()
+        pairs = list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, None, train)
-        options = elastic or ElasticOptions()
-        graph, notices = build_elastic_graph(described, recordings, options, pairs, self.context)
+        graph, notices = identification.build_elastic_graph(described, recordings, order, pairs, self.context)
         return OneShotProblem(robot=self, graph=graph, remarks=notices)
 
     # Trajectories and experiments.
@@ -884,46 +392,23 @@ class RobotModel:
     def excite(
         self,
         *,
-        harmonics: int = 5,
-        period: float = 10.0,
-        criterion: "ExcitationCriterion" = "condition",
-        weight: float = 0.1,
-        moving: bool = False,
+        harmonics: int | None = None,
+        period: float | None = None,
+        criterion: Literal["condition", "d-optimal"] | None = None,
         start: Sequence[float] | None = None,
-        share: float = 0.95,
-        sweep: float = 1.0,
-        velocity: float = 2.0,
-        acceleration: float = 10.0,
-        jerk: float | None = None,
+        share: float | None = None,
         workspace: str | PathLike[str] | None = None,
         torsion: float | None = None,
-        stiffness: Sequence[float] | None = None,
-        deviations: Sequence[float] | None = None,
-        candidates: int = 1000,
-        starts: int = 10,
-        seed: int = 1,
-    ) -> "ExcitedTrajectory":
+        candidates: int | None = None,
+        starts: int | None = None,
+        seed: int | None = None,
+        options: ExciteOptions | None = None,
+    ) -> ExcitedTrajectory:
         """Return an optimal trajectory for identification, within all limits.
 
-        Args:
-            harmonics: number of harmonics of each joint.
-            period: length of the trajectory, s.
-            criterion: "condition" (condition number of the scaled regressor) or "d-optimal" (information).
-            weight: weight of the information, added to the condition number.
-            moving: let it start and end in motion instead of at rest.
-            start: (n,) pose at its start and end, rad or m.
-            share: part of every limit that may be used.
-            sweep: position limit on either side of zero where the robot file states none, rad or m.
-            velocity: limit where the robot file states none, rad/s or m/s.
-            acceleration: limit where the robot file states none, rad/s^2 or m/s^2.
-            jerk: limit where the robot file states none, rad/s^3 or m/s^3; None for none.
-            workspace: file (.toml) of spheres and planes that bound the links.
-            torsion: largest torsion of elastic joints, rad or m.
-            stiffness: (n,) for the torsion, N m/rad or N/m; else the robot file's.
-            deviations: (n,) of the torque noise, N m or N; equal where left out.
-            candidates: number of random trajectories to start from and to compare with.
-            starts: how many of them are optimised.
-            seed: of the random trajectories.
+        `harmonics`, `period`, `criterion`, `start`, `share`, `workspace`, `torsion`, `candidates`, `starts`
+        and `seed` are those of `symid.ExciteOptions`, of which `options` has all, such as the `velocity` that
+        holds where the robot file states none; these arguments take precedence.
 
         Raises:
             UsageError: an option is out of range or does not fit the robot.
@@ -935,82 +420,54 @@ class RobotModel:
             >>> found.condition < found.product.random_condition
             True
         """
-        check_count("seed", seed)
         import numpy as np
 
-        from symid.api.experiment import ExcitedTrajectory
-        from symid.excitation import (
-            ExcitationOptions,
-            LimitOptions,
-            ProblemOptions,
-            SeriesOptions,
-            optimise_excitation,
-            read_workspace,
-        )
-
-        series = SeriesOptions(
-            harmonics=harmonics, period=period, rest=not moving, start=_list_numbers(start, "start")
-        )
-        robot = self.description
-        limits = LimitOptions(
-            share=share,
-            sweep=sweep,
-            speed=velocity,
-            acceleration=acceleration,
-            jerk=jerk,
-            workspace=() if workspace is None else read_workspace(Path(workspace), robot),
-            torsion=torsion,
-            stiffness=_list_numbers(stiffness, "stiffness"),
-        )
-        options = ExcitationOptions(
-            problem=ProblemOptions(
-                series=series, limits=limits, deviations=_list_numbers(deviations, "deviations")
-            ),
+        order = merge(
+            options,
+            ExciteOptions(),
+            harmonics=harmonics,
+            period=period,
             criterion=criterion,
-            weight=weight,
+            start=start,
+            share=share,
+            workspace=workspace,
+            torsion=torsion,
             candidates=candidates,
-            starts=min(starts, candidates),
+            starts=starts,
+            seed=seed,
         )
-        rng = np.random.default_rng(seed)
-        found = optimise_excitation(robot, options, rng=rng, progress=self.progress)
-        return ExcitedTrajectory(robot=robot, product=found, seed=seed)
+        search, rng = (
+            excitation.build_excitation_options(order, self.description),
+            np.random.default_rng(order.seed),
+        )
+        found = excitation.optimise_excitation(self.description, search, rng=rng, progress=self.progress)
+        return ExcitedTrajectory(robot=self.description, product=found, seed=order.seed)
 
     def simulate(
         self,
         trajectory: "str | PathLike[str] | ExcitedTrajectory | Trajectory | SampledMotion" = "fourier",
         *,
-        scale: float = 1.0,
-        joint: int = 1,
         duration: float | None = None,
+        scale: float | None = None,
         noise: float | None = None,
-        clean: bool = False,
-        delay: float = 0.0,
-        offset: float = 0.0,
+        clean: bool | None = None,
         bandwidth: float | None = None,
-        period: float | None = None,
-        stiffness: Sequence[float] | None = None,
-        damping: Sequence[float] | None = None,
-        seed: int = 1,
-    ) -> "Simulation":
+        seed: int | None = None,
+        options: SimulateOptions | None = None,
+    ) -> Simulation:
         """Simulate the robot under PD control along a trajectory; return the measured log.
 
         Args:
             trajectory: "fourier" (a random series), "ta" or "tb" (published), "tc" (for validation), a file,
                 a result of `excite`, or a motion.
-            scale: factor on the trajectory's amplitudes.
-            joint: that "tb" moves, counted from one.
             duration: s; that of the trajectory where left out.
-            noise: standard deviation of the torque sensors, N m or N; 0.05 by default, of an elastic robot
-                2 % of each joint's RMS torque.
+            scale: factor on the trajectory's amplitudes.
+            noise: standard deviation of the torque sensors, N m or N.
             clean: whether the sensors are perfect: no noise, no encoder steps.
-            delay: for an elastic robot: delay of the link encoders relative to the motor encoders, s.
-            offset: for an elastic robot: reading of the link encoders at zero, rad or m.
-            bandwidth: of the gains, which follow from the inertia of the joints, Hz; by default 12, or less
-                where the loops would not be stable (a note says so), or the gains of the robot file.
-            period: of control and log, s; 0.001 by default, of an elastic robot with `clean` 0.0002.
-            stiffness: own gains of the position, one a joint, N m/rad or N/m, together with `damping`.
-            damping: own gains of the velocity, N m s/rad or N s/m.
+            bandwidth: of the gains, which follow from the inertia of the joints, Hz.
             seed: of all random numbers.
+            options: all options, such as `symid.SimulateOptions(control_period=0.002)`; the arguments above
+                take precedence.
 
         Raises:
             UsageError: there is no such trajectory, or an option does not fit the robot.
@@ -1023,46 +480,37 @@ class RobotModel:
             >>> run.q.shape, run.tau.shape
             ((501, 2), (501, 2))
         """
-        check_count("seed", seed)
-        check_positive("noise", noise, zero=True)
-        check_positive("bandwidth", bandwidth)
-        check_positive("period", period)
         import numpy as np
 
-        from symid.api.experiment import ExcitedTrajectory, Simulation
-        from symid.excitation import build_motion
-        from symid.simulation import (
-            ControlSettings,
-            SensorSettings,
-            check_sensor_settings,
-            check_stated_values,
-            simulate_log,
+        order = merge(
+            options,
+            SimulateOptions(),
+            duration=duration,
+            scale=scale,
+            noise=noise,
+            clean=clean,
+            bandwidth=bandwidth,
+            seed=seed,
         )
-
         robot = self.description
-        sensors = SensorSettings(clean=clean, noise=noise, delay=delay, offset=offset)
-        control = ControlSettings(
-            bandwidth=None if bandwidth is None else float(bandwidth),
-            period=None if period is None else float(period),
-            stiffness=_list_numbers(stiffness, "stiffness"),
-            damping=_list_numbers(damping, "damping"),
-        )
-        check_sensor_settings(robot, sensors)
+        simulation.check_sensor_options(robot, order)
         # Before minutes go into the derivation.
-        check_stated_values(robot)
-        rng = np.random.default_rng(seed)
+        simulation.check_stated_values(robot)
+        rng = np.random.default_rng(order.seed)
         given = trajectory.trajectory if isinstance(trajectory, ExcitedTrajectory) else trajectory
         named = fspath(given) if isinstance(given, PathLike) else given
-        motion = build_motion(robot, named, rng, duration=duration, joint=joint, scale=scale)
+        motion = excitation.build_motion(
+            robot, named, rng, duration=order.duration, joint=order.joint, scale=order.scale
+        )
         library = self.library
         self.progress(f"simulating {motion.duration:g} s of {robot.name}")
-        found = simulate_log(robot, library, motion, sensors, rng, control=control)
+        found = simulation.simulate_log(robot, library, motion, order, rng)
         return Simulation(
             robot=robot,
             recording=found.recording,
             trajectory=motion.source,
             duration=motion.duration,
-            seed=seed,
+            seed=order.seed,
             energy_gap=found.energy_gap,
             backend=found.backend,
             details=found.details,
@@ -1073,14 +521,14 @@ class RobotModel:
 
     def payload(
         self,
-        loaded: "PayloadSide",
-        empty: "PayloadSide",
+        loaded: PayloadSide,
+        empty: PayloadSide,
         *,
         joint: str | None = None,
         mass: float | None = None,
-        rows: "PayloadRows" = "torque",
-        estimator: "PayloadEstimator" = "wls",
-    ) -> "PayloadResult":
+        rows: Literal["torque", "momentum"] = "torque",
+        estimator: Literal["ols", "wls"] = "wls",
+    ) -> PayloadResult:
         """Identify mass, centre of mass and inertia of the payload: in `loaded`, but not in `empty`.
 
         A body fixed to a link changes the base parameters by K_link delta, where delta are its ten standard
@@ -1113,25 +561,12 @@ class RobotModel:
             >>> round(found.mass, 1)
             1.0
         """
-        from symid.api.identification import PayloadResult, list_payload_side
-        from symid.identification import PayloadTask, identify_payload
-
-        check_positive("mass", mass)
-        check_choice("rows", rows, ("torque", "momentum"))
-        check_choice("estimator", estimator, ("ols", "wls"))
-        task = PayloadTask(
-            joint=joint,
-            mass=mass,
-            rows=rows,
-            estimator=estimator,
-            prepare=lambda: self.library,
-            progress=self.progress,
-        )
+        options = PayloadOptions(joint=joint, mass=mass, rows=rows, estimator=estimator)
         sides = (list_payload_side(loaded), list_payload_side(empty))
-        found = identify_payload(self.description, *sides, task)
+        found = identification.identify_payload(self.description, *sides, options, self.context)
         return PayloadResult(product=found, carrier=self.description)
 
-    def export(self, path: str | PathLike[str], *, precision: "Precision" = "double") -> "ExportedFile":
+    def export(self, path: str | PathLike[str], *, precision: Precision = "double") -> ExportedFile:
         """Write the robot with the values of its robot file; the suffix of `path` selects the format.
 
         Args:
@@ -1148,12 +583,11 @@ class RobotModel:
             >>> symid.load("two_link").export("two_link.urdf").format
             'URDF'
         """
-        from symid.api.robot_files import ExportedFile
-
         self.progress(f"writing {self.name}")
-        from symid.identification import write_stated
 
-        return ExportedFile(product=write_stated(self.description, Path(path), precision=precision))
+        return ExportedFile(
+            product=identification.write_stated(self.description, Path(path), precision=precision)
+        )
 
     # Studies of methods on the robot, simulated.
 
@@ -1174,10 +608,8 @@ class RobotModel:
             >>> [method.method for method in study.product.methods]
             ['wls', 'momentum', 'consistent']
         """
-        from symid.study import study_precision
-
         found = self._study(
-            study_precision, "precision of", report.show_precision, list_seeds(seeds, seed), jobs=jobs
+            studies.study_precision, "precision of", report.show_precision, list_seeds(seeds, seed), jobs=jobs
         )
         return replace(found, notices=self.notices)
 
@@ -1190,9 +622,6 @@ class RobotModel:
         **options: object,
     ) -> "Study[Any]":
         """Return a study with the noise of every seed in `numbers`, in several processes."""
-        from symid.api.studies import Study
-        from symid.environment import report_count
-
         # Made here, with its progress told, before processes look for it.
         _ = self.library
         counted = report_count(self.progress)
@@ -1200,7 +629,7 @@ class RobotModel:
         title = f"{title} {self.name}"
         return Study(title=title, product=found, tables=show(found), described=asdict(found))
 
-    def study_cutoff(self, log: "LogLike") -> "Study[CutoffStudy]":
+    def study_cutoff(self, log: LogLike) -> "Study[CutoffStudy]":
         """Show how the cut-off of the position filter changes the prediction error of a fit.
 
         Args:
@@ -1217,19 +646,14 @@ class RobotModel:
             >>> study.product.chosen > 0
             True
         """
-        from symid.api.log import take_one_log
-        from symid.api.studies import Study
-        from symid.environment import report_count
-        from symid.identification.elastic import build_motor_recording, build_rigid_variant
-        from symid.logs import read_one_log
-        from symid.study import study_cutoff
-
         robot = self.description
-        recording = read_one_log(take_one_log(log), robot)
-        rigid = build_rigid_variant(robot) if self.elastic else robot
+        recording = log_files.read_one_log(take_one_log(log), robot)
+        rigid = elastic.build_rigid_variant(robot) if self.elastic else robot
         library = replace(self, description=rigid).library
-        measured = build_motor_recording(recording, robot)
-        found = study_cutoff(library, measured, robot.processing, progress=report_count(self.progress))
+        measured = elastic.build_motor_recording(recording, robot)
+        found = studies.study_cutoff(
+            library, measured, robot.processing, progress=report_count(self.progress)
+        )
         return Study(
             title=f"cut-off of {robot.name}",
             product=found,
@@ -1254,11 +678,9 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_elastic(seeds=1)  # doctest: +SKIP
         """
-        from symid.study import study_elastic
-
         numbers, title = list_seeds(seeds, seed), "methods for the elastic joints of"
         show = report.show_elastic_study
-        found = self._study(study_elastic, title, show, numbers, jobs=jobs, timed=timed)
+        found = self._study(studies.study_elastic, title, show, numbers, jobs=jobs, timed=timed)
         return replace(found, described={**describe_record(found.product), "seeds": list(numbers)})
 
     def study_tracking(
@@ -1277,10 +699,8 @@ class RobotModel:
             >>> robot = symid.load("two_link_elastic")
             >>> study = robot.study_tracking(seeds=1)  # doctest: +SKIP
         """
-        from symid.study import study_tracking
-
         numbers = list_seeds(seeds, seed)
-        return self._study(study_tracking, "tracking of", report.show_tracking, numbers, jobs=jobs)
+        return self._study(studies.study_tracking, "tracking of", report.show_tracking, numbers, jobs=jobs)
 
     def study_six_joints(self, *, seeds: int = 1, seed: int = 1) -> "Study[tuple[ManyJointsResult, ...]]":
         """Validate the identified dynamics of an elastic arm with any number of joints on a held-out motion.
@@ -1297,14 +717,11 @@ class RobotModel:
             >>> robot = symid.load("puma560_elastic")
             >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
-        from symid.api.studies import Study
-        from symid.study import SensorCondition, study_many_joints
-
         numbers, library = list_seeds(seeds, seed), self.library
         found = tuple(
-            study_many_joints(self.description, library, condition, number)
+            studies.study_many_joints(self.description, library, condition, number)
             for number in numbers
-            for condition in SensorCondition
+            for condition in studies.SensorCondition
         )
         return Study(
             title=f"dynamics of the elastic arm {self.name}",
@@ -1357,9 +774,7 @@ def load(
         >>> symid.load("panda").name
         'panda'
     """
-    from symid.robot import load_robot
-
-    check_choice("backend", backend, BACKENDS)
+    check_value("backend", backend, words(*BACKENDS))
     written = None
     if gravity is not None:
         if len(gravity) != 3 or not all(map(math.isfinite, gravity)):
@@ -1368,7 +783,7 @@ def load(
         x, y, z = (repr(float(part)) for part in gravity)
         written = (x, y, z)
     read = partial(
-        load_robot,
+        robots.load_robot,
         fspath(robot),
         list_pairs(settings),
         friction,
@@ -1380,10 +795,41 @@ def load(
     described = read(snap=snap)
     if snap is None and any(notice.code in _ROUNDED for notice in described.notices):
         # Loads SymPy: only where an angle was rounded.
-        from symid.dynamics import choose_reading
 
-        described = choose_reading(read)
+        described = dynamics.choose_reading(read)
     return RobotModel(description=described, backend=backend, progress=progress)
+
+
+def load_fit(
+    path: str | PathLike[str], robot: RobotModel | None = None, *, progress: Progress = ignore
+) -> Fit:
+    """Return the fit stored in a file, of any kind.
+
+    Args:
+        path: a file that `Fit.save` or `symid identify -o` wrote.
+        robot: its robot; loaded on use by the name stored in the file by default.
+        progress: called with a short text when the robot is loaded by its name.
+
+    Raises:
+        EstimateError: the file does not exist, or is not a fit.
+
+    Example:
+        >>> import symid
+        >>> robot = symid.load("two_link")
+        >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+        >>> symid.load_fit(fit.save("fit.json"))["ZZ2"] == fit["ZZ2"]
+        True
+    """
+    file = Path(fspath(path))
+
+    estimate = identification.read_fit(file)
+    kinds: dict[type, type[Fit]] = {
+        friction_fits.FrictionIdentification: FrictionFit,
+        elastic.ElasticEstimate: ElasticFit,
+    }
+    kind = kinds.get(type(estimate), RigidFit)
+    model = robot or partial(load, estimate.robot, progress=progress)
+    return kind(estimate=estimate, file=file, model=model, remarks=estimate.notices)
 
 
 def list_robots() -> tuple[str, ...]:
@@ -1394,6 +840,4 @@ def list_robots() -> tuple[str, ...]:
         >>> "panda" in symid.list_robots()
         True
     """
-    from symid.robot import list_robots as list_names
-
-    return list_names()
+    return robots.list_robots()

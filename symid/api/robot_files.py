@@ -10,14 +10,17 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
-from symid import report
-from symid.api.result import Progress, Result, check_positive, ignore
+from symid import identification, logs as log_files, report, robot as robots
+from symid.api.result import Progress, Result, ignore
+from symid.environment import check_suffix, write_file
 from symid.errors import EstimateError, Notice
+from symid.identification import friction as friction_fits
+from symid.options import DraftOptions, ExportOptions, Numbers, merge
 
 if TYPE_CHECKING:
     from symid.identification import FileExport, GivenResult
     from symid.logs import Draft
-    from symid.report import AnyEstimate, Block
+    from symid.report import Block
     from symid.robot import Robot
 
 
@@ -64,12 +67,9 @@ class RobotDraft(Result):
         Raises:
             OutputError: the suffix is not .toml, or the file cannot be written.
         """
-        from symid.environment import check_suffix, write_file
-        from symid.robot import move_source
-
         file = Path(path)
         check_suffix(file, "a robot file", (".toml",))
-        write_file(file, move_source(self.text, self.robot, file.parent))
+        write_file(file, robots.move_source(self.text, self.robot, file.parent))
         return file
 
     def summarise(self) -> str:
@@ -90,17 +90,14 @@ def new_robot(
     urdf: str | PathLike[str] | None = None,
     table: str | PathLike[str] | None = None,
     robot: str | PathLike[str] | None = None,
-    base: str | None = None,
-    tip: str | None = None,
-    convention: Literal["modified", "standard"] | None = None,
-    gravity: str | Sequence[float] | None = None,
     log: str | PathLike[str] | None = None,
     columns: Mapping[str, str | Sequence[str]] | None = None,
     units: Mapping[str, str | Sequence[str]] | None = None,
+    convention: Literal["modified", "standard"] | None = None,
     friction: str | None = None,
-    rotors: bool = False,
-    gear: str | float | Sequence[float] | None = None,
-    torque_constant: str | float | Sequence[float] | None = None,
+    rotors: bool | None = None,
+    torque_constant: Numbers | None = None,
+    options: DraftOptions | None = None,
     progress: Progress = ignore,
 ) -> RobotDraft:
     """Return a robot file to complete by hand, from one of `urdf`, `table` and `robot`.
@@ -109,19 +106,16 @@ def new_robot(
         urdf: a URDF or an MJCF model (MuJoCo); the content says which.
         table: a CSV table of Denavit-Hartenberg rows.
         robot: an existing robot: a robot file is copied, a URDF or MJCF is converted.
-        base: for the URDF or MJCF: first link of the robot; its root by default.
-        tip: for the URDF or MJCF: last link of the robot; other branches are removed.
-        convention: for the table: "modified" or "standard"; it is never guessed.
-        gravity: for the table: in its base frame, m/s^2; 0, 0, -9.81 by default.
         log: a log of the robot: its columns and their units become the `[log]` table.
         columns: columns of the log by quantity (time, position, torque, velocity), or the topic of a bag
             ("topic"); recognised by their names
             by default.
         units: units of the columns by quantity, one for each or one for all, if the log states none.
+        convention: for the table: "modified" or "standard"; it is never guessed.
         friction: the friction model of all joints.
         rotors: give every drive a rotor with unknown inertia.
-        gear: motor turns per joint turn, one for each joint or one for all.
         torque_constant: N m/A at the motor, one for each joint or one for all.
+        options: all options, such as `symid.DraftOptions(gear=80.0)`; the arguments above take precedence.
         progress: called with a short text at each stage.
 
     Raises:
@@ -135,31 +129,29 @@ def new_robot(
         >>> draft.text.count("[[joint]]")
         4
     """
-    from symid.logs import DraftOrder, draft_robot
-
     source = urdf or table or robot
     if source is not None:
         progress(f"reading {fspath(source)}")
-    order = DraftOrder(
+    given = merge(
+        options, DraftOptions(), convention=convention, rotors=rotors, torque_constant=torque_constant
+    )
+    order = log_files.DraftOrder(
         urdf=None if urdf is None else Path(urdf),
-        base=base,
-        tip=tip,
+        base=given.base,
+        tip=given.tip,
         table=None if table is None else Path(table),
-        convention=convention,
-        gravity=gravity,
+        convention=given.convention,
+        gravity=given.gravity,
         name=None if robot is None else fspath(robot),
         log=None if log is None else Path(log),
         columns=dict(columns or {}),
         units=dict(units or {}),
         friction=friction,
-        rotors=rotors,
-        gear=gear,
-        constant=torque_constant,
+        rotors=given.rotors,
+        gear=given.gear,
+        constant=given.torque_constant,
     )
-    return RobotDraft(product=draft_robot(order))
-
-
-Precision = Literal["double", "float"]
+    return RobotDraft(product=log_files.draft_robot(order))
 
 
 @final
@@ -216,10 +208,7 @@ def export_fit(
     robot: "Robot",
     found: "GivenResult",
     path: str | PathLike[str] | None,
-    *,
-    precision: Precision = "double",
-    accept: bool = False,
-    limit: float | None = None,
+    options: ExportOptions | None = None,
     progress: Progress = ignore,
 ) -> ExportedFile:
     """Write a robot with the values of a fit, or of its file; see `Fit.export`.
@@ -227,41 +216,26 @@ def export_fit(
     Springs are written as identified. Friction laws are written to robot files if these have a model for
     them.
     """
-    from symid.identification import (
-        build_identified,
-        check_format,
-        locate_source,
-        read_result,
-        write_friction,
-        write_identified,
-    )
-    from symid.identification.friction import FrictionIdentification
-
-    check_positive("limit", limit, zero=True)
-    output = locate_source(robot) if path is None else Path(path)
-    result, source = read_result(found)
-    check_format(output, precision, friction=isinstance(result, FrictionIdentification))
-    judged = _check_verdict(result, source, accept=accept)
-    if isinstance(result, FrictionIdentification):
-        progress(f"comparing {robot.name} with the model whose friction was identified")
-        return _add_notices(write_friction(robot, result, source, output), judged)
-    identified = build_identified(robot, result, source)
-    progress(f"computing consistent bodies with the identified values of {robot.name}")
-    written = write_identified(identified, source, output, precision=precision, limit=limit)
-    return _add_notices(written, judged)
-
-
-def _check_verdict(found: "AnyEstimate", source: Path, *, accept: bool) -> tuple[Notice, ...]:
-    """Return the notice of a doubtful verdict; refuse a wrong one, unless it is accepted."""
-    verdict = report.judge_fit(found)
-    if verdict.level == "wrong" and not accept:
+    options = options or ExportOptions()
+    output = identification.locate_source(robot) if path is None else Path(path)
+    result, source = identification.read_result(found)
+    is_friction = isinstance(result, friction_fits.FrictionIdentification)
+    identification.check_format(output, options.precision, friction=is_friction)
+    verdict = report.judge_fit(result)
+    if verdict.level == "wrong" and not options.accept:
         text = (
             f"the verdict on this fit is wrong: {verdict.headline} {verdict.remedy} Then identify again, or "
             "write the file all the same with --accept (accept=True)"
         )
         raise EstimateError(Notice(code="export.wrong", text=text, file=str(source)))
-    return report.list_verdict_notices(verdict, str(source))
-
-
-def _add_notices(product: "FileExport", notices: tuple[Notice, ...]) -> ExportedFile:
-    return ExportedFile(product=replace(product, notices=(*notices, *product.notices)))
+    if isinstance(result, friction_fits.FrictionIdentification):
+        progress(f"comparing {robot.name} with the model whose friction was identified")
+        written = identification.write_friction(robot, result, source, output)
+    else:
+        identified = identification.build_identified(robot, result, source)
+        progress(f"computing consistent bodies with the identified values of {robot.name}")
+        written = identification.write_identified(
+            identified, source, output, precision=options.precision, limit=options.limit
+        )
+    notices = (*report.list_verdict_notices(verdict, str(source)), *written.notices)
+    return ExportedFile(product=replace(written, notices=notices))

@@ -11,9 +11,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
-from symid import report
-from symid.api.result import Figures, JudgedResult, Progress, Result, check_positive, ignore
+from symid import identification, report, robot as robots
+from symid.api.result import Figures, JudgedResult, Progress, Result, ignore
+from symid.environment import show_path
 from symid.errors import Notice, UsageError
+from symid.options import ABOVE, check_value
 
 if TYPE_CHECKING:
     from symid.identification import (
@@ -59,7 +61,7 @@ class LogValidation(JudgedResult):
         Raises:
             UsageError: it is not a positive number.
         """
-        check_positive("gate", self.gate)
+        check_value("gate", self.gate, ABOVE)
 
     @property
     def source(self) -> str:
@@ -203,8 +205,6 @@ class FitPage(JudgedResult):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return the path of the page, the processing of the logs, and the diagnosis."""
-        from symid.environment import show_path
-
         head = "\n".join((f"report: {show_path(self.file)}", *self.page.lines))
         return (head, *(() if self.diagnosis is None else report.show_diagnosis(self.diagnosis)))
 
@@ -292,9 +292,11 @@ class Comparison(Result):
     @property
     def errors(self) -> tuple[Notice, ...]:
         """Return the reasons if the gate is missed."""
-        from symid.identification import check_comparison_gate
-
-        return tuple(notice for entry in self.found for notice in check_comparison_gate(entry, self.gate))
+        return tuple(
+            notice
+            for entry in self.found
+            for notice in identification.check_comparison_gate(entry, self.gate)
+        )
 
     def report(self, path: str | PathLike[str]) -> Path:
         """Write a self-contained HTML page to `path`, and return the path.
@@ -340,24 +342,14 @@ def compare_fit(
         EstimateError: files cannot be read (all of them are named), are of another model, or have nothing in
             common.
     """
-    from symid.identification import (
-        build_side,
-        check_files,
-        compare_with_estimate,
-        compare_with_table,
-        is_table,
-        read_dynamics,
-    )
-    from symid.robot import TableColumns
-
     if not others:
         text = "expected at least one fit, file or table to compare with, got none"
         raise UsageError(Notice(code="usage.no-other", text=text))
-    check_positive("gate", gate)
+    check_value("gate", gate, ABOVE)
     files = [Path(entry) for entry in others if isinstance(entry, str | PathLike)]
     ours_file = [Path(estimate)] if isinstance(estimate, str | PathLike) else []
-    check_files((*ours_file, *files), getattr(estimate, "file", None))
-    tables = [path for path in files if is_table(path)]
+    identification.check_files((*ours_file, *files), getattr(estimate, "file", None))
+    tables = [path for path in files if identification.is_table(path)]
     asked = dict(zip(_TABLE_OPTIONS, (name, value, deviation, deviation_unit, read_as), strict=True))
     if not tables and any(asked.values()):
         used = ", ".join(option for option, entry in asked.items() if entry)
@@ -366,14 +358,16 @@ def compare_fit(
         )
         raise UsageError(Notice(code="usage.no-table", text=text))
     progress(f"deriving the base parameters of {robot.name}")
-    ours = build_side(robot, *read_dynamics(estimate))
+    ours = identification.build_side(robot, *identification.read_dynamics(estimate))
     percent = None if deviation_unit is None else deviation_unit == "percent"
-    columns = TableColumns(name=name, value=value, deviation=deviation, percent=percent)
+    columns = robots.TableColumns(name=name, value=value, deviation=deviation, percent=percent)
     readings = {"".join(group.split()): text for group, text in (read_as or {}).items()}
     found = tuple(
-        compare_with_table(ours, Path(entry), columns, readings)
+        identification.compare_with_table(ours, Path(entry), columns, readings)
         if isinstance(entry, str | PathLike) and Path(entry) in tables
-        else compare_with_estimate(ours, build_side(robot, *read_dynamics(entry)))
+        else identification.compare_with_estimate(
+            ours, identification.build_side(robot, *identification.read_dynamics(entry))
+        )
         for entry in others
     )
     return Comparison(ours=ours, found=found, gate=gate)

@@ -3,27 +3,15 @@
 `symid derive`, `symid base`, `symid generate`; `symid excite`, `symid simulate`, `symid study NAME`.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 
 import symid
-from symid.api import BaseForm
+from symid.api import BaseForm, GenerateOptions
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
-    NamedRobot,
-    add_page,
-    check_output,
-    friction_option,
-    output_option,
-    page_option,
-    robot_argument,
-    robot_option,
-    settings_options,
-)
-from symid.cli.verbs import (
     COUNT,
     FILE,
     INPUT,
@@ -33,10 +21,20 @@ from symid.cli.verbs import (
     POSITIVE,
     WHOLE,
     Decorator,
-    Finite,
     Group,
+    NamedRobot,
     Verb,
     add_options,
+    add_page,
+    check_output,
+    friction_option,
+    output_option,
+    page_option,
+    record_options,
+    robot_argument,
+    robot_option,
+    settings_options,
+    take_record,
     verb,
 )
 from symid.environment import check_suffix, show_path
@@ -133,125 +131,37 @@ def base_command(console: Console, *, robot: NamedRobot, friction: str | None, f
 
 @verb("generate")
 @robot_argument()
-@OUTPUT.option(
-    "--target",
-    "What to write: a C library, a module of NumPy or JavaScript, or CasADi functions, their C and a loader.",
-    click.Choice(("c", "python", "casadi", "js")),
-    default="c",
-)
-@OUTPUT.option(
-    "--precision", "Type of all numbers in C.", click.Choice(("double", "float")), default="double"
-)
-@MODEL.option(
-    "--parameters",
-    "Arguments of the functions: base parameters beta, or all standard parameters pi.",
-    click.Choice(("base", "standard")),
-    default="base",
-)
-@MODEL.option("--constant", "Use the robot file's values as constants in the functions.", is_flag=True)
-@OUTPUT.option(
-    "--trigonometry",
-    "Sines in C: own code for all angles at once, or calls of the C library.",
-    click.Choice(("own", "library")),
-    default="own",
-)
-@OUTPUT.option(
-    "--function names", "Write only this function; may be repeated.", multiple=True, metavar="NAME"
-)
-@OUTPUT.option("--friction-laws", "Add all static friction laws to the C library.", is_flag=True)
+@record_options(GenerateOptions)
 @friction_option
 @output_option("Folder of the sources.", required=True, folder=True)
 def generate_command(
     console: Console,
     *,
     robot: NamedRobot,
-    target: Literal["c", "python", "casadi", "js"],
-    names: tuple[str, ...],
-    friction_laws: bool,
     friction: str | None,
     output: Path,
-    **options: Any,  # noqa: ANN401  of the code, typed in `RobotModel.write`
+    **options: Any,  # noqa: ANN401  as the record says
 ) -> Answer:
     """Write the robot's functions as a C library, as a Python or JavaScript module, or for CasADi.
 
     The folder does not need symid. Its self-test runs after writing, for C if there is a compiler. A
     folder that is up to date is not changed.
     """
-    if friction_laws and target != "c":
+    target = options.pop("target")
+    if options["friction_laws"] and target != "c":
         text = f"--friction-laws: only for C; leave out --target {target}"
         raise UsageError(Notice(code="usage.friction-laws", text=text))
     model = robot.load(console, friction=friction)
-    return make_answer(
-        model.write(target, output, functions=names or None, friction_laws=friction_laws, **options)
-    )
-
-
-_seed_option = METHOD.option("--seed", "Random seed.", WHOLE, "N", default=1)
-_UNSTATED = "where the robot file states none"
-
-
-_LISTS = ("start", "stiffness", "deviations")
+    names = options.pop("functions") or None
+    return make_answer(model.write(target, output, functions=names, **options))
 
 
 @verb("excite")
 @robot_argument()
-@METHOD.option("--harmonics", "Number of harmonics of each joint.", COUNT, "N", default=5)
-@METHOD.option("--period", "Length of the trajectory, s.", POSITIVE, "S", default=10.0)
-@METHOD.option(
-    "--criterion",
-    "Minimise the condition number of the column-scaled regressor, or maximise the information.",
-    click.Choice(("condition", "d-optimal")),
-    default="condition",
-)
-@METHOD.option(
-    "--weight",
-    "Weight of the information; the condition number alone favours tiny motions.",
-    Finite(min=0.0),
-    default=0.1,
-)
-@METHOD.option("--moving", "Let it start and end in motion instead of at rest.", is_flag=True)
-@METHOD.option("--start", "Pose at the start and at the end, rad or m.", metavar="Q1,Q2,...")
-@MODEL.option(
-    "--share",
-    "Part of every limit that may be used.",
-    Finite(min=0.0, max=1.0, min_open=True),
-    default=0.95,
-)
-@MODEL.option(
-    "--sweep", f"Position limit on either side of zero {_UNSTATED}, rad or m.", POSITIVE, default=1.0
-)
-@MODEL.option("--velocity", f"Velocity limit {_UNSTATED}, rad/s or m/s.", POSITIVE, default=2.0)
-@MODEL.option("--acceleration", f"Acceleration limit {_UNSTATED}, rad/s^2 or m/s^2.", POSITIVE, default=10.0)
-@MODEL.option("--jerk", f"Jerk limit {_UNSTATED}, rad/s^3 or m/s^3.  [default: none]", POSITIVE)
-@INPUT.option(
-    "--workspace",
-    "File (.toml) of spheres and planes that bound the links.",
-    click.Path(path_type=Path, exists=True, dir_okay=False),
-    "FILE",
-)
-@MODEL.option("--torsion", "Largest torsion of elastic joints, rad or m.", POSITIVE, "RAD")
-@MODEL.option(
-    "--stiffness",
-    "Stiffness of all joints for --torsion; replaces that of the robot file, N m/rad or N/m.",
-    metavar="K1,K2,...",
-)
-@METHOD.option(
-    "--deviations",
-    "Standard deviations of the torque noise, one a joint, N m or N.  [default: all equal]",
-    metavar="S1,S2,...",
-)
-@METHOD.option(
-    "--candidates",
-    "Number of random feasible trajectories to start from and to compare with.",
-    COUNT,
-    "N",
-    default=1000,
-)
-@METHOD.option("--starts", "Number of candidates that are optimised.", COUNT, "N", default=10)
+@record_options(symid.ExciteOptions)
 @OUTPUT.option("--rate", "Sample rate of the file.", POSITIVE, "HZ", default=1000.0)
 @OUTPUT.option("--periods", "Number of periods in the file.", COUNT, "N", default=1)
 @friction_option
-@_seed_option
 @output_option("Trajectory to write, .csv.")
 @page_option
 def excite_command(
@@ -264,8 +174,7 @@ def excite_command(
     force: bool,
     rate: float,
     periods: int,
-    workspace: Path | None,
-    **search: Any,  # noqa: ANN401  the options of the search, typed in `RobotModel.excite`
+    **search: Any,  # noqa: ANN401  as the record says
 ) -> Answer:
     """Compute an optimal trajectory for identification.
 
@@ -275,31 +184,16 @@ def excite_command(
     model = robot.load(console, friction=friction)
     if output is not None:
         check_suffix(output, "a trajectory", (".csv",))
+    workspace = search["workspace"]
     for written in (output, page):
         check_output(written, force=force, inputs=(model.path, *([workspace] if workspace else [])))
-    search |= {name: _split_numbers(name, search[name], len(model.joints)) for name in _LISTS}
-    found = model.excite(workspace=workspace, **search)
+    found = model.excite(options=take_record(symid.ExciteOptions, search, len(model.joints)))
     if output is None:
         return add_page(make_answer(found, file=None, samples=0, rate=rate), found, page)
     found.save(output, rate=rate, periods=periods)
     samples = found.count_samples(rate=rate, periods=periods)
     line = f"{show_path(output)}: {samples} samples of t, q, dq, ddq"
     return add_page(make_answer(found, line, file=output, samples=samples, rate=rate), found, page)
-
-
-def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] | None:
-    """Return the numbers of a list such as 1,2,3; refuse any but one for each joint."""
-    if text is None:
-        return None
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError as error:
-        message = f"--{name} {text}: expected {joints} numbers with commas between them"
-        raise UsageError(Notice(code="usage.excitation", text=message)) from error
-    if len(numbers) != joints:
-        message = f"--{name}: {len(numbers)} numbers for {joints} joints; give one for each"
-        raise UsageError(Notice(code="usage.excitation", text=message))
-    return numbers
 
 
 @verb("simulate")
@@ -311,50 +205,8 @@ def _split_numbers(name: str, text: str | None, joints: int) -> Sequence[float] 
     metavar="NAME|FILE",
     default="fourier",
 )
-@METHOD.option("--scale", "Factor on the trajectory's amplitudes.", POSITIVE, "FACTOR", default=1.0)
-@METHOD.option("--joint", "Number of the joint that tb moves, without mimic joints.", COUNT, default=1)
-@METHOD.option("--duration", "Length of the experiment, s.  [default: that of the trajectory]", POSITIVE, "S")
-@MODEL.option(
-    "--noise",
-    "Standard deviation of the torque sensors, N m or N.  [default: 0.05; of an elastic robot 2 % "
-    "of each joint's RMS torque]",
-    Finite(min=0.0),
-    "N",
-)
-@MODEL.option("--clean", "Simulate perfect sensors: no noise, no encoder steps.", is_flag=True)
-@MODEL.option(
-    "--delay",
-    "Elastic robots only: delay of the link encoders relative to the motor encoders, s.",
-    Finite(),
-    "S",
-    default=0.0,
-    show_default=False,
-)
-@MODEL.option(
-    "--offset",
-    "Elastic robots only: reading of the link encoders at zero, rad or m.",
-    Finite(),
-    "RAD",
-    default=0.0,
-    show_default=False,
-)
-@METHOD.option(
-    "--bandwidth",
-    "Bandwidth of the gains, Hz.  [default: 12, or less where the loops would not be stable; the gains of "
-    "the robot file]",
-    POSITIVE,
-    "HZ",
-)
-@METHOD.option(
-    "--period",
-    "Period of control and log, s.  [default: 0.001; of an elastic robot with --clean 0.0002]",
-    POSITIVE,
-    "S",
-)
-@METHOD.option("--stiffness", "Own position gains, N m/rad or N/m; with --damping.", metavar="K1,K2,...")
-@METHOD.option("--damping", "Own velocity gains, N m s/rad or N s/m.", metavar="D1,D2,...")
+@record_options(symid.SimulateOptions)
 @friction_option
-@_seed_option
 @output_option("Log to write, .npz or .csv.", required=True)
 def simulate_command(
     console: Console,
@@ -364,7 +216,7 @@ def simulate_command(
     friction: str | None,
     output: Path,
     force: bool,
-    **settings: Any,  # noqa: ANN401  the options of the experiment, typed in `RobotModel.simulate`
+    **settings: Any,  # noqa: ANN401  as the record says
 ) -> Answer:
     """Simulate the robot under PD control along a trajectory and write the measured log.
 
@@ -374,9 +226,7 @@ def simulate_command(
     model = robot.load(console, friction=friction)
     check_suffix(output, "a log", (".npz", ".csv"))
     check_output(output, force=force, inputs=(model.path, Path(trajectory)))
-    gains = ("stiffness", "damping")
-    settings |= {name: _split_numbers(name, settings[name], len(model.joints)) for name in gains}
-    run = model.simulate(trajectory, **settings)
+    run = model.simulate(trajectory, options=take_record(symid.SimulateOptions, settings, len(model.joints)))
     written = run.save(output)
     return Answer(
         text=f"{show_path(written)}: {run.summarise()}",

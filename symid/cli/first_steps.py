@@ -11,6 +11,11 @@ import click
 import symid
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
+    FILE,
+    INPUT,
+    METHOD,
+    OUTPUT,
+    WHOLE,
     NamedRobot,
     add_page,
     backend_option,
@@ -20,11 +25,13 @@ from symid.cli.options import (
     open_option,
     output_option,
     page_option,
+    record_options,
     robot_argument,
     settings_options,
     split_pairs,
+    take_record,
+    verb,
 )
-from symid.cli.verbs import FILE, INPUT, METHOD, MODEL, OUTPUT, WHOLE, verb
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
 
@@ -56,15 +63,9 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
 @verb("new")
 @click.argument("file", metavar="ROBOT.toml", type=FILE)
 @INPUT.option("--from-urdf --from-mjcf urdf", "Convert a URDF or an MJCF model (MuJoCo).", FILE, "FILE")
-@INPUT.option(
-    "--base", "URDF, MJCF: the link at which the robot starts.  [default: its root]", metavar="LINK"
-)
-@INPUT.option("--tip", "URDF, MJCF: the link at which it ends; branches are cut off.", metavar="LINK")
+@record_options(symid.DraftOptions, "base", "tip")
 @INPUT.option("--from-dh table", "Read a CSV table of Denavit-Hartenberg rows.", FILE, "FILE")
-@INPUT.option("--convention", "DH convention of the table.", click.Choice(("modified", "standard")))
-@INPUT.option(
-    "--gravity", "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]", metavar="X,Y,Z"
-)
+@record_options(symid.DraftOptions, "convention", "gravity")
 @INPUT.option(
     "--from name", "Copy the file of an existing robot, or convert its URDF or MJCF.", metavar="ROBOT"
 )
@@ -83,13 +84,7 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
     metavar="QUANTITY=UNIT,...",
 )
 @friction_option
-@MODEL.option("--rotors", "Give every drive a rotor with unknown inertia.", is_flag=True)
-@MODEL.option("--gear", "Motor turns per joint turn, one for each joint or one for all.", metavar="N,...")
-@MODEL.option(
-    "--torque-constant",
-    "Torque constant at the motor, N m/A, one for each joint or one for all.",
-    metavar="K,...",
-)
+@record_options(symid.DraftOptions, "rotors", "gear", "torque_constant")
 @force_option
 def new_command(
     console: Console,
@@ -101,8 +96,9 @@ def new_command(
     log: Path | None,
     columns: tuple[str, ...],
     units: tuple[str, ...],
+    friction: str | None,
     force: bool,
-    **options: Any,  # noqa: ANN401  typed in `symid.new_robot`
+    **options: Any,  # noqa: ANN401  as the record says
 ) -> Answer:
     """Write a commented robot file, to be completed by hand.
 
@@ -121,8 +117,9 @@ def new_command(
         log=log,
         columns=split_pairs("--columns", columns, f"{shape} --columns position=NAME,NAME", code, once=True),
         units=split_pairs("--units", units, f"{shape} --units position=deg", code, once=True),
+        friction=friction,
+        options=take_record(symid.DraftOptions, options),
         progress=console.progress,
-        **options,
     )
     check_output(file, force=force, inputs=(draft.source,))
     draft.save(file)

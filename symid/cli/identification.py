@@ -8,9 +8,20 @@ from typing import Any, Literal
 import click
 
 import symid
-from symid.api import HYSTERESIS_MODELS, METHODS, Fit, RobotModel, pair_parts
+from symid.api import (
+    Fit,
+    FleetOptions,
+    HysteresisOptions,
+    PayloadOptions,
+    RobotModel,
+    list_options,
+    pair_parts,
+)
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
+    FILE,
+    INPUT,
+    OUTPUT,
     NamedRobot,
     accept_option,
     add_page,
@@ -19,29 +30,14 @@ from symid.cli.options import (
     friction_option,
     output_option,
     page_option,
+    record_options,
     robot_argument,
     settings_options,
-)
-from symid.cli.verbs import (
-    COUNT,
-    FILE,
-    INPUT,
-    METHOD,
-    MODEL,
-    OUTPUT,
-    POSITIVE,
-    PROCESSING,
-    WHOLE,
-    Finite,
+    take_record,
     verb,
 )
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
-
-RIGID = ("overlap", "prior", "prior_deviation", "prior_weight", "start", "partial")
-ELASTIC = ("tolerance", "thresholds", "knees", "window", "rate")
-FRICTION = ("model", "smoothing", "seed")
-"""Names of the options of each kind."""
 
 
 @verb("identify")
@@ -60,101 +56,13 @@ FRICTION = ("model", "smoothing", "seed")
     metavar="START:END",
     multiple=True,
 )
-@PROCESSING.option("--cutoff", "Cut-off frequency of the low-pass filter.", POSITIVE, "HZ")
-@PROCESSING.option("--decimate", "Keep one sample in N.", COUNT, "N")
-@PROCESSING.option("--drop-first", "Number of samples cut off at the start.", WHOLE, "N")
-@PROCESSING.option("--drop-last", "Number of samples cut off at the end.", WHOLE, "N")
+@record_options(symid.IdentifyOptions, "cutoff", "decimate", "drop_first", "drop_last")
 @settings_options
 @friction_option
-@METHOD.option(
-    "--rows",
-    "Equations built from measurements; friction: a friction law for every joint that moves.  "
-    "[default: torque]",
-    click.Choice(("torque", "momentum", "filtered", "power", "energy", "friction")),
-)
-@METHOD.option(
-    "--estimator",
-    "Estimator of the parameters: ols, wls, filtered-instrumental, gls, huber, ridge, consistent, "
-    "sequential, output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, "
-    "annealing or differential-evolution.  [default: chosen from the logs, varpro]",
-    metavar="NAME",
-)
-@METHOD.option(
-    "--partial",
-    "Fit the identifiable parameters, even if they are less than three quarters of all.",
-    is_flag=True,
-)
-@METHOD.option(
-    "--overlap",
-    "Momentum and energy rows: part of a window shared with the next one.  [default: 0]",
-    Finite(min=0.0, max=0.95),
-    "PART",
-)
-@METHOD.option(
-    "--prior",
-    "Ridge: an earlier estimate as prior, or robot for the robot file's values.  [default: robot]",
-    metavar="ESTIMATE",
-)
-@METHOD.option(
-    "--prior-deviation",
-    "Ridge: standard deviation of the prior, in percent of the robot file's values, or as a factor "
-    "on an estimate's deviations.  [default: 20 %; 1]",
-    POSITIVE,
-    "X",
-)
-@METHOD.option(
-    "--prior-weight",
-    "Ridge: 1 to use the prior's deviations as stated, 0 for no prior.  [default: cross-validated]",
-    Finite(min=0.0),
-    "W",
-)
-@METHOD.option(
-    "--start",
-    "Output error and instrumental: an estimate of the same model as initial values.  [default: a "
-    "fit of the same logs]",
-    metavar="ESTIMATE",
-)
-@PROCESSING.option(
-    "--period",
-    "Period of a repeated motion (s), one for all logs or one for each: average over the periods "
-    "(--rows friction), or use their differences as noise (--estimator gls).",
-    POSITIVE,
-    "S",
-    multiple=True,
-)
-@METHOD.option(
-    "--method",
-    "Elastic joints: the method; stiffness works for any robot.  [default: automatic]",
-    click.Choice((*METHODS, "stiffness")),
-)
-@METHOD.option("--window", "Length of a momentum, filtered or energy row (s).", POSITIVE, "S")
-@METHOD.option("--tolerance", "Elastic joints: relative change at which an iteration stops.", POSITIVE)
-@METHOD.option(
-    "--lambda rate", "Elastic joints: corner frequency of the first-order filter.", POSITIVE, "RAD/S"
-)
-@MODEL.option("--thresholds", "Elastic joints: number of stops of each joint's hysteresis.", WHOLE, "N")
-@MODEL.option("--knees", "Elastic joints: number of knees on each side of a spring.", WHOLE, "N")
-@MODEL.option(
-    "--model",
-    "With --rows friction: a law, such as stribeck+offset, or auto, chosen on held-out data; or laws of "
-    "single joints, as elbow=stribeck,wrist=cubic, with auto for the others.  "
-    "[default: auto]",
-    metavar="NAME",
-)
-@MODEL.option(
-    "--known",
-    "With --rows friction or elastic joints: base parameters that are not identified, of an estimate or of a "
-    "robot file with values.  [default: they are fitted too]",
-    FILE,
-    "FILE",
-)
-@MODEL.option(
-    "--smoothing",
-    "With --rows friction: speed over which dry friction changes its sign.  [default: 0]",
-    Finite(min=0.0),
-    "V",
-)
-@METHOD.option("--seed", "With --rows friction: random seed of a stochastic estimator.", WHOLE, "N")
+@record_options(symid.IdentifyOptions, "rows", "estimator", "partial", "overlap", "prior", "prior_percent")
+@record_options(symid.IdentifyOptions, "prior_weight", "start", "period", "method", "window", "tolerance")
+@record_options(symid.IdentifyOptions, "rate", "threshold_count", "knee_count")
+@record_options(symid.LawOptions, "model", "known", "smoothing", "seed")
 @output_option("Write the result as JSON, for `validate`, `report` and `export`.")
 @page_option
 @accept_option
@@ -164,17 +72,15 @@ def identify_command(
     robot: NamedRobot,
     logs: tuple[Path, ...],
     rows: str | None,
-    estimator: str | None,
     method: str | None,
     known: Path | None,
-    period: tuple[float, ...],
     train: tuple[str, ...],
     test: tuple[str, ...],
     settings: dict[str, str],
     output: Path | None,
     page: Path | None,
     force: bool,
-    **further: Any,  # noqa: ANN401  as the options say
+    **further: Any,  # noqa: ANN401  as the records say
 ) -> Answer:
     """Identify base parameters and friction from logs; for elastic joints also springs.
 
@@ -183,41 +89,39 @@ def identify_command(
     and its parameters are identified for every joint that moves. The verdict comes first; exit code 1 if
     it is wrong.
     """
-    rigid, elastic, law = ({name: further[name] for name in names} for names in (RIGID, ELASTIC, FRICTION))
-    _check_mixed(rows, {"method": method, **elastic, **rigid}, law)
-    shared = {key: value for key, value in further.items() if key not in (*RIGID, *ELASTIC, *FRICTION)}
-    shared["settings"] = settings
+    _check_mixed({**further, "method": method}, rows)
     # Wrong settings are refused before anything else.
-    model = robot.load(console, settings=shared["settings"])
+    model = robot.load(console, settings=settings)
     for written in (output, page):
         check_output(written, force=force, inputs=(model.path, *logs))
-    shared["train"], tests = pair_parts(train, test, logs)
+    parts, tests = pair_parts(train, test, logs)
     before: Path | RobotModel | None = known
     if known is not None and known.suffix.lower() in (".urdf", ".xml", ".mjcf"):
         # Cut at the same links as ROBOT, where that is a URDF or MJCF.
         before = replace(robot, name=str(known)).load(console)
     if rows == "friction":
-        laws = model.identify_friction(
-            logs, estimator=estimator, period=period, known=before, **law, **shared
-        )
+        law = take_record(symid.LawOptions, {**further, "known": before})
+        laws = model.identify_friction(logs, train=parts, settings=settings, options=law)
         return _add_tests(answer_saved(laws, output, "result"), laws, tests, page)
     if method == "stiffness":
-        others = {"rows": rows, "estimator": estimator, "known": known, "period": period, "test": test}
-        rest = _list_given({**others, **rigid, **elastic})
+        taken = ("cutoff", "decimate", "drop_first", "drop_last", "friction")
+        cuts = {name: further.pop(name) for name in taken}
+        rest = _list_given({"rows": rows, "known": known, "test": test, **further})
         if rest:
             them = "them" if rest[1:] else "it"
             text = f"{', '.join(rest)} cannot be used with --method stiffness; leave {them} out"
             raise UsageError(Notice(code="usage.mixed-options", text=text))
         for key, name in (("cutoff", "filter_cutoff"), ("decimate", "decimation.factor")):
-            value = shared.pop(key)
+            value = cuts.pop(key)
             if value is not None:
-                shared["settings"][f"processing.{name}"] = value
-        found = model.identify_stiffness(logs, **shared)
+                settings[f"processing.{name}"] = value
+        found = model.identify_stiffness(logs, train=parts, settings=settings, **cuts)
         return add_page(answer_saved(found, output, "result"), found, page)
-    shared |= {"known": before}
-    fit = model.identify(
-        logs, rows=rows, estimator=estimator, method=method, period=period, **rigid, **elastic, **shared
-    )
+    if further["prior"] not in (None, "robot"):
+        # The deviation is a factor on those of an estimate.
+        further |= {"prior_percent": None, "prior_factor": further["prior_percent"]}
+    options = take_record(symid.IdentifyOptions, {**further, "rows": rows, "method": method, "known": before})
+    fit = model.identify(logs, train=parts, settings=settings, options=options)
     return _add_tests(answer_saved(fit, output, "estimate"), fit, tests, page)
 
 
@@ -242,16 +146,23 @@ def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]], page
     return add_page(answer, fit, page, validation=logs, test=parts)
 
 
+_KNOWN = {**list_options(symid.LawOptions), **list_options(symid.IdentifyOptions)}
+
+
 def _list_given(options: Mapping[str, object]) -> list[str]:
-    """Return the given options as on the command line."""
-    names = [name for name, value in options.items() if value not in (None, (), False)]
-    return [f"--{'lambda' if name == 'rate' else name.replace('_', '-')}" for name in names]
+    """Return the given options as on the command line, in the order of their records."""
+    given = {name for name, value in options.items() if value not in (None, (), False)}
+    return [
+        _KNOWN[name].name_flag(name) if name in _KNOWN else f"--{name}" for name in options if name in given
+    ]
 
 
-def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[str, object]) -> None:
+def _check_mixed(options: Mapping[str, object], rows: str | None) -> None:
     """Refuse options for friction laws with other rows, and other options with friction laws."""
     asked = rows == "friction"
-    given = _list_given(others if asked else law)
+    laws, others = (list_options(kind).keys() for kind in (symid.LawOptions, symid.IdentifyOptions))
+    strange = others - laws if asked else laws - others
+    given = _list_given({name: value for name, value in options.items() if name in strange})
     if given:
         kind = rows or "torque"
         what = "--rows friction" if asked else f"--rows {kind}; they belong to --rows friction"
@@ -270,22 +181,7 @@ def _check_mixed(rows: str | None, others: Mapping[str, object], law: Mapping[st
     multiple=True,
     required=True,
 )
-@MODEL.option("--joint", "Joint of the link with the payload.  [default: the last joint]", metavar="NAME")
-@MODEL.option(
-    "--mass", "Known mass, for example from a balance; it reduces the other uncertainties.", POSITIVE, "KG"
-)
-@METHOD.option(
-    "--rows",
-    "Equations built from logs: torques, or momentum over windows.",
-    click.Choice(("torque", "momentum")),
-    default="torque",
-)
-@METHOD.option(
-    "--estimator",
-    "Least squares for logs: ordinary, or weighted by the noise of each joint.",
-    click.Choice(("ols", "wls")),
-    default="wls",
-)
+@record_options(PayloadOptions)
 @OUTPUT.option(
     "--for controller",
     "Print the payload as this controller takes it: Universal Robots or Franka.",
@@ -342,10 +238,7 @@ def payload_command(
 @INPUT.option("--output", "Column of the output, such as a torque.", metavar="NAME")
 @INPUT.option("--time", "Column of the time, s; without it no model depends on the speed.", metavar="NAME")
 @INPUT.option("--validate", "Recording to predict, with the same columns.", FILE, "FILE")
-@METHOD.option(
-    "--model", "Model of the element.  [default: auto]", click.Choice(("auto", *HYSTERESIS_MODELS))
-)
-@METHOD.option("--passive", "Only elements from which no motion gets work.", is_flag=True)
+@record_options(HysteresisOptions)
 @OUTPUT.option("-o --save", "Write the fit as JSON, which is a FILE for this verb, too.", FILE, "FILE")
 @page_option
 @OUTPUT.option("--code", "Write the element and its inverse as code.", FILE, "FOLDER")
@@ -424,24 +317,7 @@ def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hystere
 
 @verb("fleet")
 @click.argument("study", metavar="STUDY.toml", type=FILE)
-@METHOD.option(
-    "--executor",
-    "Where jobs run: in this process, in processes, or on Dask's workers.  [default: processes, or dask with "
-    "--cluster]",
-    click.Choice(("serial", "processes", "dask")),
-)
-@METHOD.option("--workers", "Number of processes.  [default: one for each core]", COUNT, "N")
-@METHOD.option("--cluster", "Address of Dask's scheduler; local starts one.", metavar="ADDRESS")
-@METHOD.option("--time-limit", "Seconds that a job may take.", POSITIVE, "S")
-@METHOD.option("--memory-limit", "Memory for the data of one job.", COUNT, "MB")
-@METHOD.option("--again", "Run jobs again that crashed, or came to a limit.", is_flag=True)
-@METHOD.option("--level", "Share of false alarms among the alarms.", Finite(0.0, 1.0), "X", default=0.05)
-@METHOD.option(
-    "--control",
-    "How many comparisons are accounted for; holm: any false alarm is as rare as --level.",
-    click.Choice(("benjamini-hochberg", "holm")),
-    default="benjamini-hochberg",
-)
+@record_options(FleetOptions)
 @output_option(
     "Folder for results; what is there is not computed again.  [default: the name of STUDY]",
     OUTPUT.option("--table", "Write all values, .parquet or .csv.", FILE, "FILE"),
@@ -452,21 +328,18 @@ def fleet_command(
     console: Console,
     *,
     study: Path,
-    executor: Literal["serial", "processes", "dask"] | None,
-    cluster: str | None,
-    time_limit: float | None,
-    memory_limit: int | None,
     output: Path | None,
     table: Path | None,
     page: Path | None,
     force: bool,
-    **options: Any,  # noqa: ANN401  typed in `symid.fleet.run`
+    **options: Any,  # noqa: ANN401  as the record says
 ) -> Answer:
     """Identify many robots or nights, and find the robots that changed.
 
     STUDY.toml names robot and logs. A fleet that was stopped goes on with the same call. Exit code 1 if a job
     crashed or came to a limit.
     """
+    executor, cluster = options.pop("executor"), options.pop("cluster")
     if cluster is not None and executor not in {None, "dask"}:
         text = f"--cluster needs the executor dask, got {executor}; leave one of both out"
         raise UsageError(Notice(code="usage.cluster", text=text))
@@ -477,8 +350,6 @@ def fleet_command(
         output or study.with_suffix(""),
         executor=executor or ("processes" if cluster is None else "dask"),
         cluster=cluster or "local",
-        seconds=time_limit,
-        megabytes=memory_limit,
         progress=console.progress,
         **options,
     )

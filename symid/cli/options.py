@@ -1,11 +1,15 @@
-"""Options that several verbs have, and what they stand for: robot, settings, friction model, outputs."""
+"""How a verb is declared: its options in groups of the help, from records or by hand, and the common flags.
+
+Then the options that several verbs have, and what they stand for: robot, settings, friction model, outputs.
+"""
 
 import functools
+import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 from click import shell_completion
@@ -13,14 +17,210 @@ from click import shell_completion
 import symid
 from symid.api import BACKENDS
 from symid.cli.call import Answer, Console
-from symid.cli.verbs import FILE, INPUT, METHOD, MODEL, OUTPUT, PROCESSING, Decorator, Finite, add_options
 from symid.environment import show_path
 from symid.errors import Notice, OutputError, UsageError
+from symid.options import FOUND, Kind, Options, list_options
 
 if TYPE_CHECKING:
     from symid import RobotModel
 
+P = ParamSpec("P")
 R = TypeVar("R")
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+class _GroupedOption(click.Option):
+    """An option with a heading in the help."""
+
+    def __init__(self, *arguments: Any, group: str = "", **settings: Any) -> None:  # noqa: ANN401  click's own
+        super().__init__(*arguments, **settings)
+        self.group = group
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """A heading in the help of a verb, with the options below it."""
+
+    heading: str
+
+    def option(
+        self,
+        names: str,
+        meaning: str,
+        kind: Any = None,  # noqa: ANN401  click's own
+        metavar: str | None = None,
+        **settings: Any,  # noqa: ANN401  click's own
+    ) -> Decorator:
+        """Return an option of click, which shows its default.
+
+        Args:
+            names: of the option and, if different, of its argument, separated by blanks.
+            meaning: text in the help.
+            kind: type of its values.
+            metavar: name of its value in the help.
+            settings: of click, such as default or multiple.
+        """
+        settings.setdefault("show_default", settings.get("default") is not None)
+        settings |= {"help": meaning, "type": kind, "metavar": metavar}
+        return click.option(*names.split(), cls=_GroupedOption, group=self.heading, **settings)
+
+
+INPUT, PROCESSING, MODEL, METHOD, OUTPUT = _GROUPS = tuple(
+    map(Group, ("Input", "Processing", "Model", "Method", "Output"))
+)
+
+
+class Verb(click.Command):
+    """A command with grouped options, a summary that is never shortened, and the common flags.
+
+    Its function gets the flags as one `console`.
+    """
+
+    flags = OUTPUT
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:  # noqa: ANN401  click's own
+        super().__init__(*arguments, **settings)
+        for names, text in (
+            (("--json", "as_json"), "Print one JSON object on stdout."),
+            (("-q", "--quiet"), "No progress and no warnings."),
+            (("-v", "--verbose"), "More progress and all warnings; a traceback when symid fails."),
+        ):
+            self.params.append(_GroupedOption(names, is_flag=True, help=text, group=self.flags.heading))
+
+    def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401  click's own
+        """Call the function with its console."""
+        as_json, quiet, verbose = (ctx.params.pop(name) for name in ("as_json", "quiet", "verbose"))
+        # `answer_call` prints the answer, and reads --json and -q itself: it must print errors too.
+        ctx.params["console"] = Console(quiet=quiet, verbose=verbose and not (quiet or as_json))
+        return super().invoke(ctx)
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options by group; those without a group come last."""
+        groups: dict[str, list[tuple[str, str]]] = {entry.heading: [] for entry in (*_GROUPS, Group(""))}
+        for parameter in self.get_params(ctx):
+            # Newer versions of click have a record of arguments too, which the usage line names already.
+            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+            if record is not None:
+                groups[getattr(parameter, "group", "")].append(record)
+        shown = {name: records for name, records in groups.items() if records}
+        for name, records in shown.items():
+            with formatter.section(name or ("Other options" if len(shown) > 1 else "Options")):
+                formatter.write_dl(records)
+
+    def get_short_help_str(self, limit: int = 45) -> str:  # noqa: ARG002  click's interface
+        """Return the whole first sentence of the help."""
+        return (self.help or "").strip().split("\n\n")[0].replace("\n", " ").removesuffix(".")
+
+
+def verb(name: str) -> Callable[[Callable[..., Answer]], Verb]:
+    """Return a decorator that makes a function the verb of a name."""
+    return click.command(name, cls=Verb)
+
+
+class Finite(click.FloatRange):
+    """A range of finite numbers."""
+
+    def _describe_range(self) -> str:
+        return super()._describe_range() if (self.min, self.max) != (None, None) else ""
+
+    def convert(self, value: float, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number, or refuse the call."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return number
+
+
+POSITIVE = Finite(min=0.0, min_open=True)
+WHOLE, COUNT = click.IntRange(min=0), click.IntRange(min=1)
+FILE = click.Path(path_type=Path)
+
+
+_TYPES = {"file": FILE, "percent": click.FLOAT}
+
+
+def _choose_type(kind: Kind) -> Any:  # noqa: ANN401  click's own
+    """Return the type of click for the values of an option."""
+    match kind.name:
+        case "number":
+            low, high = (value if math.isfinite(value) else None for value in (kind.least, kind.most))
+            return Finite(min=low, max=high, min_open=kind.open)
+        case "whole":
+            return click.IntRange(min=int(kind.least), max=int(kind.most) if kind.most < math.inf else None)
+        case "words":
+            return click.Choice((*kind.words, *kind.beside))
+    existing = click.Path(path_type=Path, exists=True, dir_okay=False)
+    return existing if kind is FOUND else _TYPES.get(kind.name)
+
+
+def record_options(record: type[Options], *names: str) -> Decorator:
+    """Return the options of the command line for fields of a record, by default all that it has there.
+
+    Args:
+        record: its fields say names, values, meanings and groups.
+        names: of the fields, in the order of the help.
+    """
+    known = list_options(record)
+    defaults = {entry.name: entry.default for entry in fields(record)}
+    made = []
+    for name in names or [name for name, entry in known.items() if entry.flag != "" and entry.group]:
+        entry, default = known[name], defaults[name]
+        settings: dict[str, Any] = {"is_flag": True} if entry.kind.name == "flag" else {"default": default}
+        if entry.kind.many:
+            settings = {"multiple": True}
+        elif "[default: " in entry.meaning:
+            # None for what is not given.
+            settings = {}
+        elif not entry.shown:
+            settings["show_default"] = False
+        kind, named = _choose_type(entry.kind), f"{entry.name_flag(name)} {name}"
+        made.append(Group(entry.group).option(named, entry.meaning, kind, entry.metavar, **settings))
+    return add_options(*made)
+
+
+T = TypeVar("T", bound=Options)
+
+
+def take_record(record: type[T], values: dict[str, Any], joints: int = 0) -> T:
+    """Return the record with the values of its fields, which are taken out of `values`.
+
+    Lists such as 1,2,3 become numbers, one for each of the `joints`.
+
+    Raises:
+        UsageError: a list has other entries, or a value is refused; all mistakes at once.
+    """
+    known = list_options(record)
+    given = {name: value for name in known if (value := values.pop(name, None)) is not None}
+    for name, text in given.items():
+        if known[name].kind.name == "numbers":
+            given[name] = split_numbers(known[name].name_flag(name), text, joints)
+    return record(**given)
+
+
+def split_numbers(flag: str, text: str, joints: int) -> tuple[float, ...]:
+    """Return the numbers of a list such as 1,2,3; refuse any but one for each joint."""
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError as error:
+        message = f"{flag} {text}: expected {joints} numbers with commas between them"
+        raise UsageError(Notice(code="usage.excitation", text=message)) from error
+    if len(numbers) != joints:
+        message = f"{flag}: {len(numbers)} numbers for {joints} joints; give one for each"
+        raise UsageError(Notice(code="usage.excitation", text=message))
+    return numbers
+
+
+def add_options(*options: Decorator) -> Decorator:
+    """Return a decorator that adds several options in order."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        for entry in reversed(options):
+            function = entry(function)
+        return function
+
+    return decorate
+
+
 _AUTO = BACKENDS[0]
 _Item = shell_completion.CompletionItem
 

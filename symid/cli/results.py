@@ -8,9 +8,16 @@ from typing import Any
 import click
 
 import symid
-from symid.api import ElasticFit, Precision, RigidFit, compare_fit, export_fit, load_other
+from symid.api import ElasticFit, ExportOptions, RigidFit, compare_fit, export_fit, load_other
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
+    FILE,
+    INPUT,
+    METHOD,
+    OUTPUT,
+    POSITIVE,
+    PROCESSING,
+    WHOLE,
     NamedRobot,
     accept_option,
     add_page,
@@ -19,11 +26,13 @@ from symid.cli.options import (
     open_option,
     output_option,
     page_option,
+    record_options,
     robot_argument,
     robot_option,
     settings_options,
+    take_record,
+    verb,
 )
-from symid.cli.verbs import FILE, INPUT, METHOD, OUTPUT, POSITIVE, PROCESSING, WHOLE, verb
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
 
@@ -242,21 +251,9 @@ def report_command(
 @click.argument("estimate", required=False, type=FILE)
 @output_option(
     "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C), .json.",
-    OUTPUT.option(
-        "--precision",
-        "Type of the numbers in a C header: that of the generated library.",
-        click.Choice(("double", "float")),
-        default="double",
-    ),
+    record_options(ExportOptions, "precision"),
     OUTPUT.option("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
-    OUTPUT.option("--accept", "Write the file although the verdict on ESTIMATE is wrong.", is_flag=True),
-    OUTPUT.option(
-        "--limit",
-        "Percent of each joint's torque that the bodies may differ from ESTIMATE by, where none have its "
-        "values; default: 0.5, or 0.45 times the held-out residual.",
-        float,
-        "PERCENT",
-    ),
+    record_options(ExportOptions, "accept", "limit"),
 )
 def export_command(
     console: Console,
@@ -264,11 +261,9 @@ def export_command(
     robot: NamedRobot,
     estimate: Path | None,
     output: Path | None,
-    precision: Precision,
     in_place: bool,
-    accept: bool,
-    limit: float | None,
     force: bool,
+    **values: Any,  # noqa: ANN401  as the record says
 ) -> Answer:
     """Write ROBOT with the values in ESTIMATE; the suffix of FILE selects the format.
 
@@ -284,20 +279,12 @@ def export_command(
             "give the file to write (-o FILE), or --in-place for the file that ROBOT was made from; not both"
         )
         raise UsageError(Notice(code="usage.export-file", text=text))
+    options = take_record(ExportOptions, values)
     model = robot.load(console)
     check_output(output, force=force, inputs=(model.path, *([estimate] if estimate else [])))
     if estimate is None:
         if output is None:
             text = "--in-place writes the values of ESTIMATE; give one"
             raise UsageError(Notice(code="usage.export-file", text=text))
-        return make_answer(model.export(output, precision=precision))
-    found = export_fit(
-        model.description,
-        estimate,
-        output,
-        precision=precision,
-        accept=accept,
-        limit=limit,
-        progress=console.progress,
-    )
-    return make_answer(found)
+        return make_answer(model.export(output, precision=options.precision))
+    return make_answer(export_fit(model.description, estimate, output, options, console.progress))

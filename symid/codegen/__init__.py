@@ -46,7 +46,6 @@ if TYPE_CHECKING:
         list_spring_parameters as list_spring_parameters,
     )
     from symid.codegen.generation import (
-        CodeRequest as CodeRequest,
         GeneratedFolder as GeneratedFolder,
         generate_folder as generate_folder,
     )
@@ -59,7 +58,6 @@ if TYPE_CHECKING:
     )
     from symid.codegen.source_text import (
         BACKENDS as BACKENDS,
-        GenerateOptions as GenerateOptions,
         build_library_prefix as build_library_prefix,
         clean_text as clean_text,
     )

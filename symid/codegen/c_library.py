@@ -47,7 +47,7 @@ from symid.codegen.references import (
     ReferenceRows,
 )
 from symid.codegen.source_folder import SourceSet
-from symid.codegen.source_text import BANNER, GenerateOptions, clean_text, write_template
+from symid.codegen.source_text import BANNER, clean_text, write_template
 from symid.joint_models import (
     FRICTION_LAWS,
     REFERENCE_TEMPERATURE,
@@ -55,6 +55,7 @@ from symid.joint_models import (
     FrictionLaw,
     compute_bristle_step,
 )
+from symid.options import GenerateOptions
 
 _INPUT_UNITS = {
     "velocity": "rad/s or m/s",

@@ -37,12 +37,12 @@ from symid.codegen.routes import choose_route
 from symid.codegen.source_folder import SourceSet, compute_digest
 from symid.codegen.source_text import (
     BANNER,
-    GenerateOptions,
     build_library_prefix,
     clean_text,
     write_template,
 )
 from symid.dynamics import build_standard_parameters, derive_base_parameters
+from symid.options import GenerateOptions
 from symid.robot import Robot
 
 _SX_RULES: Mapping[Op, Callable[..., ca.SX]] = {

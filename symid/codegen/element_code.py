@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from symid import __version__
 from symid.codegen.functions import FunctionSpec, Port
-from symid.codegen.generation import CodeRequest, GeneratedFolder, choose_runner, write_folder
+from symid.codegen.generation import GeneratedFolder, choose_runner, write_folder
 from symid.codegen.printing import print_c, print_python, write_literal
 from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra, count_operations
 from symid.codegen.source_folder import SourceSet, compute_digest
@@ -48,6 +48,7 @@ from symid.joint_models import (
     start_element,
     start_states,
 )
+from symid.options import GenerateOptions
 from symid.robot import Robot
 from symid.serialization import compute_signature
 
@@ -263,7 +264,12 @@ _SHARE, _REACH = 3.0, 0.01
 
 
 def generate_springs(
-    robot: Robot, order: CodeRequest, folder: Path, *, progress: Callable[[str], None], force: bool = False
+    robot: Robot,
+    order: GenerateOptions,
+    folder: Path,
+    *,
+    progress: Callable[[str], None],
+    force: bool = False,
 ) -> tuple[tuple[GeneratedFolder, ...], tuple[Notice, ...]]:
     """Write the springs of elastic joints to folders `spring_<joint>` in `folder`, where one is not plain.
 
@@ -297,7 +303,7 @@ def generate_springs(
         own = ElementCode(
             name=f"{robot.name}_{label}",
             target=order.target,
-            precision=order.options.precision,
+            precision=order.precision,
             reach=spring.backlash + (_SHARE * max(places) if places else _REACH),
             facts=(f"Spring of {owner}: torque of its torsion.",),
         )

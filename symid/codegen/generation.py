@@ -5,7 +5,7 @@ code that fails it is never written. The sources and most of the manifest are th
 entry "build" is not: which compiler passed the self-test, and how large every function became. It holds a
 digest of the other entries that shows edits of these.
 
-Supported: the targets of `TARGETS`; one run of a user at a time writes a folder, another waits.
+Supported: C, Python, JavaScript and CasADi; one run of a user at a time writes a folder, another waits.
 Not supported: files of others in the folder (they take no part in the test); waiting for other users or
 machines.
 """
@@ -35,9 +35,9 @@ from symid.codegen.source_folder import (
     read_manifest,
     write_sources,
 )
-from symid.codegen.source_text import GenerateOptions, check_choice
 from symid.environment import make_scratch_folder
-from symid.errors import GenerationError, Notice, UsageError
+from symid.errors import GenerationError, Notice
+from symid.options import GenerateOptions
 from symid.robot import Robot
 from symid.serialization import compute_signature
 
@@ -192,45 +192,6 @@ def run_selftest(
     return BuildRecord(inputs=inputs, selftest="passed", runner=runner, flags=flags, sizes=sizes)
 
 
-TARGETS = ("c", "python", "casadi", "js")
-PARAMETERS = ("base", "standard")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CodeRequest:
-    """All that fixes the code besides the robot; UsageError for a value that the target does not have.
-
-    Args:
-        names: of the functions, None for all. target: of `TARGETS`. options: of the sources.
-        parameters: "base" for functions of beta, "standard" for functions of all standard parameters pi.
-        constant: whether the parameter values of the robot file are constants of the functions.
-    """
-
-    names: tuple[str, ...] | None = None
-    target: str = "c"
-    parameters: str = "base"
-    constant: bool = False
-    options: GenerateOptions = field(default_factory=GenerateOptions)
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        if self.names == ():
-            text = "functions: no name given; name at least one, or leave the option out for all"
-            raise UsageError(Notice(code="usage.functions", text=text))
-        check_choice("target", self.target, TARGETS)
-        check_choice("parameters", self.parameters, PARAMETERS)
-        if self.target == "c":
-            return
-        if self.options.friction_laws:
-            text = f"friction laws are written in C only; leave them out for target {self.target!r}"
-            raise UsageError(Notice(code="usage.friction-laws", text=text))
-        plain, names = GenerateOptions(), ("precision", "trigonometry")
-        given = [key for key in names if getattr(self.options, key) != getattr(plain, key)]
-        if given:
-            text = f"{', '.join(given)}: only C has the choice; leave it out for target {self.target!r}"
-            raise UsageError(Notice(code="usage.precision", text=text))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeneratedFolder:
     """The files of a folder, its manifest and the record of its self-test.
@@ -258,7 +219,12 @@ class GeneratedFolder:
 
 
 def generate_folder(
-    robot: Robot, order: CodeRequest, folder: Path, *, progress: Callable[[str], None], force: bool = False
+    robot: Robot,
+    order: GenerateOptions,
+    folder: Path,
+    *,
+    progress: Callable[[str], None],
+    force: bool = False,
 ) -> GeneratedFolder:
     """Write the code of `robot` to `folder` and test it; nothing is done where nothing has changed.
 
@@ -273,7 +239,10 @@ def generate_folder(
         GenerationError: the code fails its self-test.
     """
     compiler, runner = choose_runner(order.target)
-    described, key = replace(robot, path="", notices=()), compute_library_key(robot, order.names, compiler)
+    described, key = (
+        replace(robot, path="", notices=()),
+        compute_library_key(robot, order.functions, compiler),
+    )
     inputs = compute_signature(key, described, order, runner)
 
     def build() -> SourceSet:
@@ -289,14 +258,14 @@ def generate_folder(
         check_folder(folder)
         progress(f"deriving the functions of {robot.name}")
         standard = order.parameters == "standard"
-        functions = build_functions(robot, names=order.names, standard=standard, constant=order.constant)
+        functions = build_functions(robot, names=order.functions, standard=standard, constant=order.constant)
         progress(f"writing {order.target} code")
         generate = {
             "python": generate_python_module,
             "casadi": generate_casadi_target,
             "js": generate_javascript_module,
         }
-        return generate.get(order.target, generate_c_library)(functions, order.options)
+        return generate.get(order.target, generate_c_library)(functions, order)
 
     return write_folder(build, folder, order.target, inputs, progress, force=force)
 

@@ -27,7 +27,8 @@ from symid.codegen.printing import print_javascript, print_python
 from symid.codegen.programs import Operations, Program
 from symid.codegen.references import PER_UNIT, TOLERANCES, WEIGHTS, ReferenceRows
 from symid.codegen.source_folder import SourceSet
-from symid.codegen.source_text import BANNER, GenerateOptions
+from symid.codegen.source_text import BANNER
+from symid.options import GenerateOptions
 
 
 def _write_module(material: Material, template: str, **values: object) -> str:

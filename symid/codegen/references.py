@@ -30,8 +30,8 @@ import numpy.typing as npt
 from symid.arrays import FloatArray
 from symid.codegen.functions import ModelCard, Port
 from symid.codegen.programs import ARITHMETIC, Instruction, Op, Program
-from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError, Notice
+from symid.options import GenerateOptions
 
 DIGITS = 50
 _MORE_DIGITS = 60

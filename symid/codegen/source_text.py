@@ -5,7 +5,6 @@ Supported: loops and joins in templates. Not supported: logic in templates; an u
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -27,36 +26,6 @@ def check_choice(key: str, value: str, allowed: Sequence[str]) -> None:
     if value not in allowed:
         text = f"{key}: expected one of {', '.join(allowed)}, got {value!r}"
         raise UsageError(Notice(code=f"usage.{key}", text=text))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GenerateOptions:
-    """Choices for generated code.
-
-    Args:
-        precision: "double" or "float", the type of every number in the C library.
-        trigonometry: "own" for sines and cosines of all angles at once, in the generated C itself;
-            "library" for calls of the C library.
-        states: number of random states in the self-test. seed: of the generator that draws them.
-        friction_laws: whether the C library holds all static friction laws too.
-
-    Raises:
-        UsageError: a value that is not offered.
-    """
-
-    precision: str = "double"
-    trigonometry: str = "own"
-    states: int = 100
-    seed: int = 1
-    friction_laws: bool = False
-
-    def __post_init__(self) -> None:
-        """Check the values."""
-        check_choice("precision", self.precision, ("double", "float"))
-        check_choice("trigonometry", self.trigonometry, ("own", "library"))
-        if self.states < 1:
-            text = f"states: expected at least one, got {self.states}"
-            raise UsageError(Notice(code="usage.states", text=text))
 
 
 # In this order: a backslash becomes what could close a comment. `??` starts a trigraph, `$` and `@`

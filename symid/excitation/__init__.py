@@ -3,13 +3,13 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.excitation.limits import LimitOptions as LimitOptions, read_workspace as read_workspace
     from symid.excitation.optimise import (
         ExcitationOptions as ExcitationOptions,
         OptimisedExcitation as OptimisedExcitation,
+        build_excitation_options as build_excitation_options,
         optimise_excitation as optimise_excitation,
     )
-    from symid.excitation.problem import Margin as Margin, ProblemOptions as ProblemOptions
+    from symid.excitation.problem import Margin as Margin
     from symid.excitation.reference_motion import (
         ReferenceMotion as ReferenceMotion,
         SampledMotion as SampledMotion,
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     )
     from symid.excitation.trajectories import (
         FourierOptions as FourierOptions,
-        SeriesOptions as SeriesOptions,
         Trajectory as Trajectory,
         build_random_fourier as build_random_fourier,
         build_ta as build_ta,

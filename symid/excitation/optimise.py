@@ -17,12 +17,13 @@ Not supported: a limit of time; narrow workspaces, which a random pose hardly ev
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
+from pathlib import Path
 
 import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SolverError, UsageError
-from symid.excitation.limits import compute_coefficient_scales
+from symid.excitation.limits import LimitOptions, compute_coefficient_scales, read_workspace
 from symid.excitation.problem import (
     CRITERIA,
     Criterion,
@@ -33,8 +34,9 @@ from symid.excitation.problem import (
     compute_margins,
     scale_gram,
 )
-from symid.excitation.trajectories import Trajectory
+from symid.excitation.trajectories import SeriesOptions, Trajectory
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
+from symid.options import ExciteOptions
 from symid.robot import Robot
 from symid.serialization import HIDDEN
 
@@ -287,6 +289,38 @@ def optimise_excitation(
         runs=tuple(runs),
         margins=margins,
         notices=notices,
+    )
+
+
+def build_excitation_options(options: ExciteOptions, robot: Robot) -> ExcitationOptions:
+    """Return the search that the options of a call stand for.
+
+    Raises:
+        RobotError: the file of the workspace has mistakes; all are listed.
+    """
+    series = SeriesOptions(
+        harmonics=options.harmonics,
+        period=options.period,
+        rest=not options.moving,
+        start=None if options.start is None else tuple(map(float, options.start)),
+    )
+    limits = LimitOptions(
+        share=options.share,
+        sweep=options.sweep,
+        speed=options.velocity,
+        acceleration=options.acceleration,
+        jerk=options.jerk,
+        workspace=() if options.workspace is None else read_workspace(Path(options.workspace), robot),
+        torsion=options.torsion,
+        stiffness=None if options.stiffness is None else tuple(map(float, options.stiffness)),
+    )
+    deviations = None if options.deviations is None else tuple(map(float, options.deviations))
+    return ExcitationOptions(
+        problem=ProblemOptions(series=series, limits=limits, deviations=deviations),
+        criterion=options.criterion,
+        weight=options.weight,
+        candidates=options.candidates,
+        starts=min(options.starts, options.candidates),
     )
 
 

@@ -24,7 +24,6 @@ Not supported: a table and a pattern at once.
 
 import csv
 import glob
-import inspect
 import itertools
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -36,8 +35,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symid import __version__
-from symid.api import RobotModel, load
+from symid.api import load
 from symid.errors import InputError, Notice, SymidError, UsageError
+from symid.options import SimulateOptions, list_flags
 from symid.robot import NOT_NEGATIVE, POSITIVE, Section, locate_robot_file, parse_toml, read_text_file
 from symid.serialization import compute_file_digest, compute_signature
 
@@ -65,7 +65,7 @@ class FleetJob:
         friction: the friction law.
         seed: of all random numbers of the job; None where there are none.
         settings: in place of those of the robot file, by dotted key.
-        simulate: arguments of `RobotModel.simulate`, where there are no logs.
+        simulate: trajectory and options of `symid simulate` by their names, where there are no logs.
 
     Example:
         >>> import symid
@@ -106,8 +106,8 @@ def read_study(path: Path) -> tuple[FleetJob, ...]:
     words = [_read_words(root, key) for key in _WORDS]
     repeats, seed = root.read_integer("repeats", POSITIVE) or 1, root.read_integer("seed", NOT_NEGATIVE) or 0
     settings = _read_plain(root, "settings")
-    allowed = tuple(inspect.signature(RobotModel.simulate).parameters)[1:]
-    simulate = _read_plain(root, "simulate", [name for name in allowed if name != "seed"])
+    allowed = [name for name in ("trajectory", *list_flags(SimulateOptions)) if name != "seed"]
+    simulate = _read_plain(root, "simulate", allowed)
     sources = [key for key in ("logs", "table", "simulate") if key in root.values]
     if len(sources) != 1:
         root.refuse_key("fleet.source", (sources or ["logs"])[-1], "give one of logs, table and [simulate]")

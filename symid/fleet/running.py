@@ -33,6 +33,7 @@ from symid.api import Fit, RobotModel, load
 from symid.environment import KEEP_MEMORY, THREAD_VARIABLES, make_scratch_folder
 from symid.errors import InputError, Notice, SolverError, SymidError, UsageError
 from symid.fleet.jobs import FleetJob, is_remote, open_address
+from symid.options import SimulateOptions, list_flags
 from symid.serialization import Finite, read_record, write_plain
 
 Status = Literal["done", "refused", "failed", "crashed", "time-out", "memory"]
@@ -140,7 +141,12 @@ def _identify(job: FleetJob, folder: Path) -> Fit:
     model = _load_model(robot, _stamp(robot))
     logs: Any = [_fetch(log, folder) for log in job.logs]
     if not logs:
-        logs = model.simulate(seed=job.seed or 0, **job.simulate).log  # type: ignore[arg-type]  # read_study checks names
+        # `read_study` checks the names.
+        fields, given = list_flags(SimulateOptions), dict(job.simulate)
+        trajectory: Any = given.pop("trajectory", "fourier")
+        values: dict[str, Any] = {fields[name]: value for name, value in given.items()}
+        options = SimulateOptions(**values, seed=job.seed or 0)
+        logs = model.simulate(trajectory, options=options).log
     settings = job.settings or None
     if job.rows == "friction":
         return model.identify_friction(

@@ -30,8 +30,7 @@ if TYPE_CHECKING:
     )
     from symid.identification.identified import build_identified as build_identified
     from symid.identification.identify import (
-        FrictionRequest as FrictionRequest,
-        IdentifyTask as IdentifyTask,
+        Identification as Identification,
         TaskContext as TaskContext,
         build_elastic_graph as build_elastic_graph,
         identify_robot as identify_robot,
@@ -39,12 +38,16 @@ if TYPE_CHECKING:
         identify_stiffness as identify_stiffness,
         prepare_elastic_methods as prepare_elastic_methods,
     )
+    from symid.identification.options import (
+        Described as Described,
+        IdentifyOptions as IdentifyOptions,
+        LawOptions as LawOptions,
+    )
     from symid.identification.payload import (
         FlangeFrame as FlangeFrame,
         GivenSide as GivenSide,
         PayloadCommand as PayloadCommand,
         PayloadFinding as PayloadFinding,
-        PayloadTask as PayloadTask,
         build_payload_command as build_payload_command,
         identify_payload as identify_payload,
         is_payload as is_payload,

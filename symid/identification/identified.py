@@ -30,8 +30,9 @@ from symid.dynamics import (
 from symid.errors import EstimateError, Notice
 from symid.identification.elastic import ElasticEstimate, build_rigid_estimate, build_rigid_variant
 from symid.identification.estimators import Estimate, ParameterEstimate, check_model
+from symid.identification.options import Described
 from symid.identification.rigid import restore_robot
-from symid.identification.stored import read_fit, read_rigid
+from symid.identification.stored import GivenResult, read_fit, read_rigid, take_given
 from symid.joint_models import Elasticity
 from symid.robot import Joint, Robot, load_robot, move_parameters
 
@@ -256,20 +257,21 @@ _SAME_PLACE = 1e-6
 
 
 def name_known_dynamics(
-    known: ElasticEstimate | Robot | Path | Mapping[str, float], robot: Robot, library: Library
+    given: GivenResult | Robot | Described | Mapping[str, float], robot: Robot, library: Library
 ) -> dict[str, float]:
     """Return dynamic parameters of elastic joints by name: of links, and of rotors where they are stated.
 
     Args:
-        known: a fit or its file, a robot with values or its file, or parameters by name in SI units.
+        given: a fit or its file, a robot with values or its file, or parameters by name in SI units.
         robot: that is identified.
         library: its functions.
 
     Raises:
         EstimateError: it cannot be read, is of another model, or lacks values.
     """
-    if isinstance(known, Mapping):
-        return dict(known)
+    if isinstance(given, Mapping):
+        return dict(given)
+    known = take_given(given)
     gives = library.card.yielding
     if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
         known = choose_reading(partial(load_robot, str(known)))
@@ -279,7 +281,7 @@ def name_known_dynamics(
         stated = {number: known.joints[number - 1].drive.rotor_inertia for number in numbers if known.joints}
         values = _compute_known_values(known, robot, partly=True)
         return values | {f"IA{number}": value for number, value in stated.items() if value is not None}
-    file = str(known) if isinstance(known, Path) else ""
+    file = str(known) if isinstance(known, Path) else str(getattr(given, "file", None) or "")
     found = read_fit(known) if isinstance(known, Path) else known
     if not isinstance(found, ElasticEstimate):
         text = "known dynamics of elastic joints: expected a fit of elastic joints, or a robot with values"
@@ -296,9 +298,10 @@ def name_known_dynamics(
 
 
 def read_known_values(
-    known: Estimate | Robot | Path, robot: Robot, library: Library
+    given: GivenResult | Robot | Described, robot: Robot, library: Library
 ) -> tuple[FloatArray, str]:
     """Return the base parameters (p,) that are known, of a fit or a robot, and where they are from."""
+    known = take_given(given)
     name = str(known) if isinstance(known, Path) else "an estimate in memory"
     if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
         known = choose_reading(partial(load_robot, str(known)))

@@ -8,8 +8,9 @@ Supported: all rows, estimators and methods; runs of unequal weight and with kno
 and its parameters for every joint that moves, of elastic robots on the motor side with a rigid model.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
@@ -47,6 +48,7 @@ from symid.identification.friction_search import (
     refuse_states,
     search_friction,
 )
+from symid.identification.options import IdentifyOptions, LawOptions
 from symid.identification.regression import (
     WHOLE_MODEL,
     RankRule,
@@ -57,9 +59,7 @@ from symid.identification.regression import (
 from symid.identification.rigid import (
     PRIOR_OF_ROBOT,
     SIMULATING,
-    RigidOptions,
     build_estimator_options,
-    check_estimator,
     check_rigid_options,
     identify_parameters,
 )
@@ -92,39 +92,6 @@ class TaskContext:
     progress: Callable[[str], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IdentifyTask:
-    """The options of an identification.
-
-    Args:
-        pairs: settings of the call, keys and values; they are part of the robot already.
-        rigid: options of rows and estimators.
-        method: of elastic joints, None for the automatic choice.
-        elastic: options of elastic joints that were given: tolerance, thresholds, knees, window, rate.
-        options: all options of elastic joints, in place of the defaults; `elastic` wins over them.
-        friction: a law whose shape values are to be found, or "auto" for the choice of a law, of all joints
-            or of single ones by name; None where the robot has its laws.
-        known: dynamics of elastic joints that are not identified: a fit, a robot with values, a file of
-            either, or parameters by name.
-    """
-
-    pairs: tuple[tuple[str, str], ...] = ()
-    rigid: RigidOptions = field(default_factory=RigidOptions)
-    method: str | None = None
-    elastic: Mapping[str, object] = field(default_factory=dict)
-    options: ElasticOptions | None = None
-    friction: str | Mapping[str, str] | None = None
-    known: ElasticEstimate | Robot | Path | Mapping[str, float] | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse an unknown estimator before a log is read.
-
-        Raises:
-            UsageError: there is no such estimator.
-        """
-        check_estimator(self.rigid.rows or "torque", self.rigid.estimator)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification(Generic[Fit_co]):
     """A fit, and what came with it.
@@ -143,9 +110,16 @@ class Identification(Generic[Fit_co]):
 
 
 def identify_robot(
-    robot: Robot, recordings: Sequence[Recording], task: IdentifyTask, context: TaskContext
+    robot: Robot,
+    recordings: Sequence[Recording],
+    options: IdentifyOptions,
+    context: TaskContext,
+    pairs: Sequence[tuple[str, str]] = (),
 ) -> Identification[Estimate | ElasticEstimate]:
     """Return the parameters of a robot, with the settings of the call, that explain its recordings best.
+
+    `pairs` are these settings, keys and values, which the robot has already; `options.friction` is a law that
+    is to be found, None where the robot has its laws.
 
     Raises:
         UsageError: options that do not go together, or not with this robot and these logs.
@@ -154,39 +128,29 @@ def identify_robot(
         IdentifiabilityError: no parameter is identifiable.
         SolverError: a search ended without a usable result.
     """
-    estimator = task.rigid.estimator
+    estimator = options.estimator
     if any(robot.elastic):
         refuse_known_payloads(recordings, "a robot with elastic joints")
     elif estimator in SIMULATING:
         refuse_known_payloads(recordings, f"--estimator {estimator}")
-    given = task.rigid.list_given()
-    route = choose_route(robot, recordings, method=task.method, elastic=task.elastic, rigid=given)
-    if task.friction is not None and (route.kind == "elastic" or estimator in SIMULATING):
+    route = choose_route(
+        robot, recordings, method=options.method, elastic=options.list_elastic(), rigid=options.list_given()
+    )
+    if options.friction is not None and (route.kind == "elastic" or estimator in SIMULATING):
         where = "elastic joints are" if route.kind == "elastic" else f"--estimator {estimator} is"
-        raise refuse_search(task.friction, f"is not done where {where} identified")
+        raise refuse_search(options.friction, f"is not done where {where} identified")
     if estimator in SIMULATING:
         refuse_states(robot, f"--estimator {estimator}")
     if route.kind == "elastic":
-        method = route.method
-        if task.method is None and task.options is not None:
-            method = task.options.method
-        return prepare_elastic_methods(robot, recordings, task, context)(method)
-    if task.known is not None:
+        return prepare_elastic_methods(robot, recordings, options, context, pairs)(route.method)
+    if options.known is not None:
         text = (
             f"--known cannot be used with {robot.name!r}, identified as rigid; leave it out, or use it with "
             "--rows friction, or give known values as a prior (--estimator ridge --prior)"
         )
         raise UsageError(Notice(code="usage.mixed-options", text=text))
-    if task.options is not None:
-        text = (
-            f"options of elastic joints (elastic=...) do not apply to {robot.name!r}, identified as rigid; "
-            "leave them out"
-        )
-        raise UsageError(Notice(code="usage.mixed-options", text=text))
-    window = task.elastic.get("window")
-    options = replace(task.rigid, window=window if isinstance(window, int | float) else None)
     motor_side = route.kind == "motor-side"
-    return _identify_rigid(robot, recordings, options, context, task.friction, motor_side=motor_side)
+    return _identify_rigid(robot, recordings, options, context, motor_side=motor_side)
 
 
 def _list_log_notices(robot: Robot, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
@@ -200,13 +164,13 @@ def _list_log_notices(robot: Robot, recordings: Sequence[Recording]) -> tuple[No
 def _identify_rigid(
     robot: Robot,
     recordings: Sequence[Recording],
-    options: RigidOptions,
+    options: IdentifyOptions,
     context: TaskContext,
-    friction: str | Mapping[str, str] | None,
     *,
     motor_side: bool,
 ) -> Identification[Estimate]:
     rows, estimator, overlap = options.rows or "torque", options.estimator, options.overlap or 0.0
+    friction = options.friction
     check_rigid_options(rows, estimator, options)
     warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, friction))
     both = has_both_encoders(recordings)
@@ -239,13 +203,14 @@ def _identify_rigid(
         )
     else:
         library = context.prepare(rigid)
-        start, prior = options.start, None if options.prior == PRIOR_OF_ROBOT else options.prior
-        start_name = f"an estimate by {start.estimator}" if isinstance(start, Estimate) else ""
-        if start is not None:
-            start_name = show_path(start) if isinstance(start, Path) else start_name
-            start = read_rigid(start, library.card)
-        if prior is not None:
-            prior = read_rigid(Path(prior) if isinstance(prior, str) else prior, library.card)
+        start, start_name, prior = None, "", None
+        if options.start is not None:
+            start = read_rigid(options.start, library.card)
+            start_name = f"an estimate by {start.estimator}"
+            if isinstance(options.start, str | PathLike):
+                start_name = show_path(Path(options.start))
+        if options.prior not in (None, PRIOR_OF_ROBOT):
+            prior = read_rigid(options.prior, library.card)
 
         def fit(logs: Sequence[Recording]) -> Estimate:
             echo = describe_logs(rigid, logs)
@@ -298,28 +263,28 @@ def _identify_rigid(
 
 
 def prepare_elastic_methods(
-    robot: Robot, recordings: Sequence[Recording], task: IdentifyTask, context: TaskContext
+    robot: Robot,
+    recordings: Sequence[Recording],
+    options: IdentifyOptions,
+    context: TaskContext,
+    pairs: Sequence[tuple[str, str]] = (),
 ) -> Callable[[str], Identification[ElasticEstimate]]:
     """Return what identifies by a method of a name; logs are aligned and equations built once for all.
 
-    The robot has elastic joints and its logs have both positions; the method of the task does not count.
-    Errors are those of `identify_robot`.
+    The robot has elastic joints and its logs have both positions; the method of the options does not count.
+    `pairs` and errors are those of `identify_robot`.
     """
     from symid.identification.elastic import prepare_methods
 
-    given = {name: value for name, value in task.elastic.items() if value is not None}
-    if "thresholds" in given:
-        given["stops"] = given.pop("thresholds")
-    options = replace(task.options or ElasticOptions(), **given)  # type: ignore[arg-type]  # checked by the record
-    ready = _prepare_elastic(robot, recordings, options, task.pairs, context)
-    options = ready.options
-    if task.known is not None:
+    ready = _prepare_elastic(robot, recordings, options.build_elastic(), pairs, context)
+    elastic = ready.options
+    if options.known is not None:
         # Imported here: it needs SymPy.
         from symid.identification.identified import name_known_dynamics
 
-        options = replace(options, known=name_known_dynamics(task.known, robot, ready.library))
+        elastic = replace(elastic, known=name_known_dynamics(options.known, robot, ready.library))
     echo = {**describe_settings(robot), **describe_digests(ready.cut), **describe_runs(ready.cut)}
-    by_method = prepare_methods(ready.library, ready.moved, options, echo=echo)
+    by_method = prepare_methods(ready.library, ready.moved, elastic, echo=echo)
 
     def identify(method: str) -> Identification[ElasticEstimate]:
         _report_method(robot, ready.moved, method, context)
@@ -381,7 +346,7 @@ def _report_method(robot: Robot, logs: Sequence[Recording], method: str, context
 def build_elastic_graph(
     robot: Robot,
     recordings: Sequence[Recording],
-    options: ElasticOptions,
+    options: IdentifyOptions,
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
 ) -> "tuple[NlpGraph, tuple[Notice, ...]]":
@@ -393,8 +358,9 @@ def build_elastic_graph(
     from symid.identification.elastic import build_one_shot
 
     refuse_known_payloads(recordings, "a robot with elastic joints")
-    choose_route(robot, recordings, method="nlp", elastic={}, rigid=())
-    ready = _prepare_elastic(robot, recordings, replace(options, method="nlp"), pairs, context)
+    choose_route(robot, recordings, method="nlp", elastic={}, rigid=options.list_given())
+    elastic = replace(options.build_elastic(), method="nlp")
+    ready = _prepare_elastic(robot, recordings, elastic, pairs, context)
     _report_method(robot, ready.moved, "nlp", context)
     return build_one_shot(ready.library, ready.moved, ready.options), ready.notices
 
@@ -424,35 +390,8 @@ def identify_stiffness(
     return found, (*unused, *warnings, *library.notices, *found.notices)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionRequest:
-    """The options of an identification of friction; None where the default holds.
-
-    Args:
-        model: a law, or "auto" to choose one by held-out torques; of single joints by name, then it is chosen
-            for the others.
-        estimator: how laws are fitted; varpro by default.
-        known: base parameters to subtract, an estimate or its file, or those of a robot with values or its
-            file; else the load is subtracted where all logs have it, or the rigid part is fitted along.
-        smoothing: rad/s or m/s over which dry friction changes its sign.
-        period: s, of the motion, once or once a log, to average over periods.
-        seed: of a stochastic estimator.
-        friction: the friction model of all joints that was given; only to report whether it was used.
-        options: of the estimators; `seed` wins over theirs.
-    """
-
-    model: str | Mapping[str, str] | None = None
-    estimator: str | None = None
-    known: Estimate | Robot | Path | None = None
-    smoothing: float | None = None
-    period: tuple[float, ...] = ()
-    seed: int | None = None
-    friction: str | None = None
-    options: FrictionOptions = field(default_factory=FrictionOptions)
-
-
 def identify_robot_friction(
-    robot: Robot, recordings: Sequence[Recording], request: FrictionRequest, context: TaskContext
+    robot: Robot, recordings: Sequence[Recording], options: LawOptions, context: TaskContext
 ) -> Identification[FrictionIdentification]:
     """Return the friction of every joint that the recordings move, of a robot with the settings of the call.
 
@@ -463,8 +402,8 @@ def identify_robot_friction(
         IdentifiabilityError: no joint's friction is identifiable.
         SolverError: a search ended without usable numbers.
     """
-    model = read_joint_laws(request.model, robot, (AUTO,)) or AUTO
-    if not all(list_measured_joints(recordings)) or request.known is not None:
+    model = read_joint_laws(options.model, robot, (AUTO,)) or AUTO
+    if not all(list_measured_joints(recordings)) or options.known is not None:
         refuse_known_payloads(recordings, "--rows friction")
     described = build_rigid_variant(robot) if any(robot.elastic) else robot
     measured = [build_motor_recording(recording, robot) for recording in recordings]
@@ -474,17 +413,18 @@ def identify_robot_friction(
         what = f"fitting the friction law {model}"
     context.progress(f"{what} for {robot.name} from {len(measured)} log{'s'[: len(measured) > 1]}")
     beta, known = None, None
-    if request.known is not None:
+    if options.known is not None:
         from symid.identification.identified import read_known_values
 
-        beta, known = read_known_values(request.known, described, library)
+        beta, known = read_known_values(options.known, described, library)
+    search = options.search or FrictionOptions()
     task = FrictionTask(
         model=model,
-        estimator=request.estimator or "varpro",
-        options=request.options if request.seed is None else replace(request.options, seed=request.seed),
+        estimator=options.estimator or "varpro",
+        options=search if options.seed is None else replace(search, seed=options.seed),
         beta=beta,
-        smoothing=request.smoothing or 0.0,
-        periods=request.period,
+        smoothing=options.smoothing or 0.0,
+        periods=options.period,
         rotors=list_coupled_rotors(described),
     )
     names = [entry.name for entry in library.card.beta]
@@ -499,19 +439,19 @@ def identify_robot_friction(
     counted = report_count(context.progress, "joint")
     found = identify_friction(library, measured, described.processing, task, echo=echo, progress=counted)
     texts = []
-    if request.seed is not None and found.estimator not in STOCHASTIC:
+    if options.seed is not None and found.estimator not in STOCHASTIC:
         stochastic = ", ".join(sorted(STOCHASTIC))
         texts.append(f"--seed is not used: {found.estimator} is deterministic; stochastic are {stochastic}")
     estimates = [joint.estimate for joint in found.joints]
     beside = {entry.name for estimate in estimates for entry in estimate.extra}
     beside |= {name for estimate in estimates for name, _ in estimate.refused}
-    if request.friction and not beside & {entry.name for entry in library.card.friction}:
+    if options.friction and not beside & {entry.name for entry in library.card.friction}:
         texts.append(
             "--friction is not used: no joint's friction acts on another here; --model chooses the law of a "
             "joint's own friction"
         )
     unused = [Notice(code="friction.unused-option", text=text) for text in texts]
-    if request.known is not None and any(list_measured_joints(measured)):
+    if options.known is not None and any(list_measured_joints(measured)):
         text = (
             "the loads that joint-torque sensors measured are not used, because base parameters were given; "
             "without --known the loads are subtracted, and no model of the links is needed"

@@ -16,7 +16,7 @@ endeffector-config.json (RIDE CLI documentation 1.1.1, "End effector commissioni
 Not supported: the limits of a single robot, such as its rated payload; a centre that is not identified.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
@@ -24,7 +24,6 @@ from pathlib import Path
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.codegen import Library
 from symid.dynamics import (
     PAYLOAD_QUANTITIES,
     Payload,
@@ -37,33 +36,16 @@ from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Estimate
 from symid.identification.friction_search import identify_loaded
 from symid.identification.identified import Identified, build_identified
+from symid.identification.identify import TaskContext
 from symid.identification.rigid import identify_parameters
 from symid.identification.stored import GivenResult, is_fit, name_format, read_dynamics, read_format, read_one
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
+from symid.options import PayloadOptions
 from symid.robot import Placement, Robot, describe_settings, suggest_names
 from symid.serialization import write_json
 
 GivenSide = Sequence[GivenResult | Recording]
 """One estimate, or logs: each itself, or its file."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PayloadTask:
-    """The options, and the services they need.
-
-    Args:
-        joint: whose link carries the payload, None for the last one; mass: kg, where it was weighed.
-        rows: of logs: how measurements become equations; estimator: how equations become parameters.
-        prepare: returns the robot's compiled functions.
-        progress: called with a short text on what begins.
-    """
-
-    joint: str | None
-    mass: float | None
-    rows: str
-    estimator: str
-    prepare: Callable[[], Library]
-    progress: Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -75,7 +57,9 @@ class PayloadFinding:
     notices: tuple[Notice, ...]
 
 
-def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: PayloadTask) -> PayloadFinding:
+def identify_payload(
+    robot: Robot, loaded: GivenSide, empty: GivenSide, options: PayloadOptions, context: TaskContext
+) -> PayloadFinding:
     """Return what the robot carries in `loaded` and not in `empty`.
 
     Raises:
@@ -85,8 +69,8 @@ def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: Pa
         IdentifiabilityError: no parameter is identifiable from the logs, or no payload is significant.
     """
     check_distinct([Path(entry) for entry in (*loaded, *empty) if isinstance(entry, str | PathLike)])
-    first = _read_side("with the payload", robot, loaded, task)
-    second = _read_side("without it", robot, empty, task)
+    first = _read_side("with the payload", robot, loaded, options, context)
+    second = _read_side("without it", robot, empty, options, context)
     if first.robot.elastic != second.robot.elastic:
         text = "one side has elastic joints and the other rigid ones; identify both by the same method"
         raise EstimateError(Notice(code="payload.other-model", text=text))
@@ -99,7 +83,7 @@ def identify_payload(robot: Robot, loaded: GivenSide, empty: GivenSide, task: Pa
         )
         for side in (first, second)
     ]
-    found = estimate_payload(first.robot, first.base, *values, joint=task.joint, mass=task.mass)
+    found = estimate_payload(first.robot, first.base, *values, joint=options.joint, mass=options.mass)
     return PayloadFinding(robot=first.robot.name, payload=found, notices=(*first.notices, *second.notices))
 
 
@@ -144,7 +128,9 @@ def read_payload(path: Path) -> PayloadFinding:
     return found
 
 
-def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> Identified:
+def _read_side(
+    name: str, robot: Robot, given: GivenSide, options: PayloadOptions, context: TaskContext
+) -> Identified:
     """Return the values of an estimate, or of logs; notices of robot and identification name the side."""
     logs: list[Path | Recording] = []
     estimates: list[GivenResult] = []
@@ -161,17 +147,17 @@ def _read_side(name: str, robot: Robot, given: GivenSide, task: PayloadTask) -> 
             raise UsageError(Notice(code="usage.payload-elastic", text=text, file=robot.path))
         recordings = read_recordings(logs, robot)
         check_distinct_samples(recordings)
-        library = task.prepare()
+        library = context.prepare(robot)
         names = ", ".join(Path(entry.source).name for entry in recordings)
-        task.progress(f"identifying {robot.name} from {names}")
+        context.progress(f"identifying {robot.name} from {names}")
 
         def fit(logs: Sequence[Recording]) -> Estimate:
             return identify_parameters(
                 library,
                 logs,
                 robot.processing,
-                rows=task.rows,
-                estimator=task.estimator,
+                rows=options.rows,
+                estimator=options.estimator,
                 echo={"log": describe_settings(robot)["log"]},
             )
 

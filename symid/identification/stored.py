@@ -264,14 +264,25 @@ def read_dynamics(given: GivenResult) -> tuple[Estimate | ElasticEstimate, Path]
     return found, source
 
 
-def read_rigid(given: Estimate | Path, card: ModelCard) -> Estimate:
+def take_given(given: object) -> Any:  # noqa: ANN401  what it holds
+    """Return what a result or a robot of the API holds, a path for the name of a file; all else as it is."""
+    if isinstance(given, str | PathLike):
+        return Path(given)
+    return getattr(given, "product", getattr(given, "description", given))
+
+
+def read_rigid(given: GivenResult, card: ModelCard) -> Estimate:
     """Return an estimate of the rigid model of `card`, read where it is a file.
 
     Raises:
         EstimateError: it cannot be read, is of another kind, or of another model.
     """
-    found = read_fit(given) if isinstance(given, Path) else given
-    file = str(given) if isinstance(given, Path) else ""
+    held = take_given(given)
+    found = read_fit(held) if isinstance(held, Path) else held
+    file = str(held) if isinstance(held, Path) else str(getattr(given, "file", None) or "")
+    if not isinstance(found, Estimate) and not isinstance(held, Path):
+        text = "expected base parameters of a rigid robot, as `robot.identify` returns them"
+        raise EstimateError(Notice(code="estimate.kind", text=text, file=file))
     if isinstance(found, FrictionIdentification):
         text = (
             "this is a fit of friction (--rows friction); --known needs base parameters, identified with "

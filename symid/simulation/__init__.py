@@ -4,14 +4,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.simulation.elastic_experiment import (
-        ControlSettings as ControlSettings,
         ElasticExperimentOptions as ElasticExperimentOptions,
         ElasticRun as ElasticRun,
         MotorReference as MotorReference,
-        SensorSettings as SensorSettings,
         build_clean_options as build_clean_options,
         build_noisy_options as build_noisy_options,
-        check_sensor_settings as check_sensor_settings,
+        check_sensor_options as check_sensor_options,
         check_stated_values as check_stated_values,
         observe as observe,
         simulate_elastic as simulate_elastic,

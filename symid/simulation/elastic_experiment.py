@@ -10,7 +10,7 @@ with theta_m from the motor encoder and dtheta the true motor speed. By default 
 tau_d = g(q_d(0)), phi_0 being the torsion under the weight at the first pose. The logged torque holds from
 the sample on. A torque held for T damps a motor of inertia B only while Kd T / B < 2.
 
-Robot whose file states all values, rigid or elastic, SensorSettings -> SimulatedLog.
+Robot whose file states all values, rigid or elastic, SimulateOptions -> SimulatedLog.
 
 Supported: own gains, sensors, references and values; torque limits of the robot file. A
 SimulatedLog has sensors with one standard deviation for all joints.
@@ -29,6 +29,7 @@ from symid.errors import Notice, RobotError, SolverError, UsageError
 from symid.excitation import ReferenceMotion
 from symid.joint_models import NO_FRICTION, REFERENCE_TEMPERATURE
 from symid.logs import Recording
+from symid.options import SimulateOptions
 from symid.robot import Coupling, Joint, Robot
 from symid.simulation import experiment
 from symid.simulation.elastic_plant import (
@@ -364,39 +365,6 @@ DEFAULT_NOISE = 0.05
 """N m or N, of rigid robots; elastic ones have noise in proportion to their torques."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SensorSettings:
-    """Sensors of either kind of robot.
-
-    Args:
-        clean: whether they are perfect: no noise, no encoder steps.
-        noise: standard deviation of the torque, N m or N; None for the default of the kind of robot.
-        delay: of an elastic robot: by how much its link encoders are later than its motor encoders, s.
-        offset: of an elastic robot: what its link encoders read at zero, rad or m.
-    """
-
-    clean: bool = False
-    noise: float | None = None
-    delay: float = 0.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ControlSettings:
-    """Control of either kind of robot, None for what robot file and inertia give.
-
-    Args:
-        bandwidth: Hz, of gains with critical damping.
-        period: of control and log, s.
-        stiffness, damping: Kp in N m/rad or N/m and Kd in N m s/rad or N s/m of each joint, both or neither.
-    """
-
-    bandwidth: float | None = None
-    period: float | None = None
-    stiffness: tuple[float, ...] | None = None
-    damping: tuple[float, ...] | None = None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SimulatedLog:
     """A log, and how it came about.
@@ -414,7 +382,7 @@ class SimulatedLog:
     details: Mapping[str, object]
 
 
-def check_sensor_settings(robot: Robot, sensors: SensorSettings) -> None:
+def check_sensor_options(robot: Robot, sensors: SimulateOptions) -> None:
     """Refuse, by a UsageError, a delay or an offset between encoders for a robot without elastic joints."""
     if not any(robot.elastic) and (sensors.delay or sensors.offset):
         text = (
@@ -428,51 +396,50 @@ def simulate_log(
     robot: Robot,
     library: Library,
     motion: ReferenceMotion,
-    sensors: SensorSettings,
+    options: SimulateOptions,
     rng: np.random.Generator,
-    *,
-    control: ControlSettings | None = None,
 ) -> SimulatedLog:
     """Return the log of a robot with all values under PD control along `motion`; `rng` is of the noise."""
-    control = control or ControlSettings()
     texts = []
-    if (control.stiffness is None) != (control.damping is None):
+    if (options.stiffness is None) != (options.damping is None):
         texts.append("give --stiffness and --damping together, one number for each joint")
-    if control.bandwidth is not None and control.stiffness is not None:
+    if options.bandwidth is not None and options.stiffness is not None:
         texts.append("--bandwidth is that of gains that follow from the inertia; give it or the gains")
     for name in ("stiffness", "damping"):
-        values: tuple[float, ...] = getattr(control, name) or ()
+        values = getattr(options, name) or ()
         if not all(0.0 <= value < np.inf for value in values):
             texts.append(f"--{name}: expected finite numbers of 0 or more, got {values}")
     if texts:
         raise UsageError(*(Notice(code="usage.gains", text=text) for text in texts))
+    stiffness = None if options.stiffness is None else tuple(map(float, options.stiffness))
+    damping = None if options.damping is None else tuple(map(float, options.damping))
+    period = options.control_period
     if not any(robot.elastic):
-        noise = DEFAULT_NOISE if sensors.noise is None else sensors.noise
-        one = SensorOptions(counts_per_turn=None) if sensors.clean else SensorOptions(torque_noise=(noise,))
+        noise = DEFAULT_NOISE if options.noise is None else options.noise
+        one = SensorOptions(counts_per_turn=None) if options.clean else SensorOptions(torque_noise=(noise,))
         order = ExperimentOptions(
             sensors=one,
             controller=robot.controller,
-            bandwidth=control.bandwidth,
-            period=control.period or PERIOD,
-            stiffness=control.stiffness,
-            damping=control.damping,
+            bandwidth=options.bandwidth,
+            period=period or PERIOD,
+            stiffness=stiffness,
+            damping=damping,
         )
         rigid = simulate_experiment(robot, library, motion, order, rng)
         return SimulatedLog(
             recording=rigid.recording,
             energy_gap=rigid.energy_gap,
             backend=rigid.backend,
-            details={"noise": 0.0 if sensors.clean else noise, "controller": asdict(rigid.controller)},
+            details={"noise": 0.0 if options.clean else noise, "controller": asdict(rigid.controller)},
         )
-    options = build_clean_options() if sensors.clean else build_noisy_options()
-    options = replace(options, bandwidth=control.bandwidth, period=control.period or options.period)
-    if control.stiffness is not None and control.damping is not None:
-        gains = MotorGains(stiffness=control.stiffness, damping=control.damping)
-        options = replace(options, gains=gains)
-    both = replace(options.sensors, delay=sensors.delay, link_offset=(sensors.offset,))
-    if sensors.noise is not None and not sensors.clean:
-        both = replace(both, torque_noise=(sensors.noise,), relative_noise=(0.0,))
-    elastic = simulate_elastic(robot, library, motion, replace(options, sensors=both), rng)
+    setup = build_clean_options() if options.clean else build_noisy_options()
+    setup = replace(setup, bandwidth=options.bandwidth, period=period or setup.period)
+    if stiffness is not None and damping is not None:
+        setup = replace(setup, gains=MotorGains(stiffness=stiffness, damping=damping))
+    both = replace(setup.sensors, delay=options.delay, link_offset=(options.offset,))
+    if options.noise is not None and not options.clean:
+        both = replace(both, torque_noise=(options.noise,), relative_noise=(0.0,))
+    elastic = simulate_elastic(robot, library, motion, replace(setup, sensors=both), rng)
     return SimulatedLog(
         recording=elastic.recording,
         energy_gap=elastic.relative_gap,
@@ -480,8 +447,8 @@ def simulate_log(
         details={
             "noise": both.torque_noise[0],
             "relative_noise": both.relative_noise[0],
-            "delay": sensors.delay,
-            "offset": sensors.offset,
+            "delay": options.delay,
+            "offset": options.offset,
             "largest_torsion": abs(elastic.phi).max(axis=0).tolist(),
         },
     )

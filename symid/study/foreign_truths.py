@@ -26,7 +26,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen import ModelCard, prepare_library
 from symid.errors import Notice, SymidError, UsageError
-from symid.identification import IdentifyTask, TaskContext, prepare_elastic_methods
+from symid.identification import IdentifyOptions, TaskContext, prepare_elastic_methods
 from symid.identification.elastic import METHODS, ElasticEstimate
 from symid.joint_models import run_element
 from symid.logs import Recording
@@ -351,7 +351,7 @@ def _run_task(task: _Task) -> tuple[ForeignRun, ...]:
     ]
 
     try:
-        identify = prepare_elastic_methods(scene.robot, logs, IdentifyTask(), context)
+        identify = prepare_elastic_methods(scene.robot, logs, IdentifyOptions(), context)
     except SymidError:
         return tuple(_refuse(method) for method in (AUTOMATIC, *methods))
 

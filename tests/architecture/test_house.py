@@ -8,9 +8,9 @@ import pytest
 from tests.architecture.source import PACKAGE, PROJECT
 
 MOST = {
-    "files of symid/": 240,
-    "lines": 90_000,
-    "imports inside functions": 200,
+    "files of symid/": 221,
+    "lines": 90_300,
+    "imports inside functions": 105,
     "strings read as a language": 0,
     "lines of tests": 71_500,
     "kB of DESIGN.md": 10,

@@ -35,6 +35,20 @@ def test_a_room_imports_only_from_rooms_before_it():
     assert not wrong
 
 
+def test_files_of_the_api_import_in_one_direction():
+    # Late imports count too, and those for type checkers.
+    needed = {
+        module.name: {source for source, _, _ in module.imports if source in BY_NAME}
+        | {f"{source}.{name}" for source, name, _ in module.imports if f"{source}.{name}" in BY_NAME}
+        for module in MODULES
+        if module.room == "api" and not module.is_package
+    }
+    left = {name: others & needed.keys() for name, others in needed.items()}
+    while free := [name for name, others in left.items() if not others]:
+        left = {name: others.difference(free) for name, others in left.items() if name not in free}
+    assert left == {}
+
+
 def test_other_rooms_are_imported_by_what_they_offer():
     # Not from their files: what a room does not name in its `__init__` is its own.
     wrong = [
@@ -190,7 +204,7 @@ def test_only_the_command_line_prints_or_exits():
 def test_a_verb_is_a_client_of_the_api():
     # What is not a verb: how verbs are called, and what they share.
     shared = {"symid.cli.call", "symid.cli.main"}
-    allowed = {"symid", "symid.api", "symid.errors", "symid.environment", "click"}
+    allowed = {"symid", "symid.api", "symid.errors", "symid.environment", "symid.options", "click"}
     offered = {f"symid.{name}" for name in symid.__all__}
     wrong = [
         f"{module.name}: {source}.{name}"

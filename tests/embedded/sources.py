@@ -10,7 +10,7 @@ import pytest
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import Functions, build_functions
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 from tests.embedded.panda import give_values
 

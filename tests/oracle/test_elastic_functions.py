@@ -16,7 +16,6 @@ from symid.codegen.functions import build_spring_vector, count_elastic_sizes
 from symid.codegen.library import load_library
 from symid.codegen.python_targets import generate_python_module
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
 from symid.errors import UsageError
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.joint_models.prandtl_ishlinskii import (
@@ -28,6 +27,7 @@ from symid.joint_models.prandtl_ishlinskii import (
     invert_play_model,
     read_spring_terms,
 )
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import parse_robot, read_robot
 from tests.sx_programs import read_sx_program
 

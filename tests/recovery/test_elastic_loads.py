@@ -61,6 +61,9 @@ def record(phase, noise=0.0, *, load=False):
     return {"time": time} | {name: values[:, None] for name, values in channels.items()}
 
 
+LINEAR = symid.IdentifyOptions(threshold_count=0, knee_count=0)
+
+
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory):
     path = tmp_path_factory.mktemp("robot") / "pendulum.toml"
@@ -70,7 +73,7 @@ def robot(tmp_path_factory):
 
 def identify(robot, **options):
     log = symid.build_log(robot, **record(0.0, noise=0.01, load=options.pop("load", False)))
-    return robot.identify(log, thresholds=0, knees=0, **options)
+    return robot.identify(log, **options, options=LINEAR)
 
 
 @pytest.mark.parametrize("load", [False, True])
@@ -95,7 +98,7 @@ def test_another_log_is_predicted_with_its_own_load(robot, tmp_path):
 def test_an_offset_of_the_links_encoder_is_found_in_spite_of_the_load(robot):
     channels = record(0.0, noise=0.01)
     channels["q"] = channels["q"] + 0.004
-    fit = robot.identify(symid.build_log(robot, **channels), thresholds=0, knees=0, method="weighted")
+    fit = robot.identify(symid.build_log(robot, **channels), method="weighted", options=LINEAR)
     assert abs(fit.alignment.offsets[0, 0]) == pytest.approx(0.004, rel=0.05)
     for name in ("ZZ1", "MX1", "Fl1"):
         assert fit[name].value == pytest.approx(TRUTH[name], rel=0.02), name
@@ -112,8 +115,8 @@ def test_laws_of_the_temperature_need_one(robot, tmp_path):
     warm = symid.load(tmp_path / "warm.toml")
     channels = record(0.0, noise=0.01)
     with pytest.raises(UsageError, match="depends on the temperature") as caught:
-        warm.identify(symid.build_log(warm, **channels), thresholds=0, knees=0)
+        warm.identify(symid.build_log(warm, **channels), options=LINEAR)
     assert caught.value.notices[0].code == "friction.input"
     rise = np.linspace(20.0, 50.0, len(channels["time"]))[:, None]
     log = symid.build_log(warm, **channels, temperature=rise)
-    assert "Fct1" in {entry.name for entry in warm.identify(log, thresholds=0, knees=0).parameters}
+    assert "Fct1" in {entry.name for entry in warm.identify(log, options=LINEAR).parameters}

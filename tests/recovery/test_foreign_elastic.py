@@ -149,7 +149,7 @@ def test_nothing_is_found_in_an_arm_without_effects(arm, run):
 def test_nothing_is_taken_off_an_arm_without_effects(duration):
     robot = symid.load("two_link_elastic")
     log = robot.simulate(duration=duration, seed=1).log
-    assert robot.identify([log], elastic=ElasticOptions(method="weighted")).estimate.effects == ()
+    assert robot.identify([log], options=symid.IdentifyOptions(method="weighted")).estimate.effects == ()
 
 
 def test_a_file_with_an_effect_that_is_none_is_refused(bench, tmp_path):

@@ -329,10 +329,10 @@ def test_where_joints_rest_slow_rows_and_those_beside_are_left_out(fit, tmp_path
         assert share > entry.share
 
 
-@pytest.mark.parametrize("options", [{"estimator": "ridge", "prior": "robot"}, {"estimator": "output-error"}])
-def test_where_laws_cannot_be_searched_that_is_said(robot, logs, options):
+@pytest.mark.parametrize("given", [{"estimator": "ridge", "prior": "robot"}, {"estimator": "output-error"}])
+def test_where_laws_cannot_be_searched_that_is_said(robot, logs, given):
     with pytest.raises(UsageError, match="auto") as caught:
-        robot.identify(logs[0], friction="auto", **options)
+        robot.identify(logs[0], friction="auto", options=symid.IdentifyOptions(**given))
     assert caught.value.notices[0].code == "usage.friction-search"
 
 

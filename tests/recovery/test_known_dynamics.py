@@ -7,7 +7,6 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from symid.identification.elastic import ElasticOptions
 from tests.recovery.written_out_arm import DYNAMICS, ROBOT, TRUTH, build, simulate
 
 LINKS = {"ZZR1": 0.4, "MXR1": 1.0, "MY1": 0.0, "ZZ2": 0.07, "MX2": 0.3, "MY2": 0.0, "IA2": 0.06}
@@ -105,7 +104,7 @@ def test_a_rotor_of_a_data_sheet_is_known_by_its_file_or_name(robot, log, folder
     named = robot.identify(log, known={"IA1": 0.2}, method="weighted")
     assert (named["IA1"].value, named["IA1"].std) == (0.2, 0.0)
     assert named["ZZR1"].std > 0.0
-    same = robot.identify(log, elastic=ElasticOptions(known={"IA1": 0.2}, method="weighted"))
+    same = robot.identify(log, options=symid.IdentifyOptions(known={"IA1": 0.2}, method="weighted"))
     assert same.values == named.values
     assert same.estimate.settings["known"] == {"IA1": 0.2}
 

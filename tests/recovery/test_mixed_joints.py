@@ -84,12 +84,10 @@ def test_a_rigid_joint_with_two_encoders_has_one_position(robot, motion):
 
 
 def test_thresholds_of_a_rigid_joint_do_not_count(robot, motion):
-    from symid.identification.elastic import ElasticOptions
-
-    given = ElasticOptions(thresholds=((1e-3, 3e-3), (1e-3,)), method="nlp")
-    plain = ElasticOptions(thresholds=((1e-3, 3e-3), ()), method="nlp")
+    given = symid.IdentifyOptions(thresholds=((1e-3, 3e-3), (1e-3,)), method="nlp")
+    plain = symid.IdentifyOptions(thresholds=((1e-3, 3e-3), ()), method="nlp")
     log = build(robot, motion)
-    assert robot.identify(log, elastic=given).values == robot.identify(log, elastic=plain).values
+    assert robot.identify(log, options=given).values == robot.identify(log, options=plain).values
 
 
 def test_a_coupled_drive_of_rigid_joints_is_no_obstacle(tmp_path):

@@ -220,8 +220,8 @@ def test_a_search_that_fails_or_stops_says_so(given):
 def test_the_front_door_starts_at_the_fit():
     robot = symid.load("two_link_elastic")
     log = robot.simulate("ta", scale=10, duration=4.0, seed=1).log
-    problem = robot.one_shot(log, elastic=ElasticOptions(**PLACES))
-    fit = robot.identify(log, elastic=ElasticOptions(method="nlp", **PLACES))
+    problem = robot.one_shot(log, options=symid.IdentifyOptions(**PLACES))
+    fit = robot.identify(log, method="nlp", options=symid.IdentifyOptions(**PLACES))
     solution = problem.solve()
     for name in ("ZZR1", "IA2", "Fc1"):
         assert solution[name] == pytest.approx(fit[name].value, rel=1e-6)

@@ -5,7 +5,7 @@ import pytest
 
 import symid
 from symid.codegen import prepare_library
-from symid.identification import IdentifyTask, TaskContext, prepare_elastic_methods
+from symid.identification import IdentifyOptions, TaskContext, prepare_elastic_methods
 from symid.identification.elastic.methods import AUTOMATIC_METHODS
 from symid.identification.elastic.together import _Sides
 from symid.identification.hysteresis import ElementPath, choose_spring
@@ -26,7 +26,7 @@ def found(scene):
         for number, (name, run) in enumerate(zip(scene.names[:-1], scene.runs[:-1], strict=True))
     ]
     context = TaskContext(prepare=prepare_library, progress=lambda _: None)
-    return prepare_elastic_methods(scene.robot, logs, IdentifyTask(), context)("automatic").estimate
+    return prepare_elastic_methods(scene.robot, logs, IdentifyOptions(), context)("automatic").estimate
 
 
 def test_cubic_springs_with_stops_are_used_for_the_dynamics(scene, found):

@@ -7,7 +7,6 @@ if TYPE_CHECKING:
     from symid.identification.hysteresis.fit import (
         ElementParameter as ElementParameter,
         ElementTrace as ElementTrace,
-        HysteresisOptions as HysteresisOptions,
         HysteresisRecord as HysteresisRecord,
         HysteresisTrial as HysteresisTrial,
         choose_spring as choose_spring,

@@ -59,6 +59,7 @@ from symid.joint_models import (
     run_element,
 )
 from symid.notation import HYSTERESIS_MODELS
+from symid.options import HysteresisOptions
 from symid.serialization import HIDDEN
 
 _STARTS: tuple[Start, ...] = ("zero", "fresh", "below", "above")
@@ -68,27 +69,6 @@ _SEARCHED = 3000
 _BLOCKS = 8
 _WIDE = 0.7
 """Of the largest stroke: strokes above are held out together, where there are smaller ones too."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HysteresisOptions:
-    """What a fit is asked for.
-
-    Args:
-        model: one of `HYSTERESIS_MODELS`, or auto.
-        passive: True: only elements from which no motion gets work; None: whatever predicts best.
-    """
-
-    model: str = "auto"
-    passive: bool | None = None
-
-    def __post_init__(self) -> None:
-        """Raise a UsageError for a model that is none."""
-        name = self.model.lower().replace("_", "-")
-        if name not in {"auto", *HYSTERESIS_MODELS}:
-            text = f"unknown hysteresis model {self.model!r}. Known: auto, {', '.join(HYSTERESIS_MODELS)}"
-            raise UsageError(Notice(code="usage.unknown-hysteresis", text=text))
-        object.__setattr__(self, "model", name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

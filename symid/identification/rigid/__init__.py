@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from symid.identification.rigid.plan import (
         PRIOR_OF_ROBOT as PRIOR_OF_ROBOT,
         SIMULATING as SIMULATING,
-        RigidOptions as RigidOptions,
         build_estimator_options as build_estimator_options,
         check_estimator as check_estimator,
         check_rigid_options as check_rigid_options,

@@ -13,8 +13,7 @@ Not supported: a choice for power and energy rows and for short logs (`choose_fi
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +37,7 @@ from symid.identification.rigid.friction_tables import balance_cutoff, limit_cut
 from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording, choose_cutoff
+from symid.options import RigidOptions, list_options
 from symid.robot import Processing, Robot, suggest_names
 
 FILTERED_INSTRUMENTAL = "filtered-instrumental"
@@ -266,42 +266,6 @@ PRIOR_OF_ROBOT = "robot"
 """The prior that stands in the robot file."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RigidOptions:
-    """Options of rows and estimators; None, or nothing, where not given.
-
-    Args:
-        rows: how measurements become equations; torque by default.
-        estimator: how equations become parameters; chosen by default.
-        window: s, the length of a momentum, filtered or energy row.
-        overlap: part of a window that the next one shares.
-        period: s, of the motion, once or once a log: noise is what differs between periods (gls).
-        prior: an estimate, its file, or "robot" for the robot file's values (ridge).
-        prior_deviation: percent of the robot file's values, or a factor on an estimate's deviations.
-        prior_weight: 1 to take the stated deviations, 0 for no prior; None to choose it by cross validation.
-        start: an estimate, or its file, that a simulating estimator begins with.
-        partial: whether to fit what is identifiable where that is less than three quarters.
-    """
-
-    rows: str | None = None
-    estimator: str | None = None
-    window: float | None = None
-    overlap: float | None = None
-    period: tuple[float, ...] = ()
-    prior: Estimate | Path | str | None = None
-    prior_deviation: float | None = None
-    prior_weight: float | None = None
-    start: Estimate | Path | None = None
-    partial: bool = False
-
-    def list_given(self) -> tuple[str, ...]:
-        """Return the options that were given, as the command line calls them, the windows' length apart."""
-        order = ("rows", "estimator", "period", "overlap")
-        names = dict.fromkeys((*order, *(entry.name for entry in fields(self) if entry.name != "window")))
-        given = (name for name in names if getattr(self, name) not in (None, (), False))
-        return tuple(f"--{name.replace('_', '-')}" for name in given)
-
-
 def check_estimator(rows: str, estimator: str | None) -> None:
     """Refuse an estimator that no rows of a rigid robot know.
 
@@ -322,24 +286,23 @@ def check_rigid_options(rows: str, estimator: str | None, options: RigidOptions)
     Raises:
         UsageError: an option belongs to other rows or to another estimator, or is out of range.
     """
-    ridge = (estimator == "ridge", "--estimator ridge")
+    ridge, flags = (estimator == "ridge", "--estimator ridge"), list_options(RigidOptions)
     wanted = {
         "window": (rows in _WINDOWED, f"--rows {', '.join(_WINDOWED)}"),
         "overlap": (rows in _OVERLAPPING, f"--rows {' and '.join(_OVERLAPPING)}"),
         "period": (estimator == "gls", "--estimator gls and --rows friction"),
-        **dict.fromkeys(("prior", "prior_deviation", "prior_weight"), ridge),
+        **dict.fromkeys(("prior", "prior_percent", "prior_factor", "prior_weight"), ridge),
         "start": (estimator in SIMULATING, f"--estimator {' and '.join(SIMULATING)}"),
     }
     found = [
-        ("mixed-options", f"--{name.replace('_', '-')} belongs to {owner}; leave it out, or choose these")
+        ("mixed-options", f"{flags[name].name_flag(name)} belongs to {owner}; leave it out, or choose these")
         for name, (fits, owner) in wanted.items()
         if getattr(options, name) not in (None, ()) and not fits
     ]
-    deviation, weight = options.prior_deviation, options.prior_weight
-    if deviation is not None and not 0.0 < deviation < math.inf:
-        found.append(("prior", f"prior deviation {deviation:g}: must be a positive number"))
-    if weight is not None and not 0.0 <= weight < math.inf:
-        found.append(("prior", f"prior weight {weight:g}: must be 0 or a positive number"))
+    own = options.prior in (None, PRIOR_OF_ROBOT)
+    if (options.prior_factor if own else options.prior_percent) is not None:
+        text = "prior_percent is of the robot file's values, prior_factor of an estimate; take the other"
+        found.append(("prior", text))
     if estimator in SIMULATING and rows != "torque":
         text = f"--estimator {estimator} needs torque rows; leave --rows {rows} out"
         found.append(("mixed-options", text))
@@ -362,11 +325,10 @@ def build_estimator_options(
         UsageError: there is no prior, or the motion does not repeat.
     """
     if estimator == "ridge":
-        deviation = options.prior_deviation
         known = (
-            build_prior_of_card(library.card, (deviation or _DEVIATION) / 100.0)
+            build_prior_of_card(library.card, (options.prior_percent or _DEVIATION) / 100.0)
             if prior is None
-            else build_prior_of_estimate(prior, deviation or 1.0)
+            else build_prior_of_estimate(prior, options.prior_factor or 1.0)
         )
         return EstimatorOptions(prior=known, prior_weight=options.prior_weight)
     if estimator == "consistent":

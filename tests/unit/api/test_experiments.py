@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import symid
+from symid import SimulateOptions
 from symid.cli.main import run
 from symid.errors import OutputError, UsageError
 from symid.excitation.reference_motion import build_motion, read_trajectory
@@ -33,10 +34,16 @@ def test_python_and_the_command_line_write_the_same_bytes(robot, found, tmp_path
     assert simulated.summarise() in printed
 
 
+def simulate(robot, **options):
+    return robot.simulate(options=SimulateOptions(**options))
+
+
 def test_numbers_of_any_type_set_the_controller(robot):
-    given = {"period": np.float32(2**-9), "bandwidth": np.int64(10), "duration": 0.25}
-    plain = robot.simulate(period=2.0**-9, bandwidth=10.0, duration=0.25)
-    assert robot.simulate(**given).q.tobytes() == plain.q.tobytes()
+    options = SimulateOptions(control_period=np.float32(2**-9))
+    same = SimulateOptions(control_period=2.0**-9)
+    plain = robot.simulate(bandwidth=10.0, duration=0.25, options=same)
+    found = robot.simulate(bandwidth=np.int64(10), duration=0.25, options=options)
+    assert found.q.tobytes() == plain.q.tobytes()
     assert np.ptp(plain.q) > 0.0
 
 
@@ -77,17 +84,33 @@ def test_a_motion_is_scaled_about_its_centre_and_cut(robot, found):
     ("call", "code"),
     [
         (lambda robot: robot.simulate("nowhere.csv"), "usage.trajectory"),
-        (lambda robot: robot.simulate(delay=0.01), "usage.rigid-sensors"),
+        (lambda robot: simulate(robot, delay=0.01), "usage.rigid-sensors"),
         (lambda robot: robot.simulate(bandwidth=0.0), "usage.range"),
-        (lambda robot: robot.simulate(period=-1e-3), "usage.range"),
-        (lambda robot: robot.simulate(stiffness=[100.0, 10.0]), "usage.gains"),
-        (lambda robot: robot.simulate(stiffness=[100.0, 10.0], damping=[-1.0, 1.0]), "usage.gains"),
-        (lambda robot: robot.simulate(bandwidth=5, stiffness=[9.0, 9.0], damping=[1.0, 1.0]), "usage.gains"),
-        (lambda robot: robot.simulate(stiffness=[9.0], damping=[1.0]), "usage.experiment"),
-        (lambda robot: robot.simulate(stiffness=["a", "b"], damping=[1.0, 1.0]), "usage.range"),
-        (lambda robot: robot.simulate(stiffness=9.0, damping=1.0), "usage.range"),
+        (lambda robot: simulate(robot, control_period=-1e-3), "usage.range"),
+        (lambda robot: simulate(robot, stiffness=[100.0, 10.0]), "usage.gains"),
+        (
+            lambda robot: robot.simulate(
+                options=SimulateOptions(stiffness=[100.0, 10.0], damping=[-1.0, 1.0])
+            ),
+            "usage.gains",
+        ),
+        (
+            lambda robot: robot.simulate(
+                bandwidth=5, options=SimulateOptions(stiffness=[9.0, 9.0], damping=[1.0, 1.0])
+            ),
+            "usage.gains",
+        ),
+        (
+            lambda robot: robot.simulate(options=SimulateOptions(stiffness=[9.0], damping=[1.0])),
+            "usage.experiment",
+        ),
+        (
+            lambda robot: robot.simulate(options=SimulateOptions(stiffness=["a", "b"], damping=[1.0, 1.0])),
+            "usage.range",
+        ),
+        (lambda robot: simulate(robot, stiffness=9.0, damping=1.0), "usage.range"),
         (lambda robot: robot.excite(start=[0.0]), "usage.excitation"),
-        (lambda robot: robot.excite(stiffness=[1.0, 1.0]), "usage.excitation"),
+        (lambda robot: robot.excite(options=symid.ExciteOptions(stiffness=[1.0, 1.0])), "usage.excitation"),
     ],
 )
 def test_what_does_not_fit_is_refused(robot, call, code):
@@ -121,13 +144,15 @@ def test_a_study_is_of_the_robot_with_its_settings():
 
 
 def test_the_controller_can_be_set(robot, tmp_path, capsys):
-    assert robot.simulate(duration=1, period=2e-3).recording.period == pytest.approx(2e-3)
+    assert robot.simulate(
+        duration=1, options=SimulateOptions(control_period=2e-3)
+    ).recording.period == pytest.approx(2e-3)
     slow = robot.simulate(duration=1, bandwidth=6.0)
     usual = robot.simulate(duration=1).to_dict()["controller"]
     # Kp = w^2 J and Kd = 2 w J.
     np.testing.assert_allclose(slow.to_dict()["controller"]["stiffness"], np.array(usual["stiffness"]) / 4.0)
     np.testing.assert_allclose(slow.to_dict()["controller"]["damping"], np.array(usual["damping"]) / 2.0)
-    own = robot.simulate(duration=1, stiffness=[4000.0, 900.0], damping=[90.0, 9.0])
+    own = robot.simulate(duration=1, options=SimulateOptions(stiffness=[4000.0, 900.0], damping=[90.0, 9.0]))
     assert own.to_dict()["controller"]["stiffness"] == (4000.0, 900.0)
     log = tmp_path / "own.npz"
     gains = ("--stiffness", "4000,900", "--damping", "90,9")
@@ -150,5 +175,7 @@ def test_an_elastic_robot_takes_the_same_options():
     arm = symid.load("two_link_elastic")
     usual, slow = arm.simulate("ta", duration=0.5), arm.simulate("ta", duration=0.5, bandwidth=5.0)
     assert np.abs(slow.tau - usual.tau).max() > 0.1
-    own = arm.simulate("ta", duration=0.5, stiffness=[4000.0, 1500.0], damping=[120.0, 40.0])
+    own = arm.simulate(
+        "ta", duration=0.5, options=SimulateOptions(stiffness=[4000.0, 1500.0], damping=[120.0, 40.0])
+    )
     np.testing.assert_array_equal(own.tau, usual.tau)

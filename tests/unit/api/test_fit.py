@@ -188,11 +188,11 @@ def test_a_notebook_sees_tables_and_notices(fit):
 
 def test_a_prior_may_be_a_fit_or_its_file(fit, robot, logs, tmp_path):
     path = fit.save(tmp_path / "fit.json")
-    options = {"estimator": "ridge", "prior_weight": 1.0}
-    first = robot.identify(logs[1], prior=fit, **options)
-    second = robot.identify(logs[1], prior=path, **options)
+    whole = symid.IdentifyOptions(estimator="ridge", prior_weight=1.0)
+    first = robot.identify(logs[1], options=dataclasses.replace(whole, prior=fit))
+    second = robot.identify(logs[1], options=dataclasses.replace(whole, prior=path))
     assert first.values == second.values
-    assert first.values != robot.identify(logs[1], **options).values
+    assert first.values != robot.identify(logs[1], options=whole).values
 
 
 def test_friction_with_a_known_rigid_part(fit, robot, logs):

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import symid
+from symid import IdentifyOptions
 from symid.identification.elastic.options import ElasticOptions
 from symid.serialization import write_json
 
+FACTOR = IdentifyOptions(prior_factor=2.0)
 PROJECT = Path(__file__).parents[3]
 
 
@@ -36,13 +38,13 @@ def find_code(call, error=symid.UsageError):
 
 
 def test_numbers_of_numpy_are_numbers(robot, log, tmp_path):
-    plain = robot.identify(log, rows="momentum", window=0.5, cutoff=40.0, decimate=2)
-    other = robot.identify(
-        log, rows="momentum", window=np.float32(0.5), cutoff=np.float32(40.0), decimate=np.int64(2)
-    )
+    half = IdentifyOptions(window=0.5)
+    plain = robot.identify(log, rows="momentum", cutoff=40.0, decimate=2, options=half)
+    half = IdentifyOptions(window=np.float32(0.5), cutoff=np.float32(40.0), decimate=np.int64(2))
+    other = robot.identify(log, rows="momentum", options=half)
     assert other.settings["window"] == plain.settings["window"] == 0.5
     assert other.values == plain.values
-    ridge = robot.identify(log, estimator="ridge", prior_weight=np.float32(1.0))
+    ridge = robot.identify(log, estimator="ridge", options=IdentifyOptions(prior_weight=np.float32(1.0)))
     assert ridge.save(tmp_path / "ridge.json").exists()
     for period in (np.int64(2), np.float32(2.0), np.array([2.0])):
         assert find_code(lambda period=period: robot.identify(log, period=period)) == "usage.mixed-options"
@@ -95,7 +97,9 @@ def test_how_a_log_is_read_is_said_before_it_is_read(robot, fit, log, tmp_path):
 
 
 def test_options_without_a_meaning_are_refused(robot, fit, log, tmp_path):
-    assert find_code(lambda: robot.identify(log, elastic=ElasticOptions())) == "usage.mixed-options"
+    assert (
+        find_code(lambda: robot.identify(log, options=IdentifyOptions(refine=False))) == "usage.mixed-options"
+    )
     page = tmp_path / "page.html"
     unread = {"processing.filter_cutoff": 20}
     assert find_code(lambda: fit.report(page, settings=unread)) == "usage.no-validation"
@@ -108,8 +112,18 @@ def test_options_without_a_meaning_are_refused(robot, fit, log, tmp_path):
     ("call", "code"),
     [
         (lambda robot, _: robot.identify("nowhere.csv", estimator="lasso"), "usage.unknown-estimator"),
-        (lambda robot, log: robot.identify(log, estimator="ridge", prior_weight=-1.0), "usage.prior"),
-        (lambda robot, log: robot.identify(log, estimator="ridge", prior_deviation=0.0), "usage.prior"),
+        (
+            lambda robot, log: robot.identify(
+                log, estimator="ridge", options=IdentifyOptions(prior_weight=-1.0)
+            ),
+            "usage.prior",
+        ),
+        (
+            lambda robot, log: robot.identify(
+                log, estimator="ridge", options=IdentifyOptions(prior_percent=0.0)
+            ),
+            "usage.prior",
+        ),
         (
             lambda robot, log: robot.identify_friction(log, model="coulomb", smoothing=-1.0),
             "usage.friction-smoothing",

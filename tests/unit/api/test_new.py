@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import symid
+from symid import DraftOptions
 from symid.errors import UsageError
 
 ROWS = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow,0,0.5,0,q\n"
@@ -21,7 +22,7 @@ def table(tmp_path):
 
 @pytest.mark.parametrize("gear", ["50,-30", [50, -30], (50.0, -30.0), np.array([50, -30])])
 def test_numbers_are_given_as_text_or_as_a_sequence(table, tmp_path, gear):
-    draft = symid.new_robot(table=table, convention="modified", gear=gear, rotors=True)
+    draft = symid.new_robot(table=table, convention="modified", rotors=True, options=DraftOptions(gear=gear))
     robot = symid.load(draft.save(tmp_path / "arm.toml"))
     assert [joint.drive.gear for joint in robot.joints] == [50.0, -30.0]
     assert all(joint.drive.has_rotor for joint in robot.joints)
@@ -30,7 +31,8 @@ def test_numbers_are_given_as_text_or_as_a_sequence(table, tmp_path, gear):
 
 
 def test_one_number_is_for_all(table):
-    draft = symid.new_robot(table=table, convention="modified", gear=80, gravity=[0, -9.81, 0])
+    options = DraftOptions(convention="modified", gear=80, gravity=[0, -9.81, 0])
+    draft = symid.new_robot(table=table, options=options)
     assert {joint.drive.gear for joint in draft.robot.joints} == {80.0}
     assert draft.notices == ()
     assert [str(part) for part in draft.robot.gravity] == ["0", "-981/100", "0"]
@@ -41,7 +43,8 @@ def test_columns_are_named_by_text_or_by_list(table, tmp_path):
     log = tmp_path / "log.csv"
     moves = np.column_stack([time, *(np.sin(k * time) for k in (1, 2, 3, 4))])
     np.savetxt(log, moves, delimiter=",", header="t [s],a,b,c [N m],d [N m]", comments="")
-    given = {"table": table, "convention": "modified", "gravity": (0, 0, -9.81), "log": log}
+    given = {"table": table, "log": log}
+    given["options"] = DraftOptions(convention="modified", gravity=(0, 0, -9.81))
     texts = {"columns": {"position": "a,b", "torque": "c,d"}, "units": {"position": "rad"}}
     lists = {"columns": {"position": ["a", "b"], "torque": ("c", "d")}, "units": {"position": ["rad"]}}
     first, second = (symid.new_robot(**given, **named) for named in (texts, lists))
@@ -55,9 +58,9 @@ def test_columns_are_named_by_text_or_by_list(table, tmp_path):
     [
         ({}, "usage.call"),
         ({"columns": {"position": "a"}}, "usage.call"),
-        ({"robot": "scara", "gear": 0}, "usage.copied"),
-        ({"convention": "modified", "gear": 0}, "usage.numbers"),
-        ({"convention": "modified", "gravity": [0, 1]}, "usage.gravity"),
+        ({"robot": "scara", "options": DraftOptions(gear=0)}, "usage.copied"),
+        ({"convention": "modified", "options": DraftOptions(gear=0)}, "usage.numbers"),
+        ({"convention": "modified", "options": DraftOptions(gravity=[0, 1])}, "usage.gravity"),
         ({"convention": "modified", "log": "log.csv", "columns": {"posision": "a"}}, "usage.quantity"),
         ({"convention": "modified", "log": "log.csv", "columns": {"position": []}}, "usage.quantity"),
     ],

@@ -26,7 +26,16 @@ validation = fit.validate("test.csv", gate=5.0)
 lib = robot.compile()
 payload = robot.payload(loaded="with.csv", empty=fit.estimate)
 
+options = symid.IdentifyOptions(prior=fit, prior_factor=2.0, thresholds=((1e-3, 2e-3), (1e-3,)))
+again = robot.identify(log, estimator="ridge", options=options)
+law = symid.LawOptions(drop_first=100, known=robot)
+
 assert_type(robot, symid.RobotModel)
+assert_type(options.prior_weight, float | None)
+assert_type(again, RigidFit | ElasticFit)
+assert_type(robot.identify_friction(log, options=law), FrictionFit)
+assert_type(robot.simulate(options=symid.SimulateOptions(control_period=0.002)).tau, npt.NDArray[np.float64])
+assert_type(robot.excite(options=symid.ExciteOptions(velocity=1.5)).condition, float)
 assert_type(robot.base, symid.BaseSet)
 assert_type(robot.base.count, int)
 assert_type(list(robot.base), list[str])
@@ -56,6 +65,9 @@ BAD = {
     'robot.identify("train.csv", cutoff="50")': "arg-type",
     'robot.write("fortran", "code")': "arg-type",
     'fit: int = symid.load_fit("fit.json")': "assignment",
+    'robot.identify("train.csv", options=symid.IdentifyOptions(threshold=3))': "call-arg",
+    'symid.SimulateOptions(control_period="1 ms")': "arg-type",
+    "robot.simulate(options=symid.ExciteOptions())": "arg-type",
     "robot.bases": "attr-defined",
     'symid.read_log("train.csv")': "call-arg",
     "symid.loads": "attr-defined",

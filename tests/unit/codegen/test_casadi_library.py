@@ -8,8 +8,8 @@ import pytest
 from symid.codegen import cache as cache_module
 from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions, prepare_material
-from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError, UsageError
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 
 BACKENDS = ("c", "python", "casadi")

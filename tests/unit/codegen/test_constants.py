@@ -11,10 +11,10 @@ from symid.codegen.casadi_functions import build_functions
 from symid.codegen.compiler import locate_compiler
 from symid.codegen.programs import count_operations
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
 from symid.dynamics import derive_base_parameters
 from symid.environment import locate_resource_folder
 from symid.errors import UsageError
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 from tests.chains import run_program
 

@@ -13,8 +13,8 @@ from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.functions import build_spring_vector
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
 from symid.joint_models import FrictionValues, get_law
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 from tests.friction_forms import find_linear_torque
 

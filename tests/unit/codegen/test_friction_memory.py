@@ -17,8 +17,8 @@ from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
 from symid.joint_models import FrictionValues
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import parse_robot, read_robot
 from tests.state_laws import (
     LAWS,

@@ -22,8 +22,8 @@ from symid.codegen.functions import (
 from symid.codegen.library import load_library
 from symid.codegen.python_targets import generate_python_module
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError, UsageError
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 from symid.serialization import read_record
 from tests.sx_programs import read_sx_program

@@ -18,9 +18,9 @@ from symid.codegen.functions import FunctionSpec, Port, list_robot_specs
 from symid.codegen.printing import group_angles, print_c, print_simd
 from symid.codegen.programs import ExpressionTable, Op, Program
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.environment import locate_resource_folder
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import parse_robot, read_robot
 
 COMPILER = locate_compiler()

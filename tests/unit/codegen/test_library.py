@@ -16,8 +16,8 @@ from symid.codegen.casadi_functions import build_functions
 from symid.codegen.library import check_outputs, load_library
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError, UsageError
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 
 NAMES = ("gravity", "mass_matrix")

@@ -14,7 +14,7 @@ from symid.codegen.programs import Op
 from symid.codegen.python_targets import generate_python_module
 from symid.codegen.references import build_references
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 
 ROBOTS = ("two_link", "two_link_elastic", "scara")

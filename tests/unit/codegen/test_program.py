@@ -7,8 +7,8 @@ from symid.codegen.functions import FunctionSpec, ModelCard, Port
 from symid.codegen.printing import print_c
 from symid.codegen.programs import ExpressionTable, Op, Operations, ValueAlgebra, count_operations
 from symid.codegen.references import build_references
-from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError
+from symid.options import GenerateOptions
 from tests.sx_programs import read_sx_program
 
 

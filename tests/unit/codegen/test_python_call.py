@@ -437,7 +437,7 @@ def keep_in(library, project, tmp_path, compiler, kind):
     from symid.codegen.casadi_functions import build_functions
     from symid.codegen.python_targets import generate_python_module
     from symid.codegen.source_folder import write_sources
-    from symid.codegen.source_text import GenerateOptions
+    from symid.options import GenerateOptions
 
     torque = np.zeros(2)
     if kind != "built in":

@@ -19,7 +19,7 @@ from symid.codegen.references import (
     evaluate_casadi,
     find_ease,
 )
-from symid.codegen.source_text import GenerateOptions
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 from tests.chains import build_chain
 

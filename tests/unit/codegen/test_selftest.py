@@ -10,7 +10,7 @@ from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.compiler import measure_code_sizes
 from symid.codegen.source_folder import write_sources
-from symid.codegen.source_text import GenerateOptions
+from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 
 NAMES = ("jacobian", "gravity", "friction", "inverse_dynamics_derivatives")

@@ -12,9 +12,10 @@ from symid.codegen.compiled_models import write_branch, write_external, write_sp
 from symid.codegen.element_code import ElementCode, build_sources
 from symid.codegen.printing import write_literal
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
-from symid.codegen.source_text import GenerateOptions, read_template_bytes, write_template
+from symid.codegen.source_text import read_template_bytes, write_template
 from symid.errors import GenerationError, UsageError
 from symid.joint_models import Elasticity, FrictionValues, Relaxation, get_dynamic_law
+from symid.options import GenerateOptions
 from symid.robot import load_robot
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import LogError, UsageError
-from symid.identification.identify import IdentifyTask, TaskContext, identify_robot
+from symid.identification import IdentifyOptions, TaskContext, identify_robot
 from symid.logs.recording import Recording
 from symid.logs.runs import read_fit_recordings
 from symid.logs.signals import low_pass, prepare_signals
@@ -68,7 +68,7 @@ def test_a_fit_to_an_uneven_log_says_so_and_is_about_as_good(log):
     def identify(one):
         (recording,) = read_fit_recordings([one], ARM)
         robot = replace(ARM, processing=Processing(automatic=True))
-        found = identify_robot(robot, [recording], IdentifyTask(), context)
+        found = identify_robot(robot, [recording], IdentifyOptions(), context)
         return found, {entry.name: entry.value for entry in found.estimate.parameters}
 
     (clean, _), (found, values) = identify(log), identify(move_stamps(log, 0.4))

@@ -157,7 +157,7 @@ def test_a_model_is_loaded_by_its_content(tmp_path):
         (tmp_path / name).write_text(text, encoding="utf-8")
         robot = symid.load(tmp_path / name)
         assert (robot.description.convention, len(robot.joints), robot.path.name) == ("mjcf", 6, name)
-    draft = symid.new_robot(urdf=tmp_path / "arm.mjcf", tip="elbow_link")
+    draft = symid.new_robot(urdf=tmp_path / "arm.mjcf", options=symid.DraftOptions(tip="elbow_link"))
     assert draft.text.count("[[joint]]") == 4
 
 
