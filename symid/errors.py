@@ -94,14 +94,20 @@ SEVERE = (
     *("log.torque-size", "log.torque-beyond-limit", "log.beyond-limits", "log.torque-delay"),
     *("log.constant-position", "log.constant-torque", "log.velocity-differs", "log.repeated-samples"),
     *("log.gap", "log.jitter", "log.saturation", "validate.fitted-log"),
-    *("identify.impossible-mass", "elastic.outcome", "elastic.unsettled", "identify.huber-unsettled"),
+    *("identify.impossible-mass", "elastic.outcome", "elastic.not-converged", "identify.huber-not-converged"),
     *("identify.no-filter", "identify.low-cutoff", "identify.biased-wls", "identify.moving-ends"),
     *("identify.tracking", "identify.structure"),
     *("identify.pattern", "friction.pattern"),
 )
 """Codes of warnings, the most important first: what makes values wrong stands before what blurs them."""
 MILD = (
-    *("elastic.not-told", "log.not-excited", "identify.vague", "elastic.vague", "log.standstill"),
+    *(
+        "elastic.not-identifiable",
+        "log.not-excited",
+        "identify.poorly-identifiable",
+        "elastic.poorly-identifiable",
+        "log.standstill",
+    ),
     *("identify.refused", "friction.refused", "friction.joint-refused", "log.no-reference"),
     *("robot.no-values", "codegen.cache-rebuilt", "codegen.cache-temporary"),
 )

@@ -304,7 +304,7 @@ def estimate_payload(
             "centre: state the mass by --mass"
             + (", or identify more base parameters" if system.lacking else "")
         )
-        raise IdentifiabilityError(Notice(code="payload.mass-unseen", text=text))
+        raise IdentifiabilityError(Notice(code="payload.mass-not-identifiable", text=text))
     if not weight > _SIGNIFICANT * spread:
         text = (
             f"no significant payload: its mass is {weight:.4g} kg with a standard deviation of {spread:.2g} "

@@ -90,7 +90,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         values = tuple(entry for entry in known if entry.name in names)
         rotors = tuple(entry.name for entry in estimate.parameters if entry.name not in names)
         stated = {joint.name: joint.elasticity for joint in described.axes}
-        told = {entry.joint: entry.elasticity for entry in estimate.springs if entry.told}
+        told = {entry.joint: entry.elasticity for entry in estimate.springs if entry.identifiable}
         springs = tuple(told.get(name, spring) for name, spring in stated.items()) if estimate.springs else ()
         lacking = [name for name, spring in stated.items() if spring is not None and name not in told]
         # What was taken off before the fit, for which robots have no place.
@@ -122,7 +122,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
                         file=str(source),
                     )
                     for entry in estimate.springs
-                    if not entry.told
+                    if not entry.identifiable
                 ),
                 *effects,
             ),

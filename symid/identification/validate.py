@@ -315,7 +315,7 @@ def _validate_elastic(
         lacking = [
             Notice(code="usage.no-springs", text=text, file=path)
             for path, entry in tried
-            if not entry.springs or not all(spring.told for spring in entry.springs)
+            if not entry.springs or not all(spring.identifiable for spring in entry.springs)
         ]
         if lacking:
             raise UsageError(*lacking)
@@ -332,7 +332,7 @@ def _validate_elastic(
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"
         for entry in estimate.springs
-        if entry.told and reached[entry.joint] > _BEYOND * entry.torsion
+        if entry.identifiable and reached[entry.joint] > _BEYOND * entry.torsion
     ]
     if beyond:
         text = (

@@ -91,7 +91,7 @@ def build_elastic_page(
     kept = [entry for entry in estimate.parameters if entry.name not in refused]
     if not estimate.covariance:
         kept = [replace(entry, std=math.inf) for entry in kept]
-    springs = [entry for entry in estimate.springs if entry.told]
+    springs = [entry for entry in estimate.springs if entry.identifiable]
     # A result without iterations shows those of another method.
     course = iterated if iterated is not None and len(estimate.history) < 2 else estimate
     settings = {
@@ -143,7 +143,7 @@ def build_elastic_page(
 def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> list[tuple[str, str]]:
     """Return the numbers that matter: what dynamics and springs leave of torques, and what is significant."""
     held_out = [trial for trial in trials if not trial.fitted]
-    numbers, told = [], {spring.joint for spring in estimate.springs if spring.told}
+    numbers, told = [], {spring.joint for spring in estimate.springs if spring.identifiable}
     if held_out:
         dynamics = max(entry.relative_percent for trial in held_out for entry in trial.residuals[0][1])
         springs = [compute_spring_share(joint) for trial in held_out for joint in trial.joints]

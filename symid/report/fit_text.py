@@ -368,7 +368,7 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
     """Return the table of springs: stiffness left and at small torsion, and how far they were excited."""
     from symid.joint_models import find_most_slope
 
-    told = [entry for entry in estimate.springs if entry.told]
+    told = [entry for entry in estimate.springs if entry.identifiable]
     branched, rows = any(entry.elasticity.branches for entry in told), list[Sequence[object]]()
     for entry in told:
         spring, unit = entry.elasticity, f"{entry.torque_unit}/{entry.position_unit}"

@@ -611,7 +611,7 @@ def draw_fit(estimate: AnyEstimate) -> tuple[Drawing, ...]:
     """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
     match estimate:
         case ElasticEstimate():
-            return tuple(draw_branches(entry) for entry in estimate.springs if entry.told)
+            return tuple(draw_branches(entry) for entry in estimate.springs if entry.identifiable)
         case FrictionIdentification():
             return tuple(map(build_friction_figure, estimate.joints))
     known = [entry for entry in estimate.parameters if 0.0 < entry.relative_std_percent < math.inf]

@@ -572,7 +572,7 @@ def warn_payload(found: "Payload") -> tuple[Notice, ...]:
             "Something else changed between the logs, or friction and filters bias one of them; use the same "
             "motions"
         )
-        notices.append(Notice(code="payload.unexplained", text=text))
+        notices.append(Notice(code="payload.other-changes", text=text))
     if found.friction:
         changes = _list_changes(found.friction)
         text = f"friction changed: {changes}; gear friction grows with load and falls with temperature"

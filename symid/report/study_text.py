@@ -213,7 +213,7 @@ def _list_second(study: Recovery) -> Table:
         "Cramer-Rao, % of value": lambda entry: f"{100.0 * entry.bound / abs(entry.truth):.2g}",
         "farthest, in Cramer-Rao": lambda entry: f"{entry.error:.2f}",
         "draws within 3": lambda entry: str(entry.inside),
-        "identifiable": lambda entry: "yes" if entry.told else "no",
+        "identifiable": lambda entry: "yes" if entry.identifiable else "no",
     }
     note = (
         f"Cosines with peaks 3 vs and 1 rad/s, {study.samples} samples in all, {study.slow} of them slower "

@@ -458,7 +458,7 @@ def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tu
         f"Fits to other stretches of the logs leave at most {percent:.3g} % of a motor's torque unexplained, "
         f"{noise:.2g} times its noise"
     )
-    told = {spring.joint for spring in estimate.springs if spring.told}
+    told = {spring.joint for spring in estimate.springs if spring.identifiable}
     joints = zip(evidence.springs, estimate.residual, strict=False)
     springs = [share for share, entry in joints if entry.joint in told]
     if springs:

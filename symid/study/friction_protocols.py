@@ -514,7 +514,7 @@ class RecoveredParameter:
         truth, mean, deviation: of the draws; bound: Cramer-Rao deviation.
         ratio, bias: as in the module's equations.
         error: the largest |estimate - truth| / bound; inside: draws within three bounds.
-        told: whether it is identifiable: the bound is small enough.
+        identifiable: whether it is identifiable: the bound is small enough.
     """
 
     name: str
@@ -527,7 +527,7 @@ class RecoveredParameter:
     bias: float
     error: float
     inside: int
-    told: bool
+    identifiable: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -853,8 +853,8 @@ def list_checks(
 
 
 def _check_second(study: Recovery) -> FrictionCheck:
-    known = [parameter for parameter in study.parameters if parameter.told]
-    lost = [parameter.name for parameter in study.parameters if not parameter.told]
+    known = [parameter for parameter in study.parameters if parameter.identifiable]
+    lost = [parameter.name for parameter in study.parameters if not parameter.identifiable]
     inside = min((parameter.inside for parameter in known), default=0)
     mean = max((abs(entry.mean - entry.truth) / entry.bound for entry in known), default=0.0)
     found = f"means {mean:.2f} bounds off at most; {inside} of {study.draws} draws within 3"

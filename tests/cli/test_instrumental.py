@@ -111,7 +111,9 @@ def test_parameters_that_are_hardly_known_are_said_so(capsys, folder, tmp_path, 
     vague = [
         entry["name"] for entry in answer["result"]["parameters"] if entry["std"] > 0.3 * abs(entry["value"])
     ]
-    (told,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "identify.vague")
+    (told,) = (
+        entry["text"] for entry in answer["warnings"] if entry["code"] == "identify.poorly-identifiable"
+    )
     assert vague
     assert f" 30 %): {', '.join(vague)}." in told
 

@@ -140,7 +140,7 @@ def test_what_noise_hides_is_refused_with_warnings(capsys, arm, tmp_path):
     )
     assert code == 0, answer
     assert answer["result"]["inertia"]["xx"] is None
-    assert {"payload.refused", "payload.unexplained", "payload.friction-changed"} <= set(find_codes(answer))
+    assert {"payload.refused", "payload.other-changes", "payload.friction-changed"} <= set(find_codes(answer))
     assert answer["result"]["friction"][0]["name"] == "Fc1"
     assert answer["result"]["unexplained"][0]["name"] == "ZZR1"
     code = run(

@@ -322,7 +322,10 @@ def test_one_joint_without_visible_torsion_is_said_and_the_others_are_found(arm,
     told = [notice.text for notice in found.notices if notice.code == "elastic.no-torsion"]
     assert len(told) == 1
     assert "joint 'elbow'" in told[0]
-    assert [(spring.told, spring.reason) for spring in found.springs] == [(True, ""), (False, told[0])]
+    assert [(spring.identifiable, spring.reason) for spring in found.springs] == [
+        (True, ""),
+        (False, told[0]),
+    ]
     assert ("spring of elbow", told[0]) in found.refused
     assert found.springs[0].elasticity.initial_stiffness == pytest.approx(600.0, rel=0.1)
 
@@ -340,7 +343,7 @@ def test_a_torsion_of_the_size_of_the_noise_tells_no_spring(arm, run):
         torque=run.recording.torque,
     )
     found = identify_elastic(arm[1], [one], ElasticOptions(method="weighted"))
-    assert [spring.told for spring in found.springs] == [True, False]
+    assert [spring.identifiable for spring in found.springs] == [True, False]
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-6])
@@ -359,7 +362,7 @@ def test_what_a_joint_at_rest_hides_is_refused_by_name(tmp_path, arm, run, noise
     stds = {entry.name: entry.std for entry in found.parameters}
     assert {name for name, std in stds.items() if not np.isfinite(std)} == {"IA2", "Fv2", "Fc2"}
     assert np.all(np.isfinite(values(found)))
-    assert [spring.told for spring in found.springs] == [True, False]
+    assert [spring.identifiable for spring in found.springs] == [True, False]
     path = write_fit(found, tmp_path / "estimate.json")
     assert read_fit(path, arm[1].card) == found
 
@@ -369,7 +372,7 @@ def test_an_encoder_that_never_changes_tells_no_torsion(arm, run):
     stuck[:, 0] = 0.1
     dead = replace(run.recording, position=stuck)
     found = identify_elastic(arm[1], [dead], ElasticOptions(method="weighted"))
-    assert [spring.told for spring in found.springs] == [False, True]
+    assert [spring.identifiable for spring in found.springs] == [False, True]
     told = [notice.text for notice in found.notices if notice.code == "elastic.dead-encoder"]
     assert len(told) == 1
     assert re.search("'shoulder'.* link encoder", told[0])
@@ -413,7 +416,7 @@ def test_one_joint_with_its_sides_swapped_has_no_spring(arm, run):
     position[:, 1], motor[:, 1] = run.recording.motor_position[:, 1], run.recording.position[:, 1]
     wrong = replace(run.recording, position=position, motor_position=motor)
     found = identify_elastic(arm[1], [wrong], ElasticOptions(method="weighted"))
-    assert [spring.told for spring in found.springs] == [True, False]
+    assert [spring.identifiable for spring in found.springs] == [True, False]
     assert "elastic.no-spring" in {notice.code for notice in found.notices}
     assert "spring of elbow" in dict(found.refused)
 
@@ -426,7 +429,7 @@ def test_what_the_motion_of_one_joint_does_not_tell_is_refused(arm, joint, hidde
     assert {name for name, _ in found.refused} == hidden
     stated = {entry.name: (f"{entry.std:.3g}", f"{entry.value:.3g}") for entry in found.parameters}
     assert all(number in reason for name, reason in found.refused for number in stated[name])
-    assert "elastic.not-told" in {notice.code for notice in found.notices}
+    assert "elastic.not-identifiable" in {notice.code for notice in found.notices}
     wrong = np.abs(values(found) - find_truth(arm[1]))
     names = [entry.name for entry in found.parameters]
     # What is kept is right; what is refused need not be.
@@ -438,8 +441,8 @@ def test_what_the_motion_of_one_joint_does_not_tell_is_refused(arm, joint, hidde
 def test_all_is_told_by_a_motion_of_all_joints(estimate):
     """Parameters that are zero are known to be so."""
     assert estimate.refused == ()
-    assert all(spring.told for spring in estimate.springs)
-    assert "elastic.not-told" not in {notice.code for notice in estimate.notices}
+    assert all(spring.identifiable for spring in estimate.springs)
+    assert "elastic.not-identifiable" not in {notice.code for notice in estimate.notices}
 
 
 def test_energy_rows_of_many_joints_are_warned_of(robots_folder):
@@ -468,7 +471,7 @@ def test_rows_that_begin_before_stops_have_settled_are_said(arm):
     options = replace(build_clean_options(), duration=12.0)
     late = simulate_elastic(*arm, growing, options, np.random.default_rng(0))
     found = identify_elastic(arm[1], [late.recording], ElasticOptions(method="weighted"))
-    told = [notice.text for notice in found.notices if notice.code == "elastic.unsettled"]
+    told = [notice.text for notice in found.notices if notice.code == "elastic.not-converged"]
     assert told
     # The stop, when its state is known, and when rows begin.
     assert re.search(r"stop at 0\.\d+ rad .* [0-9.]+ s .* 3 s:", told[0])
@@ -513,7 +516,7 @@ def test_a_slow_motion_of_one_joint_leaves_doubts(arm):
     slow = simulate_elastic(*arm, build_tb(0), options, np.random.default_rng(1))
     found = identify_elastic(arm[1], [slow.recording], ElasticOptions(method="two-step", iterations=2))
     codes = {notice.code for notice in found.notices}
-    assert "elastic.vague" in codes
+    assert "elastic.poorly-identifiable" in codes
     assert "elastic.outcome" in codes
 
 

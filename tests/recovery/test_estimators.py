@@ -157,7 +157,7 @@ def test_huber_says_where_it_does_not_settle():
         velocity_units=("m/s",),
     )
     (notice,) = fit_huber(rows, analyse_identifiability(rows)).notices
-    assert notice.code == "identify.huber-unsettled"
+    assert notice.code == "identify.huber-not-converged"
     assert "after 100 iterations" in notice.text
     calm = select_rows(rows, rows.time < 0.4)
     assert not fit_huber(calm, analyse_identifiability(calm)).notices

@@ -40,7 +40,7 @@ def test_dynamics_and_the_one_spring_are_found(fit):
         if entry.name in ("ZZR1", "MXR1", "ZZ2", "MX2", "IA1", "IA2"):
             assert away <= 0.02 * abs(TRUTH[entry.name]), entry
     (spring,) = fit.springs
-    assert (spring.joint, spring.told) == ("shoulder", True)
+    assert (spring.joint, spring.identifiable) == ("shoulder", True)
     assert not fit.estimate.refused or {name for name, _ in fit.estimate.refused} <= {"MY1", "MY2"}
     assert fit.verdict.level == "good"
 

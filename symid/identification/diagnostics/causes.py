@@ -364,7 +364,7 @@ def find_cause(
     said = "the model explains only part of the torque, and no single mistake in the log explains why"
     remedy = "check dimensions and gravity of the robot file, and that the log is of this robot"
     if before.percent >= _UNRELATED:
-        code, said = "log.foreign-torque", "the torques have nothing to do with this motion"
+        code, said = "log.unrelated-torque", "the torques have nothing to do with this motion"
         remedy = "check that torque and position columns are of the same run and of this robot"
     elif odd:
         code = "log.impossible"

@@ -64,16 +64,16 @@ FIT_WARNINGS: Mapping[str, FitWarning] = {
         "impossible for a robot",
         "record more excitation, add the missing term to the model, or use --estimator consistent",
     ),
-    "identify.vague": FitWarning(
+    "identify.poorly-identifiable": FitWarning(
         "poorly identifiable (standard deviation above {percent:g} %): {names}",
         "they matter little in these logs, or need a motion that excites them more",
     ),
-    "elastic.vague": FitWarning(
+    "elastic.poorly-identifiable": FitWarning(
         "poorly identifiable (standard deviation above {percent:g} %): {names}",
         "fast motions separate rotor from link inertias, and different poses identify gravity parameters: "
         "add such motions, or take rotor inertias from data sheets",
     ),
-    "elastic.not-told": FitWarning(
+    "elastic.not-identifiable": FitWarning(
         "not identifiable (standard deviation above the value): {names}",
         "move these joints, fast and slowly, alone and with the others",
     ),
@@ -218,7 +218,7 @@ def warn_of_mass_matrix(
 def warn_of_poorly_identifiable(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...]:
     """Return a notice on parameters whose standard deviation is a large part of them."""
     poor = ", ".join(entry.name for entry in parameters if entry.relative_std_percent > _POOR_PERCENT)
-    return (build_warning("identify.vague", percent=_POOR_PERCENT, names=poor),) if poor else ()
+    return (build_warning("identify.poorly-identifiable", percent=_POOR_PERCENT, names=poor),) if poor else ()
 
 
 def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:

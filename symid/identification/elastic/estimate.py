@@ -20,7 +20,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import ClassVar, final
 
 import numpy as np
@@ -43,7 +43,7 @@ from symid.identification.regression import RankRule, compute_spectrum
 from symid.ipopt import Ending
 from symid.joint_models import NO_FRICTION, Elasticity, compute_stop_basis, find_most_slope, get_law
 from symid.logs import differentiate
-from symid.serialization import Finite
+from symid.serialization import Finite, keep_name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,7 +109,7 @@ class SpringEstimate:
         torque: the largest |tau_J| that the spring gave: knees beyond it are not identifiable.
         torque_std: standard deviation of its torque in the recordings, rms, N m or N; slope_std: that of the
             largest slope, without branches that near zero, N m/rad or N/m; None where not computed.
-        told: whether the spring is identifiable; where not, its numbers mean nothing: `reason` says why.
+        identifiable: whether the spring is; where not, its numbers mean nothing, and `reason` says why.
     """
 
     joint: str
@@ -120,7 +120,7 @@ class SpringEstimate:
     excited: Finite
     torque: Finite
     truth: Elasticity | None = None
-    told: bool = True
+    identifiable: bool = field(default=True, metadata=keep_name("told"))
     reason: str = ""
     torque_std: Finite | None = None
     slope_std: Finite | None = None

@@ -134,7 +134,7 @@ def _list_springs(
             excited=max(slipped, default=0.0),
             torque=max(float(np.abs(part).max()) for part in torque),
             truth=stated if stated is not None and stated.initial_stiffness is not None else None,
-            told=joint not in refused,
+            identifiable=joint not in refused,
             reason=refused[joint].text if joint in refused else "",
             torque_std=torque_std,
             slope_std=slope_std,
@@ -228,7 +228,7 @@ def warn_of_fit(
     # Infinite deviations are refused by name.
     unknown = list_unknown_parameters(work, fit)
     if unknown:
-        notices.append(build_warning("elastic.not-told", names=", ".join(unknown)))
+        notices.append(build_warning("elastic.not-identifiable", names=", ".join(unknown)))
     percents = 100.0 * compute_relative_deviations(work, fit)
     poor = [
         card.name
@@ -236,7 +236,9 @@ def warn_of_fit(
         if _POOR_PERCENT < percent < np.inf and card.name not in unknown
     ]
     if poor:
-        notices.append(build_warning("elastic.vague", percent=_POOR_PERCENT, names=", ".join(poor)))
+        notices.append(
+            build_warning("elastic.poorly-identifiable", percent=_POOR_PERCENT, names=", ".join(poor))
+        )
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
     return (
         *notices,
@@ -330,7 +332,7 @@ def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection
                     f"be wrong by up to {torque:.3g} {card.torque_unit}. Begin logs with the largest load to "
                     "both sides"
                 )
-                yield Notice(code="elastic.unsettled", text=text)
+                yield Notice(code="elastic.not-converged", text=text)
 
 
 def prepare_methods(

@@ -133,7 +133,7 @@ def evaluate_elastic(
         options,
         estimate.build_fit(library.card),
         initial=initial,
-        identifiable=[None if spring is None else spring.told for spring in springs],
+        identifiable=[None if spring is None else spring.identifiable for spring in springs],
         truth=[None if spring is None else spring.truth for spring in springs],
         effects=estimate.effects,
         fitted=measure_overlap(recording, estimate.sources, estimate.settings) > 0.0,

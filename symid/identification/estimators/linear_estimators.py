@@ -176,7 +176,7 @@ def fit_ridge(
             "prior_weight": weight,
             "prior_weight_chosen": bool(scores),
             # Residual of the held-out blocks, relative to their weighted torque, for each weight.
-            "foretold_percent": [
+            "predicted_percent": [
                 (entry, 100.0 * float(np.sqrt(score / whole))) for entry, score in scores.items()
             ],
         },
@@ -237,7 +237,7 @@ def fit_huber(
         residuals=residuals,
         condition=plain.condition,
         weights=np.sqrt(_BEND / np.maximum(np.abs(ratios), _BEND) * rows.weight) / scale[rows.group],
-        notices=() if change <= _CONVERGED else (Notice(code="identify.huber-unsettled", text=text),),
+        notices=() if change <= _CONVERGED else (Notice(code="identify.huber-not-converged", text=text),),
         report={"outliers_percent": 100.0 * float(np.mean(np.abs(ratios) > _BEND)), "iterations": steps},
     )
 

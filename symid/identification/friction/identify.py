@@ -380,7 +380,7 @@ def _identify_joint(
             "degrees; torque of the joint, not of the motor), columns and signs of the log, and whether "
             "torque and position were sampled at the same times"
         )
-        warnings.append(Notice(code="friction.unexplained", text=text))
+        warnings.append(Notice(code="friction.large-residual", text=text))
     gain, rigid = None, extracted.rigid
     if logs.is_measured(joint) and samples.load is not None:
         # The factor on the measured load that the rows choose beside their law.

@@ -306,7 +306,7 @@ _CONVERGED = 0.05
 _EXACT = 1e-6
 """Change relative to the parameter that ends it too: a log without noise has no deviations."""
 _HALVINGS = 6
-_OF_VALUES = ("usage.negative-friction", "simulate.chatter", "simulate.unsettled")
+_OF_VALUES = ("usage.negative-friction", "simulate.chatter", "simulate.not-converged")
 """Codes of what keeps a robot from being simulated that other parameters may mend."""
 _CHANCE = 0.5
 """Change in standard deviations that is no more than another choice among valid instruments."""

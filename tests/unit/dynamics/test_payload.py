@@ -241,7 +241,7 @@ def test_parameters_that_are_missing_are_named_as_the_reason(puma):
     assert "missing" in by_name["Jxz"].reason
     with pytest.raises(IdentifiabilityError) as caught:
         estimate_payload(robot, base, keep(loaded, ["XY6", "XZ6"]), empty)
-    assert caught.value.notices[0].code == "payload.mass-unseen"
+    assert caught.value.notices[0].code == "payload.mass-not-identifiable"
     assert "base parameters" in caught.value.notices[0].text
     with pytest.raises(EstimateError) as caught:
         estimate_payload(robot, base, keep(loaded, ["XY6"]), keep(empty, ["XZ6"]))
@@ -266,7 +266,7 @@ def test_a_joint_about_the_vertical_shows_no_mass():
     values = read_values(load_robot(robot), np.eye(1) * 1e-8), read_values(robot, np.eye(1) * 1e-8)
     with pytest.raises(IdentifiabilityError) as caught:
         estimate_payload(robot, base, *values)
-    assert caught.value.notices[0].code == "payload.mass-unseen"
+    assert caught.value.notices[0].code == "payload.mass-not-identifiable"
     found = estimate_payload(robot, base, *values, mass=MASS)
     told = [entry.name for entry in found.quantities if entry.value is not None]
     assert told == ["mass"]

@@ -37,7 +37,10 @@ def test_the_table_of_codes_is_of_codes_that_exist():
 
 
 def test_severe_warnings_stand_before_others_and_notes_last():
-    vague, sign = Notice(code="identify.vague", text="v"), Notice(code="log.torque-sign", text="s")
+    vague, sign = (
+        Notice(code="identify.poorly-identifiable", text="v"),
+        Notice(code="log.torque-sign", text="s"),
+    )
     other = Notice(code="export.spring", text="o")
     doubt = Notice(code="identify.doubtful", text="d")
     given = (note(), vague, other, sign, doubt, vague)

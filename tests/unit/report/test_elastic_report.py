@@ -101,7 +101,7 @@ def estimate():
         sources=("<fit>",),
         settings={"stops": 8, "nested": {"rate": 60.0}},
         covariance=tuple(tuple(row) for row in np.diag(np.full(4, 0.004**2)).tolist()),
-        notices=(Notice(code="elastic.vague", text="said once"),),
+        notices=(Notice(code="elastic.poorly-identifiable", text="said once"),),
     )
 
 
@@ -462,12 +462,12 @@ def test_without_a_held_out_log_stretches_of_its_own_logs_judge(
 
 
 def test_a_refused_spring_does_not_judge(estimate):
-    lost = replace(estimate.springs[0], told=False, reason="no torsion")
+    lost = replace(estimate.springs[0], identifiable=False, reason="no torsion")
     evidence = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
     plain = replace(
         estimate,
         evidence=evidence,
-        springs=(lost, replace(lost, joint="two", told=True)),
+        springs=(lost, replace(lost, joint="two", identifiable=True)),
         parameters=(),
         covariance=(),
     )

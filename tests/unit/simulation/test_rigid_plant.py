@@ -286,7 +286,7 @@ def test_no_choice_of_resting_joints_is_an_error_in_both_plants(make_arm, monkey
         monkeypatch.setattr(rigid_plant, "load_plant_code", lambda *_, **__: None)
     with pytest.raises(SolverError, match="not positive definite") as caught:
         simulate_rigid_plant(library, plant, push(swing(20, (8.0, 20.0, 3.0), 5.0)))
-    assert caught.value.notices[0].code == "simulate.unsettled"
+    assert caught.value.notices[0].code == "simulate.not-converged"
 
 
 def test_a_limit_of_zero_in_a_urdf_is_an_unknown_one(make_arm):

@@ -84,7 +84,7 @@ def test_the_second_robot_comes_back(index):
     assert np.max(np.abs(scene.velocity[:1000])) == pytest.approx(3.0 * RV_2SQ[index].values[2], rel=1e-4)
     found = summarise_recovery(scene, [fit_draw((scene, seed)) for seed in range(3)])
     assert found.law == RV_2SQ[index].law
-    assert all(entry.told and entry.error < 5.0 for entry in found.parameters)
+    assert all(entry.identifiable and entry.error < 5.0 for entry in found.parameters)
 
 
 def test_what_the_bound_forbids_is_not_told():
@@ -95,7 +95,7 @@ def test_what_the_bound_forbids_is_not_told():
     found = summarise_recovery(
         scene, [(scene.physical, 1)] * 2 + [(tuple(1.1 * v for v in scene.physical), 1)]
     )
-    assert {entry.name: entry.told for entry in found.parameters} == {
+    assert {entry.name: entry.identifiable for entry in found.parameters} == {
         "fC": True,
         "fS": True,
         "vs": False,

@@ -138,7 +138,9 @@ def test_a_default_that_is_beaten_or_too_dear_is_named(study, contest):
 def test_parameters_beyond_the_bound_are_named_and_left_out(study):
     second = study.second[1]
     lost = tuple(
-        replace(entry, told=entry.name != "vs", inside=0 if entry.name == "vs" else 100, mean=entry.truth)
+        replace(
+            entry, identifiable=entry.name != "vs", inside=0 if entry.name == "vs" else 100, mean=entry.truth
+        )
         for entry in second.parameters
     )
     check = check_of(find(study, second=[replace(second, draws=100, parameters=lost)]), "RV-2SQ 2")

@@ -187,7 +187,7 @@ def test_noise_for_torque_is_foreign(library, logs):
     noise = np.random.default_rng(3).normal(size=logs[0].torque.shape)
     found, cause, _ = diagnose(library, replace(logs[0], torque=noise))
     assert np.all(found.held_out > 95.0)
-    assert (cause.code, cause.percent) == ("log.foreign-torque", float("inf"))
+    assert (cause.code, cause.percent) == ("log.unrelated-torque", float("inf"))
 
 
 def test_a_delay_longer_than_the_log_explains_nothing():

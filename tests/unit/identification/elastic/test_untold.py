@@ -104,7 +104,10 @@ def test_solutions_are_short_where_rows_do_not_tell(arm, rows, sign):
 
 def refuse(estimate):
     """Return the estimate with the second spring refused."""
-    springs = (estimate.springs[0], replace(estimate.springs[1], told=False, reason="it is for the test"))
+    springs = (
+        estimate.springs[0],
+        replace(estimate.springs[1], identifiable=False, reason="it is for the test"),
+    )
     return replace(estimate, springs=springs)
 
 

@@ -222,8 +222,8 @@ def test_a_torque_that_nothing_explains_is_told():
     recording = record(1.0, law="coulomb-viscous-offset")
     noise = 20.0 * np.random.default_rng(0).normal(size=recording.torque.shape)
     noisy = replace(recording, torque=recording.torque + noise)
-    assert "degrees" in find_notices(noisy, model="coulomb-viscous-offset")["friction.unexplained"]
-    assert "friction.unexplained" not in find_notices(recording, model="coulomb-viscous-offset")
+    assert "degrees" in find_notices(noisy, model="coulomb-viscous-offset")["friction.large-residual"]
+    assert "friction.large-residual" not in find_notices(recording, model="coulomb-viscous-offset")
 
 
 def test_a_residual_with_a_pattern_is_told():

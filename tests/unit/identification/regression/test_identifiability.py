@@ -163,7 +163,7 @@ def test_parameters_that_are_hardly_known_are_named():
     recording = build_recording(library, ONE_AXIS_TRUTH, noise=(2000.0,))
     estimate = identify_parameters(library, [recording], replace(FILTERED, drop_first=10, drop_last=10))
     (notice,) = estimate.notices
-    assert notice.code == "identify.vague"
+    assert notice.code == "identify.poorly-identifiable"
     assert "offset1" in notice.text
 
 

@@ -74,7 +74,7 @@ def compare(one, other, *, deviations=True):
     assert other.condition == pytest.approx(one.condition, rel=1e-9)
     # In memory evidence speaks for these.
     apart = {"identify.structure", "identify.impossible-mass"}
-    apart |= set() if deviations else {"identify.pattern", "identify.vague"}
+    apart |= set() if deviations else {"identify.pattern", "identify.poorly-identifiable"}
     listed = ([entry for entry in found.notices if entry.code not in apart] for found in (one, other))
     assert next(listed) == next(listed)
     assert other.evidence is None
