@@ -27,31 +27,20 @@ def robot():
     return replace(stated, joints=joints)
 
 
-def make_choice():
-    selection = LawSelection(trials=(), chosen="stribeck", verdict="It was.", blocks=10)
-    joints = tuple(JointLaw(joint=name, friction=STRIBECK, selection=selection) for name in NAMES)
-    return FrictionChoice(joints=joints, beta=np.zeros(6), motion=None)
-
-
 def make_fit(left, calls):
     """Return a fit whose joints leave what `left` says of them with Stribeck friction, else `PLAIN_LEFT`."""
 
     def fit(robot):
         laws = {joint.name: joint.friction.law for joint in robot.axes}
         calls.append(laws)
-        joints = [
+        rest = dict.fromkeys(("fitted", "moving", "resting", "torque"), 1.0)
+        joints = tuple(
             JointEvidence(
-                joint=name,
-                fitted=1.0,
-                held_out=PLAIN_LEFT[name] if law == PLAIN else left[name],
-                moving=1.0,
-                resting=1.0,
-                share=0.0,
-                torque=1.0,
+                joint=name, held_out=(PLAIN_LEFT if law == PLAIN else left)[name], share=0.0, **rest
             )
             for name, law in laws.items()
-        ]
-        return SimpleNamespace(evidence=SimpleNamespace(joints=tuple(joints))), robot, None
+        )
+        return SimpleNamespace(evidence=SimpleNamespace(joints=joints)), robot, None
 
     return fit
 
@@ -62,41 +51,34 @@ def give_up(robot, left, names=NAMES):
     fit = make_fit(left, calls)
     found, plain = fit(robot), fit(_make_plain(robot, [name for name in names if names[name] == "auto"]))
     calls.clear()
-    choice, result = _give_up_worse(make_choice(), names, fit, found, plain)
+    selection = LawSelection(trials=(), chosen="stribeck", verdict="It was.", blocks=10)
+    joints = tuple(JointLaw(joint=name, friction=STRIBECK, selection=selection) for name in NAMES)
+    made = FrictionChoice(joints=joints, beta=np.zeros(6), motion=None)
+    choice, result = _give_up_worse(made, names, fit, found, plain)
     return {joint.name: joint.friction.law for joint in result[1].axes}, choice, calls
 
 
-def test_laws_that_predict_better_stay(robot):
+def test_laws_that_predict_better_stay_and_others_give_way_at_their_joints_alone(robot):
     laws, choice, calls = give_up(robot, {"shoulder": 2.0, "elbow": 4.03})
     assert set(laws.values()) == {"stribeck"}
     assert (choice.notices, calls) == ((), [])
     assert [law.selection.chosen for law in choice.joints] == ["stribeck", "stribeck"]
-
-
-def test_a_law_that_predicts_worse_gives_way_at_its_joint_alone(robot):
     laws, choice, calls = give_up(robot, {"shoulder": 2.0, "elbow": 4.3})
     assert laws == {"shoulder": "stribeck", "elbow": PLAIN}
     assert calls == [laws]
     assert [law.selection.chosen for law in choice.joints] == ["stribeck", PLAIN]
-    assert (
-        choice.joints[1].selection.verdict == f"It was. In fits of the whole robot {PLAIN} predicts better."
-    )
+    verdict = choice.joints[1].selection.verdict
+    assert verdict == f"It was. In fits of the whole robot {PLAIN} predicts better."
     (notice,) = choice.notices
     assert notice.code == "identify.plain-friction"
     assert notice.text.endswith(f"(elbow: stribeck leaves 4.3 %, {PLAIN} 4 %)")
-
-
-def test_where_all_are_worse_the_fit_of_the_plain_law_is_there_already(robot):
+    # Where all are worse the fit of the plain law is there already.
     laws, choice, calls = give_up(robot, {"shoulder": 3.2, "elbow": 5.0})
-    assert set(laws.values()) == {PLAIN}
-    assert calls == []
+    assert (set(laws.values()), calls) == ({PLAIN}, [])
     assert "shoulder: stribeck leaves 3.2 %" in choice.notices[0].text
-
-
-def test_laws_that_were_named_stay(robot):
-    laws, choice, _ = give_up(
-        robot, {"shoulder": 5.0, "elbow": 5.0}, {"shoulder": "stribeck", "elbow": "auto"}
-    )
+    # Laws that were named stay.
+    names = {"shoulder": "stribeck", "elbow": "auto"}
+    laws, choice, _ = give_up(robot, {"shoulder": 5.0, "elbow": 5.0}, names)
     assert laws == {"shoulder": "stribeck", "elbow": PLAIN}
     assert "shoulder" not in choice.notices[0].text
 

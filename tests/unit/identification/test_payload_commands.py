@@ -48,17 +48,14 @@ def carry(joint, refused=(), scale=1.0):
         for name, value in zip(PAYLOAD_QUANTITIES, values, strict=True)
     )
     standard = np.array(compute_standard_parameters(MASS, CENTRE, INERTIA))
-    return Payload(
-        joint=joint,
-        quantities=quantities,
-        standard=standard,
-        chi2=1.0,
-        freedom=1,
-        scale=1.0,
-        moved=0.0,
-        unexplained=(),
-        friction=(),
-    )
+    rest = {"chi2": 1.0, "freedom": 1, "scale": 1.0, "moved": 0.0, "unexplained": (), "friction": ()}
+    return Payload(joint=joint, quantities=quantities, standard=standard, **rest)
+
+
+def command_wrist(controller, frame="flange", refused=(), tip=None, **options):
+    """Return the command of the wrist's payload, given in the file's frame of its hand."""
+    robot = parse_urdf(WRIST, tip=tip)
+    return build_payload_command(robot, carry("b", refused, **options), controller, frame)
 
 
 def find_expected(base, frame):
@@ -79,18 +76,16 @@ def assert_same(command, body):
     [("hand", None), ("plate", None), ("flange", None), ("hand", "plate"), ("plate", "plate")],
 )
 def test_a_link_of_the_urdf_is_the_flange(frame, tip):
-    robot = parse_urdf(WRIST, tip=tip)
     # With a tip its frame is that of the last link, in which payloads are given then.
-    assert_same(build_payload_command(robot, carry("b"), "ur", frame), find_expected(tip or "hand", frame))
+    assert_same(command_wrist("ur", frame, tip=tip), find_expected(tip or "hand", frame))
 
 
 def test_the_link_frame_is_the_default_and_said():
-    command = build_payload_command(parse_urdf(WRIST), carry("b"), "franka")
+    command = command_wrist("franka", None)
     assert_same(command, BODY)
-    codes = [notice.code for notice in command.notices]
-    assert codes == ["payload.controller-frame", "payload.controller-scope"]
+    told = [(notice.code, notice.is_note) for notice in command.notices]
+    assert told == [("payload.controller-frame", False), ("payload.controller-scope", True)]
     assert "one of the links hand, plate, flange" in command.notices[0].text
-    assert [notice.is_note for notice in command.notices] == [False, True]
     assert command.frame == "the link frame of joint 'b'"
 
 
@@ -110,21 +105,20 @@ def read_lists(text):
 
 
 def test_universal_robots_get_a_line_of_urscript():
-    command = build_payload_command(parse_urdf(WRIST), carry("b"), "ur", "flange")
+    command = command_wrist("ur")
     text = command.texts["URScript"]
     assert re.fullmatch(r"set_target_payload\(1\.5, \[[^]]+\], \[[^]]+\]\)", text)
     assert "e" not in text.replace("set_target_payload", "")
     com, inertia = read_lists(text)
-    xx, xy, xz, yy, yz, zz = command.inertia
     np.testing.assert_allclose(com, command.com, rtol=1e-8)
-    np.testing.assert_allclose(inertia, [xx, yy, zz, xy, xz, yz], rtol=1e-8)
+    np.testing.assert_allclose(inertia, np.array(command.inertia)[[0, 3, 5, 1, 2, 4]], rtol=1e-8)
     assert command.texts["URScript, older"] == text.split("], [")[0].replace("set_target", "set") + "])"
     assert "5.10" in command.notices[-1].text
     assert command.text.startswith("for ur, in the frame of the link 'flange':\nURScript: set_target")
 
 
 def test_franka_gets_columns():
-    command = build_payload_command(parse_urdf(WRIST), carry("b"), "franka", "flange")
+    command = command_wrist("franka")
     body = find_expected("hand", "flange")
     columns = body.inertia.T.ravel()
     call = command.texts["libfranka"]
@@ -140,7 +134,7 @@ def test_franka_gets_columns():
 
 @pytest.mark.parametrize(("controller", "left"), [("ur", "left out"), ("franka", "written as zero")])
 def test_an_inertia_that_is_not_identified_is_left_out(controller, left):
-    command = build_payload_command(parse_urdf(WRIST), carry("b", ("Jxy", "Jzz")), controller, "flange")
+    command = command_wrist(controller, refused=("Jxy", "Jzz"))
     assert command.inertia is None
     (notice, _) = command.notices
     assert notice.code == "payload.controller-inertia"
@@ -156,43 +150,38 @@ def test_an_inertia_that_is_not_identified_is_left_out(controller, left):
 @pytest.mark.parametrize("name", ["cx", "cy", "cz"])
 def test_a_centre_that_is_not_identified_is_refused(name):
     with pytest.raises(IdentifiabilityError) as caught:
-        build_payload_command(parse_urdf(WRIST), carry("b", (name,)), "ur", "flange")
+        command_wrist("ur", refused=(name,))
     (notice,) = caught.value.notices
     assert notice.code == "payload.controller-centre"
     assert f"{name}: lost in noise" in notice.text
 
 
 def test_limits_of_the_controller_are_checked():
-    with pytest.raises(EstimateError) as caught:
-        build_payload_command(parse_urdf(WRIST), carry("b", scale=5e4), "ur", "flange")
+    with pytest.raises(EstimateError, match=r"at most 133 kg m\^2") as caught:
+        command_wrist("ur", scale=5e4)
     assert caught.value.notices[0].code == "payload.controller-limit"
-    assert "at most 133 kg m^2" in caught.value.notices[0].text
-    assert build_payload_command(parse_urdf(WRIST), carry("b", scale=5e4), "franka", "flange").inertia
+    assert command_wrist("franka", scale=5e4).inertia
+
+
+FRAME = "usage.payload-frame"
 
 
 @pytest.mark.parametrize(
     ("controller", "frame", "code", "words"),
     [
         ("kuka", None, "usage.controller", "known are ur, franka"),
-        ("ur", "flnage", "usage.payload-frame", "there is no link 'flnage', did you mean "),
-        (
-            "ur",
-            "upper",
-            "usage.payload-frame",
-            "is moved by joint 'a'; --frame takes a link on joint 'b' (hand,",
-        ),
-        ("ur", "1,2,3", "usage.payload-frame", "expected the name of a link, or six numbers"),
-        ("ur", (1, 2, 3, 4, 5, float("nan")), "usage.payload-frame", "six numbers"),
+        ("ur", "flnage", FRAME, "there is no link 'flnage', did you mean "),
+        ("ur", "upper", FRAME, "is moved by joint 'a'; --frame takes a link on joint 'b' (hand,"),
+        ("ur", "1,2,3", FRAME, "expected the name of a link, or six numbers"),
+        ("ur", (1, 2, 3, 4, 5, float("nan")), FRAME, "six numbers"),
     ],
 )
 def test_wrong_calls_are_told(controller, frame, code, words):
     with pytest.raises(UsageError) as caught:
-        build_payload_command(parse_urdf(WRIST), carry("b"), controller, frame)
+        command_wrist(controller, frame)
     (notice,) = caught.value.notices
     assert notice.code == code
     assert words in notice.text
-
-
-def test_a_link_that_was_cut_off_is_no_flange():
+    # A link that was cut off is no flange.
     with pytest.raises(UsageError):
-        build_payload_command(parse_urdf(WRIST, tip="plate"), carry("b"), "ur", "flange")
+        command_wrist("ur", tip="plate")

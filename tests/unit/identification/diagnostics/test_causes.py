@@ -16,6 +16,7 @@ from tests.unit.identification.pinocchio_arm import ARM, record_arm
 
 LATE = 20
 """Samples, 100 ms."""
+ALL = slice(None)
 
 
 @pytest.fixture(scope="module")
@@ -61,51 +62,32 @@ def exchange(first, second, *names):
     return spoil
 
 
-def delay(log, samples=LATE):
-    """Return the log with torques that come so many samples after the motion."""
-    return replace(
-        log, time=log.time[:-samples], position=log.position[samples:], torque=log.torque[:-samples]
-    )
+def delay(log):
+    """Return the log with torques that come `LATE` after the motion."""
+    return replace(log, time=log.time[:-LATE], position=log.position[LATE:], torque=log.torque[:-LATE])
 
 
-def advance(log, samples=LATE):
-    return replace(
-        log, time=log.time[:-samples], position=log.position[:-samples], torque=log.torque[samples:]
-    )
+def advance(log):
+    return replace(log, time=log.time[:-LATE], position=log.position[:-LATE], torque=log.torque[LATE:])
 
 
+SIGN, UNIT, SWAPPED = "log.torque-sign", "log.wrong-unit", "log.swapped-joints"
 MISTAKES = {
-    "all torques": (lambda log: replace(log, torque=-log.torque), "log.torque-sign", "all torques"),
-    "torque 2": (change("torque", 1, np.negative), "log.torque-sign", "torque of joint 'joint2'"),
-    "torque 3": (change("torque", 2, np.negative), "log.torque-sign", "torque of joint 'joint3'"),
+    "all torques": (lambda log: replace(log, torque=-log.torque), SIGN, "all torques"),
+    "torque 2": (change("torque", 1, np.negative), SIGN, "torque of joint 'joint2'"),
+    "torque 3": (change("torque", 2, np.negative), SIGN, "torque of joint 'joint3'"),
     "position 2": (change("position", 1, np.negative), "log.position-sign", "position of joint 'joint2'"),
     "position 3": (change("position", 2, np.negative), "log.position-sign", "position of joint 'joint3'"),
-    "torques 1 2": (exchange(0, 1, "torque"), "log.swapped-joints", "torques of 'joint1' and 'joint2'"),
-    "torques 2 3": (exchange(1, 2, "torque"), "log.swapped-joints", "torques of 'joint2' and 'joint3'"),
-    "positions 1 3": (
-        exchange(0, 2, "position"),
-        "log.swapped-joints",
-        "positions of 'joint1' and 'joint3'",
-    ),
-    "joints 2 3": (
-        exchange(1, 2, "position", "torque"),
-        "log.swapped-joints",
-        "joints 'joint2' and 'joint3' are",
-    ),
-    "degrees": (
-        lambda log: replace(log, position=np.degrees(log.position)),
-        "log.wrong-unit",
-        "positions are in degrees",
-    ),
-    "radians": (
-        lambda log: replace(log, position=np.radians(log.position)),
-        "log.wrong-unit",
-        "positions are in radians",
-    ),
-    "degrees 3": (change("position", 2, np.degrees), "log.wrong-unit", "joint 'joint3' are in degrees"),
+    "torques 1 2": (exchange(0, 1, "torque"), SWAPPED, "torques of 'joint1' and 'joint2'"),
+    "torques 2 3": (exchange(1, 2, "torque"), SWAPPED, "torques of 'joint2' and 'joint3'"),
+    "positions 1 3": (exchange(0, 2, "position"), SWAPPED, "positions of 'joint1' and 'joint3'"),
+    "joints 2 3": (exchange(1, 2, "position", "torque"), SWAPPED, "joints 'joint2' and 'joint3' are"),
+    "degrees": (change("position", ALL, np.degrees), UNIT, "positions are in degrees"),
+    "radians": (change("position", ALL, np.radians), UNIT, "positions are in radians"),
+    "degrees 3": (change("position", 2, np.degrees), UNIT, "joint 'joint3' are in degrees"),
     "millinewton": (
         change("torque", 2, lambda x: 1e3 * x),
-        "log.wrong-unit",
+        UNIT,
         "torque of joint 'joint3' is about 1000 times",
     ),
     "slower": (lambda log: replace(log, time=2.0 * log.time), "log.time-scale", " 2 times "),
@@ -173,17 +155,12 @@ def test_logs_without_a_mistake_name_none(library, logs):
         assert not impossible
         # No mistake undone makes them better: all that could be said is that the model is not exact.
         assert (cause.code, cause.percent) == ("log.other-robot", float("inf"))
-
-
-def test_what_no_torque_shows_is_not_named(library, logs):
-    """A zero of the upright axis, or of the last joint, goes into the parameters."""
+    # A zero of the upright axis, or of the last joint, no torque shows: it goes into the parameters.
+    clean = diagnose(library, logs[0])[0]
     for joint in (0, 2):
         found, cause, _ = diagnose(library, change("position", joint, lambda x: x + 0.8)(logs[0]))
         assert cause.code == "log.other-robot"
-        np.testing.assert_allclose(found.held_out, diagnose(library, logs[0])[0].held_out, rtol=1e-3)
-
-
-def test_noise_for_torque_is_foreign(library, logs):
+        np.testing.assert_allclose(found.held_out, clean.held_out, rtol=1e-3)
     noise = np.random.default_rng(3).normal(size=logs[0].torque.shape)
     found, cause, _ = diagnose(library, replace(logs[0], torque=noise))
     assert np.all(found.held_out > 95.0)

@@ -1,5 +1,8 @@
 """What speaks against an estimate is said, and nothing is said of a sound one."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,20 +10,24 @@ from symid.identification.diagnostics.fit_warnings import (
     compute_block_deviations,
     warn_of_correlated_residuals,
     warn_of_mass_matrix,
+    warn_of_moving_ends,
     warn_of_processing,
 )
 from symid.identification.estimators.least_squares import fit_ols, fit_wls
-from symid.identification.regression.equations import Rows
 from symid.identification.regression.identifiability import analyse_identifiability
+from symid.identification.rigid.fit import identify_parameters
+from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
-from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording
+from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES
+from tests.unit.identification.row_tables import make_rows
 
 TENFOLD = Decimation(factor=10)
 
 
 @pytest.fixture(scope="module")
 def recording():
-    return build_recording(build_two_link(), TWO_LINK_TRUTH)
+    return build_recording(LIBRARY, TWO_LINK_TRUTH)
 
 
 @pytest.mark.parametrize(
@@ -42,19 +49,7 @@ def build_rows(errors, seed=0):
     rng = np.random.default_rng(seed)
     time = np.arange(2000) * 1e-2
     matrix = np.column_stack([np.sin(time), np.cos(0.7 * time), np.ones_like(time)])
-    return Rows(
-        kind="torque",
-        matrix=matrix,
-        values=matrix @ [1.0, -2.0, 0.5] + errors(rng),
-        group=np.zeros(2000, dtype=int),
-        time=time,
-        velocity=np.ones(2000),
-        names=("a", "b", "c"),
-        units=("1", "1", "1"),
-        group_names=("one",),
-        group_units=("N m",),
-        velocity_units=("rad/s",),
-    )
+    return make_rows(matrix, matrix @ [1.0, -2.0, 0.5] + errors(rng), time=time)
 
 
 def draw_slow(rng):
@@ -67,7 +62,9 @@ def draw_slow(rng):
 
 @pytest.mark.parametrize("fit", [fit_ols, fit_wls])
 def test_white_noise_is_no_pattern_and_slow_noise_is(fit):
-    for errors, codes in ((lambda rng: rng.normal(size=2000), []), (draw_slow, ["identify.pattern"])):
+    # A fit to the last bit raises no doubt either.
+    exact, white = (lambda _: 0.0), (lambda rng: rng.normal(size=2000))
+    for errors, codes in ((exact, []), (white, []), (draw_slow, ["identify.pattern"])):
         rows = build_rows(errors)
         seen = analyse_identifiability(rows)
         notices = warn_of_correlated_residuals(rows, fit(rows, seen), seen)
@@ -91,18 +88,47 @@ def test_block_deviations_are_honest_for_slow_noise():
     assert np.all(np.mean(blocks, axis=0) < 1.1 * spread)
 
 
-def test_a_fit_to_the_last_bit_raises_no_doubt():
-    rows = build_rows(lambda _: 0.0)
-    seen = analyse_identifiability(rows)
-    assert warn_of_correlated_residuals(rows, fit_ols(rows, seen), seen) == ()
-
-
 def test_impossible_inertias_are_named(recording):
-    library = build_two_link()
-    assert warn_of_mass_matrix(library, TWO_LINK_TRUTH, [recording]) == ()
+    assert warn_of_mass_matrix(LIBRARY, TWO_LINK_TRUTH, [recording]) == ()
     wrong = np.array(TWO_LINK_TRUTH)
-    names = [parameter.name for parameter in library.card.beta]
+    names = [parameter.name for parameter in LIBRARY.card.beta]
     wrong[names.index("ZZ2")] *= -1.0
-    (notice,) = warn_of_mass_matrix(library, wrong, [recording])
+    (notice,) = warn_of_mass_matrix(LIBRARY, wrong, [recording])
     assert notice.code == "identify.impossible-mass"
     assert " 201 of 201 poses" in notice.text
+
+
+PROCESSING = Processing(filter_cutoff=40.0)
+
+
+def find(estimate):
+    return [notice.text for notice in estimate.notices if notice.code == "identify.moving-ends"]
+
+
+def test_a_log_cut_out_of_a_motion_is_named_and_the_advice_helps():
+    recording = build_recording(LIBRARY, TWO_LINK_TRUTH, samples=4001)
+    whole = identify_parameters(LIBRARY, [recording], PROCESSING)
+    (text,) = find(whole)
+    # Without a filter there is nothing to say.
+    assert warn_of_moving_ends(Processing(), [recording]) == ()
+    assert " begins and ends " in text
+    cut = {name: int(count) for name, count in re.findall(r"\bprocessing\.(\w+)=(\d+)", text)}
+    assert cut == dict.fromkeys(("drop_first", "drop_last"), round(2.0 / 40.0 / recording.period))
+    advised = identify_parameters(LIBRARY, [recording], replace(PROCESSING, **cut))
+    assert find(advised) == []
+    errors = [np.abs(estimate.assemble(NAMES) - TWO_LINK_TRUTH).max() for estimate in (whole, advised)]
+    assert errors[1] < 0.3 * errors[0]
+
+
+def test_ends_at_rest_are_not_named():
+    time = 1e-3 * np.arange(5001)
+    # From rest to rest, and a joint that never moves.
+    position = np.column_stack([np.sin(3.0 * np.sin(np.pi * time / 5.0) ** 2), np.zeros(len(time))])
+    recording = Recording(time=time, position=position, torque=np.zeros_like(position), source="log.npz")
+    assert warn_of_moving_ends(PROCESSING, [recording]) == ()
+    half = slice(0, 2000)
+    cut = replace(recording, time=time[half], position=position[half], torque=recording.torque[half])
+    (notice,) = warn_of_moving_ends(PROCESSING, [recording, cut])
+    assert " ends " in notice.text
+    assert " begins " not in notice.text
+    assert warn_of_moving_ends(replace(PROCESSING, drop_last=50), [cut]) == ()

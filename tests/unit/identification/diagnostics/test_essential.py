@@ -15,8 +15,9 @@ from symid.identification.diagnostics.uncertainty import (
     select_essential,
 )
 from symid.identification.estimators.least_squares import fit_ols, fit_wls
-from symid.identification.regression.equations import Rows, stack_rows
+from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import analyse_identifiability
+from tests.unit.identification.row_tables import make_rows
 
 NAMES = tuple("abcdefgh")
 TRUTH = np.array([3.0, -2.0, 1.0, 0.5, 0.0, 0.0, 0.0, 0.0])
@@ -27,19 +28,9 @@ def build_rows(truth=TRUTH, *, seed=0, noise=1.0, samples=1000, groups=2):
     count = groups * samples
     matrix = rng.normal(size=(count, len(truth)))
     scatter = np.repeat(1.0 + 4.0 * np.arange(groups), samples)
-    return Rows(
-        kind="torque",
-        matrix=matrix,
-        values=matrix @ truth + noise * scatter * rng.normal(size=count),
-        group=np.repeat(np.arange(groups), samples),
-        time=np.tile(np.arange(samples) * 1e-2, groups),
-        velocity=np.ones(count),
-        names=NAMES[: len(truth)],
-        units=("1",) * len(truth),
-        group_names=tuple(f"joint{k + 1}" for k in range(groups)),
-        group_units=("N m",) * groups,
-        velocity_units=("rad/s",) * groups,
-    )
+    values = matrix @ truth + noise * scatter * rng.normal(size=count)
+    time = np.tile(np.arange(samples) * 1e-2, groups)
+    return make_rows(matrix, values, np.repeat(np.arange(groups), samples), time=time)
 
 
 def fit(rows, estimator=fit_wls):
@@ -54,18 +45,18 @@ def test_what_is_zero_goes_and_what_is_not_stays():
         assert set("abcd") <= set(found.kept)
         assert len(found.kept) <= 6
         assert {entry.name for entry in found.dropped} | set(found.kept) == set(NAMES)
+    rows = build_rows(np.zeros(3))
+    assert len(select_essential(rows, *fit(rows), level=50.0).kept) == 0
 
 
 def test_deviations_follow_the_rule_for_the_noise_of_the_fit():
     rows = replace(build_rows(noise=3.0), independent=0.25)
     fitted = fit_ols(rows, (seen := analyse_identifiability(rows)), "one")
     count = len(rows.values)
-    first = {
-        freedom: select_essential(rows, fitted, seen, freedom=freedom).dropped[0].ratio
-        for freedom in ("band", "one")
-    }
-    expected = np.sqrt((0.25 * count - len(TRUTH)) / (count - 1.0))
-    assert first["band"] / first["one"] == pytest.approx(expected, rel=1e-9)
+    band, one = (
+        select_essential(rows, fitted, seen, freedom=freedom).dropped[0].ratio for freedom in ("band", "one")
+    )
+    assert band / one == pytest.approx(np.sqrt((0.25 * count - len(TRUTH)) / (count - 1.0)), rel=1e-9)
 
 
 def test_the_rest_is_a_least_squares_fit_without_the_dropped_columns():
@@ -78,9 +69,8 @@ def test_the_rest_is_a_least_squares_fit_without_the_dropped_columns():
     assert found.values[kept] == pytest.approx(expected, rel=1e-9)
     assert not np.delete(found.values, kept).any()
     own = np.linalg.norm((rows.values - rows.matrix @ found.values) * w)
-    assert found.price_percent == pytest.approx(
-        100.0 * (own / np.linalg.norm(fitted.residuals * w) - 1.0), abs=1e-9
-    )
+    share = own / np.linalg.norm(fitted.residuals * w)
+    assert found.price_percent == pytest.approx(100.0 * (share - 1.0), abs=1e-9)
     assert found.dropped[-1].price_percent == pytest.approx(found.price_percent)
     assert all(entry.ratio < 2.0 for entry in found.dropped)
 
@@ -96,11 +86,6 @@ def test_parameters_that_cannot_be_told_are_not_dropped():
     assert rows.matrix @ found.values == pytest.approx(rows.matrix @ fitted.values, abs=1e-9)
 
 
-def test_nothing_but_noise_leaves_nothing():
-    rows = build_rows(np.zeros(3))
-    assert len(select_essential(rows, *fit(rows), level=50.0).kept) == 0
-
-
 def test_bootstrap_of_white_noise_is_what_is_stated():
     rows = build_rows(samples=4000)
     fitted, seen = fit(rows)
@@ -111,29 +96,22 @@ def test_bootstrap_of_white_noise_is_what_is_stated():
     assert np.all(found.low < fitted.values)
     assert np.all(fitted.values < found.high)
     assert (found.names, found.blocks, found.replicates) == (NAMES, 40, 400)
+    # It repeats itself.
+    first, second = (
+        compute_bootstrap(rows, fitted, seen, np.random.default_rng(3), replicates=20) for _ in range(2)
+    )
+    assert first.deviations.tobytes() == second.deviations.tobytes()
 
 
 def test_bootstrap_sees_a_pattern_that_the_stated_deviation_does_not():
     rows = build_rows(TRUTH[:2], samples=4000, groups=1, noise=0.1)
     time = rows.time
     slow = np.sin(2.0 * np.pi * 0.05 * time)
-    rows = replace(
-        rows,
-        matrix=np.column_stack([np.ones_like(time), rows.matrix[:, 1]]),
-        values=rows.values + slow * np.cumsum(np.random.default_rng(1).normal(size=4000)) * 0.05,
-    )
+    values = rows.values + slow * np.cumsum(np.random.default_rng(1).normal(size=4000)) * 0.05
+    rows = replace(rows, matrix=np.column_stack([np.ones_like(time), rows.matrix[:, 1]]), values=values)
     fitted, seen = fit(rows, fit_ols)
     found = compute_bootstrap(rows, fitted, seen, np.random.default_rng(0))
     assert found.deviations[0] > 3.0 * np.sqrt(fitted.covariance[0, 0])
-
-
-def test_bootstrap_repeats_itself():
-    rows = build_rows()
-    fitted, seen = fit(rows)
-    first, second = (
-        compute_bootstrap(rows, fitted, seen, np.random.default_rng(3), replicates=20) for _ in range(2)
-    )
-    assert first.deviations.tobytes() == second.deviations.tobytes()
 
 
 def test_blocks_are_stretches_of_time_shared_by_all_joints():
@@ -152,8 +130,7 @@ def test_blocks_are_stretches_of_time_shared_by_all_joints():
 def test_correlations_and_their_order():
     covariance = np.array([[4.0, -1.9, 0.0], [-1.9, 1.0, 0.0], [0.0, 0.0, 0.0]])
     matrix = compute_correlations(covariance)
-    assert matrix[0, 1] == pytest.approx(-0.95)
-    assert matrix[2, 2] == 0.0
+    assert (matrix[0, 1], matrix[2, 2]) == (pytest.approx(-0.95), 0.0)
     assert list_correlated(covariance, "abc") == (("a", "b", pytest.approx(-0.95)),)
     assert list_correlated(covariance, "abc", 0.96) == ()
 
@@ -170,13 +147,10 @@ def test_the_ellipse_holds_its_share():
     assert ellipse.axes[0] >= ellipse.axes[1]
 
 
-def test_one_log_tells_nothing_of_drift():
+def test_equal_logs_agree_and_a_changed_parameter_is_named():
     rows = build_rows()
     found = measure_drift(rows, fit(rows)[0])
     assert (found.changed, found.compared, found.runs) == ((), 0, (0,))
-
-
-def test_equal_logs_agree_and_a_changed_parameter_is_named():
     false = 0
     for seed in range(20):
         same = stack_rows([build_rows(seed=2 * seed + k) for k in (0, 1)])

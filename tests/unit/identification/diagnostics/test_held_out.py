@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
-from symid.identification.diagnostics import (
-    choose_held_out,
-    measure_behind,
-)
+from symid.identification.diagnostics import choose_held_out, measure_behind
 
 
 @pytest.fixture

@@ -20,30 +20,19 @@ def said(found):
     return {notice.code: notice.text for notice in describe_excitation(found)}
 
 
-def test_a_log_that_tells_everything_needs_no_word():
+def test_what_a_log_does_not_tell_is_said_and_nothing_else():
     assert said(make("identifiable", "poorly identifiable")) == {}
     assert not make("identifiable", "refused").empty
-
-
-def test_a_bad_condition_is_said():
+    assert make("not identifiable", "refused").empty
     assert " 5e+03" in said(make("identifiable", condition=5e3))["log.condition"]
-
-
-def test_refused_parameters_come_with_their_reasons():
+    # Refused parameters come with their reasons, faint ones are listed.
     text = said(make("identifiable", *["refused"] * 10))["log.not-excited"]
     assert text.startswith("10 of 11 ")
     assert "P1: it acts on no torque of this log" in text
     assert "; and 2 more" in text
     assert "P9" not in text
-
-
-def test_faint_parameters_are_listed():
     text = said(make("identifiable", *["not identifiable"] * 9))["log.faint-parameters"]
     assert text.startswith("9 ")
     assert "P1, P2" in text
     assert ", ...)" in text
     assert "P9" not in text
-
-
-def test_nothing_told():
-    assert make("not identifiable", "refused").empty

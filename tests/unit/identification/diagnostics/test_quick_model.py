@@ -50,15 +50,10 @@ def test_samples_are_thinned_cut_and_slow_ones_do_not_count(quick):
         slow = speed < 0.05 * np.quantile(speed, 0.99, axis=0)
         assert np.array_equal(~slow, quick.kept[quick.run == run])
         assert 0.0 < slow.mean() < 0.2
-
-
-def test_long_logs_have_as_many_samples_as_allowed():
+    # Long logs have as many as allowed.
     logs = build_quick_logs(LIBRARY, [record(0, samples=60001)], ENDS, 40.0)
     assert 2400 < len(logs.q) <= 3000
-
-
-def test_joints_at_rest_do_not_count():
-    """A joint that stands still may stick: its torque says nothing."""
+    # A joint that stands still may stick: its torque says nothing.
     log = record(2)
     position = log.position.copy()
     position[:, 1] = 0.3
@@ -92,20 +87,15 @@ def test_what_is_held_out_is_predicted_by_fits_to_the_rest(quick):
     assert found.percent == pytest.approx(found.held_out.mean())
 
 
-def test_joints_that_friction_drives_are_impossible(quick):
+def test_joints_that_friction_drives_and_a_negative_inertia_are_impossible(quick):
     for joint in (0, 1):
         tau = quick.tau.copy()
         tau[:, joint] *= -1.0
         assert find_impossible(replace(quick, tau=tau))[joint]
     assert all(find_impossible(replace(quick, tau=-quick.tau)))
     assert not any(find_impossible(quick))
-
-
-def test_a_negative_inertia_is_impossible(quick):
-    """Torques of a body whose inertia is turned, with friction as before: only the inertia is negative."""
+    # Torques of a body whose inertia is turned, with friction as before: only the inertia is negative.
     truth = TWO_LINK_TRUTH * np.array([1, 1, 1, -1, 1, 1, *[1] * 6])
-    columns = evaluate_columns(LIBRARY, quick.q, quick.dq, quick.ddq)
-    turned = replace(quick, tau=columns @ truth)
-    found = fit_quick(turned)
+    turned = replace(quick, tau=evaluate_columns(LIBRARY, quick.q, quick.dq, quick.ddq) @ truth)
     assert find_impossible(turned) == [False, True]
-    assert found.values[3] == pytest.approx(truth[3], rel=1e-3)
+    assert fit_quick(turned).values[3] == pytest.approx(truth[3], rel=1e-3)

@@ -8,7 +8,8 @@ import pytest
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
-from tests.recovery.closed_form import TWO_LINK_TRUTH, build_two_link
+from tests.recovery.closed_form import TWO_LINK_TRUTH, find_friction, find_rigid
+from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES
 
 AUTOMATIC = Processing(automatic=True)
 PERIOD = 1e-3
@@ -23,21 +24,16 @@ def move(time):
     rate, size = np.array([2.1, 3.7]), np.array([0.9, 1.1])
     angle = rate * phase[:, None] + np.array([0.3, 1.0])
     q, slope = size * np.sin(angle), size * rate * np.cos(angle)
-    return (
-        q,
-        slope * speed[:, None],
-        slope * change[:, None] - rate**2 * q * speed[:, None] ** 2,
-    )
+    bend = slope * change[:, None] - rate**2 * q * speed[:, None] ** 2
+    return q, slope * speed[:, None], bend
 
 
 def stop_and_go(stuck, seed=1):
     """Return a log in which joint 2 holds up to `stuck` N m more than it should wherever it is slow."""
     time = PERIOD * np.arange(15001)
     q, dq, ddq = move(time)
-    library = build_two_link()
-    (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
-    (rubbing,) = library.evaluate("friction_regressor", dq)
-    torque = np.concatenate([rigid, rubbing], axis=2) @ TWO_LINK_TRUTH
+    columns = [find_rigid(LIBRARY, q, dq, ddq), find_friction(dq)[0]]
+    torque = np.concatenate(columns, axis=2) @ TWO_LINK_TRUTH
     torque += np.random.default_rng(seed).normal(size=q.shape) * 0.05
     top = np.quantile(np.abs(dq[:, 1]), 0.99)
     torque[:, 1] += stuck * np.exp(-((dq[:, 1] / (0.01 * top)) ** 2))
@@ -45,16 +41,14 @@ def stop_and_go(stuck, seed=1):
 
 
 def identify(log, **settings):
-    return identify_parameters(build_two_link(), [log], replace(AUTOMATIC, **settings))
+    return identify_parameters(LIBRARY, [log], replace(AUTOMATIC, **settings))
 
 
 def list_errors(estimate):
     """Return how far each value is from the true one, and that in stated deviations."""
-    card = build_two_link().card
-    names = tuple(entry.name for entry in (*card.beta, *card.friction))
-    away = np.abs(estimate.assemble(names) - TWO_LINK_TRUTH)
+    away = np.abs(estimate.assemble(NAMES) - TWO_LINK_TRUTH)
     deviations = {entry.name: entry.std for entry in estimate.parameters}
-    return away, away / [deviations[name] for name in names]
+    return away, away / [deviations[name] for name in NAMES]
 
 
 def measure_slow(entry):
@@ -66,12 +60,14 @@ def measure_slow(entry):
 def test_a_joint_that_sticks_shows_where_it_is_slow(rows):
     """What slow rows leave is measured, whether they are fitted or not."""
     log = stop_and_go(3.0)
-    first, second = identify_parameters(build_two_link(), [log], AUTOMATIC, rows=rows).evidence.joints
+    first, second = identify_parameters(LIBRARY, [log], AUTOMATIC, rows=rows).evidence.joints
     assert measure_slow(second) > 5.0 * second.moving
     assert measure_slow(second) > 15.0
     assert measure_slow(first) < 5.0
-    clean = identify_parameters(build_two_link(), [stop_and_go(0.0)], AUTOMATIC, rows=rows)
+    clean = identify_parameters(LIBRARY, [stop_and_go(0.0)], AUTOMATIC, rows=rows)
     assert all(measure_slow(entry) < 1.0 for entry in clean.evidence.joints)
+    # Scalar rows have no joints.
+    assert identify_parameters(LIBRARY, [log], AUTOMATIC, rows="energy").evidence is None
 
 
 @pytest.mark.parametrize("stuck", [0.3, 1.0, 3.0])
@@ -99,9 +95,3 @@ def test_the_residual_counts_rows_that_the_fit_leaves_out():
     entry = found.evidence.joints[1]
     assert entry.share > 0.05
     assert entry.fitted < 0.3 * entry.held_out
-
-
-def test_scalar_rows_have_no_joints():
-    assert (
-        identify_parameters(build_two_link(), [stop_and_go(3.0)], AUTOMATIC, rows="energy").evidence is None
-    )

@@ -12,8 +12,8 @@ from symid.identification.diagnostics.stretches import (
     measure_gain,
     measure_scoring_band,
 )
-from symid.identification.regression.equations import Rows
 from symid.logs.recording import Recording
+from tests.unit.identification.row_tables import make_rows
 
 COUNT = 240
 TRUTH = np.array([2.0, -1.0, 0.5, 3.0])
@@ -21,24 +21,18 @@ WEIGHTS = np.array([1.0, 0.3])
 RATE = 200.0
 
 
-def make_rows(seed, logs=1):
+def draw_rows(seed, logs=1):
     """Return rows of two joints and of one log or several, and instruments that resemble them."""
     rng = np.random.default_rng(seed)
     size = 2 * COUNT * logs
     smooth = rng.normal(size=(size, 4)) * np.array([1.0, 10.0, 0.1, 1.0])
     matrix = smooth + 0.2 * rng.normal(size=smooth.shape) * np.array([1.0, 10.0, 0.1, 1.0])
-    rows = Rows(
-        kind="torque",
-        matrix=matrix,
-        values=matrix @ TRUTH + rng.normal(size=size),
-        group=np.tile(np.repeat([0, 1], COUNT), logs),
+    rows = make_rows(
+        matrix,
+        matrix @ TRUTH + rng.normal(size=size),
+        np.tile(np.repeat([0, 1], COUNT), logs),
         time=np.tile(np.arange(COUNT) / RATE, 2 * logs) + 3.0,
         velocity=rng.normal(size=size),
-        names=("a", "b", "c", "d"),
-        units=("1",) * 4,
-        group_names=("one", "two"),
-        group_units=("N m",) * 2,
-        velocity_units=("rad/s",) * 2,
         run=np.repeat(np.arange(logs), 2 * COUNT),
         weight=np.repeat(1.0 + np.arange(logs), 2 * COUNT),
     )
@@ -58,7 +52,7 @@ def solve(rows, left, chosen):
 @pytest.mark.parametrize("with_instruments", [False, True])
 @pytest.mark.parametrize("logs", [1, 3])
 def test_each_stretch_is_predicted_by_the_others(logs, with_instruments):
-    rows, instruments, kept = make_rows(logs, logs)
+    rows, instruments, kept = draw_rows(logs, logs)
     left = instruments.matrix if with_instruments else rows.matrix
     found = fit_stretches(rows, instruments if with_instruments else None, kept, WEIGHTS)
     assert len(found.folds) == 6
@@ -79,7 +73,7 @@ def test_each_stretch_is_predicted_by_the_others(logs, with_instruments):
 @pytest.mark.parametrize(("size", "logs"), [(0.0, 0), (1e-4, 0), (0.05, 3)])
 def test_logs_are_held_out_only_where_the_others_move_what_they_move(size, logs):
     # Parameter c acts in the first log, and so much in the others.
-    rows, _, kept = make_rows(7, 3)
+    rows, _, kept = draw_rows(7, 3)
     matrix = rows.matrix.copy()
     matrix[rows.run > 0, 2] *= size
     rows = replace(rows, matrix=matrix, values=matrix @ TRUTH)
@@ -89,7 +83,7 @@ def test_logs_are_held_out_only_where_the_others_move_what_they_move(size, logs)
 
 
 def test_stretches_are_equal_parts_of_the_time_of_each_log():
-    rows, *_ = make_rows(0, 2)
+    rows, *_ = draw_rows(0, 2)
     stretch, logs = cut_stretches(rows)
     assert logs.tolist() == [0, 0, 0, 1, 1, 1]
     for fold, log in enumerate(logs):
@@ -100,7 +94,7 @@ def test_stretches_are_equal_parts_of_the_time_of_each_log():
 
 
 def test_parameters_without_effect_stay_zero():
-    rows, _, kept = make_rows(1)
+    rows, _, kept = draw_rows(1)
     matrix = rows.matrix.copy()
     matrix[:, 2] = 0.0
     found = fit_stretches(replace(rows, matrix=matrix), None, kept, WEIGHTS)
@@ -114,7 +108,7 @@ def test_parameters_without_effect_stay_zero():
 @pytest.mark.parametrize("strength", [0.0, 0.8])
 def test_the_gain_is_that_of_a_refit_with_all_parameters(strength):
     """The oracle: the columns appended, zero for the other joint, fitted without each stretch."""
-    rows, _, kept = make_rows(5)
+    rows, _, kept = draw_rows(5)
     rng = np.random.default_rng(6)
     own = np.flatnonzero(rows.group == 1)
     right = rng.normal(size=(len(own), 2)) + 0.3 * rows.matrix[own, :2]
@@ -143,8 +137,7 @@ def test_the_gain_is_that_of_a_refit_with_all_parameters(strength):
 
 def test_the_jackknife_is_that_of_quenouille():
     folds = np.random.default_rng(2).normal(size=(6, 3))
-    mean = sum(folds) / 6
-    expected = [5 / 6 * sum((fold[k] - mean[k]) ** 2 for fold in folds) for k in range(3)]
+    expected = 5 / 6 * sum((fold - sum(folds) / 6) ** 2 for fold in folds)
     np.testing.assert_allclose(compute_jackknife(folds), expected, rtol=1e-12)
     # Of a mean of s values it is the usual variance, s^2 / n.
     sample = np.random.default_rng(3).normal(size=40)
@@ -186,11 +179,9 @@ def test_the_scoring_band_holds_the_power_of_the_velocities(joints, expected):
     assert measure_scoring_band([make_log(*joints)]) == pytest.approx(expected, abs=0.8)
 
 
-def test_noise_of_positions_hardly_moves_the_scoring_band():
+def test_the_scoring_band_of_noisy_logs_and_of_several():
     clean, noisy = (measure_scoring_band([make_log([(1.0, 3.0)], noise=size)]) for size in (1e-6, 1e-2))
     assert clean == noisy == pytest.approx(6.0, abs=0.8)
-
-
-def test_of_several_logs_the_median_band_is_taken():
+    # Of several logs the median is taken.
     logs = [make_log([(1.0, f)], seed=place) for place, f in enumerate((2.0, 3.0, 8.0))]
     assert measure_scoring_band(logs) == measure_scoring_band(logs[1:2])

@@ -26,17 +26,14 @@ def fixed(chi, spread):
     return MethodCandidate(lambda _: np.array(chi), spread)
 
 
-def test_a_biased_method_is_not_taken_however_sure_it_says_it_is(rows):
-    candidates = [fixed([2.2, -1.0], 1e-6), fixed(TRUTH, 0.1)]
-    best, errors, close = choose_candidate(candidates, rows, np.array([0.5, 0.5]))
+def test_a_biased_method_is_not_taken_and_among_equals_the_surest_is(rows):
+    """However sure the biased one says it is."""
+    scatter = np.array([0.5, 0.5])
+    best, errors, close = choose_candidate([fixed([2.2, -1.0], 1e-6), fixed(TRUTH, 0.1)], rows, scatter)
     assert (best, close) == (1, 1)
     assert errors[1] == pytest.approx(1.0, abs=0.1)
     assert errors[0] - errors[1] == pytest.approx(0.04 / 0.25, rel=0.3)
-
-
-def test_among_equals_the_surest_is_taken(rows):
-    candidates = [fixed(TRUTH, 0.1), fixed(TRUTH + 1e-3, 0.01)]
-    best, _, close = choose_candidate(candidates, rows, np.array([0.5, 0.5]))
+    best, _, close = choose_candidate([fixed(TRUTH, 0.1), fixed(TRUTH + 1e-3, 0.01)], rows, scatter)
     assert (best, close) == (1, 2)
 
 

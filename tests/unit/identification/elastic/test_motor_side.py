@@ -30,12 +30,14 @@ def arm():
     return read_robot(locate_robot_file("two_link_elastic"))
 
 
+TIME = np.arange(10_000) * 1e-3
+W = 2.0 * np.pi * np.array([[0.3, 0.7], [0.45, 1.1]])
+ANGLE = W * TIME[:, None, None] + np.array([[0.0, 1.0], [2.0, 0.5]])
+
+
 def make_recording(**more):
-    time = np.arange(10_000) * 1e-3
-    w = 2.0 * np.pi * np.array([[0.3, 0.7], [0.45, 1.1]])
-    angle = w * time[:, None, None] + np.array([[0.0, 1.0], [2.0, 0.5]])
-    q = 0.4 * np.sin(angle).sum(axis=2)
-    return Recording(time=time, position=q, torque=np.ones_like(q), source="run", **more)
+    q = 0.4 * np.sin(ANGLE).sum(axis=2)
+    return Recording(time=TIME, position=q, torque=np.ones_like(q), source="run", **more)
 
 
 def test_the_rigid_variant_has_its_rotors_among_the_base_parameters(arm):
@@ -48,40 +50,25 @@ def test_the_rigid_variant_has_its_rotors_among_the_base_parameters(arm):
 
 def test_what_is_not_seen_is_refused_with_its_reason(arm):
     unseen = dict(list_unidentifiable(arm))
-    assert list(unseen) == [
-        "stiffness1",
-        "hysteresis1",
-        "IA1 apart from the link",
-        "stiffness2",
-        "hysteresis2",
-        "IA2 apart from the link",
-    ]
+    first, second = ([f"stiffness{k}", f"hysteresis{k}", f"IA{k} apart from the link"] for k in (1, 2))
+    assert list(unseen) == first + second
     assert len({unseen[name] for name in list(unseen)[:3]}) == 3
     assert all(unseen.values())
     assert list_unidentifiable(build_rigid_variant(arm)) == ()
     mixed = replace(arm, joints=(arm.joints[0], replace(arm.joints[1], elasticity=None)))
-    assert [name for name, _ in list_unidentifiable(mixed)] == [
-        "stiffness1",
-        "hysteresis1",
-        "IA1 apart from the link",
-    ]
+    assert [name for name, _ in list_unidentifiable(mixed)] == first
 
 
 def test_the_rigid_part_is_identified(arm):
     variant = build_rigid_variant(arm)
     library = prepare_library(variant)
     recording = make_recording()
-    time = recording.time
-    w = 2.0 * np.pi * np.array([[0.3, 0.7], [0.45, 1.1]])
-    angle = w * time[:, None, None] + np.array([[0.0, 1.0], [2.0, 0.5]])
-    dq, ddq = 0.4 * (w * np.cos(angle)).sum(axis=2), -0.4 * (w**2 * np.sin(angle)).sum(axis=2)
+    dq, ddq = 0.4 * (W * np.cos(ANGLE)).sum(axis=2), -0.4 * (W**2 * np.sin(ANGLE)).sum(axis=2)
     truth = np.array([card.value for card in library.card.beta])
     (regressor,) = library.evaluate("torque_regressor", recording.position, dq, ddq)
     (friction,) = library.evaluate("friction_regressor", dq)
     values = np.array([card.value for card in library.card.friction])
-    measured = Recording(
-        time=time, position=recording.position, torque=regressor @ truth + friction @ values, source="run"
-    )
+    measured = replace(recording, torque=regressor @ truth + friction @ values)
     estimate = refuse_elasticity(identify_parameters(library, [measured], variant.processing), arm)
     found = estimate.assemble(tuple(card.name for card in library.card.beta))
     np.testing.assert_allclose(found, truth, atol=2e-3)
@@ -90,17 +77,13 @@ def test_the_rigid_part_is_identified(arm):
     assert estimate.notices[0].code == "elastic.motor-side"
 
 
-def test_one_encoder_is_told_from_two():
-    recording = make_recording()
-    assert not has_both_encoders([recording])
-    both = make_recording(motor_position=recording.position)
-    assert has_both_encoders([both])
-    assert not has_both_encoders([both, recording])
-
-
 def test_elastic_joints_take_the_position_of_their_motors(arm):
     q = make_recording().position
     recording = make_recording(motor_position=q + 0.01)
+    # One encoder is told from two.
+    assert has_both_encoders([recording])
+    assert not has_both_encoders([make_recording()])
+    assert not has_both_encoders([recording, make_recording()])
     whole = build_motor_recording(recording, arm)
     np.testing.assert_array_equal(whole.position, q + 0.01)
     assert whole.motor_position is None
@@ -117,27 +100,22 @@ def test_elastic_joints_take_the_position_of_their_motors(arm):
 
 
 @pytest.mark.parametrize(
-    ("log", "refused"),
+    ("columns", "both", "refused"),
     [
-        (LogMap(), False),
-        (LogMap(position=LogQuantity(columns=("q",), unit="rad")), False),
-        (LogMap(position=LogQuantity(columns=("link_position",), unit="rad")), True),
-        (LogMap(position=LogQuantity(columns=("link_position_1", "link_position_2"), unit="rad")), True),
-        (
-            LogMap(
-                position=LogQuantity(columns=("a", "b"), unit="rad"),
-                link_position=LogQuantity(columns=("a", "b"), unit="rad"),
-            ),
-            True,
-        ),
+        ((), False, False),
+        (("q",), False, False),
+        (("link_position",), False, True),
+        (("link_position_1", "link_position_2"), False, True),
+        (("a", "b"), True, True),
     ],
 )
-def test_positions_of_links_are_no_motor_side(arm, log, refused):
-    robot = replace(arm, log=log)
+def test_positions_of_links_are_no_motor_side(arm, columns, both, refused):
+    quantity = LogQuantity(columns=columns, unit="rad") if columns else None
+    robot = replace(arm, log=LogMap(position=quantity, link_position=quantity if both else None))
     if not refused:
         check_motor_side(robot, [make_recording()])
         return
-    with pytest.raises(LogError, match=", ".join(log.position.columns)) as caught:
+    with pytest.raises(LogError, match=", ".join(columns)) as caught:
         check_motor_side(robot, [make_recording()])
     assert [notice.code for notice in caught.value.notices] == ["elastic.link-side"]
 

@@ -34,6 +34,8 @@ GRID = SpringGrid(
     thresholds=np.array([0.01, 0.02, 0.05]), knees=(-3.0, -1.0, 1.0, 2.0), stiffness=100.0, reach=0.04
 )
 
+LAYOUT = NlpLayout.build(CARD, [GRID], NlpOptions())
+
 
 def test_names_bounds_and_places():
     layout = NlpLayout.build(CARD, [GRID], NlpOptions(stribeck=True, speeds=(0.01, 1.0)))
@@ -45,28 +47,24 @@ def test_names_bounds_and_places():
     # The last stop is beyond the largest torsion: it cannot be told from k0, and has no weight.
     np.testing.assert_allclose(layout.upper[7:], [1e4, 1e4, 1e4, 0, *[20.0] * 4])
     assert layout.size == 15
-
-
-def test_a_joint_whose_file_states_no_rotor_has_one_nevertheless():
-    card = SimpleNamespace(**{**vars(CARD), "rotors": ()})
-    layout = NlpLayout.build(card, [GRID], NlpOptions())
-    assert layout.names == NlpLayout.build(CARD, [GRID], NlpOptions()).names
+    # A joint whose file states no rotor has one nevertheless.
+    layout = NlpLayout.build(SimpleNamespace(**{**vars(CARD), "rotors": ()}), [GRID], NlpOptions())
+    assert layout.names == LAYOUT.names
     assert len(layout.lower) == len(layout.upper) == layout.size
     assert layout.lower[1] == 0.0
 
 
 def test_slopes_become_changes_of_slope():
-    layout = NlpLayout.build(CARD, [GRID], NlpOptions())
-    x = np.zeros(layout.size)
-    x[layout.springs[0].weights] = [80.0, 20.0, 1e-12, 0.0]
-    x[layout.springs[0].slopes] = [1.5, 1.25, 2.0, 2.0]
-    spring = layout.springs[0].build_spring(x, 1e-9)
+    (place,) = LAYOUT.springs
+    x = np.zeros(LAYOUT.size)
+    x[place.weights], x[place.slopes] = [80.0, 20.0, 1e-12, 0.0], [1.5, 1.25, 2.0, 2.0]
+    spring = place.build_spring(x, 1e-9)
     assert spring.stops == (Stop(threshold=0.01, stiffness=20.0),)
-    assert spring.knees == (
-        Knee(threshold=-3.0, slope=-0.25),
-        Knee(threshold=-1.0, slope=0.5),
-        Knee(threshold=1.0, slope=1.0),
-    )
+    assert [(knee.threshold, knee.slope) for knee in spring.knees] == [(-3.0, -0.25), (-1.0, 0.5), (1.0, 1.0)]
+    # A knee that is not reached changes nothing.
+    x[place.slopes] = [1.5, 9.0, 7.0, 8.0]
+    flat = LAYOUT.flatten_slopes(x, [LAYOUT.names[place.slopes.start + k] for k in (1, 2, 3)])
+    np.testing.assert_array_equal(flat[place.slopes], [1.5, 1.5, 1.0, 1.0])
 
 
 def test_odd_springs_share_their_slopes():
@@ -79,29 +77,14 @@ def test_odd_springs_share_their_slopes():
     assert [(knee.threshold, knee.slope) for knee in knees] == [(-2, 1.0), (-1, 0.5), (1, 0.5), (2, 1.0)]
 
 
-def test_a_knee_that_is_not_reached_changes_nothing():
-    layout = NlpLayout.build(CARD, [GRID], NlpOptions())
-    x = np.zeros(layout.size)
-    place = layout.springs[0].slopes
-    x[place] = [1.5, 9.0, 7.0, 8.0]
-    flat = layout.flatten_slopes(x, [layout.names[place.start + k] for k in (1, 2, 3)])
-    np.testing.assert_array_equal(flat[place], [1.5, 1.5, 1.0, 1.0])
-
-
 def test_a_start_is_the_spring_itself_or_shares_of_a_linear_one():
-    layout = NlpLayout.build(CARD, [GRID], NlpOptions())
-    spring = Elasticity(
-        stiffness=70.0,
-        stops=(Stop(threshold=0.02, stiffness=30.0),),
-        knees=(
-            Knee(threshold=-1.0, slope=0.5),
-            Knee(threshold=1.0, slope=1.0),
-            Knee(threshold=2.0, slope=0.5),
-        ),
+    knees = tuple(
+        Knee(threshold=place, slope=slope) for place, slope in ((-1.0, 0.5), (1.0, 1.0), (2.0, 0.5))
     )
-    x = layout.build_start(np.arange(5.0), [spring])
-    np.testing.assert_array_equal(x[layout.springs[0].weights], [70.0, 0.0, 30.0, 0.0])
-    np.testing.assert_array_equal(x[layout.springs[0].slopes], [1.5, 1.5, 2.0, 2.5])
+    spring = Elasticity(stiffness=70.0, stops=(Stop(threshold=0.02, stiffness=30.0),), knees=knees)
+    x = LAYOUT.build_start(np.arange(5.0), [spring])
+    np.testing.assert_array_equal(x[LAYOUT.springs[0].weights], [70.0, 0.0, 30.0, 0.0])
+    np.testing.assert_array_equal(x[LAYOUT.springs[0].slopes], [1.5, 1.5, 2.0, 2.5])
     linear = list_weights(Elasticity(stiffness=100.0), GRID.thresholds)
     assert linear.sum() == pytest.approx(100.0)
     assert np.all(linear > 0.0)
@@ -116,13 +99,12 @@ def test_what_filters_leave_of_a_constant_is_no_information(trace):
         RowBlock(matrix=rows, values=rows @ chi + 0.01 * scale * rng.normal(size=200), sign=-1.0, springs=())
         for rows, scale in ((moving, 1.0), (still, trace))
     )
-    layout = NlpLayout.build(CARD, [GRID], NlpOptions())
     torsion = np.zeros((200, 1))
     one = NlpRecording(blocks=blocks[:1], bases=(np.zeros((200, 4)),), phi=torsion, speed=torsion)
     alone, both = (
-        ElasticNlpCost(recordings=(part,), layout=layout) for part in (one, replace(one, blocks=blocks))
+        ElasticNlpCost(recordings=(part,), layout=LAYOUT) for part in (one, replace(one, blocks=blocks))
     )
-    x = layout.build_start(chi, [Elasticity(stiffness=100.0)])
+    x = LAYOUT.build_start(chi, [Elasticity(stiffness=100.0)])
     found, expected = (
         cost.weigh([block.values - block.matrix @ chi for block in cost.blocks], chi)
         for cost in (both, alone)

@@ -19,6 +19,14 @@ def follow(spring):
     return run_element(spring, PHI, TIME).output
 
 
+def measure(spring, variance):
+    """Return the spread of a spring's torque and slope; `variance` of the only parameter of the links."""
+    zero = [np.zeros(len(PHI))]
+    return measure_spring_spread(
+        spring, lambda moved: [follow(moved)], [PHI[:, None]], zero, np.array([[variance]])
+    )
+
+
 def test_deviations_of_torque_and_slope_are_those_of_many_fits():
     # The torque of the links is the spring's; a parameter of theirs is known to 0.02, and noise is white.
     truth = Elasticity(stiffness=400.0, stops=(Stop(threshold=0.004, stiffness=150.0),))
@@ -46,10 +54,7 @@ def test_deviations_of_torque_and_slope_are_those_of_many_fits():
 def test_a_stiffness_scales_with_the_only_parameter_of_the_links():
     # tau = beta phi is followed by k phi: k has the relative deviation of beta, exactly; filtered reversals
     # add a thousandth of the slope.
-    spring = Elasticity(stiffness=500.0)
-    torque, slope = measure_spring_spread(
-        spring, lambda moved: [follow(moved)], [PHI[:, None]], [np.zeros(len(PHI))], np.array([[9.0]])
-    )
+    torque, slope = measure(Elasticity(stiffness=500.0), 9.0)
     assert slope == pytest.approx(np.hypot(3.0, 0.5))
     assert torque == pytest.approx(3.0 * np.sqrt(np.mean(PHI**2)))
 
@@ -57,15 +62,9 @@ def test_a_stiffness_scales_with_the_only_parameter_of_the_links():
 @pytest.mark.parametrize(("torque", "added"), [(0.2, 0.008), (2.0, 0.0)])
 def test_a_knee_near_zero_makes_the_slope_there_uncertain(torque, added):
     # The largest torque is 7.2 N m. Such knees are what noise makes of a stiffer beginning.
-    def measure(change):
-        knees = tuple(Knee(threshold=side * torque, slope=-change) for side in (-1.0, 1.0))
-        spring = Elasticity(stiffness=500.0, knees=knees)
-        zero = [np.zeros(len(PHI))]
-        return measure_spring_spread(
-            spring, lambda moved: [follow(moved)], [PHI[:, None]], zero, np.array([[0.0]])
-        )[1]
-
-    assert measure(0.008) == pytest.approx(500.0 * np.hypot(0.001, added), rel=1e-6)
+    knees = tuple(Knee(threshold=side * torque, slope=-0.008) for side in (-1.0, 1.0))
+    found = measure(Elasticity(stiffness=500.0, knees=knees), 0.0)
+    assert found[1] == pytest.approx(500.0 * np.hypot(0.001, added), rel=1e-6)
 
 
 def test_every_number_of_a_spring_moves_by_itself():
@@ -86,13 +85,9 @@ def test_every_number_of_a_spring_moves_by_itself():
 
 def test_numbers_at_the_edge_of_what_springs_can_be_move_to_one_side():
     # Beyond its knee the slope is 1e-5, less than a step of the knee's change: only upwards is a spring left.
-    edge = Elasticity(stiffness=300.0, knees=(Knee(threshold=2.0, slope=-0.99999),))
-    free = Elasticity(stiffness=300.0, knees=(Knee(threshold=2.0, slope=-0.9),))
-    found = [
-        measure_spring_spread(
-            spring, lambda moved: [follow(moved)], [PHI[:, None]], [np.zeros(len(PHI))], np.array([[9.0]])
-        )
-        for spring in (edge, free)
-    ]
-    assert found[0] == pytest.approx(found[1], rel=0.2)
-    assert found[0][1] > 0.0
+    edge, free = (
+        measure(Elasticity(stiffness=300.0, knees=(Knee(threshold=2.0, slope=slope),)), 9.0)
+        for slope in (-0.99999, -0.9)
+    )
+    assert edge == pytest.approx(free, rel=0.2)
+    assert edge[1] > 0.0

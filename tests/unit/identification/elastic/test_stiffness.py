@@ -94,30 +94,24 @@ def test_the_interval_holds_the_truth_under_noise(library):
             for entry, truth in zip(found.joints, STIFFNESS, strict=True)
         ]
     assert sum(held) >= 8
+    # Nothing is said to be moved where nothing is.
+    found = estimate_stiffness(library, [record(library, 0, noise=2e-4)])
+    assert not found.alignment.late
+    assert all("ms" not in notice.text for notice in found.notices)
 
 
-def test_torsion_below_the_noise_is_refused(library):
+def test_what_runs_do_not_tell_is_refused(library):
+    """Torsion below the noise, runs that contradict each other, a joint without a link encoder."""
     found = estimate_stiffness(library, [record(library, 0, noise=3e-2)])
     for entry in found.joints:
-        assert entry.verdict is StiffnessVerdict.BELOW_NOISE
-        assert entry.stiffness is None
-        assert entry.interval is None
+        assert (entry.verdict, entry.stiffness, entry.interval) == (StiffnessVerdict.BELOW_NOISE, None, None)
         assert f"{entry.explained:.3g} rad" in entry.reason
         assert f"{entry.left:.3g} rad" in entry.reason
-
-
-def test_runs_that_contradict_each_other_are_refused(library):
-    soft, hard = 1.0 / STIFFNESS, 0.4 / STIFFNESS
-    runs = [record(library, 0, compliance=soft), record(library, 1, compliance=hard)]
+    runs = [record(library, seed, compliance=soft / STIFFNESS) for seed, soft in enumerate((1.0, 0.4))]
     found = estimate_stiffness(library, runs)
     assert {entry.verdict for entry in found.joints} == {StiffnessVerdict.INCONSISTENT}
-
-
-def test_a_joint_without_a_link_encoder_is_refused_by_name(library):
-    recording = record(library, 0)
-    position = recording.position.copy()
-    position[:, 1] = 0.0
-    found = estimate_stiffness(library, [replace(recording, position=position)])
+    position = runs[0].position * np.array([1.0, 0.0])
+    found = estimate_stiffness(library, [replace(runs[0], position=position)])
     assert found.joints[1].verdict is StiffnessVerdict.NO_ENCODER
     assert np.isnan(found.joints[1].compliance)
 
@@ -146,9 +140,3 @@ def test_a_large_zero_offset_is_found_as_exactly_as_none(library):
     np.testing.assert_allclose(large.offset_stds, small.offset_stds, rtol=1e-3)
     assert large.delay == pytest.approx(small.delay, abs=1e-7)
     assert not large.unknown.any()
-
-
-def test_nothing_is_said_to_be_moved_where_nothing_is(library):
-    found = estimate_stiffness(library, [record(library, 0, noise=2e-4)])
-    assert not found.alignment.late
-    assert all("ms" not in notice.text for notice in found.notices)

@@ -30,7 +30,7 @@ def build_work(share=0.0, effects=()):
         time=np.linspace(0.0, 1.0, 3),
         slide=np.zeros(3, dtype=np.intp),
     )
-    beta = [SimpleNamespace(joint="a", unit="kg m"), SimpleNamespace(joint="a", unit="kg m")]
+    beta = [SimpleNamespace(joint="a", unit="kg m")] * 2
     card = SimpleNamespace(beta=beta, joints=[SimpleNamespace(name="a")])
     return SimpleNamespace(
         rows=rows,
@@ -86,6 +86,13 @@ def test_a_fit_that_says_how_far_it_may_be_off_contradicts_nothing():
     # What a fit does not identify cannot contradict.
     blind = build_fit([9.0, 1.0, 0.5], np.diag([np.inf, 1e-6, 1e-6]))
     assert find_contradiction(work, blind)[0] == ""
+    # Nor what is no matter: a thousandth is far beyond these deviations.
+    small = 1e-12 * np.eye(3)
+    work.band = SimpleNamespace(chi=work.band.chi, covariance=small)
+    assert find_contradiction(work, build_fit([2.001, 1.0, 0.5], small))[0] == ""
+    text, ratio = find_contradiction(work, build_fit([2.1, 1.0, 0.5], small))
+    assert "contradict" in text
+    assert ratio > 5.0
 
 
 def test_no_parameter_is_surer_than_the_states_that_its_column_is_made_of():
@@ -98,24 +105,8 @@ def test_no_parameter_is_surer_than_the_states_that_its_column_is_made_of():
     own, largest = np.array([2.0, 0.01, 0.5]), np.array([2.0, 2.0, 0.5])
     assert plain == pytest.approx(np.hypot(1e-4 * own, 3.5e-5 * largest), rel=1e-3)
     assert sticking == pytest.approx(np.hypot((1e-4 + 2.2e-3 * 0.2**2) * own, 3.5e-5 * largest), rel=1e-3)
-    ripple = DriveEffect(
-        kind="torque-ripple", joint=0, values=(0.1, 0.0), deviations=(0.01, 0.01), order=100.0
-    )
-    for work, method, size in (
-        (build_work(effects=(ripple,)), "weighted", 2e-4),
-        (build_work(), "simultaneous", 5e-4),
-    ):
+    sizes = {"values": (0.1, 0.0), "deviations": (0.01, 0.01)}
+    rippled = build_work(effects=(DriveEffect(kind="torque-ripple", joint=0, order=100.0, **sizes),))
+    for work, method, size in ((rippled, "weighted", 2e-4), (build_work(), "simultaneous", 5e-4)):
         found = np.sqrt(np.diag(_add_model_error(work, replace(fit, method=method)).covariance))
         assert found == pytest.approx(size * np.hypot(own, largest), rel=1e-3)
-
-
-def test_a_contradiction_must_matter_to_count():
-    work = build_work()
-    sharp = SimpleNamespace(chi=work.band.chi, covariance=np.diag([1e-12, 1e-12, 1e-12]))
-    work.band = sharp
-    # A thousandth is far beyond these deviations, and no matter.
-    small = 1e-12 * np.eye(3)
-    assert find_contradiction(work, build_fit([2.001, 1.0, 0.5], small))[0] == ""
-    text, ratio = find_contradiction(work, build_fit([2.1, 1.0, 0.5], small))
-    assert "contradict" in text
-    assert ratio > 5.0

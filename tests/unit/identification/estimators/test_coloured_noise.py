@@ -6,7 +6,7 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
 from symid.identification.estimators.least_squares import compute_coloured_covariance, measure_influence
-from symid.identification.regression.equations import Rows
+from tests.unit.identification.row_tables import make_rows
 
 COUNT, STEP = 1000, 0.02
 TRUTH = np.array([2.0, -1.0, 0.5])
@@ -20,24 +20,6 @@ def build_columns(count=COUNT):
     first = [np.sin(w * time) + 0.3 * np.cos(2.3 * w * time) for w in slow]
     second = [np.gradient(column, STEP) for column in first]
     return np.stack([np.column_stack([a, b, np.ones(count)]) for a, b in zip(first, second, strict=True)])
-
-
-def build_rows(matrix, values, group, time, run=None):
-    groups = int(group.max()) + 1
-    return Rows(
-        kind="torque",
-        matrix=matrix,
-        values=values,
-        group=group,
-        time=time,
-        velocity=np.ones(len(values)),
-        names=("a", "b", "c"),
-        units=("1",) * 3,
-        group_names=tuple(f"joint{k + 1}" for k in range(groups)),
-        group_units=("N m",) * groups,
-        velocity_units=("rad/s",) * groups,
-        run=np.zeros(len(values), dtype=int) if run is None else run,
-    )
 
 
 def place_rows(columns, kept=None):
@@ -63,16 +45,15 @@ def fit_many(columns, draw, seeds, kept=None, weights=None):
     for seed in range(seeds):
         noise = draw(np.random.default_rng(seed))
         noise = noise.ravel() if kept is None else noise[kept]
-        found.append(fit(build_rows(matrix, matrix @ TRUTH + noise, group, time), weights))
+        found.append(fit(make_rows(matrix, matrix @ TRUTH + noise, group, time=time), weights))
     return tuple(np.array(part) for part in zip(*found, strict=True))
 
 
-def find_exact(matrix, noise, weights=None):
+def find_exact(matrix, noise, weights=1.0):
     """Return the covariance of least squares for the covariance `noise` (m, m) of the rows."""
-    weights = np.ones(len(matrix)) if weights is None else weights
-    scaled = matrix * weights[:, None]
-    inverse = np.linalg.inv(scaled.T @ scaled)
-    return inverse @ (scaled * weights[:, None]).T @ noise @ (scaled * weights[:, None]) @ inverse
+    scaled = matrix * np.reshape(weights, (-1, 1))
+    left = np.linalg.solve(scaled.T @ scaled, (scaled * np.reshape(weights, (-1, 1))).T)
+    return left @ noise @ left.T
 
 
 def draw_ar(rng, memory, shape, scatter=SCATTER):
@@ -153,9 +134,8 @@ def test_rows_left_out_leave_holes_in_time_and_nothing_else(chance):
     places = np.flatnonzero(kept)
     noise = np.kron(np.eye(2), compute_ar(0.8, COUNT))[np.ix_(places, places)]
     _, covariances = fit_many(columns, lambda rng: draw_ar(rng, 0.8, (2, COUNT)), 100, kept)
-    np.testing.assert_allclose(
-        covariances.mean(axis=0).diagonal(), np.diag(find_exact(matrix, noise)), rtol=0.1
-    )
+    exact = np.diag(find_exact(matrix, noise))
+    np.testing.assert_allclose(covariances.mean(axis=0).diagonal(), exact, rtol=0.1)
 
 
 def test_logs_are_independent_of_each_other():
@@ -165,28 +145,23 @@ def test_logs_are_independent_of_each_other():
     rng = np.random.default_rng(4)
     tables = [matrix, matrix * np.array([1.3, 0.8, 1.0])]
     noise = [draw_ar(rng, 0.7, (2, 300)).ravel() for _ in tables]
-    rows = build_rows(
+    rows = make_rows(
         np.vstack(tables),
         np.vstack(tables) @ TRUTH + np.concatenate(noise),
         np.tile(group, 2),
-        np.concatenate([time, time + 77.7]),
-        np.repeat([0, 1], len(group)),
+        time=np.concatenate([time, time + 77.7]),
+        run=np.repeat([0, 1], len(group)),
     )
     values, covariance = fit(rows)
-    influence = measure_influence(
-        rows, np.eye(3), np.ones(len(rows.values)), rows.values - rows.matrix @ values
-    )
+    left = rows.values - rows.matrix @ values
+    influence = measure_influence(rows, np.eye(3), np.ones(len(left)), left)
     total = np.zeros((3, 3))
     for run in (0, 1):
         own = rows.run == run
-        part = build_rows(rows.matrix[own], rows.values[own], rows.group[own], rows.time[own])
+        part = make_rows(rows.matrix[own], rows.values[own], rows.group[own], time=rows.time[own])
         # A left factor of one: the spectrum of this log's scores alone.
-        alone = type(influence)(
-            left=np.eye(3),
-            scores=influence.scores[own],
-            frame=influence.frame[own],
-            residuals=influence.residuals[own],
-        )
+        parts = {name: getattr(influence, name)[own] for name in ("scores", "frame", "residuals")}
+        alone = type(influence)(left=np.eye(3), **parts)
         total += compute_coloured_covariance(part, alone)
     np.testing.assert_allclose(covariance, influence.left @ total @ influence.left.T, rtol=1e-9)
 

@@ -81,16 +81,11 @@ def test_a_start_far_away_ends_at_the_same_bodies():
     cost = build_cost(triangle, np.linalg.solve(triangle[:, :5], triangle[:, 5]), bodies, 0.01)
     near = optimise_bodies(cost.problem)
     factors = np.tril(3.0 * rng.normal(size=(1, 4, 4)), -1) + np.diag(np.exp(3.0 * rng.normal(size=4)))
-    far = optimise_bodies(
-        cost.problem, dataclasses.replace(build_expected_bodies(cost.problem), factors=factors)
-    )
+    start = dataclasses.replace(build_expected_bodies(cost.problem), factors=factors)
+    far = optimise_bodies(cost.problem, start)
     assert compute_cost(cost.problem, far) == pytest.approx(compute_cost(cost.problem, near), rel=1e-10)
-    np.testing.assert_allclose(
-        far.factors @ far.factors.transpose(0, 2, 1),
-        near.factors @ near.factors.transpose(0, 2, 1),
-        rtol=1e-6,
-        atol=1e-8,
-    )
+    blocks = [found.factors @ found.factors.transpose(0, 2, 1) for found in (far, near)]
+    np.testing.assert_allclose(*blocks, rtol=1e-6, atol=1e-8)
 
 
 def test_what_was_refused_still_counts_for_what_it_tells():

@@ -24,6 +24,9 @@ def test_a_joint_moves_turns_round_and_rests():
     turning = (np.abs(velocity) < 0.045) & ~((time > 3.9) & (time < 6.1))
     assert turning.any()
     assert (phases[turning] == 1).all()
+    # A joint that never moves rests.
+    assert (find_phases(np.arange(300) * PERIOD, np.zeros(300), RUN[:300]) == 2).all()
+    assert len(find_phases(np.zeros(0), np.zeros(0), RUN[:0])) == 0
 
 
 @pytest.mark.parametrize("noise", [1e-3, 1e-2])
@@ -47,11 +50,6 @@ def test_logs_are_looked_at_one_by_one():
         top = 1.0 / np.quantile(np.abs(joined), 0.99)
         alone = find_phases(time, velocity * top, RUN[:2500])
         assert np.mean(phases[run == number] == alone) > 0.99
-
-
-def test_a_joint_that_never_moves_rests():
-    assert (find_phases(np.arange(300) * PERIOD, np.zeros(300), RUN[:300]) == 2).all()
-    assert len(find_phases(np.zeros(0), np.zeros(0), RUN[:0])) == 0
 
 
 def test_residuals_of_phases_add_up():

@@ -17,6 +17,7 @@ from symid.joint_models.friction_law import compute_friction_torque
 
 PERIOD = 1e-3
 SYMMETRIC = AxisModel(law=get_law("coulomb-viscous-offset"))
+VALUES = np.array([95.0, 200.0, 20.0, -3.0])
 ASYMMETRIC = AxisModel(law=get_law("asymmetric"))
 
 
@@ -37,8 +38,7 @@ def find_rest_exactly(axis, force, speed):
 
 
 def test_motion_in_one_direction_is_exact():
-    values = np.array([95.0, 200.0, 20.0, -3.0])
-    position, speed = simulate_axis(SYMMETRIC, values, np.full(2001, 60.0), PERIOD, (0.1, 0.02, 0.0))
+    position, speed = simulate_axis(SYMMETRIC, VALUES, np.full(2001, 60.0), PERIOD, (0.1, 0.02, 0.0))
     for k in (1, 37, 2000):
         # Times of the steps are sums of the double nearest to 1 ms.
         way, final = move_exactly((95.0, 200.0, 17.0), 60.0, 0.02, k * mpmath.mpf(PERIOD))
@@ -60,20 +60,22 @@ def test_rest_within_a_step_then_motion_the_other_way_is_exact():
 
 
 def test_the_axis_comes_to_rest_and_stays():
-    values = np.array([95.0, 200.0, 20.0, -3.0])
-    position, speed = simulate_axis(SYMMETRIC, values, np.full(3001, 5.0), PERIOD, (0.0, 0.2, 0.0))
+    position, speed = simulate_axis(SYMMETRIC, VALUES, np.full(3001, 5.0), PERIOD, (0.0, 0.2, 0.0))
     rest = find_rest_exactly((95.0, 200.0, 17.0), 5.0, 0.2)
     way, _ = move_exactly((95.0, 200.0, 17.0), 5.0, 0.2, rest)
     stopped = int(np.ceil(float(rest) / PERIOD))
     assert np.all(speed[stopped:] == 0.0)
     assert np.all(position[stopped:] == position[stopped])
     assert position[-1] == pytest.approx(float(way), rel=1e-13)
+    # One sample is the start.
+    call = (SYMMETRIC, np.ones(4), np.ones(1), PERIOD, (0.3, 0.2, 0.0))
+    assert [part.tolist() for part in simulate_axis(*call)] == [[0.3], [0.2]]
+    assert simulate_axis(*call, rates=True)[2:].tolist() == [[0.0]] * 8
 
 
 @pytest.mark.parametrize(("force", "direction"), [(16.9, 0), (17.1, 1), (-22.9, 0), (-23.1, -1)])
 def test_breaking_away_takes_the_force_of_that_side(force, direction):
-    values = np.array([95.0, 200.0, 20.0, -3.0])
-    _, speed = simulate_axis(SYMMETRIC, values, np.full(11, force), PERIOD, (0.0, 0.0, 0.0))
+    _, speed = simulate_axis(SYMMETRIC, VALUES, np.full(11, force), PERIOD, (0.0, 0.0, 0.0))
     assert np.sign(speed[-1]) == direction
 
 
@@ -136,11 +138,10 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_other_laws_meet_an_adaptive_integrator(name):
+def test_other_laws_meet_an_adaptive_integrator_and_rates_are_slopes(name):
     numbers, terms = CASES[name]
     model, values = AxisModel(law=get_law(name), terms=terms), np.array(numbers)
-    time = PERIOD * np.arange(401)
-    force = 90.0 * np.sin(2.0 * np.pi * 2.5 * time + 0.3)
+    force = 90.0 * np.sin(2.0 * np.pi * 2.5 * PERIOD * np.arange(401) + 0.3)
     start = (0.05, -0.01, 0.7)
     expected = find_reference(model, values, force, start)
     way = np.ptp(expected)
@@ -148,44 +149,29 @@ def test_other_laws_meet_an_adaptive_integrator(name):
     fine, _ = simulate_axis(model, values, force, PERIOD, start, substeps=8)
     assert np.max(np.abs(once - expected)) < 1e-5 * way
     assert np.max(np.abs(fine - expected)) < 2e-7 * way
+    states = simulate_axis(model, values, force, PERIOD, start, rates=True)
+    assert np.array_equal(states[0], once)
+    rates = states[2 : 2 + len(values)].T
+    for k, value in enumerate(values):
+        move = 1e-5 * abs(value) * np.eye(len(values))[k]
+        ends = [simulate_axis(model, values + sign * move, force, PERIOD, start)[0] for sign in (1.0, -1.0)]
+        slope = (ends[0] - ends[1]) / (2.0 * move[k])
+        assert np.max(np.abs(slope - rates[:, k])) < 1e-6 * np.max(np.abs(slope)), model.parameters[k]
 
 
 def test_smooth_dry_friction_is_stable_and_tends_to_the_plain_one():
-    values = np.array([95.0, 200.0, 20.0])
-    time = PERIOD * np.arange(2001)
-    force = 80.0 * np.sin(6.0 * time)
-    plain, _ = simulate_axis(
-        AxisModel(law=get_law("coulomb-viscous")), values, force, PERIOD, (0.0, 0.0, 0.0)
-    )
-    errors = []
-    for smoothing in (1e-2, 1e-3, 1e-4):
-        smooth = AxisModel(law=get_law("coulomb-viscous", smoothing=smoothing))
-        found, _ = simulate_axis(smooth, values, force, PERIOD, (0.0, 0.0, 0.0), substeps=20)
-        errors.append(np.max(np.abs(found - plain)))
+    force = 80.0 * np.sin(6.0 * PERIOD * np.arange(2001))
+
+    def simulate(smoothing, **options):
+        model = AxisModel(law=get_law("coulomb-viscous", smoothing=smoothing))
+        return simulate_axis(model, VALUES[:3], force, PERIOD, (0.0, 0.0, 0.0), **options)[0]
+
+    plain = simulate(0.0)
+    errors = [np.max(np.abs(simulate(size, substeps=20) - plain)) for size in (1e-2, 1e-3, 1e-4)]
     # In proportion to the smoothing speed, but for the logarithm of the time that leaving rest takes.
     assert errors[1] < errors[0] / 5.0
     assert errors[2] < errors[1] / 5.0
     assert errors[2] < 3e-3 * np.ptp(plain)
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_rates_are_the_slopes_of_the_simulation(name):
-    numbers, terms = CASES[name]
-    model, values = AxisModel(law=get_law(name), terms=terms), np.array(numbers)
-    force = 90.0 * np.sin(2.0 * np.pi * 2.5 * PERIOD * np.arange(401) + 0.3)
-    start = (0.05, -0.01, 0.7)
-    states = simulate_axis(model, values, force, PERIOD, start, rates=True)
-    assert np.array_equal(states[0], simulate_axis(model, values, force, PERIOD, start)[0])
-    rates = states[2 : 2 + len(values)].T
-    for k, value in enumerate(values):
-        step = 1e-5 * abs(value)
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = values.copy()
-            moved[k] += sign * step
-            ends.append(simulate_axis(model, moved, force, PERIOD, start)[0])
-        slope = (ends[0] - ends[1]) / (2.0 * step)
-        assert np.max(np.abs(slope - rates[:, k])) < 1e-6 * np.max(np.abs(slope)), model.parameters[k]
 
 
 def test_forces_of_a_simulated_motion_balance():
@@ -211,21 +197,10 @@ def test_without_force_the_axis_only_slows_down(speed, values):
     assert np.all(found * speed >= 0.0)
 
 
-def test_one_sample_is_the_start():
-    position, speed = simulate_axis(SYMMETRIC, np.ones(4), np.ones(1), PERIOD, (0.3, 0.2, 0.0))
-    assert (position.tolist(), speed.tolist()) == ([0.3], [0.2])
-    states = simulate_axis(SYMMETRIC, np.ones(4), np.ones(1), PERIOD, (0.3, 0.2, 0.0), rates=True)
-    assert states[2:].tolist() == [[0.0]] * 8
-
-
 @pytest.mark.parametrize("terms", [("offset",), ("wind",), ("drift", "drift")])
 def test_terms_that_cannot_stand(terms):
-    with pytest.raises(UsageError, match=r"terms (offset|wind|drift): .*offset, drift, spring, slope, bend"):
+    words = r"terms (offset|wind|drift): .*offset, drift, spring, slope, bend"
+    with pytest.raises(UsageError, match=words) as caught:
         AxisModel(law=get_law("coulomb-viscous-offset"), terms=terms)
-    assert AxisModel(law=get_law("asymmetric"), terms=("drift",)).name == "asymmetric + drift"
-
-
-def test_the_code_of_a_wrong_term():
-    with pytest.raises(UsageError) as caught:
-        AxisModel(law=get_law("coulomb"), terms=("wind",))
     assert caught.value.notices[0].code == "usage.axis-term"
+    assert AxisModel(law=get_law("asymmetric"), terms=("drift",)).name == "asymmetric + drift"

@@ -63,13 +63,8 @@ def test_a_known_shape_value_makes_the_others_surer():
 def test_what_cannot_be_told_has_no_deviation():
     law = get_law("stribeck+offset")
     samples = draw_samples(law, (*TABLE_1, 1.0), np.abs(build_cosines(0.5)), noise=1.0)
-    bound = dict(
-        zip(
-            (p.name for p in law.physical),
-            compute_cramer_rao(samples, law, (*TABLE_1, 1.0), 1.0),
-            strict=True,
-        )
-    )
+    found = compute_cramer_rao(samples, law, (*TABLE_1, 1.0), 1.0)
+    bound = {entry.name: size for entry, size in zip(law.physical, found, strict=True)}
     assert np.isinf([bound["fC"], bound["fS"], bound["offset"]]).all()
     assert np.isfinite([bound["vs"], bound["fV"]]).all()
 

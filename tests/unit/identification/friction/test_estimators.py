@@ -8,7 +8,15 @@ import pytest
 from symid import ipopt
 from symid.errors import IdentifiabilityError, SolverError, UsageError
 from symid.identification.friction.estimators import ESTIMATORS, STOCHASTIC, fit_friction
-from symid.identification.friction.problem import FrictionOptions, build_problem
+from symid.identification.friction.problem import (
+    EvolutionOptions,
+    FrictionNlpOptions,
+    FrictionOptions,
+    GeneticOptions,
+    RootFindingOptions,
+    VariableProjectionOptions,
+    build_problem,
+)
 from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
 from symid.joint_models.friction_law import compute_columns
@@ -35,14 +43,6 @@ def test_every_estimator_gives_the_same_report(estimator):
     assert estimate.sigma == pytest.approx(np.sqrt(251.0 / 500), rel=0.1)
 
 
-def test_a_seed_stands_for_a_generator():
-    samples, law = draw_s1()
-    first, second = (
-        fit_friction(samples, law, estimator="genetic", options=FrictionOptions(seed=3)) for _ in range(2)
-    )
-    assert first == second
-
-
 @pytest.mark.parametrize("name", sorted(FRICTION_LAWS))
 def test_every_law_can_be_fitted(name):
     law = FRICTION_LAWS[name]
@@ -64,26 +64,17 @@ def test_every_law_can_be_fitted(name):
 
 
 def test_columns_beside_friction_and_a_filter_take_part():
-    law, velocity = get_law("improved-stribeck"), build_cosines(0.1, 1.0)
+    law, physical = get_law("improved-stribeck"), (11.64, 23.19, 0.02767, 27.88, 0.47, 0.01)
     extra = np.column_stack([np.cos(PHASE), np.sin(0.7 * PHASE), np.cos(0.7 * PHASE)])
-    samples = draw_samples(
-        law,
-        (11.64, 23.19, 0.02767, 27.88, 0.47, 0.01),
-        velocity,
-        noise=0.0,
-        extra=extra,
-        extra_names=("J", "a", "b"),
-        extra_units=("kg m^2", "N m", "N m"),
-        reduce=lambda columns: columns[::2] + columns[1::2],
-    )
+    given = {"extra_names": ("J", "a", "b"), "extra_units": ("kg m^2", "N m", "N m"), "extra": extra}
+    given |= {"reduce": lambda columns: columns[::2] + columns[1::2]}
+    samples = draw_samples(law, physical, build_cosines(0.1, 1.0), noise=0.0, **given)
     true = np.array([0.5, 3.0, -2.0])
     samples = replace(samples, torque=samples.torque + extra @ true)
     estimate = fit_friction(samples, law)
     assert estimate.samples == 1000
     np.testing.assert_allclose([entry.value for entry in estimate.extra], true, atol=1e-5)
-    np.testing.assert_allclose(
-        [entry.value for entry in estimate.parameters], (11.64, 23.19, 0.02767, 27.88, 0.47, 0.01), rtol=1e-4
-    )
+    np.testing.assert_allclose([entry.value for entry in estimate.parameters], physical, rtol=1e-4)
     assert [entry.unit for entry in estimate.extra] == ["kg m^2", "N m", "N m"]
 
 
@@ -93,12 +84,16 @@ def test_a_sliding_axis_has_its_own_units():
     assert [entry.unit for entry in fit_friction(samples, law).parameters] == ["N", "N s/m"]
 
 
-def test_an_unknown_estimator_is_refused():
+def test_an_unknown_estimator_is_refused_and_a_seed_stands_for_a_generator():
+    samples, law = draw_s1()
     with pytest.raises(UsageError, match=r"mean genetic\?") as refused:
-        fit_friction(*draw_s1(), estimator="genetics")
+        fit_friction(samples, law, estimator="genetics")
     assert refused.value.notices[0].code == "usage.friction-estimator"
     with pytest.raises(UsageError, match=r"'zzz' .*varpro, root-finding"):
-        fit_friction(*draw_s1(), estimator="zzz")
+        fit_friction(samples, law, estimator="zzz")
+    options = FrictionOptions(seed=3)
+    first, second = (fit_friction(samples, law, estimator="genetic", options=options) for _ in range(2))
+    assert first == second
 
 
 @pytest.mark.parametrize(
@@ -116,17 +111,13 @@ def test_what_cannot_be_fitted_is_refused(name, velocity, code, error):
     assert refused.value.notices[0].code == code
 
 
-def test_bounds_of_a_parameter_that_is_none_are_refused():
-    samples, law = draw_s1()
-    with pytest.raises(UsageError, match=r"gamma.* vs$") as refused:
-        build_problem(samples, law, FrictionOptions(bounds=(("gamma", (1.0, 2.0)),)))
-    assert refused.value.notices[0].code == "friction.bounds"
-
-
-def test_bounds_are_kept():
+def test_bounds_are_kept_and_refused_of_a_parameter_that_is_none():
     samples, law = draw_s1()
     estimate = fit_friction(samples, law, options=FrictionOptions(bounds=(("vs", (0.05, 0.1)),)))
     assert estimate.shape == (pytest.approx(0.05),)
+    with pytest.raises(UsageError, match=r"gamma.* vs$") as refused:
+        build_problem(samples, law, FrictionOptions(bounds=(("gamma", (1.0, 2.0)),)))
+    assert refused.value.notices[0].code == "friction.bounds"
 
 
 def test_a_solver_that_fails_gives_no_numbers(monkeypatch):
@@ -135,3 +126,23 @@ def test_a_solver_that_fails_gives_no_numbers(monkeypatch):
     with pytest.raises(SolverError, match="Invalid_Number") as refused:
         fit_friction(*draw_s2(), estimator="nlp")
     assert refused.value.notices[0].code == "friction.solver"
+
+
+def test_all_mistakes_in_options_are_reported_together():
+    with pytest.raises(UsageError) as refused:
+        FrictionOptions(
+            bounds=(("vs", (1.0, 0.1)),),
+            reach=0.0,
+            variable_projection=VariableProjectionOptions(starts=0, solves=0, grid=((1,), (2, 2), (2, 2, 2))),
+            root_finding=RootFindingOptions(points=2),
+            nlp=FrictionNlpOptions(starts=0, iterations=0),
+            genetic=GeneticOptions(population=1, width=0.0, generations=0),
+            annealing=GeneticOptions(cooling=1.0, step=-1.0, tolerance=2.0),
+            evolution=EvolutionOptions(population=1, generations=0),
+        )
+    notices = refused.value.notices
+    assert {notice.code for notice in notices} == {"usage.friction-option"}
+    words = ("bounds of vs", "reach", "starts", "solves", "grid", "points", "nlp.iterations", "genetic.width")
+    for word in (*words, "cooling", "annealing.step", "annealing.tolerance", "evolution.population"):
+        assert any(word in notice.text for notice in notices), word
+    assert FrictionOptions().variable_projection.solves == 150

@@ -1,7 +1,6 @@
 """From recordings to samples of one joint: the rigid part, poses, rows left out, folded periods."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -64,21 +63,23 @@ def test_several_poses_take_the_columns_of_the_regressor():
     assert sorted(set(found.samples.run.tolist())) == [0.0, 1.0, 2.0]
 
 
-def test_many_columns_are_warned_of():
+def test_independent_columns_are_the_first_ones_and_many_are_warned_of():
+    a, b = np.random.default_rng(0).normal(size=(2, 50))
+    assert list_independent(np.column_stack([np.zeros(50), a, 3.0 * a, b, a - b])) == [1, 3]
+    rounding = 1e-16 * np.random.default_rng(1).normal(size=50)
+    assert list_independent(np.column_stack([rounding, a])) == [1]
+
     def build(columns):
-        def evaluate(name, *inputs):
-            if name == "friction_regressor":
-                return LIBRARY.evaluate(name, *inputs)
-            found = np.zeros((len(inputs[0]), 2, 8))
-            found[:, 0, :columns] = np.sin(inputs[0][:, :1] * np.arange(1, columns + 1))
+        def regress(q, *_):
+            found = np.zeros((len(q), 2, 8))
+            found[:, 0, :columns] = np.sin(q[:, :1] * np.arange(1, columns + 1))
             return (found,)
 
         card = replace(LIBRARY.card, beta=LIBRARY.card.beta + LIBRARY.card.beta[:2])
-        return SimpleNamespace(card=card, evaluate=evaluate)
+        return replace(LIBRARY, card=card, functions=LIBRARY.functions | {"torque_regressor": regress})
 
     for columns, codes in ((4, []), (8, ["friction.many-columns"])):
-        library = build(columns)
-        logs = prepare_joint_logs(library, [record(0.8)], RAW)
+        logs = prepare_joint_logs(build(columns), [record(0.8)], RAW)
         assert [entry.code for entry in extract_joint(logs, 0).notices] == codes
 
 
@@ -96,18 +97,13 @@ def test_known_base_parameters_are_subtracted():
 
 
 def test_friction_that_is_not_the_joints_own_is_fitted_along():
-    class Coupled:
-        card = LIBRARY.card
-        functions = LIBRARY.functions
+    def rub(dq):
+        (found,) = LIBRARY.functions["friction_regressor"](dq)
+        found[:, 0, 3] = dq[:, 0] + dq[:, 1]
+        return (found,)
 
-        @staticmethod
-        def evaluate(name, *inputs):
-            (found,) = LIBRARY.evaluate(name, *inputs)
-            if name == "friction_regressor":
-                found[:, 0, 3] = inputs[0][:, 0] + inputs[0][:, 1]
-            return (found,)
-
-    logs = prepare_joint_logs(Coupled, [record(0.8)], RAW)
+    coupled = replace(LIBRARY, functions=LIBRARY.functions | {"friction_regressor": rub})
+    logs = prepare_joint_logs(coupled, [record(0.8)], RAW)
     samples = extract_joint(logs, 0).samples
     assert samples.extra_names == ("J", "a", "b", LIBRARY.card.friction[3].name)
 
@@ -154,7 +150,7 @@ def test_rows_keep_time_velocity_and_recording_behind_the_filter():
     assert fewer.load is not None
 
 
-def test_joints_that_rest_or_are_shaken_are_refused():
+def test_joints_that_rest_or_are_shaken_and_logs_of_other_robots_are_refused():
     recording = record(0.8)
     logs = prepare_joint_logs(LIBRARY, [recording], RAW)
     assert (logs.resting, logs.list_moving(0), logs.list_alone(0)) == (((1,),), (0,), (0,))
@@ -163,32 +159,19 @@ def test_joints_that_rest_or_are_shaken_are_refused():
     assert caught.value.notices[0].code == "friction.at-rest"
     position = recording.position.copy()
     position[:, 1] += 0.01 * position[:, 0]
-    shaken = Recording(time=recording.time, position=position, torque=recording.torque)
-    logs = prepare_joint_logs(LIBRARY, [shaken], RAW)
+    logs = prepare_joint_logs(LIBRARY, [replace(recording, position=position)], RAW)
     assert logs.carried == ((1,),)
     with pytest.raises(IdentifiabilityError, match=r"joint2.* 5 %"):
         extract_joint(logs, 1)
-
-
-def test_logs_that_fit_no_robot_or_do_not_move_are_refused():
-    recording = record(0.8)
-    other = Recording(time=recording.time, position=recording.position[:, :1], torque=recording.torque[:, :1])
-    with pytest.raises(LogError) as caught:
-        prepare_joint_logs(LIBRARY, [other], RAW)
-    assert caught.value.notices[0].code == "log.joints"
-    still = Recording(
-        time=recording.time, position=np.zeros_like(recording.position), torque=recording.torque
-    )
-    with pytest.raises(IdentifiabilityError) as caught:
-        prepare_joint_logs(LIBRARY, [still], RAW)
-    assert caught.value.notices[0].code == "identify.standstill"
-
-
-def test_independent_columns_are_the_first_ones():
-    a, b = np.random.default_rng(0).normal(size=(2, 50))
-    assert list_independent(np.column_stack([np.zeros(50), a, 3.0 * a, b, a - b])) == [1, 3]
-    rounding = 1e-16 * np.random.default_rng(1).normal(size=50)
-    assert list_independent(np.column_stack([rounding, a])) == [1]
+    other = replace(recording, position=recording.position[:, :1], torque=recording.torque[:, :1])
+    still = replace(recording, position=np.zeros_like(recording.position))
+    for log, error, code in (
+        (other, LogError, "log.joints"),
+        (still, IdentifiabilityError, "identify.standstill"),
+    ):
+        with pytest.raises(error) as caught:
+            prepare_joint_logs(LIBRARY, [log], RAW)
+        assert caught.value.notices[0].code == code
 
 
 @pytest.mark.parametrize("period", [2.0, 2.0005])
@@ -212,40 +195,33 @@ def test_periods_are_averaged(period):
     assert [notice.code for notice in folded.notices] == ["log.folded"]
 
 
-def test_a_joint_that_rests_has_no_period_to_be_wrong():
-    time = np.arange(5000) / RATE
-    noise = 1e-6 * np.random.default_rng(0).normal(size=len(time))
-    position = np.column_stack([np.cos(np.pi * time) + 0.03 * time, noise])
-    recording = Recording(time=time, position=position, torque=np.zeros_like(position), source="log")
-    codes = [notice.code for notice in fold_recording(recording, 2.0).notices]
-    assert codes == ["log.folded", "log.not-periodic"]
+def make_log(position, torque=None):
+    """Return a log of columns over 10 s."""
+    columns = np.column_stack(position if isinstance(position, tuple) else (position,))
+    torque = columns if torque is None else torque[:, None]
+    return Recording(time=TIME, position=columns, torque=torque, source="log")
 
 
-def test_a_mean_period_is_continued_by_the_margin_asked_for():
-    time = np.arange(5000) / RATE
-    position = np.sin(np.pi * time)[:, None]
-    recording = Recording(time=time, position=position, torque=position, source="log")
-    folded = fold_recording(recording, 2.0, margin=2300)
-    assert folded.position.shape == (2300 + 1000 + 2300, 1)
-    expected = np.sin(2.0 * np.pi * np.arange(-2300, 3300) / 1000)
-    assert np.allclose(folded.position[:, 0], expected)
+TIME = np.arange(5000) / RATE
 
 
 def test_a_wrong_period_is_told_or_refused_and_a_short_log_refused():
-    time = np.arange(5000) / RATE
-    drift = 0.02 * time
-    recording = Recording(
-        time=time, position=(np.cos(2.0 * time) + drift)[:, None], torque=np.sin(time)[:, None], source="log"
-    )
-    codes = [notice.code for notice in fold_recording(recording, np.pi).notices]
-    assert codes == ["log.folded", "log.not-periodic"]
-    with pytest.raises(LogError, match="one for each log") as caught:
-        fold_recording(recording, 2.5)
-    assert caught.value.notices[0].code == "log.not-periodic"
-    for period in (7.0, 0.01):
-        with pytest.raises(LogError) as caught:
-            fold_recording(recording, period)
-        assert caught.value.notices[0].code == "log.period"
+    # A mean period is continued by the margin asked for.
+    folded = fold_recording(make_log(np.sin(np.pi * TIME)), 2.0, margin=2300)
+    assert folded.position.shape == (2300 + 1000 + 2300, 1)
+    expected = np.sin(2.0 * np.pi * np.arange(-2300, 3300) / 1000)
+    assert np.allclose(folded.position[:, 0], expected)
+    # The second joint rests: it has no period to be wrong.
+    noise = 1e-6 * np.random.default_rng(0).normal(size=len(TIME))
+    half_resting = make_log((np.cos(np.pi * TIME) + 0.03 * TIME, noise))
+    drifting = make_log(np.cos(2.0 * TIME) + 0.02 * TIME, np.sin(TIME))
+    for recording, period in ((half_resting, 2.0), (drifting, np.pi)):
+        codes = [notice.code for notice in fold_recording(recording, period).notices]
+        assert codes == ["log.folded", "log.not-periodic"]
+    for period, code in ((2.5, "log.not-periodic"), (7.0, "log.period"), (0.01, "log.period")):
+        with pytest.raises(LogError, match="one for each log" if period == 2.5 else None) as caught:
+            fold_recording(drifting, period)
+        assert caught.value.notices[0].code == code
 
 
 # fC, fS, vs, fV, fP, dq0 in N and m/s, and the mass in kg.
@@ -302,10 +278,16 @@ def test_noise_of_an_encoder_does_not_bend_a_sharp_law():
     assert max(before[2], before[5]) < -8.0
 
 
-def test_without_noise_the_cutoff_follows_the_rate():
+def test_without_noise_the_cutoff_follows_the_rate_and_a_stated_one_is_kept():
     far, logs = fit_sharp([record_sharp(0, bits=0)], OPEN)
     assert (logs.cutoffs, logs.processing.filter_cutoff) == ((), 200.0)
     assert np.all(np.abs(far) < 4.0)
+    # Ends in motion are left out: two periods of 200 Hz on either side, or of what was chosen.
+    assert len(logs.signals[0].time) == 20_000 - 20
+    logs = fit_sharp([record_sharp(0)], OPEN)[1]
+    assert len(logs.signals[0].time) == 20_000 - 2 * np.ceil(2e3 / logs.cutoffs[0][0])
+    logs = fit_sharp([record_sharp(0)], replace(OPEN, filter_cutoff=60.0))[1]
+    assert (logs.cutoffs, logs.processing.filter_cutoff) == ((), 60.0)
 
 
 def test_every_log_and_joint_has_its_own_cutoff():
@@ -317,11 +299,8 @@ def test_every_log_and_joint_has_its_own_cutoff():
     assert [notice.file for notice in describe_cutoffs(logs)] == ["seed 0", "seed 1"]
     assert f"(Hz): joint1 {fine:g};" in describe_cutoffs(logs)[0].text
     one, two = record_sharp(0, bits=20), record_sharp(1, bits=16)
-    both = Recording(
-        time=one.time,
-        position=np.hstack([one.position, two.position]),
-        torque=np.hstack([one.torque, two.torque]),
-    )
+    pairs = {name: np.hstack([getattr(one, name), getattr(two, name)]) for name in ("position", "torque")}
+    both = replace(one, **pairs)
     together = prepare_joint_logs(LIBRARY, [both], OPEN)
     assert together.cutoffs == ((fine, coarse),)
     alone = (prepare_joint_logs(build_one_axis(), [entry], OPEN).signals[0] for entry in (one, two))
@@ -329,16 +308,3 @@ def test_every_log_and_joint_has_its_own_cutoff():
         cut = (len(states.time) - len(together.signals[0].time)) // 2
         kept = slice(cut, len(states.time) - cut)
         np.testing.assert_allclose(together.signals[0].dq[:, joint], states.dq[kept, 0], atol=1e-12)
-
-
-def test_a_stated_cutoff_is_kept():
-    logs = fit_sharp([record_sharp(0)], replace(OPEN, filter_cutoff=60.0))[1]
-    assert (logs.cutoffs, logs.processing.filter_cutoff) == ((), 60.0)
-
-
-def test_ends_in_motion_are_left_out():
-    logs = fit_sharp([record_sharp(0, bits=0)], OPEN)[1]
-    # Two periods of 200 Hz on either side.
-    assert len(logs.signals[0].time) == 20_000 - 20
-    (cutoff,) = fit_sharp([record_sharp(0)], OPEN)[1].cutoffs[0]
-    assert len(fit_sharp([record_sharp(0)], OPEN)[1].signals[0].time) == 20_000 - 2 * np.ceil(2e3 / cutoff)

@@ -29,7 +29,6 @@ from symid.identification.friction.poses import (
 from symid.identification.stored import is_fit, read_fit, write_fit
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
-from symid.logs.recording import Recording
 from symid.robot.description import Processing
 from tests.recovery.closed_form import build_two_link
 from tests.unit.identification.friction.cosine_rigs import (
@@ -88,9 +87,9 @@ def build_motion(dq):
     return load_recording(time, q, speed, rate, law="stribeck+offset")
 
 
-def test_one_direction_only_gets_no_number_for_the_other():
-    time = np.arange(6000) / 500.0
-    recording = build_motion(0.5 + 0.45 * np.cos(2.0 * time))
+def test_what_a_log_does_not_show_gets_sentences_and_no_number():
+    # One direction only.
+    recording = build_motion(0.5 + 0.45 * np.cos(2.0 * np.arange(6000) / 500.0))
     (joint,) = identify(recording, model="coulomb-viscous-offset", beta=BETA).joints
     refused = dict(joint.estimate.refused)
     assert set(refused) == {"fC", "offset"}
@@ -98,19 +97,14 @@ def test_one_direction_only_gets_no_number_for_the_other():
     assert set(find_values(joint.estimate)) == {"fV"}
     (joint,) = identify(recording, model="asymmetric", beta=BETA).joints
     assert set(dict(joint.estimate.refused)) == {"fCn", "fVn"}
-
-
-def test_constant_velocity_gets_sentences_and_no_number():
+    # One speed only.
     recording = build_motion(np.full(4000, 0.3))
     for options in ({"model": "coulomb-viscous-offset"}, {"model": "stribeck+offset"}, {"candidates": FEW}):
         notices = refuse(recording, beta=BETA, **options)
         assert {notice.code for notice in notices} == {"friction.nothing"}
         assert any("one speed only" in notice.text for notice in notices)
-
-
-def test_without_low_velocities_the_fall_of_friction_gets_no_number():
-    processing = Processing(drop_first=20, drop_last=20, standstill=0.25)
-    (joint,) = identify(record(1.0), model="stribeck+offset", processing=processing, beta=BETA).joints
+    # No low velocities: the fall of friction gets no number.
+    (joint,) = identify(record(1.0), model="stribeck+offset", processing=FAST_ONLY, beta=BETA).joints
     refused = dict(joint.estimate.refused)
     assert {"fS", "vs"} <= set(refused)
     assert "slow" in refused["vs"]
@@ -119,31 +113,20 @@ def test_without_low_velocities_the_fall_of_friction_gets_no_number():
     assert values["offset"] == pytest.approx(0.25, abs=0.02)
 
 
-def test_periods_can_be_averaged():
-    # The peak is that of a period of 3 s, whose turning points are samples: there the sign is anybody's.
-    recording = record(np.pi / 3.0, law="coulomb-viscous-offset", periods=6.1)
-    options = {
-        "model": "coulomb-viscous-offset",
-        "processing": Processing(drop_first=20, drop_last=20, standstill=0.01),
-    }
-    (whole,) = identify(recording, **options).joints
-    found = identify(recording, **options, periods=(3.0,))
+def test_periods_of_every_log_can_be_averaged():
+    # Periods of 3 and 6 s, whose turning points are samples: there the sign is anybody's.
+    recordings = [
+        record(peak, law="coulomb-viscous-offset", periods=6.1, seed=k)
+        for k, peak in enumerate((np.pi / 3.0, np.pi / 6.0))
+    ]
+    options = {"model": "coulomb-viscous-offset", "processing": replace(SLOW, standstill=0.01)}
+    (whole,) = identify(recordings[0], **options).joints
+    found = identify(recordings[0], **options, periods=(3.0,))
     (joint,) = found.joints
     assert_near_truth(joint.estimate, PLAIN, deviations=5.0)
     assert joint.residual.samples < whole.residual.samples / 4
     assert joint.residual.std < 0.6 * whole.residual.std
     assert "log.folded" in {notice.code for notice in found.notices}
-
-
-def test_every_log_may_have_its_own_period():
-    recordings = [
-        record(peak, law="coulomb-viscous-offset", amplitude=0.5, periods=6.1, seed=k)
-        for k, peak in enumerate((np.pi / 3.0, np.pi / 6.0))
-    ]
-    options = {
-        "model": "coulomb-viscous-offset",
-        "processing": Processing(drop_first=20, drop_last=20, standstill=0.01),
-    }
     (joint,) = identify(*recordings, **options, periods=(3.0, 6.0)).joints
     assert_near_truth(joint.estimate, PLAIN, deviations=5.0)
     # One period of each: no row is used twice.
@@ -166,82 +149,74 @@ def test_doubts_of_a_period_stay_where_no_number_is_found():
 
 
 def test_a_law_of_the_load_needs_a_load():
-    # The second joint has neither links' torque nor friction here; the first one has both.
-    notices = refuse(build_weightless(), model="load-dependent")
-    assert notices[0].code == "friction.nothing"
-    assert "load" in notices[0].text
-
-
-def test_a_joint_without_load_does_not_keep_others_from_a_law():
-    samples = extract_joint(prepare_joint_logs(LIBRARY, [build_weightless()], RAW), 0).samples
-    assert samples.load is None
-    with pytest.raises(IdentifiabilityError) as caught:
-        check_inputs(samples, get_law("load-dependent"))
-    assert caught.value.notices[0].code == "friction.no-load"
-
-
-def build_weightless():
-    """Return a recording whose torque is friction only: nothing in it is a load."""
+    """The torque of the first joint is friction only: nothing in it is a load."""
     recording = record(0.3, law="coulomb-viscous-offset")
     speed = np.gradient(recording.position[:, 0], recording.time)
     torque = np.zeros_like(recording.torque)
     torque[:, 0] = (
         1.1 * speed + 1.8 * np.sign(speed) + 0.05 * np.random.default_rng(1).normal(size=len(speed))
     )
-    return replace(recording, torque=torque)
+    weightless = replace(recording, torque=torque)
+    notices = refuse(weightless, model="load-dependent")
+    assert notices[0].code == "friction.nothing"
+    assert "load" in notices[0].text
+    # That joint alone does not keep others from such a law.
+    samples = extract_joint(prepare_joint_logs(LIBRARY, [weightless], RAW), 0).samples
+    assert samples.load is None
+    with pytest.raises(IdentifiabilityError) as caught:
+        check_inputs(samples, get_law("load-dependent"))
+    assert caught.value.notices[0].code == "friction.no-load"
 
 
 def find_notices(*recordings, **options):
     return {entry.code: entry.text for entry in identify(*recordings, **options).notices}
 
 
-def test_a_smoothing_without_use_is_refused_or_told():
-    with pytest.raises(UsageError, match="'makkar'") as caught:
-        identify(*SLOW_AND_FAST, model="makkar", smoothing=0.01)
-    assert caught.value.notices[0].code == "usage.friction-smoothing"
+def test_what_looks_odd_is_told_and_nothing_else():
+    right, law = record(1.0, law="coulomb-viscous-offset"), "coulomb-viscous-offset"
+    plain = find_notices(right, model=law)
+    wrong = replace(right, torque=-right.torque)
+    assert "sign" in find_notices(wrong, model=law)["friction.negative-inertia"]
+    noisy = replace(
+        right, torque=right.torque + 20.0 * np.random.default_rng(0).normal(size=right.torque.shape)
+    )
+    assert "degrees" in find_notices(noisy, model=law)["friction.large-residual"]
+    assert not {"friction.negative-inertia", "friction.large-residual"} & set(plain)
+    assert "fC" in find_notices(*SLOW_AND_FAST, model=law)["friction.pattern"]
+    found = find_notices(*SLOW_AND_FAST, model="stribeck+offset", smoothing=1e-4)
+    assert not {"friction.pattern", "friction.smoothing-unused"} & set(found)
     found = find_notices(*SLOW_AND_FAST, candidates=("makkar",), smoothing=0.01)
     assert "friction.smoothing-unused" in found
-    found = find_notices(*SLOW_AND_FAST, model="stribeck+offset", smoothing=1e-4)
-    assert "friction.smoothing-unused" not in found
-
-
-def test_a_torque_of_the_wrong_sign_is_told():
-    right = record(1.0, law="coulomb-viscous-offset")
-    wrong = replace(right, torque=-right.torque)
-    assert "sign" in find_notices(wrong, model="coulomb-viscous-offset")["friction.negative-inertia"]
-    assert "friction.negative-inertia" not in find_notices(right, model="coulomb-viscous-offset")
-
-
-def test_an_inertia_that_is_only_uncertain_is_not_blamed_on_the_log():
+    # An inertia that is only uncertain is not blamed on the log.
     estimate = SimpleNamespace(extra=(ParameterEstimate(name="J", value=-0.03, std=0.2, unit="kg m^2"),))
     (notice,) = warn_of_inertia(estimate)
     assert "zero" in notice.text
 
 
-def test_a_torque_that_nothing_explains_is_told():
-    recording = record(1.0, law="coulomb-viscous-offset")
-    noise = 20.0 * np.random.default_rng(0).normal(size=recording.torque.shape)
-    noisy = replace(recording, torque=recording.torque + noise)
-    assert "degrees" in find_notices(noisy, model="coulomb-viscous-offset")["friction.large-residual"]
-    assert "friction.large-residual" not in find_notices(recording, model="coulomb-viscous-offset")
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        ({"model": "makkar", "smoothing": 0.01}, "usage.friction-smoothing", "'makkar'"),
+        ({"model": "stribek"}, "usage.unknown-friction-law", "did you mean stribeck"),
+        ({"estimator": "varprow"}, "usage.friction-estimator", "did you mean varpro"),
+        ({"model": "lugre"}, "usage.friction-state", "fit its curve, 'stribeck-exponent'"),
+        ({"model": "dahl"}, "usage.friction-state", "fit its curve, 'coulomb-viscous'"),
+        ({"recordings": (), "model": "stribeck"}, "usage.no-log", None),
+    ],
+)
+def test_wrong_calls_are_told_with_what_would_do(options, code, words):
+    options = dict(options)
+    with pytest.raises(UsageError, match=words) as caught:
+        identify(*options.pop("recordings", SLOW_AND_FAST), **options)
+    assert caught.value.notices[0].code == code
 
 
-def test_a_residual_with_a_pattern_is_told():
-    found = find_notices(*SLOW_AND_FAST, model="coulomb-viscous-offset")
-    assert "fC" in found["friction.pattern"]
-    assert "friction.pattern" not in find_notices(*SLOW_AND_FAST, model="stribeck+offset")
-
-
-def test_names_are_checked_and_near_ones_offered():
-    with pytest.raises(UsageError, match="did you mean stribeck") as caught:
-        identify(*SLOW_AND_FAST, model="stribek")
-    assert caught.value.notices[0].code == "usage.unknown-friction-law"
-    with pytest.raises(UsageError, match="did you mean varpro") as caught:
-        identify(*SLOW_AND_FAST, estimator="varprow")
-    assert caught.value.notices[0].code == "usage.friction-estimator"
-    with pytest.raises(UsageError) as caught:
-        identify(model="stribeck")
-    assert caught.value.notices[0].code == "usage.no-log"
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """Return a path of a file of a result, and its text."""
+    found = identify(record(1.0, law="coulomb-viscous-offset"), model="coulomb-viscous-offset")
+    path = write_fit(found, tmp_path_factory.mktemp("stored") / "friction.json")
+    return path, path.read_text()
 
 
 def test_results_are_read_back_without_loss(tmp_path):
@@ -254,13 +229,18 @@ def test_results_are_read_back_without_loss(tmp_path):
     assert write_fit(again, tmp_path / "again.json").read_text() == path.read_text()
     assert replace(again.joints[0], velocity_map=None) == replace(found.joints[0], velocity_map=None)
     assert again.notices == found.notices
+    # Files that are no JSON are refused.
+    for text in (None, "{"):
+        other = tmp_path / "other.json"
+        if text is not None:
+            other.write_text(text)
+        assert not is_fit(other)
+        with pytest.raises(EstimateError):
+            read_fit(other)
 
 
-@pytest.fixture(scope="module")
-def stored(tmp_path_factory):
-    """Return the text of a stored result."""
-    found = identify(record(1.0, law="coulomb-viscous-offset"), model="coulomb-viscous-offset")
-    return write_fit(found, tmp_path_factory.mktemp("stored") / "friction.json").read_text()
+def change_map(data, **columns):
+    data["joints"][0]["velocity_map"].update(columns)
 
 
 @pytest.mark.parametrize(
@@ -280,15 +260,12 @@ def stored(tmp_path_factory):
         (lambda data: data["joints"][0]["estimate"]["covariance"].pop(), "covariance has 5 entries, not 6"),
         (lambda data: data["joints"][0]["estimate"]["covariance"][0].pop(), "row 0 has 5 entries"),
         (lambda data: data["joints"][0]["velocity_map"]["torque"].pop(), "velocity_map.torque has"),
-        (
-            lambda data: data["joints"][0]["velocity_map"].update(cloud_velocity=[], cloud_torque=[]),
-            "cloud_velocity is empty",
-        ),
+        (lambda data: change_map(data, cloud_velocity=[], cloud_torque=[]), "cloud_velocity is empty"),
         (lambda data: data["joints"][0]["estimate"].update(linear=[None, 1, 1]), "are not numbers"),
     ],
 )
-def test_files_that_are_no_results_are_refused(stored, tmp_path, change, told):
-    path, data = tmp_path / "friction.json", json.loads(stored)
+def test_files_that_are_no_results_are_refused(stored, change, told):
+    path, data = stored[0], json.loads(stored[1])
     change(data)
     path.write_text(json.dumps(data))
     with pytest.raises(EstimateError, match=told) as caught:
@@ -296,27 +273,11 @@ def test_files_that_are_no_results_are_refused(stored, tmp_path, change, told):
     assert caught.value.notices[0].code == "estimate.format"
 
 
-def test_files_that_are_no_json_are_refused(tmp_path):
-    path = tmp_path / "friction.json"
-    for text in (None, "{"):
-        if text is not None:
-            path.write_text(text)
-        assert not is_fit(path)
-        with pytest.raises(EstimateError):
-            read_fit(path)
-
-
-def build_poses(*levels, noise=0.05):
+def build_poses(*levels):
     """Return recordings at different poses of the second joint, with these Coulomb levels."""
+    law = "coulomb-viscous-offset"
     return [
-        record(
-            1.0,
-            law="coulomb-viscous-offset",
-            values=PLAIN | {"fC": level},
-            pose=(0.3, 0.5 * number),
-            noise=noise,
-            seed=number,
-        )
+        record(1.0, law=law, values=PLAIN | {"fC": level}, pose=(0.3, 0.5 * number), seed=number)
         for number, level in enumerate(levels)
     ]
 
@@ -326,7 +287,7 @@ def compare(recordings):
     return compare_poses(logs, 0, get_law("coulomb-viscous-offset"))
 
 
-def test_equal_friction_at_all_poses_is_told():
+def test_friction_that_depends_on_the_pose_is_told_from_equal_friction():
     found = compare(build_poses(1.8, 1.8, 1.8))
     assert not found.differs
     assert " not " in found.verdict
@@ -335,9 +296,6 @@ def test_equal_friction_at_all_poses_is_told():
     for entry in found.parameters:
         truth = PLAIN[entry.name]
         assert sum(low <= truth <= high for low, high in entry.intervals) >= 2
-
-
-def test_friction_that_depends_on_the_pose_is_told():
     found = compare(build_poses(1.8, 2.0, 1.8))
     assert found.differs
     assert ": fC (" in found.verdict
@@ -348,19 +306,16 @@ def test_friction_that_depends_on_the_pose_is_told():
 
 
 def test_false_alarms_are_rare():
-    alarms = 0
-    for seed in range(20):
-        recordings = [
-            record(1.0, law="coulomb-viscous-offset", pose=(0.3, angle), seed=10 * seed + k, periods=1.0)
-            for k, angle in enumerate((0.0, 0.8))
-        ]
-        alarms += compare(recordings).differs
-    assert alarms <= 2
+    law = "coulomb-viscous-offset"
+    pairs = (
+        [record(1.0, law=law, pose=(0.3, 0.8 * k), seed=10 * seed + k, periods=1.0) for k in (0, 1)]
+        for seed in range(20)
+    )
+    assert sum(compare(pair).differs for pair in pairs) <= 2
 
 
 def test_a_pose_that_cannot_be_fitted_is_left_out_and_the_rest_stays():
-    processing = Processing(drop_first=20, drop_last=20, standstill=0.1)
-    options = {"model": "coulomb-viscous-offset", "processing": processing}
+    options = {"model": "coulomb-viscous-offset", "processing": SLOW}
     fast = record(1.0, law="coulomb-viscous-offset")
     slow = record(0.08, law="coulomb-viscous-offset", pose=(0.3, 1.2), periods=1.0, seed=1)
     other = record(1.0, law="coulomb-viscous-offset", pose=(0.3, 0.9), seed=2)
@@ -384,9 +339,7 @@ def test_poses_that_tell_too_little_are_not_called_alike():
     assert not found.differs
     assert found.change is None or found.change > 0.0
     assert "uncertain" in found.verdict
-
-
-def test_what_a_pose_does_not_tell_makes_no_change_of_the_curve():
+    # What a pose does not tell makes no change of the curve.
     logs = prepare_joint_logs(LIBRARY, [record(1.0), record(1.0, pose=(0.3, 1.2), seed=1)], FAST_ONLY)
     found = compare_poses(logs, 0, get_law("stribeck+offset"), beta=BETA)
     assert "vs" not in {entry.name for entry in found.parameters}
@@ -407,9 +360,8 @@ def test_noise_with_a_memory_makes_no_difference_of_poses(memory, poses):
         for pose in range(poses):
             rng = np.random.default_rng([trial, pose])
             noise = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], rng.normal(size=5000))[3000:]
-            samples = FrictionSamples(
-                joint="j", time=time, velocity=velocity, torque=clean + 0.1 * noise, extra=np.empty((2000, 0))
-            )
+            torque, rest = clean + 0.1 * noise, {"joint": "j", "extra": np.empty((2000, 0))}
+            samples = FrictionSamples(time=time, velocity=velocity, torque=torque, **rest)
             estimate = fit_friction(samples, law)
             deviations = compute_robust_deviations(samples, law, estimate)
             fits.append([(estimate.get_value(name), *deviations[name]) for name in ("fC", "fV", "offset")])
@@ -417,9 +369,7 @@ def test_noise_with_a_memory_makes_no_difference_of_poses(memory, poses):
         alarms += 3 * min(chances) < 0.01
     # At 1 % the chance of four or more among sixty is 0.3 %.
     assert alarms <= 3
-
-
-def test_the_comparison_of_two_means_is_that_of_welch():
+    # The comparison of two means is that of Welch.
     rng = np.random.default_rng(4)
     one, two = rng.normal(size=7), 0.4 + 3.0 * rng.normal(size=12)
     stds = np.array([np.std(part, ddof=1) / np.sqrt(len(part)) for part in (one, two)])
@@ -432,16 +382,5 @@ def test_one_pose_is_no_test_and_recordings_of_one_pose_belong_together():
     logs = prepare_joint_logs(LIBRARY, recordings, RAW)
     assert [pose.runs for pose in list_poses(logs, 0)] == [(0, 2), (1,)]
     assert compare(build_poses(1.8)) is None
-    moving = Recording(
-        time=recordings[0].time,
-        position=recordings[0].position[:, [0, 0]],
-        torque=recordings[0].torque,
-    )
+    moving = replace(recordings[0], position=recordings[0].position[:, [0, 0]])
     assert list_poses(prepare_joint_logs(LIBRARY, [moving], RAW), 0) == ()
-
-
-@pytest.mark.parametrize(("model", "curve"), [("lugre", "stribeck-exponent"), ("dahl", "coulomb-viscous")])
-def test_a_law_with_a_state_is_refused_with_its_curve(model, curve):
-    with pytest.raises(UsageError, match=f"fit its curve, '{curve}'") as caught:
-        identify(*SLOW_AND_FAST, model=model)
-    assert caught.value.notices[0].code == "usage.friction-state"

@@ -65,6 +65,10 @@ def test_the_optimum_is_that_of_variable_projection(draw):
     assert search.objective == pytest.approx(best.objective, rel=1e-6)
     assert search.outcome is Ending.CONVERGED
     assert dict(search.settings)["agreeing"] >= 1
+    # The limit of iterations is told.
+    search = search_by_nlp(problem, replace(NLP, starts=1, iterations=1))
+    assert search.outcome is Ending.LIMIT
+    assert "Maximum_Iterations_Exceeded" in search.ended
 
 
 def test_physical_bounds_hold():
@@ -76,17 +80,8 @@ def test_physical_bounds_hold():
     assert viscous == pytest.approx(0.0, abs=1e-6)
     # With viscous friction at zero, Coulomb friction alone is a mean.
     assert coulomb == pytest.approx(float(np.mean(samples.torque * np.sign(samples.velocity))), rel=1e-5)
-
-
-def test_static_friction_is_not_forced_above_coulomb_friction():
+    # Static friction is not forced above Coulomb friction.
     law = get_law("stribeck")
     samples = draw_samples(law, (11.0, 8.0, 0.03, 20.0), build_cosines(0.1, 1.0), noise=0.1)
     search = search_by_nlp(build_problem(samples, law, OPTIONS), NLP)
     np.testing.assert_allclose(law.to_physical(search.linear, search.shape)[:2], (11.0, 8.0), atol=0.2)
-
-
-def test_the_limit_of_iterations_is_told():
-    problem = build_problem(*draw_s1(), OPTIONS)
-    search = search_by_nlp(problem, replace(NLP, starts=1, iterations=1))
-    assert search.outcome is Ending.LIMIT
-    assert "Maximum_Iterations_Exceeded" in search.ended

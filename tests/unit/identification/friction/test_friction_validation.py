@@ -19,7 +19,6 @@ from tests.recovery.closed_form import build_two_link
 from tests.unit.identification.friction.cosine_rigs import BETA, DECIMATED, RAW, load_recording, record
 
 TASK = FrictionTask(model="stribeck+offset", poses=False)
-KNOWN = {"rigid": "known", "known_values": None}
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +44,12 @@ def test_a_log_of_the_same_motion_leaves_noise_alone(library, found):
     (series,) = validation.series
     assert entry.relative_percent == pytest.approx(100.0 * entry.norm / np.linalg.norm(series.measured))
     assert find_codes(validation) == ["validate.friction-pose"]
+    # The fitted log is told from others, and so are speeds beyond those fitted.
+    again = validate_friction(found, library, record(1.0, seed=1), RAW)
+    assert again.fitted
+    assert "validate.fitted-log" in find_codes(again)
+    fast = validate_friction(found, library, record(2.0, seed=4), RAW)
+    assert "validate.friction-range" in find_codes(fast)
 
 
 def test_the_prediction_is_that_of_the_written_formula(library, found):
@@ -56,8 +61,7 @@ def test_the_prediction_is_that_of_the_written_formula(library, found):
     q = recording.position[:, 0]
     dt = recording.time[1] - recording.time[0]
     dq, inner = np.gradient(q, dt), slice(20, -20)
-    ddq = np.gradient(dq, dt)
-    parts = {"J": ddq, "a": np.sin(q), "b": np.cos(q)}
+    parts = {"J": np.gradient(dq, dt), "a": np.sin(q), "b": np.cos(q)}
     rigid = sum(entry.value * parts[entry.name] for entry in estimate.extra)
     torque = rigid + compute_friction_torque(law, {"velocity": dq}, estimate.linear, estimate.shape)
     assert len(series.predicted) == len(torque[inner])
@@ -65,29 +69,21 @@ def test_the_prediction_is_that_of_the_written_formula(library, found):
 
 
 def test_the_very_log_gives_the_residual_of_the_fit(library):
+    recording, task = record(1.0), replace(TASK, model="asymmetric")
     for processing in (RAW, DECIMATED):
-        recording = record(1.0)
-        found = identify_friction(library, [recording], processing, replace(TASK, model="asymmetric"))
+        found = identify_friction(library, [recording], processing, task)
         found = replace(found, sources=("elsewhere",))
-        validation = validate_friction(found, library, recording, processing)
-        assert validation.residual[0].relative_percent == pytest.approx(
-            found.joints[0].residual.relative_percent, rel=1e-12
-        )
-        assert validation.residual[0].samples == found.joints[0].residual.samples
-
-
-def test_the_fitted_log_is_told_from_others(library, found):
-    again = validate_friction(found, library, record(1.0, seed=1), RAW)
-    assert again.fitted
-    assert "validate.fitted-log" in find_codes(again)
+        (entry,) = validate_friction(found, library, recording, processing).residual
+        expected = found.joints[0].residual
+        assert entry.relative_percent == pytest.approx(expected.relative_percent, rel=1e-12)
+        assert entry.samples == expected.samples
 
 
 def test_base_parameters_that_were_known_are_subtracted_again(library):
     task = replace(TASK, beta=BETA, model="coulomb-viscous-offset")
     found = identify_friction(library, [record(1.0, law="coulomb-viscous-offset")], RAW, task)
-    names = [entry.name for entry in library.card.beta]
-    settings = {**found.settings, "known_values": dict(zip(names, BETA.tolist(), strict=True))}
-    told = replace(found, settings=settings)
+    known = {entry.name: value for entry, value in zip(library.card.beta, BETA.tolist(), strict=True)}
+    told = replace(found, settings={**found.settings, "known_values": known})
     assert read_known_parameters(told, library.card).tolist() == BETA.tolist()
     # At a pose that was not fitted: known base parameters hold everywhere.
     other = record(0.8, pose=(-0.5, 1.9), seed=3, law="coulomb-viscous-offset")
@@ -98,18 +94,21 @@ def test_base_parameters_that_were_known_are_subtracted_again(library):
         validate_friction(found, library, other, RAW)
 
 
-def test_base_parameters_that_were_told_apart_hold_at_every_pose(library):
-    both = move_both()
-    found = identify_friction(library, [both], RAW, replace(TASK, model="coulomb-viscous-offset"))
+def move_both():
+    """Return the recording of a motion of both joints."""
+    time = np.arange(3000) / 500.0
+    angle = np.array([0.0, 0.3]) + np.outer(time, [2.0, 3.1])
+    size, rate = np.array([0.5, 0.6]), np.array([2.0, 3.1])
+    q, dq = size * np.sin(angle), size * rate * np.cos(angle)
+    return load_recording(time, q, dq, -(rate**2) * q, law="stribeck+offset")
+
+
+def test_columns_that_stand_for_groups_are_told_and_parameters_told_apart_hold_at_every_pose(library):
+    found = identify_friction(library, [move_both()], RAW, replace(TASK, model="coulomb-viscous-offset"))
     (joint,) = (entry for entry in found.joints if entry.joint == "joint1")
     assert {entry.name for entry in joint.estimate.extra} == {entry.name for entry in library.card.beta}
-    validation = validate_friction(
-        replace(found, joints=(joint,)), library, record(1.0, pose=(0.9, -1.0)), RAW
-    )
-    assert find_codes(validation) == []
-
-
-def test_columns_that_stand_for_groups_are_told(library):
+    found = replace(found, joints=(joint,))
+    assert find_codes(validate_friction(found, library, record(1.0, pose=(0.9, -1.0)), RAW)) == []
     twice = [record(1.0), record(1.0, pose=(0.3, 1.2), seed=2)]
     found = identify_friction(library, twice, RAW, TASK)
     (joint,) = found.joints
@@ -119,24 +118,12 @@ def test_columns_that_stand_for_groups_are_told(library):
     assert f"({len(joint.estimate.other)} columns)" in notice.text
 
 
-def move_both():
-    """Return the recording of a motion of both joints."""
-    time = np.arange(3000) / 500.0
-    q = np.column_stack([0.5 * np.sin(2.0 * time), 0.6 * np.sin(3.1 * time + 0.3)])
-    dq = np.column_stack([np.cos(2.0 * time), 1.86 * np.cos(3.1 * time + 0.3)])
-    ddq = np.column_stack([-2.0 * np.sin(2.0 * time), -5.766 * np.sin(3.1 * time + 0.3)])
-    return load_recording(time, q, dq, ddq, law="stribeck+offset")
-
-
 def test_another_kind_of_motion_is_refused_where_its_rigid_part_is_not_known(library, found):
     with pytest.raises(IdentifiabilityError, match="rigid part") as caught:
         validate_friction(found, library, move_both(), RAW)
     assert {entry.code for entry in caught.value.notices} == {"validate.friction-joint"}
-
-
-def test_a_joint_that_does_not_move_is_left_out(library, found):
+    # Here the other joint moves, this one rests.
     recording = record(1.0)
-    # The other joint moves, this one rests.
     still = replace(
         recording, position=recording.position[:, ::-1].copy(), torque=recording.torque[:, ::-1].copy()
     )
@@ -161,12 +148,9 @@ def test_refused_parameters_leave_the_speeds_that_were_fitted(library):
 
 def test_a_rigid_part_without_numbers_is_told(library, found):
     (joint,) = found.joints
-    estimate = joint.estimate
-    untold = replace(
-        estimate,
-        extra=tuple(entry for entry in estimate.extra if entry.name != "J"),
-        refused=(("J", "the joint hardly accelerates"),),
-    )
+    extra = tuple(entry for entry in joint.estimate.extra if entry.name != "J")
+    refused = (("J", "the joint hardly accelerates"),)
+    untold = replace(joint.estimate, extra=extra, refused=refused)
     changed = replace(found, joints=(replace(joint, estimate=untold),))
     validation = validate_friction(changed, library, record(0.6, seed=7), RAW)
     # Its value still takes part in the prediction.
@@ -174,23 +158,17 @@ def test_a_rigid_part_without_numbers_is_told(library, found):
     assert find_codes(validation) == ["validate.friction-beside"]
 
 
-def test_speeds_beyond_those_fitted_are_told(library, found):
-    fast = validate_friction(found, library, record(2.0, seed=4), RAW)
-    assert "validate.friction-range" in find_codes(fast)
-
-
 def test_another_model_is_refused(library, found):
-    changed = replace(library.card, signature="0" * 64)
-    with pytest.raises(EstimateError, match="changed"):
-        check_model(found, changed, "friction.json")
-    with pytest.raises(EstimateError, match=r"'two_link'.*'other'"):
-        check_model(found, replace(changed, robot="other"), "friction.json")
-    (joint,) = found.joints
+    changed, (joint,) = replace(library.card, signature="0" * 64), found.joints
     unknown = replace(joint, estimate=replace(joint.estimate, joint="wheel"))
-    with pytest.raises(EstimateError, match=r"'wheel' .*'two_link'"):
-        check_model(replace(found, joints=(unknown,)), library.card)
-    with pytest.raises(EstimateError, match=r"each once"):
-        check_model(replace(found, joints=(joint, joint)), library.card)
+    for card, joints, words in (
+        (changed, (joint,), "changed"),
+        (replace(changed, robot="other"), (joint,), r"'two_link'.*'other'"),
+        (library.card, (unknown,), r"'wheel' .*'two_link'"),
+        (library.card, (joint, joint), r"each once"),
+    ):
+        with pytest.raises(EstimateError, match=words):
+            check_model(replace(found, joints=joints), card, "friction.json")
     strange = replace(joint, estimate=replace(joint.estimate, other=(1.0,)))
     with pytest.raises(EstimateError, match=r"joint1.* 1 values"):
         validate_friction(replace(found, joints=(strange,)), library, record(0.6, seed=7), RAW)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from symid.errors import LogError
+from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.output_error import (
     GIVEN,
     AxisModel,
@@ -11,6 +12,8 @@ from symid.identification.friction.output_error import (
     AxisTrial,
     SearchPlan,
     Window,
+    build_axis_run,
+    build_axis_samples,
     choose_axis_trial,
     compute_output_error,
     compute_window_rmse,
@@ -22,7 +25,10 @@ from symid.identification.friction.output_error import (
     split_windows,
     try_axis_model,
 )
+from symid.identification.friction.selection import compute_relative_residual
 from symid.joint_models.friction_catalogue import get_law
+from symid.logs.recording import Recording
+from symid.robot.description import Decimation, Processing
 
 PERIOD = 2e-3
 PLAIN = AxisModel(law=get_law("coulomb-viscous-offset"))
@@ -45,11 +51,14 @@ def whole(run):
     return (Window(first=0, last=len(run.force)),)
 
 
+def build_plan(*lengths, restarts=0):
+    return SearchPlan(cutoff=60.0, lengths=lengths, restarts=restarts)
+
+
 @pytest.mark.parametrize("model", [PLAIN, RICH], ids=lambda model: model.name)
 def test_known_values_are_found_again(model):
     run = build_run(model)
-    plan = SearchPlan(cutoff=60.0, lengths=(0.8,), restarts=0)
-    fit = fit_whole_run(model, run, plan, generator=np.random.default_rng(0))
+    fit = fit_whole_run(model, run, build_plan(0.8), generator=np.random.default_rng(0))
     # The start is read off 20 samples by a parabola: its error is what is left.
     assert np.array(fit.values) == pytest.approx(TRUTH[model.name], rel=2e-2, abs=2e-2)
     assert fit.rmse < 1e-4 < np.ptp(run.position)
@@ -73,9 +82,11 @@ def test_the_error_leaves_out_the_given_samples():
     windows = split_windows(whole(run), 1000)
     error = compute_output_error(PLAIN, TRUTH[PLAIN.name], run, windows)
     assert len(error) == len(run.force) - GIVEN * len(windows)
-    assert compute_window_rmse(PLAIN, TRUTH[PLAIN.name], run, windows) == pytest.approx(
-        np.sqrt(np.mean(error**2))
-    )
+    rmse = compute_window_rmse(PLAIN, TRUTH[PLAIN.name], run, windows)
+    assert rmse == pytest.approx(np.sqrt(np.mean(error**2)))
+    # A simulation that leaves all bounds stays a number.
+    error = compute_output_error(PLAIN, np.array([1e-3, -1e6, 0.0, 0.0]), run, whole(run))
+    assert np.all(np.isfinite(error))
 
 
 @pytest.mark.parametrize("samples", [10.0, 333.0, 700.0, 5000.0])
@@ -111,22 +122,15 @@ def test_samples_left_out_do_not_count():
 
 def test_restarts_never_make_a_fit_worse():
     run = build_run(PLAIN, seconds=4.0)
-    fits = [
-        fit_whole_run(
-            PLAIN,
-            run,
-            SearchPlan(cutoff=60.0, lengths=(0.8,), restarts=restarts),
-            generator=np.random.default_rng(0),
-        )
-        for restarts in (0, 2)
-    ]
+    plans = [build_plan(0.8, restarts=restarts) for restarts in (0, 2)]
+    fits = [fit_whole_run(PLAIN, run, plan, generator=np.random.default_rng(0)) for plan in plans]
     assert fits[1].rmse <= fits[0].rmse
     assert fits[1].evaluations > fits[0].evaluations
 
 
 def test_blocks_held_back_tell_the_richer_truth():
     run = build_run(RICH)
-    plan = SearchPlan(cutoff=60.0, lengths=(0.5, 1.0), restarts=0)
+    plan = build_plan(0.5, 1.0)
     trials = [try_axis_model(model, run, plan, generator=np.random.default_rng(0)) for model in (PLAIN, RICH)]
     assert all(len(trial.held) == 4 for trial in trials)
     assert trials[1].rmse < 1e-4 < trials[0].rmse
@@ -146,12 +150,6 @@ def test_the_fewest_values_within_one_standard_error_are_taken():
     assert choose_axis_trial([rich, plain, better]) is better
 
 
-def test_a_simulation_that_leaves_all_bounds_stays_a_number():
-    run = build_run(PLAIN, seconds=1.0)
-    error = compute_output_error(PLAIN, np.array([1e-3, -1e6, 0.0, 0.0]), run, whole(run))
-    assert np.all(np.isfinite(error))
-
-
 @pytest.mark.parametrize(
     ("position", "force"),
     [(np.zeros(50), np.zeros(49)), (np.zeros(10), np.zeros(10)), (np.full(50, np.nan), np.zeros(50))],
@@ -160,9 +158,59 @@ def test_runs_that_cannot_be(position, force):
     with pytest.raises(LogError) as caught:
         AxisRun(position=position, force=force, period=PERIOD)
     assert caught.value.notices[0].code == "friction.axis-run"
-
-
-def test_windows_that_are_too_short():
-    run = build_run(PLAIN, seconds=1.0)
+    # Windows that are too short.
     with pytest.raises(LogError, match="40 samples"):
-        fit_output_error(PLAIN, run, [Window(first=0, last=30)], [TRUTH[PLAIN.name]])
+        fit_output_error(PLAIN, build_run(PLAIN, 1.0), [Window(first=0, last=30)], [TRUTH[PLAIN.name]])
+
+
+# The ladder of laws: the law that made the motion leaves least of it.
+PROCESSING = Processing(
+    filter_order=4,
+    filter_cutoff=100.0,
+    filter_torque=False,
+    drop_first=50,
+    decimation=Decimation(factor=10, order=8, ripple_db=0.05, band=0.8),
+)
+
+
+def build_recording(phase, joints=1):
+    time = 2.0 + 1e-3 * np.arange(6000)
+    model = AxisModel(law=get_law("asymmetric"), terms=("drift",))
+    values = np.array([95.0, 160.0, 20.0, 240.0, 21.0, -0.2])
+    # Strong enough that the axis hardly rests: at rest the force tells nothing of a law.
+    force = 250.0 * np.sin(4.0 * time + phase) + 60.0 * np.sin(1.3 * time)
+    position, _ = simulate_axis(model, values, force, 1e-3, (0.0, 0.0, 2.0))
+    return Recording(
+        time=time,
+        position=np.column_stack([position] * joints),
+        torque=np.column_stack([force] * joints),
+        source="simulated",
+    )
+
+
+def test_the_law_that_made_the_motion_leaves_least():
+    fitted, unseen = (
+        build_axis_samples(build_recording(phase), PROCESSING, terms=("drift",)) for phase in (1.0, 0.6)
+    )
+    assert fitted.extra_names == ("M", "drift")
+    laws = [get_law(name) for name in ("coulomb-viscous-offset", "asymmetric")]
+    estimates = [fit_friction(fitted, law) for law in laws]
+    for samples in (fitted, unseen):
+        plain, rich = map(compute_relative_residual, (samples, samples), laws, estimates)
+        assert rich < 0.5 * plain
+    # What is left comes from the filter, which blurs each change of the direction.
+    assert estimates[1].other[0] == pytest.approx(95.0, rel=0.01)
+    assert estimates[1].other[1] == pytest.approx(-0.2, abs=0.05)
+
+
+def test_a_run_is_the_recording_of_one_joint():
+    recording = build_recording(0.0)
+    run = build_axis_run(recording)
+    assert np.array_equal(run.position, recording.position[:, 0])
+    assert np.array_equal(run.force, recording.torque[:, 0])
+    assert (run.period, run.begin) == (pytest.approx(1e-3), 2.0)
+    two = build_recording(0.0, joints=2)
+    for build in (build_axis_run, lambda entry: build_axis_samples(entry, PROCESSING)):
+        with pytest.raises(LogError, match=r"\b2 joints.* 1$") as caught:
+            build(two)
+        assert caught.value.notices[0].code == "log.joints"

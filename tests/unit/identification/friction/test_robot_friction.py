@@ -98,7 +98,8 @@ def test_a_written_law_has_the_torque_of_its_formula(identified, name):
         assert found[k] == pytest.approx(find_torque(name, printed, SPEEDS[k], **others), rel=1e-12)
 
 
-def test_the_step_above_coulomb_friction_is_what_robot_files_name(identified):
+def test_values_names_and_smoothing_are_those_of_robot_files(identified):
+    """Static friction is the step above Coulomb friction; laws without a sign have no smoothing."""
     friction = build_robot_friction(give(identified, "stribeck+offset"))
     assert friction.values == pytest.approx((1.7, 2.3, 3.1 - 2.3, -0.4), abs=1e-15)
     assert friction.shape == (0.07,)
@@ -106,18 +107,12 @@ def test_the_step_above_coulomb_friction_is_what_robot_files_name(identified):
     assert below.values == pytest.approx((1.7, 2.3, 1.9 - 2.3), abs=1e-15)
     searched = build_robot_friction(give(identified, "stribeck-exponent"))
     assert (searched.law, searched.shape) == ("stribeck-exponent", (0.07, 1.37))
-
-
-def test_laws_without_a_sign_have_no_smoothing_in_the_file(identified):
-    assert build_robot_friction(give(identified, "makkar", smoothing=0.01)).smoothing == 0.0
-    assert build_robot_friction(give(identified, "improved-stribeck", smoothing=0.01)).smoothing == 0.0
-    assert build_robot_friction(give(identified, "stribeck", smoothing=0.01)).smoothing == 0.01
-
-
-def test_a_law_of_an_earlier_fit_is_written_with_the_name_of_today(identified):
+    for name, smoothing in (("makkar", 0.0), ("improved-stribeck", 0.0), ("stribeck", 0.01)):
+        assert build_robot_friction(give(identified, name, smoothing=0.01)).smoothing == smoothing
+    # A law of an earlier fit is written with the name of today.
     joint = give(identified, "stribeck+offset")
     old = replace(joint, estimate=replace(joint.estimate, law="stribeck_offset"))
-    assert build_robot_friction(old) == build_robot_friction(joint)
+    assert build_robot_friction(old) == friction
 
 
 def test_values_that_were_refused_stay_out(identified):

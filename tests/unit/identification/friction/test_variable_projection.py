@@ -1,4 +1,4 @@
-"""Variable projection: its derivatives, its optimum against searches that know nothing of it, its edges."""
+"""Variable projection: its derivatives, its optimum against other searches, its edges; and root finding."""
 
 from dataclasses import replace
 
@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from scipy.optimize import differential_evolution, least_squares
 
+from symid.errors import UsageError
 from symid.identification.friction.estimators import search_friction
 from symid.identification.friction.problem import (
     FrictionOptions,
     Projector,
+    RootFindingOptions,
     VariableProjectionOptions,
     build_problem,
 )
-from symid.identification.friction.searches import build_shape_grid, search_by_projection
+from symid.identification.friction.searches import build_shape_grid, search_by_projection, search_by_roots
 from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
@@ -35,15 +37,26 @@ TRUTHS = {
 }
 
 
-def build(name, seed=0):
+def build(name, options=OPTIONS):
     law = get_law(name)
-    samples = draw_samples(law, TRUTHS[name], build_cosines(0.1, 1.0, count=400), noise=0.5, seed=seed)
-    return build_problem(samples, law, OPTIONS)
+    samples = draw_samples(law, TRUTHS[name], build_cosines(0.1, 1.0, count=400), noise=0.5)
+    return build_problem(samples, law, options)
+
+
+def find_best(projector, bounds, *, seed, **options):
+    """Return the least that a search finds which knows nothing of projections' slopes."""
+    answer = differential_evolution(
+        lambda z: projector.project(z).objective,
+        bounds,
+        seed=np.random.default_rng(seed),
+        popsize=10,
+        **options,
+    )
+    return answer.fun
 
 
 def test_the_linear_part_is_the_least_squares_solution():
-    samples, law = draw_s1()
-    problem = build_problem(samples, law, OPTIONS)
+    problem = build_problem(*draw_s1(), OPTIONS)
     state = Projector(problem, 10).project(problem.encode([0.04]))
     expected, rest, *_ = np.linalg.lstsq(problem.compute_columns([0.04]), problem.target, rcond=None)
     np.testing.assert_allclose(state.linear, expected, rtol=1e-10)
@@ -71,15 +84,8 @@ def test_no_other_search_finds_less(name):
     assert search.solves <= 150
     projector = Projector(problem, 10**9)
     low, high = problem.encode(problem.low), problem.encode(problem.high)
-    answer = differential_evolution(
-        lambda z: projector.project(z).objective,
-        list(zip(low, high, strict=True)),
-        seed=np.random.default_rng(3),
-        popsize=10,
-        maxiter=40,
-        tol=1e-10,
-    )
-    assert search.objective <= answer.fun * (1.0 + 1e-6)
+    best = find_best(projector, list(zip(low, high, strict=True)), seed=3, maxiter=40, tol=1e-10)
+    assert search.objective <= best * (1.0 + 1e-6)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -98,46 +104,33 @@ def test_gauss_newton_from_the_truth_ends_at_the_same_point(seed):
 
 @pytest.mark.parametrize("joint", [1, 2, 3])
 def test_the_edge_of_the_zone_is_set_onto_the_best_kink(joint):
-    samples, law = draw_s2(joint, seed=11)
-    problem = build_problem(samples, law, OPTIONS)
+    problem = build_problem(*draw_s2(joint, seed=11), OPTIONS)
     search = search_by_projection(problem, FREE)
-    assert search.solves <= 150
-    projector = Projector(problem, 10**9)
-    around = problem.encode(search.shape)
-    answer = differential_evolution(
-        lambda z: projector.project(z).objective,
-        [(value - 0.1, value + 0.1) for value in around],
-        seed=np.random.default_rng(1),
-        popsize=10,
-        maxiter=60,
-        tol=1e-12,
-    )
-    assert search.objective <= answer.fun * (1.0 + 1e-9)
-
-
-def test_a_fixed_shape_value_is_not_searched():
-    samples, law = draw_s1()
-    fixed = FrictionOptions(bounds=(("vs", (0.04, 0.04)),))
-    search = search_by_projection(build_problem(samples, law, fixed), FREE)
-    assert search.shape == (0.04,)
-    assert search.solves == 1
+    # An optimum in a kink ends by its tolerance.
     assert search.outcome is Ending.CONVERGED
+    assert search.solves < 150
+    around = [(value - 0.1, value + 0.1) for value in problem.encode(search.shape)]
+    best = find_best(Projector(problem, 10**9), around, seed=1, maxiter=60, tol=1e-12)
+    assert search.objective <= best * (1.0 + 1e-9)
 
 
-def test_a_linear_law_is_solved_at_once():
+def test_the_limit_of_linear_problems_is_kept_and_no_more_are_solved_than_needed():
+    fixed = FrictionOptions(bounds=(("vs", (0.04, 0.04)),))
+    search = search_by_projection(build_problem(*draw_s1(), fixed), FREE)
+    assert (search.shape, search.solves, search.outcome) == ((0.04,), 1, Ending.CONVERGED)
+    # A linear law is solved at once.
     law = get_law("coulomb-viscous")
     samples = draw_samples(law, (11.0, 20.0), build_cosines(0.5), noise=0.0)
     search = search_by_projection(build_problem(samples, law, OPTIONS), FREE)
     np.testing.assert_allclose(law.to_physical(search.linear, search.shape), (11.0, 20.0), rtol=1e-12)
     assert (search.solves, len(search.history)) == (1, 1)
-
-
-def test_the_limit_of_linear_problems_is_kept():
-    samples, law = draw_s2()
-    problem = build_problem(samples, law, OPTIONS)
+    problem = build_problem(*draw_s2(), OPTIONS)
     search = search_by_projection(problem, VariableProjectionOptions(solves=55))
     assert search.solves <= 55
     assert search.outcome is Ending.LIMIT
+    # The same samples give the same bits.
+    first, second = (search_friction(problem, estimator="varpro", options=OPTIONS) for _ in range(2))
+    assert (first.objective, first.shape) == (second.objective, second.shape)
 
 
 def test_a_shape_at_its_bound_and_dependent_columns_stay_finite():
@@ -154,28 +147,13 @@ def test_the_grid_stays_inside_the_bounds():
     grid = np.array(build_shape_grid(problem, FREE))
     assert len(grid) == 48
     assert np.all((grid > problem.encode(problem.low)) & (grid < problem.encode(problem.high)))
-
-
-def test_bounds_that_hold_the_other_order_of_two_slopes_alone_have_a_grid():
-    # As around an earlier fit in which g3 came out as the greater one.
+    # Bounds may hold the other order of two slopes alone, as around an earlier fit with a greater g3.
     bounds = FrictionOptions(bounds=(("g2", (40.0, 700.0)), ("g3", (1000.0, 5000.0)), ("g5", (10.0, 170.0))))
-    law = get_law("makkar")
-    samples = draw_samples(law, TRUTHS["makkar"], build_cosines(0.1, 1.0, count=400), noise=0.5)
-    problem = build_problem(samples, law, bounds)
+    problem = build("makkar", bounds)
     assert len(build_shape_grid(problem, FREE)) == 60
     search = search_by_projection(problem, FREE)
     assert np.all((problem.low <= search.shape) & (search.shape <= problem.high))
     assert search.objective <= min(search.history)
-
-
-def test_the_same_samples_give_the_same_bits():
-    samples, law = draw_s2()
-    first, second = (
-        search_friction(build_problem(samples, law, OPTIONS), estimator="varpro", options=OPTIONS)
-        for _ in range(2)
-    )
-    assert first.objective == second.objective
-    assert first.shape == second.shape
 
 
 @pytest.mark.parametrize(("name", "size"), [("tustin", 0.5), ("tustin", 2.0), ("stribeck", 0.2)])
@@ -193,14 +171,6 @@ def test_steps_that_go_too_far_do_not_alternate_about_the_optimum(name, size):
     z = problem.encode(search.shape)
     around = [projector.project(z + step).objective for step in np.linspace(-1e-2, 1e-2, 21)]
     assert search.objective <= min(around) * (1.0 + 1e-12)
-
-
-@pytest.mark.parametrize("joint", [1, 2, 3])
-def test_an_optimum_in_a_kink_ends_by_its_tolerance(joint):
-    samples, law = draw_s2(joint, seed=11)
-    search = search_by_projection(build_problem(samples, law, OPTIONS), FREE)
-    assert search.outcome is Ending.CONVERGED
-    assert search.solves < 150
 
 
 @pytest.mark.parametrize("truth", ["stribeck", "improved-stribeck", "improved-stribeck-h2", "tustin"])
@@ -238,23 +208,41 @@ def test_the_gain_beside_a_kink_is_that_of_the_slope_there(name):
     projector = Projector(problem, 10**6)
     speed = np.unique(np.abs(problem.samples.velocity))[8]
     state = projector.project(problem.encode([0.03, speed]))
-    slopes, step = [], 1e-6
+    gains = []
     for side in (-1.0, 1.0):
-        near = projector.project(state.z + np.array([0.0, side * step]))
-        slope = (near.objective - state.objective) / step
-        gain = projector.compute_side_gain(state, 1, side)
-        if slope >= 0.0:
-            assert gain == 0.0
-            continue
-        slopes.append(slope)
+        near = projector.project(state.z + np.array([0.0, side * 1e-6]))
+        slope = min((near.objective - state.objective) / 1e-6, 0.0)
         rate = projector.compute_jacobian(near)[:, 1]
-        assert gain == pytest.approx(slope**2 / (4.0 * float(rate @ rate)), rel=1e-2)
-    assert slopes
-
-
-def test_no_gain_is_promised_beyond_the_end_of_the_search():
-    problem = build("improved-stribeck")
-    projector = Projector(problem, 10**6)
+        gains.append(projector.compute_side_gain(state, 1, side))
+        assert gains[-1] == pytest.approx(slope**2 / (4.0 * float(rate @ rate)), rel=1e-2, abs=0.0)
+    assert any(gains)
+    # None is promised beyond the end of the search.
     for side, end in ((-1.0, problem.low), (1.0, problem.high)):
         state = projector.project(problem.encode([0.03, end[1]]))
         assert projector.compute_side_gain(state, 1, side) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_best_root_is_the_optimum(seed):
+    problem = build_problem(*draw_s1(seed), OPTIONS)
+    search = search_by_roots(problem, RootFindingOptions())
+    expected = search_by_projection(problem, OPTIONS.variable_projection)
+    assert search.outcome is Ending.CONVERGED
+    assert search.objective == pytest.approx(expected.objective, rel=1e-9)
+    assert search.solves == search.evaluations > 80
+
+
+def test_root_finding_refuses_two_unknowns_and_two_directions():
+    with pytest.raises(UsageError, match="2 here") as refused:
+        search_by_roots(build_problem(*draw_s2(), OPTIONS), RootFindingOptions())
+    assert "both" in str(refused.value)
+    assert {notice.code for notice in refused.value.notices} == {"usage.root-finding"}
+
+
+def test_without_a_root_the_better_end_is_kept():
+    law = get_law("stribeck")
+    samples = draw_samples(law, (10.0, 20.0, 0.05, 20.0), abs(build_cosines(0.5)), noise=0.0)
+    options = FrictionOptions(bounds=(("vs", (0.1, 0.2)),))
+    search = search_by_roots(build_problem(samples, law, options), RootFindingOptions())
+    assert search.outcome is Ending.STALLED
+    assert search.shape[0] == pytest.approx(0.1)

@@ -5,11 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from symid.identification.hysteresis.families import BoucWenFamily, ElementPath, Stops
-from symid.identification.hysteresis.fit import (
-    ElementData,
-    choose_spring,
-    predict_output,
-)
+from symid.identification.hysteresis.fit import ElementData, choose_spring, predict_output
 from symid.joint_models import Elasticity, Stop, run_element
 
 PERIOD = 1e-3
@@ -32,12 +28,11 @@ def build_path(*positions):
 def draw_waves(seed, count=2, length=3000):
     rng = np.random.default_rng(seed)
     time = np.arange(length) * PERIOD
-    return [
-        sum(
-            rng.uniform(0.1, 1.0) * np.sin(2.0 * np.pi * f * time + rng.uniform(0.0, 6.0)) for f in (0.7, 1.9)
-        )
-        for _ in range(count)
-    ]
+
+    def draw(frequency):
+        return rng.uniform(0.1, 1.0) * np.sin(2.0 * np.pi * frequency * time + rng.uniform(0.0, 6.0))
+
+    return [draw(0.7) + draw(1.9) for _ in range(count)]
 
 
 @settings(max_examples=20, deadline=None)
@@ -70,8 +65,7 @@ def test_a_log_that_begins_far_from_the_end_of_another_keeps_its_spring():
 
 
 def test_stops_with_a_cubic_part_are_found():
-    waves = draw_waves(3, count=2, length=20000)
-    path = build_path(*waves)
+    path = build_path(*draw_waves(3, length=20000))
     truth = Elasticity(stiffness=300.0, stops=SPRING.stops, cubic=150.0)
     torque = predict_output(truth, path)
     plain = Elasticity(stiffness=420.0, stops=SPRING.stops)
@@ -95,19 +89,15 @@ def test_thinning_keeps_beginnings_and_turning_points():
         assert set(peaks.tolist()) <= set(thin.path.position.tolist())
     assert np.sum(thin.path.period[1:]) == pytest.approx(np.sum(path.period[1:]), rel=1e-2)
     assert len(thin.output) < 700
-
-
-def test_noise_does_not_keep_every_sample():
-    rng = np.random.default_rng(1)
-    wave = draw_waves(8, count=1, length=40000)[0]
-    path = build_path(wave + 0.02 * rng.standard_normal(len(wave)))
-    data = ElementData(path=path, output=path.position.copy(), kept=np.ones(len(wave), dtype=bool))
+    # Noise does not keep every sample.
+    noise = np.random.default_rng(1).standard_normal(40000)
+    path = build_path(draw_waves(8, count=1, length=40000)[0] + 0.02 * noise)
+    data = ElementData(path=path, output=path.position.copy(), kept=np.ones(40000, dtype=bool))
     assert len(data.thin(400, turns=True).output) < 850
 
 
 def test_a_spring_of_another_scale_stays_of_its_kind():
     # What stops and knees were fitted to differs by a percent from the torque of the links.
-    waves = draw_waves(3, length=8000)
-    path = build_path(*waves)
+    path = build_path(*draw_waves(3, length=8000))
     torque = 1.01 * predict_output(SPRING, path) + 2.0
     assert choose_spring(path, torque, np.ones(len(torque), dtype=bool), SPRING)[:2] == (SPRING, "")

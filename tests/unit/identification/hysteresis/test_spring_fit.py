@@ -51,11 +51,6 @@ def target(data):
     return data.compute_torque(TRUE)
 
 
-def test_weights_and_their_record_give_the_same_torque(data, phi, target):
-    torque = compute_hysteresis_torque(build_elasticity(TRUE), phi)
-    assert np.allclose(filter_parts(data, [thin_samples(torque, KEEP)]), target, atol=1e-12)
-
-
 def test_slopes_are_the_derivative_of_the_outer_function():
     inner = np.linspace(-8.0, 8.0, 4001)
     outer = inner + compute_ramps(inner, TRUE) @ (TRUE.slopes - 1.0)
@@ -65,24 +60,13 @@ def test_slopes_are_the_derivative_of_the_outer_function():
     assert np.allclose(slope[inside], compute_local_slopes(middle, TRUE)[inside], atol=1e-9)
 
 
-def test_stops_alone_are_found_exactly(data):
-    plain = SpringWeights(
-        thresholds=data.thresholds,
-        stiffness=TRUE.stiffness,
-        knees=np.zeros(0),
-        slopes=np.zeros(0),
-    )
+def test_stops_and_knees_at_their_places_are_found(data, phi, target):
+    # Weights and their record give the same torque.
+    torque = compute_hysteresis_torque(build_elasticity(TRUE), phi)
+    assert np.allclose(filter_parts(data, [thin_samples(torque, KEEP)]), target, atol=1e-12)
+    plain = replace(TRUE, thresholds=data.thresholds, knees=np.zeros(0), slopes=np.zeros(0))
     assert np.allclose(data.fit_stops(data.compute_torque(plain)).stiffness, TRUE.stiffness, rtol=1e-9)
-
-
-def test_knees_at_their_places_are_found_with_the_stops(data, target):
-    start = data.fit_stops(target)
-    start = SpringWeights(
-        thresholds=data.thresholds,
-        stiffness=start.stiffness,
-        knees=TRUE.knees,
-        slopes=np.ones(3),
-    )
+    start = replace(data.fit_stops(target), knees=TRUE.knees, slopes=np.ones(3))
     found = fit_spring(data, target, start, tolerance=1e-14, iterations=40)
     assert np.allclose(found.stiffness, TRUE.stiffness, rtol=1e-4)
     assert np.allclose(found.slopes, TRUE.slopes, rtol=1e-4)
@@ -94,12 +78,7 @@ def refine(phi, target, *, stops=8, knees=4):
     data = SpringData(torsions=(phi,), periods=(PERIOD,), keeps=(KEEP,), rate=RATE).rebuild(grid)
     start = data.fit_stops(target)
     grid = build_knee_grid([part @ start.stiffness for part in data.basis], knees)
-    start = SpringWeights(
-        thresholds=data.thresholds,
-        stiffness=start.stiffness,
-        knees=grid,
-        slopes=np.ones(2 * knees),
-    )
+    start = replace(start, knees=grid, slopes=np.ones(2 * knees))
     found = refine_spring(data, target, fit_spring(data, target, start))
     found = follow_spring(data, target, found, tolerance=1e-9)
     return found, data.compute_torque(found)
@@ -118,23 +97,14 @@ def test_positions_are_found_from_a_grid(phi, target):
 @pytest.mark.parametrize("torque", [0.01, 0.05])
 def test_a_knee_at_hardly_any_torque_does_not_set_the_scale(phi, data, torque):
     """Beyond it the true spring is stiffer by half: that is the stiffness at small torsion."""
-    knees = {
-        "knees": np.array([-torque, torque]),
-        "slopes": np.array([1.5, 1.5]),
-    }
-    true = replace(TRUE, thresholds=data.thresholds, **knees)
-    target = data.compute_torque(true)
+    knees = {"knees": np.array([-torque, torque]), "slopes": np.array([1.5, 1.5])}
+    target = data.compute_torque(replace(TRUE, thresholds=data.thresholds, **knees))
     found, reached = refine(phi, target)
     assert np.linalg.norm(reached - target) < 1e-3 * np.linalg.norm(target)
     places = np.abs(found.knees)
     assert np.all(places > 0.9 * LEAST_KNEE * np.abs(target).max() / 1.5)
     assert build_elasticity(found).initial_stiffness > 800.0
     assert len(found.thresholds) <= 4
-
-
-def test_knees_are_held_away_from_zero_torque_in_their_order():
-    held = hold_knees(np.array([-0.001, -4.0, 0.001, 0.002, 5.0]), 20.0, 10.0)
-    assert np.allclose(held, [-0.6, -4.0, 0.3, 0.33, 5.0])
 
 
 @pytest.mark.parametrize(("stops", "knees"), [(0, 4), (8, 0), (0, 0)])
@@ -149,6 +119,9 @@ def test_knee_grids_lie_between_zero_and_the_torque_reached(data):
     inner = data.basis[0] @ TRUE.stiffness
     assert np.allclose(grid[:3], inner.min() * np.array([1, 3, 5]) / 6.0)
     assert np.allclose(grid[3:], inner.max() * np.array([1, 3, 5]) / 6.0)
+    # Knees are held away from zero torque in their order.
+    held = hold_knees(np.array([-0.001, -4.0, 0.001, 0.002, 5.0]), 20.0, 10.0)
+    assert np.allclose(held, [-0.6, -4.0, 0.3, 0.33, 5.0])
 
 
 def test_non_negative_least_squares_leaves_out_what_would_be_negative():
@@ -157,20 +130,14 @@ def test_non_negative_least_squares_leaves_out_what_would_be_negative():
     assert np.allclose(found, [1.5, 0.0, 0.0])
 
 
-def test_a_spring_that_would_not_rise_gets_a_rest(data):
-    weights = SpringWeights(
-        thresholds=GRID,
-        stiffness=np.array([0.0, 100.0, 0.0, 0.0]),
-        knees=np.zeros(0),
-        slopes=np.zeros(0),
+def test_a_spring_that_would_not_rise_gets_a_rest_and_one_without_stiffness_no_torque(phi):
+    none = np.zeros(0)
+    spring = build_elasticity(
+        SpringWeights(thresholds=GRID, stiffness=np.array([0.0, 100.0, 0.0, 0.0]), knees=none, slopes=none)
     )
-    spring = build_elasticity(weights)
     assert 0.0 < spring.stiffness < 1e-3
     assert [stop.threshold for stop in spring.stops] == [0.002]
-
-
-def test_a_spring_without_stiffness_has_no_knees_and_no_torque(phi):
-    """Its knees have no effect; left in, they would make a spring that has no inverse."""
+    # Its knees have no effect; left in, they would make a spring that has no inverse.
     none = build_elasticity(replace(TRUE, stiffness=np.zeros_like(TRUE.stiffness)))
     assert (none.stiffness, none.stops, none.knees) == (0.0, (), ())
     assert not compute_hysteresis_torque(none, phi).any()

@@ -1,12 +1,14 @@
 """Cut-off and decimation follow from the noise of the positions, and the choice is explained."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from symid.errors import LogError
 from symid.identification.regression.preparation import choose_filters, choose_window, measure_bands
 from symid.identification.rigid.fit import identify_parameters
-from symid.logs.recording import Recording
+from symid.logs.recording import Recording, cut_recording
 from symid.logs.signals import choose_processing
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
@@ -15,15 +17,9 @@ AUTOMATIC = Processing(automatic=True)
 
 
 def record(noise=0.0, seed=0, samples=20001):
-    clean = build_recording(build_two_link(), TWO_LINK_TRUTH, samples=samples, seed=seed)
+    clean = build_recording(build_two_link(), TWO_LINK_TRUTH, samples=samples, seed=seed, source="made")
     spoilt = np.random.default_rng(seed).normal(size=clean.position.shape) * noise
-    return Recording(time=clean.time, position=clean.position + spoilt, torque=clean.torque, source="made")
-
-
-def test_the_noise_of_an_encoder_is_found():
-    for band in measure_bands(record(2e-4)):
-        assert band.noise == pytest.approx(2e-4, rel=0.05)
-        assert band.floor == pytest.approx(2e-4 * np.sqrt(2e-3), rel=0.05)
+    return replace(clean, position=clean.position + spoilt)
 
 
 def test_clean_bands_end_where_noise_is_a_hundredth_of_the_acceleration():
@@ -37,31 +33,28 @@ def test_clean_bands_end_where_noise_is_a_hundredth_of_the_acceleration():
     motion = size**2 / 2.0 * (2.0 * np.pi) ** 4
     expected = (0.01 * motion * 5.0 / density / (2.0 * np.pi) ** 4) ** 0.2
     assert band.clean == pytest.approx(expected, rel=0.15)
+    for band in measure_bands(record(2e-4)):
+        assert band.noise == pytest.approx(2e-4, rel=0.05)
+        assert band.floor == pytest.approx(2e-4 * np.sqrt(2e-3), rel=0.05)
 
 
-def test_clean_logs_keep_the_rule_of_the_sample_rate():
-    choice = choose_filters(AUTOMATIC, [record()])
-    assert choice.processing == choose_processing(AUTOMATIC, 1e-3)
+def test_clean_logs_keep_the_rule_of_the_sample_rate_and_noisy_ones_less():
+    choice, usual = choose_filters(AUTOMATIC, [record()]), choose_processing(AUTOMATIC, 1e-3)
+    assert choice.processing == usual
     (notice,) = choice.notices
     assert notice.code == "identify.automatic"
     assert "rate" in notice.text
-
-
-def test_noisy_logs_keep_less():
-    choice = choose_filters(AUTOMATIC, [record(1e-3)])
-    usual = choose_processing(AUTOMATIC, 1e-3)
+    noisy = record(1e-3)
+    choice = choose_filters(AUTOMATIC, [noisy])
     assert choice.processing.decimation.factor > 2 * usual.decimation.factor
     assert choice.processing.filter_cutoff < usual.filter_cutoff
     assert "rate" not in choice.notices[0].text
     assert all(5.0 < band < 40.0 for band in choice.clean)
-
-
-def test_what_is_stated_stays():
-    stated = Processing(filter_cutoff=60.0)
-    assert choose_filters(stated, [record(1e-3)]).processing == stated
-    part = Processing(filter_cutoff=60.0, automatic=True)
-    assert choose_filters(part, [record(1e-3)]).processing.filter_cutoff == 60.0
-    assert choose_filters(stated, [record(1e-3)]).notices == ()
+    # What is stated stays.
+    stated, part = Processing(filter_cutoff=60.0), Processing(filter_cutoff=60.0, automatic=True)
+    choice = choose_filters(stated, [noisy])
+    assert (choice.processing, choice.notices) == (stated, ())
+    assert choose_filters(part, [noisy]).processing.filter_cutoff == 60.0
 
 
 def test_the_choice_lowers_the_bias_of_noisy_positions():
@@ -91,19 +84,14 @@ def test_windows_of_momentum_rows_are_as_long_as_torque_rows_are_apart():
     assert choose_window("momentum", Processing(), 1e-3) == 0.1
     assert choose_window("momentum", Processing(), 1e-3, chosen=True) == pytest.approx(2e-3)
     thinned = Processing(decimation=Decimation(factor=10))
-    assert [choose_window(kind, thinned, 1e-3) for kind in ("momentum", "energy", "filtered")] == [
-        pytest.approx(0.01),
-        0.1,
-        0.1,
-    ]
+    windows = [choose_window(kind, thinned, 1e-3) for kind in ("momentum", "energy", "filtered")]
+    assert windows == [pytest.approx(0.01), 0.1, 0.1]
 
 
 def test_logs_of_other_rates_are_refused_where_there_is_something_to_choose():
     """What is chosen would be that of the log named first."""
     fine = record()
-    coarse = Recording(
-        time=fine.time[::2], position=fine.position[::2], torque=fine.torque[::2], source="slow"
-    )
+    coarse = replace(cut_recording(fine, slice(None, None, 2)), source="slow")
     for pair in ([fine, coarse], [coarse, fine]):
         with pytest.raises(LogError, match="slow every 2 ms") as caught:
             choose_filters(AUTOMATIC, pair)

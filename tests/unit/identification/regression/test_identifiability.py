@@ -5,7 +5,7 @@ import pytest
 
 from symid.errors import IdentifiabilityError, LogError, UsageError
 from symid.identification.estimators.least_squares import fit_ols, fit_wls
-from symid.identification.regression.equations import Rows, build_rows
+from symid.identification.regression.equations import build_rows
 from symid.identification.regression.identifiability import (
     analyse_identifiability,
     hold_resting_joints,
@@ -22,26 +22,10 @@ from tests.recovery.closed_form import (
     build_signals,
     build_two_link,
 )
+from tests.unit.identification.row_tables import make_rows
 
 PLAIN = Processing()
 FILTERED = Processing(filter_cutoff=200.0)
-
-
-def build(matrix, values, group=None):
-    m, p = matrix.shape
-    return Rows(
-        kind="torque",
-        matrix=matrix,
-        values=values,
-        group=np.zeros(m) if group is None else group,
-        time=np.arange(m),
-        velocity=np.zeros(m),
-        names=tuple("abcdefgh"[:p]),
-        units=("N m",) * p,
-        group_names=("joint1", "joint2"),
-        group_units=("N m", "N m"),
-        velocity_units=("rad/s", "rad/s"),
-    )
 
 
 def draw(m=60, p=4):
@@ -52,7 +36,7 @@ def draw(m=60, p=4):
 @pytest.mark.parametrize("estimator", [fit_ols, fit_wls])
 def test_one_group_gives_the_textbook_fit(estimator):
     matrix, values = draw()
-    rows = build(matrix, values)
+    rows = make_rows(matrix, values)
     fit = estimator(rows, analyse_identifiability(rows))
     expected = np.linalg.lstsq(matrix, values, rcond=None)[0]
     e = values - matrix @ expected
@@ -64,7 +48,7 @@ def test_one_group_gives_the_textbook_fit(estimator):
 
 @pytest.mark.parametrize(("freedom", "rest"), [("band", 0.8 * 60 - 4), ("parameters", 56), ("one", 59)])
 def test_the_variance_is_divided_as_asked(freedom, rest):
-    rows = replace(build(*draw()), independent=0.8)
+    rows = replace(make_rows(*draw()), independent=0.8)
     seen = analyse_identifiability(rows)
     fit = fit_ols(rows, seen, freedom)
     expected = fit.residuals @ fit.residuals / rest * np.linalg.inv(rows.matrix.T @ rows.matrix)
@@ -75,7 +59,7 @@ def test_weights_are_the_scatter_that_their_own_fit_leaves():
     matrix, values = draw()
     group = np.repeat([0, 1], 30)
     values[group == 1] *= 50
-    rows = build(matrix, values, group)
+    rows = make_rows(matrix, values, group)
     seen = analyse_identifiability(rows)
     fit = fit_wls(rows, seen)
     e = fit.residuals
@@ -85,27 +69,23 @@ def test_weights_are_the_scatter_that_their_own_fit_leaves():
     np.testing.assert_allclose(fit.weights, w, rtol=1e-5)
 
 
-def test_a_column_of_zeros_is_refused_and_the_others_are_fitted():
+def test_columns_that_tell_nothing_are_refused_without_harm_to_the_others():
+    """A column of zeros, and columns in fixed proportion together."""
     matrix, values = draw()
+    expected = np.linalg.lstsq(matrix[:, [0, 1, 3]], values, rcond=None)[0]
     matrix[:, 2] = 0
-    rows = build(matrix, values)
+    rows = make_rows(matrix, values)
     seen = analyse_identifiability(rows)
     ((name, reason),) = seen.refused
     assert (name, "torque" in reason) == ("c", True)
-    expected = np.linalg.lstsq(matrix[:, [0, 1, 3]], values, rcond=None)[0]
     fit = fit_ols(rows, seen)
     np.testing.assert_allclose(fit.values[[0, 1, 3]], expected, rtol=1e-9)
     assert fit.values[2] == 0
-
-
-def test_columns_in_fixed_proportion_are_refused_together_without_harm_to_the_others():
-    matrix, values = draw()
     matrix[:, 2] = 3 * matrix[:, 0]
-    rows = build(matrix, values)
+    rows = make_rows(matrix, values)
     seen = analyse_identifiability(rows)
     assert [name for name, _ in seen.refused] == ["a", "c"]
     assert "with c" in seen.refused[0][1]
-    expected = np.linalg.lstsq(matrix[:, [0, 1, 3]], values, rcond=None)[0]
     fit = fit_ols(rows, seen)
     np.testing.assert_allclose(fit.values[[1, 3]], expected[1:], rtol=1e-9)
     # The sum of both explains what the one column explained.
@@ -124,7 +104,7 @@ def test_columns_in_fixed_proportion_are_refused_together_without_harm_to_the_ot
 )
 def test_rows_without_an_identifiable_parameter_are_an_error(matrix, values, code, named):
     with pytest.raises(IdentifiabilityError, match=named) as caught:
-        analyse_identifiability(build(matrix, values))
+        analyse_identifiability(make_rows(matrix, values))
     assert caught.value.exit_code == 4
     assert caught.value.notices[0].code == code
 
@@ -148,6 +128,11 @@ def test_a_resting_joint_loses_its_rows_and_its_friction():
     q[:, 1] = 0.7
     recording = Recording(time=signals.time, position=q, torque=tau, source="half.npz")
     assert list_resting_joints(recording) == (1,)
+    held = hold_resting_joints(signals, (1,))
+    assert not held.dq[:, 1].any()
+    assert not held.ddq[:, 1].any()
+    assert np.ptp(held.q[:, 1]) == 0
+    assert held.dq[:, 0].any()
     estimate = identify_parameters(library, [recording], FILTERED)
     refused = dict(estimate.refused)
     assert {"Fv2", "Fc2", "offset2"} <= refused.keys()
@@ -167,34 +152,21 @@ def test_parameters_that_are_hardly_known_are_named():
     assert "offset1" in notice.text
 
 
-def test_settled_joints_have_no_velocity():
-    signals = hold_resting_joints(build_signals(build_two_link(), TWO_LINK_TRUTH), (1,))
-    assert not signals.dq[:, 1].any()
-    assert not signals.ddq[:, 1].any()
-    assert np.ptp(signals.q[:, 1]) == 0
-    assert signals.dq[:, 0].any()
-
-
 def test_wrong_calls_name_what_is_allowed():
     library = build_one_axis()
     with pytest.raises(UsageError) as caught:
         identify_parameters(library, [], PLAIN, rows="impulse", estimator="magic")
     text = str(caught.value)
-    assert [notice.code for notice in caught.value.notices] == [
-        "usage.unknown-rows",
-        "usage.unknown-estimator",
-        "usage.no-log",
-    ]
+    codes = [notice.code for notice in caught.value.notices]
+    assert codes == ["usage.unknown-rows", "usage.unknown-estimator", "usage.no-log"]
     assert "torque, momentum, filtered, power, energy" in text
     assert "ols, wls" in text
     with pytest.raises(UsageError, match="'impulse'"):
         build_rows("impulse", library, build_signals(library, ONE_AXIS_TRUTH), PLAIN)
-
-
-def test_a_log_of_another_robot_is_refused():
+    # Nor is a log of another robot.
     recording = build_recording(build_two_link(), TWO_LINK_TRUTH, source="two.npz")
     with pytest.raises(LogError, match=r"two\.npz: .* 2 joints.* 'one_axis' .* 1\b") as caught:
-        identify_parameters(build_one_axis(), [recording], PLAIN)
+        identify_parameters(library, [recording], PLAIN)
     assert caught.value.notices[0].code == "log.joints"
 
 

@@ -23,9 +23,7 @@ def build(period=2.0, count=10, step=1e-3, seed=0):
 def test_the_covariance_comes_back():
     found = estimate_period_noise([build(), build(seed=1)], PLAIN, [2.0])
     np.testing.assert_allclose(found, COVARIANCE, rtol=0.05)
-
-
-def test_each_log_may_have_its_own_period_and_periods_no_whole_number_of_samples():
+    # Each log may have its own period, and periods be no whole number of samples.
     logs = [build(), build(period=1.7321, seed=1)]
     found = estimate_period_noise(logs, PLAIN, [2.0, 1.7321])
     # Interpolation between samples averages noise: at most a half of its variance is lost.

@@ -13,6 +13,10 @@ def test_simpson_is_exact_for_cubics():
     ends = time[windows.ends]
     np.testing.assert_allclose(found[:, 0], np.diff(ends**4) / 4, rtol=1e-13)
     np.testing.assert_allclose(found[:, 1], np.diff(ends), rtol=1e-13)
+    # Samples that fill no window are left over.
+    windows = choose_windows(100, 0.01, 0.1)
+    assert windows.count == 9
+    assert integrate_windows(np.ones((100, 2)), windows).shape == (9, 2)
 
 
 def test_error_falls_with_the_fourth_power_of_the_period():
@@ -24,21 +28,16 @@ def test_error_falls_with_the_fourth_power_of_the_period():
     assert errors[0] / errors[1] == pytest.approx(16, rel=0.05)
 
 
-def test_samples_that_fill_no_window_are_left_over():
-    windows = choose_windows(100, 0.01, 0.1)
-    assert windows.count == 9
-    assert integrate_windows(np.ones((100, 2)), windows).shape == (9, 2)
-
-
-@pytest.mark.parametrize("length", [0.0, -1.0, 0.005, 100.0])
-def test_windows_that_do_not_fit_are_refused(length):
-    with pytest.raises(UsageError, match=r"0\.02 s.*1 s") as caught:
-        choose_windows(101, 0.01, length)
-    assert caught.value.notices[0].code == "usage.window"
-
-
-def test_windows_that_overlap_too_much_are_told_as_they_were_asked_for():
-    with pytest.raises(UsageError, match=r"0\.1 s.*0\.01 s.*overlap") as caught:
-        choose_windows(101, 0.01, 0.1, pieces=10)
+@pytest.mark.parametrize(
+    ("length", "pieces", "words"),
+    [
+        *((length, 1, r"0\.02 s.*1 s") for length in (0.0, -1.0, 0.005, 100.0)),
+        # Windows that overlap too much are told as they were asked for.
+        (0.1, 10, r"0\.1 s.*0\.01 s.*overlap"),
+    ],
+)
+def test_windows_that_do_not_fit_are_refused(length, pieces, words):
+    with pytest.raises(UsageError, match=words) as caught:
+        choose_windows(101, 0.01, length, pieces=pieces)
     assert caught.value.notices[0].code == "usage.window"
     assert choose_windows(101, 0.01, 0.4, pieces=10) == choose_windows(101, 0.01, 0.04)

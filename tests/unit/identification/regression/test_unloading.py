@@ -26,12 +26,9 @@ def test_what_beta_changes_by_is_taken_off():
     np.testing.assert_allclose(torque, rigid @ np.array(load), rtol=1e-12, atol=1e-12)
 
 
-def test_without_one_nothing_changes():
+def test_without_one_nothing_changes_and_that_of_another_model_is_refused():
     signals, recording = record(())
     assert compute_payload_torque(build_two_link(), signals, recording) is None
-
-
-def test_a_payload_of_another_model_is_refused():
     signals, recording = record((1.0, 2.0))
     with pytest.raises(LogError) as caught:
         compute_payload_torque(build_two_link(), signals, recording)

@@ -4,7 +4,6 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfiltfilt
 
 from symid.errors import EstimateError, UsageError
 from symid.identification.diagnostics.residual_structure import predict_torques
@@ -29,20 +28,16 @@ from symid.logs.signals import choose_processing
 from symid.robot.description import Decimation, Processing
 from symid.robot.loading import load_robot
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
+from tests.unit.identification.rigid.two_link_logs import score
 
 AUTOMATIC = Processing(automatic=True)
 LIBRARY = build_two_link()
 
 
 def record(noise, seed, samples=8001):
-    clean = build_recording(LIBRARY, TWO_LINK_TRUTH, samples=samples, seed=seed)
-    generator = np.random.default_rng(seed)
-    return Recording(
-        time=clean.time,
-        position=clean.position + noise * generator.normal(size=clean.position.shape),
-        torque=clean.torque + generator.normal(size=clean.torque.shape),
-        source=f"made {seed}",
-    )
+    clean = build_recording(LIBRARY, TWO_LINK_TRUTH, samples=samples, seed=seed, source=f"made {seed}")
+    encoder, torque = np.random.default_rng(seed).normal(size=(2, *clean.torque.shape))
+    return replace(clean, position=clean.position + noise * encoder, torque=clean.torque + torque)
 
 
 @pytest.fixture(scope="module")
@@ -86,26 +81,21 @@ def test_a_log_of_the_same_period_is_processed_as_the_fit(noisy, estimate):
     settled = resolve_processing(estimate, AUTOMATIC, clean)
     assert settled.processing == fitted
     assert settled.origin == {"filter_cutoff": "fit", "decimation.factor": "fit"}
-    assert validate_estimate(estimate, LIBRARY, clean, AUTOMATIC).all_rows == (
-        validate_estimate(estimate, LIBRARY, clean, fitted).residual
-    )
+    found, stated = (validate_estimate(estimate, LIBRARY, clean, how) for how in (AUTOMATIC, fitted))
+    assert found.all_rows == stated.residual
 
 
-def test_the_fit_and_its_validation_leave_the_same(noisy, estimate):
+def test_a_validation_counts_rows_that_the_fit_leaves_out(noisy, estimate):
+    """Slow rows, moving ends cut alike; where there are none both leave the same."""
     again = validate_estimate(estimate, LIBRARY, noisy, AUTOMATIC)
     assert again.samples == estimate.samples
-    for mine, other in zip(again.all_rows, estimate.residual, strict=True):
-        assert mine.norm == pytest.approx(other.norm, rel=1e-12)
-
-
-def test_a_validation_counts_rows_that_the_fit_leaves_out(noisy):
-    """Slow rows, moving ends cut alike."""
     stated = replace(AUTOMATIC, standstill=0.4)
     found = identify_parameters(LIBRARY, [noisy], stated)
-    again = validate_estimate(found, LIBRARY, noisy, stated)
-    assert again.samples == sum(entry.samples for entry in found.residual) > 1.05 * found.samples
-    for mine, other in zip(again.all_rows, found.residual, strict=True):
-        assert mine.norm == pytest.approx(other.norm, rel=1e-9)
+    other = validate_estimate(found, LIBRARY, noisy, stated)
+    assert other.samples == sum(entry.samples for entry in found.residual) > 1.05 * found.samples
+    for mine, fitted, tolerance in ((again, estimate, 1e-12), (other, found, 1e-9)):
+        for one, two in zip(mine.all_rows, fitted.residual, strict=True):
+            assert one.norm == pytest.approx(two.norm, rel=tolerance)
 
 
 def test_a_log_is_judged_within_the_band_that_the_settings_were_chosen_by(estimate):
@@ -114,17 +104,13 @@ def test_a_log_is_judged_within_the_band_that_the_settings_were_chosen_by(estima
     found = validate_estimate(estimate, LIBRARY, log, AUTOMATIC)
     assert found.scoring == estimate.choice.scoring > 0.0
     for entry, rows, series in zip(found.residual, found.all_rows, found.series, strict=True):
-        period = float(np.median(np.diff(series.time)))
-        sections = butter(4, 2.0 * found.scoring * period, output="sos")
-        measured, error = (
-            sosfiltfilt(sections, values, padtype="odd", padlen=12)
-            for values in (series.measured, series.measured - series.predicted)
+        errors = series.measured - series.predicted
+        (measured, inner), (left, _) = (
+            score(values, series.time, found.scoring) for values in (series.measured, errors)
         )
-        cut = min(0.5, 0.05 * float(np.ptp(series.time)))
-        inner = (series.time >= series.time[0] + cut) & (series.time <= series.time[-1] - cut)
-        share = np.linalg.norm(error[inner]) / np.linalg.norm(measured[inner])
+        share = np.linalg.norm(left[inner]) / np.linalg.norm(measured[inner])
         assert entry.relative_percent == pytest.approx(100.0 * share, rel=1e-6)
-        plain = np.linalg.norm(series.measured - series.predicted) / np.linalg.norm(series.measured)
+        plain = np.linalg.norm(errors) / np.linalg.norm(series.measured)
         assert rows.relative_percent == pytest.approx(100.0 * plain, rel=1e-9)
         assert entry.relative_percent < rows.relative_percent
     # Long logs have no held-out stretches to compare with.
@@ -138,37 +124,38 @@ def test_a_log_is_judged_within_the_band_that_the_settings_were_chosen_by(estima
     assert again.residual == found.all_rows
 
 
+def change_processing(estimate, **changes):
+    """Return the estimate as if it had been fitted with these settings."""
+    table = {**estimate.settings["processing"], **changes}
+    return replace(estimate, settings={**estimate.settings, "processing": table})
+
+
 def test_ends_instruments_and_velocities_are_those_of_the_fit(noisy, estimate):
-    table = {**estimate.settings["processing"], "drop_first": 30, "drop_last": 0}
-    table |= {"instrument_cutoff": 3.0, "states": "velocity", "standstill": [0.1, 0.2]}
-    fitted = replace(estimate, settings={**estimate.settings, "processing": table})
+    changes = {"instrument_cutoff": 3.0, "states": "velocity", "standstill": [0.1, 0.2]}
+    fitted = change_processing(estimate, drop_first=30, drop_last=0, **changes)
     moving = replace(noisy, velocity=np.gradient(noisy.position, noisy.period, axis=0))
     found = resolve_processing(fitted, replace(AUTOMATIC, drop_first=10, drop_last=20), moving).processing
     assert (found.drop_first, found.drop_last) == (30, 20)
     assert (found.instrument_cutoff, found.states) == (3.0, "velocity")
     assert [found.get_standstill(joint) for joint in (0, 1)] == [0.1, 0.2]
-    # This log has no velocity.
-    assert resolve_processing(fitted, AUTOMATIC, noisy).processing.states == "position"
 
 
 def test_what_a_fit_chose_is_open_again_and_no_difference_to_the_robot_file(noisy, estimate):
     robot = replace(load_robot("two_link"), processing=AUTOMATIC)
-    table = {**estimate.settings["processing"], "instrument_cutoff": 3.0, "standstill": [0.1, 0.2]}
-    fitted = replace(estimate, settings={**estimate.settings, "processing": table})
+    fitted = change_processing(estimate, instrument_cutoff=3.0, standstill=[0.1, 0.2])
     restored = restore_robot(robot, fitted)
     assert restored.processing.left_open == ("filter_cutoff", "decimation.factor", "standstill")
     assert not [entry for entry in restored.notices if entry.code == "estimate.settings-differ"]
-    stated = replace(fitted, settings={"processing": {**table, "automatic": False}})
+    stated = change_processing(fitted, automatic=False)
+    stated = replace(stated, settings={"processing": stated.settings["processing"]})
     assert restore_robot(robot, stated).processing.standstill == (0.1, 0.2)
     differ = [entry.text for entry in restore_robot(robot, stated).notices]
     assert any(text.startswith("processing.instrument_cutoff: the estimate has 3.0, ") for text in differ)
 
 
 def test_a_log_without_velocities_is_predicted_from_its_positions(noisy, estimate):
-    robot = replace(load_robot("two_link"), processing=AUTOMATIC)
-    table = {**estimate.settings["processing"], "states": "velocity"}
-    fitted = replace(estimate, settings={**estimate.settings, "processing": table})
-    restored = restore_robot(robot, fitted).processing
+    fitted = change_processing(estimate, states="velocity")
+    restored = restore_robot(replace(load_robot("two_link"), processing=AUTOMATIC), fitted).processing
     velocity = np.gradient(noisy.position, noisy.period, axis=0)
     with_rates = replace(noisy, velocity=velocity)
     assert resolve_processing(fitted, restored, with_rates).processing.states == "velocity"
@@ -201,9 +188,7 @@ def test_another_sample_period_is_chosen_from_the_log(noisy, estimate):
     assert f" {settled.processing.filter_cutoff:g} Hz; " in settled.describe()
     assert [notice.code for notice in settled.notices] == ["identify.automatic"]
     assert validate_estimate(estimate, LIBRARY, slow, AUTOMATIC).processing == settled
-
-
-def test_an_estimate_that_does_not_say_its_period_is_not_followed(noisy, estimate):
+    # An estimate that does not say its period is not followed.
     settings = {key: entry for key, entry in estimate.settings.items() if key != "sample_period"}
     for told in ({}, {"sample_period": "1 ms"}, {"sample_period": -1.0}):
         silent = replace(estimate, settings={**settings, **told})
@@ -212,12 +197,11 @@ def test_an_estimate_that_does_not_say_its_period_is_not_followed(noisy, estimat
 
 def test_rows_and_band_have_the_rule_of_the_fit(noisy):
     chosen = choose_filters(AUTOMATIC, [noisy]).processing
-    rows = [prepare_rows("torque", LIBRARY, noisy, entry, window=0.1) for entry in (AUTOMATIC, chosen)]
-    assert np.array_equal(rows[0].matrix, rows[1].matrix)
-    found = [
-        predict_torques(TWO_LINK_TRUTH, LIBRARY, noisy, entry, band=10.0) for entry in (AUTOMATIC, chosen)
-    ]
-    assert np.array_equal(found[0].predicted, found[1].predicted)
+    one, two = (prepare_rows("torque", LIBRARY, noisy, entry, window=0.1) for entry in (AUTOMATIC, chosen))
+    assert np.array_equal(one.matrix, two.matrix)
+    call = (TWO_LINK_TRUTH, LIBRARY, noisy)
+    one, two = (predict_torques(*call, entry, band=10.0) for entry in (AUTOMATIC, chosen))
+    assert np.array_equal(one.predicted, two.predicted)
 
 
 @pytest.mark.parametrize("estimator", ["ols", "wls", "huber", "sequential"])
@@ -232,7 +216,7 @@ def test_a_diagnosis_makes_the_same_fit(noisy, estimator, rows):
     assert diagnosis.refit <= 1e-12
     assert not diagnosis.notices
     # Without one of the settings, it is another fit.
-    for name in ("weights", *(("overlap", "window") if "overlap" in rows else ())):
+    for name in ("weights", *(rows.keys() & {"overlap", "window"})):
         settings = {key: value for key, value in found.settings.items() if key != name}
         other = diagnose_estimate(replace(found, settings=settings), LIBRARY, recordings, processing)
         assert other.refit > 1e-3
@@ -287,11 +271,6 @@ def test_the_price_of_decimation_is_that_of_deviations_for_white_noise(noisy, fr
     assert held.percent == pytest.approx(100.0 * (left[0] / left[1] - 1.0), abs=1e-5)
 
 
-def test_an_estimator_that_needs_more_is_not_fitted_again(noisy):
-    found = identify_parameters(LIBRARY, [noisy], AUTOMATIC, estimator="gls")
-    assert diagnose_estimate(found, LIBRARY, [noisy], AUTOMATIC).refit is None
-
-
 def test_weights_of_logs_count_in_the_structure_of_the_residual():
     """A second log with a spring that the first has not: of no weight, it is not heard."""
     clean, other = record(0.0, 4), record(0.0, 5)
@@ -305,40 +284,36 @@ def test_weights_of_logs_count_in_the_structure_of_the_residual():
         found.append({(entry.joint, entry.family) for entry in diagnosis.structure})
     assert any(joint == "joint2" for joint, _ in found[0])
     assert not any(joint == "joint2" for joint, _ in found[1])
+    # An estimator that needs more is not fitted again.
+    whole = identify_parameters(LIBRARY, [other], AUTOMATIC, estimator="gls")
+    assert diagnose_estimate(whole, LIBRARY, [other], AUTOMATIC).refit is None
+
+
+def get_weights(settings):
+    return get_run_weights(settings, 2)
 
 
 @pytest.mark.parametrize(
     ("read", "settings"),
     [
-        (get_fit_window, {"window": 0}),
-        (get_fit_window, {"window": "x"}),
-        (get_fit_overlap, {"overlap": 1.0}),
-        (get_fit_overlap, {"overlap": True}),
+        *((get_fit_window, {"window": entry}) for entry in (0, "x")),
+        *((get_fit_overlap, {"overlap": entry}) for entry in (1.0, True)),
+        *((get_weights, {"weights": entry}) for entry in ([1.0], [1.0, -1.0], 3)),
         (read_fit_processing, {}),
         (read_fit_processing, {"processing": 3}),
         (read_fit_processing, {"processing": {**asdict(Processing()), "strange": 1}}),
-        (read_fit_processing, {"processing": {"filter_cutoff": "80"}}),
-        (read_fit_processing, {"processing": {"filter_cutoff": [80]}}),
-        (read_fit_processing, {"processing": {"filter_cutoff": -80}}),
-        (read_fit_processing, {"processing": {"decimation": {"factor": "3"}}}),
-        (read_fit_processing, {"processing": {"decimation": {"factor": -3}}}),
-        (read_fit_processing, {"processing": {"decimation": {"factor": 2.5}}}),
-        (lambda settings: get_run_weights(settings, 2), {"weights": [1.0]}),
-        (lambda settings: get_run_weights(settings, 2), {"weights": [1.0, -1.0]}),
-        (lambda settings: get_run_weights(settings, 2), {"weights": 3}),
+        *((read_fit_processing, {"processing": {"filter_cutoff": entry}}) for entry in ("80", [80], -80)),
+        *((read_fit_processing, {"processing": {"decimation": {"factor": k}}}) for k in ("3", -3, 2.5)),
     ],
 )
 def test_settings_that_cannot_be_read_are_refused(read, settings):
-    with pytest.raises(
-        EstimateError, match=r"'(processing|filter_cutoff|decimation\.factor|window|overlap|weights)'"
-    ) as caught:
+    words = r"'(processing|filter_cutoff|decimation\.factor|window|overlap|weights)'"
+    with pytest.raises(EstimateError, match=words) as caught:
         read(settings)
     assert caught.value.notices[0].code == "estimate.settings"
-
-
-def test_settings_that_say_nothing_have_defaults():
-    assert (get_fit_window({}), get_fit_overlap({}), get_run_weights({}, 2)) == (0.1, 0.0, None)
-    assert get_run_weights({"weights": [2, 0.5]}, 2) == (2.0, 0.5)
+    # Those that say nothing have defaults.
+    assert (get_fit_window({}), get_fit_overlap({}), get_weights({})) == (0.1, 0.0, None)
+    assert get_weights({"weights": [2, 0.5]}) == (2.0, 0.5)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from symid.errors import IdentifiabilityError
 from symid.identification.diagnostics.fit_warnings import compute_block_deviations
 from symid.identification.diagnostics.residual_structure import analyse_structure
 from symid.identification.diagnostics.uncertainty import compute_mean_weights
-from symid.identification.estimators.least_squares import RegressionFit
 from symid.identification.estimators.linear_estimators import fit_rows
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
@@ -23,7 +22,6 @@ from symid.identification.regression.preparation import (
     prepare_states,
 )
 from symid.identification.rigid.fit import compute_long_covariance, fit_long, identify_parameters, is_long
-from symid.logs.recording import Recording
 from symid.logs.signals import decimate, decimate_blocks
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
@@ -42,11 +40,10 @@ def short_blocks(monkeypatch):
 def record(seed, samples=12001, spring=0.0, friction=1.0):
     truth = TWO_LINK_TRUTH.copy()
     truth[6] *= friction
-    clean = build_recording(LIBRARY, truth, samples=samples, seed=seed)
-    generator = np.random.default_rng(seed)
-    torque = clean.torque + generator.normal(size=clean.torque.shape)
+    clean = build_recording(LIBRARY, truth, samples=samples, seed=seed, source=f"made {seed}")
+    torque = clean.torque + np.random.default_rng(seed).normal(size=clean.torque.shape)
     torque[:, 1] += spring * clean.position[:, 1]
-    return Recording(time=clean.time, position=clean.position, torque=torque, source=f"made {seed}")
+    return replace(clean, torque=torque)
 
 
 @pytest.fixture(scope="module")
@@ -85,9 +82,7 @@ def compare(one, other, *, deviations=True):
 @pytest.mark.parametrize("estimator", ["ols", "wls"])
 @pytest.mark.parametrize("freedom", ["band", "parameters", "one"])
 @pytest.mark.parametrize(
-    "rows",
-    [{"rows": "torque"}, {"rows": "momentum", "window": 0.04, "overlap": 0.75}],
-    ids=["torque", "momentum"],
+    "rows", [{"rows": "torque"}, {"rows": "momentum", "window": 0.04, "overlap": 0.75}], ids=str
 )
 def test_blocks_give_what_memory_gives(recordings, estimator, freedom, rows):
     processing = replace(PROCESSING, noise_freedom=freedom)
@@ -117,14 +112,8 @@ def test_deviations_of_blocks(kind, freedom):
     sketch, weights = long.sketch(), compute_mean_weights(rows, fit)
     covariance = compute_long_covariance(long, weights, freedom)
     np.testing.assert_allclose(np.diag(covariance), np.diag(fit.covariance), rtol=1e-9)
-    small = RegressionFit(
-        values=fit.values,
-        covariance=fit.covariance,
-        residuals=sketch.values - sketch.matrix @ fit.values,
-        spent=0,
-        condition=1.0,
-        weights=weights[sketch.group],
-    )
+    left = sketch.values - sketch.matrix @ fit.values
+    small = replace(fit, residuals=left, spent=0, condition=1.0, weights=weights[sketch.group])
     np.testing.assert_allclose(
         compute_block_deviations(sketch, small, seen), compute_block_deviations(rows, fit, seen), rtol=1e-9
     )
@@ -158,23 +147,19 @@ def test_states_are_prepared_once_for_neighbouring_passes(recordings, monkeypatc
         kept = keeper.prepare(LIBRARY, log, PROCESSING)
         np.testing.assert_array_equal(kept.ddq, prepare_states(LIBRARY, log, PROCESSING).ddq)
     assert asked == ["made 1", "made 2", "made 1"]
-    keeper.prepare(LIBRARY, first, replace(PROCESSING, standstill=None))
-    assert len(asked) == 3
-    keeper.prepare(LIBRARY, first, replace(PROCESSING, filter_cutoff=30.0))
-    assert len(asked) == 4
+    for change, count in (({"standstill": None}, 3), ({"filter_cutoff": 30.0}, 4)):
+        keeper.prepare(LIBRARY, first, replace(PROCESSING, **change))
+        assert len(asked) == count
     asked.clear()
     fit_long(RowBuilder("torque", LIBRARY, PROCESSING, 0.1, 0.0), [first], "wls", rule=RankRule())
     assert asked == ["made 1"]
 
 
-def test_every_sample_without_decimation(recordings):
+def test_every_sample_joints_at_rest_and_refused_parameters(recordings):
+    """The second joint rests in one log, and the first in the other."""
     plain = replace(PROCESSING, decimation=Decimation(), filter_torque=True)
     call = (LIBRARY, recordings[:1], plain)
     compare(identify_parameters(*call), identify_parameters(*call, largest=0.0), deviations=False)
-
-
-def test_joints_at_rest_and_refused_parameters(recordings):
-    """The second joint rests in one log, and the first in the other."""
     logs = []
     for joint, log in enumerate(recordings):
         position = log.position.copy()
@@ -241,12 +226,9 @@ def test_structure_of_very_long_logs_is_that_of_some_of_their_rows():
     rows = sum(len(entry.time) for entry in recordings) / PROCESSING.decimation.factor
     some = analyse_structure(*call, largest=8.0 * rows * (len(TWO_LINK_TRUTH) + 1) / 4.5)
     found = {(entry.joint, entry.family): entry for entry in some}
-    for entry in whole:
-        if entry.share_percent > 10.0:
-            assert found[entry.joint, entry.family].share_percent == pytest.approx(
-                entry.share_percent, rel=0.1
-            )
-            assert found[entry.joint, entry.family].rms == pytest.approx(entry.rms, rel=0.1)
+    for entry in (entry for entry in whole if entry.share_percent > 10.0):
+        other = found[entry.joint, entry.family]
+        assert (other.share_percent, other.rms) == pytest.approx((entry.share_percent, entry.rms), rel=0.1)
 
 
 class Wide:

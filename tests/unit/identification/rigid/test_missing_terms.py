@@ -65,12 +65,8 @@ def test_the_gain_is_in_percent_of_the_squares_that_are_left():
     assert gains[1] < 0.9 * gains[0]
 
 
-def test_a_term_within_the_noise_is_not_named():
-    estimate = identify(1, lambda dq: 0.01 * differ_by_direction(dq))
-    assert estimate.evidence.missing == ()
-
-
-def test_a_log_that_is_hardly_explained_has_causes_and_no_missing_terms():
+def test_a_term_within_the_noise_is_not_named_and_a_log_that_is_hardly_explained_has_causes():
+    assert identify(1, lambda dq: 0.01 * differ_by_direction(dq)).evidence.missing == ()
     log = record(0)
     noise = np.random.default_rng(2).normal(size=log.torque.shape)
     evidence = identify_parameters(LIBRARY, [replace(log, torque=noise)], STATED).evidence

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy.signal import butter, sosfiltfilt
 
 from symid.logs.recording import Recording
 from tests.recovery.closed_form import (
@@ -72,3 +73,11 @@ def record_sticking(seed: int, encoder: float = 1e-5) -> tuple[Recording, np.nda
         source=f"sticking {seed}",
     )
     return log, resting
+
+
+def score(values: np.ndarray, time: np.ndarray, band: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return values (m,) within a band (Hz) by SciPy's filter, and which of them are far from the ends."""
+    sections = butter(4, 2.0 * band * float(np.median(np.diff(time))), output="sos")
+    cut = min(0.5, 0.05 * float(np.ptp(time)))
+    inner = (time >= time.min() + cut) & (time <= time.max() - cut)
+    return sosfiltfilt(sections, values, padtype="odd", padlen=12), inner

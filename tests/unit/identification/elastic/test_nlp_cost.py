@@ -1,9 +1,10 @@
-"""Step means of knees: against fine sampling of the straight line between samples, and finite differences."""
+"""Parts of the cost: step means of knees against fine sampling and finite differences, sums against loops."""
 
 import numpy as np
 import pytest
 
-from symid.identification.elastic.nlp_cost import build_knee_steps
+from symid.identification.elastic.nlp_cost import FilterSums, WindowSums, build_knee_steps
+from symid.identification.elastic.regression import filter_held
 from symid.joint_models.prandtl_ishlinskii import compute_stop_basis
 
 KNEES = ((-0.8, 1), (-0.3, 0), (0.25, 2), (0.8, 1))
@@ -11,19 +12,16 @@ SLOPES = np.array([0.5, -0.2, 0.7])
 WEIGHTS = np.array([0.6, 0.4, 0.5])
 
 
-def make():
-    t = np.linspace(0.0, 9.0, 400)
-    phi = np.sin(3.0 * t) * np.cos(0.7 * t)
-    return compute_stop_basis(phi, np.array([0.1, 0.4]))
+TIME = np.linspace(0.0, 9.0, 400)
+BASIS = compute_stop_basis(np.sin(3.0 * TIME) * np.cos(0.7 * TIME), np.array([0.1, 0.4]))
 
 
 def find(weights):
-    return build_knee_steps(make(), weights, KNEES)
+    return build_knee_steps(BASIS, weights, KNEES)
 
 
 def test_means_are_those_of_the_dead_zones_along_each_step():
-    basis = make()
-    torque = basis @ WEIGHTS
+    torque = BASIS @ WEIGHTS
     fine = torque[:-1, None] + np.diff(torque)[:, None] * ((np.arange(2000) + 0.5) / 2000.0)
     expected = np.zeros((len(fine), 3))
     for knee, slot in KNEES:
@@ -31,6 +29,10 @@ def test_means_are_those_of_the_dead_zones_along_each_step():
         expected[:, slot] += zone.mean(axis=1)
     np.testing.assert_allclose(find(WEIGHTS).means, expected, atol=1e-8)
     assert sum(len(steps) for _, steps, *_ in find(WEIGHTS).crossings) > 20
+    # A spring without knees has no steps.
+    steps = build_knee_steps(BASIS, WEIGHTS, ())
+    assert steps.means.shape == (399, 0)
+    assert not steps.compute_slopes(np.zeros(0)).any()
 
 
 def test_slopes_are_the_derivatives_by_the_weights():
@@ -60,12 +62,6 @@ def test_cross_terms_and_curvature_are_the_derivatives_of_the_slopes():
         )
 
 
-def test_a_spring_without_knees_has_no_steps():
-    steps = build_knee_steps(make(), WEIGHTS, ())
-    assert steps.means.shape == (399, 0)
-    assert not steps.compute_slopes(np.zeros(0)).any()
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_one_crossing_by_hand(side):
     basis = side * np.array([[-1.0], [3.0]])
@@ -75,3 +71,33 @@ def test_one_crossing_by_hand(side):
     ((_, _, place, bend),) = found.crossings
     assert (place[0], bend[0]) == (pytest.approx(0.5), pytest.approx(side * 0.25))
     assert (found.starts[0, 0], found.ends[0, 0]) == (pytest.approx(0.125), pytest.approx(0.375))
+
+
+RATE, PERIOD, COUNT = 60.0, 1e-3, 997
+
+
+def check_adjoint(sums, rng):
+    steps, rows = rng.normal(size=COUNT), rng.normal(size=sums.count)
+    assert sums.add(steps) @ rows == pytest.approx(steps @ sums.spread(rows), rel=1e-12)
+
+
+def test_the_filter_is_that_of_held_signals_and_spreads_as_its_adjoint():
+    rng = np.random.default_rng(0)
+    steps = rng.normal(size=(COUNT, 3))
+    count = (COUNT - 130) // 7 + 1
+    sums = FilterSums(steps=COUNT, first=130, length=7, count=count, decay=float(np.exp(-RATE * PERIOD)))
+    whole = filter_held(np.vstack([steps, steps[-1:]]), RATE, PERIOD)
+    kept = slice(sums.first, None, sums.length)
+    np.testing.assert_allclose(sums.add(steps), whole[kept][: sums.count], rtol=1e-12, atol=1e-14)
+    check_adjoint(sums, rng)
+
+
+def test_windows_are_weighted_sums_and_spread_as_their_adjoint():
+    rng = np.random.default_rng(1)
+    sums = WindowSums(first=40, length=31, count=(COUNT - 40) // 31, weights=rng.normal(size=COUNT))
+    steps = rng.normal(size=(COUNT, 2))
+    for row in (0, 5, sums.count - 1):
+        part = slice(sums.first + row * sums.length, sums.first + (row + 1) * sums.length)
+        expected = (sums.weights[part, None] * steps[part]).sum(axis=0)
+        np.testing.assert_allclose(sums.add(steps)[row], expected, rtol=1e-12)
+    check_adjoint(sums, rng)
