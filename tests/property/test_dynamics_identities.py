@@ -4,7 +4,7 @@ Everything is compared with Pinocchio's torques of the joints, folded onto the c
 their formulas (`tests.chains.regress`). Derivatives in time are complex steps, exact to rounding.
 """
 
-import dataclasses
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -55,7 +55,7 @@ TREES = trees(
 SEEDS = st.integers(0, 999)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Case:
     """A robot with bodies and drives, and a state of its coordinates."""
 
@@ -171,7 +171,7 @@ def test_generated_functions_in_base_parameters_give_the_same_torques(robot, see
     assert_close(np.array(functions["slotine_li_regressor"](q, dq, dq, ddq)) @ beta, expected)
     mass = np.array(functions["mass_matrix"](q, beta))
     assert_close(mass @ ddq + np.array(functions["bias"](q, dq, beta)).ravel(), expected)
-    still = dataclasses.replace(case, dq=0 * dq, ddq=0 * ddq)
+    still = replace(case, dq=0 * dq, ddq=0 * ddq)
     assert_close(functions["gravity"](q, beta), find_torques(still))
 
 
@@ -184,15 +184,15 @@ def test_mass_matrix_is_symmetric_positive_definite_and_pinocchios(robot, seed):
     mass = np.array(matrix, dtype=float)
     np.testing.assert_array_equal(mass, mass.T)
     assert np.linalg.eigvalsh(mass).min() > 0
-    still = dataclasses.replace(
+    still = replace(
         case,
-        robot=dataclasses.replace(robot, gravity=(ZERO, ZERO, ZERO)),
+        robot=replace(robot, gravity=(ZERO, ZERO, ZERO)),
         values={label: 0.0 if label[1] in ("KS", "KR") else value for label, value in case.values.items()},
         dq=0 * case.dq,
     )
     # Pinocchio's crba wants its joints depth first; its rnea does not.
     units = np.eye(robot.freedom)
-    expected = np.array([find_torques(dataclasses.replace(still, ddq=unit)) for unit in units]).T
+    expected = np.array([find_torques(replace(still, ddq=unit)) for unit in units]).T
     assert_close(mass, expected)
     base = derive_base_parameters(robot)
     assert_close(call(robot, "mass_matrix")["mass_matrix"](case.q, group(case, base)), expected)
@@ -370,12 +370,12 @@ def renumber(robot, order):
     for old in order:
         joint = robot.joints[old]
         mimic = joint.mimic and Mimic(master=place[joint.mimic.master], multiplier=joint.mimic.multiplier)
-        joints.append(dataclasses.replace(joint, parent=place.get(joint.parent, -1), mimic=mimic))
+        joints.append(replace(joint, parent=place.get(joint.parent, -1), mimic=mimic))
     couplings = tuple(
-        dataclasses.replace(entry, terms=tuple((place[index], factor) for index, factor in entry.terms))
+        replace(entry, terms=tuple((place[index], factor) for index, factor in entry.terms))
         for entry in robot.couplings
     )
-    return dataclasses.replace(robot, joints=tuple(joints), couplings=couplings)
+    return replace(robot, joints=tuple(joints), couplings=couplings)
 
 
 def draw_order(robot, rng):
@@ -444,8 +444,8 @@ def reframe(robot, moves):
         placement = compose_placements(joint.placement, move)
         if joint.parent >= 0:
             placement = compose_placements(invert(moves[joint.parent]), placement)
-        joints.append(dataclasses.replace(joint, placement=placement))
-    return dataclasses.replace(robot, joints=tuple(joints))
+        joints.append(replace(joint, placement=placement))
+    return replace(robot, joints=tuple(joints))
 
 
 MOVES = st.builds(
@@ -484,15 +484,13 @@ def test_turning_gravity_and_base_together_changes_nothing(robot, seed):
     turn = rotate_z(build_angle(Fraction(1, 3)))
     case = draw_case(robot, seed)
     joints = tuple(
-        dataclasses.replace(joint, placement=compose_placements(turn, joint.placement))
-        if joint.parent < 0
-        else joint
+        replace(joint, placement=compose_placements(turn, joint.placement)) if joint.parent < 0 else joint
         for joint in robot.joints
     )
     gravity = tuple(
         sum((a * b for a, b in zip(row, robot.gravity, strict=True)), ZERO) for row in turn.rotation
     )
-    other = dataclasses.replace(robot, joints=joints, gravity=gravity)
+    other = replace(robot, joints=joints, gravity=gravity)
     recursion = build(other, case.q, case.dq, case.ddq)
     torques = fold_vector(other, recursion.algebra, compute_inverse_dynamics(recursion, case.values))
     assert_close(torques, find_torques(case))

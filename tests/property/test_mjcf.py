@@ -3,7 +3,7 @@
 What symid reads in them has the same torques; frames of bodies, however they are written, are MuJoCo's.
 """
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,18 +31,18 @@ def fill(robot, rng):
         if joint.spring is not None:
             values[index, "KS"], rest = float(rng.uniform(1, 9)), float(rng.uniform(-1, 1))
             values[index, "KR"] = -values[index, "KS"] * rest
-            joint = dataclasses.replace(joint, spring=Spring(stiffness=values[index, "KS"], rest=rest))  # noqa: PLW2901
-        drive = dataclasses.replace(joint.drive, rotor_inertia=values.get((index, "IA")))
+            joint = replace(joint, spring=Spring(stiffness=values[index, "KS"], rest=rest))  # noqa: PLW2901
+        drive = replace(joint.drive, rotor_inertia=values.get((index, "IA")))
         friction = joint.friction
         if friction.law == "coulomb-viscous":
             values[index, "Fv"], values[index, "Fc"] = float(rng.uniform(0, 1)), 0.0
-            friction = dataclasses.replace(friction, values=(values[index, "Fv"], 0.0))
-        joints.append(dataclasses.replace(joint, inertial=tuple(body), drive=drive, friction=friction))
+            friction = replace(friction, values=(values[index, "Fv"], 0.0))
+        joints.append(replace(joint, inertial=tuple(body), drive=drive, friction=friction))
     for number, coupling in enumerate(robot.couplings, start=robot.size):
         if coupling.has_rotor:
             values[number, "IA"] = float(rng.uniform(0.1, 1))
-        couplings.append(dataclasses.replace(coupling, rotor_inertia=values.get((number, "IA"))))
-    return dataclasses.replace(robot, joints=tuple(joints), couplings=tuple(couplings)), values
+        couplings.append(replace(coupling, rotor_inertia=values.get((number, "IA"))))
+    return replace(robot, joints=tuple(joints), couplings=tuple(couplings)), values
 
 
 @settings(max_examples=60)

@@ -1,6 +1,6 @@
 """Random trees written as URDFs and read back; and URDFs with mistakes, which never end in a traceback."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -103,7 +103,7 @@ def test_writing_and_reading_again_changes_nothing(robot):
     once = parse_urdf(write_urdf(robot))
     twice = parse_urdf(write_urdf(once))
     for first, second in zip(once.joints, twice.joints, strict=True):
-        assert dataclasses.replace(second, placement=first.placement, frame=first.frame) == first
+        assert replace(second, placement=first.placement, frame=first.frame) == first
         for mine, other in zip(first.placement.rotation, second.placement.rotation, strict=True):
             np.testing.assert_allclose(
                 [entry.to_float() for entry in other], [entry.to_float() for entry in mine], atol=1e-12

@@ -1,6 +1,6 @@
 """A robot that is written and read again is the same robot: placements exactly, values to the last digits."""
 
-import dataclasses
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -160,9 +160,7 @@ def joints(draw, index):
     kind = draw(st.sampled_from(list(JointKind)))
     low, high = sorted(draw(st.tuples(NUMBERS, NUMBERS)))
     limits = Limits(
-        position=(low, high) if low < high else None,
-        velocity=draw(unknown),
-        torque=draw(unknown),
+        position=(low, high) if low < high else None, velocity=draw(unknown), torque=draw(unknown)
     )
     follows = index > 0 and draw(st.booleans())
     return Joint(
@@ -207,7 +205,7 @@ def test_a_written_robot_is_read_as_the_same(robot, hints):
         assert (mine.inertial is None) == (other.inertial is None)
         if mine.inertial is not None:
             np.testing.assert_allclose(other.inertial, mine.inertial, rtol=0, atol=1e-11)
-    bare = [tuple(dataclasses.replace(joint, inertial=None) for joint in x.joints) for x in (robot, again)]
+    bare = [tuple(replace(joint, inertial=None) for joint in x.joints) for x in (robot, again)]
     assert bare[0] == bare[1]
     same = ("name", "description", "gravity", "symbols", "couplings", "log", "processing")
     assert [getattr(robot, name) for name in same[:-1]] == [getattr(again, name) for name in same[:-1]]
@@ -270,14 +268,12 @@ def test_values_that_no_body_has_are_written_as_they_are():
     weightless = Joint(
         name="a", kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, inertial=(1.0,) + (0.0,) * 9
     )
-    nothing = dataclasses.replace(weightless, name="c", parent=1, inertial=(0.0,) * 10)
-    impossible = dataclasses.replace(
-        weightless, name="b", parent=0, inertial=(3.0, 0, 0, 1, 0, 1, 0, 0, 0, 1.0)
-    )
+    nothing = replace(weightless, name="c", parent=1, inertial=(0.0,) * 10)
+    impossible = replace(weightless, name="b", parent=0, inertial=(3.0, 0, 0, 1, 0, 1, 0, 0, 0, 1.0))
     turn = compose_placements(
         rotate_x(build_exact_angle(0.3)), translate(Exact.of("0.1"), ZERO, Exact.of("-0.2"))
     )
-    framed = dataclasses.replace(impossible, name="d", parent=2, frame=turn)
+    framed = replace(impossible, name="d", parent=2, frame=turn)
     joints = (weightless, impossible, nothing, framed)
     again = parse_robot(write_robot(Robot(name="1 arm!", joints=joints)))
     assert again.name == "robot_1_arm_"
@@ -331,4 +327,4 @@ def test_hints_complete_tables_that_are_there():
         assert joint.drive == Drive(
             gear=50.0, has_rotor=True, rotor_inertia=1e-5 * 50.0**2, torque_constant=0.1
         )
-        assert joint.limits == dataclasses.replace(limits, torque=50.0, acceleration=10.0, jerk=100.0)
+        assert joint.limits == replace(limits, torque=50.0, acceleration=10.0, jerk=100.0)

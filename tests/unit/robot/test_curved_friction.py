@@ -192,18 +192,12 @@ def test_a_drive_of_several_joints_feels_neither_load_nor_position_nor_temperatu
             'model = "cubic"\nFv = 0.6\nFc = 0.9\nFvq = 0\nFvc = -0.01',
             "Fvc: -0.01 drives the joint from about 8.5 rad/s",
         ),
-        (
-            'model = "stribeck"\nFv = 1\nFc = 1\nFe = -3\nvs = 0.1',
-            "Fe: -3 drives the joint as motion begins",
-        ),
+        ('model = "stribeck"\nFv = 1\nFc = 1\nFe = -3\nvs = 0.1', "Fe: -3 drives the joint as motion begins"),
         (
             'model = "asymmetric_stribeck"\nFvp = 1\nFcp = 1\nFvn = 1\nFcn = 2\nFe = -1.6\nvs = 0.1',
             "Fe: -1.6 drives the joint as motion begins",
         ),
-        (
-            'model = "makkar"\nFm = 3\nFc = 0.1\nFv = 0\ng2 = 1\ng3 = 100\ng5 = 10',
-            "outweigh Fm",
-        ),
+        ('model = "makkar"\nFm = 3\nFc = 0.1\nFv = 0\ng2 = 1\ng3 = 100\ng5 = 10', "outweigh Fm"),
         ('model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = -3\nFp = 1\nvs = 0.1\ndq0 = 0.02', "Fe: -3"),
         ('model = "stribeck"\nFv = 1\nFc = 1\nFe = -3\nvs = 0.1\nsmoothing = 0.01', "Fe: -3 drives"),
         (

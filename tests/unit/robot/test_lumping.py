@@ -1,6 +1,6 @@
 """Fixed joints: their links become part of the links that carry them."""
 
-import dataclasses
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -24,7 +24,7 @@ def build(parents=(-1, 0, 1, 2), values=None):
     if values is None:
         values = draw_parameters(np.random.default_rng(3), len(ROWS))
     return [
-        dataclasses.replace(joint, inertial=None if entry is None else tuple(entry))
+        replace(joint, inertial=None if entry is None else tuple(entry))
         for joint, entry in zip(joints, values, strict=True)
     ]
 
@@ -78,8 +78,8 @@ def test_unknown_values():
 
 def test_followers_keep_their_master_and_those_of_a_fixed_joint_are_fixed():
     joints = build(parents=(-1, 0, 0, 0))
-    joints[2] = dataclasses.replace(joints[2], mimic=Mimic(master=1, multiplier=Fraction(2)))
-    joints[3] = dataclasses.replace(joints[3], mimic=Mimic(master=1, multiplier=Fraction(-1)))
+    joints[2] = replace(joints[2], mimic=Mimic(master=1, multiplier=Fraction(2)))
+    joints[3] = replace(joints[3], mimic=Mimic(master=1, multiplier=Fraction(-1)))
     lumped = lump_fixed_joints(joints, {0})
     assert [joint.mimic and joint.mimic.master for joint in lumped.joints] == [None, 0, 0]
     lumped = lump_fixed_joints(joints, {1})
@@ -88,7 +88,7 @@ def test_followers_keep_their_master_and_those_of_a_fixed_joint_are_fixed():
 
 def test_symbolic_lengths_take_part():
     joints = build()
-    joints[1] = dataclasses.replace(joints[1], placement=translate(Exact.symbol("L1"), ZERO, ZERO))
+    joints[1] = replace(joints[1], placement=translate(Exact.symbol("L1"), ZERO, ZERO))
     lumped = lump_fixed_joints(joints, {1}, {"L1": 0.5})
     mass = joints[1].inertial[9]
     assert lumped.joints[0].inertial[9] == joints[0].inertial[9] + mass
@@ -102,7 +102,7 @@ def test_symbolic_lengths_take_part():
 def test_a_form_in_symbols_stays_only_where_nothing_with_mass_joins():
     form = SymbolicInertia(mass=Exact.symbol("m1"), com=(ZERO, ZERO, ZERO), inertia=(ONE,) * 6)
     joints = build(values=[None, None, None, None])
-    joints[0] = dataclasses.replace(joints[0], form=form)
+    joints[0] = replace(joints[0], form=form)
     assert lump_fixed_joints(joints, {1}).joints[0].form == form
-    joints[1] = dataclasses.replace(joints[1], inertial=(1.0,) * 10)
+    joints[1] = replace(joints[1], inertial=(1.0,) * 10)
     assert lump_fixed_joints(joints, {1}).joints[0].form is None

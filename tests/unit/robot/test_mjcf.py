@@ -4,8 +4,8 @@ Tolerances are relative to the largest torque of all states. Dry friction is a s
 its force the stated one beyond a small speed; these states are well beyond it.
 """
 
-import dataclasses
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -49,10 +49,10 @@ def load_mujoco(path):
 def drop_dry_friction(robot):
     def drop(entry):
         values = entry.friction.values and (entry.friction.values[0], 0.0)
-        return dataclasses.replace(entry, friction=dataclasses.replace(entry.friction, values=values))
+        return replace(entry, friction=replace(entry.friction, values=values))
 
     joints, couplings = (tuple(map(drop, entries)) for entries in (robot.joints, robot.couplings))
-    return dataclasses.replace(robot, joints=joints, couplings=couplings)
+    return replace(robot, joints=joints, couplings=couplings)
 
 
 def find_torques(robot, states):
@@ -203,11 +203,7 @@ TURNED = "euler was moved to the nearest multiple of pi/2, of bodies (by rad) 'b
         ),
         ("robot.negative-friction", "<body><joint damping='-2'/><geom size='1'/></body>", "drives"),
         ("robot.impossible-inertia", f"<body name='b'><joint/>{SKEW}</body>", "3 kg*m^2"),
-        (
-            "robot.angle-snapped",
-            "<body name='b' euler='0 90.0001 0'><joint/><geom size='1'/></body>",
-            TURNED,
-        ),
+        ("robot.angle-snapped", "<body name='b' euler='0 90.0001 0'><joint/><geom size='1'/></body>", TURNED),
         (UNUSED, "<body name='b'><geom size='1'/></body>", "<geom> (2)"),
         (
             UNUSED,

@@ -1,7 +1,7 @@
 """MJCF models with other values: all else stays, and what symid and MuJoCo read in them is the new values."""
 
-import dataclasses
 import re
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -72,21 +72,20 @@ def give_values(robot, seed=1):
     rng = np.random.default_rng(seed)
     bodies = draw_parameters(rng, robot.size).tolist()
     joints = tuple(
-        dataclasses.replace(
+        replace(
             joint,
             inertial=tuple(body),
             friction=FrictionValues(law=PLAIN, values=tuple(rng.uniform(0.1, 1, 2).tolist())),
-            drive=dataclasses.replace(joint.drive, has_rotor=True, rotor_inertia=float(rng.uniform(0.1, 1))),
-            spring=joint.spring and dataclasses.replace(joint.spring, stiffness=7.5, rest=0.125),
+            drive=replace(joint.drive, has_rotor=True, rotor_inertia=float(rng.uniform(0.1, 1))),
+            spring=joint.spring and replace(joint.spring, stiffness=7.5, rest=0.125),
         )
         for joint, body in zip(robot.joints, bodies, strict=True)
     )
     friction = FrictionValues(law=PLAIN, values=(0.4, 0.2))
     couplings = tuple(
-        dataclasses.replace(entry, has_rotor=True, rotor_inertia=0.05, friction=friction)
-        for entry in robot.couplings
+        replace(entry, has_rotor=True, rotor_inertia=0.05, friction=friction) for entry in robot.couplings
     )
-    return dataclasses.replace(robot, joints=joints, couplings=couplings)
+    return replace(robot, joints=joints, couplings=couplings)
 
 
 def build(worldbody, tail="", head=""):
@@ -191,7 +190,7 @@ def test_a_mass_between_two_joints_of_a_body_is_refused():
     text = build(f'<body name="a">\n<joint name="j"/>\n<joint name="k" axis="1 0 0"/>{GEOM}</body>')
     robot = parse_mjcf(text, "arm.xml")
     second = give_values(robot).joints[1]
-    check_values(dataclasses.replace(robot, joints=(robot.joints[0], second)), text)
+    check_values(replace(robot, joints=(robot.joints[0], second)), text)
     (notice,) = refuse(rewrite_mjcf, text, give_values(robot))
     assert (notice.code, notice.file, notice.line) == ("robot.mjcf-massless", "arm.xml", 2)
     assert "write a new one (-o FILE)" in notice.text
@@ -207,9 +206,7 @@ def test_values_in_an_included_file_are_refused(tmp_path: Path):
 
 
 def change_joints(robot, **values):
-    return dataclasses.replace(
-        robot, joints=tuple(dataclasses.replace(joint, **values) for joint in robot.joints)
-    )
+    return replace(robot, joints=tuple(replace(joint, **values) for joint in robot.joints))
 
 
 def test_neither_what_does_not_change_nor_rounding_is_written():
@@ -217,13 +214,13 @@ def test_neither_what_does_not_change_nor_rounding_is_written():
     assert rewrite_mjcf(FILE, robot).text == FILE
     noise = np.random.default_rng(3).uniform(-1e-13, 1e-13, (robot.size, 10))
     joints = tuple(
-        dataclasses.replace(
+        replace(
             joint,
             inertial=tuple((np.array(joint.inertial) + row).tolist()),
-            friction=dataclasses.replace(
+            friction=replace(
                 joint.friction, values=tuple(value * (1 - 1e-15) for value in joint.friction.values)
             ),
-            drive=dataclasses.replace(
+            drive=replace(
                 joint.drive,
                 rotor_inertia=joint.drive.rotor_inertia and joint.drive.rotor_inertia * (1 + 1e-15),
             ),
@@ -232,10 +229,10 @@ def test_neither_what_does_not_change_nor_rounding_is_written():
         )
         for joint, row in zip(robot.joints, noise, strict=True)
     )
-    assert rewrite_mjcf(FILE, dataclasses.replace(robot, joints=joints)).text == FILE
+    assert rewrite_mjcf(FILE, replace(robot, joints=joints)).text == FILE
     heavier = (*joints[2].inertial[:9], joints[2].inertial[9] * (1 + 1e-8))
-    joints = (*joints[:2], dataclasses.replace(joints[2], inertial=heavier), joints[3])
-    assert rewrite_mjcf(FILE, dataclasses.replace(robot, joints=joints)).text != FILE
+    joints = (*joints[:2], replace(joints[2], inertial=heavier), joints[3])
+    assert rewrite_mjcf(FILE, replace(robot, joints=joints)).text != FILE
 
 
 def test_a_body_is_the_same_within_rounding_of_its_own_size():
@@ -257,10 +254,10 @@ def test_a_body_is_the_same_within_rounding_of_its_own_size():
 def test_what_the_robot_has_no_more_becomes_zero():
     robot = change_joints(parse_mjcf(FILE), friction=FrictionValues(), drive=Drive(), spring=None)
     couplings = tuple(
-        dataclasses.replace(entry, has_rotor=True, rotor_inertia=0.1, friction=FrictionValues())
+        replace(entry, has_rotor=True, rotor_inertia=0.1, friction=FrictionValues())
         for entry in robot.couplings
     )
-    text = rewrite_mjcf(FILE, dataclasses.replace(robot, couplings=couplings)).text
+    text = rewrite_mjcf(FILE, replace(robot, couplings=couplings)).text
     back = parse_mjcf(text)
     for joint in back.joints:
         assert joint.friction == FrictionValues()
@@ -284,12 +281,12 @@ def test_friction_beyond_damping_and_dry_friction_is_named():
     robot = parse_mjcf(FILE)
     cubic = FrictionValues(law="cubic", values=(0.1, 0.5, 0.2, 0.3))
     dahl = FrictionValues(law="dahl", values=(0.1, 0.5), bristles=(100.0,))
-    joints = [dataclasses.replace(robot.joints[k], friction=law) for k, law in enumerate((cubic, dahl))]
-    third = dataclasses.replace(robot.joints[2], spring=Spring(), elasticity=Elasticity(stiffness=900.0))
-    robot = dataclasses.replace(
+    joints = [replace(robot.joints[k], friction=law) for k, law in enumerate((cubic, dahl))]
+    third = replace(robot.joints[2], spring=Spring(), elasticity=Elasticity(stiffness=900.0))
+    robot = replace(
         robot,
         joints=(*joints, third, robot.joints[3]),
-        couplings=(dataclasses.replace(robot.couplings[0], friction=cubic),),
+        couplings=(replace(robot.couplings[0], friction=cubic),),
     )
     text = rewrite_mjcf(FILE, robot).text
     assert "dcmotor" not in text
@@ -311,11 +308,11 @@ def test_other_coupled_drives_than_those_of_the_file_are_refused(change):
     robot = parse_mjcf(FILE, "arm.xml")
     belt = robot.couplings[0]
     couplings = {
-        "name": (dataclasses.replace(belt, name="strap"),),
-        "terms": (dataclasses.replace(belt, terms=((1, Fraction(3)),)),),
+        "name": (replace(belt, name="strap"),),
+        "terms": (replace(belt, terms=((1, Fraction(3)),)),),
         "none": (),
     }[change]
-    (notice,) = refuse(rewrite_mjcf, FILE, dataclasses.replace(robot, couplings=couplings))
+    (notice,) = refuse(rewrite_mjcf, FILE, replace(robot, couplings=couplings))
     assert (notice.code, notice.file) == ("robot.mjcf-unsupported", "arm.xml")
     own = {"name": "strap: 2 elbow", "terms": "belt: 3 elbow", "none": "other ones than in the model: none"}
     assert own[change] in notice.text
@@ -324,7 +321,7 @@ def test_other_coupled_drives_than_those_of_the_file_are_refused(change):
 
 
 def test_a_robot_of_no_file_is_refused():
-    robot = dataclasses.replace(parse_mjcf(FILE, "arm.xml"), made_from=None)
+    robot = replace(parse_mjcf(FILE, "arm.xml"), made_from=None)
     with pytest.raises(RobotError, match=r"was made from no model; write a new one \(-o FILE\)"):
         rewrite_mjcf(FILE, robot)
 
@@ -334,8 +331,8 @@ def test_joints_between_which_no_mass_is_get_their_friction():
         f'<body name="a"><joint name="j"/><joint name="k" axis="1 0 0"/>{GEOM}</body>', head=FROM_GEOMS
     )
     robot = give_values(parse_mjcf(text))
-    between = dataclasses.replace(robot.joints[0], inertial=(0.0,) * 10)
-    check_values(dataclasses.replace(robot, joints=(between, robot.joints[1])), text)
+    between = replace(robot.joints[0], inertial=(0.0,) * 10)
+    check_values(replace(robot, joints=(between, robot.joints[1])), text)
 
 
 def test_inertias_of_bodies_that_do_not_belong_to_the_robot_stay():
@@ -398,7 +395,8 @@ def test_a_follower_of_one_that_stands_still_is_carried_where_both_offsets_put_i
         f'<body name="a"><joint name="j" axis="0 1 0"/>{geom}<body name="b" pos="1 0 0">'
         f'<joint name="k" axis="1 0 0"/>{geom}<body name="c" pos="0 1 0"><joint name="l"/>{geom}</body>'
         "</body></body>",
-        '<equality><joint joint1="k" polycoef="0.5"/><joint joint1="l" joint2="k" polycoef="0.2 2"/></equality>',
+        FOLLOW.replace('joint2="j" polycoef="0.5 -2"', 'polycoef="0.5"')
+        + FOLLOW.replace('joint1="k" joint2="j" polycoef="0.5 -2"', 'joint1="l" joint2="k" polycoef="0.2 2"'),
     )
     robot = give_values(parse_mjcf(text))
     assert [joint.name for joint in robot.joints] == ["j"]

@@ -137,11 +137,7 @@ IN_JOINT = [
     ("robot.column-count", TORQUE + '["a"], unit = "N m", factor = ^[1, 2] }', "2 factors for 1 joints"),
     ("robot.transmission-shape", "[log]\ntransmission = ^[[1, 2]]", "expected 1 rows of 1 numbers"),
     ("robot.transmission-singular", "[log]\ntransmission = ^[[0]]", "transmission: the matrix"),
-    (
-        "robot.two-encoders",
-        MOTOR + '^link_position = { columns = ["b"], unit = "rad" }',
-        "link_position",
-    ),
+    ("robot.two-encoders", MOTOR + '^link_position = { columns = ["b"], unit = "rad" }', "link_position"),
     ("robot.missing-key", "spring = ^{ rest = 0 }", "stiffness = 120 (N*m/rad)"),
     ("robot.missing-key", "spring = ^{ stiffness = 3 }", 'rest = "unknown"'),
     ("robot.missing-key", "elasticity = ^{}", 'stiffness = "unknown"'),

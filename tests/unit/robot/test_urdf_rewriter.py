@@ -1,7 +1,7 @@
 """URDFs with other values: all else stays, and what symid and Pinocchio read in them is the new values."""
 
-import dataclasses
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -63,11 +63,8 @@ FILE = """<?xml version="1.0"?>
 
 def give_values(robot, seed=1):
     bodies = draw_parameters(np.random.default_rng(seed), robot.size).tolist()
-    joints = (
-        dataclasses.replace(joint, inertial=tuple(body))
-        for joint, body in zip(robot.joints, bodies, strict=True)
-    )
-    return dataclasses.replace(robot, joints=tuple(joints))
+    joints = (replace(joint, inertial=tuple(body)) for joint, body in zip(robot.joints, bodies, strict=True))
+    return replace(robot, joints=tuple(joints))
 
 
 @pytest.fixture
@@ -75,13 +72,13 @@ def rewritten():
     robot = give_values(parse_urdf(FILE))
     first, second = robot.joints
     friction = FrictionValues(law="coulomb-viscous-offset", values=(1.5, 0.75, 0.1))
-    first = dataclasses.replace(first, friction=friction)
-    second = dataclasses.replace(
+    first = replace(first, friction=friction)
+    second = replace(
         second,
         friction=FrictionValues(law="coulomb-viscous", values=(0.3, 0.2)),
-        drive=dataclasses.replace(second.drive, rotor_inertia=0.08),
+        drive=replace(second.drive, rotor_inertia=0.08),
     )
-    robot = dataclasses.replace(robot, joints=(first, second))
+    robot = replace(robot, joints=(first, second))
     return robot, rewrite_urdf(FILE, robot)
 
 
@@ -126,8 +123,8 @@ def test_values_that_did_not_change_stay_as_they_are_written():
     robot = parse_urdf(text)
     assert rewrite_urdf(text, robot).text == text
     friction = FrictionValues(law="coulomb-viscous", values=(0.5, 1.0))
-    first = dataclasses.replace(robot.joints[0], friction=friction)
-    robot = dataclasses.replace(robot, joints=(first, *robot.joints[1:]))
+    first = replace(robot.joints[0], friction=friction)
+    robot = replace(robot, joints=(first, *robot.joints[1:]))
     assert rewrite_urdf(text, robot).text == text.replace('friction="0.25"', 'friction="1.0"')
 
 
@@ -242,10 +239,8 @@ def test_elements_are_found_behind_comments_and_data():
         "</joint></robot>"
     )
     robot = give_values(parse_urdf(text))
-    joint = dataclasses.replace(
-        robot.joints[0], friction=FrictionValues(law="coulomb-viscous", values=(2.0, 0.0))
-    )
-    found = rewrite_urdf(text, dataclasses.replace(robot, joints=(joint,))).text
+    joint = replace(robot.joints[0], friction=FrictionValues(law="coulomb-viscous", values=(2.0, 0.0)))
+    found = rewrite_urdf(text, replace(robot, joints=(joint,))).text
     back = parse_urdf(found)
     assert back.joints[0].friction.values == (2.0, 0.0)
     np.testing.assert_allclose(back.joints[0].inertial, joint.inertial, atol=1e-12)
@@ -256,30 +251,27 @@ def test_elements_are_found_behind_comments_and_data():
 def test_rounding_of_a_robot_file_changes_nothing():
     robot = parse_urdf(CARRIER, tip="flange")
     back = parse_robot(write_robot(robot))
-    joints = (
-        dataclasses.replace(old, inertial=new.inertial)
-        for old, new in zip(robot.joints, back.joints, strict=True)
-    )
-    robot = dataclasses.replace(robot, joints=tuple(joints))
+    joints = (replace(old, inertial=new.inertial) for old, new in zip(robot.joints, back.joints, strict=True))
+    robot = replace(robot, joints=tuple(joints))
     assert rewrite_urdf(CARRIER, robot).text == CARRIER
 
 
 def test_a_rotor_is_written_by_the_reduction_of_the_file():
     robot = give_values(parse_urdf(FILE))
-    drive = dataclasses.replace(robot.joints[1].drive, gear=100.0, rotor_inertia=0.08)
-    second = dataclasses.replace(robot.joints[1], drive=drive)
-    text = rewrite_urdf(FILE, dataclasses.replace(robot, joints=(robot.joints[0], second))).text
+    drive = replace(robot.joints[1].drive, gear=100.0, rotor_inertia=0.08)
+    second = replace(robot.joints[1], drive=drive)
+    text = rewrite_urdf(FILE, replace(robot, joints=(robot.joints[0], second))).text
     assert parse_urdf(text).joints[1].drive.rotor_inertia == pytest.approx(0.08)
     # A drive of two joints is none that readers take.
     double = FILE.replace('<joint name="elbow"/>', '<joint name="elbow"/><joint name="base"/>')
-    found = rewrite_urdf(double, dataclasses.replace(robot, joints=(robot.joints[0], second))).text
+    found = rewrite_urdf(double, replace(robot, joints=(robot.joints[0], second))).text
     assert "<motorInertia>1e-4</motorInertia>" in found
 
 
 def test_no_friction_is_written_as_none():
     robot = parse_urdf(FILE)
-    first = dataclasses.replace(robot.joints[0], friction=FrictionValues())
-    found = rewrite_urdf(FILE, dataclasses.replace(robot, joints=(first, robot.joints[1]))).text
+    first = replace(robot.joints[0], friction=FrictionValues())
+    found = rewrite_urdf(FILE, replace(robot, joints=(first, robot.joints[1]))).text
     assert found == FILE.replace('damping="0.5" friction="0.25"', 'damping="0.0" friction="0.0"')
 
 
@@ -302,5 +294,5 @@ def test_followers_of_what_stands_still_stand_where_the_reader_has_them():
 
 def test_a_robot_of_no_file_is_refused():
     with pytest.raises(RobotError) as caught:
-        rewrite_urdf(FILE, dataclasses.replace(parse_urdf(FILE), made_from=None))
+        rewrite_urdf(FILE, replace(parse_urdf(FILE), made_from=None))
     assert caught.value.notices[0].code == "robot.not-made"

@@ -1,7 +1,7 @@
 """URDFs that symid writes: read back they are the same robot, for symid and for Pinocchio."""
 
-import dataclasses
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -95,14 +95,14 @@ def test_symid_has_the_torques_that_pinocchio_finds_in_the_text(name, robots_fol
 def full():
     """Return a robot with all that a URDF has words for, and what it has none for."""
     joints = [build_joint(index, (np.pi / 2, 0.1, 0.2, "q")) for index in range(3)]
-    joints[0] = dataclasses.replace(
+    joints[0] = replace(
         joints[0],
         name='a "b" <c>',
         drive=Drive(gear=-30.0, has_rotor=True, rotor_inertia=0.9),
         friction=FrictionValues(law="coulomb-viscous", values=(0.1, 0.7)),
         limits=Limits(position=(-1.0, 2.5), velocity=3.0, torque=8.0),
     )
-    joints[1] = dataclasses.replace(
+    joints[1] = replace(
         joints[1],
         friction=FrictionValues(law="asymmetric", values=(1.0, 2.0, 3.0, 4.0), smoothing=0.01),
         spring=Spring(stiffness=5.0, rest=0.5),
@@ -113,13 +113,10 @@ def full():
             knees=(Knee(threshold=3.0, slope=0.5),),
         ),
     )
-    joints[2] = dataclasses.replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
+    joints[2] = replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
     coupling = Coupling(name="wrist--drive", terms=((0, Fraction(1)), (1, Fraction(2))))
     return Robot(
-        name="full",
-        joints=tuple(joints),
-        couplings=(coupling,),
-        gravity=(Exact.of("9.81"), Exact(), Exact()),
+        name="full", joints=tuple(joints), couplings=(coupling,), gravity=(Exact.of("9.81"), Exact(), Exact())
     )
 
 
@@ -163,14 +160,14 @@ def test_values_can_be_given():
 
 
 def test_a_massless_link_is_written():
-    joint = dataclasses.replace(build_joint(0, (0.0, 0, 0, "q")), inertial=(0.0,) * 5 + (2.0,) + (0.0,) * 4)
+    joint = replace(build_joint(0, (0.0, 0, 0, "q")), inertial=(0.0,) * 5 + (2.0,) + (0.0,) * 4)
     back = parse_urdf(write_urdf(Robot(name="m", joints=(joint,))))
     assert back.joints[0].inertial == joint.inertial
 
 
 def test_limits_that_are_unknown_come_back_without_a_word(robots_folder):
     panda = read_robot(robots_folder / "panda.toml")
-    unlimited = [dataclasses.replace(joint, limits=Limits()) for joint in panda.joints]
-    robot = parse_urdf(write_urdf(dataclasses.replace(panda, joints=tuple(unlimited))))
+    unlimited = [replace(joint, limits=Limits()) for joint in panda.joints]
+    robot = parse_urdf(write_urdf(replace(panda, joints=tuple(unlimited))))
     assert {joint.limits for joint in robot.joints} == {Limits()}
     assert [notice.code for notice in robot.notices] == ["robot.assumed-gravity"]

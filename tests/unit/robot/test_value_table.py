@@ -117,14 +117,7 @@ def test_what_is_no_table(tmp_path, text, code):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("name;value;std\na;3,2;0.1\n", "'3,2'"),
-        (
-            "name,value,std\na,3,1.1 %\n",
-            "'1.1 %'",
-        ),
-    ],
+    ("text", "words"), [("name;value;std\na;3,2;0.1\n", "'3,2'"), ("name,value,std\na,3,1.1 %\n", "'1.1 %'")]
 )
 def test_columns_of_numbers_that_cannot_be_read_are_not_passed_over(tmp_path, text, words):
     """Without its column of deviations a table would be compared as if it had none."""

@@ -1,8 +1,8 @@
 """Xacro files as robots, against the program xacro and the URDF that it writes."""
 
-import dataclasses
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
@@ -136,10 +136,7 @@ def test_a_folder_without_manifest_has_its_own_name(arm, tmp_path):
     ("inner", "words"),
     [
         ("  <xacro:arm/>\n", "unknown macro name: xacro:arm"),
-        (
-            '  <link name="$(arg side)"/>\n',
-            "side has no default; run `xacro a.xacro side:=VALUE",
-        ),
+        ('  <link name="$(arg side)"/>\n', "side has no default; run `xacro a.xacro side:=VALUE"),
         ('  <link name="${1 / 0}"/>\n', "division by zero"),
         ('  <link name="${nothing}"/>\n', "nothing"),
         ('  <xacro:include filename="absent.xacro"/>\n', "absent.xacro"),
@@ -185,10 +182,8 @@ def test_xacro_in_a_file_of_another_name_is_expanded(arm):
 
 def test_values_go_into_a_urdf_and_not_into_xacro(arm, tmp_path):
     robot = load_robot(str(arm))
-    heavy = dataclasses.replace(
-        robot.joints[0], inertial=tuple(2.0 * value for value in robot.joints[0].inertial)
-    )
-    changed = dataclasses.replace(robot, joints=(heavy, *robot.joints[1:]))
+    heavy = replace(robot.joints[0], inertial=tuple(2.0 * value for value in robot.joints[0].inertial))
+    changed = replace(robot, joints=(heavy, *robot.joints[1:]))
     with pytest.raises(UsageError) as caught:
         check_format(arm)
     assert "export a .urdf" in caught.value.notices[0].text
