@@ -16,39 +16,11 @@ from tests.urdfs import draw_urdf, find_factors, find_largest_gap, find_position
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
-PIECES = (
-    "base",
-    "upper",
-    "lift",
-    "revolute",
-    "fixed",
-    "floating",
-    "nan",
-    "1e400",
-    "-1e-400",
-    "0 0 0",
-    "0 0 1 2",
-    "",
-    "<",
-    ">",
-    "/>",
-    '"',
-    "&lt;",
-    "&x;",
-    "<!DOCTYPE a>",
-    "<mimic joint='lift'/>",
-    "<mimic joint='push' multiplier='0'/>",
-    "<link name='upper'/>",
-    "<joint name='lift'/>",
-    "<loop_joint/>",
-    "xacro:if",
-    "${x}",
-    "\x00",
-    "\ud800",
-    "é",
-    "9" * 200,
-    "<a>" * 150,
-)
+WORDS = """base|upper|lift|revolute|fixed|floating|nan|1e400|-1e-400|0 0 0|0 0 1 2||<|>|/>|"|&lt;|&x;|\
+<!DOCTYPE a>|<mimic joint='lift'/>|<mimic joint='push' multiplier='0'/>|<link name='upper'/>|\
+<joint name='lift'/>|<loop_joint/>|xacro:if|${x}|\x00|\ud800|é"""
+PIECES = (*WORDS.split("|"), "9" * 200, "<a>" * 150)
+"""What may stand in a file; the first twelve in quotes, too."""
 
 
 @settings(max_examples=60)

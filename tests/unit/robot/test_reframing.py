@@ -29,42 +29,18 @@ from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 # Modified rows in degrees and m, as in the robot files; d of a last link is 0, where its frame is free.
+TABLES = {
+    "puma560": "0 0 0 q, 90 0 0 q, 0 0.4318 0.15005 q, -90 0.0203 0.4318 q, 90 0 0 q, -90 0 0 q",
+    "panda": "0 0 0.333 q, -90 0 0 q, 90 0 0.316 q, 90 0.0825 0 q, -90 -0.0825 0.384 q, 90 0 0 q, "
+    "90 0.088 0 q",
+    "ur5": "0 0 0.0892 q, 90 0 0 q, 0 -0.425 0 q, 0 -0.39225 0.10915 q, 90 0 0.09465 q, -90 0 0 q",
+    "stanford": "0 0 0 q, -90 0 0.1524 q, 90 0 q 0, 0 0 0 q, -90 0 0 q, 90 0 0 q",
+    "ppr": "0 0 q 0, -90 0 q -90, -90 0 0 q",
+    "rrp_twisted": "0 0 0 q, 30 0.2 0.1 q, 60 0.1 q 0",
+}
 ROWS = {
-    "puma560": [
-        (0, 0, 0, "q"),
-        (90, 0, 0, "q"),
-        (0, 0.4318, 0.15005, "q"),
-        (-90, 0.0203, 0.4318, "q"),
-        (90, 0, 0, "q"),
-        (-90, 0, 0, "q"),
-    ],
-    "panda": [
-        (0, 0, 0.333, "q"),
-        (-90, 0, 0, "q"),
-        (90, 0, 0.316, "q"),
-        (90, 0.0825, 0, "q"),
-        (-90, -0.0825, 0.384, "q"),
-        (90, 0, 0, "q"),
-        (90, 0.088, 0, "q"),
-    ],
-    "ur5": [
-        (0, 0, 0.0892, "q"),
-        (90, 0, 0, "q"),
-        (0, -0.425, 0, "q"),
-        (0, -0.39225, 0.10915, "q"),
-        (90, 0, 0.09465, "q"),
-        (-90, 0, 0, "q"),
-    ],
-    "stanford": [
-        (0, 0, 0, "q"),
-        (-90, 0, 0.1524, "q"),
-        (90, 0, "q", 0),
-        (0, 0, 0, "q"),
-        (-90, 0, 0, "q"),
-        (90, 0, 0, "q"),
-    ],
-    "ppr": [(0, 0, "q", 0), (-90, 0, "q", -90), (-90, 0, 0, "q")],
-    "rrp_twisted": [(0, 0, 0, "q"), (30, 0.2, 0.1, "q"), (60, 0.1, "q", 0)],
+    name: [tuple(cell if cell == "q" else float(cell) for cell in row.split()) for row in text.split(",")]
+    for name, text in TABLES.items()
 }
 TURNS = (0, 90, 180, -90, 45, -135, 30, 60, -150, 15)
 SHIFTS = ("0", "0.1", "-0.25", "0.0001")
