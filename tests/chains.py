@@ -117,6 +117,17 @@ def set_inertia(robot: Robot, values: np.ndarray) -> Robot:
     return dataclasses.replace(robot, joints=tuple(joints))
 
 
+def fill(robot: Robot, seed: int = 1) -> Robot:
+    """Return the robot with bodies of random point masses."""
+    return set_inertia(robot, draw_parameters(np.random.default_rng(seed), robot.size))
+
+
+def find_pinocchio_torques(robot: Robot, state: np.ndarray) -> np.ndarray:
+    """Return Pinocchio's torques (n,) of the robot's bodies in a state (3, n) of all joints."""
+    model = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
+    return import_pinocchio().rnea(model, model.createData(), *state)
+
+
 def draw_rational_state(robot, seed):
     """Return exact values of the generators with s^2 + c^2 = 1, and the same state as floats (3, n)."""
     rng = np.random.default_rng(seed)

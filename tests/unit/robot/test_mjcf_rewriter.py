@@ -14,7 +14,7 @@ from symid.robot.description import Drive, Spring
 from symid.robot.inertia import is_same_body
 from symid.robot.simulator_writers import list_rewritten_mjcf_omissions, write_mjcf
 from symid.robot.xml_rewriters import rewrite_mjcf
-from tests.chains import draw_parameters
+from tests.chains import fill
 from tests.mistakes import refuse
 from tests.mujocos import find_mujoco_torques, parse_mjcf
 
@@ -70,16 +70,14 @@ PLAIN = "coulomb-viscous"
 
 def give_values(robot, seed=1):
     rng = np.random.default_rng(seed)
-    bodies = draw_parameters(rng, robot.size).tolist()
     joints = tuple(
         replace(
             joint,
-            inertial=tuple(body),
             friction=FrictionValues(law=PLAIN, values=tuple(rng.uniform(0.1, 1, 2).tolist())),
             drive=replace(joint.drive, has_rotor=True, rotor_inertia=float(rng.uniform(0.1, 1))),
             spring=joint.spring and replace(joint.spring, stiffness=7.5, rest=0.125),
         )
-        for joint, body in zip(robot.joints, bodies, strict=True)
+        for joint in fill(robot, seed).joints
     )
     friction = FrictionValues(law=PLAIN, values=(0.4, 0.2))
     couplings = tuple(

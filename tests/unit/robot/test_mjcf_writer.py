@@ -18,25 +18,19 @@ from tests import state_laws
 from tests.chains import (
     build_chain,
     build_joint,
-    build_pinocchio,
     build_transmission,
-    draw_parameters,
+    fill,
+    find_pinocchio_torques,
     fold,
     regress,
-    set_inertia,
     spread,
 )
 from tests.mujocos import find_mujoco_torques
 
 mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
-pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 SHIPPED = ["panda", "kr30", "stanford", "tx40", "two_arms", "quadruped", "wam7", "rrp_twisted", "scara"]
 CLOSE = 1e-11
-
-
-def fill(robot, seed=1):
-    return set_inertia(robot, draw_parameters(np.random.default_rng(seed), robot.size))
 
 
 def strip(robot):
@@ -51,26 +45,18 @@ def assert_close(found, expected):
     assert np.abs(found - expected).max() <= CLOSE * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("name", SHIPPED)
-def test_mujoco_finds_the_torques_of_the_links(name, robots_folder):
+@pytest.mark.parametrize(
+    ("write", "name"),
+    [(write_mjcf, name) for name in SHIPPED]
+    + [(write_urdf, name) for name in ("panda", "stanford", "quadruped")],
+)
+def test_mujoco_finds_the_torques_of_the_links(write, name, robots_folder):
     robot = strip(fill(read_robot(robots_folder / f"{name}.toml")))
-    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
     names = [joint.name for joint in robot.joints]
-    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    model = mujoco.MjModel.from_xml_string(write(robot))
     for seed in range(5):
         state = np.random.default_rng(seed).uniform(-2, 2, (3, robot.size))
-        expected = pin.rnea(ours, ours.createData(), *state)
-        assert_close(find_mujoco_torques(model, names, state), expected)
-
-
-@pytest.mark.parametrize("name", ["panda", "stanford", "quadruped"])
-def test_mujoco_finds_the_same_in_the_urdf(name, robots_folder):
-    robot = strip(fill(read_robot(robots_folder / f"{name}.toml")))
-    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
-    names = [joint.name for joint in robot.joints]
-    model = mujoco.MjModel.from_xml_string(write_urdf(robot))
-    state = np.random.default_rng(3).uniform(-2, 2, (3, robot.size))
-    assert_close(find_mujoco_torques(model, names, state), pin.rnea(ours, ours.createData(), *state))
+        assert_close(find_mujoco_torques(model, names, state), find_pinocchio_torques(robot, state))
 
 
 @pytest.fixture
@@ -197,12 +183,11 @@ def test_what_has_no_words_is_told():
 
 
 def test_symbols_are_written_as_their_values_and_parameters_can_be_given():
-    values = draw_parameters(np.random.default_rng(6), 1)
     robot = Robot(name="s", joints=(build_joint(0, (0.0, "L1", 0, "q")),), symbols=(("L1", 0.375),))
-    robot = replace(robot, gravity=(Exact.of("9.81"), Exact(), Exact()))
-    model = mujoco.MjModel.from_xml_string(write_mjcf(set_inertia(robot, values)))
+    robot = fill(replace(robot, gravity=(Exact.of("9.81"), Exact(), Exact())))
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
     np.testing.assert_array_equal(model.body("joint1_link").pos, [0.375, 0.0, 0.0])
-    np.testing.assert_allclose(model.body("joint1_link").mass, values[0, 9])
+    np.testing.assert_allclose(model.body("joint1_link").mass, robot.joints[0].inertial[9])
 
 
 def test_a_long_chain_is_written():

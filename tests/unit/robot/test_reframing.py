@@ -22,11 +22,9 @@ from symid.robot.geometry import (
 )
 from symid.robot.simulator_writers import write_urdf
 from symid.robot.urdf_reader import parse_urdf
-from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters
+from tests.chains import build_chain, build_joint, fill, find_pinocchio_torques
 from tests.sx_programs import read_sx_program
 from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
-
-pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 # Modified rows in degrees and m, as in the robot files; d of a last link is 0, where its frame is free.
 TABLES = {
@@ -122,21 +120,13 @@ def test_names_and_operations_are_those_of_the_dh_table(name):
 
 
 def test_physics_stays():
-    rng = np.random.default_rng(2)
-    robot = choose_frames(build_robot("rrp_twisted"), np.random.default_rng(4), TURNS)
-    parameters = draw_parameters(rng, robot.size)
-    joints = [
-        replace(joint, inertial=tuple(values)) for joint, values in zip(robot.joints, parameters, strict=True)
-    ]
-    other = replace(robot, joints=choose_canonical_frames(joints).joints)
+    robot = fill(choose_frames(build_robot("rrp_twisted"), np.random.default_rng(4), TURNS))
+    other = replace(robot, joints=choose_canonical_frames(robot.joints).joints)
     assert all(is_orthogonal(joint.placement) for joint in other.joints)
-    models = [
-        build_pinocchio(robot, parameters),
-        build_pinocchio(other, np.array([joint.inertial for joint in other.joints])),
-    ]
+    rng = np.random.default_rng(2)
     for _ in range(5):
         state = rng.uniform(-3, 3, (3, robot.size))
-        first, second = (pin.rnea(model, model.createData(), *state) for model in models)
+        first, second = find_pinocchio_torques(robot, state), find_pinocchio_torques(other, state)
         np.testing.assert_allclose(first, second, rtol=1e-12, atol=1e-12)
 
 

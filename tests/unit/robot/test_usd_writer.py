@@ -13,7 +13,7 @@ from symid.robot.geometry import Exact
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.simulator_writers import list_usd_omissions, write_usd
 from symid.robot.toml_reader import read_robot
-from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters, set_inertia
+from tests.chains import build_chain, build_joint, build_pinocchio, fill
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 Usd = pytest.importorskip("pxr.Usd", reason="wants the package usd-core")
@@ -30,10 +30,6 @@ def load(text):
     stage = Usd.Stage.CreateInMemory()
     assert stage.GetRootLayer().ImportFromString(text)
     return stage
-
-
-def fill(robot, seed=1):
-    return set_inertia(robot, draw_parameters(np.random.default_rng(seed), robot.size))
 
 
 def find_joints(stage):
