@@ -24,7 +24,16 @@ from symid.dynamics.regressors import (
 )
 from symid.notation import INERTIAL
 from symid.robot.description import Mimic
-from symid.robot.geometry import ONE, ZERO, Angle, Exact, Placement, compose_placements, rotate_z, translate
+from symid.robot.geometry import (
+    ONE,
+    ZERO,
+    Angle,
+    Exact,
+    compose_placements,
+    invert_placement,
+    rotate_z,
+    translate,
+)
 from symid.robot.inertia import move_parameters
 from tests.chains import (
     RATIONAL_ANGLES,
@@ -416,13 +425,6 @@ def test_renumbering_joints_changes_nothing(robot, seed):
     assert_same_span(build_grouping(other, labels), build_grouping(robot, renamed))
 
 
-def invert(placement):
-    """Return the inverse of a placement that turns about z and shifts without symbols."""
-    rotation = tuple(zip(*placement.rotation, strict=True))
-    shift = [-sum((row[k] * placement.translation[k] for k in range(3)), ZERO) for row in rotation]
-    return Placement(rotation=rotation, translation=tuple(shift))
-
-
 def to_arrays(placement):
     rotation = np.array([[value.to_float() for value in row] for row in placement.rotation])
     return rotation, np.array([value.to_float() for value in placement.translation])
@@ -434,7 +436,7 @@ def reframe(robot, moves):
     for joint, move in zip(robot.joints, moves, strict=True):
         placement = compose_placements(joint.placement, move)
         if joint.parent >= 0:
-            placement = compose_placements(invert(moves[joint.parent]), placement)
+            placement = compose_placements(invert_placement(moves[joint.parent]), placement)
         joints.append(replace(joint, placement=placement))
     return replace(robot, joints=tuple(joints))
 
@@ -451,7 +453,7 @@ MOVES = st.builds(
 def test_reframing_links_changes_nothing(robot, moves, seed):
     moves = moves[: robot.size]
     other, case = reframe(robot, moves), draw_case(robot, seed)
-    back = [to_arrays(invert(move)) for move in moves]
+    back = [to_arrays(invert_placement(move)) for move in moves]
     values = dict(case.values)
     for link, (rotation, translation) in enumerate(back):
         moved = move_parameters(case.pi[link], rotation, translation)

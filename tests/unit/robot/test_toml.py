@@ -358,6 +358,9 @@ def test_a_motor_current_becomes_a_joint_torque_through_gear_and_constant():
     )
     torque = parse_robot(text).log.torque
     assert (torque.unit, torque.factor, torque.side) == ("A", (5.0,), "joint")
+    # A factor of one may be stated.
+    torque = parse_robot(HEAD + JOINT + TORQUE + '["u"], unit = "V", factor = 1 }\n').log.torque
+    assert (torque.unit, torque.factor) == ("V", (1.0,))
 
 
 @pytest.mark.parametrize(
@@ -397,24 +400,18 @@ def find_texts(text):
     return [notice.text for notice in refuse(parse_robot, text)]
 
 
-def test_an_empty_list_of_joints_is_refused():
-    assert "joint: empty" in "\n".join(find_texts(HEAD + "joint = []\n"))
-
-
 def test_one_joint_that_is_no_table_does_not_hide_the_mistakes_of_the_others():
+    assert "joint: empty" in "\n".join(find_texts(HEAD + "joint = []\n"))
     texts = find_texts(HEAD + 'joint = [1, { kind = "revolut" }, { kind = "revolute", alpha = "x y" }]\n')
     assert any("got 1 as joint 1" in text for text in texts)
     assert any("joint 2: kind" in text for text in texts)
     assert any("joint 3: alpha" in text for text in texts)
 
 
-def test_a_wrong_friction_model_does_not_hide_wrong_values():
+@pytest.mark.parametrize("model", ['model = "coulom", ', 'model = "coulomb", ', ""])
+def test_a_wrong_friction_model_hides_neither_wrong_values_nor_keys_that_do_not_exist(model):
     texts = find_texts(HEAD + JOINT + 'friction = { model = "coulom", Fv = "much", Fc = true }\n')
     assert [text.split(":")[2].strip() for text in texts] == ["model", "Fv", "Fc"]
-
-
-@pytest.mark.parametrize("model", ['model = "coulom", ', 'model = "coulomb", ', ""])
-def test_a_wrong_friction_model_does_not_hide_keys_that_do_not_exist(model):
     texts = find_texts(HEAD + JOINT + f"friction = {{ {model}viscosity = 1 }}\n")
     assert any("friction: viscosity: no such key here" in text for text in texts)
     # No key is offered twice.
@@ -435,12 +432,6 @@ def test_a_point_mass_is_said(link, said):
     notices = parse_robot(HEAD + JOINT + f"link = {link}\n").notices
     assert [notice.code for notice in notices] == ["robot.point-mass"] * said
     assert all("joint 'shoulder': link: " in notice.text for notice in notices)
-
-
-def test_a_factor_of_one_may_be_stated():
-    log = '[log.torque]\ncolumns = ["u"]\nunit = "V"\nfactor = 1\n'
-    torque = parse_robot(HEAD + JOINT + log).log.torque
-    assert (torque.unit, torque.factor) == ("V", (1.0,))
 
 
 def test_a_name_without_quotes_is_the_likeliest_mistake():

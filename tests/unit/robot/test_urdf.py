@@ -110,12 +110,6 @@ def test_inertial_values_stand_about_the_link_frame_of_the_joint(arm):
     np.testing.assert_allclose(lift.inertial, move_parameters(expected, rotation, shift), atol=1e-15)
 
 
-def test_fixed_links_are_joined(arm):
-    push = arm.joints[1]
-    assert push.inertial[9] == pytest.approx(1.5)
-    assert "tool" in find_text(arm, "robot.lumped")
-
-
 def test_what_is_not_used_is_listed_with_its_place(arm):
     looks = "not used, and not needed for the dynamics: <material>, <visual> (2), <collision>"
     assert list_unused(arm) == [
@@ -129,6 +123,9 @@ def test_what_is_not_used_is_listed_with_its_place(arm):
 
 def test_the_rest_is_said(arm):
     assert arm.name == "my_arm"
+    # Fixed links are joined.
+    assert arm.joints[1].inertial[9] == pytest.approx(1.5)
+    assert "tool" in find_text(arm, "robot.lumped")
     assert find_text(arm, "robot.renamed").startswith("arm.urdf:2:14: the robot is renamed to my_arm")
     assert "(0, 0, -9.81)" in find_text(arm, "robot.assumed-gravity")
     assert "robot.bad-limits" not in list_codes(arm)
@@ -212,12 +209,6 @@ def test_rotations_in_several_steps_are_snapped_as_a_whole():
     assert "'" in find_text(robot, "robot.angle-snapped")
 
 
-def test_large_numbers_are_doubted():
-    robot = read(origin='rpy="90 0 0" xyz="0 0 300"')
-    assert "14.3 turns" in find_text(robot, "robot.large-angle")
-    assert "300 m" in find_text(robot, "robot.long-length")
-
-
 def test_followers_are_led_back_to_their_master():
     joints = (
         joint("third", "c", "d", '<mimic joint="second" multiplier="-2" offset="0.5"/>')
@@ -261,12 +252,14 @@ def link(name, mass, inertia="<inertia ixx='1' iyy='1' izz='1'/>"):
     return f"<link name='{name}'><inertial><mass value='{mass}'/>{inertia}</inertial></link>"
 
 
-def test_links_without_inertial_are_massless_or_unknown():
+def test_links_without_inertial_or_fixed_to_the_base_are_said():
     assert read().joints[0].inertial is None
     robot = parse_urdf(build(joint("j", "a", "b") + joint("k", "b", "c"), "ab", link("c", 1)))
     assert robot.joints[0].inertial == (0.0,) * 10
     assert "'b'" in find_text(robot, "robot.massless")
     assert "ixy, ixz, iyz missing" in find_text(robot, "robot.incomplete-inertia")
+    text = build(joint("f", "a", "c", type_="fixed") + joint("j", "c", "b"), "ab", link("c", 7))
+    assert "base: c;" in find_text(parse_urdf(text), "robot.fixed-to-base")
 
 
 def test_odd_inertia_is_kept_and_said():
@@ -278,11 +271,6 @@ def test_odd_inertia_is_kept_and_said():
     assert "kg*m^2" in find_text(robot, "robot.impossible-inertia")
     assert "'c'" in find_text(robot, "robot.inertia-without-mass")
     assert "'d'" in find_text(robot, "robot.point-mass")
-
-
-def test_masses_fixed_to_the_base_are_said():
-    text = build(joint("f", "a", "c", type_="fixed") + joint("j", "c", "b"), "ab", link("c", 7))
-    assert "base: c;" in find_text(parse_urdf(text), "robot.fixed-to-base")
 
 
 TREE = build(
@@ -314,16 +302,13 @@ def test_the_frame_of_a_fixed_tip_is_that_of_the_last_link(arm):
     assert robot.joints[-1].frame == moved
 
 
-def test_gravity_is_turned_into_the_frame_of_the_base():
+def test_a_floating_joint_may_stand_before_the_base_and_gravity_is_turned_into_its_frame():
+    joints = joint("free", "a", "b", type_="floating") + joint("j", "b", "c")
+    assert parse_urdf(build(joints, "abc"), base="b").size == 1
     joints = joint("m", "a", "b", type_="fixed", origin='rpy="1.5707963267948966 0 0"') + joint("j", "b", "c")
     robot = parse_urdf(build(joints, "abc"), base="b")
     assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
     assert "at 0" in find_text(robot, "robot.assumed-gravity")
-
-
-def test_a_floating_joint_may_stand_before_the_base():
-    joints = joint("free", "a", "b", type_="floating") + joint("j", "b", "c")
-    assert parse_urdf(build(joints, "abc"), base="b").size == 1
 
 
 @pytest.mark.parametrize(
@@ -372,10 +357,6 @@ def test_friction_that_drives_is_doubted():
     assert "dynamics " in find_text(robot, "robot.negative-friction")
 
 
-def test_a_log_of_a_urdf_robot_is_filtered_by_itself():
-    assert read().processing == Processing(automatic=True)
-
-
 @pytest.mark.parametrize("ends", ['lower="-inf" upper="0.1"', 'lower="0" upper="Infinity"', 'upper="inf"'])
 def test_a_limit_that_is_infinite_is_none_and_no_zero(ends):
     robot = read(f"<limit {ends}/>", "prismatic")
@@ -391,10 +372,14 @@ def test_limits_of_zero_mean_unknown_and_negative_ones_are_said():
     assert "limit velocity negative, taken as unknown" in find_text(robot, "robot.bad-limits")
 
 
-@pytest.mark.parametrize(("type_", "said"), [("revolute", True), ("prismatic", False)])
-def test_limits_in_degrees_are_doubted(type_, said):
-    robot = read('<limit lower="-170" upper="170"/>', type_)
-    assert ("robot.large-angle" in list_codes(robot)) == said
+def test_large_numbers_are_doubted():
+    robot = read(origin='rpy="90 0 0" xyz="0 0 300"')
+    assert "14.3 turns" in find_text(robot, "robot.large-angle")
+    assert "300 m" in find_text(robot, "robot.long-length")
+    # Limits in degrees.
+    for type_, said in (("revolute", True), ("prismatic", False)):
+        robot = read('<limit lower="-170" upper="170"/>', type_)
+        assert ("robot.large-angle" in list_codes(robot)) == said, type_
 
 
 def test_text_between_tags_is_listed():
@@ -439,6 +424,7 @@ def test_followers_of_a_joint_before_the_base_stand_still_at_their_offset():
     assert robot.freedom == 1
 
 
-def test_the_description_says_what_was_read():
+def test_the_description_says_what_was_read_and_a_log_is_filtered_by_itself():
     robot = parse_urdf(build(joint("j", "a", "b"), "ab"), "somewhere/arm.urdf", tip="b")
+    assert robot.processing == Processing(automatic=True)
     assert robot.description == "from the URDF arm.urdf, whose link a is the base, b the tip"
