@@ -18,6 +18,7 @@ from symid.robot.toml_writer import write_robot
 from tests.friction_forms import EVERY_LAW, OLD_NAMES, give_shape
 from tests.mistakes import refuse
 
+VALUES = "robot.friction-values"
 HEAD = """
 name = "one"
 convention = "modified"
@@ -138,12 +139,7 @@ WRONG_EXPONENTS = [
         ("0", "-1", "10.5"),
     ),
     # Laws whose exponent is fixed.
-    (
-        "robot.friction-values",
-        'not a value of the model "{}"',
-        ("tustin", "stribeck-1.6", "lorentzian", "cubic"),
-        ("1.6",),
-    ),
+    (VALUES, 'not a value of the model "{}"', ("tustin", "stribeck-1.6", "lorentzian", "cubic"), ("1.6",)),
 ]
 
 
@@ -250,21 +246,16 @@ def test_a_curve_that_drives_the_joint_is_remarked_on(name, values, said):
         ('"stribeck"', "prismatic", "robot.missing-key", "needs it as a number in m/s"),
         ('"power_law"', "revolute", "robot.missing-key", "delta: missing; the model needs it as a number"),
         ('"stribeck"\nvs = 0', "revolute", "robot.out-of-range", "vs"),
-        ('"cubic"\nvs = 0.1', "revolute", "robot.friction-values", 'vs: .*"cubic"'),
-        (
-            '"stribeck"\nvs = 0.1\ndq0 = 1',
-            "revolute",
-            "robot.friction-values",
-            "dq0: .*shape values vs, gamma",
-        ),
-        ('"stribeck"\nvs = 0.1\nFe = 1', "revolute", "robot.friction-values", "without Fv, Fc"),
+        ('"cubic"\nvs = 0.1', "revolute", VALUES, 'vs: .*"cubic"'),
+        ('"stribeck"\nvs = 0.1\ndq0 = 1', "revolute", VALUES, "dq0: .*shape values vs, gamma"),
+        ('"stribeck"\nvs = 0.1\nFe = 1', "revolute", VALUES, "without Fv, Fc"),
         (
             '"improved_stribeck"\nvs = 0.1\ndq0 = 0.01\nsmoothing = 0.1',
             "revolute",
-            "robot.friction-values",
+            VALUES,
             "has no step at standstill",
         ),
-        ('"cubic"\nFe = 1', "revolute", "robot.friction-values", "its values are Fv, Fc, Fvq, Fvc"),
+        ('"cubic"\nFe = 1', "revolute", VALUES, "its values are Fv, Fc, Fvq, Fvc"),
     ],
 )
 def test_what_is_refused(friction, kind, code, words):

@@ -8,6 +8,8 @@ from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.robot.toml_reader import parse_robot
 from tests.mistakes import refuse, take_mark
 
+UNKNOWN, RANGE, INVALID = "robot.unknown-key", "robot.out-of-range", "robot.invalid-elasticity"
+MIXED, VALUES = "robot.elasticity-mixed", "robot.friction-values"
 HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n[[joint]]\nname = "shoulder"\nkind = "revolute"\n'
 TABLE = "[joint.elasticity]\n"
 SPRING = TABLE + "stiffness = 380\n"
@@ -15,59 +17,43 @@ STOP = "^stops = [{ threshold = 0.5, stiffness = 5 }]\n"
 GENERAL = 'model = ^"generalised-maxwell-slip"\nFc = 1\nstiffnesses = [1, 2]\n'
 # What stands behind the stiffness; "^" marks the place that is told.
 IN_SPRING = [
-    ("robot.unknown-key", "^stop = []", "did you mean stops?"),
-    ("robot.out-of-range", "damping = ^-1", "at least 0 N*m*s/rad"),
+    (UNKNOWN, "^stop = []", "did you mean stops?"),
+    (RANGE, "damping = ^-1", "at least 0 N*m*s/rad"),
     ("robot.wrong-type", 'cubic = ^"3 N/m"', "expected a number in N*m/rad^3"),
-    ("robot.out-of-range", "cubic = ^-2", "at least 0 N*m/rad^3"),
+    (RANGE, "cubic = ^-2", "at least 0 N*m/rad^3"),
     ("robot.wrong-type", "stops = ^{ threshold = 1 }", "stops = [{ threshold = 0.002"),
     ("robot.wrong-type", "stops = ^[3]", "stops = [{ threshold"),
     ("robot.missing-key", "stops = [^{ threshold = 1 }]", "stiffness = a number in N*m/rad"),
     ("robot.missing-key", "stops = [^{ stiffness = 1 }]", "in rad"),
+    (UNKNOWN, "stops = [{ ^treshold = 1, threshold = 2, stiffness = 1 }]", "did you mean threshold?"),
+    (RANGE, "stops = [{ threshold = ^0, stiffness = 1 }]", "than 0 rad"),
+    (RANGE, "stops = [{ threshold = 1, stiffness = ^-1 }]", "least 0 N*m/rad"),
     (
-        "robot.unknown-key",
-        "stops = [{ ^treshold = 1, threshold = 2, stiffness = 1 }]",
-        "did you mean threshold?",
-    ),
-    ("robot.out-of-range", "stops = [{ threshold = ^0, stiffness = 1 }]", "than 0 rad"),
-    ("robot.out-of-range", "stops = [{ threshold = 1, stiffness = ^-1 }]", "least 0 N*m/rad"),
-    (
-        "robot.out-of-range",
+        RANGE,
         "stops = [\n  { threshold = 1, stiffness = 1 },\n  { threshold = ^1, stiffness = 2 },\n]",
         "elasticity: stops 2: threshold: ",
     ),
-    ("robot.out-of-range", "knees = [{ threshold = ^0, slope = 1 }]", "threshold: must"),
-    ("robot.out-of-range", "symmetric = true\nknees = [{ threshold = ^-1, slope = 1 }]", "than 0 N*m"),
-    (
-        "robot.out-of-range",
-        "knees = [{ threshold = 2, slope = 1 }, { threshold = ^1, slope = 1 }]",
-        "knees 2: threshold: ",
-    ),
+    (RANGE, "knees = [{ threshold = ^0, slope = 1 }]", "threshold: must"),
+    (RANGE, "symmetric = true\nknees = [{ threshold = ^-1, slope = 1 }]", "than 0 N*m"),
+    (RANGE, "knees = [{ threshold = 2, slope = 1 }, { threshold = ^1, slope = 1 }]", "knees 2: threshold: "),
     ("robot.missing-key", "knees = [^{ threshold = 2 }]", "write slope = a number"),
     ("robot.wrong-type", "symmetric = ^1\nknees = []", "expected true or false"),
-    ("robot.elasticity-mixed", "^symmetric = true", "symmetric: "),
-    ("robot.elasticity-mixed", "^cubic = 5\nknees = [{ threshold = 2, slope = 1 }]", "cubic: "),
-    ("robot.invalid-elasticity", "knees = ^[{ threshold = 2, slope = -1 }]", "knees: beyond 2 "),
+    (MIXED, "^symmetric = true", "symmetric: "),
+    (MIXED, "^cubic = 5\nknees = [{ threshold = 2, slope = 1 }]", "cubic: "),
+    (INVALID, "knees = ^[{ threshold = 2, slope = -1 }]", "knees: beyond 2 "),
     ("robot.bad-choice", 'model = ^"bouc"', "did you mean bouc-wen?"),
     ("robot.bad-choice", "model = ^3", "expected one of"),
-    ("robot.unknown-key", 'model = "dahl"\nFc = 1\nsigma0 = 2\n^level = 3', "allowed are"),
-    ("robot.unknown-key", "^level = 3", "allowed are"),
-    ("robot.out-of-range", 'model = "bouc-wen"\nlevel = 3\nlength = 1\nloop = ^0.2', "at least 0.5"),
-    ("robot.invalid-elasticity", 'model = ^"bouc-wen"\nlevel = 3\nlength = 1\nskew = 1', "skew must"),
+    (UNKNOWN, 'model = "dahl"\nFc = 1\nsigma0 = 2\n^level = 3', "allowed are"),
+    (UNKNOWN, "^level = 3", "allowed are"),
+    (RANGE, 'model = "bouc-wen"\nlevel = 3\nlength = 1\nloop = ^0.2', "at least 0.5"),
+    (INVALID, 'model = ^"bouc-wen"\nlevel = 3\nlength = 1\nskew = 1', "skew must"),
     ("robot.wrong-type", 'model = "maxwell-slip"\nstiffnesses = ^3\nforces = [1]', "a list of numbers"),
     ("robot.wrong-type", 'model = "maxwell-slip"\nstiffnesses = [^"a"]\nforces = [1]', "a number"),
-    (
-        "robot.invalid-elasticity",
-        'model = ^"maxwell-slip"\nstiffnesses = [1, 2]\nforces = [1]',
-        "need as many forces",
-    ),
-    ("robot.invalid-elasticity", GENERAL + "shares = [1]", "need as many shares"),
+    (INVALID, 'model = ^"maxwell-slip"\nstiffnesses = [1, 2]\nforces = [1]', "need as many forces"),
+    (INVALID, GENERAL + "shares = [1]", "need as many shares"),
     ("robot.missing-key", "^[[joint.elasticity.branch]]\nlevel = 1", "write one of bouc-wen"),
-    (
-        "robot.elasticity-mixed",
-        STOP + 'model = "maxwell-slip"\nstiffnesses = [2]\nforces = [1]',
-        "slips at 0.5",
-    ),
-    ("robot.out-of-range", "backlash = ^-1", "at least 0 rad"),
+    (MIXED, STOP + 'model = "maxwell-slip"\nstiffnesses = [2]\nforces = [1]', "slips at 0.5"),
+    (RANGE, "backlash = ^-1", "at least 0 rad"),
     ("robot.wrong-type", "branch = ^3", "two brackets"),
 ]
 IN_JOINT = [
@@ -75,7 +61,7 @@ IN_JOINT = [
     ("robot.missing-key", "^" + SPRING + 'model = "lugre"\nFc = 1\nsigma0 = 2\nFe = 1', "where Fe is not 0"),
     ("robot.missing-key", "^" + TABLE + "damping = 1", 'or stiffness = "unknown"'),
     (
-        "robot.elasticity-mixed",
+        MIXED,
         TABLE + "^stiffness = 380\ncatalogue = { K1 = 1, K2 = 2, K3 = 3, T1 = 1, T2 = 2 }",
         "stiffness: ",
     ),
@@ -84,23 +70,11 @@ IN_JOINT = [
         TABLE + "catalogue = ^{ K1 = 1, K2 = 2, K3 = 3, T1 = 1 }",
         "T2: missing; catalogue = { K1 = .., K2 = ..",
     ),
-    ("robot.out-of-range", TABLE + "catalogue = { K1 = 1, K2 = 2, K3 = 3, T1 = 2, T2 = ^2 }", "T1 = 2"),
-    (
-        "robot.out-of-range",
-        TABLE + "catalogue = { K1 = ^0, K2 = 2, K3 = 3, T1 = 2, T2 = 3 }",
-        "than 0 N*m/rad",
-    ),
+    (RANGE, TABLE + "catalogue = { K1 = 1, K2 = 2, K3 = 3, T1 = 2, T2 = ^2 }", "T1 = 2"),
+    (RANGE, TABLE + "catalogue = { K1 = ^0, K2 = 2, K3 = 3, T1 = 2, T2 = 3 }", "than 0 N*m/rad"),
     ("robot.wrong-type", TABLE + "catalogue = ^3", "expected a table"),
-    (
-        "robot.out-of-range",
-        '[joint.friction]\nmodel = "coulomb-viscous"\nsmoothing = ^0',
-        "greater than 0 rad/s",
-    ),
-    (
-        "robot.friction-values",
-        '[joint.friction]\nmodel = "none"\n^smoothing = 0.1',
-        'the model "none" has no friction',
-    ),
+    (RANGE, '[joint.friction]\nmodel = "coulomb-viscous"\nsmoothing = ^0', "greater than 0 rad/s"),
+    (VALUES, '[joint.friction]\nmodel = "none"\n^smoothing = 0.1', 'the model "none" has no friction'),
 ]
 
 

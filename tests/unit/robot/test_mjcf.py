@@ -22,6 +22,7 @@ from tests.mujocos import find_mujoco_torques, parse_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
+GEARS, UNEVEN = "robot.two-gears", "robot.uneven-limits"
 OWN = Path(__file__).parents[2] / "data" / "robots" / "gripper_arm.xml"
 FOREIGN = ("reacher", "pusher_v5", "inverted_pendulum", "inverted_double_pendulum", "point")
 CLOSE, CLOSE_DRY = 1e-10, 1e-8
@@ -191,16 +192,8 @@ TURNED = "euler was moved to the nearest multiple of pi/2, of bodies (by rad) 'b
         (FORCES, "<body gravcomp='1'><joint name='k'/><geom size='1'/></body>", "gravcomp"),
         (FORCES, SHARED, "stiffness of a tendon"),
         (FORCES, "<tendon><spatial damping='3'><site site='s'/></spatial></tendon>", "<spatial> tendon"),
-        (
-            "robot.two-gears",
-            "<actuator><motor joint='j' gear='2'/><motor joint='j' gear='3'/></actuator>",
-            "'j'",
-        ),
-        (
-            "robot.uneven-limits",
-            "<body><joint name='k' actuatorfrcrange='-2 3'/><geom size='1'/></body>",
-            "'k'",
-        ),
+        (GEARS, "<actuator><motor joint='j' gear='2'/><motor joint='j' gear='3'/></actuator>", "'j'"),
+        (UNEVEN, "<body><joint name='k' actuatorfrcrange='-2 3'/><geom size='1'/></body>", "'k'"),
         ("robot.negative-friction", "<body><joint damping='-2'/><geom size='1'/></body>", "drives"),
         ("robot.impossible-inertia", f"<body name='b'><joint/>{SKEW}</body>", "3 kg*m^2"),
         ("robot.angle-snapped", "<body name='b' euler='0 90.0001 0'><joint/><geom size='1'/></body>", TURNED),

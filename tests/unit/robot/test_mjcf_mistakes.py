@@ -8,6 +8,7 @@ from symid.robot.mjcf_reader import read_xml_robot
 from tests.mistakes import refuse, take_mark
 from tests.mujocos import parse_mjcf
 
+TWICE = "robot.two-forms"
 GEOM = '<geom size="0.1"/>'
 INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
 ARM = (
@@ -43,11 +44,7 @@ IN_MODEL = [
     ),
     ("robot.unknown-name", '<equality><joint joint1="k" joint2="^jj"/></equality>', 'no joint2 "jj"'),
     ("robot.missing-key", '<equality>^<joint joint2="j"/></equality>', 'write joint1="..."'),
-    (
-        "robot.two-forms",
-        ask("joint", "") + ask("joint", "", 'joint1="^k" joint2="m"'),
-        "follows another one already",
-    ),
+    (TWICE, ask("joint", "") + ask("joint", "", 'joint1="^k" joint2="m"'), "follows another one already"),
     ("robot.out-of-range", '<actuator><motor joint="j" gear="^0"/></actuator>', "gear: must not be 0"),
     (
         UNSUPPORTED,
@@ -92,9 +89,9 @@ IN_BODY = [
     (UNSUPPORTED, '<joint/>^<geom size="1" shellinertia="true"/>', "that of a shell"),
     ("robot.out-of-range", '<joint/><geom type="box" size="^1 1"/>', "a box needs 3 numbers"),
     ("robot.missing-key", '<joint/>^<inertial mass="1"/>', "needs pos"),
-    ("robot.two-forms", f"<joint/>{INERTIAL}^{INERTIAL}", "a second <inertial>"),
+    (TWICE, f"<joint/>{INERTIAL}^{INERTIAL}", "a second <inertial>"),
     (
-        "robot.two-forms",
+        TWICE,
         '<joint/><inertial pos="0 0 0" mass="1" quat="1 0 0 0" fullinertia="^1 1 1 0 0 0"/>',
         "leave out diaginertia and orientations",
     ),
@@ -103,11 +100,7 @@ IN_BODY = [
     ("robot.zero-axis", f'<joint/>{GEOM}<body quat="^0 0 0 0"/>', "must not be zero"),
     ("robot.zero-axis", f'<joint/>{GEOM}<body zaxis="^0 0 0"/>', "has no direction"),
     ("robot.zero-axis", f'<joint/>{GEOM}<body xyaxes="^1 0 0 2 0 0"/>', "different directions"),
-    (
-        "robot.two-forms",
-        f'<joint/>{GEOM}<body quat="1 0 0 0" euler="^1 2 3"/>',
-        "quat and euler mean the same",
-    ),
+    (TWICE, f'<joint/>{GEOM}<body quat="1 0 0 0" euler="^1 2 3"/>', "quat and euler mean the same"),
     ("robot.duplicate-link", f'<joint/>{GEOM}<body name="^a"/>', "the body of line 2"),
     ("robot.unknown-name", f'<joint class="^no"/>{GEOM}', 'no default class "no"'),
     ("robot.bad-number", f'<joint pos="^1,2 0 0"/>{GEOM}', "written with a point"),

@@ -9,6 +9,8 @@ from symid.robot.geometry import Exact
 from symid.robot.toml_reader import parse_robot, read_robot
 from tests.mistakes import refuse, take_mark
 
+MODEL, PARENT, INERTIA = "robot.friction-model", "robot.unknown-parent", "robot.impossible-inertia"
+UNIT, FIXED, NEGATIVE = "robot.wrong-unit", "robot.follows-fixed", "robot.negative-friction"
 HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n'
 JOINT = '[[joint]]\nname = "shoulder"\nkind = "revolute"\n'
 COUPLING = '[[coupling]]\nname = "m"\n'
@@ -70,11 +72,7 @@ IN_JOINT = [
     ("robot.missing-key", "link = ^{ com = [0, 0, 1] }", "mass = 1.5"),
     ("robot.missing-key", "link = { standard = ^{ XX = 1 } }", "M = 1.5"),
     ("robot.missing-key", "friction = ^{ Fv = 1 }", 'model = "coulomb-viscous"'),
-    (
-        "robot.friction-model",
-        LAW + '^"viscous", Fv = 1 }',
-        "unknown friction law 'viscous'; did you mean coulomb-viscous or ",
-    ),
+    (MODEL, LAW + '^"viscous", Fv = 1 }', "unknown friction law 'viscous'; did you mean coulomb-viscous or "),
     (
         "robot.friction-elements",
         LAW + '"maxwell-slip", stiffness = [9, 1], share = ^[1] }',
@@ -95,12 +93,8 @@ IN_JOINT = [
     ("robot.wrong-type", TORQUE + '^[1], unit = "N m" }', "texts"),
     ("robot.wrong-type", TORQUE + '["u"], unit = "V", factor = ^0 }', "other than 0"),
     ("robot.duplicate-joint", '[[joint]]\nname = ^"shoulder"\nkind = "revolute"', "by joint 1;"),
-    ("robot.unknown-parent", 'parent = ^"wrist"', "allowed are base"),
-    (
-        "robot.unknown-parent",
-        'parent = ^"wrist"\n[[joint]]\nname = "wrist"\nkind = "revolute"',
-        'parent: "wrist" ',
-    ),
+    (PARENT, 'parent = ^"wrist"', "allowed are base"),
+    (PARENT, 'parent = ^"wrist"\n[[joint]]\nname = "wrist"\nkind = "revolute"', 'parent: "wrist" '),
     ("robot.bad-angle", 'alpha = ^"pi half"', '"90 deg"; got "pi half"'),
     ("robot.bad-angle", 'alpha = ^"pi/0"', 'got "pi/0"'),
     ("robot.bad-length", 'a = ^"50 mm"', "(write the number alone, in m)"),
@@ -113,24 +107,16 @@ IN_JOINT = [
     ("robot.out-of-range", "[processing]\nfilter_cutoff = ^-5", "greater than 0 Hz"),
     ("robot.out-of-range", "[processing]\nfilter_order = ^40", "at most 16, got 40"),
     ("robot.out-of-range", "[processing]\ndecimation = { band = ^1.5 }", "at most 1"),
-    ("robot.impossible-inertia", LINK + "inertia = ^{ xx = 1, yy = 1, zz = 3 } }", "1, 1 and 3 kg*m^2"),
-    (
-        "robot.impossible-inertia",
-        LINK + "inertia = ^{ xx = 0.1, yy = 0.1, xy = 0.5, zz = 0.5 } }",
-        "-0.4, 0.5 and 0.6 kg*m^2",
-    ),
+    (INERTIA, LINK + "inertia = ^{ xx = 1, yy = 1, zz = 3 } }", "1, 1 and 3 kg*m^2"),
+    (INERTIA, LINK + "inertia = ^{ xx = 0.1, yy = 0.1, xy = 0.5, zz = 0.5 } }", "-0.4, 0.5 and 0.6 kg*m^2"),
     ("robot.two-forms", "link = { ^mass = 1, standard = { M = 1 } }", "mass: "),
     ("robot.rotor-side", "drive = { ^rotor_inertia = 1e-5 }", 'rotor_inertia_side = "motor"'),
     ("robot.rotor-side", 'drive = { ^rotor_inertia_side = "motor" }', "rotor_inertia = 1e-5"),
     ("robot.friction-values", LAW + '"coulomb-viscous", ^Fv = 1 }', "without Fc; give all of Fv, Fc"),
     ("robot.friction-values", LAW + '"none", ^Fv = 1 }', 'the model "none"; '),
     ("robot.unknown-unit", '[log]\nposition = { columns = ["q"], unit = ^"degres" }', "did you mean deg"),
-    ("robot.wrong-unit", '[log]\ntime = { column = "t", unit = ^"m" }', "(s, ms, us), got"),
-    (
-        "robot.wrong-unit",
-        '[log]\nposition = { columns = ["q"], unit = ^"rad/s" }',
-        "expected a unit of angle",
-    ),
+    (UNIT, '[log]\ntime = { column = "t", unit = ^"m" }', "(s, ms, us), got"),
+    (UNIT, '[log]\nposition = { columns = ["q"], unit = ^"rad/s" }', "expected a unit of angle"),
     ("robot.missing-factor", TORQUE + '["u"], unit = ^"V" }', "needs a factor that turns it into N m"),
     ("robot.missing-factor", TORQUE + '["u"], unit = ^"A" }', "torque_constant"),
     ("robot.column-count", TORQUE + '^["a", "b"], unit = "N m" }', "2 columns for 1 joints"),
@@ -160,12 +146,8 @@ IN_JOINT = [
     ),
     ("robot.out-of-range", FOLLOWER + "^0 }", "multiplier: must"),
     ("robot.wrong-type", FOLLOWER + '^"1/0" }', 'a fraction "1/3", got "1/0"'),
-    ("robot.follows-fixed", '[[joint]]\nkind = "fixed"\n^mimic = { joint = "shoulder" }', "mimic: "),
-    (
-        "robot.follows-fixed",
-        'mimic = { joint = ^"plate" }\n[[joint]]\nname = "plate"\nkind = "fixed"',
-        '"plate" is fixed',
-    ),
+    (FIXED, '[[joint]]\nkind = "fixed"\n^mimic = { joint = "shoulder" }', "mimic: "),
+    (FIXED, 'mimic = { joint = ^"plate" }\n[[joint]]\nname = "plate"\nkind = "fixed"', '"plate" is fixed'),
     ("robot.fixed-joint", '[[joint]]\nkind = "fixed"\n^friction = { model = "none" }', "friction: a fixed"),
     ("robot.mixed-placement", "^d = 0.1\norigin = { xyz = [0, 0, 1] }", "together with origin"),
     ("robot.wrong-type", "origin = { xyz = ^[0, 1] }", "3 lengths in m, got a list of 2"),
@@ -178,11 +160,7 @@ IN_JOINT = [
     ("robot.missing-key", '^[[coupling]]\nname = "m"', "terms = { joint5 = 1"),
     ("robot.missing-key", COUPLING + "terms = ^{}", "terms: empty"),
     ("robot.unknown-joint", COUPLING + "terms = { ^sholder = 1 }", "did you mean shoulder?"),
-    (
-        "robot.follows-fixed",
-        '[[joint]]\nname = "e"\nkind = "fixed"\n' + COUPLING + "terms = { ^e = 1 }",
-        "drives nothing",
-    ),
+    (FIXED, '[[joint]]\nname = "e"\nkind = "fixed"\n' + COUPLING + "terms = { ^e = 1 }", "drives nothing"),
     ("robot.bad-name", '[[coupling]]\nname = ^"6"\nterms = { shoulder = 1 }', "name: "),
     (
         "robot.duplicate-coupling",
@@ -261,11 +239,7 @@ REMARKS = [
     ("robot.large-angle", "theta = ^90", '"90 deg"'),
     ("robot.point-mass", "link = ^{ mass = 1.0 }", "link: "),
     ("robot.long-length", "a = ^425", "a: 425 m"),
-    (
-        "robot.negative-friction",
-        'friction = { model = "coulomb-viscous", Fv = ^-1, Fc = 1 }',
-        "Fv: -1 drives",
-    ),
+    (NEGATIVE, 'friction = { model = "coulomb-viscous", Fv = ^-1, Fc = 1 }', "Fv: -1 drives"),
     ("robot.transmission-gear", "drive = { gear = 50 }\n[log]\ntransmission = [[^40]]", "motor 1 turns 40 "),
     ("robot.elastic-joint", "elasticity = ^{ stiffness = 1e4 }", "elasticity: q is"),
     (
@@ -274,7 +248,7 @@ REMARKS = [
         "joint 'flange': kind: fixed; its link belongs to the link of joint 'shoulder', which gets no",
     ),
     (
-        "robot.impossible-inertia",
+        INERTIA,
         "link = { standard = ^{ M = 1, MX = 1, XX = 0.1, YY = 0.5, ZZ = 0.5 } }",
         "-0.5, -0.5 and 0.1 kg*m^2",
     ),

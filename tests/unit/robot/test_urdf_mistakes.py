@@ -5,6 +5,8 @@ import pytest
 from symid.robot.urdf_reader import parse_urdf, read_urdf
 from tests.mistakes import refuse, take_mark
 
+KEY, RANGE, REFUSED = "robot.missing-key", "robot.out-of-range", "robot.urdf-refused"
+
 
 def find_notices(text, **options):
     return refuse(parse_urdf, text, "arm.urdf", **options)
@@ -49,13 +51,9 @@ MISTAKES = [
     ("robot.duplicate-joint", build(joint("j"), joint("^j", "b", "c")), "the joint of line 3"),
     ("robot.duplicate-link", build(GOOD, '<link name="^b"/>'), "the link of line 2"),
     ("robot.unknown-name", build(joint("j"), joint("k", "b", "^x")), 'no link "x"'),
-    ("robot.missing-key", build(joint("j"), "^<joint/>"), 'write name="..."'),
-    ("robot.missing-key", build(joint("j"), joint("k", "b", "").replace("<c", "^<c")), 'write link="..."'),
-    (
-        "robot.missing-key",
-        build(joint("j"), '^<joint name="k" type="fixed"><child link="c"/></joint>'),
-        "missing <parent",
-    ),
+    (KEY, build(joint("j"), "^<joint/>"), 'write name="..."'),
+    (KEY, build(joint("j"), joint("k", "b", "").replace("<c", "^<c")), 'write link="..."'),
+    (KEY, build(joint("j"), '^<joint name="k" type="fixed"><child link="c"/></joint>'), "missing <parent"),
     ("robot.closed-loop", build(GOOD, "^" + joint("m", "a", "c")), "of joint 'k' (line 3)"),
     ("robot.closed-loop", build("^" + GOOD, joint("m", "c", "a")), "of a joint"),
     ("robot.closed-loop", build("^" + joint("j", "b", "c"), joint("k", "c", "b")), "'j', 'k'"),
@@ -96,23 +94,19 @@ def test_a_mistake_is_told_with_its_place(code, text, words):
 @pytest.mark.parametrize(
     ("text", "code", "words"),
     [
-        (inertial("<inertia/>"), "robot.missing-key", '<mass value="1.5"/>'),
-        (inertial('<mass value="-1"/>'), "robot.out-of-range", "at least 0 kg"),
+        (inertial("<inertia/>"), KEY, '<mass value="1.5"/>'),
+        (inertial('<mass value="-1"/>'), RANGE, "at least 0 kg"),
         (inertial('<mass value="1"/><inertia ixx="one"/>'), "robot.bad-number", 'got "one"'),
         (inertial("</inertial><inertial>"), "robot.two-forms", "a second <inertial>"),
         (inertial('<mass value="1"/><mass value="2"/>'), "robot.two-forms", "a second <mass>"),
         (inside('<child link="c"/>'), "robot.two-forms", "joint 'j': a second <child>"),
-        (build(GOOD, transmission(reduce(0))), "robot.out-of-range", "mechanicalReduction: must"),
+        (build(GOOD, transmission(reduce(0))), RANGE, "mechanicalReduction: must"),
         (
             build(GOOD, transmission(reduce("ten"))),
             "robot.bad-number",
             'mechanicalReduction: expected a finite number, got "ten"',
         ),
-        (
-            build(GOOD, transmission("<motorInertia>-1</motorInertia>")),
-            "robot.out-of-range",
-            "motorInertia: ",
-        ),
+        (build(GOOD, transmission("<motorInertia>-1</motorInertia>")), RANGE, "motorInertia: "),
         (build(GOOD, transmission(reduce(2) + reduce(3))), "robot.two-forms", "2 and 3"),
         (build(GOOD, transmission(""), transmission("", "u")), "robot.two-forms", "of line 4;"),
     ],
@@ -174,12 +168,8 @@ def test_a_cut_must_leave_a_joint():
         ("<robot>\n<link>", "robot.syntax", "(inside <link>)"),
         ("<robot>&nbsp;</robot>", "robot.syntax", "undefined entity"),
         ("<robot name='a' name='b'/>", "robot.syntax", "duplicate attribute"),
-        ("<a>" * 200, "robot.urdf-refused", "more than 100 deep"),
-        (
-            '<!DOCTYPE r [<!ENTITY a "b"><!ENTITY c "&a;&a;">]><robot>&c;</robot>',
-            "robot.urdf-refused",
-            "<!DOCTYPE",
-        ),
+        ("<a>" * 200, REFUSED, "more than 100 deep"),
+        ('<!DOCTYPE r [<!ENTITY a "b"><!ENTITY c "&a;&a;">]><robot>&c;</robot>', REFUSED, "<!DOCTYPE"),
         ("<sdf/>", "robot.no-urdf", "<sdf>"),
         (
             '<robot xmlns:xacro="x">\n  <xacro:include filename="a"/></robot>',
