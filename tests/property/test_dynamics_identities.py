@@ -45,6 +45,7 @@ from tests.chains import (
     fold,
     regress,
     spread,
+    to_matrix,
     trees,
 )
 from tests.float_algebra import FloatAlgebra, build_float_state
@@ -426,8 +427,8 @@ def test_renumbering_joints_changes_nothing(robot, seed):
 
 
 def to_arrays(placement):
-    rotation = np.array([[value.to_float() for value in row] for row in placement.rotation])
-    return rotation, np.array([value.to_float() for value in placement.translation])
+    matrix = to_matrix(placement)
+    return matrix[:3, :3], matrix[:3, 3]
 
 
 def reframe(robot, moves):

@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings, strategies as st
 from symid.notation import INERTIAL
 from symid.robot.description import Spring
 from symid.robot.simulator_writers import write_mjcf
-from tests.chains import RATIONAL_ANGLES, draw_parameters, fold, regress, spread, trees
+from tests.chains import RATIONAL_ANGLES, draw_parameters, fold, list_values, regress, spread, trees
 from tests.mujocos import find_mujoco_torques, parse_mjcf
 from tests.urdfs import find_link_poses
 
@@ -63,23 +63,6 @@ def test_mujoco_finds_the_torques_of_random_trees(robot):
     columns = regress(robot, *state)
     expected = sum(value * columns[label] for label, value in values.items())
     assert np.abs(found - expected).max() <= 1e-10 * max(1.0, float(np.abs(expected).max()))
-
-
-def list_values(robot):
-    """Return all values of a robot, as it was read, by their labels."""
-    values = {}
-    for index, joint in enumerate(robot.joints):
-        values |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial, strict=True)}
-        if joint.drive.has_rotor:
-            values[index, "IA"] = joint.drive.rotor_inertia
-        if joint.spring is not None:
-            values[index, "KS"] = joint.spring.stiffness
-            values[index, "KR"] = -joint.spring.stiffness * joint.spring.rest
-        values |= dict(zip([(index, "Fv"), (index, "Fc")], joint.friction.values or (), strict=False))
-    for number, coupling in enumerate(robot.couplings, start=robot.size):
-        if coupling.has_rotor:
-            values[number, "IA"] = coupling.rotor_inertia
-    return values
 
 
 @settings(max_examples=40, deadline=None)

@@ -13,6 +13,7 @@ from symid.robot.description import Coupling, JointKind, LogQuantity, Mimic, Spr
 from symid.robot.geometry import IDENTITY, Exact, build_exact_angle, compose_placements, rotate_z, translate
 from symid.robot.inertia import move_parameters
 from symid.robot.toml_reader import parse_robot
+from tests.chains import to_matrix
 from tests.mistakes import refuse
 
 HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n'
@@ -32,8 +33,8 @@ def read_joint(extra, kind="revolute"):
 
 
 def to_floats(placement):
-    rotation = np.array([[entry.to_float() for entry in row] for row in placement.rotation])
-    return rotation, np.array([entry.to_float() for entry in placement.translation])
+    matrix = to_matrix(placement)
+    return matrix[:3, :3], matrix[:3, 3]
 
 
 def test_a_continuous_joint_is_revolute():

@@ -9,7 +9,6 @@ import pytest
 
 from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity
-from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact
 from symid.robot.simulator_writers import list_mjcf_omissions, write_mjcf, write_urdf
@@ -22,6 +21,7 @@ from tests.chains import (
     fill,
     find_pinocchio_torques,
     fold,
+    list_values,
     regress,
     spread,
 )
@@ -83,22 +83,6 @@ def wrist():
         friction=FrictionValues(law=plain, values=(0.3, 0.2)),
     )
     return replace(robot, joints=tuple(joints), couplings=(coupling,))
-
-
-def list_values(robot):
-    """Return all parameters of a robot by their labels."""
-    values = {}
-    for index, joint in enumerate(robot.joints):
-        values |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial, strict=True)}
-        values[index, "IA"] = joint.drive.rotor_inertia
-        values |= dict(zip([(index, "Fv"), (index, "Fc")], joint.friction.values, strict=True))
-        if joint.spring is not None:
-            values[index, "KS"] = joint.spring.stiffness
-            values[index, "KR"] = -joint.spring.stiffness * joint.spring.rest
-    for number, coupling in enumerate(robot.couplings, start=robot.size):
-        values[number, "IA"] = coupling.rotor_inertia
-        values |= dict(zip([(number, "Fv"), (number, "Fc")], coupling.friction.values, strict=True))
-    return values
 
 
 def test_drives_friction_springs_and_couplings_are_read(wrist):

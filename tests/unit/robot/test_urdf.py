@@ -11,6 +11,7 @@ from symid.robot.inertia import move_parameters
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
 from symid.robot.urdf_reader import parse_urdf, read_urdf
+from tests.chains import to_matrix
 from tests.mistakes import find_text
 
 ARM = """<?xml version="1.0"?>
@@ -105,9 +106,9 @@ def test_inertial_values_stand_about_the_link_frame_of_the_joint(arm):
     lift = arm.joints[0]
     # In the file's frame: the inertial frame is turned by 90 degrees about z, so xx and yy change places.
     expected = move_parameters((0.02, 0, 0, 0.01, 0, 0.025, 0, 0, 0, 2), np.eye(3), np.array([0.1, 0, 0.02]))
-    rotation = np.array([[entry.to_float() for entry in row] for row in lift.frame.rotation])
-    shift = np.array([entry.to_float() for entry in lift.frame.translation])
-    np.testing.assert_allclose(lift.inertial, move_parameters(expected, rotation, shift), atol=1e-15)
+    frame = to_matrix(lift.frame)
+    moved = move_parameters(expected, frame[:3, :3], frame[:3, 3])
+    np.testing.assert_allclose(lift.inertial, moved, atol=1e-15)
 
 
 def test_what_is_not_used_is_listed_with_its_place(arm):
