@@ -117,6 +117,43 @@ def set_inertia(robot: Robot, values: np.ndarray) -> Robot:
     return dataclasses.replace(robot, joints=tuple(joints))
 
 
+def fill(robot: Robot, seed: int = 1) -> Robot:
+    """Return the robot with bodies of random point masses."""
+    return set_inertia(robot, draw_parameters(np.random.default_rng(seed), robot.size))
+
+
+def find_pinocchio_torques(robot: Robot, state: np.ndarray) -> np.ndarray:
+    """Return Pinocchio's torques (n,) of the robot's bodies in a state (3, n) of all joints."""
+    model = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
+    return import_pinocchio().rnea(model, model.createData(), *state)
+
+
+def list_values(robot: Robot) -> dict[tuple[int, str], float]:
+    """Return all values of a robot by their labels."""
+    values: dict[tuple[int, str], float] = {}
+    for index, joint in enumerate(robot.joints):
+        values |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial, strict=True)}
+        if joint.drive.has_rotor:
+            values[index, "IA"] = joint.drive.rotor_inertia
+        if joint.spring is not None:
+            values[index, "KS"] = joint.spring.stiffness
+            values[index, "KR"] = -joint.spring.stiffness * joint.spring.rest
+        values |= dict(zip([(index, "Fv"), (index, "Fc")], joint.friction.values or (), strict=False))
+    for number, coupling in enumerate(robot.couplings, start=robot.size):
+        if coupling.has_rotor:
+            values[number, "IA"] = coupling.rotor_inertia
+        values |= dict(zip([(number, "Fv"), (number, "Fc")], coupling.friction.values or (), strict=False))
+    return values
+
+
+def to_matrix(placement: Placement) -> np.ndarray:
+    """Return the homogeneous matrix (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = [[value.to_float() for value in row] for row in placement.rotation]
+    matrix[:3, 3] = [value.to_float() for value in placement.translation]
+    return matrix
+
+
 def draw_rational_state(robot, seed):
     """Return exact values of the generators with s^2 + c^2 = 1, and the same state as floats (3, n)."""
     rng = np.random.default_rng(seed)

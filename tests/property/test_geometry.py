@@ -19,6 +19,7 @@ from symid.robot.geometry import (
     rotate_z,
     translate,
 )
+from tests.chains import to_matrix
 
 SMALL = st.fractions(min_value=-3, max_value=3, max_denominator=20)
 NUMBERS = st.builds(Exact.surd, SMALL, SMALL, SMALL, SMALL)
@@ -107,13 +108,6 @@ def test_only_right_angles_are_met_loosely(radians, snap, moved):
 
 ANGLES = st.floats(-4, 4).map(build_exact_angle)
 LENGTHS = st.decimals(-2, 2, places=3).map(lambda value: Exact.of(str(value)))
-
-
-def to_matrix(placement):
-    matrix = np.eye(4)
-    matrix[:3, :3] = [[value.to_float() for value in row] for row in placement.rotation]
-    matrix[:3, 3] = [value.to_float() for value in placement.translation]
-    return matrix
 
 
 @given(first=ANGLES, second=ANGLES, x=LENGTHS, y=LENGTHS, z=LENGTHS)

@@ -3,7 +3,7 @@
 What symid reads in them has the same torques; frames of bodies, however they are written, are MuJoCo's.
 """
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from hypothesis import assume, given, settings, strategies as st
 from symid.notation import INERTIAL
 from symid.robot.description import Spring
 from symid.robot.simulator_writers import write_mjcf
-from tests.chains import RATIONAL_ANGLES, draw_parameters, fold, regress, spread, trees
+from tests.chains import RATIONAL_ANGLES, draw_parameters, fold, list_values, regress, spread, trees
 from tests.mujocos import find_mujoco_torques, parse_mjcf
 from tests.urdfs import find_link_poses
 
@@ -31,18 +31,18 @@ def fill(robot, rng):
         if joint.spring is not None:
             values[index, "KS"], rest = float(rng.uniform(1, 9)), float(rng.uniform(-1, 1))
             values[index, "KR"] = -values[index, "KS"] * rest
-            joint = dataclasses.replace(joint, spring=Spring(stiffness=values[index, "KS"], rest=rest))  # noqa: PLW2901
-        drive = dataclasses.replace(joint.drive, rotor_inertia=values.get((index, "IA")))
+            joint = replace(joint, spring=Spring(stiffness=values[index, "KS"], rest=rest))  # noqa: PLW2901
+        drive = replace(joint.drive, rotor_inertia=values.get((index, "IA")))
         friction = joint.friction
         if friction.law == "coulomb-viscous":
             values[index, "Fv"], values[index, "Fc"] = float(rng.uniform(0, 1)), 0.0
-            friction = dataclasses.replace(friction, values=(values[index, "Fv"], 0.0))
-        joints.append(dataclasses.replace(joint, inertial=tuple(body), drive=drive, friction=friction))
+            friction = replace(friction, values=(values[index, "Fv"], 0.0))
+        joints.append(replace(joint, inertial=tuple(body), drive=drive, friction=friction))
     for number, coupling in enumerate(robot.couplings, start=robot.size):
         if coupling.has_rotor:
             values[number, "IA"] = float(rng.uniform(0.1, 1))
-        couplings.append(dataclasses.replace(coupling, rotor_inertia=values.get((number, "IA"))))
-    return dataclasses.replace(robot, joints=tuple(joints), couplings=tuple(couplings)), values
+        couplings.append(replace(coupling, rotor_inertia=values.get((number, "IA"))))
+    return replace(robot, joints=tuple(joints), couplings=tuple(couplings)), values
 
 
 @settings(max_examples=60)
@@ -63,23 +63,6 @@ def test_mujoco_finds_the_torques_of_random_trees(robot):
     columns = regress(robot, *state)
     expected = sum(value * columns[label] for label, value in values.items())
     assert np.abs(found - expected).max() <= 1e-10 * max(1.0, float(np.abs(expected).max()))
-
-
-def list_values(robot):
-    """Return all values of a robot, as it was read, by their labels."""
-    values = {}
-    for index, joint in enumerate(robot.joints):
-        values |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial, strict=True)}
-        if joint.drive.has_rotor:
-            values[index, "IA"] = joint.drive.rotor_inertia
-        if joint.spring is not None:
-            values[index, "KS"] = joint.spring.stiffness
-            values[index, "KR"] = -joint.spring.stiffness * joint.spring.rest
-        values |= dict(zip([(index, "Fv"), (index, "Fc")], joint.friction.values or (), strict=False))
-    for number, coupling in enumerate(robot.couplings, start=robot.size):
-        if coupling.has_rotor:
-            values[number, "IA"] = coupling.rotor_inertia
-    return values
 
 
 @settings(max_examples=40, deadline=None)

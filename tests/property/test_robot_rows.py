@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from symid.robot.toml_reader import parse_robot
+from tests.chains import to_matrix
 
 ANGLES = st.one_of(
     st.integers(-24, 24).map(lambda k: (f'"{k}*pi/12"' if k >= 0 else f'"-{-k}*pi/12"', k * math.pi / 12)),
@@ -41,13 +42,6 @@ def write_robot(convention, chain, extra=""):
         text += f'[[joint]]\nkind = "{kind}"\nalpha = {alpha[0]}\na = {a[0]}\n'
         text += f"d = {d[0]}\ntheta = {theta[0]}\n{extra}"
     return text
-
-
-def to_matrix(placement):
-    matrix = np.eye(4)
-    matrix[:3, :3] = [[entry.to_float() for entry in row] for row in placement.rotation]
-    matrix[:3, 3] = [entry.to_float() for entry in placement.translation]
-    return matrix
 
 
 def find_joint_motion(joint, q):

@@ -1,7 +1,7 @@
 """Every route to every function gives the same numbers, on trees nobody has seen, and equals Pinocchio."""
 
-import dataclasses
 import json
+from dataclasses import asdict, replace
 from fractions import Fraction
 
 import numpy as np
@@ -84,7 +84,7 @@ def test_all_routes_agree_on_random_trees(robot):
 @given(robot=trees(most=3, symbols=True))
 def test_all_routes_agree_with_symbolic_lengths(robot):
     values = [(f"{letter}{index}", 0.1 + 0.07 * index) for index in range(robot.size) for letter in "AD"]
-    check_routes(dataclasses.replace(robot, symbols=tuple(values)), 4)
+    check_routes(replace(robot, symbols=tuple(values)), 4)
 
 
 @pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
@@ -148,10 +148,10 @@ def test_what_is_emitted_has_the_counts_of_the_chosen_routes(robot):
 
 def test_generated_code_says_the_counts_of_the_chosen_routes():
     joints = tuple(
-        dataclasses.replace(joint, mimic=Mimic(master=0, multiplier=Fraction(-1)) if k == 3 else None)
+        replace(joint, mimic=Mimic(master=0, multiplier=Fraction(-1)) if k == 3 else None)
         for k, joint in enumerate(PUMA560.joints[:4])
     )
-    robot = dataclasses.replace(PUMA560, joints=joints)
+    robot = replace(PUMA560, joints=joints)
     functions = build_functions(robot)
     sources = generate_python_module(functions)
     chosen = {count.function: count.operations for count in count_route_operations(robot) if count.chosen}
@@ -159,13 +159,12 @@ def test_generated_code_says_the_counts_of_the_chosen_routes():
     # CasADi's own folding gives other counts.
     held = zip(functions.functions, functions.card.functions, strict=True)
     assert any(count_operations(read_sx_program(f, spec)) != chosen[spec.name] for f, spec in held)
-    assert said == {name: dataclasses.asdict(count) for name, count in chosen.items()}
+    assert said == {name: asdict(count) for name, count in chosen.items()}
 
 
 def test_a_rotor_costs_one_product_and_one_sum_at_most():
-    with_rotors = dataclasses.replace(
-        PUMA560,
-        joints=tuple(dataclasses.replace(joint, drive=Drive(has_rotor=True)) for joint in PUMA560.joints),
+    with_rotors = replace(
+        PUMA560, joints=tuple(replace(joint, drive=Drive(has_rotor=True)) for joint in PUMA560.joints)
     )
 
     def count(robot):

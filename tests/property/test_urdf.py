@@ -1,6 +1,6 @@
 """Random trees written as URDFs and read back; and URDFs with mistakes, which never end in a traceback."""
 
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,45 +10,17 @@ from symid.errors import RobotError
 from symid.robot.description import JointKind
 from symid.robot.simulator_writers import write_urdf
 from symid.robot.urdf_reader import parse_urdf
-from tests.chains import build_pinocchio, draw_parameters, set_inertia, trees
+from tests.chains import draw_parameters, find_pinocchio_torques, set_inertia, trees
 from tests.unit.robot.test_urdf import ARM
 from tests.urdfs import draw_urdf, find_factors, find_largest_gap, find_positions, find_torques
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
-PIECES = (
-    "base",
-    "upper",
-    "lift",
-    "revolute",
-    "fixed",
-    "floating",
-    "nan",
-    "1e400",
-    "-1e-400",
-    "0 0 0",
-    "0 0 1 2",
-    "",
-    "<",
-    ">",
-    "/>",
-    '"',
-    "&lt;",
-    "&x;",
-    "<!DOCTYPE a>",
-    "<mimic joint='lift'/>",
-    "<mimic joint='push' multiplier='0'/>",
-    "<link name='upper'/>",
-    "<joint name='lift'/>",
-    "<loop_joint/>",
-    "xacro:if",
-    "${x}",
-    "\x00",
-    "\ud800",
-    "é",
-    "9" * 200,
-    "<a>" * 150,
-)
+WORDS = """base|upper|lift|revolute|fixed|floating|nan|1e400|-1e-400|0 0 0|0 0 1 2||<|>|/>|"|&lt;|&x;|\
+<!DOCTYPE a>|<mimic joint='lift'/>|<mimic joint='push' multiplier='0'/>|<link name='upper'/>|\
+<joint name='lift'/>|<loop_joint/>|xacro:if|${x}|\x00|\ud800|é"""
+PIECES = (*WORDS.split("|"), "9" * 200, "<a>" * 150)
+"""What may stand in a file; the first twelve in quotes, too."""
 
 
 @settings(max_examples=60)
@@ -59,14 +31,12 @@ def test_what_is_written_and_read_is_what_pinocchio_reads(robot, seed):
     text = write_urdf(set_inertia(robot, values))
     back = parse_urdf(text)
     theirs = pin.buildModelFromXML(text)
-    filled = np.array([joint.inertial for joint in back.joints])
-    ours = build_pinocchio(back, filled)
     state = rng.uniform(-2, 2, (3, robot.size))
     spread = np.zeros_like(state)
     order = [joint.name for joint in back.joints]
     for k, joint in enumerate(robot.joints):
         spread[:, order.index(joint.name)] = state[:, k]
-    found = pin.rnea(ours, ours.createData(), *spread)
+    found = find_pinocchio_torques(back, spread)
     expected = find_torques(theirs, back, spread)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
     assert all(np.isfinite(joint.inertial).all() for joint in back.joints)
@@ -84,7 +54,6 @@ def test_torques_and_frames_are_those_that_pinocchio_reads(seed, size):
         assert {notice.code for notice in error.notices} == {"robot.no-joints"}  # noqa: PT017
         return
     theirs = pin.buildModelFromXML(text)
-    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
     factors = find_factors(robot)
     for _ in range(3):
         masters = rng.uniform(-2, 2, (3, robot.freedom))
@@ -92,7 +61,7 @@ def test_torques_and_frames_are_those_that_pinocchio_reads(seed, size):
         own, positions = find_positions(robot, followers, masters[0])
         np.testing.assert_allclose(own, state[0])
         expected = find_torques(theirs, robot, np.array([positions, state[1], state[2]]))
-        found = pin.rnea(ours, ours.createData(), *state)
+        found = find_pinocchio_torques(robot, state)
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
         assert find_largest_gap(theirs, robot, own, positions) < 1e-10
 
@@ -103,7 +72,7 @@ def test_writing_and_reading_again_changes_nothing(robot):
     once = parse_urdf(write_urdf(robot))
     twice = parse_urdf(write_urdf(once))
     for first, second in zip(once.joints, twice.joints, strict=True):
-        assert dataclasses.replace(second, placement=first.placement, frame=first.frame) == first
+        assert replace(second, placement=first.placement, frame=first.frame) == first
         for mine, other in zip(first.placement.rotation, second.placement.rotation, strict=True):
             np.testing.assert_allclose(
                 [entry.to_float() for entry in other], [entry.to_float() for entry in mine], atol=1e-12

@@ -1,6 +1,6 @@
 """A robot that is written and read again is the same robot: placements exactly, values to the last digits."""
 
-import dataclasses
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -160,9 +160,7 @@ def joints(draw, index):
     kind = draw(st.sampled_from(list(JointKind)))
     low, high = sorted(draw(st.tuples(NUMBERS, NUMBERS)))
     limits = Limits(
-        position=(low, high) if low < high else None,
-        velocity=draw(unknown),
-        torque=draw(unknown),
+        position=(low, high) if low < high else None, velocity=draw(unknown), torque=draw(unknown)
     )
     follows = index > 0 and draw(st.booleans())
     return Joint(
@@ -207,10 +205,14 @@ def test_a_written_robot_is_read_as_the_same(robot, hints):
         assert (mine.inertial is None) == (other.inertial is None)
         if mine.inertial is not None:
             np.testing.assert_allclose(other.inertial, mine.inertial, rtol=0, atol=1e-11)
-    bare = [tuple(dataclasses.replace(joint, inertial=None) for joint in x.joints) for x in (robot, again)]
+    bare = [tuple(replace(joint, inertial=None) for joint in x.joints) for x in (robot, again)]
     assert bare[0] == bare[1]
     same = ("name", "description", "gravity", "symbols", "couplings", "log", "processing")
     assert [getattr(robot, name) for name in same[:-1]] == [getattr(again, name) for name in same[:-1]]
+
+
+def make_joint(name="a", *, kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, **fields):
+    return Joint(name=name, kind=kind, parent=parent, placement=placement, **fields)
 
 
 @given(st.lists(st.tuples(ANGLES, LENGTHS, LENGTHS, ANGLES), min_size=1, max_size=3), st.booleans())
@@ -218,22 +220,13 @@ def test_rows_stay_rows(rows, standard):
     convention = "standard" if standard else "modified"
     joints, frame = [], IDENTITY
     for index, (alpha, a, d, theta) in enumerate(rows):
-        before = compose_placements(
-            rotate_x(alpha), Placement(rotation=IDENTITY.rotation, translation=(a, *[Exact()] * 2))
-        )
-        turned = compose_placements(
-            Placement(rotation=IDENTITY.rotation, translation=(Exact(), Exact(), d)), rotate_z(theta)
-        )
-        after = compose_placements(
-            Placement(rotation=IDENTITY.rotation, translation=(a, *[Exact()] * 2)), rotate_x(alpha)
-        )
+        aside = translate(a, ZERO, ZERO)
+        before = compose_placements(rotate_x(alpha), aside)
+        turned = compose_placements(translate(ZERO, ZERO, d), rotate_z(theta))
+        after = compose_placements(aside, rotate_x(alpha))
         placement = compose_placements(frame, turned) if standard else compose_placements(before, turned)
         frame = after if standard else IDENTITY
-        joints.append(
-            Joint(
-                name=f"j{index}", kind=JointKind.REVOLUTE, parent=index - 1, placement=placement, frame=frame
-            )
-        )
+        joints.append(make_joint(f"j{index}", parent=index - 1, placement=placement, frame=frame))
     robot = Robot(name="arm", joints=tuple(joints), convention=convention, symbols=(("L1", 1.0),))
     text = write_robot(robot)
     assert "origin" not in text
@@ -249,7 +242,7 @@ def test_symbols_of_links_and_settings_are_written():
         com=(Exact.symbol("lc1"), zero, -Exact.symbol("lc1")),
         inertia=(Exact.symbol("I1"), zero, zero, Exact.symbol("I1"), zero, Exact.of(Fraction(1, 3))),
     )
-    joint = Joint(name="a", kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, form=form)
+    joint = make_joint(form=form)
     log = LogMap(
         time=LogQuantity(columns=("t",), unit="ms"),
         torque=LogQuantity(columns=('u "left"',), unit="V", factor=(35.15,), side="motor"),
@@ -267,17 +260,12 @@ def test_symbols_of_links_and_settings_are_written():
 
 
 def test_values_that_no_body_has_are_written_as_they_are():
-    weightless = Joint(
-        name="a", kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, inertial=(1.0,) + (0.0,) * 9
-    )
-    nothing = dataclasses.replace(weightless, name="c", parent=1, inertial=(0.0,) * 10)
-    impossible = dataclasses.replace(
-        weightless, name="b", parent=0, inertial=(3.0, 0, 0, 1, 0, 1, 0, 0, 0, 1.0)
-    )
-    turn = compose_placements(
-        rotate_x(build_exact_angle(0.3)), translate(Exact.of("0.1"), ZERO, Exact.of("-0.2"))
-    )
-    framed = dataclasses.replace(impossible, name="d", parent=2, frame=turn)
+    weightless = make_joint(inertial=(1.0,) + (0.0,) * 9)
+    nothing = replace(weightless, name="c", parent=1, inertial=(0.0,) * 10)
+    impossible = replace(weightless, name="b", parent=0, inertial=(3.0, 0, 0, 1, 0, 1, 0, 0, 0, 1.0))
+    aside = translate(Exact.of("0.1"), ZERO, Exact.of("-0.2"))
+    frame = compose_placements(rotate_x(build_exact_angle(0.3)), aside)
+    framed = replace(impossible, name="d", parent=2, frame=frame)
     joints = (weightless, impossible, nothing, framed)
     again = parse_robot(write_robot(Robot(name="1 arm!", joints=joints)))
     assert again.name == "robot_1_arm_"
@@ -291,23 +279,24 @@ def test_values_that_no_body_has_are_written_as_they_are():
 
 
 def test_a_negative_mass_is_left_out_and_said():
-    joint = Joint(
-        name="a", kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, inertial=(0.0,) * 9 + (-1.0,)
-    )
+    joint = make_joint(inertial=(0.0,) * 9 + (-1.0,))
     text = write_robot(Robot(name="arm", joints=(joint,)))
     assert "# the link's values" in text
     assert parse_robot(text).joints[0].inertial is None
 
 
-def test_hints_without_their_marks_are_valid():
-    joints = tuple(
-        Joint(name=name, kind=kind, parent=-1, placement=IDENTITY)
-        for name, kind in (("turn", JointKind.REVOLUTE), ("slide", JointKind.PRISMATIC))
-    )
+def write_hints(**fields):
+    """Return a file with hints of a turning and a sliding joint, and with their marks taken away."""
+    kinds = {"turn": JointKind.REVOLUTE, "slide": JointKind.PRISMATIC}
+    joints = tuple(make_joint(name, kind=kind, **fields) for name, kind in kinds.items())
     text = write_robot(Robot(name="arm", joints=joints), comment="Made by hand.", hints=True)
     head, _, body = text.partition("\n")
-    filled = "\n".join(line.removeprefix("# ") for line in body.split("\n"))
     assert head == "# Made by hand."
+    return text, "\n".join(line.removeprefix("# ") for line in body.split("\n"))
+
+
+def test_hints_without_their_marks_are_valid():
+    _, filled = write_hints()
     for joint in parse_robot(filled).joints:
         assert joint.inertial is not None
         assert joint.drive.has_rotor
@@ -320,15 +309,9 @@ def test_hints_without_their_marks_are_valid():
 def test_hints_complete_tables_that_are_there():
     drive = Drive(gear=50.0)
     limits = Limits(position=(-1.0, 2.0), velocity=3.0)
-    joints = tuple(
-        Joint(name=name, kind=kind, parent=-1, placement=IDENTITY, drive=drive, limits=limits)
-        for name, kind in (("turn", JointKind.REVOLUTE), ("slide", JointKind.PRISMATIC))
-    )
-    text = write_robot(Robot(name="arm", joints=joints), comment="Made by hand.", hints=True)
+    text, filled = write_hints(drive=drive, limits=limits)
     assert (text.count("[joint.drive]"), text.count("[joint.limits]")) == (2, 2)
-    _, _, body = text.partition("\n")
-    for joint in parse_robot("\n".join(line.removeprefix("# ") for line in body.split("\n"))).joints:
-        assert joint.drive == Drive(
-            gear=50.0, has_rotor=True, rotor_inertia=1e-5 * 50.0**2, torque_constant=0.1
-        )
-        assert joint.limits == dataclasses.replace(limits, torque=50.0, acceleration=10.0, jerk=100.0)
+    full = Drive(gear=50.0, has_rotor=True, rotor_inertia=1e-5 * 50.0**2, torque_constant=0.1)
+    for joint in parse_robot(filled).joints:
+        assert joint.drive == full
+        assert joint.limits == replace(limits, torque=50.0, acceleration=10.0, jerk=100.0)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse
+from scipy.io import savemat
 
 import symid
 from symid.environment import read_file
@@ -18,11 +19,12 @@ from symid.errors import EstimateError, LogError, RobotError, SymidError
 from symid.identification.stored import read_fit
 from symid.logs import files
 from symid.logs.files import LARGEST_ARRAY
-from symid.logs.reader import read_raw
+from symid.logs.reader import read_raw, read_recording
 from symid.robot import read_robot
 from symid.robot.loading import is_mjcf, override_robot
 from symid.robot.toml_reader import parse_dh_table
 from symid.robot.toml_values import parse_toml
+from tests.mistakes import refuse
 
 ROBOT = Path("robots/two_link.toml")
 FITS = Path("tests/data/fits")
@@ -37,9 +39,7 @@ FITS = Path("tests/data/fits")
     ],
 )
 def test_tables_and_numbers_without_an_end_have_a_line(line, words):
-    with pytest.raises(RobotError) as caught:
-        parse_toml(f'name = "arm"\n{line}\n', "arm.toml").finish()
-    (notice,) = caught.value.notices
+    (notice,) = refuse(lambda: parse_toml(f'name = "arm"\n{line}\n', "arm.toml").finish())
     assert words in notice.text
     assert (notice.file, notice.line) == ("arm.toml", 2)
 
@@ -53,9 +53,8 @@ def test_settings_of_a_call_may_be_as_odd():
 
 def test_lengths_beyond_doubles_are_refused_at_their_cell():
     table = f"joint, alpha, a, d, theta\nfirst, 0, {'9' * 400}, 0, q\n"
-    with pytest.raises(RobotError) as caught:
-        parse_dh_table(table, "modified", file="arm.csv")
-    assert [(entry.line, entry.column) for entry in caught.value.notices] == [(2, 11)]
+    (notice,) = refuse(parse_dh_table, table, "modified", file="arm.csv")
+    assert (notice.line, notice.column) == (2, 11)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".csv"])
@@ -130,15 +129,12 @@ def test_an_array_too_large_is_left_out_by_its_header_and_named_where_it_is_need
     assert notice.code == "log.too-large"
     assert "'camera' (1 GB)" in notice.text
     write_archive(path, {**members, "q2": large})
-    columns = {"time": (["t"], "s"), "position": (["q1", "q2"], "rad"), "torque": (["tau1", "tau2"], "N m")}
-    pairs = []
-    for key, (names, unit) in columns.items():
-        several = key != "time"
-        pairs += [(f"log.{key}.column{'s' * several}", json.dumps(names) if several else names[0])]
-        pairs += [(f"log.{key}.unit", unit)]
-    robot = override_robot(read_robot(ROBOT), tuple(pairs))
-    from symid.logs.reader import read_recording
-
+    pairs = (
+        *(("log.time.column", "t"), ("log.time.unit", "s")),
+        *(("log.position.columns", '["q1", "q2"]'), ("log.position.unit", "rad")),
+        *(("log.torque.columns", '["tau1", "tau2"]'), ("log.torque.unit", "N m")),
+    )
+    robot = override_robot(read_robot(ROBOT), pairs)
     with pytest.raises(LogError, match="position: not read"):
         read_recording(path, robot)
 
@@ -156,8 +152,6 @@ def test_an_hdf5_file_may_ask_for_more_than_there_is(tmp_path):
 
 
 def test_a_matlab_file_may_ask_for_more_than_there_is(tmp_path):
-    from scipy.io import savemat
-
     path = tmp_path / "log.mat"
     savemat(path, {"t": np.arange(100.0)})
     whole = bytearray(path.read_bytes())
@@ -171,8 +165,6 @@ def test_a_matlab_file_may_ask_for_more_than_there_is(tmp_path):
 
 @pytest.mark.parametrize("compressed", [False, True])
 def test_matlab_files_of_all_classes_have_sound_elements(tmp_path, compressed):
-    from scipy.io import savemat
-
     path = tmp_path / "log.mat"
     content = {
         "t": np.arange(5.0),
@@ -191,8 +183,6 @@ def test_matlab_files_of_all_classes_have_sound_elements(tmp_path, compressed):
 
 def test_types_of_matlab_elements_that_do_not_exist_are_damage(tmp_path):
     """SciPy ends the process with them."""
-    from scipy.io import savemat
-
     path = tmp_path / "log.mat"
     savemat(path, {"t": np.arange(4.0)})
     whole = path.read_bytes()
@@ -210,17 +200,11 @@ def test_types_of_matlab_elements_that_do_not_exist_are_damage(tmp_path):
 
 @pytest.mark.parametrize(
     ("value", "place", "byte"),
-    [
-        (np.arange(4.0), 145, 8),
-        ({"a": 1.0, "b": 2.0}, 160, 3),
-        (np.array([1.0, "a"], dtype=object), 160, 40),
-    ],
+    [(np.arange(4.0), 145, 8), ({"a": 1.0, "b": 2.0}, 160, 3), (np.array([1.0, "a"], dtype=object), 160, 40)],
     ids=["complex", "structure", "cell"],
 )
 def test_elements_that_a_matlab_matrix_lacks_are_damage(tmp_path, value, place, byte):
     """SciPy reads what comes behind as such, and may end the process with it."""
-    from scipy.io import savemat
-
     path = tmp_path / "log.mat"
     savemat(path, {"t": value, "other": np.arange(3.0)})
     whole = bytearray(path.read_bytes())

@@ -1,6 +1,6 @@
 """What every robot must hold, whoever builds it."""
 
-import dataclasses
+from dataclasses import replace
 
 import pytest
 
@@ -14,8 +14,8 @@ from tests.chains import TWO_LINK, build_chain
     [
         (lambda: Robot(name="none", joints=()), "one joint"),
         (lambda: build_chain([(0.0, "q1", 0, "q")]), "'q1'"),
-        (lambda: dataclasses.replace(TWO_LINK, joints=TWO_LINK.joints[:1] * 2), "called 'joint1'"),
-        (lambda: dataclasses.replace(TWO_LINK, joints=TWO_LINK.joints[1:]), "'joint2': .*parent"),
+        (lambda: replace(TWO_LINK, joints=TWO_LINK.joints[:1] * 2), "called 'joint1'"),
+        (lambda: replace(TWO_LINK, joints=TWO_LINK.joints[1:]), "'joint2': .*parent"),
     ],
 )
 def test_impossible_robots_are_refused(build, text):

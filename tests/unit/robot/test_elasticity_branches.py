@@ -1,4 +1,4 @@
-"""Springs with branches in robot files: read as they are written, mistakes told with their place."""
+"""Springs with branches in robot files: read as they are written."""
 
 from dataclasses import replace
 
@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from symid.environment import locate_resource_folder
-from symid.errors import RobotError
 from symid.joint_models import BoucWen, BristleBranch, Elasticity, SlipSpring, Stop, needs_time, run_element
 from symid.robot.toml_reader import parse_robot, read_robot
 from symid.robot.toml_writer import write_robot
 from tests.elements import ELEMENTS
 
 HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n[[joint]]\nname = "shoulder"\nkind = "revolute"\n'
-STOP = "stops = [{ threshold = 0.5, stiffness = 5 }]\n"
 SPRING = "[joint.elasticity]\nstiffness = 380\n"
 
 
@@ -85,53 +83,3 @@ def test_several_branches_stand_beside_stops():
     spring = read_spring("stops = [{ threshold = 0.1, stiffness = 5 }]\n" + slip + slip)
     assert spring.branches == (SlipSpring(deflections=(-0.1, 0.1), forces=(-2.0, 1.0)),) * 2
     assert len(spring.stops) == 1
-
-
-@pytest.mark.parametrize(
-    ("code", "lines", "line", "said"),
-    [
-        ("robot.bad-choice", 'model = "bouc"\n', 8, "did you mean bouc-wen?"),
-        ("robot.bad-choice", "model = 3\n", 8, "expected one of"),
-        ("robot.missing-key", 'model = "bouc-wen"\nlevel = 3\n', 6, "a number in rad"),
-        ("robot.unknown-key", 'model = "dahl"\nFc = 1\nsigma0 = 2\nlevel = 3\n', 11, "allowed are"),
-        ("robot.unknown-key", "level = 3\n", 8, "allowed are"),
-        ("robot.out-of-range", 'model = "bouc-wen"\nlevel = 3\nlength = 1\nloop = 0.2\n', 11, "at least 0.5"),
-        ("robot.invalid-elasticity", 'model = "bouc-wen"\nlevel = 3\nlength = 1\nskew = 1\n', 8, "skew must"),
-        (
-            "robot.wrong-type",
-            'model = "maxwell-slip"\nstiffnesses = 3\nforces = [1]\n',
-            9,
-            "a list of numbers",
-        ),
-        ("robot.wrong-type", 'model = "maxwell-slip"\nstiffnesses = ["a"]\nforces = [1]\n', 9, "a number"),
-        (
-            "robot.invalid-elasticity",
-            'model = "maxwell-slip"\nstiffnesses = [1, 2]\nforces = [1]\n',
-            8,
-            "need as many forces",
-        ),
-        (
-            "robot.invalid-elasticity",
-            'model = "generalised-maxwell-slip"\nFc = 1\nstiffnesses = [1, 2]\nshares = [1]\n',
-            8,
-            "need as many shares",
-        ),
-        ("robot.missing-key", 'model = "lugre"\nFc = 1\nsigma0 = 2\nFe = 1\n', 6, "where Fe is not 0"),
-        ("robot.missing-key", "[[joint.elasticity.branch]]\nlevel = 1\n", 8, "write one of bouc-wen"),
-        (
-            "robot.elasticity-mixed",
-            STOP + 'model = "maxwell-slip"\nstiffnesses = [2]\nforces = [1]\n',
-            8,
-            "slips at 0.5",
-        ),
-        ("robot.out-of-range", "backlash = -1\n", 8, "at least 0 rad"),
-        ("robot.wrong-type", "branch = 3\n", 8, "two brackets"),
-    ],
-)
-def test_mistakes_are_told_with_their_place(code, lines, line, said):
-    with pytest.raises(RobotError) as caught:
-        read_spring(lines)
-    (notice,) = caught.value.notices
-    assert notice.code == code
-    assert said in notice.text
-    assert notice.line == line

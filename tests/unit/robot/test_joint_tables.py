@@ -10,9 +10,11 @@ from symid.errors import RobotError
 from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.robot.description import Coupling, JointKind, LogQuantity, Mimic, Spring, SymbolicInertia
-from symid.robot.geometry import IDENTITY, Exact, Placement, build_exact_angle, compose_placements, rotate_z
+from symid.robot.geometry import IDENTITY, Exact, build_exact_angle, compose_placements, rotate_z, translate
 from symid.robot.inertia import move_parameters
 from symid.robot.toml_reader import parse_robot
+from tests.chains import to_matrix
+from tests.mistakes import refuse
 
 HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n'
 
@@ -21,14 +23,22 @@ def write_joint(name, kind="revolute", extra=""):
     return f'[[joint]]\nname = "{name}"\nkind = "{kind}"\n{extra}'
 
 
+def read(*joints, tail=""):
+    return parse_robot("".join((HEAD, *joints, tail)))
+
+
+def read_joint(extra, kind="revolute"):
+    (joint,) = read(write_joint("a", kind, extra)).joints
+    return joint
+
+
 def to_floats(placement):
-    rotation = np.array([[entry.to_float() for entry in row] for row in placement.rotation])
-    return rotation, np.array([entry.to_float() for entry in placement.translation])
+    matrix = to_matrix(placement)
+    return matrix[:3, :3], matrix[:3, 3]
 
 
 def test_a_continuous_joint_is_revolute():
-    text = HEAD + write_joint("a", "continuous", "limits = { velocity = 2 }\n")
-    (joint,) = parse_robot(text).joints
+    joint = read_joint("limits = { velocity = 2 }\n", "continuous")
     assert (joint.kind, joint.limits.position, joint.limits.velocity) == (JointKind.REVOLUTE, None, 2.0)
 
 
@@ -54,15 +64,13 @@ def test_a_fixed_link_makes_its_carrier_heavier(convention):
 
 
 def test_fixed_joints_leave_couplings_and_followers_right():
-    text = (
-        HEAD
-        + write_joint("foot", "fixed")
-        + write_joint("a")
-        + write_joint("b", extra='mimic = { joint = "c", multiplier = "-1/3" }\n')
-        + write_joint("c")
-        + '[[coupling]]\nname = "m"\nterms = { c = 2, a = "1/2" }\n'
+    robot = read(
+        write_joint("foot", "fixed"),
+        write_joint("a"),
+        write_joint("b", extra='mimic = { joint = "c", multiplier = "-1/3" }\n'),
+        write_joint("c"),
+        tail='[[coupling]]\nname = "m"\nterms = { c = 2, a = "1/2" }\n',
     )
-    robot = parse_robot(text)
     assert [joint.name for joint in robot.joints] == ["a", "b", "c"]
     assert robot.joints[1].mimic == Mimic(master=2, multiplier=Fraction(-1, 3))
     assert robot.couplings[0].terms == ((0, Fraction(1, 2)), (2, Fraction(2)))
@@ -71,32 +79,26 @@ def test_fixed_joints_leave_couplings_and_followers_right():
 
 def test_the_offset_of_a_follower_is_in_its_placement():
     mimic = 'mimic = { joint = "a", multiplier = 0.5, offset = "pi/3" }\na = 0.2\ntheta = "pi/6"\n'
-    joint = parse_robot(HEAD + write_joint("a") + write_joint("b", extra=mimic)).joints[1]
-    plain = parse_robot(HEAD + write_joint("a") + write_joint("b", extra='a = 0.2\ntheta = "pi/2"\n')).joints[
-        1
-    ]
+    plain = 'a = 0.2\ntheta = "pi/2"\n'
+    joint, plain = (read(write_joint("a"), write_joint("b", extra=row)).joints[1] for row in (mimic, plain))
     assert joint.placement == plain.placement
     assert joint.mimic == Mimic(master=0, multiplier=Fraction(1, 2))
 
 
 def test_the_offset_of_a_sliding_follower_is_a_length():
     mimic = 'mimic = { joint = "a", multiplier = -1, offset = "L1" }\n'
-    text = (
-        HEAD + "[symbols]\nL1 = 0.3\n" + write_joint("a", "prismatic") + write_joint("b", "prismatic", mimic)
-    )
-    joint = parse_robot(text).joints[1]
+    slides = write_joint("a", "prismatic"), write_joint("b", "prismatic", mimic)
+    joint = read("[symbols]\nL1 = 0.3\n", *slides).joints[1]
     assert joint.placement.translation == (Exact(), Exact(), Exact.symbol("L1"))
 
 
 def test_chains_of_followers_are_resolved():
-    text = (
-        HEAD
-        + write_joint("a", extra='mimic = { joint = "b", multiplier = 2, offset = 0.25 }\n')
-        + write_joint("b", extra='mimic = { joint = "c", multiplier = "1/3", offset = 0.3 }\n')
-        + write_joint("c")
-        + write_joint("slide", "prismatic", 'mimic = { joint = "b", multiplier = 0.1, offset = 0.01 }\n')
-    )
-    joints = parse_robot(text).joints
+    joints = read(
+        write_joint("a", extra='mimic = { joint = "b", multiplier = 2, offset = 0.25 }\n'),
+        write_joint("b", extra='mimic = { joint = "c", multiplier = "1/3", offset = 0.3 }\n'),
+        write_joint("c"),
+        write_joint("slide", "prismatic", 'mimic = { joint = "b", multiplier = 0.1, offset = 0.01 }\n'),
+    ).joints
     # q_a = 2 (q_c / 3 + 0.3) + 0.25; the slide is 0.1 (q_c / 3 + 0.3) + 0.01.
     assert joints[0].mimic == Mimic(master=2, multiplier=Fraction(2, 3))
     assert joints[0].placement == rotate_z(build_exact_angle(0.85))
@@ -106,19 +108,17 @@ def test_chains_of_followers_are_resolved():
 
 
 def test_springs_and_elasticity_are_read():
-    text = HEAD + write_joint("a", extra='spring = { stiffness = 120, rest = "unknown" }\n')
-    text += write_joint("b", "prismatic", 'elasticity = { stiffness = "unknown" }\n')
-    first, second = parse_robot(text).joints
-    assert (first.spring, first.elasticity) == (Spring(stiffness=120.0, rest=None), None)
-    assert (second.spring, second.elasticity) == (None, Elasticity(stiffness=None))
+    joint = read_joint('spring = { stiffness = 120, rest = "unknown" }\n')
+    assert (joint.spring, joint.elasticity) == (Spring(stiffness=120.0, rest=None), None)
+    joint = read_joint('elasticity = { stiffness = "unknown" }\n', "prismatic")
+    assert (joint.spring, joint.elasticity) == (None, Elasticity(stiffness=None))
 
 
 def test_elasticity_with_hysteresis_is_read():
     knees = "[{ threshold = 3.0, slope = 0.5 }, { threshold = 5, slope = -1.2 }]"
     stops = '[{ threshold = 0.002, stiffness = 120 }, { threshold = 0.005, stiffness = "unknown" }]'
     table = f"stiffness = 380, damping = 0.2, stops = {stops}, symmetric = true, knees = {knees}"
-    text = HEAD + write_joint("a", extra=f"elasticity = {{ {table} }}\n")
-    (joint,) = parse_robot(text).joints
+    joint = read_joint(f"elasticity = {{ {table} }}\n")
     above = (Knee(threshold=3.0, slope=0.5), Knee(threshold=5.0, slope=-1.2))
     below = (Knee(threshold=-5.0, slope=-1.2), Knee(threshold=-3.0, slope=0.5))
     assert joint.elasticity == Elasticity(
@@ -129,17 +129,15 @@ def test_elasticity_with_hysteresis_is_read():
     )
     knees = "[{ threshold = -2, slope = 1 }, { threshold = 1, slope = 2 }]"
     uneven = f"elasticity = {{ stiffness = 1, knees = {knees} }}\n"
-    (joint,) = parse_robot(HEAD + write_joint("a", extra=uneven)).joints
+    joint = read_joint(uneven)
     assert joint.elasticity.knees == (Knee(threshold=-2.0, slope=1.0), Knee(threshold=1.0, slope=2.0))
-    (joint,) = parse_robot(
-        HEAD + write_joint("a", extra="elasticity = { stiffness = 1, cubic = 5 }\n")
-    ).joints
+    joint = read_joint("elasticity = { stiffness = 1, cubic = 5 }\n")
     assert joint.elasticity == Elasticity(stiffness=1.0, cubic=5.0)
 
 
 def test_a_catalogue_is_stiffness_and_knees():
     table = "elasticity = { catalogue = { K1 = 100, K2 = 150, K3 = 300, T1 = 2, T2 = 5 }, damping = 1 }\n"
-    (joint,) = parse_robot(HEAD + write_joint("a", extra=table)).joints
+    joint = read_joint(table)
     above = (Knee(threshold=2.0, slope=0.5), Knee(threshold=4.0, slope=1.5))
     assert (joint.elasticity.stiffness, joint.elasticity.damping) == (100.0, 1.0)
     assert joint.elasticity.knees[2:] == above
@@ -147,22 +145,17 @@ def test_a_catalogue_is_stiffness_and_knees():
 
 def test_dry_friction_is_smoothed_over_a_speed():
     table = 'friction = { model = "coulomb-viscous", Fv = 1, Fc = 2, smoothing = 0.01 }\n'
-    (joint,) = parse_robot(HEAD + write_joint("a", extra=table)).joints
+    joint = read_joint(table)
     assert joint.friction == FrictionValues(law="coulomb-viscous", values=(1.0, 2.0), smoothing=0.01)
 
 
 def test_couplings_are_read():
-    text = (
-        HEAD
-        + write_joint("a")
-        + write_joint("b")
-        + (
-            '[[coupling]]\nname = "m6"\nterms = { a = 1, b = -2.5 }\nrotor_inertia = 0.01\n'
-            'friction = { model = "coulomb-viscous", Fv = 0.5, Fc = 1 }\n'
-            '[[coupling]]\nname = "m7"\nterms = { b = 1 }\nrotor_inertia = "unknown"\n'
-        )
+    tables = (
+        '[[coupling]]\nname = "m6"\nterms = { a = 1, b = -2.5 }\nrotor_inertia = 0.01\n'
+        'friction = { model = "coulomb-viscous", Fv = 0.5, Fc = 1 }\n'
+        '[[coupling]]\nname = "m7"\nterms = { b = 1 }\nrotor_inertia = "unknown"\n'
     )
-    first, second = parse_robot(text).couplings
+    first, second = read(write_joint("a"), write_joint("b"), tail=tables).couplings
     assert (first.name, first.terms) == ("m6", ((0, Fraction(1)), (1, Fraction(-5, 2))))
     assert (first.has_rotor, first.rotor_inertia) == (True, 0.01)
     assert (first.friction.law, first.friction.values) == ("coulomb-viscous", (0.5, 1.0))
@@ -196,15 +189,15 @@ def test_symbols_stand_for_any_quantity():
 
 
 def test_a_link_of_numbers_has_no_form():
-    (joint,) = parse_robot(HEAD + write_joint("a", extra=LINK)).joints
+    joint = read_joint(LINK)
     assert joint.form is None
     assert joint.inertial is not None
 
 
 def test_an_origin_is_that_of_urdf():
     """Rz(yaw) Ry(pitch) Rx(roll), by elementary matrices."""
-    text = HEAD + write_joint("a", extra="origin = { xyz = [1, -0.5, 0.25], rpy = [0.3, -0.4, 1.2] }\n")
-    rotation, translation = to_floats(parse_robot(text).joints[0].placement)
+    origin = "origin = { xyz = [1, -0.5, 0.25], rpy = [0.3, -0.4, 1.2] }\n"
+    rotation, translation = to_floats(read_joint(origin).placement)
     r, p, y = 0.3, -0.4, 1.2
     turn_x = np.array([[1, 0, 0], [0, math.cos(r), -math.sin(r)], [0, math.sin(r), math.cos(r)]])
     turn_y = np.array([[math.cos(p), 0, math.sin(p)], [0, 1, 0], [-math.sin(p), 0, math.cos(p)]])
@@ -214,34 +207,30 @@ def test_an_origin_is_that_of_urdf():
 
 
 def test_a_quaternion_of_any_length_is_a_rotation():
-    text = HEAD + write_joint("a", extra='origin = { quaternion = ["1+sqrt(2)", 0, 0, 1] }\n')
+    joint = read_joint('origin = { quaternion = ["1+sqrt(2)", 0, 0, 1] }\n')
     # tan(angle / 2) = 1 / (1 + sqrt 2) = tan(pi / 8).
-    assert parse_robot(text).joints[0].placement == rotate_z(build_exact_angle(math.pi / 4))
+    assert joint.placement == rotate_z(build_exact_angle(math.pi / 4))
 
 
 def test_children_and_links_stand_in_the_frame_of_the_link():
+    turned = 'origin = { rpy = [0, "pi/2", 0] }\nframe = { rpy = [0, "-pi/2", 0] }\n'
     text = (
         'convention = "origin"\ngravity = [0, 0, -9.81]\n'
-        + write_joint(
-            "hip", extra='origin = { rpy = [0, "pi/2", 0] }\nframe = { rpy = [0, "-pi/2", 0] }\n' + LINK
-        )
+        + write_joint("hip", extra=turned + LINK)
         + write_joint("knee", extra="origin = { xyz = [0.1, 0.2, 0.3] }\n")
     )
     robot = parse_robot(text)
     hip, knee = robot.joints
     assert compose_placements(hip.placement, hip.frame) == IDENTITY
-    moved = Placement(
-        rotation=IDENTITY.rotation, translation=(Exact.of("0.1"), Exact.of("0.2"), Exact.of("0.3"))
-    )
+    moved = translate(Exact.of("0.1"), Exact.of("0.2"), Exact.of("0.3"))
     assert compose_placements(hip.placement, knee.placement) == moved
     assert robot.joints[-1].frame == IDENTITY
-    plain = parse_robot(HEAD + write_joint("hip", extra=LINK)).joints[0].inertial
+    plain = read_joint(LINK).inertial
     np.testing.assert_allclose(hip.inertial, move_parameters(plain, *to_floats(hip.frame)), atol=1e-16)
 
 
 def test_rows_and_origins_live_side_by_side():
-    text = HEAD + write_joint("a", extra="d = 0.5\n") + write_joint("b", extra="origin = {}\n")
-    first, second = parse_robot(text).joints
+    first, second = read(write_joint("a", extra="d = 0.5\n"), write_joint("b", extra="origin = {}\n")).joints
     assert str(first.placement.translation[2]) == "1/2"
     assert second.placement == IDENTITY
 
@@ -250,33 +239,30 @@ def test_rows_and_origins_live_side_by_side():
     ("written", "tangent"), [('"2*atan(1/3)"', Fraction(1, 3)), ('"2*atan(-7/2)"', Fraction(-7, 2))]
 )
 def test_an_angle_by_the_tangent_of_its_half_is_exact(written, tangent):
-    rotation = parse_robot(HEAD + write_joint("a", extra=f"theta = {written}\n")).joints[0].placement.rotation
+    rotation = read_joint(f"theta = {written}\n").placement.rotation
     square = tangent * tangent
     assert rotation[0][0] == Exact.of((1 - square) / (1 + square))
     assert rotation[1][0] == Exact.of(2 * tangent / (1 + square))
 
 
 def test_a_follower_has_no_column_in_the_log():
-    text = HEAD + write_joint("a") + write_joint("b", extra='mimic = { joint = "a" }\n') + write_joint("c")
-    text += '[log]\nposition = { columns = ["qa", "qc"], unit = "rad" }\n'
-    assert parse_robot(text).log.position == LogQuantity(columns=("qa", "qc"), unit="rad")
+    joints = write_joint("a"), write_joint("b", extra='mimic = { joint = "a" }\n'), write_joint("c")
+    log = '[log]\nposition = { columns = ["qa", "qc"], unit = "rad" }\n'
+    assert read(*joints, tail=log).log.position == LogQuantity(columns=("qa", "qc"), unit="rad")
 
 
 @pytest.mark.parametrize("name", ["Fv1", "Fcn2", "offset2", "KR3", "IAm6", "Fvm6"])
 def test_symbols_do_not_read_as_parameters(name):
     coupling = '[[coupling]]\nname = "m6"\nterms = { a = 1 }\nrotor_inertia = "unknown"\n'
-    text = HEAD + write_joint("a", extra=f'd = "{name}"\n') + coupling + f"[symbols]\n{name} = 1\n"
-    with pytest.raises(RobotError) as caught:
-        parse_robot(text)
-    (notice,) = caught.value.notices
+    joint = write_joint("a", extra=f'd = "{name}"\n')
+    (notice,) = refuse(read, joint, coupling, tail=f"[symbols]\n{name} = 1\n")
     assert notice.code == "robot.bad-name"
     assert f"symbols: {name}: " in notice.text
 
 
 def test_a_term_with_the_factor_zero_has_its_own_remedy():
-    text = HEAD + write_joint("a") + '[[coupling]]\nname = "m6"\nterms = { a = 0 }\n'
-    with pytest.raises(RobotError, match="terms: a: "):
-        parse_robot(text)
+    (notice,) = refuse(read, write_joint("a"), tail='[[coupling]]\nname = "m6"\nterms = { a = 0 }\n')
+    assert "terms: a: " in notice.text
 
 
 def test_a_symbol_of_two_kinds_is_told_in_words():
@@ -286,14 +272,12 @@ def test_a_symbol_of_two_kinds_is_told_in_words():
 
 
 def test_values_that_no_body_has_are_kept_where_they_are_standard():
-    text = HEAD + write_joint("a", extra="link = { standard = { M = 0 } }\n")
-    text += write_joint("b", extra="link = { standard = { M = 1, XX = -1, MY = 0.5 } }\n")
-    robot = parse_robot(text)
+    links = "link = { standard = { M = 0 } }\n", "link = { standard = { M = 1, XX = -1, MY = 0.5 } }\n"
+    robot = read(*map(write_joint, "ab", ["revolute"] * 2, links))
     assert [joint.inertial for joint in robot.joints] == [(0.0,) * 10, (-1.0, *(0.0,) * 6, 0.5, 0.0, 1.0)]
     assert [notice.code for notice in robot.notices] == ["robot.impossible-inertia"]
 
 
 def test_blanks_around_names_are_pointed_out():
-    text = HEAD + write_joint("a ") + write_joint("b", extra='parent = "a"\n')
-    with pytest.raises(RobotError, match='"a "'):
-        parse_robot(text)
+    (notice,) = refuse(read, write_joint("a "), write_joint("b", extra='parent = "a"\n'))
+    assert '"a "' in notice.text

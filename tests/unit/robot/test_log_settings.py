@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from symid.errors import RobotError
 from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import compute_condition
 from symid.robot.toml_writer import write_robot
+from tests.mistakes import refuse
 
 HEAD = 'name = "arm"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
 JOINT = '[[joint]]\nkind = "revolute"\n'
@@ -24,12 +24,6 @@ def read(tmp_path):
         return read_robot(path)
 
     return build
-
-
-def refuse(read, log, joints=2 * JOINT):
-    with pytest.raises(RobotError) as caught:
-        read(log, joints)
-    return {notice.code: notice.text for notice in caught.value.notices}
 
 
 def test_entries_are_numbers_or_expressions(read):
@@ -77,7 +71,7 @@ def test_matrix_and_zeros_survive_writing_and_overriding(read, tmp_path):
     ],
 )
 def test_mistakes_have_a_sentence(read, log, code, text):
-    assert text in refuse(read, log)[code]
+    assert text in {notice.code: notice.text for notice in refuse(read, log)}[code]
 
 
 def test_a_gear_that_differs_from_the_matrix_is_said(read):

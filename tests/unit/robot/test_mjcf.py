@@ -4,8 +4,8 @@ Tolerances are relative to the largest torque of all states. Dry friction is a s
 its force the stated one beyond a small speed; these states are well beyond it.
 """
 
-import dataclasses
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +17,12 @@ from symid.robot.description import JointKind, Robot
 from symid.robot.mjcf_reader import read_xml_robot
 from symid.robot.simulator_writers import write_mjcf
 from tests.chains import build_transmission, fold, spread
+from tests.mistakes import find_text
 from tests.mujocos import find_mujoco_torques, parse_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
+GEARS, UNEVEN = "robot.two-gears", "robot.uneven-limits"
 OWN = Path(__file__).parents[2] / "data" / "robots" / "gripper_arm.xml"
 FOREIGN = ("reacher", "pusher_v5", "inverted_pendulum", "inverted_double_pendulum", "point")
 CLOSE, CLOSE_DRY = 1e-10, 1e-8
@@ -46,31 +48,21 @@ def load_mujoco(path):
 
 
 def drop_dry_friction(robot):
-    joints = tuple(
-        dataclasses.replace(
-            joint, friction=dataclasses.replace(joint.friction, values=(joint.friction.values[0], 0.0))
-        )
-        if joint.friction.values
-        else joint
-        for joint in robot.joints
-    )
-    couplings = tuple(
-        dataclasses.replace(
-            entry, friction=dataclasses.replace(entry.friction, values=(entry.friction.values[0], 0.0))
-        )
-        for entry in robot.couplings
-    )
-    return dataclasses.replace(robot, joints=joints, couplings=couplings)
+    def drop(entry):
+        values = entry.friction.values and (entry.friction.values[0], 0.0)
+        return replace(entry, friction=replace(entry.friction, values=values))
+
+    joints, couplings = (tuple(map(drop, entries)) for entries in (robot.joints, robot.couplings))
+    return replace(robot, joints=joints, couplings=couplings)
 
 
 def find_torques(robot, states):
     """Return the torques (n, samples) of symid's own functions, with the values of the robot's file."""
     q, dq, ddq = (array.T for array in np.moveaxis(states, 1, 0))
-    total = np.array(
-        build_casadi_function(robot, "inverse_dynamics", standard=False, constant=True)(q, dq, ddq)
-    )
+    numbers = {"standard": False, "constant": True}
+    total = np.array(build_casadi_function(robot, "inverse_dynamics", **numbers)(q, dq, ddq))
     if any(part.friction.values for part in (*robot.joints, *robot.couplings)):
-        total += np.array(build_casadi_function(robot, "friction", standard=False, constant=True)(dq))
+        total += np.array(build_casadi_function(robot, "friction", **numbers)(dq))
     return total
 
 
@@ -146,7 +138,7 @@ def test_limits_gears_and_classes_are_read():
     assert (joints["roll"].inertial is None, any(joints["lift"].inertial)) == (False, False)
     assert [value.to_float() for value in robot.gravity] == [0.5, -0.25, -9.8]
     assert (robot.convention, robot.path, robot.source) == ("mjcf", str(OWN), "gripper arm")
-    unused = next(notice for notice in robot.notices if notice.code == "robot.mjcf-unused")
+    (unused,) = [notice for notice in robot.notices if notice.code == UNUSED]
     assert unused.is_note
     assert "<sensor>, meshdir of <compiler>, <light>, <geom> (8), <site>" in unused.text
 
@@ -172,10 +164,6 @@ def codes(robot):
     return [notice.code for notice in robot.notices]
 
 
-def find_notice(robot, code):
-    return next(notice.text for notice in robot.notices if notice.code == code)
-
-
 def test_models_without_names_are_read():
     robot = parse_mjcf(build(f"<body><joint/><joint axis='1 0 0'/>{ONE}<body><joint/>{ONE}</body></body>"))
     assert [joint.name for joint in robot.joints] == ["body1_joint1", "body1_joint2", "body2_joint"]
@@ -190,76 +178,38 @@ def test_bodies_without_any_inertia_are_unknown():
     assert "robot.massless" in codes(robot)
 
 
+FORCES, UNUSED = "robot.mjcf-forces", "robot.mjcf-unused"
+SHARED = "<tendon><fixed stiffness='3'><joint joint='j' coef='1'/></fixed></tendon>"
+SKEW = "<inertial pos='0 0 0' mass='1' diaginertia='1 1 3'/>"
+TURNED = "euler was moved to the nearest multiple of pi/2, of bodies (by rad) 'b' (1.7e-06)"
+
+
 @pytest.mark.parametrize(
-    ("head", "body", "tail", "code", "words"),
+    ("code", "part", "words"),
     [
-        ("<option density='1.2' viscosity='1e-5'/>", "", "", "robot.mjcf-forces", "option density"),
-        ("<option><flag damper='disable'/></option>", "", "", "robot.mjcf-flag", "damper"),
+        (FORCES, "<option density='1.2' viscosity='1e-5'/>", "option density"),
+        ("robot.mjcf-flag", "<option><flag damper='disable'/></option>", "damper"),
+        (FORCES, "<body gravcomp='1'><joint name='k'/><geom size='1'/></body>", "gravcomp"),
+        (FORCES, SHARED, "stiffness of a tendon"),
+        (FORCES, "<tendon><spatial damping='3'><site site='s'/></spatial></tendon>", "<spatial> tendon"),
+        (GEARS, "<actuator><motor joint='j' gear='2'/><motor joint='j' gear='3'/></actuator>", "'j'"),
+        (UNEVEN, "<body><joint name='k' actuatorfrcrange='-2 3'/><geom size='1'/></body>", "'k'"),
+        ("robot.negative-friction", "<body><joint damping='-2'/><geom size='1'/></body>", "drives"),
+        ("robot.impossible-inertia", f"<body name='b'><joint/>{SKEW}</body>", "3 kg*m^2"),
+        ("robot.angle-snapped", "<body name='b' euler='0 90.0001 0'><joint/><geom size='1'/></body>", TURNED),
+        (UNUSED, "<body name='b'><geom size='1'/></body>", "<geom> (2)"),
         (
-            "",
-            "<body gravcomp='1'><joint name='k'/><geom size='1'/></body>",
-            "",
-            "robot.mjcf-forces",
-            "gravcomp",
-        ),
-        (
-            "",
-            "",
-            "<tendon><fixed stiffness='3'><joint joint='j' coef='1'/></fixed></tendon>",
-            "robot.mjcf-forces",
-            "stiffness of a tendon",
-        ),
-        (
-            "",
-            "",
-            "<tendon><spatial damping='3'><site site='s'/></spatial></tendon>",
-            "robot.mjcf-forces",
-            "<spatial> tendon",
-        ),
-        (
-            "",
-            "",
-            "<actuator><motor joint='j' gear='2'/><motor joint='j' gear='3'/></actuator>",
-            "robot.two-gears",
-            "'j'",
-        ),
-        (
-            "",
-            "<body><joint name='k' actuatorfrcrange='-2 3'/><geom size='1'/></body>",
-            "",
-            "robot.uneven-limits",
-            "'k'",
-        ),
-        ("", "<body><joint damping='-2'/><geom size='1'/></body>", "", "robot.negative-friction", "drives"),
-        (
-            "",
-            "<body name='b'><joint/><inertial pos='0 0 0' mass='1' diaginertia='1 1 3'/></body>",
-            "",
-            "robot.impossible-inertia",
-            "3 kg*m^2",
-        ),
-        (
-            "",
-            "<body name='b' euler='0 90.0001 0'><joint/><geom size='1'/></body>",
-            "",
-            "robot.angle-snapped",
-            "euler was moved to the nearest multiple of pi/2, of bodies (by rad) 'b' (1.7e-06)",
-        ),
-        ("", "<body name='b'><geom size='1'/></body>", "", "robot.mjcf-unused", "<geom> (2)"),
-        (
-            "",
-            "",
+            UNUSED,
             "<equality><weld body1='a' body2='b' active='false'/></equality>",
-            "robot.mjcf-unused",
             "<weld> that is not active",
         ),
-        ("", "", "<contact/><keyframe/>", "robot.mjcf-unused", "<contact>, <keyframe>"),
+        (UNUSED, "<contact/><keyframe/>", "<contact>, <keyframe>"),
     ],
 )
-def test_what_is_left_out_is_said(head, body, tail, code, words):
+def test_what_is_left_out_is_said(code, part, words):
     arm = f"<body><joint name='j'/>{ONE}</body>"
-    robot = parse_mjcf(build(arm + body, head, tail))
-    assert words in find_notice(robot, code)
+    text = build(arm + part) if part.startswith("<body") else build(arm, part)
+    assert words in find_text(parse_mjcf(text), code)
 
 
 def test_gravity_can_be_off():
@@ -288,5 +238,5 @@ def test_inertias_of_some_groups_come_from_geoms_alone():
 
 def test_a_coupled_drive_may_lose_joints():
     robot = read_xml_robot(OWN, tip="forearm")
-    assert "joints that were cut off, 'bend'" in find_notice(robot, "robot.coupling-cut")
+    assert "joints that were cut off, 'bend'" in find_text(robot, "robot.coupling-cut")
     assert [len(coupling.terms) for coupling in robot.couplings] == [1]

@@ -5,8 +5,10 @@ import pytest
 import symid
 from symid.errors import RobotError
 from symid.robot.mjcf_reader import read_xml_robot
+from tests.mistakes import refuse, take_mark
 from tests.mujocos import parse_mjcf
 
+TWICE = "robot.two-forms"
 GEOM = '<geom size="0.1"/>'
 INERTIAL = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
 ARM = (
@@ -19,23 +21,8 @@ def build(*lines, body=ARM):
     return "\n".join(("<mujoco>", f"<worldbody>{body}</worldbody>", *lines, "</mujoco>"))
 
 
-def refuse(text, **options):
-    with pytest.raises(RobotError) as caught:
-        parse_mjcf(text, "arm.xml", **options)
-    return caught.value.notices
-
-
-def check(text, code, place, words):
-    line, before = place
-    notice = refuse(text)[0]
-    assert (notice.code, notice.file, notice.line) == (code, "arm.xml", line)
-    row = text.splitlines()[line - 1]
-    assert row[notice.column - 1 :].startswith(before), row[notice.column - 1 :]
-    assert words in notice.text
-
-
-def add(inner, attributes=""):
-    return f'<body name="x"{attributes}>\n{inner}</body>'
+def add(inner):
+    return f'<body name="x">\n{inner}</body>'
 
 
 def ask(tag, attributes, pair='joint1="k" joint2="j"'):
@@ -45,161 +32,112 @@ def ask(tag, attributes, pair='joint1="k" joint2="j"'):
 UNSUPPORTED, LOOP = "robot.mjcf-unsupported", "robot.closed-loop"
 
 
-@pytest.mark.parametrize(
-    ("lines", "code", "place", "words"),
-    [
-        (
-            ask("connect", 'body1="a" body2="c" anchor="0 0 0"', ""),
-            LOOP,
-            (3, "<connect"),
-            'write active="false"',
-        ),
-        (ask("weld", 'body1="a" body2="c"', ""), LOOP, (3, "<weld"), "closes a loop"),
-        (ask("tendon", 'tendon1="t"', ""), LOOP, (3, "<tendon"), "closes a loop"),
-        (
-            ask("joint", 'polycoef="0 1 0.5"'),
-            UNSUPPORTED,
-            (3, "0 1 0.5"),
-            "leave out the terms of higher order",
-        ),
-        (ask("joint", "", 'joint1="k" joint2="jj"'), "robot.unknown-name", (3, "jj"), 'no joint2 "jj"'),
-        (ask("joint", "", 'joint2="j"'), "robot.missing-key", (3, "<joint"), 'write joint1="..."'),
-        (
-            ask("joint", "") + ask("joint", "", 'joint1="k" joint2="m"'),
-            "robot.two-forms",
-            (3, 'k" joint2="m"'),
-            "follows another one already",
-        ),
-        (
+# "^" marks the place that is told.
+IN_MODEL = [
+    (LOOP, '<equality>^<connect body1="a" body2="c" anchor="0 0 0"/></equality>', 'write active="false"'),
+    (LOOP, '<equality>^<weld body1="a" body2="c"/></equality>', "closes a loop"),
+    (LOOP, '<equality>^<tendon tendon1="t"/></equality>', "closes a loop"),
+    (
+        UNSUPPORTED,
+        '<equality><joint joint1="k" joint2="j" polycoef="^0 1 0.5"/></equality>',
+        "leave out the terms of higher order",
+    ),
+    ("robot.unknown-name", '<equality><joint joint1="k" joint2="^jj"/></equality>', 'no joint2 "jj"'),
+    ("robot.missing-key", '<equality>^<joint joint2="j"/></equality>', 'write joint1="..."'),
+    (TWICE, ask("joint", "") + ask("joint", "", 'joint1="^k" joint2="m"'), "follows another one already"),
+    ("robot.out-of-range", '<actuator><motor joint="j" gear="^0"/></actuator>', "gear: must not be 0"),
+    (
+        UNSUPPORTED,
+        '<actuator><motor joint="j" armature="^1e-4"/></actuator>',
+        "write it at its joint, times gear^2",
+    ),
+    ("robot.unknown-name", '<actuator><motor joint="^q"/></actuator>', 'no joint "q"'),
+    ("robot.unknown-name", '<actuator><motor class="^big" joint="j"/></actuator>', 'no default class "big"'),
+    (
+        "robot.duplicate-joint",
+        '<tendon>^<fixed name="7" armature="1"><joint joint="j" coef="1"/></fixed></tendon>',
+        "a name of its own that is no number",
+    ),
+    (UNSUPPORTED, '<compiler settotalmass="^3"/>', "write the values that it gives into the bodies"),
+    (UNSUPPORTED, '<compiler boundmass="^0.1"/>', "boundmass"),
+    (UNSUPPORTED, '<compiler coordinate="^global"/>', "write local ones"),
+    ("robot.unknown-name", '<compiler angle="^grad"/>', "one of radian, degree"),
+    ("robot.unknown-name", '<compiler eulerseq="^xyw"/>', "three of the letters"),
+    ("robot.unknown-name", '<compiler autolimits="^auto"/>', "one of true, false"),
+    ("robot.duplicate-class", '<default class="^arm"/>', 'write <default class="arm"> into it'),
+    ("robot.duplicate-class", "<default>^<default/></default>", "needs a name"),
+    ("robot.duplicate-class", '<default><default class="x"/><default class="^x"/></default>', "taken"),
+    ("robot.bad-number", '<option gravity="^0 0"/>', "three finite numbers"),
+    ("robot.mjcf-include", '<include file="^other.xml"/>', "in the folder of the model"),
+    ("robot.mjcf-include", "^<include/>", "needs a file"),
+]
+IN_BODY = [
+    ("robot.joint-type", f'<joint type="^ball"/>{GEOM}', "write it as three hinges"),
+    ("robot.joint-type", f"^<freejoint/>{GEOM}", "start after it with --base x"),
+    ("robot.joint-type", f'<joint type="^free"/>{GEOM}', "remove it, which fixes the body"),
+    ("robot.unknown-name", f'<joint type="^bal"/>{GEOM}', "did you mean ball?"),
+    ("robot.duplicate-joint", f'<joint name="^j"/>{GEOM}', "the joint of line 2"),
+    ("robot.zero-axis", f'<joint axis="^0 0 0"/>{GEOM}', "has no direction"),
+    ("robot.bad-number", f'<joint axis="^0 0"/>{GEOM}', "three finite numbers"),
+    ("robot.bad-limits", f'<joint range="^2 1"/>{GEOM}', "must not exceed the second"),
+    ("robot.out-of-range", f'<joint armature="^-1"/>{GEOM}', "armature: must be at least 0"),
+    (UNSUPPORTED, f'<joint damping="^1 2"/>{GEOM}', "a polynomial is not supported"),
+    (UNSUPPORTED, f'<joint springdamper="^1 2"/>{GEOM}', "write the stiffness and damping"),
+    (UNSUPPORTED, f'<joint stiffness="1" springyield="^2"/>{GEOM}', "leave it out"),
+    (UNSUPPORTED, '<joint/>^<geom type="mesh" mesh="m"/>', "give the body an <inertial>"),
+    (UNSUPPORTED, '<joint/>^<geom type="box" mesh="m" size="1 1 1"/>', "that of a mesh"),
+    (UNSUPPORTED, '<joint/>^<geom size="1" shellinertia="true"/>', "that of a shell"),
+    ("robot.out-of-range", '<joint/><geom type="box" size="^1 1"/>', "a box needs 3 numbers"),
+    ("robot.missing-key", '<joint/>^<inertial mass="1"/>', "needs pos"),
+    (TWICE, f"<joint/>{INERTIAL}^{INERTIAL}", "a second <inertial>"),
+    (
+        TWICE,
+        '<joint/><inertial pos="0 0 0" mass="1" quat="1 0 0 0" fullinertia="^1 1 1 0 0 0"/>',
+        "leave out diaginertia and orientations",
+    ),
+    ("robot.out-of-range", '<joint/><inertial pos="0 0 0" mass="^-1"/>', "mass: must be at least 0"),
+    (UNSUPPORTED, "<joint/>^<composite/>", "save the model from MuJoCo"),
+    ("robot.zero-axis", f'<joint/>{GEOM}<body quat="^0 0 0 0"/>', "must not be zero"),
+    ("robot.zero-axis", f'<joint/>{GEOM}<body zaxis="^0 0 0"/>', "has no direction"),
+    ("robot.zero-axis", f'<joint/>{GEOM}<body xyaxes="^1 0 0 2 0 0"/>', "different directions"),
+    (TWICE, f'<joint/>{GEOM}<body quat="1 0 0 0" euler="^1 2 3"/>', "quat and euler mean the same"),
+    ("robot.duplicate-link", f'<joint/>{GEOM}<body name="^a"/>', "the body of line 2"),
+    ("robot.unknown-name", f'<joint class="^no"/>{GEOM}', 'no default class "no"'),
+    ("robot.bad-number", f'<joint pos="^1,2 0 0"/>{GEOM}', "written with a point"),
+]
+ELSEWHERE = [
+    (
+        "robot.mimic-ring",
+        build(
             ask("joint", "") + ask("joint", "", 'joint1="j" joint2="k"'),
-            "robot.mimic-ring",
-            (2, '<joint name="j"'),
-            "in a ring",
+            body=ARM.replace("<joint", "^<joint", 1),
         ),
-        (
-            '<actuator><motor joint="j" gear="0"/></actuator>',
-            "robot.out-of-range",
-            (3, '0"'),
-            "gear: must not be 0",
+        "in a ring",
+    ),
+    (
+        UNSUPPORTED,
+        build(
+            '<compiler balanceinertia="true"/>',
+            body=ARM + "^" + add('<joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 3"/>'),
         ),
-        (
-            '<actuator><motor joint="j" armature="1e-4"/></actuator>',
-            UNSUPPORTED,
-            (3, '1e-4"'),
-            "write it at its joint, times gear^2",
-        ),
-        ('<actuator><motor joint="q"/></actuator>', "robot.unknown-name", (3, 'q"'), 'no joint "q"'),
-        (
-            '<actuator><motor class="big" joint="j"/></actuator>',
-            "robot.unknown-name",
-            (3, 'big"'),
-            'no default class "big"',
-        ),
-        (
-            '<tendon><fixed name="7" armature="1"><joint joint="j" coef="1"/></fixed></tendon>',
-            "robot.duplicate-joint",
-            (3, "<fixed"),
-            "a name of its own that is no number",
-        ),
-        (
-            '<compiler settotalmass="3"/>',
-            UNSUPPORTED,
-            (3, '3"'),
-            "write the values that it gives into the bodies",
-        ),
-        ('<compiler boundmass="0.1"/>', UNSUPPORTED, (3, '0.1"'), "boundmass"),
-        ('<compiler coordinate="global"/>', UNSUPPORTED, (3, 'global"'), "write local ones"),
-        ('<compiler angle="grad"/>', "robot.unknown-name", (3, 'grad"'), "one of radian, degree"),
-        ('<compiler eulerseq="xyw"/>', "robot.unknown-name", (3, 'xyw"'), "three of the letters"),
-        ('<compiler autolimits="auto"/>', "robot.unknown-name", (3, 'auto"'), "one of true, false"),
-        (
-            '<default class="arm"/>',
-            "robot.duplicate-class",
-            (3, 'arm"'),
-            'write <default class="arm"> into it',
-        ),
-        ("<default><default/></default>", "robot.duplicate-class", (3, "<default/>"), "needs a name"),
-        (
-            '<default><default class="x"/><default class="x"/></default>',
-            "robot.duplicate-class",
-            (3, 'x"/></default>'),
-            "taken",
-        ),
-        ('<option gravity="0 0"/>', "robot.bad-number", (3, '0 0"'), "three finite numbers"),
-        (
-            '<include file="other.xml"/>',
-            "robot.mjcf-include",
-            (3, 'other.xml"'),
-            "in the folder of the model",
-        ),
-        ("<include/>", "robot.mjcf-include", (3, "<include"), "needs a file"),
-    ],
-)
-def test_a_wrong_section_is_told(lines, code, place, words):
-    check(build(lines), code, place, words)
+        "balanceinertia changes the inertia",
+    ),
+]
 
 
 @pytest.mark.parametrize(
-    ("inner", "code", "place", "words"),
+    ("code", "text", "words"),
     [
-        (f'<joint type="ball"/>{GEOM}', "robot.joint-type", (3, 'ball"'), "write it as three hinges"),
-        (f"<freejoint/>{GEOM}", "robot.joint-type", (3, "<freejoint"), "start after it with --base x"),
-        (f'<joint type="free"/>{GEOM}', "robot.joint-type", (3, 'free"'), "remove it, which fixes the body"),
-        (f'<joint type="bal"/>{GEOM}', "robot.unknown-name", (3, 'bal"'), "did you mean ball?"),
-        (f'<joint name="j"/>{GEOM}', "robot.duplicate-joint", (3, 'j"'), "the joint of line 2"),
-        (f'<joint axis="0 0 0"/>{GEOM}', "robot.zero-axis", (3, '0 0 0"'), "has no direction"),
-        (f'<joint axis="0 0"/>{GEOM}', "robot.bad-number", (3, '0 0"'), "three finite numbers"),
-        (f'<joint range="2 1"/>{GEOM}', "robot.bad-limits", (3, '2 1"'), "must not exceed the second"),
-        (f'<joint armature="-1"/>{GEOM}', "robot.out-of-range", (3, '-1"'), "armature: must be at least 0"),
-        (f'<joint damping="1 2"/>{GEOM}', UNSUPPORTED, (3, '1 2"'), "a polynomial is not supported"),
-        (f'<joint springdamper="1 2"/>{GEOM}', UNSUPPORTED, (3, '1 2"'), "write the stiffness and damping"),
-        (f'<joint stiffness="1" springyield="2"/>{GEOM}', UNSUPPORTED, (3, '2"/>'), "leave it out"),
-        ('<joint/><geom type="mesh" mesh="m"/>', UNSUPPORTED, (3, "<geom"), "give the body an <inertial>"),
-        ('<joint/><geom type="box" mesh="m" size="1 1 1"/>', UNSUPPORTED, (3, "<geom"), "that of a mesh"),
-        ('<joint/><geom size="1" shellinertia="true"/>', UNSUPPORTED, (3, "<geom"), "that of a shell"),
-        ('<joint/><geom type="box" size="1 1"/>', "robot.out-of-range", (3, '1 1"'), "a box needs 3 numbers"),
-        ('<joint/><inertial mass="1"/>', "robot.missing-key", (3, "<inertial"), "needs pos"),
-        (f"<joint/>{INERTIAL}{INERTIAL}", "robot.two-forms", (3, "<inertial"), "a second <inertial>"),
-        (
-            '<joint/><inertial pos="0 0 0" mass="1" quat="1 0 0 0" fullinertia="1 1 1 0 0 0"/>',
-            "robot.two-forms",
-            (3, '1 1 1 0 0 0"'),
-            "leave out diaginertia and orientations",
-        ),
-        (
-            '<joint/><inertial pos="0 0 0" mass="-1"/>',
-            "robot.out-of-range",
-            (3, '-1"'),
-            "mass: must be at least 0",
-        ),
-        ("<joint/><composite/>", UNSUPPORTED, (3, "<composite"), "save the model from MuJoCo"),
-        (f'<joint/>{GEOM}<body quat="0 0 0 0"/>', "robot.zero-axis", (3, '0 0 0 0"'), "must not be zero"),
-        (f'<joint/>{GEOM}<body zaxis="0 0 0"/>', "robot.zero-axis", (3, '0 0 0"'), "has no direction"),
-        (
-            f'<joint/>{GEOM}<body xyaxes="1 0 0 2 0 0"/>',
-            "robot.zero-axis",
-            (3, "1 0 0 2"),
-            "different directions",
-        ),
-        (
-            f'<joint/>{GEOM}<body quat="1 0 0 0" euler="1 2 3"/>',
-            "robot.two-forms",
-            (3, '1 2 3"'),
-            "quat and euler mean the same",
-        ),
-        (f'<joint/>{GEOM}<body name="a"/>', "robot.duplicate-link", (3, 'a"'), "the body of line 2"),
-        (f'<joint class="no"/>{GEOM}', "robot.unknown-name", (3, 'no"'), 'no default class "no"'),
-        (f'<joint pos="1,2 0 0"/>{GEOM}', "robot.bad-number", (3, "1,2"), "written with a point"),
+        *((code, build(text), words) for code, text, words in IN_MODEL),
+        *((code, build(body=ARM + add(text)), words) for code, text, words in IN_BODY),
+        *ELSEWHERE,
     ],
 )
-def test_a_wrong_body_is_told(inner, code, place, words):
-    check(build(body=ARM + add(inner)), code, place, words)
-
-
-def test_a_compiler_that_changes_inertias_is_refused():
-    inertial = '<joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 3"/>'
-    text = build('<compiler balanceinertia="true"/>', body=ARM + add(inertial))
-    check(text, "robot.mjcf-unsupported", (2, '<body name="x"'), "balanceinertia changes the inertia")
+def test_a_mistake_is_told(code, text, words):
+    text, place = take_mark(text)
+    notice = refuse(parse_mjcf, text, "arm.xml")[0]
+    assert (notice.code, notice.file, (notice.line, notice.column)) == (code, "arm.xml", place)
+    assert words in notice.text
 
 
 def test_all_mistakes_are_told_at_once():
@@ -208,7 +146,7 @@ def test_all_mistakes_are_told_at_once():
         '<actuator><motor joint="q"/></actuator>',
         body=ARM + add(f'<joint armature="-1" axis="0 0 0"/>{GEOM}'),
     )
-    notices = refuse(text, base="nowhere")
+    notices = refuse(parse_mjcf, text, "arm.xml", base="nowhere")
     codes = [notice.code for notice in notices]
     assert sorted(codes) == sorted(
         ["robot.bad-cut", "robot.zero-axis", "robot.out-of-range", LOOP, "robot.unknown-name"]
@@ -218,7 +156,7 @@ def test_all_mistakes_are_told_at_once():
 
 def test_a_base_behind_a_free_joint_is_allowed():
     body = f'<body name="torso"><freejoint/>{GEOM}{ARM}</body>'
-    notices = refuse(build(body=body))
+    notices = refuse(parse_mjcf, build(body=body))
     assert [notice.code for notice in notices] == ["robot.joint-type"]
     assert len(parse_mjcf(build(body=body), base="torso").joints) == 3
 
@@ -229,9 +167,7 @@ def test_a_mistake_in_an_included_file_has_its_place_there(tmp_path):
         f'<mujocoinclude><worldbody><body>\n  <joint axis="0 0 x"/>{GEOM}</body></worldbody></mujocoinclude>',
         encoding="utf-8",
     )
-    with pytest.raises(RobotError) as caught:
-        read_xml_robot(tmp_path / "arm.xml")
-    (notice,) = caught.value.notices
+    (notice,) = refuse(read_xml_robot, tmp_path / "arm.xml")
     assert (notice.file, notice.line, notice.column) == (str(tmp_path / "parts.xml"), 2, 16)
     (tmp_path / "parts.xml").write_text('<mujoco><include file="parts.xml"/></mujoco>', encoding="utf-8")
     with pytest.raises(RobotError, match="a file is included once"):

@@ -1,7 +1,7 @@
 """MJCF models with other values: all else stays, and what symid and MuJoCo read in them is the new values."""
 
-import dataclasses
 import re
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -14,7 +14,8 @@ from symid.robot.description import Drive, Spring
 from symid.robot.inertia import is_same_body
 from symid.robot.simulator_writers import list_rewritten_mjcf_omissions, write_mjcf
 from symid.robot.xml_rewriters import rewrite_mjcf
-from tests.chains import draw_parameters
+from tests.chains import fill
+from tests.mistakes import refuse
 from tests.mujocos import find_mujoco_torques, parse_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
@@ -61,30 +62,38 @@ FILE = """<?xml version="1.0"?>
   <keyframe><key qpos="0 0 0 0"/></keyframe>
 </mujoco>
 """
+GEOM = '<geom size="0.1"/>'
+FOLLOW = '<equality><joint joint1="k" joint2="j" polycoef="0.5 -2"/></equality>'
+FROM_GEOMS = '<compiler inertiafromgeom="true"/>'
+PLAIN = "coulomb-viscous"
 
 
 def give_values(robot, seed=1):
     rng = np.random.default_rng(seed)
-    bodies = draw_parameters(rng, robot.size).tolist()
     joints = tuple(
-        dataclasses.replace(
+        replace(
             joint,
-            inertial=tuple(body),
-            friction=FrictionValues(law="coulomb-viscous", values=tuple(rng.uniform(0.1, 1, 2).tolist())),
-            drive=dataclasses.replace(joint.drive, has_rotor=True, rotor_inertia=float(rng.uniform(0.1, 1))),
-            spring=joint.spring and dataclasses.replace(joint.spring, stiffness=7.5, rest=0.125),
+            friction=FrictionValues(law=PLAIN, values=tuple(rng.uniform(0.1, 1, 2).tolist())),
+            drive=replace(joint.drive, has_rotor=True, rotor_inertia=float(rng.uniform(0.1, 1))),
+            spring=joint.spring and replace(joint.spring, stiffness=7.5, rest=0.125),
         )
-        for joint, body in zip(robot.joints, bodies, strict=True)
+        for joint in fill(robot, seed).joints
     )
-    friction = FrictionValues(law="coulomb-viscous", values=(0.4, 0.2))
+    friction = FrictionValues(law=PLAIN, values=(0.4, 0.2))
     couplings = tuple(
-        dataclasses.replace(entry, has_rotor=True, rotor_inertia=0.05, friction=friction)
-        for entry in robot.couplings
+        replace(entry, has_rotor=True, rotor_inertia=0.05, friction=friction) for entry in robot.couplings
     )
-    return dataclasses.replace(robot, joints=joints, couplings=couplings)
+    return replace(robot, joints=joints, couplings=couplings)
 
 
-def check_values(robot, back):
+def build(worldbody, tail="", head=""):
+    return f"<mujoco>{head}<worldbody>{worldbody}</worldbody>{tail}</mujoco>"
+
+
+def check_values(robot, text, **options):
+    """Rewrite a model with the values of the robot, and read these in it; return the rewriting."""
+    found = rewrite_mjcf(text, robot)
+    back = parse_mjcf(found.text, **options)
     for old, new in zip(robot.joints, back.joints, strict=True):
         assert (new.name, new.placement, new.frame) == (old.name, old.placement, old.frame)
         np.testing.assert_allclose(new.inertial, old.inertial, rtol=0, atol=1e-13)
@@ -93,6 +102,7 @@ def check_values(robot, back):
             assert new.spring.stiffness == old.spring.stiffness
             assert new.spring.rest == pytest.approx(old.spring.rest, abs=1e-14)
     assert back.couplings == robot.couplings
+    return found
 
 
 @pytest.fixture
@@ -102,9 +112,9 @@ def rewritten():
 
 
 def test_the_new_values_are_read(rewritten):
-    robot, text = rewritten
+    robot, _ = rewritten
     assert [joint.name for joint in robot.joints] == ["base_joint", "elbow", "twist", "flap"]
-    check_values(robot, parse_mjcf(text))
+    check_values(robot, FILE)
 
 
 def test_mujoco_finds_the_same_torques_as_in_a_new_model(rewritten):
@@ -142,10 +152,6 @@ def test_all_else_stays(rewritten):
     assert re.search(r"<inertial pos=\"[^\"]+\" mass=\"[^\"]+\" fullinertia=\"[^\"]+\"/>", text)
 
 
-def test_what_does_not_change_is_not_written():
-    assert rewrite_mjcf(FILE, parse_mjcf(FILE, "robot.xml")).text == FILE
-
-
 def test_what_a_body_carries_shares_its_change(rewritten):
     robot, text = rewritten
     assert rewrite_mjcf(FILE, robot).shared == {"upper": ("cover",), "hand": ("nail",)}
@@ -159,75 +165,60 @@ def test_what_a_body_carries_shares_its_change(rewritten):
 
 @pytest.mark.parametrize("unit", ["degree", "radian"])
 def test_inertias_from_geoms_alone_become_inertial(unit):
-    text = (
-        f'<mujoco><compiler inertiafromgeom="true" angle="{unit}"/><worldbody><body name="a">'
-        '<joint name="j" springref="1" stiffness="3"/><inertial pos="0 0 0" mass="9" diaginertia="9 9 9"/>'
-        '<geom size="0.1"/></body></worldbody></mujoco>'
+    text = build(
+        '<body name="a"><joint name="j" springref="1" stiffness="3"/>'
+        f'<inertial pos="0 0 0" mass="9" diaginertia="9 9 9"/>{GEOM}</body>',
+        head=f'<compiler inertiafromgeom="true" angle="{unit}"/>',
     )
     robot = parse_mjcf(text)
     assert 'inertiafromgeom="auto"' not in rewrite_mjcf(text, robot).text
-    robot = give_values(robot)
-    check_values(robot, parse_mjcf(rewrite_mjcf(text, robot).text))
+    check_values(give_values(robot), text)
 
 
 def test_a_follower_keeps_its_offset():
-    text = (
-        '<mujoco><worldbody><body name="a"><joint name="j"/><geom size="0.1"/><body name="b">'
-        '<joint name="k" ref="10" springref="5" stiffness="2"/><geom size="0.1"/></body></body></worldbody>'
-        '<equality><joint joint1="k" joint2="j" polycoef="0.5 -2"/></equality></mujoco>'
+    text = build(
+        f'<body name="a"><joint name="j"/>{GEOM}<body name="b">'
+        f'<joint name="k" ref="10" springref="5" stiffness="2"/>{GEOM}</body></body>',
+        FOLLOW,
     )
-    robot = give_values(parse_mjcf(text))
-    check_values(robot, parse_mjcf(rewrite_mjcf(text, robot).text))
+    check_values(give_values(parse_mjcf(text)), text)
 
 
 def test_a_mass_between_two_joints_of_a_body_is_refused():
-    text = (
-        '<mujoco><worldbody><body name="a">\n<joint name="j"/>\n<joint name="k" axis="1 0 0"/>'
-        '<geom size="0.1"/></body></worldbody></mujoco>'
-    )
+    text = build(f'<body name="a">\n<joint name="j"/>\n<joint name="k" axis="1 0 0"/>{GEOM}</body>')
     robot = parse_mjcf(text, "arm.xml")
-    second = dataclasses.replace(give_values(robot).joints[1])
-    check_values(
-        dataclasses.replace(robot, joints=(robot.joints[0], second)),
-        parse_mjcf(rewrite_mjcf(text, dataclasses.replace(robot, joints=(robot.joints[0], second))).text),
-    )
-    with pytest.raises(RobotError) as caught:
-        rewrite_mjcf(text, give_values(robot))
-    (notice,) = caught.value.notices
+    second = give_values(robot).joints[1]
+    check_values(replace(robot, joints=(robot.joints[0], second)), text)
+    (notice,) = refuse(rewrite_mjcf, text, give_values(robot))
     assert (notice.code, notice.file, notice.line) == ("robot.mjcf-massless", "arm.xml", 2)
     assert "write a new one (-o FILE)" in notice.text
 
 
 def test_values_in_an_included_file_are_refused(tmp_path: Path):
-    (tmp_path / "parts.xml").write_text(
-        '<mujoco><worldbody><body name="a"><joint name="j"/><geom size="0.1"/></body></worldbody></mujoco>',
-        encoding="utf-8",
-    )
+    part = build(f'<body name="a"><joint name="j"/>{GEOM}</body>')
+    (tmp_path / "parts.xml").write_text(part, encoding="utf-8")
     text, file = '<mujoco><include file="parts.xml"/></mujoco>', str(tmp_path / "arm.xml")
-    robot = give_values(parse_mjcf(text, file))
-    with pytest.raises(RobotError) as caught:
-        rewrite_mjcf(text, robot)
-    assert {notice.code for notice in caught.value.notices} == {"robot.mjcf-include"}
-    assert "put the model into one file" in caught.value.notices[0].text
+    notices = refuse(rewrite_mjcf, text, give_values(parse_mjcf(text, file)))
+    assert {notice.code for notice in notices} == {"robot.mjcf-include"}
+    assert "put the model into one file" in notices[0].text
 
 
 def change_joints(robot, **values):
-    return dataclasses.replace(
-        robot, joints=tuple(dataclasses.replace(joint, **values) for joint in robot.joints)
-    )
+    return replace(robot, joints=tuple(replace(joint, **values) for joint in robot.joints))
 
 
-def test_rounding_is_not_written():
+def test_neither_what_does_not_change_nor_rounding_is_written():
     robot = parse_mjcf(FILE, "robot.xml")
+    assert rewrite_mjcf(FILE, robot).text == FILE
     noise = np.random.default_rng(3).uniform(-1e-13, 1e-13, (robot.size, 10))
     joints = tuple(
-        dataclasses.replace(
+        replace(
             joint,
             inertial=tuple((np.array(joint.inertial) + row).tolist()),
-            friction=dataclasses.replace(
+            friction=replace(
                 joint.friction, values=tuple(value * (1 - 1e-15) for value in joint.friction.values)
             ),
-            drive=dataclasses.replace(
+            drive=replace(
                 joint.drive,
                 rotor_inertia=joint.drive.rotor_inertia and joint.drive.rotor_inertia * (1 + 1e-15),
             ),
@@ -236,10 +227,10 @@ def test_rounding_is_not_written():
         )
         for joint, row in zip(robot.joints, noise, strict=True)
     )
-    assert rewrite_mjcf(FILE, dataclasses.replace(robot, joints=joints)).text == FILE
+    assert rewrite_mjcf(FILE, replace(robot, joints=joints)).text == FILE
     heavier = (*joints[2].inertial[:9], joints[2].inertial[9] * (1 + 1e-8))
-    joints = (*joints[:2], dataclasses.replace(joints[2], inertial=heavier), joints[3])
-    assert rewrite_mjcf(FILE, dataclasses.replace(robot, joints=joints)).text != FILE
+    joints = (*joints[:2], replace(joints[2], inertial=heavier), joints[3])
+    assert rewrite_mjcf(FILE, replace(robot, joints=joints)).text != FILE
 
 
 def test_a_body_is_the_same_within_rounding_of_its_own_size():
@@ -261,10 +252,10 @@ def test_a_body_is_the_same_within_rounding_of_its_own_size():
 def test_what_the_robot_has_no_more_becomes_zero():
     robot = change_joints(parse_mjcf(FILE), friction=FrictionValues(), drive=Drive(), spring=None)
     couplings = tuple(
-        dataclasses.replace(entry, has_rotor=True, rotor_inertia=0.1, friction=FrictionValues())
+        replace(entry, has_rotor=True, rotor_inertia=0.1, friction=FrictionValues())
         for entry in robot.couplings
     )
-    text = rewrite_mjcf(FILE, dataclasses.replace(robot, couplings=couplings)).text
+    text = rewrite_mjcf(FILE, replace(robot, couplings=couplings)).text
     back = parse_mjcf(text)
     for joint in back.joints:
         assert joint.friction == FrictionValues()
@@ -277,7 +268,7 @@ def test_what_the_robot_has_no_more_becomes_zero():
 
 
 def test_unknown_values_leave_those_of_the_file():
-    unknown = FrictionValues(law="coulomb-viscous", values=None)
+    unknown = FrictionValues(law=PLAIN, values=None)
     robot = change_joints(
         parse_mjcf(FILE), friction=unknown, drive=Drive(has_rotor=True), spring=Spring(), inertial=None
     )
@@ -288,12 +279,12 @@ def test_friction_beyond_damping_and_dry_friction_is_named():
     robot = parse_mjcf(FILE)
     cubic = FrictionValues(law="cubic", values=(0.1, 0.5, 0.2, 0.3))
     dahl = FrictionValues(law="dahl", values=(0.1, 0.5), bristles=(100.0,))
-    joints = [dataclasses.replace(robot.joints[k], friction=law) for k, law in enumerate((cubic, dahl))]
-    third = dataclasses.replace(robot.joints[2], spring=Spring(), elasticity=Elasticity(stiffness=900.0))
-    robot = dataclasses.replace(
+    joints = [replace(robot.joints[k], friction=law) for k, law in enumerate((cubic, dahl))]
+    third = replace(robot.joints[2], spring=Spring(), elasticity=Elasticity(stiffness=900.0))
+    robot = replace(
         robot,
         joints=(*joints, third, robot.joints[3]),
-        couplings=(dataclasses.replace(robot.couplings[0], friction=cubic),),
+        couplings=(replace(robot.couplings[0], friction=cubic),),
     )
     text = rewrite_mjcf(FILE, robot).text
     assert "dcmotor" not in text
@@ -315,13 +306,11 @@ def test_other_coupled_drives_than_those_of_the_file_are_refused(change):
     robot = parse_mjcf(FILE, "arm.xml")
     belt = robot.couplings[0]
     couplings = {
-        "name": (dataclasses.replace(belt, name="strap"),),
-        "terms": (dataclasses.replace(belt, terms=((1, Fraction(3)),)),),
+        "name": (replace(belt, name="strap"),),
+        "terms": (replace(belt, terms=((1, Fraction(3)),)),),
         "none": (),
     }[change]
-    with pytest.raises(RobotError) as caught:
-        rewrite_mjcf(FILE, dataclasses.replace(robot, couplings=couplings))
-    (notice,) = caught.value.notices
+    (notice,) = refuse(rewrite_mjcf, FILE, replace(robot, couplings=couplings))
     assert (notice.code, notice.file) == ("robot.mjcf-unsupported", "arm.xml")
     own = {"name": "strap: 2 elbow", "terms": "belt: 3 elbow", "none": "other ones than in the model: none"}
     assert own[change] in notice.text
@@ -330,48 +319,42 @@ def test_other_coupled_drives_than_those_of_the_file_are_refused(change):
 
 
 def test_a_robot_of_no_file_is_refused():
-    robot = dataclasses.replace(parse_mjcf(FILE, "arm.xml"), made_from=None)
+    robot = replace(parse_mjcf(FILE, "arm.xml"), made_from=None)
     with pytest.raises(RobotError, match=r"was made from no model; write a new one \(-o FILE\)"):
         rewrite_mjcf(FILE, robot)
 
 
 def test_joints_between_which_no_mass_is_get_their_friction():
-    text = (
-        '<mujoco><compiler inertiafromgeom="true"/><worldbody><body name="a"><joint name="j"/>'
-        '<joint name="k" axis="1 0 0"/><geom size="0.1"/></body></worldbody></mujoco>'
+    text = build(
+        f'<body name="a"><joint name="j"/><joint name="k" axis="1 0 0"/>{GEOM}</body>', head=FROM_GEOMS
     )
     robot = give_values(parse_mjcf(text))
-    between = dataclasses.replace(robot.joints[0], inertial=(0.0,) * 10)
-    robot = dataclasses.replace(robot, joints=(between, robot.joints[1]))
-    check_values(robot, parse_mjcf(rewrite_mjcf(text, robot).text))
+    between = replace(robot.joints[0], inertial=(0.0,) * 10)
+    check_values(replace(robot, joints=(between, robot.joints[1])), text)
 
 
 def test_inertias_of_bodies_that_do_not_belong_to_the_robot_stay():
     other = '<inertial pos="0 0 0" mass="9" diaginertia="9 9 9"/>'
-    text = (
-        '<mujoco><compiler inertiafromgeom="true"/><worldbody>\n<body name="a"><joint name="j"/>'
-        '<geom size="0.1"/></body>\n<body name="b"><joint name="k"/>{}<frame><geom size="1"/></frame></body>'
-        '\n<body name="post"><geom size="0.1"/>{}</body></worldbody></mujoco>'
+    text = build(
+        f'\n<body name="a"><joint name="j"/>{GEOM}</body>\n<body name="b"><joint name="k"/>'
+        f'{{}}<frame><geom size="1"/></frame></body>\n<body name="post">{GEOM}{{}}</body>',
+        head=FROM_GEOMS,
     )
     # A body that does not move has no inertia that counts.
-    robot = give_values(parse_mjcf(text.format("", other), base="world", tip="a"))
-    check_values(robot, parse_mjcf(rewrite_mjcf(text.format("", other), robot).text, base="world", tip="a"))
-    with pytest.raises(RobotError) as caught:
-        rewrite_mjcf(text.format(other, other), robot)
-    (notice,) = caught.value.notices
+    cut = {"base": "world", "tip": "a"}
+    robot = give_values(parse_mjcf(text.format("", other), **cut))
+    check_values(robot, text.format("", other), **cut)
+    (notice,) = refuse(rewrite_mjcf, text.format(other, other), robot)
     assert (notice.code, notice.line) == ("robot.mjcf-unsupported", 3)
     assert "body 'b': its <inertial>" in notice.text
     assert "remove this <inertial>" in notice.text
 
 
 def test_polynomials_of_one_number_stay():
-    text = (
-        '<mujoco><worldbody><body name="a"><joint name="j" damping="0.5 0 0" stiffness="3 0 0"/>'
-        '<geom size="0.1"/></body></worldbody></mujoco>'
-    )
+    text = build(f'<body name="a"><joint name="j" damping="0.5 0 0" stiffness="3 0 0"/>{GEOM}</body>')
     robot = parse_mjcf(text)
     assert rewrite_mjcf(text, robot).text == text
-    friction = FrictionValues(law="coulomb-viscous", values=(0.25, 0.0))
+    friction = FrictionValues(law=PLAIN, values=(0.25, 0.0))
     changed = rewrite_mjcf(text, change_joints(robot, friction=friction)).text
     assert changed == text.replace("0.5 0 0", "0.25")
 
@@ -379,32 +362,25 @@ def test_polynomials_of_one_number_stay():
 @pytest.mark.parametrize("inside", ["<!-- weighed > twice -->", "", "\n"])
 def test_what_stands_inside_an_inertial_stays(inside):
     old = 'mass="1" diaginertia="0.1 0.1 0.1" euler="10 0 0"'
-    text = (
-        '<mujoco><worldbody><body name="a"><joint name="j"/>'
-        f'<inertial pos="0 0 0" {old}>{inside}</inertial\n>'
-        '<geom size="0.1"/></body></worldbody></mujoco>'
-    )
-    robot = give_values(parse_mjcf(text))
-    new = rewrite_mjcf(text, robot).text
+    body = f'<joint name="j"/><inertial pos="0 0 0" {old}>{inside}</inertial\n>{GEOM}'
+    text = build(f'<body name="a">{body}</body>')
+    new = check_values(give_values(parse_mjcf(text)), text).text
     assert f"{inside}</inertial\n><geom" in new
     assert "euler" not in new
-    check_values(robot, parse_mjcf(new))
 
 
 def test_springs_that_the_file_lacks_are_written():
-    text = (
-        '<mujoco><default><joint springref="7"/></default><worldbody><body name="a"><joint name="j" ref="3"/>'
-        '<geom size="0.1"/><body name="b"><joint name="k" ref="10"/><geom size="0.1"/><body name="c">'
-        '<joint name="l" type="slide"/><geom size="0.1"/></body></body></body></worldbody>'
-        '<equality><joint joint1="k" joint2="j" polycoef="0.5 -2"/></equality></mujoco>'
+    text = build(
+        f'<body name="a"><joint name="j" ref="3"/>{GEOM}<body name="b"><joint name="k" ref="10"/>{GEOM}'
+        f'<body name="c"><joint name="l" type="slide"/>{GEOM}</body></body></body>',
+        FOLLOW,
+        '<default><joint springref="7"/></default>',
     )
     robot = parse_mjcf(text)
     assert rewrite_mjcf(text, change_joints(robot, spring=Spring(stiffness=0.0, rest=1.0))).text == text
     for rest in (0.0, 0.25):
         sprung = change_joints(robot, spring=Spring(stiffness=4.0, rest=rest))
-        new = rewrite_mjcf(text, sprung).text
-        check_values(sprung, parse_mjcf(new))
-        model = mujoco.MjModel.from_xml_string(new)
+        model = mujoco.MjModel.from_xml_string(check_values(sprung, text).text)
         assert model.jnt_stiffness.tolist() == [4.0] * 3
         # k - ref(k) = 0.5 - 2 (j - ref(j)), of which the robot's coordinate is -2 j.
         offset = 0.5 + np.radians(10 + 2 * 3)
@@ -413,14 +389,13 @@ def test_springs_that_the_file_lacks_are_written():
 
 def test_a_follower_of_one_that_stands_still_is_carried_where_both_offsets_put_it():
     geom = '<geom type="box" size="0.1 0.2 0.3" pos="0.3 0 0"/>'
-    text = (
-        f'<mujoco><worldbody><body name="a"><joint name="j" axis="0 1 0"/>{geom}<body name="b" pos="1 0 0">'
+    text = build(
+        f'<body name="a"><joint name="j" axis="0 1 0"/>{geom}<body name="b" pos="1 0 0">'
         f'<joint name="k" axis="1 0 0"/>{geom}<body name="c" pos="0 1 0"><joint name="l"/>{geom}</body>'
-        '</body></body></worldbody><equality><joint joint1="k" polycoef="0.5"/>'
-        '<joint joint1="l" joint2="k" polycoef="0.2 2"/></equality></mujoco>'
+        "</body></body>",
+        FOLLOW.replace('joint2="j" polycoef="0.5 -2"', 'polycoef="0.5"')
+        + FOLLOW.replace('joint1="k" joint2="j" polycoef="0.5 -2"', 'joint1="l" joint2="k" polycoef="0.2 2"'),
     )
     robot = give_values(parse_mjcf(text))
     assert [joint.name for joint in robot.joints] == ["j"]
-    found = rewrite_mjcf(text, robot)
-    assert found.shared == {"a": ("b", "c")}
-    check_values(robot, parse_mjcf(found.text))
+    assert check_values(robot, text).shared == {"a": ("b", "c")}

@@ -1,7 +1,7 @@
 """MJCF and URDF that symid writes, read by MuJoCo: the torques are those of independent sums."""
 
-import dataclasses
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -9,7 +9,6 @@ import pytest
 
 from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity
-from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact
 from symid.robot.simulator_writers import list_mjcf_omissions, write_mjcf, write_urdf
@@ -18,60 +17,46 @@ from tests import state_laws
 from tests.chains import (
     build_chain,
     build_joint,
-    build_pinocchio,
     build_transmission,
-    draw_parameters,
+    fill,
+    find_pinocchio_torques,
     fold,
+    list_values,
     regress,
-    set_inertia,
     spread,
 )
 from tests.mujocos import find_mujoco_torques
 
 mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
-pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 SHIPPED = ["panda", "kr30", "stanford", "tx40", "two_arms", "quadruped", "wam7", "rrp_twisted", "scara"]
 CLOSE = 1e-11
 
 
-def fill(robot, seed=1):
-    return set_inertia(robot, draw_parameters(np.random.default_rng(seed), robot.size))
-
-
 def strip(robot):
     """Return the robot's links alone."""
     joints = [
-        dataclasses.replace(joint, drive=Drive(), friction=FrictionValues(), limits=Limits())
-        for joint in robot.joints
+        replace(joint, drive=Drive(), friction=FrictionValues(), limits=Limits()) for joint in robot.joints
     ]
-    return dataclasses.replace(robot, joints=tuple(joints), couplings=())
+    return replace(robot, joints=tuple(joints), couplings=())
 
 
 def assert_close(found, expected):
     assert np.abs(found - expected).max() <= CLOSE * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("name", SHIPPED)
-def test_mujoco_finds_the_torques_of_the_links(name, robots_folder):
+@pytest.mark.parametrize(
+    ("write", "name"),
+    [(write_mjcf, name) for name in SHIPPED]
+    + [(write_urdf, name) for name in ("panda", "stanford", "quadruped")],
+)
+def test_mujoco_finds_the_torques_of_the_links(write, name, robots_folder):
     robot = strip(fill(read_robot(robots_folder / f"{name}.toml")))
-    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
     names = [joint.name for joint in robot.joints]
-    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
+    model = mujoco.MjModel.from_xml_string(write(robot))
     for seed in range(5):
         state = np.random.default_rng(seed).uniform(-2, 2, (3, robot.size))
-        expected = pin.rnea(ours, ours.createData(), *state)
-        assert_close(find_mujoco_torques(model, names, state), expected)
-
-
-@pytest.mark.parametrize("name", ["panda", "stanford", "quadruped"])
-def test_mujoco_finds_the_same_in_the_urdf(name, robots_folder):
-    robot = strip(fill(read_robot(robots_folder / f"{name}.toml")))
-    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
-    names = [joint.name for joint in robot.joints]
-    model = mujoco.MjModel.from_xml_string(write_urdf(robot))
-    state = np.random.default_rng(3).uniform(-2, 2, (3, robot.size))
-    assert_close(find_mujoco_torques(model, names, state), pin.rnea(ours, ours.createData(), *state))
+        assert_close(find_mujoco_torques(model, names, state), find_pinocchio_torques(robot, state))
 
 
 @pytest.fixture
@@ -81,7 +66,7 @@ def wrist():
     robot = fill(build_chain(rows, gravity=("0.3", "-0.5", "-9.7")))
     plain, gears = "coulomb-viscous", (30.0, -48.0, 1.0, 12.0)
     joints = [
-        dataclasses.replace(
+        replace(
             joint,
             drive=Drive(gear=gears[index], has_rotor=True, rotor_inertia=0.2 + 0.1 * index),
             friction=FrictionValues(law=plain, values=(0.4 + index, 0.7 - 0.1 * index)),
@@ -89,7 +74,7 @@ def wrist():
         )
         for index, joint in enumerate(robot.joints)
     ]
-    joints[3] = dataclasses.replace(joints[3], spring=Spring(stiffness=6.0, rest=0.25))
+    joints[3] = replace(joints[3], spring=Spring(stiffness=6.0, rest=0.25))
     coupling = Coupling(
         name="m4",
         terms=((0, Fraction(1)), (3, Fraction(-5, 2))),
@@ -97,23 +82,7 @@ def wrist():
         rotor_inertia=0.15,
         friction=FrictionValues(law=plain, values=(0.3, 0.2)),
     )
-    return dataclasses.replace(robot, joints=tuple(joints), couplings=(coupling,))
-
-
-def list_values(robot):
-    """Return all parameters of a robot by their labels."""
-    values = {}
-    for index, joint in enumerate(robot.joints):
-        values |= {(index, name): value for name, value in zip(INERTIAL, joint.inertial, strict=True)}
-        values[index, "IA"] = joint.drive.rotor_inertia
-        values |= dict(zip([(index, "Fv"), (index, "Fc")], joint.friction.values, strict=True))
-        if joint.spring is not None:
-            values[index, "KS"] = joint.spring.stiffness
-            values[index, "KR"] = -joint.spring.stiffness * joint.spring.rest
-    for number, coupling in enumerate(robot.couplings, start=robot.size):
-        values[number, "IA"] = coupling.rotor_inertia
-        values |= dict(zip([(number, "Fv"), (number, "Fc")], coupling.friction.values, strict=True))
-    return values
+    return replace(robot, joints=tuple(joints), couplings=(coupling,))
 
 
 def test_drives_friction_springs_and_couplings_are_read(wrist):
@@ -143,7 +112,7 @@ def test_limits_and_motors_are_read(wrist):
 
 def test_followers_are_held():
     joints = [build_joint(index, (np.pi / 2, 0.1, 0.2, "q")) for index in range(3)]
-    joints[2] = dataclasses.replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
+    joints[2] = replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
     robot = fill(Robot(name="follower", joints=tuple(joints)))
     model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
     state = np.random.default_rng(2).uniform(-1, 1, (3, robot.freedom))
@@ -171,11 +140,11 @@ def test_what_has_no_words_is_told():
     )
     robot = fill(build_chain([(0.1, 0.1, 0, "q")] * 5, name='an "odd" <name>--'))
     joints = [
-        dataclasses.replace(joint, friction=entry, spring=Spring() if index == 4 else None)
+        replace(joint, friction=entry, spring=Spring() if index == 4 else None)
         for index, (joint, entry) in enumerate(zip(robot.joints, friction, strict=True))
     ]
-    joints[3] = dataclasses.replace(joints[3], elasticity=Elasticity(stiffness=900.0))
-    robot = dataclasses.replace(robot, joints=tuple(joints), symbols=(("L1", 0.25),))
+    joints[3] = replace(joints[3], elasticity=Elasticity(stiffness=900.0))
+    robot = replace(robot, joints=tuple(joints), symbols=(("L1", 0.25),))
     text = write_mjcf(robot, comments=("a comment -- of the caller",))
     ET.fromstring(text)  # noqa: S314  our own text
     model = mujoco.MjModel.from_xml_string(text)
@@ -198,12 +167,11 @@ def test_what_has_no_words_is_told():
 
 
 def test_symbols_are_written_as_their_values_and_parameters_can_be_given():
-    values = draw_parameters(np.random.default_rng(6), 1)
     robot = Robot(name="s", joints=(build_joint(0, (0.0, "L1", 0, "q")),), symbols=(("L1", 0.375),))
-    robot = dataclasses.replace(robot, gravity=(Exact.of("9.81"), Exact(), Exact()))
-    model = mujoco.MjModel.from_xml_string(write_mjcf(set_inertia(robot, values)))
+    robot = fill(replace(robot, gravity=(Exact.of("9.81"), Exact(), Exact())))
+    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
     np.testing.assert_array_equal(model.body("joint1_link").pos, [0.375, 0.0, 0.0])
-    np.testing.assert_allclose(model.body("joint1_link").mass, values[0, 9])
+    np.testing.assert_allclose(model.body("joint1_link").mass, robot.joints[0].inertial[9])
 
 
 def test_a_long_chain_is_written():
@@ -227,10 +195,8 @@ def bend(name, *, gear=-20.0, **changed):
         bristles=tuple(p[key] for key in ("sigma0", "sigma1") if key in p),
     )
     robot = fill(build_chain([(0.3, 0.1, 0, "q")] * 2))
-    first = dataclasses.replace(
-        robot.joints[0], friction=friction, limits=Limits(torque=8.0), drive=Drive(gear=gear)
-    )
-    return p, dataclasses.replace(robot, joints=(first, robot.joints[1]))
+    first = replace(robot.joints[0], friction=friction, limits=Limits(torque=8.0), drive=Drive(gear=gear))
+    return p, replace(robot, joints=(first, robot.joints[1]))
 
 
 @pytest.mark.parametrize("name", BENT)
@@ -278,8 +244,8 @@ def test_bristles_that_mujoco_has_not_are_told(change):
 @pytest.mark.parametrize(("values", "exact"), [((0.4, 0.7, -0.3, 0.2), True), ((0.4, 0.7, -0.6, 0.2), False)])
 def test_curved_damping_is_a_polynomial_where_it_brakes(values, exact):
     made = fill(build_chain([(0.0, 0.1, 0, "q")]))
-    joint = dataclasses.replace(made.joints[0], friction=FrictionValues(law="cubic", values=values))
-    robot = dataclasses.replace(made, joints=(joint,))
+    joint = replace(made.joints[0], friction=FrictionValues(law="cubic", values=values))
+    robot = replace(made, joints=(joint,))
     assert [("friction model cubic" in text) for text in list_mjcf_omissions(robot)] == [True] * (not exact)
     model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
     data = mujoco.MjData(model)

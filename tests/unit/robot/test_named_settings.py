@@ -3,11 +3,12 @@
 import pytest
 
 import symid
-from symid.errors import RobotError, UsageError
+from symid.errors import UsageError
 from symid.robot.description import Controller, Decimation, NamedSettings, Processing
 from symid.robot.loading import load_robot, override_robot
 from symid.robot.toml_reader import parse_robot, read_robot
 from symid.robot.toml_writer import write_robot
+from tests.mistakes import refuse
 
 JOINT = """
 convention = "modified"
@@ -110,11 +111,8 @@ filter_cutoff = 5
 [settings]
 five = 5
 """
-    with pytest.raises(RobotError) as caught:
-        parse_robot(JOINT + text, "arm.toml")
-    first = JOINT.count("\n") + 1
-    found = [(notice.line - first, notice.code) for notice in caught.value.notices]
-    assert found == [
+    notices, first = refuse(parse_robot, JOINT + text, "arm.toml"), JOINT.count("\n") + 1
+    assert [(notice.line - first, notice.code) for notice in notices] == [
         (2, "robot.unknown-key"),
         (3, "robot.out-of-range"),
         (4, "robot.missing-key"),
@@ -126,19 +124,16 @@ five = 5
         (13, "robot.bad-name"),
         (15, "robot.wrong-type"),
     ]
-    texts = [notice.text for notice in caught.value.notices]
+    texts = [notice.text for notice in notices]
     assert texts[0].startswith("settings: one: processing: filter_cutof: no such key here; did you mean")
     assert "settings: three: friction: no such key here; allowed are log, processing, controller" in texts
     assert "[settings.NAME.processing]" in texts[6]
-    with pytest.raises(RobotError) as caught:
-        parse_robot("settings = 3\n" + JOINT, "arm.toml")
-    assert [notice.code for notice in caught.value.notices] == ["robot.wrong-type"]
+    notices = refuse(parse_robot, "settings = 3\n" + JOINT, "arm.toml")
+    assert [notice.code for notice in notices] == ["robot.wrong-type"]
 
 
 def test_an_unknown_set_is_refused_with_those_that_there_are(robot, robots_folder):
-    with pytest.raises(UsageError) as caught:
-        override_robot(robot, [("settings", "slwo")])
-    (notice,) = caught.value.notices
+    (notice,) = refuse(override_robot, robot, [("settings", "slwo")], error=UsageError)
     assert (notice.code, notice.file) == ("usage.unknown-settings", "arm.toml")
     assert "it has slow, lab-2, bare; did you mean slow?" in notice.text
     with pytest.raises(UsageError, match="named 'published': it has none") as caught:

@@ -1,7 +1,7 @@
 """Frames that depend on the robot alone: the same numbers whatever frames an author chose."""
 
-import dataclasses
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,49 +22,23 @@ from symid.robot.geometry import (
 )
 from symid.robot.simulator_writers import write_urdf
 from symid.robot.urdf_reader import parse_urdf
-from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters
+from tests.chains import build_chain, build_joint, fill, find_pinocchio_torques
 from tests.sx_programs import read_sx_program
 from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
 
-pin = pytest.importorskip("pinocchio", reason="wants the package pin")
-
 # Modified rows in degrees and m, as in the robot files; d of a last link is 0, where its frame is free.
+TABLES = {
+    "puma560": "0 0 0 q, 90 0 0 q, 0 0.4318 0.15005 q, -90 0.0203 0.4318 q, 90 0 0 q, -90 0 0 q",
+    "panda": "0 0 0.333 q, -90 0 0 q, 90 0 0.316 q, 90 0.0825 0 q, -90 -0.0825 0.384 q, 90 0 0 q, "
+    "90 0.088 0 q",
+    "ur5": "0 0 0.0892 q, 90 0 0 q, 0 -0.425 0 q, 0 -0.39225 0.10915 q, 90 0 0.09465 q, -90 0 0 q",
+    "stanford": "0 0 0 q, -90 0 0.1524 q, 90 0 q 0, 0 0 0 q, -90 0 0 q, 90 0 0 q",
+    "ppr": "0 0 q 0, -90 0 q -90, -90 0 0 q",
+    "rrp_twisted": "0 0 0 q, 30 0.2 0.1 q, 60 0.1 q 0",
+}
 ROWS = {
-    "puma560": [
-        (0, 0, 0, "q"),
-        (90, 0, 0, "q"),
-        (0, 0.4318, 0.15005, "q"),
-        (-90, 0.0203, 0.4318, "q"),
-        (90, 0, 0, "q"),
-        (-90, 0, 0, "q"),
-    ],
-    "panda": [
-        (0, 0, 0.333, "q"),
-        (-90, 0, 0, "q"),
-        (90, 0, 0.316, "q"),
-        (90, 0.0825, 0, "q"),
-        (-90, -0.0825, 0.384, "q"),
-        (90, 0, 0, "q"),
-        (90, 0.088, 0, "q"),
-    ],
-    "ur5": [
-        (0, 0, 0.0892, "q"),
-        (90, 0, 0, "q"),
-        (0, -0.425, 0, "q"),
-        (0, -0.39225, 0.10915, "q"),
-        (90, 0, 0.09465, "q"),
-        (-90, 0, 0, "q"),
-    ],
-    "stanford": [
-        (0, 0, 0, "q"),
-        (-90, 0, 0.1524, "q"),
-        (90, 0, "q", 0),
-        (0, 0, 0, "q"),
-        (-90, 0, 0, "q"),
-        (90, 0, 0, "q"),
-    ],
-    "ppr": [(0, 0, "q", 0), (-90, 0, "q", -90), (-90, 0, 0, "q")],
-    "rrp_twisted": [(0, 0, 0, "q"), (30, 0.2, 0.1, "q"), (60, 0.1, "q", 0)],
+    name: [tuple(cell if cell == "q" else float(cell) for cell in row.split()) for row in text.split(",")]
+    for name, text in TABLES.items()
 }
 TURNS = (0, 90, 180, -90, 45, -135, 30, 60, -150, 15)
 SHIFTS = ("0", "0.1", "-0.25", "0.0001")
@@ -96,8 +70,8 @@ def choose_frames(robot, rng, turns):
         placement = compose_placements(joint.placement, move)
         if joint.parent >= 0:
             placement = compose_placements(invert_placement(moves[joint.parent]), placement)
-        joints.append(dataclasses.replace(joint, placement=placement))
-    return dataclasses.replace(robot, joints=tuple(joints))
+        joints.append(replace(joint, placement=placement))
+    return replace(robot, joints=tuple(joints))
 
 
 @pytest.mark.parametrize("name", ROWS)
@@ -146,22 +120,13 @@ def test_names_and_operations_are_those_of_the_dh_table(name):
 
 
 def test_physics_stays():
-    rng = np.random.default_rng(2)
-    robot = choose_frames(build_robot("rrp_twisted"), np.random.default_rng(4), TURNS)
-    parameters = draw_parameters(rng, robot.size)
-    joints = [
-        dataclasses.replace(joint, inertial=tuple(values))
-        for joint, values in zip(robot.joints, parameters, strict=True)
-    ]
-    other = dataclasses.replace(robot, joints=choose_canonical_frames(joints).joints)
+    robot = fill(choose_frames(build_robot("rrp_twisted"), np.random.default_rng(4), TURNS))
+    other = replace(robot, joints=choose_canonical_frames(robot.joints).joints)
     assert all(is_orthogonal(joint.placement) for joint in other.joints)
-    models = [
-        build_pinocchio(robot, parameters),
-        build_pinocchio(other, np.array([joint.inertial for joint in other.joints])),
-    ]
+    rng = np.random.default_rng(2)
     for _ in range(5):
         state = rng.uniform(-3, 3, (3, robot.size))
-        first, second = (pin.rnea(model, model.createData(), *state) for model in models)
+        first, second = find_pinocchio_torques(robot, state), find_pinocchio_torques(other, state)
         np.testing.assert_allclose(first, second, rtol=1e-12, atol=1e-12)
 
 
@@ -182,7 +147,7 @@ def test_in_a_tree_the_first_child_decides():
         rotate_z(build_exact_angle(np.pi / 2)),
         place_modified_dh(build_exact_angle(np.pi / 2), *[Exact()] * 2, build_exact_angle(0)),
     )
-    second = dataclasses.replace(build_joint(2, (0.0, 0, 0, "q"), parent=0), placement=placement)
+    second = replace(build_joint(2, (0.0, 0, 0, "q"), parent=0), placement=placement)
     found = choose_canonical_frames((trunk, first, second)).joints
     assert [joint.placement for joint in found[:2]] == [trunk.placement, first.placement]
     swapped = choose_canonical_frames((trunk, second, first)).joints
@@ -193,18 +158,16 @@ def test_a_written_distance_with_an_irrational_length_keeps_its_frame():
     first = build_joint(0, (0.0, 0, 0, "q"))
     second = build_joint(1, (0.0, 0, 0, "q"))
     aside = translate(Exact.of("0.1"), Exact.of("0.2"), Exact())
-    second = dataclasses.replace(second, placement=aside)
+    second = replace(second, placement=aside)
     assert [joint.placement for joint in choose_canonical_frames((first, second)).joints] == [IDENTITY, aside]
 
 
 def test_symbolic_lengths_are_moved_along():
     first = build_joint(0, (0.0, 0, "L1", "q"))
     second = build_joint(1, (0.0, "L2", 0, "q"))
-    turned = dataclasses.replace(
-        first, placement=compose_placements(first.placement, rotate_z(build_exact_angle(2.0)))
-    )
+    turned = replace(first, placement=compose_placements(first.placement, rotate_z(build_exact_angle(2.0))))
     back = rotate_z(build_exact_angle(-2.0))
-    follower = dataclasses.replace(second, placement=compose_placements(back, second.placement))
+    follower = replace(second, placement=compose_placements(back, second.placement))
     found = choose_canonical_frames((turned, follower), {"L1": 0.3, "L2": 0.4}).joints
     # Both axes are parallel, so the offset along them goes to the last link, and there to its free frame.
     assert [str(value) for value in found[0].placement.translation] == ["0", "0", "0"]
@@ -216,7 +179,7 @@ def test_nearly_parallel_axes_become_parallel_and_that_is_said():
     tilted = place_modified_dh(
         build_exact_angle(3e-6, snap=0), Exact.of("0.3"), Exact(), build_exact_angle(0.2)
     )
-    second = dataclasses.replace(build_joint(1, (0.0, 0, 0, "q")), placement=tilted)
+    second = replace(build_joint(1, (0.0, 0, 0, "q")), placement=tilted)
     reframed = choose_canonical_frames((first, second))
     assert [str(value) for value in reframed.joints[1].placement.rotation[2]] == ["0", "0", "1"]
     assert reframed.moved_by[1] == pytest.approx(3e-6, rel=1e-3)
@@ -227,7 +190,7 @@ def test_nearly_parallel_axes_become_parallel_and_that_is_said():
 
 def test_a_frame_of_the_file_that_is_moved_is_said():
     first = build_joint(0, (0.0, 0, 0, "q"))
-    moved = dataclasses.replace(first, frame=rotate_z(build_exact_angle(np.pi / 2 + 4e-6, snap=0)))
+    moved = replace(first, frame=rotate_z(build_exact_angle(np.pi / 2 + 4e-6, snap=0)))
     reframed = choose_canonical_frames((moved,))
     assert [str(value) for value in reframed.joints[0].frame.rotation[0]] == ["0", "-1", "0"]
     assert reframed.moved_by[0] == pytest.approx(4e-6, rel=1e-3)
@@ -239,13 +202,13 @@ def test_a_common_normal_far_away_leaves_the_origin_at_the_robot():
         translate(Exact.of("0.3"), Exact.of("0.2"), Exact()),
         place_modified_dh(build_exact_angle(1e-4), Exact(), Exact(), build_exact_angle(0)),
     )
-    second = dataclasses.replace(build_joint(1, (0.0, 0, 0, "q")), placement=tilted)
+    second = replace(build_joint(1, (0.0, 0, 0, "q")), placement=tilted)
     reframed = choose_canonical_frames((first, second))
     lengths = [value.to_float() for joint in reframed.joints for value in joint.placement.translation]
     assert max(abs(length) for length in lengths) < 1
     assert reframed.tilts == (0.0, pytest.approx(1e-4, rel=1e-6))
     steep = place_modified_dh(build_exact_angle(0.3), Exact.of("0.3"), Exact(), build_exact_angle(0))
-    second = dataclasses.replace(second, placement=steep)
+    second = replace(second, placement=steep)
     assert choose_canonical_frames((first, second)).tilts == (0.0, 0.0)
 
 

@@ -5,32 +5,12 @@ import pytest
 from symid.robot.description import Decimation, JointKind, Processing
 from symid.robot.toml_reader import read_robot
 
-SHIPPED = [
-    ("double_pendulum", 2),
-    ("emps", 1),
-    ("iiwa14", 7),
-    ("kr30", 6),
-    ("kr300", 6),
-    ("lbr4", 7),
-    ("lwr4", 7),
-    ("panda", 7),
-    ("ppr", 3),
-    ("puma560", 6),
-    ("puma560_elastic", 6),
-    ("quadruped", 12),
-    ("rrp_twisted", 3),
-    ("scara", 4),
-    ("stanford", 6),
-    ("two_arms", 7),
-    ("two_link", 2),
-    ("two_link_elastic", 2),
-    ("two_link_harmonic", 2),
-    ("two_link_symbols", 2),
-    ("tx40", 6),
-    ("ur10", 6),
-    ("ur5", 6),
-    ("wam7", 7),
-]
+SIZES = """
+double_pendulum 2, emps 1, iiwa14 7, kr30 6, kr300 6, lbr4 7, lwr4 7, panda 7, ppr 3, puma560 6,
+puma560_elastic 6, quadruped 12, rrp_twisted 3, scara 4, stanford 6, two_arms 7, two_link 2,
+two_link_elastic 2, two_link_harmonic 2, two_link_symbols 2, tx40 6, ur10 6, ur5 6, wam7 7
+"""
+SHIPPED = [(name, int(size)) for name, size in map(str.split, SIZES.split(","))]
 
 
 def test_every_shipped_file_is_listed(robots_folder):

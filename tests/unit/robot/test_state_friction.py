@@ -5,12 +5,13 @@ from itertools import chain
 
 import pytest
 
-from symid.errors import RobotError, UsageError
+from symid.errors import UsageError
 from symid.joint_models import STATE_LAWS, get_law
 from symid.robot.loading import override_robot
 from symid.robot.simulator_writers import write_mjcf, write_urdf
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
+from tests.mistakes import refuse
 from tests.state_laws import LAWS, STATES, give_values, write_table
 
 HEAD = 'name = "one"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
@@ -22,10 +23,9 @@ def parse(*tables, kind="revolute", tail=""):
     return parse_robot(HEAD + "".join(joints) + tail)
 
 
-def refuse(*tables, **other):
-    with pytest.raises(RobotError) as caught:
-        parse(*tables, **other)
-    return [(notice.code, notice.line, notice.text.split(": ", 1)[1]) for notice in caught.value.notices]
+def list_refused(*tables, **other):
+    notices = refuse(parse, *tables, **other)
+    return [(notice.code, notice.line, notice.text.split(": ", 1)[1]) for notice in notices]
 
 
 def test_every_law_with_a_state_is_tried_here():
@@ -49,10 +49,8 @@ def test_a_law_is_read_and_written_with_all_its_values(name, kind):
     # The state must be known; the values of sliding need not be.
     known = [line for line in write_table(name).split("\n") if not line.startswith(("F", "offset"))]
     unknown = parse("\n".join(known), kind=kind)
-    assert (unknown.joints[0].friction.values, unknown.joints[0].friction.bristles) == (
-        None,
-        friction.bristles,
-    )
+    assert unknown.joints[0].friction.values is None
+    assert unknown.joints[0].friction.bristles == friction.bristles
     assert parse_robot(write_robot(unknown)).joints[0].friction == unknown.joints[0].friction
 
 
@@ -63,7 +61,7 @@ def test_a_short_name_and_the_usual_exponent():
 
 
 def test_all_mistakes_are_told_at_once_with_their_lines():
-    found = refuse(
+    found = list_refused(
         'model = "lugre"',
         'model = "dahl"\nsigma0 = -1',
         'model = "maxwell-slip"\nstiffness = [1, 2]\nshare = [0.5, 0.3, 0.2]\nbogus = 1',
@@ -95,7 +93,7 @@ def test_all_mistakes_are_told_at_once_with_their_lines():
 
 
 def test_units_are_those_of_the_joint():
-    texts = [text for _, _, text in refuse('model = "lugre"\nvs = 0.1', kind="prismatic")]
+    texts = [text for _, _, text in list_refused('model = "lugre"\nvs = 0.1', kind="prismatic")]
     assert "sigma0: missing; the model's state needs it as a number in N/m" in texts[0]
     assert "sigma1: missing; the model's state needs it as a number in N*s/m" in texts[1]
 
@@ -104,7 +102,7 @@ def test_units_are_those_of_the_joint():
 def test_a_drive_of_several_joints_has_no_bristles(name):
     coupling = '[[coupling]]\nname = "m"\nterms = { j0 = 1, j1 = 1 }\n[coupling.friction]\n'
     plain = 'model = "none"'
-    ((code, _, text),) = refuse(plain, plain, tail=coupling + write_table(name))
+    ((code, _, text),) = list_refused(plain, plain, tail=coupling + write_table(name))
     assert code == "robot.friction-model"
     assert "depends on the bristles of one joint, and this friction acts on several" in text
 
@@ -113,9 +111,8 @@ def test_a_drive_of_several_joints_has_no_bristles(name):
 def test_an_option_sets_such_a_law_only_where_the_file_has_its_state(name):
     robot = parse(write_table(name))
     assert override_robot(robot, (), name) == robot
-    with pytest.raises(UsageError) as caught:
-        override_robot(parse('model = "coulomb"\nFc = 1'), (), name)
-    (notice,) = caught.value.notices
+    plain = parse('model = "coulomb"\nFc = 1')
+    (notice,) = refuse(override_robot, plain, (), name, error=UsageError)
     assert notice.code == "usage.friction-shape"
     law = get_law(name)
     needed = ", ".join(entry.name for entry in (*law.shape, *law.memory))

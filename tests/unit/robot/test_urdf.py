@@ -11,6 +11,8 @@ from symid.robot.inertia import move_parameters
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
 from symid.robot.urdf_reader import parse_urdf, read_urdf
+from tests.chains import to_matrix
+from tests.mistakes import find_text
 
 ARM = """<?xml version="1.0"?>
 <robot name="my arm" version="1.0">
@@ -67,8 +69,13 @@ def list_codes(robot):
     return [notice.code for notice in robot.notices]
 
 
-def find_text(robot, code):
-    return next(str(notice) for notice in robot.notices if notice.code == code)
+def list_unused(robot):
+    return [str(notice) for notice in robot.notices if notice.code == "robot.urdf-unused"]
+
+
+def list_z(placement):
+    """Return where the joint's axis points, in words."""
+    return [str(row[2]) for row in placement.rotation]
 
 
 def test_joints_and_their_numbers(arm):
@@ -89,8 +96,7 @@ def test_joints_and_their_numbers(arm):
 
 def test_the_axis_is_z_and_the_frame_of_the_file_is_kept(arm):
     lift, push = arm.joints
-    column = [row[2] for row in lift.placement.rotation]
-    assert [str(value) for value in column] == ["0", "1", "0"]
+    assert list_z(lift.placement) == ["0", "1", "0"]
     # The file's y axis is the joint's own z axis.
     assert [str(value) for value in lift.frame.rotation[2]] == ["0", "1", "0"]
     assert [str(value) for value in push.frame.rotation[2]] == ["1", "0", "0"]
@@ -100,21 +106,14 @@ def test_inertial_values_stand_about_the_link_frame_of_the_joint(arm):
     lift = arm.joints[0]
     # In the file's frame: the inertial frame is turned by 90 degrees about z, so xx and yy change places.
     expected = move_parameters((0.02, 0, 0, 0.01, 0, 0.025, 0, 0, 0, 2), np.eye(3), np.array([0.1, 0, 0.02]))
-    rotation = np.array([[entry.to_float() for entry in row] for row in lift.frame.rotation])
-    shift = np.array([entry.to_float() for entry in lift.frame.translation])
-    np.testing.assert_allclose(lift.inertial, move_parameters(expected, rotation, shift), atol=1e-15)
-
-
-def test_fixed_links_are_joined(arm):
-    push = arm.joints[1]
-    assert push.inertial[9] == pytest.approx(1.5)
-    assert "tool" in find_text(arm, "robot.lumped")
+    frame = to_matrix(lift.frame)
+    moved = move_parameters(expected, frame[:3, :3], frame[:3, 3])
+    np.testing.assert_allclose(lift.inertial, moved, atol=1e-15)
 
 
 def test_what_is_not_used_is_listed_with_its_place(arm):
-    unused = [str(notice) for notice in arm.notices if notice.code == "robot.urdf-unused"]
     looks = "not used, and not needed for the dynamics: <material>, <visual> (2), <collision>"
-    assert unused == [
+    assert list_unused(arm) == [
         'arm.urdf:2:31: not used: attribute version="..." of <robot> (once, line 2)',
         f"arm.urdf:3:3: {looks}",
         'arm.urdf:25:54: not used: attribute armature="..." of <dynamics> (once, line 25)',
@@ -125,6 +124,9 @@ def test_what_is_not_used_is_listed_with_its_place(arm):
 
 def test_the_rest_is_said(arm):
     assert arm.name == "my_arm"
+    # Fixed links are joined.
+    assert arm.joints[1].inertial[9] == pytest.approx(1.5)
+    assert "tool" in find_text(arm, "robot.lumped")
     assert find_text(arm, "robot.renamed").startswith("arm.urdf:2:14: the robot is renamed to my_arm")
     assert "(0, 0, -9.81)" in find_text(arm, "robot.assumed-gravity")
     assert "robot.bad-limits" not in list_codes(arm)
@@ -153,10 +155,13 @@ def joint(name, parent, child, inner="", type_="continuous", *, origin="", axis=
     )
 
 
-def test_the_axis_is_x_where_none_is_given():
-    robot = parse_urdf(build(joint("j", "a", "b", axis=""), "ab"))
-    assert [str(row[2]) for row in robot.joints[0].placement.rotation] == ["1", "0", "0"]
-    assert "'j'" in find_text(robot, "robot.default-axis")
+def read(inner="", type_="continuous", extra="", **options):
+    """Return the robot of one joint."""
+    return parse_urdf(build(joint("j", "a", "b", inner, type_, **options), "ab", extra))
+
+
+def transmission(inner):
+    return f'<transmission name="t"><joint name="j"/><actuator name="m">{inner}</actuator></transmission>'
 
 
 @pytest.mark.parametrize(
@@ -168,23 +173,28 @@ def test_the_axis_is_x_where_none_is_given():
         ("1 1 1", ["1/3*sqrt(3)", "1/3*sqrt(3)", "1/3*sqrt(3)"]),
         ("0 1 6.12e-17", ["0", "1", "0"]),
         ("0.28 0.96 0", ["7/25", "24/25", "0"]),
+        # Where none is given.
+        ("", ["1", "0", "0"]),
     ],
 )
 def test_axes_are_exact(axis, expected):
-    robot = parse_urdf(build(joint("j", "a", "b", axis=axis), "ab"))
-    assert [str(row[2]) for row in robot.joints[0].placement.rotation] == expected
+    robot = read(axis=axis)
+    assert list_z(robot.joints[0].placement) == expected
 
 
-def test_an_axis_is_made_a_unit_vector_and_snapped_with_a_warning():
-    robot = parse_urdf(build(joint("j", "a", "b", axis="0 2 1e-6"), "ab"))
+def test_what_is_changed_of_an_axis_is_said():
+    robot = read(axis="0 2 1e-6")
     assert "length 2 " in find_text(robot, "robot.axis-length")
     assert "5.00e-07 rad" in find_text(robot, "robot.axis-snapped")
+    assert "'j'" in find_text(read(axis=""), "robot.default-axis")
+    text = build(joint("j", "a", "b"), "ab").replace('<axis xyz="0 0 1"/>', "<axis/>")
+    assert "x (1 0 0)" in find_text(parse_urdf(text), "robot.default-axis")
 
 
 def test_rotations_are_snapped_with_a_remark_and_not_with_snap_zero():
     text = build(joint("j", "a", "b", origin='rpy="1.5708 0 0" xyz="0 1e-12 0.5"'), "ab")
     robot = parse_urdf(text)
-    assert [str(row[2]) for row in robot.joints[0].placement.rotation] == ["0", "-1", "0"]
+    assert list_z(robot.joints[0].placement) == ["0", "-1", "0"]
     assert "'j' (3.7e-06)" in find_text(robot, "robot.angle-snapped")
     assert "'j'" in find_text(robot, "robot.length-snapped")
     free = parse_urdf(text, snap=0)
@@ -196,14 +206,8 @@ def test_rotations_are_snapped_with_a_remark_and_not_with_snap_zero():
 def test_rotations_in_several_steps_are_snapped_as_a_whole():
     steps = joint("s", "a", "b", type_="fixed", origin='rpy="0.7854 0 0"')
     robot = parse_urdf(build(steps + joint("j", "b", "c", origin='rpy="0.7854 0 0"'), "abc"))
-    assert [str(row[2]) for row in robot.joints[0].placement.rotation] == ["0", "-1", "0"]
+    assert list_z(robot.joints[0].placement) == ["0", "-1", "0"]
     assert "'" in find_text(robot, "robot.angle-snapped")
-
-
-def test_large_numbers_are_doubted():
-    robot = parse_urdf(build(joint("j", "a", "b", origin='rpy="90 0 0" xyz="0 0 300"'), "ab"))
-    assert "14.3 turns" in find_text(robot, "robot.large-angle")
-    assert "300 m" in find_text(robot, "robot.long-length")
 
 
 def test_followers_are_led_back_to_their_master():
@@ -245,21 +249,21 @@ def test_followers_of_what_stands_still_stand_still(inner):
     assert "'last'" in find_text(robot, "robot.follower-still")
 
 
-def test_links_without_inertial_are_massless_or_unknown():
-    robot = parse_urdf(build(joint("j", "a", "b"), "ab"))
-    assert robot.joints[0].inertial is None
-    inertial = "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1'/></inertial>"
-    text = build(joint("j", "a", "b") + joint("k", "b", "c"), "ab", f"<link name='c'>{inertial}</link>")
-    robot = parse_urdf(text)
+def link(name, mass, inertia="<inertia ixx='1' iyy='1' izz='1'/>"):
+    return f"<link name='{name}'><inertial><mass value='{mass}'/>{inertia}</inertial></link>"
+
+
+def test_links_without_inertial_or_fixed_to_the_base_are_said():
+    assert read().joints[0].inertial is None
+    robot = parse_urdf(build(joint("j", "a", "b") + joint("k", "b", "c"), "ab", link("c", 1)))
     assert robot.joints[0].inertial == (0.0,) * 10
     assert "'b'" in find_text(robot, "robot.massless")
     assert "ixy, ixz, iyz missing" in find_text(robot, "robot.incomplete-inertia")
+    text = build(joint("f", "a", "c", type_="fixed") + joint("j", "c", "b"), "ab", link("c", 7))
+    assert "base: c;" in find_text(parse_urdf(text), "robot.fixed-to-base")
 
 
 def test_odd_inertia_is_kept_and_said():
-    def link(name, mass, inertia):
-        return f"<link name='{name}'><inertial><mass value='{mass}'/>{inertia}</inertial></link>"
-
     skew = "<inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='5'/>"
     links = link("b", 1, skew) + link("c", 0, skew) + link("d", 1, "")
     text = build(joint("j", "a", "b") + joint("k", "b", "c") + joint("l", "c", "d"), "a", links)
@@ -268,12 +272,6 @@ def test_odd_inertia_is_kept_and_said():
     assert "kg*m^2" in find_text(robot, "robot.impossible-inertia")
     assert "'c'" in find_text(robot, "robot.inertia-without-mass")
     assert "'d'" in find_text(robot, "robot.point-mass")
-
-
-def test_masses_fixed_to_the_base_are_said():
-    link = "<link name='c'><inertial><mass value='7'/><inertia ixx='1' iyy='1' izz='1'/></inertial></link>"
-    text = build(joint("f", "a", "c", type_="fixed") + joint("j", "c", "b"), "ab", link)
-    assert "base: c;" in find_text(parse_urdf(text), "robot.fixed-to-base")
 
 
 TREE = build(
@@ -305,33 +303,34 @@ def test_the_frame_of_a_fixed_tip_is_that_of_the_last_link(arm):
     assert robot.joints[-1].frame == moved
 
 
-def test_gravity_is_turned_into_the_frame_of_the_base():
+def test_a_floating_joint_may_stand_before_the_base_and_gravity_is_turned_into_its_frame():
+    joints = joint("free", "a", "b", type_="floating") + joint("j", "b", "c")
+    assert parse_urdf(build(joints, "abc"), base="b").size == 1
     joints = joint("m", "a", "b", type_="fixed", origin='rpy="1.5707963267948966 0 0"') + joint("j", "b", "c")
     robot = parse_urdf(build(joints, "abc"), base="b")
     assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
     assert "at 0" in find_text(robot, "robot.assumed-gravity")
 
 
-def test_a_floating_joint_may_stand_before_the_base():
-    joints = joint("free", "a", "b", type_="floating") + joint("j", "b", "c")
-    assert parse_urdf(build(joints, "abc"), base="b").size == 1
-
-
-def test_gear_and_rotor_may_stand_in_attributes():
-    parts = '<drake:gear_ratio value="3"/><drake:rotor_inertia value="0.5"/>'
-    extra = f'<transmission name="t"><joint name="j"/><actuator name="m">{parts}</actuator></transmission>'
-    drive = parse_urdf(build(joint("j", "a", "b"), "ab", extra)).joints[0].drive
-    assert (drive.gear, drive.has_rotor, drive.rotor_inertia) == (3.0, True, 4.5)
+@pytest.mark.parametrize(
+    ("parts", "drive"),
+    [
+        ('<drake:gear_ratio value="3"/><drake:rotor_inertia value="0.5"/>', (3.0, True, 4.5)),
+        # Two that agree are one.
+        ("<motorInertia>2</motorInertia><rotorInertia>2.0</rotorInertia>", (1.0, True, 2.0)),
+    ],
+)
+def test_gear_and_rotor_may_be_written_otherwise(parts, drive):
+    found = read(extra=transmission(parts)).joints[0].drive
+    assert (found.gear, found.has_rotor, found.rotor_inertia) == drive
 
 
 def test_transmissions_that_are_not_simple_are_listed():
-    parts = '<joint name="j"/><joint name="k"/><actuator name="m"/>'
-    extra = f'<transmission name="t">{parts}</transmission>'
+    extra = '<transmission name="t"><joint name="j"/><joint name="k"/><actuator name="m"/></transmission>'
     extra += '<transmission name="u"><joint name="nobody"/><actuator name="m"/></transmission>'
     robot = parse_urdf(build(joint("j", "a", "b") + joint("k", "b", "c"), "abc", extra))
-    unused = [str(notice) for notice in robot.notices if notice.code == "robot.urdf-unused"]
-    assert any("one actuator" in text for text in unused)
-    assert any("not in the" in text for text in unused)
+    assert any("one actuator" in text for text in list_unused(robot))
+    assert any("not in the" in text for text in list_unused(robot))
 
 
 @pytest.mark.parametrize(("given", "name"), [("7dof", "robot_7dof"), ("Ärm-1", "rm_1"), ("", "some")])
@@ -340,34 +339,28 @@ def test_names_become_identifiers(given, name):
     assert parse_urdf(text, "some.urdf").name == name
 
 
-def test_joint_limits_that_make_no_range_are_not_used():
-    inner = '<limit lower="2" upper="1" effort="1" velocity="1"/>'
-    robot = parse_urdf(build(joint("j", "a", "b", inner, "revolute"), "ab"))
+@pytest.mark.parametrize(
+    ("type_", "ends", "code", "words"),
+    [
+        ("revolute", 'lower="2" upper="1"', "robot.bad-limits", "lower 2 "),
+        ("continuous", 'lower="-3" upper="3"', "robot.urdf-unused", "<limit> of a continuous"),
+    ],
+)
+def test_joint_limits_that_make_no_range_are_not_used(type_, ends, code, words):
+    robot = read(f'<limit {ends} effort="1" velocity="1"/>', type_)
     assert robot.joints[0].limits.position is None
-    assert "lower 2 " in find_text(robot, "robot.bad-limits")
-
-
-def test_limits_of_a_continuous_joint_are_listed_as_not_used():
-    robot = parse_urdf(
-        build(joint("j", "a", "b", '<limit lower="-3" upper="3" effort="1" velocity="1"/>'), "ab")
-    )
-    assert robot.joints[0].limits.position is None
-    assert "<limit> of a continuous" in find_text(robot, "robot.urdf-unused")
+    assert words in find_text(robot, code)
 
 
 def test_friction_that_drives_is_doubted():
-    robot = parse_urdf(build(joint("j", "a", "b", '<dynamics damping="-1"/>'), "ab"))
+    robot = read('<dynamics damping="-1"/>')
     assert robot.joints[0].friction.values == (-1.0, 0.0)
     assert "dynamics " in find_text(robot, "robot.negative-friction")
 
 
-def test_a_log_of_a_urdf_robot_is_filtered_by_itself():
-    assert parse_urdf(build(joint("j", "a", "b"), "ab")).processing == Processing(automatic=True)
-
-
 @pytest.mark.parametrize("ends", ['lower="-inf" upper="0.1"', 'lower="0" upper="Infinity"', 'upper="inf"'])
 def test_a_limit_that_is_infinite_is_none_and_no_zero(ends):
-    robot = parse_urdf(build(joint("j", "a", "b", f"<limit {ends}/>", "prismatic"), "ab"))
+    robot = read(f"<limit {ends}/>", "prismatic")
     assert robot.joints[0].limits.position is None
     text = find_text(robot, "robot.endless-limits")
     assert "infinite" in text
@@ -375,29 +368,27 @@ def test_a_limit_that_is_infinite_is_none_and_no_zero(ends):
 
 
 def test_limits_of_zero_mean_unknown_and_negative_ones_are_said():
-    robot = parse_urdf(build(joint("j", "a", "b", '<limit effort="0" velocity="-2"/>'), "ab"))
+    robot = read('<limit effort="0" velocity="-2"/>')
     assert (robot.joints[0].limits.torque, robot.joints[0].limits.velocity) == (None, None)
     assert "limit velocity negative, taken as unknown" in find_text(robot, "robot.bad-limits")
 
 
-@pytest.mark.parametrize(("type_", "said"), [("revolute", True), ("prismatic", False)])
-def test_limits_in_degrees_are_doubted(type_, said):
-    robot = parse_urdf(build(joint("j", "a", "b", '<limit lower="-170" upper="170"/>', type_), "ab"))
-    assert ("robot.large-angle" in list_codes(robot)) == said
+def test_large_numbers_are_doubted():
+    robot = read(origin='rpy="90 0 0" xyz="0 0 300"')
+    assert "14.3 turns" in find_text(robot, "robot.large-angle")
+    assert "300 m" in find_text(robot, "robot.long-length")
+    # Limits in degrees.
+    for type_, said in (("revolute", True), ("prismatic", False)):
+        robot = read('<limit lower="-170" upper="170"/>', type_)
+        assert ("robot.large-angle" in list_codes(robot)) == said, type_
 
 
 def test_text_between_tags_is_listed():
-    robot = parse_urdf(build(joint("j", "a", "b", "speed<limit>5</limit>"), "ab"))
-    unused = [str(notice) for notice in robot.notices if notice.code == "robot.urdf-unused"]
-    assert [text.partition("not used: ")[2] for text in unused] == [
+    robot = read("speed<limit>5</limit>")
+    assert [text.partition("not used: ")[2] for text in list_unused(robot)] == [
         'the text "speed" in <joint> (once, line 1)',
         'the text "5" in <limit> (once, line 1)',
     ]
-
-
-def test_an_axis_without_numbers_is_x_and_said():
-    text = build(joint("j", "a", "b"), "ab").replace('<axis xyz="0 0 1"/>', "<axis/>")
-    assert "x (1 0 0)" in find_text(parse_urdf(text), "robot.default-axis")
 
 
 def test_a_joint_called_base_gets_another_name():
@@ -425,25 +416,16 @@ STANDING = (
 )
 
 
-def test_followers_before_the_base_stand_at_their_offset():
+def test_followers_of_a_joint_before_the_base_stand_still_at_their_offset():
     robot = parse_urdf(build(STANDING, "abcde"), base="c")
     assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
-
-
-def test_followers_of_a_joint_before_the_base_stand_still():
-    robot = parse_urdf(build(STANDING, "abcde"), base="c")
     assert [entry.name for entry in robot.joints] == ["j"]
     text = find_text(robot, "robot.follower-still")
     assert "joints 'g': follow a joint before the base, and stand still at their offset" in text
     assert robot.freedom == 1
 
 
-def test_two_rotor_inertias_that_agree_are_one():
-    parts = "<motorInertia>2</motorInertia><rotorInertia>2.0</rotorInertia>"
-    extra = f'<transmission name="t"><joint name="j"/><actuator name="m">{parts}</actuator></transmission>'
-    assert parse_urdf(build(joint("j", "a", "b"), "ab", extra)).joints[0].drive.rotor_inertia == 2.0
-
-
-def test_the_description_says_what_was_read():
+def test_the_description_says_what_was_read_and_a_log_is_filtered_by_itself():
     robot = parse_urdf(build(joint("j", "a", "b"), "ab"), "somewhere/arm.urdf", tip="b")
+    assert robot.processing == Processing(automatic=True)
     assert robot.description == "from the URDF arm.urdf, whose link a is the base, b the tip"

@@ -1,19 +1,19 @@
 """URDFs with other values: all else stays, and what symid and Pinocchio read in them is the new values."""
 
-import dataclasses
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from symid.errors import RobotError
 from symid.joint_models import FrictionValues
 from symid.robot.inertia import build_pseudo_inertias
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
 from symid.robot.urdf_reader import parse_urdf
 from symid.robot.xml_rewriters import rewrite_urdf
-from tests.chains import PANDA, build_pinocchio, draw_parameters
+from tests.chains import PANDA, build_pinocchio, fill, find_pinocchio_torques
+from tests.mistakes import refuse
 from tests.urdfs import draw_urdf, find_torques, write_odd_urdf
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
@@ -61,27 +61,18 @@ FILE = """<?xml version="1.0"?>
 """
 
 
-def give_values(robot, seed=1):
-    bodies = draw_parameters(np.random.default_rng(seed), robot.size).tolist()
-    joints = (
-        dataclasses.replace(joint, inertial=tuple(body))
-        for joint, body in zip(robot.joints, bodies, strict=True)
-    )
-    return dataclasses.replace(robot, joints=tuple(joints))
-
-
 @pytest.fixture
 def rewritten():
-    robot = give_values(parse_urdf(FILE))
+    robot = fill(parse_urdf(FILE))
     first, second = robot.joints
     friction = FrictionValues(law="coulomb-viscous-offset", values=(1.5, 0.75, 0.1))
-    first = dataclasses.replace(first, friction=friction)
-    second = dataclasses.replace(
+    first = replace(first, friction=friction)
+    second = replace(
         second,
         friction=FrictionValues(law="coulomb-viscous", values=(0.3, 0.2)),
-        drive=dataclasses.replace(second.drive, rotor_inertia=0.08),
+        drive=replace(second.drive, rotor_inertia=0.08),
     )
-    robot = dataclasses.replace(robot, joints=(first, second))
+    robot = replace(robot, joints=(first, second))
     return robot, rewrite_urdf(FILE, robot)
 
 
@@ -126,8 +117,8 @@ def test_values_that_did_not_change_stay_as_they_are_written():
     robot = parse_urdf(text)
     assert rewrite_urdf(text, robot).text == text
     friction = FrictionValues(law="coulomb-viscous", values=(0.5, 1.0))
-    first = dataclasses.replace(robot.joints[0], friction=friction)
-    robot = dataclasses.replace(robot, joints=(first, *robot.joints[1:]))
+    first = replace(robot.joints[0], friction=friction)
+    robot = replace(robot, joints=(first, *robot.joints[1:]))
     assert rewrite_urdf(text, robot).text == text.replace('friction="0.25"', 'friction="1.0"')
 
 
@@ -162,7 +153,7 @@ CARRIER = """<robot name="arm">
 @pytest.mark.parametrize("tip", ["flange", "arm"])
 def test_what_was_cut_off_is_part_of_the_link_that_carries_it(tip):
     """Pinocchio sums up what hangs on the link, the finger held at zero: the values of the robot."""
-    robot = give_values(parse_urdf(CARRIER, tip=tip))
+    robot = fill(parse_urdf(CARRIER, tip=tip))
     found = rewrite_urdf(CARRIER, robot)
     assert found.shared == {"arm": ("tool", "finger")}
     assert NUMBER.sub("#", found.text) == NUMBER.sub("#", CARRIER)
@@ -194,7 +185,7 @@ def test_flat_links_give_all_to_the_link_that_carries_them():
     )
     flat = re.compile(r'ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"')
     text = flat.sub('ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"', text)
-    robot = give_values(parse_urdf(text))
+    robot = fill(parse_urdf(text))
     back = parse_urdf(rewrite_urdf(text, robot).text)
     np.testing.assert_allclose(back.joints[1].inertial, robot.joints[1].inertial, rtol=0, atol=1e-12)
 
@@ -202,7 +193,7 @@ def test_flat_links_give_all_to_the_link_that_carries_them():
 @pytest.mark.parametrize("seed", range(6))
 def test_random_trees_come_back(seed):
     text, _ = draw_urdf(np.random.default_rng(seed), 8)
-    robot = give_values(parse_urdf(text), seed)
+    robot = fill(parse_urdf(text), seed)
     back = parse_urdf(rewrite_urdf(text, robot).text)
     for old, new in zip(robot.joints, back.joints, strict=True):
         assert (new.placement, new.mimic) == (old.placement, old.mimic)
@@ -211,26 +202,18 @@ def test_random_trees_come_back(seed):
 
 
 def test_pinocchio_reads_the_new_values_in_odd_frames():
-    rows = [
-        (0, 0, "0.333", "q"),
-        (-90, 0, 0, "q"),
-        (90, 0, "0.316", "q"),
-        (90, "0.0825", 0, "q"),
-        (-90, "-0.0825", "0.384", "q"),
-        (90, 0, 0, "q"),
-        (90, "0.088", 0, "q"),
-    ]
+    rows = [(0, 0, "0.333"), (-90, 0, 0), (90, 0, "0.316"), (90, "0.0825", 0), (-90, "-0.0825", "0.384")]
+    rows = [(*row, "q") for row in [*rows, (90, 0, 0), (90, "0.088", 0)]]
     axes = ["0 0 1", "1 0 0", "0 1 0", "0 0 -1", "0 -1 0", "1 1 0", "1 0 0"]
     text = write_odd_urdf(
         rows, [30, 0, 90, 45, 0, -60, 0], ["0.1", "0", "0.25", "0", "-0.05", "0", "0.3"], axes
     )
-    robot = give_values(parse_urdf(text))
+    robot = fill(parse_urdf(text))
     theirs = pin.buildModelFromXML(rewrite_urdf(text, robot).text)
     # Built from the placements alone, without the text.
     assert [joint.kind for joint in robot.joints] == [joint.kind for joint in PANDA.joints]
-    ours = build_pinocchio(robot, np.array([joint.inertial for joint in robot.joints]))
     state = np.random.default_rng(2).uniform(-2, 2, (3, 7))
-    expected = pin.rnea(ours, ours.createData(), *state)
+    expected = find_pinocchio_torques(robot, state)
     np.testing.assert_allclose(find_torques(theirs, robot, state), expected, rtol=1e-9, atol=1e-9)
 
 
@@ -241,11 +224,9 @@ def test_elements_are_found_behind_comments_and_data():
         '<child link="b"/><axis xyz="0 0 1"/><dynamics damping="1"><?x </dynamics>?></dynamics>'
         "</joint></robot>"
     )
-    robot = give_values(parse_urdf(text))
-    joint = dataclasses.replace(
-        robot.joints[0], friction=FrictionValues(law="coulomb-viscous", values=(2.0, 0.0))
-    )
-    found = rewrite_urdf(text, dataclasses.replace(robot, joints=(joint,))).text
+    robot = fill(parse_urdf(text))
+    joint = replace(robot.joints[0], friction=FrictionValues(law="coulomb-viscous", values=(2.0, 0.0)))
+    found = rewrite_urdf(text, replace(robot, joints=(joint,))).text
     back = parse_urdf(found)
     assert back.joints[0].friction.values == (2.0, 0.0)
     np.testing.assert_allclose(back.joints[0].inertial, joint.inertial, atol=1e-12)
@@ -256,30 +237,27 @@ def test_elements_are_found_behind_comments_and_data():
 def test_rounding_of_a_robot_file_changes_nothing():
     robot = parse_urdf(CARRIER, tip="flange")
     back = parse_robot(write_robot(robot))
-    joints = (
-        dataclasses.replace(old, inertial=new.inertial)
-        for old, new in zip(robot.joints, back.joints, strict=True)
-    )
-    robot = dataclasses.replace(robot, joints=tuple(joints))
+    joints = (replace(old, inertial=new.inertial) for old, new in zip(robot.joints, back.joints, strict=True))
+    robot = replace(robot, joints=tuple(joints))
     assert rewrite_urdf(CARRIER, robot).text == CARRIER
 
 
 def test_a_rotor_is_written_by_the_reduction_of_the_file():
-    robot = give_values(parse_urdf(FILE))
-    drive = dataclasses.replace(robot.joints[1].drive, gear=100.0, rotor_inertia=0.08)
-    second = dataclasses.replace(robot.joints[1], drive=drive)
-    text = rewrite_urdf(FILE, dataclasses.replace(robot, joints=(robot.joints[0], second))).text
+    robot = fill(parse_urdf(FILE))
+    drive = replace(robot.joints[1].drive, gear=100.0, rotor_inertia=0.08)
+    second = replace(robot.joints[1], drive=drive)
+    text = rewrite_urdf(FILE, replace(robot, joints=(robot.joints[0], second))).text
     assert parse_urdf(text).joints[1].drive.rotor_inertia == pytest.approx(0.08)
     # A drive of two joints is none that readers take.
     double = FILE.replace('<joint name="elbow"/>', '<joint name="elbow"/><joint name="base"/>')
-    found = rewrite_urdf(double, dataclasses.replace(robot, joints=(robot.joints[0], second))).text
+    found = rewrite_urdf(double, replace(robot, joints=(robot.joints[0], second))).text
     assert "<motorInertia>1e-4</motorInertia>" in found
 
 
 def test_no_friction_is_written_as_none():
     robot = parse_urdf(FILE)
-    first = dataclasses.replace(robot.joints[0], friction=FrictionValues())
-    found = rewrite_urdf(FILE, dataclasses.replace(robot, joints=(first, robot.joints[1]))).text
+    first = replace(robot.joints[0], friction=FrictionValues())
+    found = rewrite_urdf(FILE, replace(robot, joints=(first, robot.joints[1]))).text
     assert found == FILE.replace('damping="0.5" friction="0.25"', 'damping="0.0" friction="0.0"')
 
 
@@ -295,12 +273,11 @@ def test_followers_of_what_stands_still_stand_where_the_reader_has_them():
     ]
     text = "".join(['<robot name="r">', *(link.format(f"l{k}") for k in range(4))])
     text += "".join(joint.format(*row) for row in rows) + "</robot>"
-    robot = give_values(parse_urdf(text))
+    robot = fill(parse_urdf(text))
     back = parse_urdf(rewrite_urdf(text, robot).text)
     np.testing.assert_allclose(back.joints[0].inertial, robot.joints[0].inertial, rtol=0, atol=1e-9)
 
 
 def test_a_robot_of_no_file_is_refused():
-    with pytest.raises(RobotError) as caught:
-        rewrite_urdf(FILE, dataclasses.replace(parse_urdf(FILE), made_from=None))
-    assert caught.value.notices[0].code == "robot.not-made"
+    notice = refuse(rewrite_urdf, FILE, replace(parse_urdf(FILE), made_from=None))[0]
+    assert notice.code == "robot.not-made"

@@ -1,6 +1,6 @@
 """USD text that symid writes, read by OpenUSD: bodies, frames and values are those of independent sums."""
 
-import dataclasses
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -13,7 +13,7 @@ from symid.robot.geometry import Exact
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.simulator_writers import list_usd_omissions, write_usd
 from symid.robot.toml_reader import read_robot
-from tests.chains import build_chain, build_joint, build_pinocchio, draw_parameters, set_inertia
+from tests.chains import build_chain, build_joint, build_pinocchio, fill
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 Usd = pytest.importorskip("pxr.Usd", reason="wants the package usd-core")
@@ -30,10 +30,6 @@ def load(text):
     stage = Usd.Stage.CreateInMemory()
     assert stage.GetRootLayer().ImportFromString(text)
     return stage
-
-
-def fill(robot, seed=1):
-    return set_inertia(robot, draw_parameters(np.random.default_rng(seed), robot.size))
 
 
 def find_joints(stage):
@@ -121,7 +117,7 @@ def test_principal_axes_of_alike_and_extreme_moments():
             body = compute_standard_parameters(2.0, (0.1, 0.2, 0.3), tensor[np.triu_indices(3)])
             robot = build_chain([(0.0, 0, 0, "q")])
             (joint,) = robot.joints
-            robot = dataclasses.replace(robot, joints=(dataclasses.replace(joint, inertial=body),))
+            robot = replace(robot, joints=(replace(joint, inertial=body),))
             stage = load(write_usd(robot))
             prim = stage.GetPrimAtPath(f"/{robot.name}/{joint.name}_link")
             back = to_place((0, 0, 0), read(prim, "physics:principalAxes")).rotation
@@ -136,7 +132,7 @@ def robot():
     rows = [(0.0, 0, 0.3, "q"), (np.pi / 2, 0.2, "q", 0.3)]
     made = fill(build_chain(rows, gravity=("0.3", "-0.5", "-9.7")))
     joints = [
-        dataclasses.replace(
+        replace(
             joint,
             drive=Drive(gear=1.0, has_rotor=True, rotor_inertia=0.2 + index),
             friction=FrictionValues(law="stribeck", values=(0.4 + index, 0.7, 0.25), shape=(0.1,)),
@@ -144,11 +140,9 @@ def robot():
         )
         for index, joint in enumerate(made.joints)
     ]
-    joints[1] = dataclasses.replace(
-        joints[1], spring=Spring(stiffness=6.0, rest=0.25), limits=Limits(velocity=2.0)
-    )
+    joints[1] = replace(joints[1], spring=Spring(stiffness=6.0, rest=0.25), limits=Limits(velocity=2.0))
     assert tuple(joint.kind for joint in joints) == PAIR
-    return dataclasses.replace(made, joints=tuple(joints))
+    return replace(made, joints=tuple(joints))
 
 
 def test_drives_friction_limits_and_springs_are_in_the_units_of_usd(robot):
@@ -187,8 +181,8 @@ def test_drives_friction_limits_and_springs_are_in_the_units_of_usd(robot):
 
 def test_a_spring_of_a_turning_joint_is_per_degree():
     made = fill(build_chain([(0.0, 0, 0.3, "q")]))
-    joint = dataclasses.replace(made.joints[0], spring=Spring(stiffness=6.0, rest=0.25))
-    stage = load(write_usd(dataclasses.replace(made, joints=(joint,))))
+    joint = replace(made.joints[0], spring=Spring(stiffness=6.0, rest=0.25))
+    stage = load(write_usd(replace(made, joints=(joint,))))
     drive = UsdPhysics.DriveAPI(find_joints(stage)[joint.name], "angular")
     assert drive.GetStiffnessAttr().Get() == pytest.approx(6.0 * np.pi / 180, rel=SINGLE)
     assert drive.GetTargetPositionAttr().Get() == pytest.approx(0.25 * 180 / np.pi, rel=SINGLE)
@@ -207,8 +201,8 @@ def test_the_base_is_fixed_to_the_world_and_the_robot_an_articulation(robot):
 def test_followers_that_turn_are_held():
     joints = [build_joint(index, (np.pi / 2, 0.1, 0.2, "q")) for index in range(3)]
     limits = Limits(position=(-1.0, 1.0))
-    joints = [dataclasses.replace(joint, limits=limits) for joint in joints]
-    joints[2] = dataclasses.replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
+    joints = [replace(joint, limits=limits) for joint in joints]
+    joints[2] = replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
     robot = fill(Robot(name="follower", joints=tuple(joints)))
     stage = load(write_usd(robot))
     prim = find_joints(stage)["joint3"]
@@ -217,7 +211,7 @@ def test_followers_that_turn_are_held():
     (target,) = prim.GetRelationship("physxMimicJoint:rotZ:referenceJoint").GetTargets()
     assert target.name == "joint1"
     assert not list(list_usd_omissions(robot))
-    free = dataclasses.replace(joints[2], limits=Limits())
+    free = replace(joints[2], limits=Limits())
     free = fill(Robot(name="follower", joints=(*joints[:2], free)))
     (text,) = list_usd_omissions(free)
     assert text.startswith(
@@ -237,16 +231,16 @@ def test_what_has_no_words_is_told():
     limits = Limits(torque=5.0)
     spring = Spring(stiffness=4.0, rest=0.1)
     joints = [
-        dataclasses.replace(joint, friction=entry, spring=spring if index == 3 else None, limits=limits)
+        replace(joint, friction=entry, spring=spring if index == 3 else None, limits=limits)
         for index, (joint, entry) in enumerate(zip(made.joints, friction, strict=True))
     ]
-    joints[0] = dataclasses.replace(joints[0], name="1 a-b", drive=Drive(gear=30.0))
-    joints[1] = dataclasses.replace(joints[1], inertial=(0.0,) * 10)
-    joints[2] = dataclasses.replace(joints[2], elasticity=Elasticity(stiffness=900.0))
+    joints[0] = replace(joints[0], name="1 a-b", drive=Drive(gear=30.0))
+    joints[1] = replace(joints[1], inertial=(0.0,) * 10)
+    joints[2] = replace(joints[2], elasticity=Elasticity(stiffness=900.0))
     coupling = Coupling(
         name="m", terms=((0, Fraction(1)), (3, Fraction(2))), has_rotor=True, rotor_inertia=0.1
     )
-    robot = dataclasses.replace(
+    robot = replace(
         made, joints=tuple(joints), symbols=(("L1", 0.25),), couplings=(coupling,), gravity=(Exact(),) * 3
     )
     text = write_usd(robot, comments=("a comment\nof the caller",))
@@ -280,10 +274,8 @@ def test_what_has_no_words_is_told():
 )
 def test_every_prim_has_a_name_of_its_own(names):
     made = fill(build_chain([(0.1, 0.1, 0, "q")] * 3, name="physicsScene"))
-    joints = tuple(
-        dataclasses.replace(joint, name=name) for joint, name in zip(made.joints, names, strict=True)
-    )
-    robot = dataclasses.replace(made, joints=joints)
+    joints = tuple(replace(joint, name=name) for joint, name in zip(made.joints, names, strict=True))
+    robot = replace(made, joints=joints)
     stage = load(write_usd(robot))
     bodies = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
     found = find_joints(stage)

@@ -4,6 +4,7 @@ import pytest
 
 from symid.errors import EstimateError, Notice, UsageError
 from symid.robot.parameter_values import TableColumns, read_value_table
+from tests.mistakes import refuse
 
 
 def read_name(text):
@@ -75,10 +76,8 @@ def test_a_column_that_is_not_there_is_refused(tmp_path):
 
 def test_all_mistakes_are_told_with_their_lines(tmp_path):
     text = "name,value,std\na,1_0,0.1\nbad,1,nan\nc,2\n# d\n a ,3,-1\ne,1e101,x\nf,1,1\nf,2,1\n"
-    with pytest.raises(EstimateError) as caught:
-        read(tmp_path, text)
-    told = [(notice.line, notice.code) for notice in caught.value.notices]
-    assert told == [
+    notices = refuse(read, tmp_path, text, error=EstimateError)
+    assert [(notice.line, notice.code) for notice in notices] == [
         (2, "table.not-a-number"),
         (3, "usage.unreadable-group"),
         (3, "table.not-a-number"),
@@ -88,8 +87,8 @@ def test_all_mistakes_are_told_with_their_lines(tmp_path):
         (7, "table.not-a-number"),
         (9, "table.repeated"),
     ]
-    assert all(notice.file.endswith("table.csv") for notice in caught.value.notices)
-    assert "'std': '-1'" in caught.value.notices[4].text
+    assert all(notice.file.endswith("table.csv") for notice in notices)
+    assert "'std': '-1'" in notices[4].text
 
 
 def test_lines_without_a_value_or_deviation(tmp_path):
@@ -111,26 +110,16 @@ def test_lines_without_a_value_or_deviation(tmp_path):
     ],
 )
 def test_what_is_no_table(tmp_path, text, code):
-    with pytest.raises(EstimateError) as caught:
-        read(tmp_path, text, name="name" if "name" in text else None, value="value" if text else None)
-    assert [notice.code for notice in caught.value.notices] == [code]
+    columns = {"name": "name" if "name" in text else None, "value": "value" if text else None}
+    assert [notice.code for notice in refuse(read, tmp_path, text, error=EstimateError, **columns)] == [code]
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("name;value;std\na;3,2;0.1\n", "'3,2'"),
-        (
-            "name,value,std\na,3,1.1 %\n",
-            "'1.1 %'",
-        ),
-    ],
+    ("text", "words"), [("name;value;std\na;3,2;0.1\n", "'3,2'"), ("name,value,std\na,3,1.1 %\n", "'1.1 %'")]
 )
 def test_columns_of_numbers_that_cannot_be_read_are_not_passed_over(tmp_path, text, words):
     """Without its column of deviations a table would be compared as if it had none."""
-    with pytest.raises(EstimateError) as caught:
-        read(tmp_path, text)
-    (notice,) = caught.value.notices
+    (notice,) = refuse(read, tmp_path, text, error=EstimateError)
     assert (notice.code, notice.line) == ("table.not-a-number", 2)
     assert words in notice.text
 

@@ -1,18 +1,19 @@
 """Xacro files as robots, against the program xacro and the URDF that it writes."""
 
-import dataclasses
 import subprocess
 import sys
+from dataclasses import replace
 
 import pytest
 
 from symid.api.robot_files import export_fit
-from symid.errors import RobotError, UsageError
+from symid.errors import UsageError
 from symid.identification.export import check_format, locate_source, write_stated
 from symid.robot.loading import load_robot
 from symid.robot.urdf_reader import parse_urdf, read_urdf
 from symid.robot.urdf_xml import read_urdf_text
 from tests.estimates import store_estimate
+from tests.mistakes import refuse
 
 SPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 PARTS = f"""<robot {SPACE}>
@@ -54,10 +55,8 @@ def arm(tmp_path):
     return tmp_path / "src" / "arm_description" / "urdf" / "arm.urdf.xacro"
 
 
-def refuse(path):
-    with pytest.raises(RobotError) as caught:
-        read_urdf(path)
-    (notice,) = caught.value.notices
+def find_notice(path):
+    (notice,) = refuse(read_urdf, path)
     return notice
 
 
@@ -97,7 +96,7 @@ def test_the_robot_is_that_of_the_text_that_xacro_prints(arm, tmp_path):
 
 def test_lines_of_mistakes_are_those_of_the_expanded_text(arm):
     arm.write_text(ARM.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', 1))
-    notice = refuse(arm)
+    notice = find_notice(arm)
     assert (notice.code, notice.file) == ("robot.zero-axis", f"{arm} (expanded)")
     lines = read_urdf_text(arm).text.split("\n")
     assert '<axis xyz="0 0 0"/>' in lines[notice.line - 1]
@@ -109,7 +108,7 @@ def test_a_package_elsewhere_is_found_where_ros_looks(arm, tmp_path, monkeypatch
     away = tmp_path / "ws" / "deep" / "share"
     away.mkdir(parents=True)
     (tmp_path / "src" / "parts").rename(away / "other_name")
-    notice = refuse(arm)
+    notice = find_notice(arm)
     assert (notice.code, notice.file) == ("robot.xacro", str(arm))
     assert "$(find parts)" in notice.text
     assert "ROS_PACKAGE_PATH" in notice.text
@@ -136,10 +135,7 @@ def test_a_folder_without_manifest_has_its_own_name(arm, tmp_path):
     ("inner", "words"),
     [
         ("  <xacro:arm/>\n", "unknown macro name: xacro:arm"),
-        (
-            '  <link name="$(arg side)"/>\n',
-            "side has no default; run `xacro a.xacro side:=VALUE",
-        ),
+        ('  <link name="$(arg side)"/>\n', "side has no default; run `xacro a.xacro side:=VALUE"),
         ('  <link name="${1 / 0}"/>\n', "division by zero"),
         ('  <link name="${nothing}"/>\n', "nothing"),
         ('  <xacro:include filename="absent.xacro"/>\n', "absent.xacro"),
@@ -149,7 +145,7 @@ def test_a_folder_without_manifest_has_its_own_name(arm, tmp_path):
 )
 def test_what_cannot_be_expanded_is_told(tmp_path, inner, words):
     path = write(tmp_path / "a.xacro", inner)
-    notice = refuse(path)
+    notice = find_notice(path)
     assert (notice.code, notice.file, notice.line) == ("robot.xacro", str(path), 0)
     assert words in notice.text
 
@@ -157,7 +153,7 @@ def test_what_cannot_be_expanded_is_told(tmp_path, inner, words):
 def test_broken_xml_is_told_in_the_file_that_has_it(arm, tmp_path):
     parts = tmp_path / "src" / "parts" / "urdf" / "parts.xacro"
     parts.write_text(PARTS.replace("</inertial>", "</inertia>"))
-    notice = refuse(arm)
+    notice = find_notice(arm)
     assert (notice.file, notice.line) == (str(parts), 8)
     assert "mismatched tag" in notice.text
 
@@ -171,7 +167,7 @@ def test_what_xacro_prints_is_told(arm):
 
 def test_without_the_package_the_way_out_is_told(arm, monkeypatch):
     monkeypatch.setitem(sys.modules, "xacro", None)
-    notice = refuse(arm)
+    notice = find_notice(arm)
     assert notice.code == "robot.needs-xacro"
     assert "pip install 'symid[xacro]'" in notice.text
     assert "xacro arm.urdf.xacro > robot.urdf" in notice.text
@@ -185,13 +181,9 @@ def test_xacro_in_a_file_of_another_name_is_expanded(arm):
 
 def test_values_go_into_a_urdf_and_not_into_xacro(arm, tmp_path):
     robot = load_robot(str(arm))
-    heavy = dataclasses.replace(
-        robot.joints[0], inertial=tuple(2.0 * value for value in robot.joints[0].inertial)
-    )
-    changed = dataclasses.replace(robot, joints=(heavy, *robot.joints[1:]))
-    with pytest.raises(UsageError) as caught:
-        check_format(arm)
-    assert "export a .urdf" in caught.value.notices[0].text
+    heavy = replace(robot.joints[0], inertial=tuple(2.0 * value for value in robot.joints[0].inertial))
+    changed = replace(robot, joints=(heavy, *robot.joints[1:]))
+    assert "export a .urdf" in refuse(check_format, arm, error=UsageError)[0].text
     target = tmp_path / "arm.urdf"
     written = write_stated(changed, target)
     assert not [notice.code for notice in written.notices if notice.code.startswith("export.source")]
@@ -206,7 +198,5 @@ def test_values_are_not_written_into_xacro_in_place(arm, tmp_path):
     assert locate_source(robot) == arm
     found = store_estimate(robot, tmp_path / "estimate.json")
     before = arm.read_text()
-    with pytest.raises(UsageError) as caught:
-        export_fit(robot, found, None)
-    assert "export a .urdf" in caught.value.notices[0].text
+    assert "export a .urdf" in refuse(export_fit, robot, found, None, error=UsageError)[0].text
     assert arm.read_text() == before
