@@ -88,14 +88,14 @@ def parse_linear_form(text: str) -> Exact | None:
     return total + product
 
 
-def _parse_value(value: object) -> Exact | None:
-    """Return a value of a file, a number or the text of a linear form."""
+def _parse_value(value: object, largest: Fraction = _LARGEST_PART) -> Exact | None:
+    """Return a value of a file, a number or the text of a linear form with parts up to `largest`."""
     number = to_decimal(value)
     if number is not None:
         return Exact.of(str(number))
     form = parse_linear_form(value) if isinstance(value, str) else None
     sizes = [abs(part) for _, parts in (form.terms if form else ()) for part in parts if part]
-    return form if all(1 / _LARGEST_PART <= size <= _LARGEST_PART for size in sizes) else None
+    return form if all(1 / largest <= size <= largest for size in sizes) else None
 
 
 def read_linear_form(
@@ -286,7 +286,8 @@ def _read_origin(section: Section, key: str) -> Placement:
         roll, pitch, yaw = (read_angle(table, "rpy", index) for index in range(3))
         rotation = rotate_rpy(roll, pitch, yaw).rotation
     if table.has_list("quaternion", 4, "numbers w, x, y, z"):
-        forms = [_parse_value(table.get("quaternion", index)) for index in range(4)]
+        # Only ratios count: the whole numbers of an exact turn may be long.
+        forms = [_parse_value(table.get("quaternion", index), _LARGEST_PART**2) for index in range(4)]
         parts = [form for form in forms if form is not None and form.is_number]
         if len(parts) < len(forms):
             index = next(index for index, form in enumerate(forms) if form not in parts)

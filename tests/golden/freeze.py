@@ -114,7 +114,10 @@ LOOSER = (
     ("elastic-*", "file.covariance.*", 1e-7, 0.0, "the inverse of a matrix whose condition is large"),
     ("elastic-*", "*.springs.*.torque_std", 1e-4, 0.0, "the same, of the numbers of a spring"),
     ("elastic-*", "*.springs.*.slope_std", 1e-4, 0.0, "the same"),
-    ("elastic-*", "*.history.*.change", 1e-7, 0.0, "the change of a step of an iteration"),
+    ("elastic-*", "*.history.*.change", 1e-6, 0.0, "the change of a step of an iteration"),
+    ("elastic-*", "*.history.*.norms.*", 1e-8, 0.0, "the same"),
+    ("elastic-*", "*.elasticity.*", 1e-7, 0.0, "the end of a search for a smooth optimum, of a spring"),
+    ("elastic-*", "*.relative_std_percent", 1e-6, 0.0, "of values that are zero but for noise"),
     ("demo", "*.history.*.change", 1e-6, 0.0, "the same"),
     ("demo", "*.springs.0.elasticity.stops.3.*", 1e-6, 0.0, "the last stop, which is hardly reached"),
     ("demo", "*.springs.0.excited", 1e-6, 0.0, "its threshold"),
@@ -126,6 +129,9 @@ LOOSER = (
         0.0,
         "a spring that the log cannot tell: a search on a plateau",
     ),
+    ("kr300-stiffness", "file.record.joints.0.left", 5e-3, 0.0, "the same"),
+    ("kr300-stiffness", "*offset*", 1e-6, 0.0, "the end of this search"),
+    ("kr300-stiffness", "*.run_*stds.*", 1e-7, 0.0, "the same"),
 )
 """Tolerances other than `TOLERANCE`."""
 
