@@ -30,6 +30,7 @@ from symid.errors import GenerationError, OutputError
 from symid.joint_models.hysteresis import Elasticity
 from symid.robot.description import Controller, Limits, Processing
 from symid.robot.toml_reader import read_robot
+from tests.refusals import raises
 
 NAMES = ("mass_matrix", "friction")
 
@@ -180,9 +181,8 @@ def test_generated_code_that_does_not_compile_is_an_error_and_leaves_no_entry(
 
 def test_a_folder_that_cannot_be_made_is_said(robot, tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.cache") as caught:
         prepare(robot, tmp_path / "file" / "cache")
-    assert caught.value.notices[0].code == "output.cache"
     assert caught.value.notices[0].file == str(tmp_path / "file" / "cache")
 
 
@@ -197,9 +197,8 @@ def test_the_compilers_message_reaches_the_reader(tmp_path, c_compiler):
     source = tmp_path / "bad.c"
     source.write_text("int f(void) { return missing; }\n")
     compiler = locate_compiler(c_compiler)
-    with pytest.raises(GenerationError, match="missing") as caught:
+    with raises(GenerationError, "codegen.compiler-failed", match="missing") as caught:
         compile_sources(compiler, [source], tmp_path / "x.so")
-    assert caught.value.notices[0].code == "codegen.compiler-failed"
     assert f"{c_compiler} -std=c99" in str(caught.value)
     assert not (tmp_path / "x.so").exists()
     assert locate_compiler("no-such-compiler") is None
@@ -275,9 +274,8 @@ def test_no_place_at_all_is_said(robot, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("x")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path / "file"))
-    with pytest.raises(OutputError, match=f"{tmp_path / 'file'}") as caught:
+    with raises(OutputError, "output.cache", match=f"{tmp_path / 'file'}"):
         prepare(robot, None)
-    assert caught.value.notices[0].code == "output.cache"
 
 
 def test_an_entry_that_cannot_be_moved_in_is_said(robot, tmp_path, monkeypatch):
@@ -289,9 +287,8 @@ def test_an_entry_that_cannot_be_moved_in_is_said(robot, tmp_path, monkeypatch):
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", fail)
-    with pytest.raises(OutputError, match="Permission denied") as caught:
+    with raises(OutputError, "output.cache", match="Permission denied"):
         prepare(robot, tmp_path)
-    assert caught.value.notices[0].code == "output.cache"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -510,9 +507,8 @@ def test_what_belongs_to_another_user_is_not_loaded(robot, tmp_path, entry, monk
     user = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: user + 1)
     assert describe_entry_risk(entry) == "it belongs to another user"
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.cache"):
         prepare(robot, tmp_path)
-    assert caught.value.notices[0].code == "output.cache"
     # As on a system without owners.
     monkeypatch.delattr(os, "getuid")
     entry.chmod(0o777)
@@ -521,9 +517,8 @@ def test_what_belongs_to_another_user_is_not_loaded(robot, tmp_path, entry, monk
 
 def test_a_folder_in_which_others_can_replace_entries_is_not_used(robot, tmp_path, c_compiler):
     tmp_path.chmod(0o777)
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.cache"):
         prepare(robot, tmp_path)
-    assert caught.value.notices[0].code == "output.cache"
     assert list(tmp_path.iterdir()) == []
     # As in /tmp, where others can add but not replace.
     tmp_path.chmod(0o1777)

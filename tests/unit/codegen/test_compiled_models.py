@@ -17,6 +17,7 @@ from symid.codegen.compiled_models import (
 from symid.errors import GenerationError, OutputError
 from symid.joint_models import Relays, SlipSpring, run_branch, run_element, strip_branch
 from tests.elements import ELEMENTS
+from tests.refusals import raises
 
 FIELDS = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
@@ -48,9 +49,8 @@ def test_a_plant_that_does_not_load_is_an_error(tmp_path, c_compiler, monkeypatc
     monkeypatch.setattr(
         compiled_models, "compile_sources", lambda *arguments: arguments[-1].write_bytes(b"no")
     )
-    with pytest.raises(GenerationError) as caught:
+    with raises(GenerationError, "codegen.cannot-load"):
         load_plant_code(cache=tmp_path)
-    assert caught.value.notices[0].code == "codegen.cannot-load"
 
 
 def test_without_a_compiler_there_is_none(tmp_path):
@@ -60,9 +60,8 @@ def test_without_a_compiler_there_is_none(tmp_path):
 def test_a_cache_that_cannot_be_written(tmp_path, c_compiler, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.cache"):
         load_plant_code(cache=blocked / "cache")
-    assert caught.value.notices[0].code == "output.cache"
     monkeypatch.setattr(cache, "locate_user_folder", lambda: blocked / "cache")
     monkeypatch.setattr(cache, "make_temporary_folder", lambda: tmp_path / "temporary")
     (notice,) = load_plant_code().notices
@@ -116,9 +115,8 @@ def test_functions_without_addresses_are_refused(tmp_path, c_compiler):
         play=none,
     )
     assert (robot.size, order.ticks) == (1, 3)
-    with pytest.raises(GenerationError) as caught:
+    with raises(GenerationError, "codegen.no-address"):
         load_plant_code(cache=tmp_path).run(Rigid(), robot, order)
-    assert caught.value.notices[0].code == "codegen.no-address"
 
 
 def test_records_keep_their_arrays_from_being_written():
