@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from symid.codegen.casadi_functions import build_sx_function
-from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.programs import ExpressionTable, Op, differentiate_along, differentiate_backward
+from tests.sx_programs import make_spec
 
 POINT = np.array([0.7, -1.3, 2.1])
 
@@ -34,24 +34,15 @@ def reference():
 
 
 def evaluate(table, refs):
-    spec = FunctionSpec(
-        name="f",
-        inputs=(Port(name="x", shape=(3,), unit="1", meaning="point"),),
-        outputs=(Port(name="y", shape=(len(refs),), unit="1", meaning="values"),),
-        meaning="test",
-    )
-    function = build_sx_function(table.build_program(spec, [refs]))
+    function = build_sx_function(table.build_program(make_spec({"x": 3}, {"y": len(refs)}), [refs]))
     return np.array(function(POINT)).ravel()
 
 
 def test_gradient_equals_casadi(table):
     inputs, value = write(table)
-    np.testing.assert_allclose(
-        evaluate(table, differentiate_backward(table, value, inputs)), reference(), rtol=1e-13
-    )
-    np.testing.assert_allclose(
-        evaluate(table, differentiate_backward(table, -value, inputs)), -reference(), rtol=1e-13
-    )
+    for sign in (1, -1):
+        found = evaluate(table, differentiate_backward(table, sign * value, inputs))
+        np.testing.assert_allclose(found, sign * reference(), rtol=1e-13)
 
 
 def test_rates_equal_the_gradient_in_a_direction(table):

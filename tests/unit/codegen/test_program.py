@@ -2,31 +2,18 @@
 
 import casadi as ca
 
-from symid.codegen.functions import FunctionSpec, ModelCard, Port
+from symid.codegen.functions import ModelCard
 from symid.codegen.printing import print_c
 from symid.codegen.programs import ExpressionTable, Op, Operations, ValueAlgebra, count_operations
 from symid.codegen.references import build_references
 from symid.codegen.source_text import GenerateOptions
 from symid.errors import GenerationError
 from tests.refusals import raises
-from tests.sx_programs import read_sx_program
+from tests.sx_programs import make_spec, make_toy
 
 
-def spec_of(count):
-    return FunctionSpec(name="f", inputs=(), outputs=(port("y", count),), meaning="test")
-
-
-def port(name, *shape):
-    return Port(name=name, shape=shape, unit="1", meaning="number")
-
-
-def build(expression, *, size=3, shape=None):
-    x = ca.SX.sym("x", size)
-    y = ca.densify(ca.vertcat(*expression(x))) if shape is None else expression(x)
-    spec = FunctionSpec(
-        name="f", inputs=(port("x", size),), outputs=(port("y", *(shape or (y.numel(),))),), meaning="test"
-    )
-    return read_sx_program(ca.Function("f", [x], [y], ["x"], ["y"]), spec)
+def build(expression, *, size=3):
+    return make_toy(lambda x: ca.vertcat(*expression(x)), x=size)[1]
 
 
 def ops(program):
@@ -55,7 +42,7 @@ def test_what_no_output_needs_is_left_out():
     table = ExpressionTable()
     x = table.input(0, 0)
     table.apply(Op.SIN, x)
-    program = table.build_program(spec_of(1), [[-table.apply(Op.COS, x)]])
+    program = table.build_program(make_spec({}, {"y": 1}), [[-table.apply(Op.COS, x)]])
     assert [instruction.op for instruction in program.instructions] == [Op.INPUT, Op.COS]
     assert program.outputs == ((-2,),)
 
@@ -75,7 +62,7 @@ def test_zero_and_one_never_reach_the_code():
 
 
 def test_matrices_are_read_by_rows():
-    program = build(lambda x: ca.reshape(x, 2, 3), size=6, shape=(2, 3))
+    _, program = make_toy(lambda x: ca.reshape(x, 2, 3), x=6, shape=(2, 3))
     elements = [program.instructions[ref - 1].args[1] for ref in program.outputs[0]]
     assert elements == [0, 2, 4, 1, 3, 5]
 
@@ -117,9 +104,8 @@ def test_counting_equals_collecting():
     outputs = [table.mul(table.apply(Op.SIN, x), y), table.add(x, table.div(y, x))]
     table.mul(y, y)
     assert table.count(outputs) == Operations(mul=2, add=1, trig=1)
-    assert [op for _, op, _ in table.walk(outputs)] == [
-        instruction.op for instruction in table.build_program(spec_of(len(outputs)), [outputs]).instructions
-    ]
+    program = table.build_program(make_spec({}, {"y": 2}), [outputs])
+    assert [op for _, op, _ in table.walk(outputs)] == [entry.op for entry in program.instructions]
 
 
 def test_there_is_one_zero():
@@ -127,8 +113,7 @@ def test_there_is_one_zero():
     x, zero = table.input(0, 0), table.constant(0.0)
     algebra = ValueAlgebra(table)
     assert table.constant(-0.0) == algebra.neg(zero) == algebra.neg(table.mul(-x, zero)) == zero
-    spec = FunctionSpec(name="f", inputs=(port("x", 1),), outputs=(port("y", 3),), meaning="test")
-    program = table.build_program(spec, [[zero, -zero, -x]])
+    program = table.build_program(make_spec({"x": 1}, {"y": 3}), [[zero, -zero, -x]])
     (first, second, third), (number,) = (
         program.outputs[0],
         [k for k, instruction in enumerate(program.instructions, start=1) if instruction.op is Op.CONSTANT],

@@ -53,7 +53,7 @@ def read_bytes(arrays):
 
 
 def run_together(find_wrong, count):
-    """Call `find_wrong(k)` in threads that take turns as often as can be; it returns whether one was wrong."""
+    """Call `find_wrong(k)` in threads that take turns as often as can be: none finds a wrong one."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     try:

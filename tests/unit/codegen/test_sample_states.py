@@ -5,21 +5,13 @@ import numpy as np
 import pytest
 
 from symid.codegen.c_library import write_simd_header
-from symid.codegen.casadi_functions import build_functions
-from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.references import ANGLE_LIMITS, PER_UNIT, SampleStates, list_angle_inputs
-from symid.robot.toml_reader import read_robot
-from tests.sx_programs import read_sx_program
-
-Q = Port(name="q", shape=(2,), unit="rad", meaning="q")
-DQ = Port(name="dq", shape=(2,), unit="rad/s", meaning="dq")
+from tests.builds import build_shipped
+from tests.sx_programs import make_toy
 
 
 def make_program(name, build):
-    q, dq = ca.SX.sym("q", 2), ca.SX.sym("dq", 2)
-    output = Port(name="y", shape=(2,), unit="1", meaning="y")
-    spec = FunctionSpec(name=name, inputs=(Q, DQ), outputs=(output,), meaning=name)
-    return read_sx_program(ca.Function(name, [q, dq], [build(q, dq)], ["q", "dq"], ["y"]), spec)
+    return make_toy(build, name, q=2, dq=2)[1]
 
 
 TURNS = make_program("turns", lambda q, dq: ca.vertcat(ca.sin(q[0]) * dq[0], -ca.cos(-q[0]) - ca.sin(q[1])))
@@ -89,9 +81,8 @@ def test_few_states_are_all_near():
 
 
 @pytest.mark.parametrize("name", ["two_link", "two_link_elastic", "scara"])
-def test_angles_of_robots_go_far_out_and_lengths_do_not(project, name):
-    robot = read_robot(project / "robots" / f"{name}.toml")
-    functions = build_functions(robot, names=("gravity", "mass_matrix"))
+def test_angles_of_robots_go_far_out_and_lengths_do_not(name):
+    functions = build_shipped(name, "gravity", "mass_matrix")
     revolute = {k for k, joint in enumerate(functions.card.joints) if joint.kind == "revolute"}
     found = list_angle_inputs(functions.programs)
     assert found

@@ -5,11 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from symid.codegen.functions import FunctionSpec, Port, list_robot_specs
+from symid.codegen.functions import list_robot_specs
 from symid.codegen.printing import print_python
 from symid.codegen.programs import ExpressionTable, Op, build_depth_first, count_operations
 from symid.dynamics.base_parameters import derive_base_parameters
 from tests.chains import PUMA560, STANFORD, build_route_programs, run_program
+from tests.sx_programs import make_spec
 
 
 def count_registers(program):
@@ -41,8 +42,7 @@ def test_the_larger_operand_comes_first():
     a, b, c = (table.input(0, k) for k in range(3))
     small = table.apply(Op.SIN, c)
     large = table.mul(table.add(a, b), table.apply(Op.COS, b))
-    ports = [Port(name=name, shape=(size,), unit="1", meaning="") for name, size in (("x", 3), ("y", 2))]
-    spec = FunctionSpec(name="f", inputs=(ports[0],), outputs=(ports[1],), meaning="test")
-    ordered = build_depth_first(table.build_program(spec, [[table.mul(small, large), table.mul(c, c)]]))
+    outputs = [table.mul(small, large), table.mul(c, c)]
+    ordered = build_depth_first(table.build_program(make_spec({"x": 3}, {"y": 2}), [outputs]))
     found = [instruction.op for instruction in ordered.instructions if instruction.op is not Op.INPUT]
     assert found == [Op.ADD, Op.COS, Op.MUL, Op.SIN, Op.MUL, Op.MUL]

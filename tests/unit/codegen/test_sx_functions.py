@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from symid.codegen.casadi_functions import build_sx_function
-from symid.codegen.functions import FunctionSpec, Port, list_robot_specs
+from symid.codegen.functions import list_robot_specs
 from symid.codegen.programs import ExpressionTable, Op, count_operations
 from symid.codegen.routes import choose_route
 from symid.dynamics.base_parameters import derive_base_parameters
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_chain, run_program
-from tests.sx_programs import read_sx_program
+from tests.sx_programs import make_spec, read_sx_program
 
 DRIVEN = build_chain(
     [(0.0, 0, 0, "q"), (np.pi / 6, 0.3, 0.1, "q"), (np.pi / 2, 0.1, "q", 0.0)],
@@ -19,15 +19,10 @@ DRIVEN = build_chain(
 )
 
 
-def port(name, *shape):
-    return Port(name=name, shape=shape, unit="1", meaning="number")
-
-
 def build(inputs, outputs, write):
-    """Return the program of `write`, which gives the outputs' references from a table."""
-    spec = FunctionSpec(name="f", inputs=inputs, outputs=outputs, meaning="test")
+    """Return CasADi's function of `write`, which gives the outputs' references from a table."""
     table = ExpressionTable()
-    return table.build_program(spec, write(table))
+    return build_sx_function(table.build_program(make_spec(inputs, outputs), write(table)))
 
 
 @pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD, DRIVEN], ids=lambda r: r.name)
@@ -50,16 +45,16 @@ def test_what_casadi_holds_is_the_program(robot):
 
 
 def test_matrices_go_in_and_out_by_rows():
-    program = build(
-        (port("a", 2, 3), port("b", 2)),
-        (port("y", 3, 2), port("z", 2, 3, 1)),
+    function = build(
+        {"a": (2, 3), "b": 2},
+        {"y": (3, 2), "z": (2, 3, 1)},
         lambda table: (
             [table.mul(table.input(0, k), table.input(1, k % 2)) for k in range(6)],
             [-table.input(0, k) for k in range(6)],
         ),
     )
     a, b = np.arange(1.0, 7.0).reshape(2, 3), np.array([10.0, 100.0])
-    y, z = build_sx_function(program)(a, b)
+    y, z = function(a, b)
     np.testing.assert_array_equal(np.array(y), (a.ravel() * np.tile(b, 3)).reshape(3, 2))
     np.testing.assert_array_equal(np.array(z), -a)
 
@@ -68,36 +63,22 @@ def test_matrices_go_in_and_out_by_rows():
 def test_every_operation_has_a_rule(value):
     def write(table):
         x, y = table.input(0, 0), table.constant(0.2)
-        single = [
-            table.apply(op, x)
-            for op in (Op.SIN, Op.COS, Op.TAN, Op.EXP, Op.TANH, Op.ABS, Op.SIGN, Op.IS_ZERO)
-        ]
+        kinds = (Op.SIN, Op.COS, Op.TAN, Op.EXP, Op.TANH, Op.ABS, Op.SIGN, Op.IS_ZERO)
+        single = [table.apply(op, x) for op in kinds]
         root = table.apply(Op.SQRT, table.apply(Op.ABS, x))
         double = [table.apply(op, -x, y) for op in (Op.LESS, Op.LESS_EQUAL)]
         chosen = table.apply(Op.SELECT, table.apply(Op.LESS, x, y), -x)
         return [[*single, root, *double, chosen, table.div(x, table.add(x, table.constant(9.0)))]]
 
-    found = np.array(build_sx_function(build((port("x", 1),), (port("y", 13),), write))(value)).ravel()
+    found = np.array(build({"x": 1}, {"y": 13}, write)(value)).ravel()
     x = value
-    plain = [
-        np.sin(x),
-        np.cos(x),
-        np.tan(x),
-        np.exp(x),
-        np.tanh(x),
-        abs(x),
-        np.sign(x),
-        x == 0,
-        abs(x) ** 0.5,
-    ]
+    plain = [f(x) for f in (np.sin, np.cos, np.tan, np.exp, np.tanh, abs, np.sign)] + [x == 0, abs(x) ** 0.5]
     tests = [-x < 0.2, -x <= 0.2, -x if x < 0.2 else 0.0, x / (x + 9.0)]
     np.testing.assert_allclose(found, np.array([*plain, *tests], dtype=float), rtol=1e-14, atol=1e-300)
 
 
 def test_a_function_without_inputs_or_outputs_can_be_written():
-    program = build(
-        (port("f", 0),), (port("y", 2, 0), port("z", 2)), lambda t: ([], [t.constant(0.0), t.constant(-3.0)])
-    )
-    empty, constants = build_sx_function(program)(np.zeros((0, 1)))
+    function = build({"f": 0}, {"y": (2, 0), "z": 2}, lambda t: ([], [t.constant(0.0), t.constant(-3.0)]))
+    empty, constants = function(np.zeros((0, 1)))
     assert empty.shape == (2, 0)
     np.testing.assert_array_equal(np.array(constants).ravel(), [0.0, -3.0])
