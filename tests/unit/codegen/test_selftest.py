@@ -99,9 +99,8 @@ def test_it_notices_a_small_error_of_one_element_at_few_states(copy, c_compiler)
     rows = re.search(r"state_q_2\[200\] = \{(.*?)\}", (copy / "selftest.c").read_text(), re.DOTALL).group(1)
     first = [int(value) for value in rows.replace("\n", " ").split(",")[:4]]
     limit = max(first[0], first[2], 2000) / 1000 + 0.01
-    replace(
-        copy, "gravity.c", r"(    g\[1\] = [^;]*);", rf"\1;\n    if (q[0] > {limit}f) {{ g[1] += {size}; }}"
-    )
+    change = rf"\1;\n    if (q[0] > {limit}f) {{ g[1] += {size}; }}"
+    replace(copy, "gravity.c", r"(    g\[1\] = [^;]*);", change)
     replace(copy, "gravity.c", r"g\[1\] \+= ", "g[1] += 30 * ")
     check_caught(copy, c_compiler, "gravity")
 
