@@ -4,7 +4,6 @@ import ctypes
 import json
 import math
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import mpmath
@@ -251,13 +250,6 @@ def test_library_sines_are_calls(tmp_path):
     assert set(own) - set(library) == {"symid_two_link_lanes.h"}
     assert "symid_two_link_lanes.h" not in own["CMakeLists.txt"], "it is not installed"
     assert "symid_two_link_lanes.h" in own["Makefile"]
-
-
-def test_lanes_of_another_precision_differ():
-    texts = [write_simd_header("A", precision) for precision in TYPES]
-    assert "sinf(" in texts[1]
-    assert "sinf(" not in texts[0]
-    assert replace(GenerateOptions(), precision="float").trigonometry == "own"
 
 
 SLIDE = """

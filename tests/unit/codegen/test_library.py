@@ -12,10 +12,12 @@ import pytest
 
 from symid.codegen import library as library_module
 from symid.codegen.c_library import generate_c_library
+from symid.codegen.cache import prepare_library
 from symid.codegen.library import check_outputs, load_library
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_folder import write_sources
 from symid.errors import GenerationError, UsageError
+from symid.robot import load_robot
 from tests.builds import build_shipped, make, write_c, write_python
 from tests.refusals import raises
 
@@ -42,8 +44,16 @@ def folder(built, tmp_path):
     return Path(shutil.copytree(built / "c", tmp_path / "c"))
 
 
-@pytest.fixture(params=["c", "python", "casadi", "casadi-machine"])
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory, c_compiler):
+    """Return a library whose bound functions are built-in ones."""
+    return prepare_library(load_robot("two_link"), names=NAMES, cache=tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(params=["c", "built-in", "python", "casadi", "casadi-machine"])
 def library(request, made, tmp_path):
+    if request.param == "built-in":
+        return request.getfixturevalue("prepared")
     if request.param == "python":
         return load_library(write_python(made, tmp_path / "p"))
     built = request.getfixturevalue("built")
@@ -80,7 +90,11 @@ def test_byte_code_beside_a_module_is_not_run(made, tmp_path):
 Q = np.ones(2)
 # What stands for q and beta; None is the right vector of parameters.
 WRONG = {
+    "nothing": (),
     "count": (Q,),
+    "too many": (Q,) * 9,
+    "none": (None, None),
+    "shape": (np.ones(3), None),
     "size": (Q[:1], None),
     "scalar": (0.5, None),
     "batch": (np.ones((3, 2)), None),
@@ -100,7 +114,7 @@ def find_wrong(library, wrong):
 @pytest.mark.parametrize("wrong", sorted(WRONG))
 def test_what_is_no_array_of_real_numbers_or_not_one_sample_is_refused(library, wrong):
     beta = np.ones(len(library.card.beta))
-    values = [beta if value is None else value for value in WRONG[wrong]]
+    values = [beta if value is None and k else value for k, value in enumerate(WRONG[wrong])]
     calls = [library.bind("gravity"), partial(library.evaluate, "gravity")]
     for call in calls[: 1 if wrong == "batch" else 2]:
         with raises(UsageError, "usage.shape"):
@@ -121,6 +135,8 @@ def test_the_status_of_a_bound_function_is_looked_at(folder, monkeypatch):
     monkeypatch.setattr(type(library.engine), "_get_symbol", lambda *_: lambda *_: 1)
     with raises(GenerationError, "codegen.call-failed", match=r"'\w+'.*\b1\b"):
         library.bind("gravity")(np.ones(2), np.ones(len(library.card.beta)))
+    with raises(GenerationError, "codegen.call-failed", match=r"'gravity'.*\b1\b"):
+        library.evaluate("gravity", np.ones(2), np.ones(len(library.card.beta)))
 
 
 def make_arrays(library, samples):
@@ -161,6 +177,11 @@ def test_inputs_that_are_outputs_are_copied_first(library, shift):
     given[...] = q
     library.evaluate("gravity", given, beta, out=(target,))
     np.testing.assert_array_equal(target, wanted)
+    # The code may assume that they are apart: what is not must be copied before.
+    state, target = block[0], block.ravel()[shift : 2 + shift]
+    state[...] = q[0]
+    library.bind("gravity", out=(target,))(state, beta)
+    np.testing.assert_array_equal(target, wanted[0])
 
 
 @pytest.mark.parametrize("samples", [1, 511, 512, 700, 1031])
@@ -184,9 +205,10 @@ def test_a_bound_function_returns_new_arrays_or_writes_to_those_of_the_caller(li
     target = np.full(2, np.nan)
     bound, keeping = library.bind("gravity"), library.bind("gravity", out=[target])
     assert np.isnan(target).all()
-    assert keeping(q, beta)[0] is target
+    for values in (q + 1.0, q.tolist(), q):
+        assert keeping(values, beta)[0] is target
     first = bound(q, beta)[0]
-    bound(q + 1.0, beta)
+    assert not np.array_equal(first, bound(q + 1.0, beta)[0])
     for found in (first, target):
         np.testing.assert_array_equal(found, library.evaluate("gravity", q, beta)[0])
 

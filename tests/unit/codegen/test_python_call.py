@@ -75,33 +75,6 @@ def test_a_built_in_function_gives_the_bytes_of_the_call_through_ctypes(library,
         assert read_bytes(bound(*values)) == read_bytes(library.evaluate(name, *values))
 
 
-def test_outputs_are_new_arrays_or_those_of_the_caller(library):
-    beta, torque = np.ones(len(library.card.beta)), np.full(2, np.nan)
-    bound, keeping = library.bind("gravity"), library.bind("gravity", out=(torque,))
-    assert np.isnan(torque).all()
-    first = bound(np.array([0.1, 0.2]), beta)[0]
-    kept = first.copy()
-    second = bound(np.array([1.1, 0.2]), beta)[0]
-    assert second.base is None
-    np.testing.assert_array_equal(first, kept)
-    assert not np.array_equal(first, second)
-    for values in ([0.1, 0.2], np.array([0.3, 0.4])):
-        (found,) = keeping(values, beta)
-        assert found is torque
-        np.testing.assert_array_equal(torque, bound(values, beta)[0])
-
-
-def test_an_input_may_be_an_output(library):
-    """The code may assume that they are apart: what is not must be copied before."""
-    beta, state = np.ones(len(library.card.beta)), np.array([0.3, 0.4])
-    (wanted,) = library.evaluate("gravity", state.copy(), beta)
-    library.bind("gravity", out=(state,))(state, beta)
-    np.testing.assert_array_equal(state, wanted)
-    block = np.array([0.3, 0.4, 0.0])
-    library.bind("gravity", out=(block[1:],))(block[:2], beta)
-    np.testing.assert_array_equal(block[1:], wanted)
-
-
 class Labelled(np.ndarray):
     """A subclass, as users have them."""
 
@@ -141,27 +114,6 @@ def test_what_is_unusual_is_converted_as_ever(library, kind):
         given = [UNUSUAL[kind](v) if k == place else v for k, v in enumerate(values)]
         plain = [np.ascontiguousarray(np.asarray(v, dtype=np.float64)) for v in given]
         assert read_bytes(bound(*given)) == read_bytes(library.evaluate("inverse_dynamics", *plain))
-
-
-WRONG = {
-    "nothing": (),
-    "too few": (np.ones(2),),
-    "too many": (np.ones(2),) * 9,
-    "a number": (0.5, None),
-    "none": (None, None),
-    "a shape": (np.ones(3), None),
-    "two axes": (np.ones((1, 2)), None),
-    "text": (np.array(["1", "2"]), None),
-    "complex": (np.ones(2) + 1j, None),
-}
-
-
-@pytest.mark.parametrize("wrong", sorted(WRONG))
-def test_what_is_wrong_is_refused_as_ever(library, wrong):
-    beta = np.ones(len(library.card.beta))
-    given = [beta if value is None and k else value for k, value in enumerate(WRONG[wrong])]
-    with raises(UsageError, "usage.shape"):
-        library.bind("gravity")(*given)
 
 
 def test_no_reference_is_lost_or_kept(library):
