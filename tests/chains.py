@@ -108,6 +108,39 @@ def draw_parameters(rng: np.random.Generator, links: int) -> np.ndarray:
     return np.array(result)
 
 
+def name_parameters(parameters: np.ndarray) -> dict[tuple[int, str], float]:
+    """Return parameters (links, 10) by link and name."""
+    return {(link, name): row[k] for link, row in enumerate(parameters) for k, name in enumerate(INERTIAL)}
+
+
+def compute_beta(base, parameters: np.ndarray) -> np.ndarray:
+    """Return base parameters from those of the links (links, 10)."""
+    known = name_parameters(parameters)
+    return np.array([sum(float(c) * known[key] for key, c in entry.terms) for entry in base.parameters])
+
+
+def assert_close(found: object, expected: object, tolerance: float = 1e-12) -> None:
+    """Compare relative to the largest entry expected, or one."""
+    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
+    np.testing.assert_allclose(np.asarray(found, dtype=float), expected, rtol=0, atol=tolerance * scale)
+
+
+def change_joints(robot: Robot, **fields: object) -> Robot:
+    """Return the robot with the same fields of every joint."""
+    joints = tuple(dataclasses.replace(joint, **fields) for joint in robot.joints)
+    return dataclasses.replace(robot, joints=joints)
+
+
+def follow(
+    robot: Robot, index: int, master: int, multiplier: str | Fraction = "-1", **fields: object
+) -> Robot:
+    """Return the robot with a joint that follows another, with other fields of it."""
+    joints = list(robot.joints)
+    mimic = Mimic(master=master, multiplier=Fraction(multiplier))
+    joints[index] = dataclasses.replace(joints[index], mimic=mimic, **fields)
+    return dataclasses.replace(robot, joints=tuple(joints))
+
+
 def set_inertia(robot: Robot, values: np.ndarray) -> Robot:
     """Return the robot with parameters (links, 10) in place of its own."""
     joints = [
@@ -168,6 +201,8 @@ def draw_rational_state(robot, seed):
     return values, state
 
 
+RIGHT_ANGLES = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi])
+"""They keep the field of exact numbers small."""
 _ANGLES = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi / 4, np.pi / 6, np.pi, 0.3])
 _GRAVITIES = [
     ("0", "0", "-9.81"),
@@ -360,6 +395,11 @@ def regress(robot: Robot, q, dq, ddq, *, friction: bool = True) -> dict[tuple[in
             columns[index, f"A{order}"] = matrix[index] * np.cos(angle) * side
             columns[index, f"B{order}"] = matrix[index] * np.sin(angle) * side
     return columns
+
+
+def each_robot(*robots: Robot) -> pytest.MarkDecorator:
+    """Return the mark of a test of several robots, by their names."""
+    return pytest.mark.parametrize("robot", robots, ids=lambda robot: robot.name)
 
 
 PI = np.pi

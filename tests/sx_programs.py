@@ -1,7 +1,9 @@
 """CasADi's SX functions as programs: what CasADi has made of expressions, instruction by instruction."""
 
 import casadi as ca
+import mpmath
 
+from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.programs import ExpressionTable, Op
 
 _FUNCTIONS = {
@@ -62,3 +64,61 @@ def read_sx_program(function, spec):
         else:
             work[target[0]] = _RULES[code](table, [work[i] for i in source])
     return table.build_program(spec, outputs)
+
+
+def make_spec(inputs, outputs, name="f"):
+    """Return the spec of a function from the shapes of its ports by name; a number is a vector's size."""
+
+    def list_ports(shapes):
+        pairs = ((key, shape if isinstance(shape, tuple) else (shape,)) for key, shape in shapes.items())
+        return tuple(Port(name=key, shape=shape, unit="1", meaning="number") for key, shape in pairs)
+
+    return FunctionSpec(name=name, inputs=list_ports(inputs), outputs=list_ports(outputs), meaning="test")
+
+
+def make_toy(build, name="f", *, shape=None, **sizes):
+    """Return CasADi's function of vectors of the sizes, with one output y, and its program."""
+    symbols = [ca.SX.sym(key, size) for key, size in sizes.items()]
+    value = ca.densify(build(*symbols))
+    function = ca.Function(name, symbols, [value], list(sizes), ["y"])
+    return function, read_sx_program(function, make_spec(sizes, {"y": shape or value.numel()}, name))
+
+
+_EXACT = {
+    Op.ADD: lambda a, b: a + b,
+    Op.SUB: lambda a, b: a - b,
+    Op.MUL: lambda a, b: a * b,
+    Op.DIV: lambda a, b: a / b,
+    Op.SIN: mpmath.sin,
+    Op.COS: mpmath.cos,
+    Op.TAN: mpmath.tan,
+    Op.SQRT: mpmath.sqrt,
+    Op.EXP: mpmath.exp,
+    Op.TANH: mpmath.tanh,
+    Op.ABS: abs,
+    Op.SIGN: mpmath.sign,
+    Op.LESS: lambda a, b: mpmath.mpf(a < b),
+    Op.LESS_EQUAL: lambda a, b: mpmath.mpf(a <= b),
+    Op.IS_ZERO: lambda a: mpmath.mpf(a == 0),
+    Op.SELECT: lambda a, b: b if a else mpmath.mpf(0),
+    Op.MAXIMUM: max,
+    Op.MINIMUM: min,
+}
+
+
+def run_with_mpmath(program, inputs):
+    """Return the outputs at one state, numbers of mpmath, from the elements of each input."""
+    values = [mpmath.mpf(0)]
+
+    def read(ref):
+        return values[ref] if ref > 0 else -values[-ref]
+
+    for instruction in program.instructions:
+        if instruction.op is Op.INPUT:
+            port, element = instruction.args
+            values.append(mpmath.mpf(inputs[port][element]))
+        elif instruction.op is Op.CONSTANT:
+            values.append(mpmath.mpf(instruction.constant))
+        else:
+            values.append(_EXACT[instruction.op](*map(read, instruction.args)))
+    return [[read(ref) for ref in refs] for refs in program.outputs]

@@ -2,45 +2,19 @@
 
 import mpmath
 import numpy as np
-import pytest
 
 from symid.codegen.functions import list_robot_specs
-from symid.codegen.programs import Op
 from symid.codegen.routes import choose_route
 from symid.dynamics.base_parameters import derive_base_parameters
-from tests.chains import LWR4, PANDA, PUMA560, TWO_LINK, run_program
+from tests.chains import LWR4, PANDA, PUMA560, TWO_LINK, each_robot, run_program
+from tests.sx_programs import run_with_mpmath
 
-RULES = {
-    Op.ADD: lambda a, b: a + b,
-    Op.SUB: lambda a, b: a - b,
-    Op.MUL: lambda a, b: a * b,
-    Op.DIV: lambda a, b: a / b,
-    Op.SIN: mpmath.sin,
-    Op.COS: mpmath.cos,
-}
 # Of the largest element of all states; a solved system loses the digits that its matrix's condition costs.
 TOLERANCE = 2e-14
 SOLVED = 1e-9
 
 
-def run_exactly(program, inputs):
-    values = [mpmath.mpf(0)]
-
-    def read(ref):
-        return values[ref] if ref > 0 else -values[-ref]
-
-    for instruction in program.instructions:
-        if instruction.op is Op.INPUT:
-            port, element = instruction.args
-            values.append(mpmath.mpf(np.ravel(inputs[program.spec.inputs[port].name])[element]))
-        elif instruction.op is Op.CONSTANT:
-            values.append(mpmath.mpf(instruction.constant))
-        else:
-            values.append(RULES[instruction.op](*map(read, instruction.args)))
-    return [np.array([float(read(ref)) for ref in refs]) for refs in program.outputs]
-
-
-@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, LWR4, PANDA], ids=lambda r: r.name)
+@each_robot(TWO_LINK, PUMA560, LWR4, PANDA)
 def test_emitted_programs_are_accurate(robot):
     base = derive_base_parameters(robot)
     rng = np.random.default_rng(2)
@@ -50,7 +24,10 @@ def test_emitted_programs_are_accurate(robot):
         for _ in range(4):
             inputs = {port.name: rng.uniform(-2, 2, port.shape) for port in spec.inputs}
             with mpmath.workdps(40):
-                exact = run_exactly(program, inputs)
+                exact = [
+                    np.array([float(value) for value in row])
+                    for row in run_with_mpmath(program, [np.ravel(inputs[port.name]) for port in spec.inputs])
+                ]
             found = run_program(program, inputs)
             errors.append([np.abs(f.ravel() - e).max() for f, e in zip(found, exact, strict=True)])
             scales.append([np.abs(e).max() for e in exact])

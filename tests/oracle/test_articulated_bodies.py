@@ -13,9 +13,16 @@ from symid.codegen.routes import choose_route, list_routes
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.newton_euler import compute_forward_dynamics
 from symid.dynamics.recursion import build_recursion
-from symid.notation import INERTIAL
 from symid.robot.description import Mimic
-from tests.chains import build_chain, build_pinocchio, draw_parameters, run_program, trees
+from tests.chains import (
+    assert_close,
+    build_chain,
+    build_pinocchio,
+    draw_parameters,
+    name_parameters,
+    run_program,
+    trees,
+)
 from tests.float_algebra import FloatAlgebra, build_float_state
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
@@ -31,8 +38,9 @@ def compute_pinocchio(robot, links, state):
 
 
 def build_values(robot, links):
-    values = {(k, name): links[k, i] for k in range(robot.size) for i, name in enumerate(INERTIAL)}
-    return values | {(k, "IA"): ROTOR for k, joint in enumerate(robot.joints) if joint.drive.has_rotor}
+    return name_parameters(links) | {
+        (k, "IA"): ROTOR for k, joint in enumerate(robot.joints) if joint.drive.has_rotor
+    }
 
 
 @settings(max_examples=40, deadline=None)
@@ -47,7 +55,7 @@ def test_accelerations_of_random_trees_equal_those_of_pinocchio(robot, seed):
     )
     values = build_values(robot, links)
     found = compute_forward_dynamics(recursion, values, [float(x) for x in state[2]], lambda x: 1.0 / x)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8 * max(1.0, np.abs(expected).max()))
+    assert_close(found, expected, 1e-8)
 
 
 def choose(robot):

@@ -9,12 +9,12 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
 
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.regressors import derive_energy
 from symid.joint_models import FrictionValues
-from symid.robot.description import Coupling, Drive, JointKind, Mimic, Spring
+from symid.robot.description import Coupling, Drive, JointKind, Spring
 from symid.robot.geometry import ZERO, Exact, build_exact_angle, compose_placements, place_modified_dh
 from tests.chains import (
     PANDA,
@@ -23,16 +23,17 @@ from tests.chains import (
     PUMA560,
     RATIONAL_ANGLES,
     RATIONAL_LENGTHS,
+    RIGHT_ANGLES,
     STANFORD,
     TWO_LINK,
     build_chain,
+    change_joints,
+    each_robot,
+    follow,
     regress,
     trees,
 )
 
-RIGHT_ANGLES = st.sampled_from([0.0, PI / 2, -PI / 2, PI])
-DRIVES = ("IA", "KS", "KR")
-FRICTION = ("Fv", "Fc", "offset", "Fvp", "Fcp", "Fvn", "Fcn")
 SAMPLES = 60
 
 
@@ -113,50 +114,34 @@ def test_base_set_of_random_trees_of_rational_geometry(robot):
 
 @pytest.mark.parametrize("form", ["torque", "gravity", "momentum"])
 @settings(max_examples=15, deadline=None)
-@given(robot=trees(most=3, rotors=True, friction=True, followers=True, couplings=True, springs=True))
+@given(robot=trees(most=3, **EVERYTHING))
 def test_base_sets_of_all_forms_on_random_trees(form, robot):
     assert_base_set(robot, form)
 
 
 @pytest.mark.parametrize("form", ["gravity", "momentum"])
-@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
+@each_robot(TWO_LINK, PUMA560, PANDA, STANFORD)
 def test_base_sets_of_gravity_and_momentum(robot, form):
-    joints = tuple(dataclasses.replace(joint, drive=Drive(has_rotor=True)) for joint in robot.joints)
-    assert_base_set(dataclasses.replace(robot, joints=joints), form)
+    assert_base_set(change_joints(robot, drive=Drive(has_rotor=True)), form)
 
 
-def test_gravity_set_of_the_planar_arm():
-    """g1 = g ((MX1 + L M2) c1 - ... + MX2 c12 ...): four parameters; no inertia shows at rest."""
-    base = derive_base_parameters(TWO_LINK, form="gravity")
-    assert [p.expression for p in base.parameters] == ["MX1 + 0.5*M2", "MY1", "MX2", "MY2"]
-    assert [p.name for p in base.parameters] == ["MXR1", "MY1", "MX2", "MY2"]
+def test_sets_of_the_planar_arm():
+    """g1 = g ((MX1 + L M2) c1 - ... + MX2 c12 ...): four parameters; no inertia shows at rest.
 
-
-def test_momentum_set_of_the_planar_arm():
-    """M(q) = [ZZR1 + ZZ2 + 2 L (c2 MX2 - s2 MY2), ...]: MX1 and MY1 are the weight's alone."""
-    base = derive_base_parameters(TWO_LINK, form="momentum")
-    assert [p.expression for p in base.parameters] == ["ZZ1 + 0.25*M2", "ZZ2", "MX2", "MY2"]
-
-
-def test_an_unknown_form_is_refused():
+    M(q) = [ZZR1 + ZZ2 + 2 L (c2 MX2 - s2 MY2), ...]: MX1 and MY1 are the weight's alone.
+    """
+    sets = {form: derive_base_parameters(TWO_LINK, form=form).parameters for form in ("gravity", "momentum")}
+    assert [p.expression for p in sets["gravity"]] == ["MX1 + 0.5*M2", "MY1", "MX2", "MY2"]
+    assert [p.name for p in sets["gravity"]] == ["MXR1", "MY1", "MX2", "MY2"]
+    assert [p.expression for p in sets["momentum"]] == ["ZZ1 + 0.25*M2", "ZZ2", "MX2", "MY2"]
     with pytest.raises(ValueError, match="'speed'; allowed are torque, energy, momentum, gravity"):
         derive_base_parameters(TWO_LINK, form="speed")
 
 
-def follow(robot, index, master, multiplier):
-    joints = list(robot.joints)
-    joints[index] = dataclasses.replace(
-        joints[index], mimic=Mimic(master=master, multiplier=Fraction(multiplier))
-    )
-    return dataclasses.replace(robot, joints=tuple(joints))
-
-
 @pytest.mark.parametrize("multiplier", ["-1", "2", "1/2", "-3/4"])
 def test_a_follower_of_each_multiplier_in_an_arm(multiplier):
-    assert_base_set(follow(STANFORD, 4, 1, multiplier))
-    assert_base_set(follow(STANFORD, 1, 4, multiplier))
-    assert_base_set(follow(STANFORD, 2, 1, multiplier))
-    assert_base_set(follow(STANFORD, 3, 2, multiplier))
+    for pair in ((4, 1), (1, 4), (2, 1), (3, 2)):
+        assert_base_set(follow(STANFORD, *pair, multiplier))
 
 
 def test_a_parallelogram_keeps_its_third_link_upright():
@@ -170,24 +155,16 @@ def test_a_parallelogram_keeps_its_third_link_upright():
 
 
 def couple(robot, *terms, rotor=True, friction="none", name="m"):
-    coupling = Coupling(
-        name=name,
-        terms=tuple((index, Fraction(factor)) for index, factor in terms),
-        has_rotor=rotor,
-        friction=FrictionValues(law=friction),
-    )
+    terms = tuple((index, Fraction(factor)) for index, factor in terms)
+    friction = FrictionValues(law=friction)
+    coupling = Coupling(name=name, terms=terms, has_rotor=rotor, friction=friction)
     return dataclasses.replace(robot, couplings=(*robot.couplings, coupling))
 
 
 def test_a_coupled_wrist_adds_one_rotor_and_its_friction():
     """As in a Staubli TX40: the drive of joint 6 turns with joints 5 and 6."""
     kind = "coulomb-viscous"
-    arm = dataclasses.replace(PUMA560)
-    joints = tuple(
-        dataclasses.replace(joint, drive=Drive(has_rotor=True), friction=FrictionValues(law=kind))
-        for joint in arm.joints
-    )
-    arm = dataclasses.replace(arm, joints=joints)
+    arm = change_joints(PUMA560, drive=Drive(has_rotor=True), friction=FrictionValues(law=kind))
     wrist = couple(arm, (4, 1), (5, 1), friction=kind)
     assert_base_set(wrist)
     alone, coupled = derive_base_parameters(arm), derive_base_parameters(wrist)
@@ -235,16 +212,9 @@ def test_waves_next_to_weights(law, waves, multiplier):
 @pytest.mark.parametrize("kind", PLAIN_LAWS)
 def test_springs_next_to_weights_and_offsets(kind):
     """On a slope a slide feels weight, offset and the spring's own constant as one force."""
-    for rows in (
-        [(PI / 4, 0, "q", 0.0)],
-        [(0.0, 0, "q", 0.0)],
-        [(PI / 2, 0, "q", 0.0)],
-        [(0.3, 0.2, 0, "q")],
-    ):
+    for rows in (*([(angle, 0, "q", 0.0)] for angle in (PI / 4, 0.0, PI / 2)), [(0.3, 0.2, 0, "q")]):
         for rotors in (False, True):
-            chain = build_chain(rows, rotors=rotors, friction=kind)
-            joint = dataclasses.replace(chain.joints[0], spring=Spring())
-            assert_base_set(dataclasses.replace(chain, joints=(joint,)))
+            assert_base_set(change_joints(build_chain(rows, rotors=rotors, friction=kind), spring=Spring()))
 
 
 TWISTS = [(PI / 4, PI / 4), (PI / 6, PI / 3), (PI / 3, PI / 6), (PI / 4, -PI / 4), (PI / 6, -PI / 6)]
@@ -275,13 +245,9 @@ def test_a_frame_between_two_twists_changes_nothing(twists, total):
 
 def test_a_joint_that_stands_at_45_degrees_hides_nothing():
     """Its twist of 45 degrees and one of 90 give the same count: neither axis is parallel to the other."""
-    rows = [(0.0, 0, 0, "q"), (PI / 4, 0, 0, "q"), (PI / 4, 0, 0, "q")]
-    right = [(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q"), (PI / 2, 0, 0, "q")]
-    assert (
-        derive_base_parameters(build_chain(rows)).count
-        == derive_base_parameters(build_chain(right)).count
-        == 15
-    )
+    for twist in (PI / 4, PI / 2):
+        rows = [(0.0, 0, 0, "q"), (twist, 0, 0, "q"), (twist, 0, 0, "q")]
+        assert derive_base_parameters(build_chain(rows)).count == 15
 
 
 PRIME = (1 << 61) - 1
@@ -386,9 +352,9 @@ def find_exact_rank(robot, seed):
 
 @settings(max_examples=25, deadline=None)
 @given(
-    robot=trees(
-        most=4, angles=RIGHT_ANGLES, rotors=True, followers=True, couplings=True, springs=True
-    ).filter(lambda robot: robot.size > 1)
+    robot=trees(most=4, angles=RIGHT_ANGLES, **{**EVERYTHING, "friction": False}).filter(
+        lambda robot: robot.size > 1
+    )
 )
 def test_count_is_the_exact_rank_of_the_energy(robot):
     rank = find_exact_rank(robot, 1)
@@ -402,12 +368,10 @@ def test_count_is_the_exact_rank_of_the_energy_in_rational_geometry(robot):
     assert derive_base_parameters(robot).count == find_exact_rank(robot, 2)
 
 
-@pytest.mark.parametrize("robot", [PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
+@each_robot(PUMA560, PANDA, STANFORD)
 def test_count_of_an_arm_is_the_exact_rank_of_the_energy(robot):
-    assert derive_base_parameters(robot).count == find_exact_rank(robot, 3)
-    assert derive_base_parameters(follow(robot, 5, 4, "1/2")).count == find_exact_rank(
-        follow(robot, 5, 4, "1/2"), 3
-    )
+    for each in (robot, follow(robot, 5, 4, "1/2")):
+        assert derive_base_parameters(each).count == find_exact_rank(each, 3)
 
 
 def test_prismatic_joints_follow_revolute_ones_and_the_other_way():

@@ -10,9 +10,18 @@ from symid.codegen.casadi_functions import build_casadi_function, build_function
 from symid.codegen.functions import build_spring_vector
 from symid.errors import UsageError
 from symid.joint_models import FrictionValues
-from symid.notation import INERTIAL
-from symid.robot.toml_reader import read_robot
-from tests.chains import PANDA, PUMA560, STANFORD, build_chain, build_pinocchio, draw_parameters
+from symid.robot import load_robot
+from tests.chains import (
+    PANDA,
+    PUMA560,
+    STANFORD,
+    assert_close,
+    build_chain,
+    build_pinocchio,
+    draw_parameters,
+    each_robot,
+    name_parameters,
+)
 from tests.friction_forms import EVERY_LAW, give_shape
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
@@ -41,22 +50,13 @@ def find_differences(function, place, inputs, step, output=0):
     return np.stack(columns, axis=1)
 
 
-def assert_close(found, expected, tolerance):
-    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * scale)
-
-
-@pytest.mark.parametrize("robot", [PANDA, PUMA560, STANFORD], ids=lambda r: r.name)
+@each_robot(PANDA, PUMA560, STANFORD)
 def test_derivatives_of_the_forward_dynamics_are_those_of_pinocchio(robot):
     rng = np.random.default_rng(11)
     parameters = draw_parameters(rng, robot.size)
     model = build_pinocchio(robot, parameters)
     functions = build_functions(robot, names=("forward_dynamics",), standard=True)
-    named = {
-        f"{name}{link + 1}": parameters[link, k]
-        for link in range(robot.size)
-        for k, name in enumerate(INERTIAL)
-    }
+    named = {f"{name}{link + 1}": value for (link, name), value in name_parameters(parameters).items()}
     pi = [named[entry.name] for entry in functions.card.beta]
     forward = build_casadi_function(robot, "forward_dynamics", standard=True)
     for _ in range(3):
@@ -71,8 +71,8 @@ def test_derivatives_of_the_forward_dynamics_are_those_of_pinocchio(robot):
 @pytest.mark.parametrize(
     "name", ["forward_dynamics", "inverse_dynamics", "mass_matrix", "energy", "jacobian"]
 )
-def test_derivatives_equal_differences(robots_folder, name):
-    robot = read_robot(robots_folder / "two_link.toml")
+def test_derivatives_equal_differences(name):
+    robot = load_robot("two_link")
     (spec,) = build_functions(robot, names=(name,)).card.functions
     rng = np.random.default_rng(4)
     # A mass matrix far from singular: beta of ZZR1 = 3, ZZ2 = 1, the rest small.
@@ -86,8 +86,8 @@ def test_derivatives_equal_differences(robots_folder, name):
             assert_close(found, find_differences(function, place, inputs, 1e-3, output), 1e-9)
 
 
-def test_derivatives_of_the_inverse_dynamics_are_the_function_of_that_name(robots_folder):
-    robot = read_robot(robots_folder / "panda.toml")
+def test_derivatives_of_the_inverse_dynamics_are_the_function_of_that_name():
+    robot = load_robot("panda")
     inverse = build_casadi_function(robot, "inverse_dynamics")
     derivatives = build_casadi_function(robot, "inverse_dynamics_derivatives")
     rng = np.random.default_rng(5)
@@ -97,22 +97,19 @@ def test_derivatives_of_the_inverse_dynamics_are_the_function_of_that_name(robot
 
 
 @pytest.fixture(scope="module")
-def arm(robots_folder):
-    return read_robot(robots_folder / "two_link_elastic.toml")
+def arm():
+    return load_robot("two_link_elastic")
 
 
 def compute_slopes(spring, phi, plays):
     """Return d tau_J/d phi and d tau_J/d P of one spring in closed form, away from its corners."""
-    after = [
-        max(phi - s.threshold, min(phi + s.threshold, p)) for s, p in zip(spring.stops, plays, strict=True)
-    ]
-    v = spring.stiffness * phi + sum(
-        s.stiffness * (phi - p) for s, p in zip(spring.stops, after, strict=True)
-    )
-    outer = 1.0 + sum(
-        knee.slope for knee in spring.knees if abs(v) > abs(knee.threshold) and v * knee.threshold > 0
-    )
-    held = [s.stiffness * (p == q) for s, p, q in zip(spring.stops, plays, after, strict=True)]
+    pairs = list(zip(spring.stops, plays, strict=True))
+    after = [max(phi - stop.threshold, min(phi + stop.threshold, play)) for stop, play in pairs]
+    held = [stop.stiffness * (play == moved) for (stop, play), moved in zip(pairs, after, strict=True)]
+    v = spring.stiffness * phi
+    v += sum(stop.stiffness * (phi - moved) for stop, moved in zip(spring.stops, after, strict=True))
+    beyond = [knee for knee in spring.knees if abs(v) > abs(knee.threshold) and v * knee.threshold > 0]
+    outer = 1.0 + sum(knee.slope for knee in beyond)
     return outer * (spring.stiffness + sum(held)), [-outer * stiffness for stiffness in held]
 
 
@@ -190,8 +187,8 @@ def test_vectors_are_columns_and_matrices_have_their_shape(arm):
     assert columns.shape == (2, 5)
 
 
-def test_one_function_alone_is_that_of_the_catalogue(robots_folder):
-    robot = read_robot(robots_folder / "panda.toml")
+def test_one_function_alone_is_that_of_the_catalogue():
+    robot = load_robot("panda")
     functions = build_functions(robot, names=("gravity", "inverse_dynamics")).functions
     one = build_casadi_function(robot, "inverse_dynamics")
     assert one.serialize() == functions[1].serialize()

@@ -1,12 +1,20 @@
 """The Coriolis matrix is made of the Christoffel symbols of the mass matrix, and the regressor agrees."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 
 from symid.codegen.functions import list_robot_specs
 from symid.dynamics.base_parameters import derive_base_parameters
-from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, run_program, trees
+from tests.chains import (
+    PANDA,
+    PUMA560,
+    STANFORD,
+    TWO_LINK,
+    build_route_programs,
+    each_robot,
+    run_program,
+    trees,
+)
 
 STEP = 1e-5
 NAMES = ("mass_matrix", "coriolis_matrix", "gravity", "slotine_li_regressor")
@@ -48,7 +56,7 @@ def check(robot):
         np.testing.assert_allclose(regressor @ beta, torque, rtol=0, atol=1e-6 * scale)
 
 
-@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
+@each_robot(TWO_LINK, PUMA560, PANDA, STANFORD)
 def test_known_robots(robot):
     check(robot)
 

@@ -1,7 +1,6 @@
 """Generated functions of elastic joints: against the model itself, a textbook arm, differences of motions."""
 
 import re
-import subprocess
 from dataclasses import replace
 from functools import cache
 
@@ -10,12 +9,10 @@ import numpy as np
 import pytest
 import sympy
 
-from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.functions import build_spring_vector, count_elastic_sizes
 from symid.codegen.library import load_library
-from symid.codegen.python_targets import generate_python_module
-from symid.codegen.source_folder import write_sources
+from symid.codegen.programs import Op
 from symid.errors import UsageError
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.joint_models.prandtl_ishlinskii import (
@@ -27,13 +24,15 @@ from symid.joint_models.prandtl_ishlinskii import (
     invert_play_model,
     read_spring_terms,
 )
-from symid.options import GenerateOptions
-from symid.robot.toml_reader import parse_robot, read_robot
-from tests.sx_programs import read_sx_program
+from symid.robot import load_robot
+from symid.robot.toml_reader import parse_robot
+from tests.builds import build_shipped, make, run, write_c, write_python
+from tests.refusals import raises
+from tests.sx_programs import make_toy
 
 NAMES = ("inverse_dynamics", "friction", "hysteresis_step", "hysteresis_inverse_step")
 ALL = (*NAMES, "elastic_inverse_dynamics")
-PLAIN = ("CFLAGS=-O0",)
+PLAIN = "-O0"
 """What is looked at here is what the code computes; other tests compile it with optimisation."""
 UNEVEN = Elasticity(
     stiffness=250.0,
@@ -47,8 +46,8 @@ UNEVEN = Elasticity(
 
 
 @pytest.fixture(scope="module")
-def arm(project):
-    return read_robot(project / "robots" / "two_link_elastic.toml")
+def arm():
+    return load_robot("two_link_elastic")
 
 
 @pytest.fixture(scope="module")
@@ -69,17 +68,10 @@ def linear(arm):
 @pytest.fixture(scope="module")
 def build(c_compiler, tmp_path_factory):
     def load(robot, names=ALL):
-        functions = build_functions(robot, names=names)
-        folder = tmp_path_factory.mktemp(robot.name)
-        write_sources(generate_c_library(functions), folder / "c")
-        write_sources(generate_python_module(functions), folder / "python")
-        subprocess.run(
-            ["make", "-s", f"CC={c_compiler} -Werror", *PLAIN, "shared", "check"],
-            cwd=folder / "c",
-            check=True,
-            capture_output=True,
-        )
-        return functions, load_library(folder / "c"), load_library(folder / "python")
+        functions, folder = build_functions(robot, names=names), tmp_path_factory.mktemp(robot.name)
+        folders = write_c(functions, folder / "c"), write_python(functions, folder / "python")
+        make(folders[0], f"{c_compiler} -Werror", "shared", "check", flags=PLAIN)
+        return functions, *map(load_library, folders)
 
     return load
 
@@ -100,6 +92,17 @@ def draw_motion(seed, time, size=2, reach=0.6):
     return [np.sum(sizes * frequencies**k * np.sin(angles + shift[k]), axis=1) for k in range(5)]
 
 
+def stack(function, springs, columns):
+    """Return what a function gives for every spring and its column, side by side."""
+    pairs = zip(springs, columns.T, strict=True)
+    return np.hstack([np.atleast_2d(function(*pair).T).T for pair in pairs])
+
+
+def delay(states):
+    """Return the states before each sample, the first of them zero."""
+    return np.vstack([np.zeros(states.shape[1]), states[:-1]])
+
+
 def follow(elasticity, torques):
     """Return the plays of the inverse after every sample, from a virgin spring."""
     inverse, _ = invert_play_model(build_play_model(elasticity))
@@ -114,27 +117,21 @@ def test_steps_are_those_of_the_model_in_every_language(name, request, build):
     springs = [joint.elasticity for joint in robot.joints]
     h = build_spring_vector(springs)
     phi = draw_motion(3, np.linspace(0, 4, 200))[0] * [0.02, 0.03]
-    torques = np.column_stack(
-        [compute_hysteresis_torque(spring, column) for spring, column in zip(springs, phi.T, strict=True)]
-    )
+    torques = stack(compute_hysteresis_torque, springs, phi)
     radii = [np.array([stop.threshold for stop in spring.stops]) for spring in springs]
     plays = np.hstack([compute_plays(column, radius) for column, radius in zip(phi.T, radii, strict=True)])
-    images = np.hstack([follow(spring, column) for spring, column in zip(springs, torques.T, strict=True)])
-
-    def before(states):
-        return np.vstack([np.zeros(states.shape[1]), states[:-1]])
-
-    sx = {function.name(): function for function in functions.functions}
+    images = stack(follow, springs, torques)
+    step = {function.name(): function for function in functions.functions}["hysteresis_step"]
     for library in libraries:
-        tau, next_plays = library.evaluate("hysteresis_step", phi, before(plays), h)
+        tau, next_plays = library.evaluate("hysteresis_step", phi, delay(plays), h)
         np.testing.assert_allclose(tau, torques, rtol=0, atol=1e-14 * np.abs(torques).max())
         np.testing.assert_allclose(next_plays, plays, rtol=0, atol=1e-17)
-        back, next_images = library.evaluate("hysteresis_inverse_step", torques, before(images), h)
+        back, next_images = library.evaluate("hysteresis_inverse_step", torques, delay(images), h)
         np.testing.assert_allclose(back, phi, rtol=0, atol=2e-15 * np.abs(phi).max())
         np.testing.assert_allclose(next_images, images, rtol=0, atol=1e-14 * np.abs(images).max())
     for k in (0, 50, 137):
-        state = before(plays)[k]
-        tau, after = sx["hysteresis_step"](phi[k], state, h)
+        state = delay(plays)[k]
+        tau, after = step(phi[k], state, h)
         np.testing.assert_allclose(tau.full().ravel(), torques[k], rtol=0, atol=1e-14 * np.abs(torques).max())
         np.testing.assert_allclose(after.full().ravel(), plays[k], rtol=0, atol=1e-17)
 
@@ -152,17 +149,12 @@ def test_the_torque_of_the_motors_moves_motors_and_links(name, request, build):
     for library in libraries:
         beta, rotors, friction, h = find_vectors(library.card)
         (torques,) = library.evaluate("inverse_dynamics", *motion[:3], beta)
-        images = np.hstack(
-            [follow(spring, column) for spring, column in zip(springs, torques.T, strict=True)]
-        )
-        before = np.vstack([np.zeros(images.shape[1]), images[:-1]])
-        memory = (before,) if images.shape[1] else ()
+        images = stack(follow, springs, torques)
+        memory = (delay(images),) if images.shape[1] else ()
         found = library.evaluate("elastic_inverse_dynamics", *motion, beta, rotors, friction, h, *memory)
         results.append(found)
         tau, theta, dtheta = found[:3]
-        phi = np.column_stack(
-            [invert_hysteresis(spring, column) for spring, column in zip(springs, torques.T, strict=True)]
-        )
+        phi = stack(invert_hysteresis, springs, torques)
         np.testing.assert_allclose(theta, motion[0] + phi, rtol=0, atol=1e-14)
         rate = (theta[2:] - theta[:-2]) / (2 * step)
         second = (theta[2:] - 2 * theta[1:-1] + theta[:-2]) / step**2
@@ -214,20 +206,20 @@ def test_a_linear_spring_against_the_arm_of_the_textbooks(linear, build):
 
 
 def test_the_catalogue_has_what_the_springs_allow(arm):
+    steps = {"hysteresis_step", "hysteresis_inverse_step"}
+
     def names(robot):
-        functions = build_functions(robot)
-        return {spec.name for spec in functions.card.functions} & set(ALL[2:])
+        return {spec.name for spec in build_functions(robot).card.functions} & set(ALL[2:])
 
     def change(**values):
         first = replace(arm.joints[0], elasticity=replace(arm.joints[0].elasticity, **values))
         return replace(arm, joints=(first, arm.joints[1]))
 
     assert names(arm) == set(ALL[2:])
-    assert names(change(damping=1.0)) == {"hysteresis_step", "hysteresis_inverse_step"}
-    cubic = change(cubic=5.0, knees=())
-    assert names(cubic) == {"hysteresis_step"}
+    assert names(change(damping=1.0)) == steps
+    assert names(change(cubic=5.0, knees=())) == {"hysteresis_step"}
     bare = replace(arm.joints[0], drive=replace(arm.joints[0].drive, has_rotor=False, rotor_inertia=None))
-    assert names(replace(arm, joints=(bare, arm.joints[1]))) == {"hysteresis_step", "hysteresis_inverse_step"}
+    assert names(replace(arm, joints=(bare, arm.joints[1]))) == steps
     rigid = replace(arm, joints=(replace(arm.joints[0], elasticity=None), arm.joints[1]))
     assert names(rigid) == set()
     assert count_elastic_sizes(rigid) is None
@@ -258,9 +250,8 @@ def test_the_card_lists_the_parameters_of_the_springs(arm):
     assert units == ["N m/rad", *["N m/rad", "rad"] * 3, *["1", "N m"] * 2]
     assert [parameter.value for parameter in first][-4:] == [0.5, -3.0, 0.5, 3.0]
     unknown = Elasticity(stops=(Stop(threshold=0.1),))
-    with pytest.raises(UsageError) as caught:
+    with raises(UsageError, "usage.unknown-spring"):
         build_spring_vector([unknown])
-    assert caught.value.notices[0].code == "usage.unknown-spring"
     springs = [joint.elasticity for joint in arm.joints]
     np.testing.assert_array_equal(build_spring_vector(springs, card), find_vectors(card)[3])
     turned = replace(springs[1], knees=tuple(Knee(threshold=x, slope=0.1) for x in (1.0, 2.0)))
@@ -278,37 +269,23 @@ def test_unknown_stiffnesses_still_give_code(arm, build):
     assert [parameter.value for parameter in library.card.springs[:3]] == [None, None, 0.004]
 
 
-@pytest.fixture(scope="module")
-def read_functions(project):
-    return cache(lambda name: build_functions(read_robot(project / "robots" / f"{name}.toml")))
+build_once = cache(build_shipped)
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize("name", ["two_link_elastic", "two_link_harmonic", "puma560_elastic"])
-def test_the_example_tracks_with_the_hysteresis_it_knows(
-    read_functions, c_compiler, tmp_path, name, precision
-):
+def test_the_example_tracks_with_the_hysteresis_it_knows(c_compiler, tmp_path, name, precision):
     """Feed-forward alone knows where the links are: its error is that of the steps, far below the torsion."""
-    functions = read_functions(name)
-    write_sources(generate_c_library(functions, GenerateOptions(precision=precision)), tmp_path / "c")
-    command = ["make", "-s", f"CC={c_compiler} -Werror", *PLAIN, "check", "control_loop"]
-    subprocess.run(command, cwd=tmp_path / "c", check=True, capture_output=True)
-    run = subprocess.run(
-        ["./control_loop"], cwd=tmp_path / "c", check=True, capture_output=True, text=True
-    ).stdout
-    error, torsion = map(float, re.findall(r"\d\.\d+e-\d+", run))
+    functions = build_once(name)
+    folder = write_c(functions, tmp_path / "c", precision=precision)
+    make(folder, f"{c_compiler} -Werror", "check", "control_loop", flags=PLAIN)
+    said = run(folder, "./control_loop").stdout
+    error, torsion = map(float, re.findall(r"\d\.\d+e-\d+", said))
     assert error < 1e-4
     assert torsion > 30 * error
     numbers = np.concatenate(find_vectors(functions.card))
     (tmp_path / "values").write_text(" ".join(map(repr, numbers.tolist())), encoding="utf-8")
-    again = subprocess.run(
-        ["./control_loop", str(tmp_path / "values")],
-        cwd=tmp_path / "c",
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
-    assert again == run
+    assert run(folder, "./control_loop", str(tmp_path / "values")).stdout == said
 
 
 ODD = """
@@ -347,40 +324,18 @@ def test_slides_followers_and_unknown_values_have_springs_too(c_compiler, tmp_pa
     functions = build_functions(robot, standard=standard)
     assert [parameter.name for parameter in functions.card.rotors] == ["IA1", "IA2"]
     assert [parameter.unit for parameter in functions.card.springs[:4]] == ["N/m", "N/m", "m", "1"]
-    write_sources(generate_c_library(functions), tmp_path / "c")
-    command = ["make", "-s", f"CC={c_compiler} -Werror", *PLAIN, "all", "check"]
-    run = subprocess.run(command, cwd=tmp_path / "c", check=True, capture_output=True, text=True)
-    assert "0 of " in run.stdout
-    assert "elastic_inverse_dynamics" in run.stdout
+    said = make(write_c(functions, tmp_path), f"{c_compiler} -Werror", "all", "check", flags=PLAIN).stdout
+    assert "0 of " in said
+    assert "elastic_inverse_dynamics" in said
     # Not every value is known: the example asks for them.
-    assert (
-        subprocess.run(["./control_loop"], cwd=tmp_path / "c", check=False, capture_output=True).returncode
-        == 2
-    )
+    assert run(tmp_path, "./control_loop", check=False).returncode == 2
     braked = ODD + 'friction = { model = "coulomb-viscous" }\n'
     names = [spec.name for spec in build_functions(parse_robot(braked)).card.functions]
     assert "hysteresis_inverse_step" in names
     assert "elastic_inverse_dynamics" not in names
 
 
-def test_nan_goes_through(arm, build):
-    _, *libraries = build(arm, NAMES)
-    h = build_spring_vector([joint.elasticity for joint in arm.joints])
-    for library in libraries:
-        tau, _ = library.evaluate("hysteresis_step", np.array([np.nan, 0.01]), np.zeros(6), h)
-        assert np.isnan(tau[0])
-        assert np.isfinite(tau[1])
-
-
 def test_maxima_are_read_from_casadi():
-    from symid.codegen.functions import FunctionSpec, Port
-    from symid.codegen.programs import Op
-
-    x = ca.SX.sym("x", 2)
-    function = ca.Function("f", [x], [ca.vertcat(ca.fmax(x[0], x[1]), ca.fmin(x[0], x[1]))], ["x"], ["y"])
-    port = {"shape": (2,), "unit": "1", "meaning": "number"}
-    spec = FunctionSpec(
-        name="f", inputs=(Port(name="x", **port),), outputs=(Port(name="y", **port),), meaning="test"
-    )
-    ops = [instruction.op for instruction in read_sx_program(function, spec).instructions]
+    _, program = make_toy(lambda x: ca.vertcat(ca.fmax(x[0], x[1]), ca.fmin(x[0], x[1])), x=2)
+    ops = [instruction.op for instruction in program.instructions]
     assert ops[2:] == [Op.MAXIMUM, Op.MINIMUM]

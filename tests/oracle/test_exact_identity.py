@@ -9,7 +9,6 @@ from fractions import Fraction
 
 import pytest
 from hypothesis import given, settings, strategies as st
-from sympy import QQ
 
 from symid.dynamics.algebra import build_state
 from symid.dynamics.exact_algebra import PointAlgebra
@@ -36,6 +35,7 @@ from tests.chains import (
     build_chain,
     cut,
     draw_rational_state,
+    each_robot,
     trees,
 )
 
@@ -61,9 +61,7 @@ def assert_identical(robot):
     assert derive_lagrange_columns(energy, keys) == lagrange
 
 
-@pytest.mark.parametrize(
-    "robot", [TWO_LINK, cut(PUMA560, 4), cut(PANDA, 4), cut(STANFORD, 4)], ids=lambda r: r.name
-)
+@each_robot(TWO_LINK, cut(PUMA560, 4), cut(PANDA, 4), cut(STANFORD, 4))
 def test_lagrange_equals_newton_euler_as_polynomials(robot):
     assert_identical(robot)
 
@@ -78,17 +76,25 @@ def test_lagrange_equals_newton_euler_on_random_trees(robot):
     assert_identical(robot)
 
 
-@pytest.mark.parametrize("robot", [PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
-@pytest.mark.parametrize("seed", [1, 2])
-def test_lagrange_equals_newton_euler_at_rational_points(robot, seed):
+def assert_identical_at_a_point(robot, seed):
+    """Return the columns, which are equal, at rational sines, cosines, lengths and rates."""
     values, _ = draw_rational_state(robot, seed)
     energy = derive_energy(robot)
-    from_energy = evaluate_torque_columns(energy, tuple(energy.kinetic), values)
-    algebra = PointAlgebra(QQ, values)
-    state = build_state(robot, algebra, values)
-    by_recursion = compute_torque_columns(build_recursion(robot, algebra, state), tuple(energy.kinetic))
-    assert from_energy == fold_columns(robot, algebra, by_recursion)
-    assert any(entry for column in from_energy.values() for entry in column)
+    domain = energy.algebra.ring.domain
+    values = {name: domain.convert(value) for name, value in values.items()}
+    algebra = PointAlgebra(domain, values)
+    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
+    columns = evaluate_torque_columns(energy, tuple(energy.kinetic), values)
+    by_recursion = compute_torque_columns(recursion, tuple(energy.kinetic))
+    assert columns == fold_columns(robot, algebra, by_recursion)
+    return columns
+
+
+@each_robot(PUMA560, PANDA, STANFORD)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_lagrange_equals_newton_euler_at_rational_points(robot, seed):
+    columns = assert_identical_at_a_point(robot, seed)
+    assert any(entry for column in columns.values() for entry in column)
 
 
 EVERYTHING = {"rotors": True, "followers": True, "couplings": True, "springs": True}
@@ -109,16 +115,7 @@ def test_identity_with_everything_in_rational_and_symbolic_geometry(robot):
 @settings(max_examples=15, deadline=None)
 @given(robot=trees(most=4, **EVERYTHING), seed=st.integers(0, 99))
 def test_identity_at_rational_points_with_followers_couplings_and_springs(robot, seed):
-    values, _ = draw_rational_state(robot, seed)
-    energy = derive_energy(robot)
-    domain = energy.algebra.ring.domain
-    values = {name: domain.convert(value) for name, value in values.items()}
-    algebra = PointAlgebra(domain, values)
-    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
-    from_energy = evaluate_torque_columns(energy, tuple(energy.kinetic), values)
-    assert from_energy == fold_columns(
-        robot, algebra, compute_torque_columns(recursion, tuple(energy.kinetic))
-    )
+    assert_identical_at_a_point(robot, seed)
 
 
 def test_a_spring_of_a_follower_acts_on_its_master():

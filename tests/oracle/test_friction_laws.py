@@ -1,20 +1,20 @@
 """Generated C of every static friction law against NumPy and against 40 digits."""
 
 import ctypes
-import subprocess
 
 import mpmath
 import numpy as np
 import pytest
 
 from symid.codegen.c_library import build_law_program, generate_friction_laws
-from symid.codegen.compiler import locate_compiler
 from symid.joint_models.carriers import OperatorCarrier
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_columns
+from tests.builds import run
 from tests.friction_forms import EVERY_LAW
 
 STRICT = "-std=c99 -O2 -fPIC -shared -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wdouble-promotion"
+STRICT += " -Wmissing-prototypes -Werror"
 LAWS = (
     *map(get_law, EVERY_LAW),
     get_law("stribeck-2.09"),
@@ -24,34 +24,30 @@ LAWS = (
 EXACT = OperatorCarrier(
     zero=mpmath.mpf(0),
     one=mpmath.mpf(1),
-    exp=mpmath.exp,
-    tanh=mpmath.tanh,
-    sin=mpmath.sin,
-    cos=mpmath.cos,
-    sign=mpmath.sign,
+    **{name: getattr(mpmath, name) for name in ("exp", "tanh", "sin", "cos", "sign")},
     absolute=abs,
     maximum=max,
     minimum=min,
 )
+EACH_LAW = pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.name}-{law.smoothing:g}")
 
 
 def name_of(law, prefix="symid"):
     return f"{prefix}_friction_{build_law_program(law).spec.name}"
 
 
-@pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
-    compiler = locate_compiler()
-    if compiler is None:
-        pytest.skip("no C compiler")
-    folder = tmp_path_factory.mktemp("laws")
-    for path, text in generate_friction_laws(LAWS):
+def build(folder, compiler, **options):
+    """Return the compiled laws, and the texts that they are made of."""
+    files = generate_friction_laws(LAWS, **options)
+    for path, text in files:
         (folder / path).write_text(text, encoding="utf-8")
-    flags = [*STRICT.split(), "-Wmissing-prototypes", "-Werror"]
-    command = [compiler.path, *flags, "symid_friction_laws.c", "-o", "laws.so", "-lm"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert not done.returncode, done.stderr
-    return ctypes.CDLL(str(folder / "laws.so"))
+    run(folder, compiler, *STRICT.split(), files[1][0], "-o", "laws.so", "-lm")
+    return ctypes.CDLL(str(folder / "laws.so")), [text for _, text in files]
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory, c_compiler):
+    return build(tmp_path_factory.mktemp("laws"), c_compiler)[0]
 
 
 def draw(law, rng, count):
@@ -78,7 +74,7 @@ def call(library, law, inputs, values):
     return np.array([function(*map(ctypes.c_double, row), parameters) for row in zip(*arrays, strict=True)])
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.name}-{law.smoothing:g}")
+@EACH_LAW
 def test_c_equals_numpy_and_forty_digits(compiled, law):
     rng = np.random.default_rng(7)
     for _ in range(20):
@@ -103,7 +99,7 @@ def test_c_equals_numpy_and_forty_digits(compiled, law):
                 assert abs(found[k] - float(exact)) / largest[k] < 1e-14
 
 
-@pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.name}-{law.smoothing:g}")
+@EACH_LAW
 def test_what_is_not_finite_gives_no_finite_torque_or_the_limit(compiled, law):
     """As the header says: a NaN for a NaN; for an infinite velocity a NaN, or what large ones tend to."""
     _, values = draw(law, np.random.default_rng(3), 2)
@@ -117,17 +113,9 @@ def test_what_is_not_finite_gives_no_finite_torque_or_the_limit(compiled, law):
         assert np.isnan(end) or end == near or (np.isinf(end) and end * near > 0)
 
 
-def test_single_precision_has_no_double_in_it(tmp_path):
-    compiler = locate_compiler()
-    if compiler is None:
-        pytest.skip("no C compiler")
-    for path, text in generate_friction_laws(LAWS, prefix="arm", precision="float"):
-        assert "double" not in text
-        (tmp_path / path).write_text(text, encoding="utf-8")
-    command = [compiler.path, *STRICT.split(), "-Werror", "arm_friction_laws.c", "-o", "laws.so", "-lm"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert not done.returncode, done.stderr
-    library = ctypes.CDLL(str(tmp_path / "laws.so"))
+def test_single_precision_has_no_double_in_it(tmp_path, c_compiler):
+    library, texts = build(tmp_path, c_compiler, prefix="arm", precision="float")
+    assert not any("double" in text for text in texts)
     function = library.arm_friction_stribeck
     function.restype = ctypes.c_float
     torque = function(ctypes.c_float(0.02), (ctypes.c_float * 4)(11.0, 23.0, 0.03, 28.0))

@@ -1,8 +1,7 @@
 """The CasADi functions equal the exact expressions at rational points."""
 
 import numpy as np
-import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
 from sympy import QQ
 
 from symid.codegen.casadi_functions import build_functions
@@ -16,23 +15,24 @@ from symid.dynamics.regressors import (
     derive_energy,
     evaluate_torque_columns,
 )
-from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, draw_rational_state, trees
-
-NAMES = (
-    "energy_regressor",
-    "momentum_regressor",
-    "lagrange_regressor",
-    "torque_regressor",
-    "inverse_dynamics",
+from tests.chains import (
+    PANDA,
+    PUMA560,
+    RIGHT_ANGLES,
+    STANFORD,
+    TWO_LINK,
+    assert_close,
+    draw_rational_state,
+    each_robot,
+    trees,
 )
 
-RIGHT_ANGLES = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi])
+NAMES = (*(f"{name}_regressor" for name in ("energy", "momentum", "lagrange", "torque")), "inverse_dynamics")
 
 
-def assert_close(found, expected):
+def assert_all_close(found, expected):
     expected = np.asarray(expected, dtype=float)
-    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
-    np.testing.assert_allclose(np.array(found).reshape(expected.shape), expected, rtol=0, atol=1e-12 * scale)
+    assert_close(np.array(found).reshape(expected.shape), expected)
 
 
 def evaluate(polynomial, values):
@@ -53,23 +53,23 @@ def check_state(robot, energy, functions, seed):
     values, (q, dq, ddq) = draw_rational_state(robot, seed)
     keys = derive_base_parameters(robot).keys
     kinetic, potential = functions["energy_regressor"](q, dq)
-    assert_close(kinetic, [float(evaluate(energy.kinetic[key], values)) for key in keys])
-    assert_close(potential, [float(evaluate(energy.potential[key], values)) for key in keys])
+    assert_all_close(kinetic, [float(evaluate(energy.kinetic[key], values)) for key in keys])
+    assert_all_close(potential, [float(evaluate(energy.potential[key], values)) for key in keys])
     algebra = PointAlgebra(choose_domain(robot), values)
     recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
 
     def stack(columns):
         return np.array([[float(entry) for entry in columns[key]] for key in keys]).T
 
-    assert_close(functions["momentum_regressor"](q, dq), stack(compute_momentum_columns(recursion, keys)))
-    assert_close(functions["lagrange_regressor"](q, dq), stack(compute_lagrange_columns(recursion, keys)))
+    assert_all_close(functions["momentum_regressor"](q, dq), stack(compute_momentum_columns(recursion, keys)))
+    assert_all_close(functions["lagrange_regressor"](q, dq), stack(compute_lagrange_columns(recursion, keys)))
     torque = stack(evaluate_torque_columns(energy, keys, values))
-    assert_close(functions["torque_regressor"](q, dq, ddq), torque)
+    assert_all_close(functions["torque_regressor"](q, dq, ddq), torque)
     beta = np.array([float(QQ(k + 1, 7)) for k in range(len(keys))])
-    assert_close(functions["inverse_dynamics"](q, dq, ddq, beta), torque @ beta)
+    assert_all_close(functions["inverse_dynamics"](q, dq, ddq, beta), torque @ beta)
 
 
-@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
+@each_robot(TWO_LINK, PUMA560, PANDA, STANFORD)
 def test_functions_equal_the_exact_polynomials(robot):
     check(robot, 3, 4)
 

@@ -5,25 +5,30 @@ import pytest
 
 from symid.codegen.casadi_functions import build_functions
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.notation import INERTIAL
-from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_pinocchio, draw_parameters, run_program
+from tests.chains import (
+    PANDA,
+    PUMA560,
+    STANFORD,
+    TWO_LINK,
+    build_pinocchio,
+    compute_beta,
+    draw_parameters,
+    each_robot,
+    run_program,
+)
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 _STEP = 1e-5
 
 
-@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD], ids=lambda robot: robot.name)
+@each_robot(TWO_LINK, PUMA560, PANDA, STANFORD)
 def test_the_rate_of_the_momentum_less_the_lagrangian_force_is_the_torque(robot):
     """The rate is a central difference along q + s dq + s^2 ddq / 2, of second order in the step."""
     rng = np.random.default_rng(20)
     q, dq, ddq = rng.uniform(-2.0, 2.0, (3, robot.size))
     parameters = draw_parameters(rng, robot.size)
-    base = derive_base_parameters(robot)
-    flat = {
-        (link, name): parameters[link, k] for link in range(robot.size) for k, name in enumerate(INERTIAL)
-    }
-    beta = np.array([sum(float(c) * flat[key] for key, c in entry.terms) for entry in base.parameters])
+    beta = compute_beta(derive_base_parameters(robot), parameters)
     functions = build_functions(robot, names=("momentum_regressor", "lagrange_regressor"))
     programs = dict(zip(("momentum_regressor", "lagrange_regressor"), functions.programs, strict=True))
 

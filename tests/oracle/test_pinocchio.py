@@ -19,9 +19,12 @@ from tests.chains import (
     PUMA560,
     STANFORD,
     TWO_LINK,
+    assert_close,
     build_pinocchio,
+    compute_beta,
     draw_parameters,
     draw_rational_state,
+    each_robot,
     order_regressor,
     trees,
 )
@@ -29,13 +32,7 @@ from tests.float_algebra import FloatAlgebra, build_float_state
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
-ROBOTS = [TWO_LINK, PUMA560, PANDA, STANFORD]
-
-
-def assert_close(found, expected, tolerance=1e-12):
-    """Compare relative to the largest entry expected."""
-    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
-    np.testing.assert_allclose(np.asarray(found, dtype=float), expected, rtol=0, atol=tolerance * scale)
+ROBOTS = each_robot(TWO_LINK, PUMA560, PANDA, STANFORD)
 
 
 def draw_state(robot, seed):
@@ -59,7 +56,7 @@ def find_float_columns(robot, state):
     return stack(compute_torque_columns(recursion, keys), keys), recursion.motions, algebra
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+@ROBOTS
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_torque_regressor_from_the_energy_equals_pinocchio(robot, seed):
     values, (q, dq, ddq) = draw_rational_state(robot, seed)
@@ -84,7 +81,7 @@ def test_recursion_equals_pinocchio_on_random_trees(robot):
     assert_close(ours, order_regressor(theirs.reshape(robot.size, -1)))
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+@ROBOTS
 def test_energy_regressors_equal_pinocchio(robot):
     (q, dq, ddq), parameters = draw_state(robot, 7)
     _, motions, algebra = find_float_columns(robot, (q, dq, ddq))
@@ -97,12 +94,10 @@ def test_energy_regressors_equal_pinocchio(robot):
     assert_close([float(v) for _, row in rows for v in row], potential.ravel())
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+@ROBOTS
 def test_functions_equal_pinocchio(robot):
     (q, dq, ddq), parameters = draw_state(robot, 11)
-    base = derive_base_parameters(robot)
-    flat = dict(zip(list_keys(robot), parameters.ravel(), strict=True))
-    beta = np.array([sum(float(c) * flat[key] for key, c in p.terms) for p in base.parameters])
+    beta = compute_beta(derive_base_parameters(robot), parameters)
     functions = {function.name(): function for function in build_functions(robot).functions}
 
     def call(name, *arguments):
@@ -142,13 +137,11 @@ def test_functions_equal_pinocchio(robot):
     assert_close(call("jacobian", q), jacobian)
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+@ROBOTS
 def test_coriolis_matrix_makes_the_skew_form(robot):
     """dM/dt - 2 C is skew-symmetric (central difference of M along dq)."""
     (q, dq, _), parameters = draw_state(robot, 13)
-    base = derive_base_parameters(robot)
-    flat = dict(zip(list_keys(robot), parameters.ravel(), strict=True))
-    beta = np.array([sum(float(c) * flat[key] for key, c in p.terms) for p in base.parameters])
+    beta = compute_beta(derive_base_parameters(robot), parameters)
     mass, coriolis = build_functions(robot, names=("mass_matrix", "coriolis_matrix")).functions
     step = 1e-6
     rate = (np.array(mass(q + step * dq, beta)) - np.array(mass(q - step * dq, beta))) / (2 * step)
@@ -157,12 +150,10 @@ def test_coriolis_matrix_makes_the_skew_form(robot):
     assert np.abs(rate).max() > 1e-3
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+@ROBOTS
 def test_lagrange_regressor_is_the_gradient_of_the_lagrangian(robot):
     (q, dq, _), parameters = draw_state(robot, 17)
-    base = derive_base_parameters(robot)
-    flat = dict(zip(list_keys(robot), parameters.ravel(), strict=True))
-    beta = np.array([sum(float(c) * flat[key] for key, c in p.terms) for p in base.parameters])
+    beta = compute_beta(derive_base_parameters(robot), parameters)
     energy, lagrange = build_functions(robot, names=("energy", "lagrange_regressor")).functions
 
     def lagrangian(point):

@@ -14,7 +14,7 @@ import pytest
 from symid.cli.main import run
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.robot.toml_reader import read_robot
-from tests.chains import build_pinocchio, draw_parameters, order_regressor
+from tests.chains import build_pinocchio, build_transmission, draw_parameters, order_regressor
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
@@ -87,12 +87,8 @@ def test_the_links_count_as_pinocchio_says(robots_folder, name):
             if joint.spring is not None
             for factor in (q[index], 1.0)
         ]
-        coupled = []
-        for coupling in robot.couplings:
-            row = np.zeros(robot.size)
-            for index, factor in coupling.terms:
-                row[index] = float(factor)
-            coupled.append(row * (row @ ddq))
+        rows = build_transmission(robot)[robot.size :]
+        coupled = [row * (row @ ddq) for row in rows]
         blocks.append(np.column_stack([links, *rotors, *springs, *coupled]))
     values = np.linalg.svd(np.vstack(blocks), compute_uv=False)
     count = COUNTS[name][0]

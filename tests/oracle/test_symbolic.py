@@ -4,7 +4,6 @@ import functools
 import hashlib
 import math
 import os
-import subprocess
 import sys
 from dataclasses import replace
 from fractions import Fraction
@@ -20,24 +19,29 @@ from symid.codegen.symbolic import derive_symbolic
 from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
 from symid.errors import UsageError
 from symid.joint_models import FrictionValues
-from symid.notation import INERTIAL
-from symid.robot.description import Coupling, Drive, Mimic, Spring
-from symid.robot.toml_reader import read_robot
-from tests.chains import PANDA, TWO_LINK, build_chain, build_pinocchio, draw_parameters, run_program
+from symid.robot import load_robot
+from symid.robot.description import Coupling, Drive, Spring
+from tests.builds import run
+from tests.chains import (
+    PANDA,
+    TWO_LINK,
+    assert_close,
+    build_chain,
+    build_pinocchio,
+    compute_beta,
+    draw_parameters,
+    follow,
+    name_parameters,
+    run_program,
+)
+from tests.refusals import raises
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 PI = np.pi
 ROWS = [(0.0, 0, 0, "q"), (PI / 6, 0.2, 0.1, "q"), (PI / 3, 0.1, "q", 0.3), (PI / 2, 0, "L1", "q")]
-MAIN = (
-    "mass_matrix",
-    "coriolis_matrix",
-    "gravity",
-    "inverse_dynamics",
-    "torque_regressor",
-    "energy",
-    "jacobian",
-)
+MAIN = ("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics")
+MAIN += ("torque_regressor", "energy", "jacobian")
 # The solved system of seven joints has billions of operations: only its shared form is evaluated.
 WRITTEN_OUT = 300_000
 
@@ -45,24 +49,18 @@ WRITTEN_OUT = 300_000
 def build_coupled():
     """Return twisted axes: one follows another, a coupled drive, rotors, a spring, friction, a length."""
     robot = build_chain(ROWS, rotors=True, friction="coulomb-viscous-offset", name="coupled")
+    robot = follow(robot, 3, 1, "-63/100", friction=FrictionValues(law="none"), drive=Drive())
     joints = list(robot.joints)
     joints[1] = replace(joints[1], spring=Spring())
-    joints[3] = replace(
-        joints[3],
-        mimic=Mimic(master=1, multiplier=Fraction(-63, 100)),
-        friction=FrictionValues(law="none"),
-        drive=Drive(),
-    )
     joints[0] = replace(joints[0], friction=replace(joints[0].friction, smoothing=0.03))
     drive = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(-1, 2))), has_rotor=True)
     return replace(robot, joints=tuple(joints), couplings=(drive,), symbols=(("L1", 0.35),))
 
 
 @pytest.fixture(scope="module")
-def robots(project):
+def robots():
     names = ("two_link", "rrp_twisted", "two_link_elastic", "two_link_symbols", "tx40", "panda")
-    shipped = {name: read_robot(project / "robots" / f"{name}.toml") for name in names}
-    return {**shipped, "coupled": build_coupled()}
+    return {name: load_robot(name) for name in names} | {"coupled": build_coupled()}
 
 
 @pytest.fixture(scope="module")
@@ -90,11 +88,6 @@ def draw(function, seed):
     return inputs
 
 
-def assert_close(found, expected, tolerance=1e-12):
-    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * scale)
-
-
 def evaluate(expression, known):
     """Return the value of an expression; `known` has those of symbols, and keeps those of shared parts."""
     if expression not in known:
@@ -116,22 +109,20 @@ def evaluate(expression, known):
     return known[expression]
 
 
+def list_parts(value):
+    return value if isinstance(value, tuple) else (value,)
+
+
+def list_entries(value):
+    return [entry for part in list_parts(value) for entry in np.ravel(part).tolist()]
+
+
 def evaluate_outputs(function, *arrays):
     """Return the outputs as they are written, at inputs in order and then the lengths."""
     symbols = [symbol for column in function.inputs.values() for symbol in column]
     symbols += function.lengths
     known = dict(zip(symbols, np.concatenate(arrays).tolist(), strict=True))
-    return [
-        [evaluate(entry, known) for part in parts for entry in np.ravel(part).tolist()]
-        for value in function.outputs.values()
-        for parts in [value if isinstance(value, tuple) else (value,)]
-    ]
-
-
-def list_entries(function):
-    for value in function.outputs.values():
-        for part in value if isinstance(value, tuple) else (value,):
-            yield from part if isinstance(part, sympy.MatrixBase) else (part,)
+    return [[evaluate(entry, known) for entry in list_entries(v)] for v in function.outputs.values()]
 
 
 CASES = [
@@ -170,12 +161,9 @@ def test_panda_equals_pinocchio(robots, seed):
     links = draw_parameters(rng, robot.size)
     q, dq, ddq = rng.uniform(-3, 3, (3, robot.size))
     standard = build_standard_parameters(robot)
-    values = {(link, name): links[link, k] for link in range(robot.size) for k, name in enumerate(INERTIAL)}
+    values = name_parameters(links)
     pi = np.array([values[parameter.label] for parameter in standard.parameters])
-    base = derive_base_parameters(robot)
-    beta = np.array(
-        [sum(float(c) * values[label] for label, c in p.terms if label in values) for p in base.parameters]
-    )
+    beta = compute_beta(derive_base_parameters(robot), links)
     model = build_pinocchio(robot, links)
     data = model.createData()
     torque = pin.rnea(model, data, q, dq, ddq)
@@ -270,7 +258,7 @@ def test_no_float_anywhere(derive):
         for _, function in derive(name)[1].values():
             parts = [value for _, value in function.share()[0]]
             if function.operations < WRITTEN_OUT:
-                parts += list_entries(function)
+                parts += [entry for value in function.outputs.values() for entry in list_entries(value)]
             assert not any(part.has(sympy.Float) for part in parts), function.name
 
 
@@ -278,11 +266,8 @@ def test_own_symbols_may_be_functions_of_time():
     q, t = dynamicsymbols("q1 q2"), dynamicsymbols._t
     speeds = [angle.diff(t) for angle in q]
     energy = derive_symbolic(TWO_LINK, "energy", symbols={"q": q, "dq": speeds})
-    torque = derive_symbolic(
-        TWO_LINK,
-        "inverse_dynamics",
-        symbols={"q": q, "dq": speeds, "ddq": [speed.diff(t) for speed in speeds]},
-    )
+    symbols = {"q": q, "dq": speeds, "ddq": [speed.diff(t) for speed in speeds]}
+    torque = derive_symbolic(TWO_LINK, "inverse_dynamics", symbols=symbols)
     lagrangian = energy["T"] - energy["V"]
     for angle, speed, tau in zip(q, speeds, torque.expr, strict=True):
         equation = lagrangian.diff(speed).diff(t) - lagrangian.diff(angle)
@@ -291,15 +276,11 @@ def test_own_symbols_may_be_functions_of_time():
 
 def test_what_does_not_fit_is_named(robots):
     robot = robots["two_link"]
-    cases = (
-        ("mass", {}, "usage.unknown-function"),
-        ("gravity", {"symbols": {"dq": [1, 2]}}, "usage.unknown-input"),
-        ("gravity", {"symbols": {"q": [1]}}, "usage.wrong-symbols"),
-    )
-    for name, options, code in cases:
-        with pytest.raises(UsageError) as caught:
-            derive_symbolic(robot, name, **options)
-        assert caught.value.notices[0].code == code
+    with raises(UsageError, "usage.unknown-function"):
+        derive_symbolic(robot, "mass")
+    for symbols, code in (({"dq": [1, 2]}, "usage.unknown-input"), ({"q": [1]}, "usage.wrong-symbols")):
+        with raises(UsageError, code):
+            derive_symbolic(robot, "gravity", symbols=symbols)
     with pytest.raises(UsageError, match="T, V"):
         _ = derive_symbolic(robot, "energy").expr
     long = derive_symbolic(robots["panda"], "mass_matrix")
@@ -329,14 +310,8 @@ print(found.hexdigest())
 def test_equal_expressions_under_any_hash_seed(project):
     digests = []
     for seed in ("0", "42"):
-        done = subprocess.run(
-            [sys.executable, "-c", SCRIPT, str(project / "robots")],
-            env={**os.environ, "PYTHONHASHSEED": seed},
-            capture_output=True,
-            text=True,
-            check=True,
-            cwd=project,
-        )
+        command = (sys.executable, "-c", SCRIPT, str(project / "robots"))
+        done = run(project, *command, env={**os.environ, "PYTHONHASHSEED": seed})
         digests.append(done.stdout.strip())
     assert len(digests[0]) == hashlib.sha256().digest_size * 2
     assert len(set(digests)) == 1

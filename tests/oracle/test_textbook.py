@@ -105,23 +105,20 @@ SPATIAL_2R = [(0.0, 0, 0, "q"), (PI / 2, "A2", "D2", "q")]
 SPATIAL_3R = [(0.0, 0, 0, "q"), (PI / 2, "A2", "D2", "q"), (0.0, "A3", "D3", "q")]
 SKEW_3R = [(0.0, 0, 0, "q"), (PI / 2, "A2", "D2", "q"), (PI / 6, "A3", "D3", "q")]
 TILTED_3R = [(0.0, 0, 0, "q"), (PI / 4, "A2", "D2", "q"), (-PI / 3, "A3", "D3", "q")]
-PUMA = [
-    (0.0, 0, 0, "q"),
-    (PI / 2, 0, 0, "q"),
-    (0.0, "A3", "D3", "q"),
-    (-PI / 2, "A4", "D4", "q"),
-    (PI / 2, 0, 0, "q"),
-    (-PI / 2, 0, 0, "q"),
-]
-LWR = [
-    (0.0, 0, 0, "q"),
-    (PI / 2, 0, 0, "q"),
-    (-PI / 2, 0, "D3", "q"),
-    (-PI / 2, 0, 0, "q"),
-    (PI / 2, 0, "D5", "q"),
-    (PI / 2, 0, 0, "q"),
-    (-PI / 2, 0, 0, "q"),
-]
+
+
+def build_rows(twists, lengths, offsets):
+    """Return rows of twists in right angles, and of (a, d) by joint, zero where none is given."""
+    return [
+        (twist * PI / 2, lengths.get(k, 0), offsets.get(k, 0), "q") for k, twist in enumerate(twists, start=1)
+    ]
+
+
+PUMA = build_rows((0, 1, 0, -1, 1, -1), {3: "A3", 4: "A4"}, {3: "D3", 4: "D4"})
+LWR = build_rows((0, 1, -1, -1, 1, 1, -1), {}, {3: "D3", 5: "D5"})
+PANDA_ROWS = build_rows(
+    (0, -1, 1, 1, -1, 1, 1), {4: 0.0825, 5: -0.0825, 7: 0.088}, {1: 0.333, 3: 0.316, 5: 0.384}
+)
 CHAINS = {
     "planar 2R": (PLANAR_2R, LYING),
     "planar 3R": (PLANAR_3R, LYING),
@@ -143,27 +140,21 @@ def test_grouping_is_that_of_the_textbook(name):
 
 def test_planar_three_links_as_printed():
     """Khalil and Dombre 2002: nine parameters, masses beyond a joint act at its distance."""
-    robot = build_chain(PLANAR_3R, gravity=LYING)
-    expressions = {p.name: p.expression for p in derive_base_parameters(robot).parameters}
-    assert expressions == {
+    assert list_expressions(build_chain(PLANAR_3R, gravity=LYING)) == {
         "ZZR1": "ZZ1 + L1^2*M2 + L1^2*M3",
         "MXR1": "MX1 + L1*M2 + L1*M3",
-        "MY1": "MY1",
         "ZZR2": "ZZ2 + L2^2*M3",
         "MXR2": "MX2 + L2*M3",
-        "MY2": "MY2",
-        "ZZ3": "ZZ3",
-        "MX3": "MX3",
-        "MY3": "MY3",
+        **{name: name for name in ("MY1", "MY2", "ZZ3", "MX3", "MY3")},
     }
 
 
 def test_planar_arm_on_a_table_shows_no_first_moment_of_link_1():
-    robot = build_chain(PLANAR_2R, gravity=VERTICAL)
-    assert [p.name for p in derive_base_parameters(robot).parameters] == ["ZZR1", "ZZ2", "MX2", "MY2"]
+    assert list(list_expressions(build_chain(PLANAR_2R, gravity=VERTICAL))) == ["ZZR1", "ZZ2", "MX2", "MY2"]
 
 
 VALUES = {"A3": 0.4318, "D3": 0.15005, "A4": 0.0203, "D4": 0.4318}
+PUMA_ROWS = [tuple(VALUES.get(entry, entry) for entry in row) for row in PUMA]
 
 
 def test_symbols_with_values_put_in_give_the_numeric_set():
@@ -175,26 +166,20 @@ def test_symbols_with_values_put_in_give_the_numeric_set():
         assert expand(write_terms(left, lengths) - write_terms(right)) == 0
 
 
-@pytest.mark.parametrize(("robot", "rows"), [(PUMA560, PUMA), (PANDA, None)], ids=["puma", "panda"])
+@pytest.mark.parametrize(
+    ("robot", "rows"), [(PUMA560, PUMA_ROWS), (PANDA, PANDA_ROWS)], ids=["puma", "panda"]
+)
 def test_numeric_arms_follow_the_relations(robot, rows):
     """The relations with numbers in them, for arms whose first joint is vertical."""
-    numbers = rows and [
-        tuple(VALUES.get(entry, entry) if entry != "q" else "q" for entry in row) for row in rows
-    ]
-    rows = numbers or [
-        (0.0, 0, 0.333, "q"),
-        (-PI / 2, 0, 0, "q"),
-        (PI / 2, 0, 0.316, "q"),
-        (PI / 2, 0.0825, 0, "q"),
-        (-PI / 2, -0.0825, 0.384, "q"),
-        (PI / 2, 0, 0, "q"),
-        (PI / 2, 0.088, 0, "q"),
-    ]
     found = derive_base_parameters(robot).parameters
     expected = list_textbook(rows, vertical=True)
     assert [p.label for p in found] == list(expected)
     for parameter in found:
         assert expand(write_terms(parameter) - expected[parameter.label]) == 0
+
+
+def list_expressions(robot):
+    return {p.name: p.expression for p in derive_base_parameters(robot).parameters}
 
 
 def test_rotors_of_the_first_joints_stand_with_their_links():
@@ -213,20 +198,14 @@ def test_a_prismatic_link_adds_its_inertia_to_the_link_before():
     Frame 3 is frame 2 turned about x by 90 degrees: x3 = x2, y3 = z2, z3 = -y2.
     """
     rows = [(0.0, 0, 0, "q"), (PI / 2, "A2", 0, "q"), (PI / 2, "A3", "q", 0.0)]
-    expressions = {p.name: p.expression for p in derive_base_parameters(build_chain(rows)).parameters}
-    assert expressions == {
+    assert list_expressions(build_chain(rows)) == {
         "ZZR1": "ZZ1 + YY2 + A2^2*M2 + ZZ3",
         "XXR2": "XX2 - YY2 + XX3 - ZZ3",
         "XYR2": "XY2 - XZ3",
         "XZR2": "XZ2 + XY3",
         "YZR2": "YZ2 - YZ3",
         "ZZR2": "ZZ2 + YY3",
-        "MX2": "MX2",
-        "MY2": "MY2",
-        "MX3": "MX3",
-        "MY3": "MY3",
-        "MZ3": "MZ3",
-        "M3": "M3",
+        **{name: name for name in ("MX2", "MY2", "MX3", "MY3", "MZ3", "M3")},
     }
 
 

@@ -27,9 +27,13 @@ from tests.chains import (
     STANFORD,
     TWO_LINK,
     UR5,
+    assert_close,
     build_chain,
     build_pinocchio,
+    compute_beta,
     draw_parameters,
+    each_robot,
+    name_parameters,
 )
 from tests.float_algebra import FloatAlgebra, build_float_state
 
@@ -44,13 +48,10 @@ TILTED = build_chain(
 )
 
 
-def list_values(robot, parameters):
-    return {
-        (link, name): parameters[link, k] for link in range(robot.size) for k, name in enumerate(INERTIAL)
-    }
+ARMS = each_robot(PANDA, UR5, STANFORD)
 
 
-@pytest.mark.parametrize("robot", [TWO_LINK, TILTED], ids=lambda r: r.name)
+@each_robot(TWO_LINK, TILTED)
 def test_derivatives_are_those_of_the_exact_polynomials(robot):
     algebra = build_exact_algebra(robot)
     rng = np.random.default_rng(2)
@@ -78,13 +79,13 @@ def test_derivatives_are_those_of_the_exact_polynomials(robot):
 
 
 @pytest.mark.parametrize("meet", [None, lambda link: link, lambda link: min(link, 2)])
-@pytest.mark.parametrize("robot", [PANDA, UR5, STANFORD], ids=lambda r: r.name)
+@ARMS
 def test_derivatives_equal_pinocchio_at_a_thousand_states(robot, meet):
     rng = np.random.default_rng(3)
     q, dq, ddq = rng.uniform(-3, 3, (3, robot.size, STATES))
     parameters = draw_parameters(rng, robot.size)
     recursion = build_recursion(robot, FloatAlgebra(dict(robot.symbols)), build_float_state(q, dq, ddq))
-    values = list_values(robot, parameters)
+    values = name_parameters(parameters)
     found = compute_torque_derivatives(recursion, values, meet=meet)
     coriolis = compute_coriolis_matrix(recursion, values, meet=meet)
     terms = compute_equation_terms(recursion, values, meet=meet)
@@ -114,35 +115,28 @@ def test_derivatives_equal_pinocchio_at_a_thousand_states(robot, meet):
 def evaluate(program, inputs):
     """Return the outputs of a program at many states, (size, states) a port."""
     values = [np.zeros(())]
-    rules = {
-        "add": np.add,
-        "sub": np.subtract,
-        "mul": np.multiply,
-        "div": np.divide,
-        "sin": np.sin,
-        "cos": np.cos,
-    }
+    rules = {"add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide}
+    rules |= {"sin": np.sin, "cos": np.cos}
     for one in program.instructions:
         if one.op.value == "input":
             values.append(inputs[program.spec.inputs[one.args[0]].name][one.args[1]])
         elif one.op.value == "constant":
             values.append(np.array(one.constant))
         else:
-            values.append(
-                rules[one.op.value](*(values[ref] if ref > 0 else -values[-ref] for ref in one.args))
-            )
+            operands = (values[ref] if ref > 0 else -values[-ref] for ref in one.args)
+            values.append(rules[one.op.value](*operands))
     return [
         np.array([np.broadcast_to(np.sign(ref) * values[abs(ref)], STATES) for ref in refs])
         for refs in program.outputs
     ]
 
 
-@pytest.mark.parametrize("robot", [PANDA, UR5, PUMA560], ids=lambda r: r.name)
+@each_robot(PANDA, UR5, PUMA560)
 def test_derivatives_of_the_forward_dynamics_equal_pinocchio_at_a_thousand_states(robot):
     rng = np.random.default_rng(4)
     parameters = draw_parameters(rng, robot.size)
-    flat, base = list_values(robot, parameters), derive_base_parameters(robot)
-    beta = np.array([[sum(float(c) * flat[key] for key, c in p.terms)] for p in base.parameters])
+    base = derive_base_parameters(robot)
+    beta = compute_beta(base, parameters)[:, None]
     q, dq, tau = rng.uniform(-2, 2, (3, robot.size, STATES))
     (spec,) = list_robot_specs(robot, base, ("forward_dynamics_derivatives",))
     program = choose_route(robot, base, spec).program
@@ -154,11 +148,10 @@ def test_derivatives_of_the_forward_dynamics_equal_pinocchio_at_a_thousand_state
         pin.computeABADerivatives(model, data, q[:, k], dq[:, k], tau[:, k])
         pairs = ((by_q, data.ddq_dq), (by_dq, data.ddq_dv), (by_tau, data.Minv), (ddq, data.ddq[None]))
         for mine, theirs in pairs:
-            size = max(1.0, float(np.abs(theirs).max()))
-            np.testing.assert_allclose(mine[..., k], theirs, rtol=0, atol=1e-9 * size)
+            assert_close(mine[..., k], theirs, 1e-9)
 
 
-@pytest.mark.parametrize("robot", [PANDA, UR5, STANFORD], ids=lambda r: r.name)
+@ARMS
 def test_second_derivatives_are_those_of_casadi_of_the_torques(robot):
     rng = np.random.default_rng(5)
     torques, second = (
@@ -178,14 +171,11 @@ def test_second_derivatives_are_those_of_casadi_of_the_torques(robot):
     for _ in range(5):
         inputs = [rng.uniform(-2, 2, torques.size1_in(k)) for k in range(4)]
         for mine, other in zip(second.call(inputs), expected.call(inputs), strict=True):
-            theirs = other.full()
-            size = max(1.0, float(np.abs(theirs).max()))
             # A row of the Jacobian is one pair (i, j); entries (j, k) of a port are side by side.
-            tensor = theirs.reshape(n, n, n)
-            np.testing.assert_allclose(mine.full().reshape(n, n, n), tensor, rtol=0, atol=1e-10 * size)
+            assert_close(mine.full().reshape(n, n, n), other.full().reshape(n, n, n), 1e-10)
 
 
-@pytest.mark.parametrize("robot", [PANDA, UR5, STANFORD], ids=lambda r: r.name)
+@ARMS
 def test_derivatives_of_the_regressor_are_casadis_and_give_those_of_the_torque(robot):
     rng = np.random.default_rng(6)
     regressor, slopes, torques = (

@@ -28,15 +28,17 @@ from symid.codegen.compiler import Compiler, compile_sources, locate_compiler, r
 from symid.environment import mark_scratch
 from symid.errors import GenerationError, OutputError
 from symid.joint_models.hysteresis import Elasticity
+from symid.robot import load_robot
 from symid.robot.description import Controller, Limits, Processing
-from symid.robot.toml_reader import read_robot
+from tests.builds import write_program
+from tests.refusals import raises
 
 NAMES = ("mass_matrix", "friction")
 
 
-@pytest.fixture
-def robot(robots_folder):
-    return read_robot(robots_folder / "emps.toml")
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("emps")
 
 
 def prepare(robot, folder, **options):
@@ -45,11 +47,15 @@ def prepare(robot, folder, **options):
     return library, said
 
 
+def list_codes(library):
+    return [notice.code for notice in library.notices]
+
+
 @pytest.fixture(scope="module")
-def sound(robots_folder, tmp_path_factory, c_compiler):
+def sound(robot, tmp_path_factory, c_compiler):
     """Return a sound entry of the cache; tests spoil copies of it."""
     folder = tmp_path_factory.mktemp("sound")
-    prepare(read_robot(robots_folder / "emps.toml"), folder)
+    prepare(robot, folder)
     (entry,) = folder.iterdir()
     return entry
 
@@ -68,15 +74,9 @@ def test_the_second_call_makes_nothing(robot, tmp_path, c_compiler):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_fused_products_are_a_library_of_their_own_and_differ_by_rounding(
-    robots_folder, tmp_path, c_compiler
-):
-    robot = read_robot(robots_folder / "ur5.toml")
-    names = ("inverse_dynamics",)
-    plain, fused = (
-        prepare_library(robot, names=names, cache=tmp_path, backend="c", compiler=c_compiler, fused=fused)
-        for fused in (False, True)
-    )
+def test_fused_products_are_a_library_of_their_own_and_differ_by_rounding(tmp_path, c_compiler):
+    options = {"names": ("inverse_dynamics",), "cache": tmp_path, "backend": "c", "compiler": c_compiler}
+    plain, fused = (prepare_library(load_robot("ur5"), **options, fused=fused) for fused in (False, True))
     assert len(list(tmp_path.iterdir())) == 2
     states = np.random.default_rng(0).normal(size=(3, 50, 6))
     beta = np.linspace(0.5, 1.5, len(plain.card.beta))
@@ -84,47 +84,50 @@ def test_fused_products_are_a_library_of_their_own_and_differ_by_rounding(
     np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("victim", ["libsymid_emps.so", "manifest.json", "symid_emps.h", "seal.json"])
-def test_a_tampered_entry_is_made_again(robot, tmp_path, entry, victim):
-    assert prepare(robot, tmp_path)[1] == []
-    # Another file under the same name: this process still has the old library mapped.
-    (entry / victim).unlink()
-    (entry / victim).write_bytes(b"{}")
-    library, said = prepare(robot, tmp_path)
-    assert said
-    assert [notice.code for notice in library.notices] == ["codegen.cache-rebuilt"]
-    np.testing.assert_allclose(library.evaluate("mass_matrix", np.zeros(1), np.array([95.0]))[0], [[95.0]])
-    assert prepare(robot, tmp_path)[0].notices == ()
-
-
-def test_an_entry_with_a_foreign_file_is_made_again(robot, tmp_path, entry):
-    (entry / "extra.so").write_bytes(b"x")
-    assert "extra.so" in prepare(robot, tmp_path)[0].notices[0].text
-
-
-def test_the_key_sees_what_matters_and_nothing_else(robot):
+def test_the_key_sees_what_functions_depend_on_and_nothing_else(robot, monkeypatch):
     compiler = Compiler(path="/x/cc", version="cc 1")
-    key = compute_library_key(robot, None, compiler)
-    assert key == compute_library_key(replace(robot, processing=Processing(drop_first=7)), None, compiler)
-    assert key == compute_library_key(replace(robot, path="elsewhere", description="x"), None, compiler)
-    limited = replace(robot.joints[0], limits=Limits(torque=3.0))
-    assert key == compute_library_key(replace(robot, joints=(limited, *robot.joints[1:])), None, compiler)
-    elastic = replace(robot.joints[0], elasticity=Elasticity(stiffness=1e4))
+    (joint,) = robot.joints
+
+    def compute_key(names=None, compiler=compiler, **changes):
+        return compute_library_key(replace(robot, **changes), names, compiler)
+
+    def change_joint(**changes):
+        return compute_key(joints=(replace(joint, **changes),))
+
+    controller = Controller(stiffness=(5.0,), damping=(1.0,))
+    assert {
+        compute_key(processing=Processing(drop_first=7)),
+        compute_key(path="elsewhere", description="x"),
+        compute_key(source="a paper", notices=()),
+        compute_key(controller=controller),
+        change_joint(limits=Limits(torque=3.0)),
+        change_joint(limits=Limits(velocity=3.5)),
+        change_joint(drive=replace(joint.drive, torque_constant=7.0)),
+    } == {compute_key()}
     others = [
-        compute_library_key(replace(robot, name="other"), None, compiler),
-        compute_library_key(robot, NAMES, compiler),
-        compute_library_key(robot, None, None),
-        compute_library_key(robot, None, replace(compiler, version="cc 2")),
-        compute_library_key(robot, None, replace(compiler, flags=("-O3",))),
-        compute_library_key(replace(robot, joints=(elastic, *robot.joints[1:])), None, compiler),
+        compute_key(),
+        compute_key(name="other"),
+        compute_key(NAMES),
+        compute_key(compiler=None),
+        compute_key(compiler=replace(compiler, version="cc 2")),
+        compute_key(compiler=replace(compiler, flags=("-O3",))),
+        change_joint(elasticity=Elasticity(stiffness=1e4)),
+        change_joint(name="another"),
+        change_joint(drive=replace(joint.drive, has_rotor=not joint.drive.has_rotor)),
     ]
-    assert len({key, *others}) == 7
+    for what in ("machine", "system"):
+        monkeypatch.setattr(platform, what, lambda: "another")
+        others.append(compute_key())
+    assert len(set(others)) == len(others)
+    paths = {path for path, _ in cache_module._read_code_bytes()}
+    assert {"notation.py", "arrays.py", "serialization.py", "codegen/cache.py"} <= paths
 
 
 def test_without_a_compiler_the_python_module_is_used_and_said(robot, tmp_path):
     library, said = prepare(robot, tmp_path, compiler="no-such-compiler")
     assert library.backend == "python"
-    assert [notice.code for notice in library.notices] == ["codegen.no-compiler"]
+    assert list_codes(library) == ["codegen.no-compiler"]
+    assert "'no-such-compiler'" in library.notices[0].text
     assert "NumPy module" in said[-1]
     found = library.evaluate("mass_matrix", np.zeros((3, 1)), np.array([95.0]))[0]
     np.testing.assert_allclose(found, np.full((3, 1, 1), 95.0))
@@ -133,7 +136,6 @@ def test_without_a_compiler_the_python_module_is_used_and_said(robot, tmp_path):
 
 SCRIPT = """
 import sys
-import tempfile
 from pathlib import Path
 from symid.codegen.cache import prepare_library
 from symid.robot.toml_reader import read_robot
@@ -144,23 +146,35 @@ print(sorted({"sympy", "casadi", "jinja2", "mpmath"} & set(sys.modules)))
 """
 
 
-def start(robots_folder, folder, project, **variables):
-    command = [sys.executable, "-c", SCRIPT, str(robots_folder / "emps.toml"), str(folder)]
-    environment = {**os.environ, "PYTHONPATH": str(project), **variables}
-    return subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+@pytest.fixture(scope="module")
+def start(robots_folder, project):
+    """Return a call that starts a process which prepares the library in a folder."""
+
+    def call(folder, **variables):
+        command = [sys.executable, "-c", SCRIPT, str(robots_folder / "emps.toml"), str(folder)]
+        environment = {**os.environ, "PYTHONPATH": str(project), **variables}
+        pipe = subprocess.PIPE
+        return subprocess.Popen(command, env=environment, stdout=pipe, stderr=pipe, text=True)
+
+    return call
 
 
-def test_two_processes_at_once_and_then_a_hit_without_heavy_imports(robots_folder, tmp_path, project):
-    running = [start(robots_folder, tmp_path, project) for _ in range(2)]
-    for process in running:
-        out, err = process.communicate(timeout=100)
+def finish(*processes):
+    """Return what notices the processes had, and whether they imported what is slow, a line each."""
+    said = []
+    for process in processes:
+        out, err = process.communicate(timeout=200)
         assert (process.returncode, err) == (0, "")
-        assert out.startswith("3.0")
+        mass, *rest = out.splitlines()
+        assert mass == "3.0"
+        said.append(rest)
+    return said
+
+
+def test_two_processes_at_once_and_then_a_hit_without_heavy_imports(tmp_path, start):
+    finish(*(start(tmp_path) for _ in range(2)))
     assert len(list(tmp_path.iterdir())) == 1
-    out, err = start(robots_folder, tmp_path, project).communicate(timeout=100)
-    assert (out, err) == ("3.0\n\n[]\n", "")
+    assert finish(start(tmp_path)) == [["", "[]"]]
 
 
 def test_generated_code_that_does_not_compile_is_an_error_and_leaves_no_entry(
@@ -180,9 +194,8 @@ def test_generated_code_that_does_not_compile_is_an_error_and_leaves_no_entry(
 
 def test_a_folder_that_cannot_be_made_is_said(robot, tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.cache") as caught:
         prepare(robot, tmp_path / "file" / "cache")
-    assert caught.value.notices[0].code == "output.cache"
     assert caught.value.notices[0].file == str(tmp_path / "file" / "cache")
 
 
@@ -197,41 +210,11 @@ def test_the_compilers_message_reaches_the_reader(tmp_path, c_compiler):
     source = tmp_path / "bad.c"
     source.write_text("int f(void) { return missing; }\n")
     compiler = locate_compiler(c_compiler)
-    with pytest.raises(GenerationError, match="missing") as caught:
+    with raises(GenerationError, "codegen.compiler-failed", match="missing") as caught:
         compile_sources(compiler, [source], tmp_path / "x.so")
-    assert caught.value.notices[0].code == "codegen.compiler-failed"
     assert f"{c_compiler} -std=c99" in str(caught.value)
     assert not (tmp_path / "x.so").exists()
     assert locate_compiler("no-such-compiler") is None
-
-
-def test_the_key_sees_of_the_robot_what_its_functions_depend_on(robot):
-    compiler = Compiler(path="/x/cc", version="cc 1")
-    key = compute_library_key(robot, None, compiler)
-    (joint,) = robot.joints
-
-    def compute_key(**changes):
-        return compute_library_key(replace(robot, joints=(replace(joint, **changes),)), None, compiler)
-
-    assert compute_key(limits=Limits(velocity=3.5)) == key
-    assert compute_key(drive=replace(joint.drive, torque_constant=7.0)) == key
-    assert compute_library_key(replace(robot, source="a paper", notices=()), None, compiler) == key
-    controller = Controller(stiffness=(5.0,), damping=(1.0,))
-    assert compute_library_key(replace(robot, controller=controller), None, compiler) == key
-    assert compute_key(name="another") != key
-    assert compute_key(drive=replace(joint.drive, has_rotor=not joint.drive.has_rotor)) != key
-
-
-@pytest.mark.parametrize("what", ["machine", "system"])
-def test_the_key_sees_the_machine(robot, monkeypatch, what):
-    key = compute_library_key(robot, None, None)
-    monkeypatch.setattr(platform, what, lambda: "another")
-    assert compute_library_key(robot, None, None) != key
-
-
-def test_the_key_sees_the_modules_outside_the_rooms(monkeypatch):
-    paths = {path for path, _ in cache_module._read_code_bytes()}
-    assert {"notation.py", "arrays.py", "serialization.py", "codegen/cache.py"} <= paths
 
 
 def test_a_cache_that_cannot_be_written_is_replaced_by_a_temporary_one(robot, tmp_path, monkeypatch):
@@ -240,7 +223,7 @@ def test_a_cache_that_cannot_be_written_is_replaced_by_a_temporary_one(robot, tm
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
     library, said = prepare(robot, None)
     assert said
-    assert [notice.code for notice in library.notices][:1] == ["codegen.cache-temporary"]
+    assert list_codes(library)[:1] == ["codegen.cache-temporary"]
     assert str(tmp_path / "file") in library.notices[0].text
     folder = tmp_path / f"symid-{os.getuid()}"
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
@@ -256,7 +239,7 @@ def test_a_user_without_a_home_gets_a_temporary_cache(robot, tmp_path, monkeypat
     monkeypatch.setattr(Path, "home", fail)
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path))
     assert locate_cache_folder() == tmp_path / f"symid-{os.getuid()}"
-    assert [notice.code for notice in prepare(robot, None)[0].notices][:1] == ["codegen.cache-temporary"]
+    assert list_codes(prepare(robot, None)[0])[:1] == ["codegen.cache-temporary"]
 
 
 def test_a_temporary_folder_that_others_can_write_is_not_used(tmp_path, monkeypatch):
@@ -275,9 +258,8 @@ def test_no_place_at_all_is_said(robot, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("x")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path / "file"))
-    with pytest.raises(OutputError, match=f"{tmp_path / 'file'}") as caught:
+    with raises(OutputError, "output.cache", match=f"{tmp_path / 'file'}"):
         prepare(robot, None)
-    assert caught.value.notices[0].code == "output.cache"
 
 
 def test_an_entry_that_cannot_be_moved_in_is_said(robot, tmp_path, monkeypatch):
@@ -289,9 +271,8 @@ def test_an_entry_that_cannot_be_moved_in_is_said(robot, tmp_path, monkeypatch):
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", fail)
-    with pytest.raises(OutputError, match="Permission denied") as caught:
+    with raises(OutputError, "output.cache", match="Permission denied"):
         prepare(robot, tmp_path)
-    assert caught.value.notices[0].code == "output.cache"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -314,24 +295,13 @@ def test_byte_code_in_an_entry_is_not_run(robot, tmp_path):
     assert library.notices[0].code == "codegen.cache-rebuilt"
 
 
-def test_a_compiler_asked_for_by_name_is_named(robot, tmp_path):
-    library, _ = prepare(robot, tmp_path, compiler="clang-99")
-    assert library.notices[0].code == "codegen.no-compiler"
-    assert "'clang-99'" in library.notices[0].text
-
-
-def test_a_compiler_that_compiles_nothing_is_said_and_numpy_is_used(tmp_path, monkeypatch, robots_folder):
+def test_a_compiler_that_compiles_nothing_is_said_and_numpy_is_used(robot, tmp_path, monkeypatch):
     """As on a machine with gcc but without the headers of the C library."""
-    broken = tmp_path / "bin" / "cc"
-    broken.parent.mkdir()
-    broken.write_text(
-        '#!/bin/sh\n[ "$1" = --version ] && echo cc 1.0 && exit 0\necho no math.h >&2\nexit 1\n'
-    )
-    broken.chmod(0o755)
+    action = '[ "$1" = --version ] && echo cc 1.0 && exit 0\necho no math.h >&2\nexit 1'
+    broken = write_program(tmp_path / "bin" / "cc", action)
     monkeypatch.setenv("PATH", f"{broken.parent}:/usr/bin:/bin")
-    library = prepare_library(read_robot(robots_folder / "emps.toml"), cache=tmp_path / "cache")
-    assert library.backend == "python"
-    assert [notice.code for notice in library.notices] == ["codegen.compiler-unusable"]
+    library = prepare_library(robot, cache=tmp_path / "cache")
+    assert (library.backend, list_codes(library)) == ("python", ["codegen.compiler-unusable"])
     assert "no math.h" in library.notices[0].text
 
 
@@ -341,38 +311,33 @@ def seal_again(entry):
 
 
 @pytest.fixture(scope="module")
-def sound_of_processes(robots_folder, project, tmp_path_factory, c_compiler):
+def sound_of_processes(start, tmp_path_factory, c_compiler):
     folder = tmp_path_factory.mktemp("processes")
-    start(robots_folder, folder, project).communicate(timeout=100)
+    finish(start(folder))
     (entry,) = folder.iterdir()
     return entry
 
 
-def test_processes_that_find_the_same_damage_all_get_a_library(
-    robots_folder, tmp_path, project, sound_of_processes
-):
-    entry = Path(shutil.copytree(sound_of_processes, tmp_path / sound_of_processes.name))
+@pytest.fixture
+def made_elsewhere(sound_of_processes, tmp_path):
+    """Return a copy of an entry that another process made."""
+    return Path(shutil.copytree(sound_of_processes, tmp_path / sound_of_processes.name))
+
+
+def test_processes_that_find_the_same_damage_all_get_a_library(tmp_path, start, made_elsewhere):
+    entry = made_elsewhere
     (entry / "libsymid_emps.so").write_bytes(b"")
-    running = [start(robots_folder, tmp_path, project) for _ in range(3)]
-    said = []
-    for process in running:
-        out, err = process.communicate(timeout=100)
-        assert (process.returncode, err) == (0, "")
-        assert out.startswith("3.0")
-        said.append(out.splitlines()[1])
-    assert "codegen.cache-rebuilt" in said
+    said = finish(*(start(tmp_path) for _ in range(3)))
+    assert "codegen.cache-rebuilt" in [codes for codes, _ in said]
     assert [path.name for path in tmp_path.iterdir()] == [entry.name]
     assert cache_module._describe_damage(entry, json.loads((entry / "seal.json").read_text())["key"]) == ""
 
 
-def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, project, c_compiler, monkeypatch):
+def test_a_process_that_is_killed_leaves_no_entry(tmp_path, start, c_compiler):
     cache, mark = tmp_path / "cache", tmp_path / "reached"
-    slow = tmp_path / "bin" / "cc"
-    slow.parent.mkdir()
-    slow.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo cc 1 && exit 0\ntouch {mark}\nexec sleep 60\n')
-    slow.chmod(0o755)
-    path = f"{slow.parent}:{os.environ['PATH']}"
-    process = start(robots_folder, cache, project, PATH=path)
+    action = f'[ "$1" = --version ] && echo cc 1 && exit 0\ntouch {mark}\nexec sleep 60'
+    slow = write_program(tmp_path / "bin" / "cc", action)
+    process = start(cache, PATH=f"{slow.parent}:{os.environ['PATH']}")
     for _ in range(6000):
         if mark.exists():
             break
@@ -388,8 +353,7 @@ def test_a_process_that_is_killed_leaves_no_entry(robots_folder, tmp_path, proje
     # Of a process that was killed while it wrote the sources.
     dead = mark_scratch("..new-").replace(f"-{os.getpid()}-", f"-{process.pid}-")
     (cache / f"{dead}abc").mkdir()
-    out, err = start(robots_folder, cache, project).communicate(timeout=100)
-    assert (out.splitlines()[:2], err) == (["3.0", ""], "")
+    assert finish(start(cache))[0][0] == ""
     assert sorted(path.name[:10] for path in cache.iterdir()) == [".new-other", "symid_emps"]
 
 
@@ -417,49 +381,36 @@ def test_another_version_of_symid_has_an_entry_of_its_own(robot, entry, tmp_path
     assert prepare(robot, tmp_path)[1] == []
 
 
-def test_of_many_processes_on_an_empty_cache_one_compiles(robots_folder, tmp_path, project, c_compiler):
-    cache, counted = tmp_path / "cache", tmp_path / "bin" / "cc"
-    counted.parent.mkdir()
-    counted.write_text(f'#!/bin/sh\necho "$*" >> {tmp_path}/calls\nexec {c_compiler} "$@"\n')
-    counted.chmod(0o755)
+def test_of_many_processes_on_an_empty_cache_one_compiles(tmp_path, start, c_compiler):
+    cache = tmp_path / "cache"
+    counted = write_program(tmp_path / "bin" / "cc", f'echo "$*" >> {tmp_path}/calls\nexec {c_compiler} "$@"')
     path = f"{counted.parent}:{os.environ['PATH']}"
-    running = [start(robots_folder, cache, project, PATH=path) for _ in range(4)]
-    for process in running:
-        out, err = process.communicate(timeout=200)
-        assert (process.returncode, out.splitlines()[:2], err) == (0, ["3.0", ""], "")
+    assert [codes for codes, _ in finish(*(start(cache, PATH=path) for _ in range(4)))] == [""] * 4
     links = [line for line in (tmp_path / "calls").read_text().splitlines() if "libsymid_emps.so" in line]
     assert len(links) == 1
     assert [path.name[:10] for path in cache.iterdir()] == ["symid_emps"]
 
 
-def replace_file(path, content):
+def replace_file(path, content=b"{}"):
     """Put another file in the place of `path`: whoever has the old one mapped keeps it."""
     path.unlink()
     path.write_bytes(content)
 
 
 @pytest.mark.parametrize("sealed", [False, True])
-def test_a_library_that_does_not_load_is_made_again(
-    robots_folder, tmp_path, project, sound_of_processes, sealed
-):
+def test_a_library_that_does_not_load_is_made_again(tmp_path, start, made_elsewhere, sealed):
     """Cut off, as a full disk leaves it; or no library at all, and the seal edited to say so."""
-    entry = Path(shutil.copytree(sound_of_processes, tmp_path / sound_of_processes.name))
-    path = entry / "libsymid_emps.so"
+    path = made_elsewhere / "libsymid_emps.so"
     replace_file(path, b"no library" if sealed else path.read_bytes()[: path.stat().st_size // 2])
     if sealed:
-        seal_again(entry)
+        seal_again(made_elsewhere)
     for notice in ("codegen.cache-rebuilt", ""):
-        out, err = start(robots_folder, tmp_path, project).communicate(timeout=100)
-        assert (out.splitlines()[:2], err) == (["3.0", notice], "")
+        assert finish(start(tmp_path))[0][0] == notice
 
 
-def test_an_entry_with_a_manifest_and_a_seal_of_somebody_else_is_made_again(robot, tmp_path, entry):
+def change_manifest(entry):
     (entry / "manifest.json").write_text('{"symid": "1", "files": {}}')
     seal_again(entry)
-    library, _ = prepare(robot, tmp_path)
-    assert [notice.code for notice in library.notices] == ["codegen.cache-rebuilt"]
-    assert "manifest" in library.notices[0].text
-    assert prepare(robot, tmp_path)[0].notices == ()
 
 
 def link_entry(entry):
@@ -477,7 +428,13 @@ def replace_by_file(entry):
     entry.write_text("x")
 
 
-FOREIGN = {
+DAMAGES = {
+    "another library": (lambda entry: replace_file(entry / "libsymid_emps.so"), ""),
+    "another header": (lambda entry: replace_file(entry / "symid_emps.h"), ""),
+    "another manifest": (lambda entry: replace_file(entry / "manifest.json"), ""),
+    "another seal": (lambda entry: replace_file(entry / "seal.json"), ""),
+    "a foreign file": (lambda entry: (entry / "extra.so").write_bytes(b"x"), "extra.so"),
+    "a manifest and a seal of somebody else": (change_manifest, "manifest"),
     "a link": (link_entry, "it is a link or no file"),
     "a linked library": (link_library, "libsymid_emps.so is a link or no file"),
     "a pipe": (lambda entry: os.mkfifo(entry / "pipe"), "pipe is a link or no file"),
@@ -491,17 +448,19 @@ FOREIGN = {
 }
 
 
-@pytest.mark.parametrize("foreign", sorted(FOREIGN))
-def test_what_others_may_have_written_is_not_loaded(robot, tmp_path, entry, foreign):
-    change, text = FOREIGN[foreign]
+@pytest.mark.parametrize("damage", sorted(DAMAGES))
+def test_what_is_damaged_or_may_be_of_others_is_made_again(robot, tmp_path, entry, damage):
+    change, text = DAMAGES[damage]
+    assert prepare(robot, tmp_path)[1] == []
     change(entry)
     library, said = prepare(robot, tmp_path)
     assert said
-    assert [notice.code for notice in library.notices] == ["codegen.cache-rebuilt"]
+    assert list_codes(library) == ["codegen.cache-rebuilt"]
     assert text in library.notices[0].text
+    np.testing.assert_allclose(library.evaluate("mass_matrix", np.zeros(1), np.array([95.0]))[0], [[95.0]])
     assert prepare(robot, tmp_path)[0].notices == ()
     assert not list(tmp_path.glob(".old-*"))
-    if "link" in foreign:
+    if "link" in damage:
         assert (tmp_path / ".elsewhere").exists()
 
 
@@ -510,9 +469,8 @@ def test_what_belongs_to_another_user_is_not_loaded(robot, tmp_path, entry, monk
     user = os.getuid()
     monkeypatch.setattr(os, "getuid", lambda: user + 1)
     assert describe_entry_risk(entry) == "it belongs to another user"
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.cache"):
         prepare(robot, tmp_path)
-    assert caught.value.notices[0].code == "output.cache"
     # As on a system without owners.
     monkeypatch.delattr(os, "getuid")
     entry.chmod(0o777)
@@ -521,9 +479,8 @@ def test_what_belongs_to_another_user_is_not_loaded(robot, tmp_path, entry, monk
 
 def test_a_folder_in_which_others_can_replace_entries_is_not_used(robot, tmp_path, c_compiler):
     tmp_path.chmod(0o777)
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.cache"):
         prepare(robot, tmp_path)
-    assert caught.value.notices[0].code == "output.cache"
     assert list(tmp_path.iterdir()) == []
     # As in /tmp, where others can add but not replace.
     tmp_path.chmod(0o1777)
@@ -578,15 +535,6 @@ def test_the_key_names_the_processor_that_code_is_made_for(robot, tmp_path, monk
     assert locate_compiler(c_compiler, native=True) == locate_compiler(c_compiler)
 
 
-def write_compiler(folder, c_compiler, refused):
-    """Return a compiler that tells what it was asked for, and may not know a flag."""
-    path = folder / "cc"
-    check = f'case "$*" in *{refused}*) echo unknown >&2; exit 1;; esac' if refused else ""
-    path.write_text(f'#!/bin/sh\necho "$@" >> {folder}/said\n{check}\nexec {c_compiler} "$@"\n')
-    path.chmod(0o755)
-    return path
-
-
 @pytest.mark.parametrize("refused", ["", "-march=native"])
 def test_code_is_made_for_the_processor_where_the_compiler_can(tmp_path, c_compiler, refused, monkeypatch):
     told = tmp_path / "cpuinfo"
@@ -594,7 +542,10 @@ def test_code_is_made_for_the_processor_where_the_compiler_can(tmp_path, c_compi
     write_processors(told)
     source = tmp_path / "one.c"
     source.write_text("double one(double x) { return x + 1.0; }\n")
-    command = str(write_compiler(tmp_path, c_compiler, refused))
+    # A compiler that tells what it was asked for, and may not know a flag.
+    check = f'case "$*" in *{refused}*) echo unknown >&2; exit 1;; esac' if refused else ""
+    action = f'echo "$@" >> {tmp_path}/said\n{check}\nexec {c_compiler} "$@"'
+    command = str(write_program(tmp_path / "cc", action))
     for native in (True, False):
         (tmp_path / "said").unlink(missing_ok=True)
         compile_sources(locate_compiler(command, native=native), [source], tmp_path / "one.so")
@@ -605,11 +556,11 @@ def test_code_is_made_for_the_processor_where_the_compiler_can(tmp_path, c_compi
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_code_for_the_processor_gives_the_same_bytes(robots_folder, tmp_path, compiler):
+def test_code_for_the_processor_gives_the_same_bytes(tmp_path, compiler):
     """No product is fused with a sum, whatever the processor can do."""
     if locate_compiler(compiler) is None:
         pytest.skip(f"wants {compiler}")
-    robot, rng = read_robot(robots_folder / "puma560.toml"), np.random.default_rng(8)
+    robot, rng = load_robot("puma560"), np.random.default_rng(8)
     q, dq, ddq = rng.uniform(-1, 1, (3, 64, 6))
     found = []
     for native in (True, False):

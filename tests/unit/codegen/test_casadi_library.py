@@ -1,6 +1,6 @@
 """CasADi as a backend: equal to the others, chosen by name, and honest about what serves."""
 
-import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -10,31 +10,20 @@ from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions, prepare_material
 from symid.errors import GenerationError, UsageError
 from symid.options import GenerateOptions
-from symid.robot.toml_reader import read_robot
+from symid.robot import load_robot
+from tests.refusals import raises
 
 BACKENDS = ("c", "python", "casadi")
 # Chains, a tree with coupled drives, springs with stops and knees; of large robots a few functions.
 FEW = ("forward_kinematics", "mass_matrix", "forward_dynamics", "torque_regressor")
-ROBOTS = {
-    "two_link": None,
-    "two_link_elastic": None,
-    "scara": None,
-    "emps": None,
-    "panda": FEW,
-    "two_arms": FEW,
-}
+ROBOTS = dict.fromkeys(("two_link", "two_link_elastic", "scara", "emps")) | {"panda": FEW, "two_arms": FEW}
 NAMES = ("gravity", "mass_matrix")
 
 
-def read(folder, name):
-    return read_robot(folder / f"{name}.toml")
-
-
 @pytest.mark.parametrize("name", ROBOTS)
-def test_all_backends_compute_the_same(robots_folder, c_compiler, name):
+def test_all_backends_compute_the_same(c_compiler, name):
     """At random states, with parameters for which no mass matrix is nearly singular; exact values besides."""
-    robot = read(robots_folder, name)
-    names = ROBOTS[name]
+    robot, names = load_robot(name), ROBOTS[name]
     material = prepare_material(build_functions(robot, names=names), GenerateOptions())
     libraries = [prepare_library(robot, names=names, backend=backend, whole=True) for backend in BACKENDS]
     assert [library.backend for library in libraries] == list(BACKENDS)
@@ -60,16 +49,14 @@ def test_all_backends_compute_the_same(robots_folder, c_compiler, name):
                     np.testing.assert_allclose(values, batch[3], rtol=0, atol=1e-12 * scale)
 
 
-@pytest.fixture(scope="module", params=["compiled", "machine"])
-def library(request, robots_folder, c_compiler, tmp_path_factory):
-    compiler = None if request.param == "compiled" else "no-such-compiler"
-    return prepare_library(
-        read(robots_folder, "two_link"),
-        names=NAMES,
-        cache=tmp_path_factory.mktemp("cache"),
-        compiler=compiler,
-        backend="casadi",
-    )
+@pytest.fixture(scope="module")
+def robot():
+    return load_robot("two_link")
+
+
+@pytest.fixture(scope="module", params=[None, "no-such-compiler"], ids=["compiled", "machine"])
+def library(request, robot, c_compiler, tmp_path_factory):
+    return prepare(robot, tmp_path_factory.mktemp("cache"), compiler=request.param, backend="casadi")[0]
 
 
 @pytest.mark.parametrize("samples", [0, 1, 2, 255, 256, 257, 1000])
@@ -100,11 +87,8 @@ def test_threads_do_not_meet(library):
         for _ in range(20):
             library.evaluate("gravity", batches[k], beta, out=(found[k],))
 
-    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(work, range(4)))
     np.testing.assert_array_equal(found, wanted)
 
 
@@ -119,9 +103,8 @@ def test_an_error_of_casadi_is_one(library):
     library.evaluate("gravity", np.zeros((1, 2)), np.ones(len(library.card.beta)))
     room = library.engine.spare["gravity", 1][0]
     room._buffer = Buffer(room._buffer)
-    with pytest.raises(GenerationError, match=r"'gravity'.*\b3\b") as caught:
+    with raises(GenerationError, "codegen.call-failed", match=r"'gravity'.*\b3\b"):
         library.evaluate("gravity", np.zeros((1, 2)), np.ones(len(library.card.beta)))
-    assert caught.value.notices[0].code == "codegen.call-failed"
 
 
 def prepare(robot, folder, **options):
@@ -130,8 +113,7 @@ def prepare(robot, folder, **options):
     return found, [text.split()[0] for text in said]
 
 
-def test_every_backend_has_an_entry_of_its_own(robots_folder, tmp_path, c_compiler):
-    robot = read(robots_folder, "two_link")
+def test_every_backend_has_an_entry_of_its_own(robot, tmp_path, c_compiler):
     assert prepare(robot, tmp_path, backend="c")[1] == ["deriving", "writing", "compiling"]
     found, said = prepare(robot, tmp_path)
     assert (found.backend, said) == ("c", [])
@@ -146,8 +128,7 @@ def test_every_backend_has_an_entry_of_its_own(robots_folder, tmp_path, c_compil
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_an_entry_that_was_tampered_with_is_made_again(robots_folder, tmp_path, c_compiler):
-    robot = read(robots_folder, "two_link")
+def test_an_entry_that_was_tampered_with_is_made_again(robot, tmp_path, c_compiler):
     prepare(robot, tmp_path, backend="casadi")
     (entry,) = tmp_path.iterdir()
     (entry / "gravity.casadi").unlink()
@@ -157,37 +138,27 @@ def test_an_entry_that_was_tampered_with_is_made_again(robots_folder, tmp_path, 
     assert [notice.code for notice in found.notices] == ["codegen.cache-rebuilt"]
 
 
-def test_without_a_compiler_the_virtual_machine_serves_and_says_so(robots_folder, tmp_path):
-    robot = read(robots_folder, "two_link")
-    found, said = prepare(robot, tmp_path, backend="casadi", compiler="no-such-compiler")
+def test_a_compiler_that_is_missing_or_cannot_be_used_is_told_of(robot, tmp_path, c_compiler, monkeypatch):
+    """CasADi's virtual machine serves in its place; nothing replaces C when it was asked for."""
+    found, said = prepare(robot, tmp_path / "a", backend="casadi", compiler="no-such-compiler")
     assert (found.backend, said) == ("casadi", ["deriving", "writing"])
     (notice,) = found.notices
     assert notice.code == "codegen.no-compiler"
     assert "'no-such-compiler'" in notice.text
+    with raises(GenerationError, "codegen.no-compiler", match=r"'no-such-compiler'.*'c'"):
+        prepare(robot, tmp_path / "a", backend="c", compiler="no-such-compiler")
 
-
-def test_a_compiler_that_cannot_be_used_is_told_of(robots_folder, tmp_path, c_compiler, monkeypatch):
     def fail(*_):
         raise GenerationError(cache_module.Notice(code="codegen.compiler-failed", text="no headers"))
 
     monkeypatch.setattr(cache_module, "compile_sources", fail)
     monkeypatch.setattr(cache_module, "diagnose_compiler", lambda _: "no headers")
-    robot = read(robots_folder, "two_link")
-    found, _ = prepare(robot, tmp_path, backend="casadi")
+    found, _ = prepare(robot, tmp_path / "b", backend="casadi")
     assert [notice.code for notice in found.notices] == ["codegen.compiler-unusable"]
-    with pytest.raises(GenerationError, match="'c'") as caught:
-        prepare(robot, tmp_path, backend="c")
-    assert caught.value.notices[0].code == "codegen.compiler-unusable"
+    with raises(GenerationError, "codegen.compiler-unusable", match="'c'"):
+        prepare(robot, tmp_path / "b", backend="c")
 
 
-def test_c_is_never_replaced_when_it_was_asked_for(robots_folder, tmp_path):
-    robot = read(robots_folder, "two_link")
-    with pytest.raises(GenerationError, match=r"'no-such-compiler'.*'c'") as caught:
-        prepare(robot, tmp_path, backend="c", compiler="no-such-compiler")
-    assert caught.value.notices[0].code == "codegen.no-compiler"
-
-
-def test_a_backend_that_is_none_is_refused(robots_folder, tmp_path):
-    with pytest.raises(UsageError, match=r"auto, c, python, casadi.*'rust'") as caught:
-        prepare(read(robots_folder, "two_link"), tmp_path, backend="rust")
-    assert caught.value.notices[0].code == "usage.backend"
+def test_a_backend_that_is_none_is_refused(robot, tmp_path):
+    with raises(UsageError, "usage.backend", match=r"auto, c, python, casadi.*'rust'"):
+        prepare(robot, tmp_path, backend="rust")

@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-import subprocess
 import sys
 
 import casadi as ca
@@ -11,17 +10,17 @@ import numpy as np
 import pytest
 
 from symid.codegen import generation
-from symid.codegen.casadi_functions import build_functions
 from symid.codegen.generation import run_selftest
 from symid.codegen.library import import_generated_module, load_library
 from symid.codegen.python_targets import generate_casadi_target
 from symid.codegen.source_folder import read_manifest, write_sources
 from symid.errors import GenerationError, UsageError
-from symid.robot.toml_reader import read_robot
+from tests.builds import build_shipped, list_failed, make, run
+from tests.refusals import raises
 
 # Of a large robot, functions of each kind: with a Jacobian and without, vectors and matrices.
 FEW = ("forward_kinematics", "inverse_dynamics", "torque_regressor")
-ROBOTS = {"two_link": None, "two_link_elastic": None, "panda": FEW}
+ROBOTS = {"two_link": (), "two_link_elastic": (), "panda": FEW}
 
 
 def ignore(_):
@@ -29,12 +28,8 @@ def ignore(_):
 
 
 @pytest.fixture(scope="module")
-def sources(project):
-    robots = {name: read_robot(project / "robots" / f"{name}.toml") for name in ROBOTS}
-    return {
-        name: generate_casadi_target(build_functions(robots[name], names=names))
-        for name, names in ROBOTS.items()
-    }
+def sources():
+    return {name: generate_casadi_target(build_shipped(name, *names)) for name, names in ROBOTS.items()}
 
 
 @pytest.fixture(scope="module")
@@ -47,32 +42,20 @@ def folders(sources, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def built(folders, c_compiler):
-    if shutil.which("make") is None:
-        pytest.skip("wants make")
-    command = ["make", "-s", f"CC={c_compiler}", "CFLAGS=-O1"]
-    subprocess.run(command, cwd=folders / "two_link_elastic", check=True)
-    return folders
+    make(folders / "two_link_elastic", c_compiler, flags="-O1")
+    return folders / "two_link_elastic"
 
 
 @pytest.fixture
 def copy(built, tmp_path):
-    return shutil.copytree(built / "two_link_elastic", tmp_path / "code")
+    return shutil.copytree(built, tmp_path / "code")
 
 
-def run(folder):
+def run_script(folder):
     (script,) = folder.glob("*_casadi.py")
-    done = subprocess.run(
-        [sys.executable, script.name], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.stderr == ""
+    done = run(folder, sys.executable, script.name, check=False)
+    assert (done.stderr, done.returncode != 0) == ("", bool(list_failed(done)))
     return done
-
-
-def find_failed(folder):
-    done = run(folder)
-    failed = [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
-    assert (done.returncode != 0) == bool(failed)
-    return failed
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -93,7 +76,7 @@ def test_without_a_compiler_the_files_are_tested(sources, folders, monkeypatch):
 
 
 def test_every_function_is_compared_in_all_its_forms(built):
-    lines = run(built / "two_link_elastic").stdout.splitlines()
+    lines = run_script(built).stdout.splitlines()
     assert lines[-1] == "0 of 22 functions failed"
     assert sum("file " in line and "compiled " in line for line in lines) == 22
     assert sum("jacobian " in line for line in lines) == 12
@@ -117,14 +100,14 @@ def test_spoilt_c_fails_the_test(copy, c_compiler, spoilt):
     text, changed = re.subn(pattern, change, path.read_text(), count=1)
     assert changed
     path.write_text(text)
-    subprocess.run(["make", "-s", f"CC={c_compiler}", "CFLAGS=-O1"], cwd=copy, check=True)
-    assert find_failed(copy) == expected
+    make(copy, c_compiler, flags="-O1")
+    assert list_failed(run_script(copy)) == expected
 
 
 def test_a_file_of_another_function_fails_the_test(copy):
     # Of the same inputs and outputs, so that only the numbers tell.
     shutil.copy(copy / "momentum_regressor.casadi", copy / "lagrange_regressor.casadi")
-    assert find_failed(copy) == ["lagrange_regressor"]
+    assert list_failed(run_script(copy)) == ["lagrange_regressor"]
 
 
 def test_same_bytes_whatever_the_hash_seed_and_the_folder(project, tmp_path):
@@ -138,27 +121,19 @@ def test_same_bytes_whatever_the_hash_seed_and_the_folder(project, tmp_path):
         "print(hashlib.sha256('|'.join(texts).encode()).hexdigest())\n"
         "assert not any(str(Path.cwd()) in text for text in texts)\n"
     )
-    robot = project / "robots" / "two_link_elastic.toml"
+    command = (sys.executable, "-c", script, str(project / "robots" / "two_link_elastic.toml"))
     found = set()
     for seed in ("1", "2"):
         folder = tmp_path / seed
         folder.mkdir()
         environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(project)}
-        done = subprocess.run(
-            [sys.executable, "-c", script, str(robot)],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        found.add(done.stdout)
+        found.add(run(folder, *command, env=environment).stdout)
     assert len(found) == 1
 
 
 @pytest.fixture(scope="module")
 def loader(built):
-    return import_generated_module(built / "two_link_elastic" / "symid_two_link_elastic_casadi.py")
+    return import_generated_module(built / "symid_two_link_elastic_casadi.py")
 
 
 def test_the_loader_says_what_goes_in_and_out(loader):
@@ -191,25 +166,13 @@ def test_an_external_function_has_derivatives(loader):
     assert np.abs(np.array(wanted(*at))).max() > 1.0
 
 
-def test_a_library_built_before_the_sources_is_refused_until_it_is_built_again(copy, project, c_compiler):
+def test_a_library_built_before_the_sources_is_refused_until_it_is_built_again(copy, c_compiler):
     assert load_library(copy).backend == "casadi"
-    robot = read_robot(project / "robots" / "two_link_elastic.toml")
-    write_sources(generate_casadi_target(build_functions(robot, names=("gravity", "mass_matrix"))), copy)
-    with pytest.raises(UsageError) as caught:
+    write_sources(generate_casadi_target(build_shipped("two_link_elastic", "gravity", "mass_matrix")), copy)
+    with raises(UsageError, "usage.stale-library"):
         load_library(copy)
-    assert caught.value.notices[0].code == "usage.stale-library"
-    subprocess.run(["make", "-s", f"CC={c_compiler}", "clean", "shared"], cwd=copy, check=True)
+    make(copy, c_compiler, "clean", "shared")
     assert len(load_library(copy).card.functions) == 2
-
-
-def test_a_file_that_casadi_cannot_read_is_named(folders, tmp_path):
-    folder = shutil.copytree(folders / "panda", tmp_path / "code", ignore=shutil.ignore_patterns("*.so"))
-    path = folder / "inverse_dynamics.casadi"
-    path.write_text(path.read_text()[:1000])
-    with pytest.raises(GenerationError, match=r"CasADi \d") as caught:
-        load_library(folder)
-    assert caught.value.notices[0].code == "codegen.cannot-load"
-    assert caught.value.notices[0].file == str(path)
 
 
 def test_a_folder_that_is_not_compiled_serves_and_says_so(folders, tmp_path):
@@ -226,3 +189,9 @@ def test_a_folder_that_is_not_compiled_serves_and_says_so(folders, tmp_path):
     np.testing.assert_allclose(
         rotations @ rotations.transpose(0, 2, 1), np.tile(np.eye(3), (7, 1, 1)), atol=1e-14
     )
+    # A file that CasADi cannot read is named.
+    path = folder / "inverse_dynamics.casadi"
+    path.write_text(path.read_text()[:1000])
+    with raises(GenerationError, "codegen.cannot-load", match=r"CasADi \d") as caught:
+        load_library(folder)
+    assert caught.value.notices[0].file == str(path)

@@ -2,11 +2,11 @@
 
 import shutil
 import struct
-import subprocess
 
 import pytest
 
 from symid.codegen.compiler import STACK_FLAG, ObjectFile, measure_code_sizes, read_object_file
+from tests.builds import run
 
 SOURCE = """
 #include <math.h>
@@ -41,15 +41,14 @@ def folder(request, tmp_path):
         pytest.skip(f"wants {request.param}: install it to read its object files")
     (tmp_path / "symid_x_f.c").write_text(SOURCE)
     command = [compiler, "-std=c99", "-O2", "-fPIC", STACK_FLAG, "-c", "symid_x_f.c", "-o", "symid_x_f.o"]
-    subprocess.run(command, cwd=tmp_path, check=True)
+    run(tmp_path, *command)
     return tmp_path
 
 
 def test_sizes_are_those_of_nm(folder):
     if shutil.which("nm") is None:
         pytest.skip("wants nm: install binutils")
-    done = subprocess.run(["nm", "-S", "symid_x_f.o"], cwd=folder, capture_output=True, text=True, check=True)
-    rows = [line.split() for line in done.stdout.splitlines()]
+    rows = [line.split() for line in run(folder, "nm", "-S", "symid_x_f.o").stdout.splitlines()]
     wanted = {row[3]: int(row[1], 16) for row in rows if len(row) == 4 and row[2] in "tT"}
     found = read_object_file((folder / "symid_x_f.o").read_bytes())
     assert found is not None
@@ -71,12 +70,8 @@ def test_sizes_of_a_function(folder):
 
 def test_what_the_compiler_split_off_is_of_the_function(tmp_path, monkeypatch):
     functions = {"symid_x_f": 54, "symid_x_f.part.0": 9000, "symid_x_f.cold": 7, "part_1.isra.0": 100}
-    functions |= {
-        "symid_x_f_batch": 300,
-        "symid_x_f_batch.part.0": 20,
-        "batch_part_1": 50,
-        "find_far_sines": 3,
-    }
+    functions |= {"symid_x_f_batch": 300, "symid_x_f_batch.part.0": 20}
+    functions |= {"batch_part_1": 50, "find_far_sines": 3}
     (tmp_path / "symid_x_f.o").write_bytes(b"")
     made = ObjectFile(functions=functions, constants=8)
     monkeypatch.setattr("symid.codegen.compiler.read_object_file", lambda _: made)
@@ -114,13 +109,8 @@ def test_32_bits_and_the_other_order_of_bytes():
     def section(name, kind, offset, size, link=0):
         return struct.pack(">10I", name, kind, 0, 0, offset, size, link, 0, 0, 0)
 
-    table = (
-        section(0, 0, 0, 0)
-        + section(17, 1, 0, 12)
-        + section(9, 3, places[0], len(names))
-        + section(9, 3, places[1], len(labels))
-        + section(1, 2, places[2], len(symbols), link=3)
-    )
+    table = section(0, 0, 0, 0) + section(17, 1, 0, 12) + section(9, 3, places[0], len(names))
+    table += section(9, 3, places[1], len(labels)) + section(1, 2, places[2], len(symbols), link=3)
     head = b"\x7fELF\1\2\1" + bytes(9) + bytes(16) + struct.pack(">I", end) + bytes(10)
     head += struct.pack(">HHH", 40, 5, 2)
     found = read_object_file(head + names + labels + symbols + table)

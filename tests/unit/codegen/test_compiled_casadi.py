@@ -1,7 +1,5 @@
 """CasADi functions that call the generated C: values, Jacobians, and C that CasADi generates from them."""
 
-import subprocess
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,14 +7,15 @@ import pytest
 from symid.codegen.casadi_functions import build_casadi_function
 from symid.codegen.compiled_models import COMPILED, build_compiled_function
 from symid.errors import UsageError
-from symid.robot.toml_reader import read_robot
+from symid.robot import load_robot
+from tests.builds import run
 
 BETA = [4.0, 0.3, 0.2, 1.0, 0.3, 0.1, 0.2, 0.4]
 
 
 @pytest.fixture(scope="module")
-def robot(project):
-    return read_robot(project / "robots" / "two_link.toml")
+def robot():
+    return load_robot("two_link")
 
 
 @pytest.fixture(scope="module")
@@ -61,21 +60,16 @@ def test_c_that_casadi_generates_calls_the_library(robot, c_compiler, tmp_path):
     x, u = ca.MX.sym("x", 4), ca.MX.sym("u", 2)
     rate = ca.vertcat(x[2:], dynamics(x[:2], x[2:], u))
     model = ca.Function("model", [x, u], [rate, ca.jacobian(rate, ca.vertcat(x, u))])
-    source = tmp_path / "model.c"
-    source.write_text(write_text(model), encoding="utf-8")
+    generator = ca.CodeGenerator("model")
+    generator.add(model)
+    (tmp_path / "model.c").write_text(generator.dump(), encoding="utf-8")
     (library,) = cache.glob("external-forward_dynamics-*/forward_dynamics.so")
-    command = [c_compiler, "-shared", "-fPIC", str(source), str(library), "-o", str(tmp_path / "model.so")]
-    subprocess.run([*command, f"-Wl,-rpath,{library.parent}"], check=True)
+    link = (str(library), f"-Wl,-rpath,{library.parent}")
+    run(tmp_path, c_compiler, "-shared", "-fPIC", "model.c", *link, "-o", "model.so")
     loaded = ca.external("model", str(tmp_path / "model.so"))
     point = (np.array([0.3, -0.2, 0.5, 0.1]), np.array([1.0, -2.0]))
     for mine, theirs in zip(loaded(*point), model(*point), strict=True):
         np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-14)
-
-
-def write_text(function):
-    generator = ca.CodeGenerator("model")
-    generator.add(function)
-    return generator.dump()
 
 
 def test_a_function_without_a_generated_derivative_is_refused(robot):

@@ -1,7 +1,6 @@
 """The compiled plant and branches: kept under their keys, made again when damaged, told where they stand."""
 
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -16,9 +15,15 @@ from symid.codegen.compiled_models import (
 )
 from symid.errors import GenerationError, OutputError
 from symid.joint_models import Relays, SlipSpring, run_branch, run_element, strip_branch
+from tests.builds import run
 from tests.elements import ELEMENTS
+from tests.refusals import raises
 
 FIELDS = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
+
+
+def compile_nothing(*arguments):
+    arguments[-1].write_bytes(b"no")
 
 
 def is_stepped(branch):
@@ -44,25 +49,20 @@ def test_a_damaged_file_is_made_again_and_said(tmp_path, c_compiler):
     assert (damaged / "plant.so").read_bytes()[:4] == b"\x7fELF"
 
 
-def test_a_plant_that_does_not_load_is_an_error(tmp_path, c_compiler, monkeypatch):
-    monkeypatch.setattr(
-        compiled_models, "compile_sources", lambda *arguments: arguments[-1].write_bytes(b"no")
-    )
-    with pytest.raises(GenerationError) as caught:
-        load_plant_code(cache=tmp_path)
-    assert caught.value.notices[0].code == "codegen.cannot-load"
-
-
-def test_without_a_compiler_there_is_none(tmp_path):
+def test_a_plant_that_does_not_load_is_an_error_and_none_without_a_compiler(
+    tmp_path, c_compiler, monkeypatch
+):
     assert load_plant_code(compiler="no-such-compiler", cache=tmp_path) is None
+    monkeypatch.setattr(compiled_models, "compile_sources", compile_nothing)
+    with raises(GenerationError, "codegen.cannot-load"):
+        load_plant_code(cache=tmp_path)
 
 
 def test_a_cache_that_cannot_be_written(tmp_path, c_compiler, monkeypatch):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.cache"):
         load_plant_code(cache=blocked / "cache")
-    assert caught.value.notices[0].code == "output.cache"
     monkeypatch.setattr(cache, "locate_user_folder", lambda: blocked / "cache")
     monkeypatch.setattr(cache, "make_temporary_folder", lambda: tmp_path / "temporary")
     (notice,) = load_plant_code().notices
@@ -70,9 +70,8 @@ def test_a_cache_that_cannot_be_written(tmp_path, c_compiler, monkeypatch):
 
 
 def test_the_source_compiles_without_a_warning(project, tmp_path, c_compiler):
-    flags = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O2", "-c"]
-    source = project / "templates" / "c" / "elastic_plant.c"
-    subprocess.run([c_compiler, *flags, str(source), "-o", str(tmp_path / "plant.o")], check=True)
+    flags = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O2", "-c")
+    run(tmp_path, c_compiler, *flags, project / "templates" / "c" / "elastic_plant.c", "-o", "plant.o")
 
 
 class Rigid:
@@ -87,38 +86,15 @@ class Rigid:
 
 def test_functions_without_addresses_are_refused(tmp_path, c_compiler):
     one, none = np.ones(1), np.zeros((1, 0))
-    robot = PlantRobot(
-        beta=one,
-        friction=np.zeros(0),
-        rotor=one,
-        stiffness=one,
-        cubic=one,
-        damping=one,
-        radius=none,
-        weight=none,
-        knee=none,
-        slope=none,
-    )
-    track = np.zeros((3, 1))
-    order = PlantExperiment(
-        angle=track,
-        speed=track,
-        torque=track,
-        stiffness=one,
-        damping=one,
-        limit=one,
-        step=one,
-        period=1e-3,
-        substeps=1,
-        parts=1,
-        q=one,
-        theta=one,
-        play=none,
-    )
+    ones = dict.fromkeys(("beta", "rotor", "stiffness", "cubic", "damping"), one)
+    nones = dict.fromkeys(("radius", "weight", "knee", "slope"), none)
+    robot = PlantRobot(friction=np.zeros(0), **ones, **nones)
+    tracks = dict.fromkeys(("angle", "speed", "torque"), np.zeros((3, 1)))
+    ones = dict.fromkeys(("stiffness", "damping", "limit", "step", "q", "theta"), one)
+    order = PlantExperiment(period=1e-3, substeps=1, parts=1, play=none, **tracks, **ones)
     assert (robot.size, order.ticks) == (1, 3)
-    with pytest.raises(GenerationError) as caught:
+    with raises(GenerationError, "codegen.no-address"):
         load_plant_code(cache=tmp_path).run(Rigid(), robot, order)
-    assert caught.value.notices[0].code == "codegen.no-address"
 
 
 def test_records_keep_their_arrays_from_being_written():
@@ -153,13 +129,10 @@ def test_without_compiled_code_the_virtual_machine_steps(fault, tmp_path, monkey
     blocked.write_text("")
     if fault == "no compiler":
         monkeypatch.setattr(compiled_models, "locate_compiler", lambda: None)
-    monkeypatch.setattr(
-        cache, "locate_user_folder", lambda: tmp_path if fault == "no code" else blocked / "a"
-    )
+    user_folder = tmp_path if fault == "no code" else blocked / "a"
+    monkeypatch.setattr(cache, "locate_user_folder", lambda: user_folder)
     monkeypatch.setattr(cache, "make_temporary_folder", lambda: blocked / "b")
-    monkeypatch.setattr(
-        compiled_models, "compile_sources", lambda *arguments: arguments[-1].write_bytes(b"no")
-    )
+    monkeypatch.setattr(compiled_models, "compile_sources", compile_nothing)
     compiled_models._load_branch.cache_clear()
     assert compiled_models._load_branch(strip_branch(branch)) is None
     found = run_compiled_branch(branch, path, np.zeros(1))

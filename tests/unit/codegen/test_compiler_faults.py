@@ -12,15 +12,10 @@ import pytest
 from symid.codegen import compiler as module
 from symid.codegen.compiler import Compiler, compile_sources, locate_compiler
 from symid.errors import GenerationError
+from tests.builds import write_program
 
-
-def write_compiler(folder, action):
-    """Write a compiler that answers --version only, and does everything by another process, as GCC does."""
-    path = folder / "bin" / "cc"
-    path.parent.mkdir(parents=True)
-    path.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo cc 1 && exit 0\n{action}\nexit 1\n')
-    path.chmod(0o755)
-    return path
+HANG = '[ "$1" = --version ] && echo cc 1 && exit 0\nsleep 100 & echo $! > {}/pid; wait\nexit 1'
+"""A compiler that answers --version only, and does everything by another process, as GCC does."""
 
 
 def is_there(pid):
@@ -32,7 +27,7 @@ def is_there(pid):
 
 def test_a_compiler_that_hangs_ends_with_its_children(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_LEAST_TIME", 1.0)
-    path = write_compiler(tmp_path, f"sleep 100 & echo $! > {tmp_path}/pid; wait")
+    path = write_program(tmp_path / "bin" / "cc", HANG.format(tmp_path))
     source = tmp_path / "a.c"
     source.write_text("int a;")
     start = time.monotonic()
@@ -44,10 +39,7 @@ def test_a_compiler_that_hangs_ends_with_its_children(tmp_path, monkeypatch):
 
 def test_a_compiler_that_never_answers_is_not_taken(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_LEAST_TIME", 0.5)
-    path = tmp_path / "cc"
-    path.write_text("#!/bin/sh\nsleep 100\n")
-    path.chmod(0o755)
-    assert locate_compiler(str(path)) is None
+    assert locate_compiler(str(write_program(tmp_path / "cc", "sleep 100"))) is None
 
 
 @pytest.fixture
@@ -61,7 +53,7 @@ def interruptible():
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_call_that_is_ended_ends_its_compiler_and_leaves_no_scratch(tmp_path, project, number):
-    path = write_compiler(tmp_path, f"sleep 100 & echo $! > {tmp_path}/pid; wait")
+    path = write_program(tmp_path / "bin" / "cc", HANG.format(tmp_path))
     (tmp_path / "tmp").mkdir()
     environment = os.environ | {
         "PATH": f"{path.parent}:/usr/bin:/bin",

@@ -1,25 +1,20 @@
 """Values baked into code: the same numbers come out as from functions that are given them."""
 
 import re
-import subprocess
 
 import numpy as np
 import pytest
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.compiler import locate_compiler
 from symid.codegen.programs import count_operations
 from symid.codegen.source_folder import write_sources
 from symid.dynamics import derive_base_parameters
-from symid.environment import locate_resource_folder
 from symid.errors import UsageError
 from symid.options import GenerateOptions
-from symid.robot.toml_reader import read_robot
+from symid.robot import load_robot
+from tests.builds import build_shipped, make, run
 from tests.chains import run_program
-
-ROBOTS = locate_resource_folder("robots")
-COMPILER = locate_compiler()
 
 
 def find_values(card):
@@ -30,9 +25,8 @@ def find_values(card):
 @pytest.mark.parametrize("name", ["two_link", "two_link_elastic"])
 @pytest.mark.parametrize("standard", [False, True])
 def test_constant_functions_equal_those_with_arguments(name, standard):
-    robot = read_robot(ROBOTS / f"{name}.toml")
-    given = build_functions(robot, standard=standard)
-    baked = build_functions(robot, standard=standard, constant=True)
+    given = build_shipped(name, standard=standard)
+    baked = build_shipped(name, standard=standard, constant=True)
     rng = np.random.default_rng(3)
     known = find_values(given.card)
     for free, fixed in zip(given.programs, baked.programs, strict=True):
@@ -48,7 +42,7 @@ def test_constant_functions_equal_those_with_arguments(name, standard):
 
 
 def test_values_that_are_unknown_are_all_named():
-    robot = read_robot(ROBOTS / "puma560.toml")
+    robot = load_robot("puma560")
     with pytest.raises(UsageError) as caught:
         build_functions(robot, constant=True)
     assert [notice.code for notice in caught.value.notices] == ["usage.unknown-constants"]
@@ -56,18 +50,13 @@ def test_values_that_are_unknown_are_all_named():
     assert names == [entry.name for entry in derive_base_parameters(robot).parameters]
 
 
-@pytest.mark.skipif(COMPILER is None, reason="wants a C compiler: install gcc")
 @pytest.mark.parametrize("name", ["two_link", "two_link_elastic"])
 @pytest.mark.parametrize("precision", ["double", "float"])
-def test_the_example_runs_without_parameters(tmp_path, name, precision):
-    functions = build_functions(read_robot(ROBOTS / f"{name}.toml"), constant=True)
+def test_the_example_runs_without_parameters(tmp_path, c_compiler, name, precision):
+    functions = build_shipped(name, constant=True)
     sources = generate_c_library(functions, GenerateOptions(precision=precision))
     assert f"const {precision} beta[" not in dict(sources.files)[f"symid_{name}.h"]
-    write_sources(sources, tmp_path / "code")
-    make = ("make", "all", f"CC={COMPILER.path}", "CFLAGS=-O1 -Werror")
-    subprocess.run(make, cwd=tmp_path / "code", check=True, capture_output=True)
-    for program in ("selftest", "control_loop"):
-        done = subprocess.run(
-            (f"./{program}",), cwd=tmp_path / "code", check=True, capture_output=True, text=True
-        )
-        assert ("0 of " if program == "selftest" else "largest tracking error") in done.stdout
+    write_sources(sources, tmp_path)
+    make(tmp_path, c_compiler, "all", flags="-O1 -Werror")
+    for program, said in (("selftest", "0 of "), ("control_loop", "largest tracking error")):
+        assert said in run(tmp_path, f"./{program}").stdout

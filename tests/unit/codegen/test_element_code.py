@@ -2,7 +2,6 @@
 
 import ctypes
 import importlib.util
-import subprocess
 import sys
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from symid.codegen import ElementCode, generate_element
 from symid.errors import OutputError
 from symid.joint_models import describe_inverse, is_passive_element, needs_time, start_states
+from tests.builds import run
 from tests.elements import ELEMENTS
 
 NAMES = tuple(ELEMENTS)
@@ -30,7 +30,7 @@ class Compiled:
         prefix = made.manifest["prefix"]
         flags = ("-O2", "-ffp-contract=off", "-shared", "-fPIC")
         target = folder.parent / f"{prefix}.so"
-        subprocess.run([compiler, *flags, folder / f"{prefix}.c", "-o", target, "-lm"], check=True)
+        run(folder, compiler, *flags, f"{prefix}.c", "-o", target, "-lm")
         self.library = ctypes.CDLL(str(target))
         self.prefix, self.value = prefix, ctypes.c_double()
         self.state = (ctypes.c_double * (len(start_states(ELEMENTS[name], 0.0)) + 2))()
@@ -59,53 +59,41 @@ def load(name, folder):
     return module.Element
 
 
-@pytest.mark.parametrize("target", ["c", "python", "casadi"])
+@pytest.mark.parametrize(
+    ("target", "precision"), [*((target, "double") for target in ("c", "python", "casadi")), ("c", "float")]
+)
 @pytest.mark.parametrize("name", NAMES)
-def test_every_target_passes_its_test(name, target, tmp_path, c_compiler):
-    assert c_compiler
-    made = write(name, tmp_path / "code", target=target)
+def test_every_target_passes_its_test(name, target, precision, tmp_path, c_compiler):
+    made = write(name, tmp_path / "code", target=target, precision=precision)
     assert made.record.selftest == "passed"
     assert made.operations["step"]["add"] > 0
-    again = write(name, tmp_path / "code", target=target)
-    assert again.unchanged
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_floats_pass_their_test(name, tmp_path, c_compiler):
-    assert c_compiler
-    assert write(name, tmp_path / "code", precision="float").record.selftest == "passed"
+    assert write(name, tmp_path / "code", target=target, precision=precision).unchanged
 
 
 def follow(name, folder, compiler, count):
     """Drive C and Python with the same random steps; return outputs, energies and work."""
     c, python = Compiled(name, folder / "c", compiler), load(name, folder / "python")()
     rng = np.random.default_rng(3)
-    x = np.cumsum(rng.normal(size=count)) * 0.1
-    x = (0.8 * np.sin(x)).tolist()
-    timed, worst, least = c.timed, 0.0, np.inf
+    period = (PERIOD,) * c.timed
+    worst, least = 0.0, np.inf
     c.reset()
     work, y, place, stored = 0.0, 0.0, 0.0, python.stored
-    for goal in x:
-        found = python.step(goal, PERIOD) if timed else python.step(goal)
+    for goal in (0.8 * np.sin(np.cumsum(rng.normal(size=count)) * 0.1)).tolist():
+        found = python.step(goal, *period)
         worst = max(worst, abs(c.go("step", goal, PERIOD) - found), abs(c.stored - python.stored))
         least = min(least, python.stored)
         work, y, place = work + 0.5 * (y + found) * (goal - place), found, goal
     return worst, least, work - (python.stored - stored)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_c_and_python_agree(name, tmp_path, c_compiler):
-    worst, least, lost = follow(name, tmp_path, c_compiler, 5000)
-    assert worst < 1e-12
-    if is_passive_element(ELEMENTS[name]):
-        assert least > -1e-12
-        assert lost > 0.0
+LONG = [
+    pytest.param(name, 1_000_000, marks=pytest.mark.slow) for name in ("knees", "falling", "relays", "lugre")
+]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["knees", "falling", "relays", "lugre"])
-def test_c_and_python_agree_over_a_million_steps(name, tmp_path, c_compiler):
-    worst, least, lost = follow(name, tmp_path, c_compiler, 1_000_000)
+@pytest.mark.parametrize(("name", "count"), [*((name, 5000) for name in NAMES), *LONG])
+def test_c_and_python_agree(name, count, tmp_path, c_compiler):
+    worst, least, lost = follow(name, tmp_path, c_compiler, count)
     assert worst < 1e-12
     if is_passive_element(ELEMENTS[name]):
         assert least > -1e-12
@@ -116,14 +104,13 @@ def test_c_and_python_agree_over_a_million_steps(name, tmp_path, c_compiler):
 def test_the_inverse_is_undone_by_the_element(name, tmp_path, c_compiler):
     element = load(name, tmp_path / "python")
     c, python = Compiled(name, tmp_path / "c", c_compiler), element(0.1, 1)
-    other, timed = element(0.1, 1), needs_time(ELEMENTS[name])
+    other, period = element(0.1, 1), (PERIOD,) * c.timed
     c.reset(0.1, 1)
     rng = np.random.default_rng(5)
     for goal in np.cumsum(rng.normal(size=400)) * 0.1:
-        x = python.inverse(goal, PERIOD) if timed else python.inverse(goal)
+        x = python.inverse(goal, *period)
         assert c.go("inverse", goal, PERIOD) == pytest.approx(x, abs=1e-9)
-        back = other.step(x, PERIOD) if timed else other.step(x)
-        assert back == pytest.approx(goal, abs=1e-9)
+        assert other.step(x, *period) == pytest.approx(goal, abs=1e-9)
 
 
 def test_wrong_numbers_are_refused_and_nothing_moves(tmp_path, c_compiler):
@@ -165,7 +152,4 @@ import symid_knees as e
 y, states, energy = e.step(e.START, 0.3, 1.0)
 print(float(e.inverse(e.START, y)))
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=made.folder, capture_output=True, text=True, check=True
-    )
-    assert float(done.stdout) == pytest.approx(0.3, abs=1e-12)
+    assert float(run(made.folder, sys.executable, "-c", program).stdout) == pytest.approx(0.3, abs=1e-12)

@@ -6,12 +6,14 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from symid.codegen import cache
 from symid.codegen.cache import lock_folder
 from symid.errors import OutputError
+from tests.refusals import raises
 
 
 def test_one_at_a_time_and_nothing_is_left(tmp_path):
@@ -26,32 +28,34 @@ def test_one_at_a_time_and_nothing_is_left(tmp_path):
                 inside.remove(number)
                 entered.append(number)
 
-    threads = [threading.Thread(target=run, args=(number,)) for number in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(run, range(4)))
     assert len(entered) == 20
     assert max(most) == 1
     assert list(tmp_path.iterdir()) == []
 
 
-def test_one_folder_by_two_names_is_one_folder(tmp_path):
+@pytest.mark.parametrize(("name", "other"), [("out", "link"), ("deep/out", "deep/out")])
+def test_whoever_wants_the_same_folder_waits(tmp_path, name, other):
+    """By another name of it, or while the folders above it are made."""
     told = []
-    (tmp_path / "out").mkdir()
-    (tmp_path / "link").symlink_to("out")
+    if other == "link":
+        (tmp_path / "out").mkdir()
+        (tmp_path / "link").symlink_to("out")
 
     def wait():
-        with lock_folder(tmp_path / "link", lambda: told.append(True)):
+        with lock_folder(tmp_path / other, lambda: told.append("waits")):
             told.append("in")
 
-    with lock_folder(tmp_path / "out", lambda: None):
+    with lock_folder(tmp_path / name, lambda: None):
         thread = threading.Thread(target=wait)
         thread.start()
         thread.join(timeout=1.5)
-        assert told == [True]
+        assert told == ["waits"]
     thread.join()
-    assert told == [True, "in"]
+    assert told == ["waits", "in"]
+    if other != "link":
+        assert list(tmp_path.rglob("*")) in ([], [tmp_path / "deep"])
 
 
 @pytest.mark.parametrize("name", ["out", "deep/er/out"])
@@ -123,23 +127,6 @@ def test_processes_with_their_own_temporary_folders_take_turns(tmp_path, tmp_pat
     assert list(place.iterdir()) == []
 
 
-def test_a_run_that_makes_the_folders_above_is_waited_for(tmp_path):
-    told = []
-
-    def wait():
-        with lock_folder(tmp_path / "deep" / "out", lambda: told.append("waits")):
-            told.append("in")
-
-    with lock_folder(tmp_path / "deep" / "out", lambda: None):
-        thread = threading.Thread(target=wait)
-        thread.start()
-        thread.join(timeout=1.5)
-        assert told == ["waits"]
-    thread.join()
-    assert told == ["waits", "in"]
-    assert list(tmp_path.rglob("*")) in ([], [tmp_path / "deep"])
-
-
 def test_a_lock_on_a_file_that_was_removed_is_none(tmp_path):
     """Whoever comes next makes a file anew, and would not see it."""
     path = tmp_path / ".out.symid-lock"
@@ -164,9 +151,8 @@ def test_beside_a_folder_that_cannot_be_written_the_cache_folder_has_the_lock(tm
 
 def test_a_lock_that_cannot_be_written_is_said(tmp_path, monkeypatch):
     (tmp_path / ".out.symid-lock").mkdir()
-    with pytest.raises(OutputError) as caught, lock_folder(tmp_path / "out", print):
+    with raises(OutputError, "output.cannot-write") as caught, lock_folder(tmp_path / "out", print):
         pass
-    assert caught.value.notices[0].code == "output.cannot-write"
     assert caught.value.notices[0].file == str(tmp_path / "out")
     monkeypatch.setattr(os, "access", lambda *_: False)
     monkeypatch.setattr(cache, "locate_user_folder", lambda: None)

@@ -1,21 +1,17 @@
 """Functions of friction that reads positions, loads and temperatures: all targets, the examples in C."""
 
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from symid.codegen.c_library import generate_c_library
 from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.functions import build_spring_vector
-from symid.codegen.source_folder import write_sources
 from symid.joint_models import FrictionValues, get_law
-from symid.options import GenerateOptions
-from symid.robot.toml_reader import read_robot
+from symid.robot import load_robot
+from tests.builds import make, run, write_c
 from tests.friction_forms import find_linear_torque
 
 STRICT = "-std=c99 -O1 -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wdouble-promotion -Werror"
@@ -51,13 +47,13 @@ def set_friction(robot, laws, *, smoothing=0.0):
 
 
 @pytest.fixture(scope="module")
-def arm(robots_folder):
-    return read_robot(robots_folder / "two_link.toml")
+def arm():
+    return load_robot("two_link")
 
 
 @pytest.fixture(scope="module")
-def elastic_arm(robots_folder):
-    return read_robot(robots_folder / "two_link_elastic.toml")
+def elastic_arm():
+    return load_robot("two_link_elastic")
 
 
 def list_ports(laws):
@@ -127,17 +123,9 @@ def test_motors_of_elastic_joints_feel_friction_under_the_torque_of_the_spring(e
     load = np.array(built["own"]["inverse_dynamics"](*motion[:3], beta)).ravel()
     theta, dtheta = np.array(theta).ravel(), np.array(dtheta).ravel()
     found = np.array(torque - bare).ravel()
-    (friction,) = (entry for name, entry in built["own"].items() if name == "friction")
     all_given = {"q": theta, "load": load, "temperature": temperature}
-    expected = friction(dtheta, *(all_given[port] for port in list_ports(laws)), f)
+    expected = built["own"]["friction"](dtheta, *(all_given[port] for port in list_ports(laws)), f)
     np.testing.assert_allclose(found, np.array(expected).ravel(), rtol=1e-11, atol=1e-12)
-
-
-def run(folder, compiler, program):
-    make = ("make", "-s", program, f"CC={compiler}", f"CFLAGS={STRICT}")
-    done = subprocess.run(make, cwd=folder, check=False, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    return subprocess.run((f"./{program}",), cwd=folder, check=True, capture_output=True, text=True).stdout
 
 
 @pytest.mark.parametrize(("precision", "constant"), [("double", False), ("float", True)])
@@ -146,12 +134,15 @@ def run(folder, compiler, program):
 def test_the_example_in_c_tracks(  # noqa: PLR0917 - what is combined
     arm, elastic_arm, c_compiler, tmp_path, laws, elastic, precision, constant
 ):
-    if shutil.which("make") is None:
-        pytest.skip("wants make")
     robot = set_friction(elastic_arm if elastic else arm, laws, smoothing=0.01)
     functions = build_functions(robot, constant=constant)
-    write_sources(generate_c_library(functions, GenerateOptions(precision=precision)), tmp_path / "c")
-    assert "0 of " in run(tmp_path / "c", c_compiler, "selftest")
-    text = run(tmp_path / "c", c_compiler, "control_loop")
-    error = float(re.findall(r"\d\.\d+e[-+]\d+", text)[0])
+    make(
+        write_c(functions, tmp_path, precision=precision),
+        c_compiler,
+        "selftest",
+        "control_loop",
+        flags=STRICT,
+    )
+    assert "0 of " in run(tmp_path, "./selftest").stdout
+    error = float(re.findall(r"\d\.\d+e[-+]\d+", run(tmp_path, "./control_loop").stdout)[0])
     assert error < (1e-3 if elastic else 1e-2)

@@ -2,7 +2,6 @@
 
 import ctypes
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 
@@ -12,14 +11,15 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
-from symid.codegen.c_library import generate_c_library
 from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_folder import write_sources
 from symid.joint_models import FrictionValues
 from symid.options import GenerateOptions
-from symid.robot.toml_reader import parse_robot, read_robot
+from symid.robot import load_robot
+from symid.robot.toml_reader import parse_robot
+from tests.builds import list_failed, make, run, spoil, write_c
 from tests.state_laws import (
     LAWS,
     count_deflections,
@@ -31,6 +31,7 @@ from tests.state_laws import (
 )
 
 STRICT = "-O1 -Wall -Wextra -Werror"
+HEAD = 'name = "{}"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
 JOINT = """
 [[joint]]
 name = "j{number}"
@@ -54,7 +55,7 @@ FUNCTIONS = (*FEW, "inverse_dynamics", "forward_dynamics")
 
 
 def build_robot(name):
-    text = f'name = "{name}"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
+    text = HEAD.format(name)
     tables = [law if "=" in law else write_table(law) for law in ROBOTS[name]]
     for number, table in enumerate(tables):
         text += JOINT.format(number=number, alpha='"pi/2"' if number % 2 else 0, friction=table)
@@ -117,34 +118,19 @@ def test_a_step_is_that_of_the_equations(arm, backend, c_compiler):
 
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_c_compiles_strictly_and_passes_its_own_test(functions, precision, tmp_path, c_compiler):
-    if shutil.which("make") is None:
-        pytest.skip("wants make")
-    write_sources(
-        generate_c_library(functions, GenerateOptions(precision=precision, states=20)), tmp_path / "c"
-    )
-    command = ["make", "-s", f"CC={c_compiler}", f"CFLAGS={STRICT}", "all", "check"]
-    done = subprocess.run(command, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-    lines = [line for line in done.stdout.splitlines() if line.startswith("friction_state")]
-    assert len(lines) == 1
-    assert lines[0].endswith("ok")
+    write_c(functions, tmp_path, precision=precision, states=20)
+    done = make(tmp_path, c_compiler, "all", "check", flags=STRICT)
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith("friction_state"))
+    assert line.endswith("ok")
     # The example controls the robot with the bristles' own feed-forward.
-    done = subprocess.run(["./control_loop"], cwd=tmp_path / "c", capture_output=True, text=True, check=True)
-    assert float(done.stdout.split()[-4]) < 5e-3
+    assert float(run(tmp_path, "./control_loop").stdout.split()[-4]) < 5e-3
 
 
 def test_the_self_test_notices_a_state_that_is_not_kept(functions, arm, tmp_path, c_compiler):
-    if shutil.which("make") is None:
-        pytest.skip("wants make")
-    write_sources(generate_c_library(functions, GenerateOptions(states=5)), tmp_path / "c")
-    path = tmp_path / "c" / f"symid_{arm}_friction_state.c"
-    text = path.read_text()
-    assert "state->z[k] = next[k];" in text
-    path.write_text(text.replace("state->z[k] = next[k];", "state->z[k] = 0.5 * next[k];"))
-    command = ["make", "-s", f"CC={c_compiler}", "CFLAGS=-O1", "check"]
-    done = subprocess.run(command, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
-    failed = [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
-    assert (done.returncode != 0, failed) == (True, ["friction_state"])
+    path = write_c(functions, tmp_path, states=5) / f"symid_{arm}_friction_state.c"
+    spoil(path, "state->z[k] = next[k];", "state->z[k] = 0.5 * next[k];")
+    done = make(tmp_path, c_compiler, "check", flags="-O1", check=False)
+    assert (done.returncode != 0, list_failed(done)) == (True, ["friction_state"])
 
 
 class StateInC:
@@ -169,7 +155,7 @@ class StateInC:
 
 
 def test_the_state_of_c_is_that_of_python_along_a_motion(functions, arm, tmp_path, c_compiler):
-    write_sources(generate_c_library(functions), tmp_path / "c")
+    write_c(functions, tmp_path / "c")
     module = {}
     sources = dict(generate_python_module(functions).files)
     exec(compile(sources[f"symid_{arm}.py"], "module", "exec"), module)  # noqa: S102  our own text
@@ -217,20 +203,14 @@ def test_casadi_functions_are_those_of_the_equations(functions, arm, tmp_path):
         assert_allclose(after.full()[:, 0], moved, rtol=1e-12, atol=1e-16)
 
 
-def test_the_example_of_an_elastic_robot_moves_with_bristles(robots_folder, tmp_path, c_compiler):
-    if shutil.which("make") is None:
-        pytest.skip("wants make")
-    robot = read_robot(robots_folder / "two_link_elastic.toml")
+def test_the_example_of_an_elastic_robot_moves_with_bristles(tmp_path, c_compiler):
+    robot = load_robot("two_link_elastic")
     friction = FrictionValues(law="lugre", values=(1.0, 1.5, 0.4), shape=(0.1, 2.0), bristles=(2e4, 40.0))
     joints = tuple(replace(joint, friction=friction) for joint in robot.joints)
     functions = build_functions(replace(robot, joints=joints))
-    write_sources(generate_c_library(functions, GenerateOptions(states=5)), tmp_path / "c")
-    command = ["make", "-s", f"CC={c_compiler}", f"CFLAGS={STRICT}", "all", "check"]
-    done = subprocess.run(command, cwd=tmp_path / "c", capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-    done = subprocess.run(["./control_loop"], cwd=tmp_path / "c", capture_output=True, text=True, check=True)
-    error = float(re.search(r"tracking error .*?: (\S+) rad", done.stdout)[1])
-    assert error < 5e-3
+    make(write_c(functions, tmp_path, states=5), c_compiler, "all", "check", flags=STRICT)
+    said = run(tmp_path, "./control_loop").stdout
+    assert float(re.search(r"tracking error .*?: (\S+) rad", said)[1]) < 5e-3
 
 
 @pytest.mark.parametrize("law", [law for law in LAWS if "sigma0" in give_values(law)])
@@ -249,8 +229,7 @@ def test_a_held_step_is_the_solution_of_the_bristle_equation(law):
 def test_a_loop_of_dahl_has_the_area_of_its_closed_form():
     """Between turns at +-A the height is fC tanh(sigma0 A / fC), the area 4 fC (A - height / sigma0)."""
     robot = parse_robot(
-        'name = "one"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
-        + JOINT.format(number=0, alpha=0, friction=write_table("dahl", Fv=0.0))
+        HEAD.format("one") + JOINT.format(number=0, alpha=0, friction=write_table("dahl", Fv=0.0))
     )
     library = prepare_library(robot, names=FEW, backend="python")
     values = np.array([entry.value for entry in library.card.friction])

@@ -1,7 +1,6 @@
 """Friction with a memory in C: strict compilation, what it refuses, agreement with NumPy and mpmath."""
 
 import ctypes
-import subprocess
 
 import mpmath
 import numpy as np
@@ -19,12 +18,20 @@ from symid.joint_models.dynamic_friction import (
     get_dynamic_law,
     simulate_dynamic_friction,
 )
+from tests.builds import run
 
 STRICT = ("-std=c99", "-fPIC", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow")
 STRICT += ("-Wdouble-promotion", "-Wmissing-prototypes", "-Werror")
 VALUES = {"dahl": (2e4, 7.0), "lugre": (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 4.0)}
 OK, NULL, PARAMETER, INPUT = range(4)
-LAWS = pytest.mark.parametrize("name", sorted(DYNAMIC_LAWS))
+EXACT = OperatorCarrier(
+    zero=mpmath.mpf(0),
+    one=mpmath.mpf(1),
+    **{name: getattr(mpmath, name) for name in ("exp", "tanh", "sin", "cos", "sign")},
+    absolute=abs,
+    maximum=max,
+    minimum=min,
+)
 
 
 class Compiled:
@@ -34,11 +41,8 @@ class Compiled:
         for file, text in generate_friction_state(get_dynamic_law(name), precision=precision):
             (folder / file).write_text(text)
         stem = f"symid_friction_{name}"
-        target = folder / "friction.so"
-        command = [compiler, *STRICT, "-shared", str(folder / f"{stem}.c"), "-o", str(target), "-lm"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stderr) == (0, "")
-        shared = ctypes.CDLL(str(target))
+        run(folder, compiler, *STRICT, "-shared", f"{stem}.c", "-o", "friction.so", "-lm")
+        shared = ctypes.CDLL(str(folder / "friction.so"))
         self.number = ctypes.c_double if precision == "double" else ctypes.c_float
         self.count = len(get_dynamic_law(name).parameters)
         self.init, self.step = getattr(shared, f"{stem}_init"), getattr(shared, f"{stem}_step")
@@ -54,6 +58,16 @@ class Compiled:
         return code, self.state[self.count], self.torque.value
 
 
+@pytest.fixture(params=sorted(DYNAMIC_LAWS))
+def name(request):
+    return request.param
+
+
+@pytest.fixture
+def compiled(tmp_path, c_compiler, name):
+    return Compiled(tmp_path, c_compiler, name)
+
+
 def find_largest_terms(law, values, velocity, before):
     """Return the largest terms of the state, z and g / sigma0, and of the torque, which contains them."""
     floats = build_float_carrier()
@@ -63,23 +77,9 @@ def find_largest_terms(law, values, velocity, before):
     return state, max(map(abs, (values[0] * state, damping * velocity, damping * share, viscous * velocity)))
 
 
-@LAWS
-def test_an_evaluation_agrees_with_numpy_and_with_mpmath(tmp_path, c_compiler, name):
+def test_an_evaluation_agrees_with_numpy_and_with_mpmath(name, compiled):
     law, values = get_dynamic_law(name), VALUES[name]
-    compiled = Compiled(tmp_path, c_compiler, name)
     with mpmath.workdps(40):
-        precise = OperatorCarrier(
-            zero=mpmath.mpf(0),
-            one=mpmath.mpf(1),
-            exp=mpmath.exp,
-            tanh=mpmath.tanh,
-            sin=mpmath.sin,
-            cos=mpmath.cos,
-            sign=mpmath.sign,
-            absolute=mpmath.fabs,
-            maximum=max,
-            minimum=min,
-        )
         exact = [mpmath.mpf(value) for value in values]
         generator = np.random.default_rng(5)
         for size in 10.0 ** generator.uniform(-8, 1, 300):
@@ -91,7 +91,7 @@ def test_an_evaluation_agrees_with_numpy_and_with_mpmath(tmp_path, c_compiler, n
             code, after, torque = compiled.move(velocity, period)
             assert code == OK
             held = (mpmath.mpf(velocity), mpmath.mpf(period))
-            wanted = compute_bristle_step(precise, law, held, mpmath.mpf(before), exact)
+            wanted = compute_bristle_step(EXACT, law, held, mpmath.mpf(before), exact)
             path = build_held_path(np.array([velocity]), period)
             run = simulate_dynamic_friction(law, values, path, state=before)
             largest = find_largest_terms(law, values, velocity, before)
@@ -102,10 +102,8 @@ def test_an_evaluation_agrees_with_numpy_and_with_mpmath(tmp_path, c_compiler, n
                 assert abs(found - array) <= 1e-14 * term
 
 
-@LAWS
-def test_a_run_agrees_with_numpy(tmp_path, c_compiler, name):
+def test_a_run_agrees_with_numpy(name, compiled):
     law, values = get_dynamic_law(name), VALUES[name]
-    compiled = Compiled(tmp_path, c_compiler, name)
     time = np.arange(50_000) * 1e-3
     # Presliding, reversals, slip and standstill.
     velocity = 0.05 * np.sin(3.0 * time) * np.sin(0.31 * time) + 0.003 * np.sin(40.0 * time)
@@ -118,7 +116,6 @@ def test_a_run_agrees_with_numpy(tmp_path, c_compiler, name):
     assert np.abs(moved[:, 2] - run.torque).max() <= 1e-10 * np.abs(run.torque).max()
 
 
-@LAWS
 def test_floats_compile_and_agree_to_their_precision(tmp_path, c_compiler, name):
     law, values = get_dynamic_law(name), VALUES[name]
     compiled = Compiled(tmp_path, c_compiler, name, "float")
@@ -129,10 +126,8 @@ def test_floats_compile_and_agree_to_their_precision(tmp_path, c_compiler, name)
     assert np.abs(torque - run.torque).max() <= 1e-4 * np.abs(run.torque).max()
 
 
-@LAWS
-def test_the_step_is_stable_however_long_it_is(tmp_path, c_compiler, name):
+def test_the_step_is_stable_however_long_it_is(name, compiled):
     law, values = get_dynamic_law(name), VALUES[name]
-    compiled = Compiled(tmp_path, c_compiler, name)
     compiled.begin(values)
     for period in (1.0, 1e6, 1e300):
         code, state, _ = compiled.move(-0.5, period)
@@ -140,10 +135,8 @@ def test_the_step_is_stable_however_long_it_is(tmp_path, c_compiler, name):
         assert (code, state) == (OK, pytest.approx(-level / values[0], rel=1e-14))
 
 
-@LAWS
-def test_what_cannot_be_used_is_refused_and_nothing_is_written(tmp_path, c_compiler, name):
+def test_what_cannot_be_used_is_refused_and_nothing_is_written(name, compiled):
     values = VALUES[name]
-    compiled = Compiled(tmp_path, c_compiler, name)
     for k in range(len(values)):
         for wrong in (-1.0, float("nan"), float("inf")):
             assert compiled.begin((*values[:k], wrong, *values[k + 1 :])) == PARAMETER
@@ -158,7 +151,6 @@ def test_what_cannot_be_used_is_refused_and_nothing_is_written(tmp_path, c_compi
     assert code == OK
 
 
-@LAWS
 def test_the_files_are_the_same_every_time_and_name_every_parameter(name):
     law = get_dynamic_law(name)
     (header_name, header), (source_name, source) = files = generate_friction_state(law)

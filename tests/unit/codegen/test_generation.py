@@ -13,50 +13,35 @@ import pytest
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import Functions, build_functions
 from symid.codegen.functions import (
-    FunctionSpec,
     JointCard,
     ModelCard,
-    Port,
     write_model_card,
 )
 from symid.codegen.library import load_library
 from symid.codegen.python_targets import generate_python_module
-from symid.codegen.source_folder import write_sources
 from symid.errors import GenerationError, UsageError
-from symid.options import GenerateOptions
-from symid.robot.toml_reader import read_robot
+from symid.robot.toml_reader import parse_robot
 from symid.serialization import read_record
-from tests.sx_programs import read_sx_program
+from tests.builds import build_shipped, make, run, spoil, write_c, write_python
+from tests.refusals import raises
+from tests.sx_programs import make_toy
 
-WARNINGS = (
-    "all",
-    "extra",
-    "pedantic",
-    "conversion",
-    "shadow",
-    "double-promotion",
-    "missing-prototypes",
-    "error",
-)
-STRICT = ("-std=c99", "-O1", *(f"-W{name}" for name in WARNINGS))
+WARNINGS = "all extra pedantic conversion shadow double-promotion missing-prototypes error"
+STRICT = ("-std=c99", "-O1", *(f"-W{name}" for name in WARNINGS.split()))
 ROBOTS = ("two_link", "emps", "panda")
+EACH_ROBOT = pytest.mark.parametrize("robot", ROBOTS)
 
 
 @pytest.fixture(scope="module")
-def made(project):
-    return {name: build_functions(read_robot(project / "robots" / f"{name}.toml")) for name in ROBOTS}
+def made():
+    return {name: build_shipped(name) for name in ROBOTS}
 
 
 @pytest.fixture(scope="module")
 def c_folders(made, tmp_path_factory, c_compiler):
-    if shutil.which("make") is None:
-        pytest.skip("wants make")
     root = tmp_path_factory.mktemp("c")
     for name, functions in made.items():
-        write_sources(generate_c_library(functions), root / name)
-        command = ["make", "-s", f"CC={c_compiler}", f"CFLAGS={' '.join(STRICT)}", "all", "shared"]
-        done = subprocess.run(command, cwd=root / name, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stderr) == (0, "")
+        make(write_c(functions, root / name), c_compiler, "all", "shared", flags=" ".join(STRICT))
     return root
 
 
@@ -64,7 +49,7 @@ def c_folders(made, tmp_path_factory, c_compiler):
 def libraries(made, c_folders, tmp_path_factory):
     root = tmp_path_factory.mktemp("python")
     for name, functions in made.items():
-        write_sources(generate_python_module(functions), root / name)
+        write_python(functions, root / name)
     folders = {"c": c_folders, "python": root}
     return {(name, kind): load_library(folders[kind] / name) for name in ROBOTS for kind in folders}
 
@@ -77,7 +62,7 @@ def draw(spec, samples, rng):
 
 
 @pytest.mark.parametrize("backend", ["c", "python"])
-@pytest.mark.parametrize("robot", ROBOTS)
+@EACH_ROBOT
 def test_both_backends_equal_casadi(made, libraries, robot, backend):
     rng = np.random.default_rng(3)
     library = libraries[robot, backend]
@@ -104,102 +89,33 @@ def test_both_backends_equal_casadi(made, libraries, robot, backend):
                 assert np.abs(batch[k] - single).max() <= bound_error * scale
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_the_self_test_passes(c_folders, robot):
-    done = subprocess.run(["./selftest"], cwd=c_folders / robot, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-    assert "FAILED" not in done.stdout
-
-
-def test_the_self_test_notices_a_wrong_sign(made, tmp_path, c_compiler):
-    folder = tmp_path / "c"
-    write_sources(generate_c_library(made["two_link"]), folder)
-    source = folder / "symid_two_link_gravity.c"
-    text = source.read_text()
-    assert "g[0] = " in text
-    source.write_text(text.replace("g[0] = ", "g[0] = -"))
-    subprocess.run(["make", "-s", f"CC={c_compiler}", "selftest"], cwd=folder, check=True)
-    done = subprocess.run(["./selftest"], cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert "1 of" in done.stdout
-
-
-def test_the_example_tracks_its_trajectory(c_folders):
-    done = subprocess.run(
-        ["./control_loop"], cwd=c_folders / "two_link", capture_output=True, text=True, check=True
-    )
-    assert float(done.stdout.split()[-4]) < 5e-3
-
-
-def test_the_example_reads_identified_parameters(c_folders, tmp_path):
-    command = ["./control_loop"]
-    assert subprocess.run(command, cwd=c_folders / "emps", capture_output=True, check=False).returncode == 2
-    values = tmp_path / "values.txt"
-    values.write_text("95.1 203.5 20.39 -3.16\n")
-    done = subprocess.run(
-        [*command, str(values)], cwd=c_folders / "emps", capture_output=True, text=True, check=True
-    )
-    assert float(done.stdout.split()[-4]) < 5e-3
-
-
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_all_sources_compile_under_the_strict_flags(c_folders, robot):
-    # The fixture compiles with them; nothing is left out.
+@EACH_ROBOT
+def test_all_sources_compile_strictly_and_pass_the_self_test(c_folders, robot):
+    # The fixture compiles with the strict flags; nothing is left out.
     folder = c_folders / robot
     built = {path.stem for path in folder.iterdir() if path.suffix in {".o", ""}}
     assert {path.stem for path in folder.glob("*.c")} <= built
-
-
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_the_header_knows_nothing_of_casadi(c_folders, robot):
-    text = (c_folders / robot / f"symid_{robot}.h").read_text()
+    assert "FAILED" not in run(folder, "./selftest").stdout
+    text = (folder / f"symid_{robot}.h").read_text()
     assert "casadi" not in text.lower()
     assert f"int symid_{robot}_mass_matrix(const double q[" in text
 
 
-PAIR = """
-#include "symid_two_link.h"
-#include "symid_emps.h"
-#include <stddef.h>
-#include <stdio.h>
-int main(void)
-{
-    double q[2] = {0.1, 0.2};
-    double beta[SYMID_TWO_LINK_BETA] = {0.0};
-    double a[4] = {0.0};
-    double b[1] = {7.0};
-    double *none = NULL;
-    printf("%d ", symid_two_link_mass_matrix(q, beta, a));
-    printf("%d ", symid_two_link_mass_matrix(none, beta, a));
-    printf("%d ", symid_two_link_mass_matrix(q, none, a));
-    printf("%d ", symid_emps_mass_matrix(q, beta, none));
-    printf("%d ", symid_emps_mass_matrix(none, beta, b));
-    printf("%d %.1f\\n", symid_emps_mass_matrix_batch(1, q, none, b), b[0]);
-    return 0;
-}
-"""
-
-
-def test_two_robots_link_into_one_program_and_null_is_refused(c_folders, tmp_path, c_compiler):
-    (tmp_path / "main.c").write_text(PAIR)
-    folders = [c_folders / name for name in ("two_link", "emps")]
-    command = [c_compiler, *STRICT, "main.c", "-o", "main"]
-    for folder in folders:
-        command += [f"-I{folder}", str(folder / f"libsymid_{folder.name}.a")]
-    subprocess.run([*command, "-lm"], cwd=tmp_path, check=True)
-    done = subprocess.run(["./main"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout == "0 1 1 1 1 1 7.0\n"
+def test_the_examples_track_their_trajectory(c_folders, tmp_path):
+    # The second reads identified parameters.
+    values = tmp_path / "values.txt"
+    values.write_text("95.1 203.5 20.39 -3.16\n")
+    assert run(c_folders / "emps", "./control_loop", check=False).returncode == 2
+    for command in (("two_link", "./control_loop"), ("emps", "./control_loop", str(values))):
+        assert float(run(c_folders / command[0], *command[1:]).stdout.split()[-4]) < 5e-3
 
 
 @pytest.mark.parametrize("robot", ["two_link", "panda"])
 def test_float_builds_agree_and_hold_no_double(made, robot, tmp_path, c_compiler):
-    folder = tmp_path / "c"
-    write_sources(generate_c_library(made[robot], GenerateOptions(precision="float")), folder)
+    folder = write_c(made[robot], tmp_path / "c", precision="float")
     for source in folder.glob("symid_*.[ch]"):
         assert "double" not in source.read_text()
-    command = ["make", "-s", f"CC={c_compiler}", "CFLAGS=-O1 -Werror", "check", "shared"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+    done = make(folder, c_compiler, "check", "shared", flags="-O1 -Werror")
     assert "100 states, tolerance 2e-05" in done.stdout
     library = load_library(folder)
     q = np.linspace(-1, 1, 3 * library.card.size).reshape(3, -1)
@@ -207,117 +123,83 @@ def test_float_builds_agree_and_hold_no_double(made, robot, tmp_path, c_compiler
     assert [value.dtype for value in poses] == [np.float64] * 2
 
 
-@pytest.mark.parametrize("backend", ["c", "python"])
-def test_nan_in_gives_nan_out(libraries, backend):
-    library = libraries["two_link", backend]
-    nan, one = np.full(2, np.nan), np.ones(2)
-    beta, f = np.ones(len(library.card.beta)), np.ones(len(library.card.friction))
-    assert np.isnan(library.evaluate("inverse_dynamics", nan, one, one, beta)[0]).all()
-    assert np.isnan(library.evaluate("inverse_dynamics", one, one, one, beta * np.nan)[0]).all()
-    assert np.isnan(library.evaluate("friction", nan, f)[0]).all()
-
-
 def test_wrong_calls_are_refused(libraries):
     for backend in ("c", "python"):
         library = libraries["two_link", backend]
         beta = np.ones(len(library.card.beta))
         for call in (library.evaluate, library.bind):
-            with pytest.raises(UsageError, match="'mass'") as caught:
+            with raises(UsageError, "usage.unknown-function", match="'mass'"):
                 call("mass")
-            assert caught.value.notices[0].code == "usage.unknown-function"
         with pytest.raises(UsageError, match=r"q, beta.*\b1\b"):
             library.evaluate("gravity", np.ones(2))
         with pytest.raises(UsageError, match=r"'q'.*\(2,\) or \(N, 2,\)"):
             library.evaluate("gravity", np.ones(3), beta)
         with pytest.raises(UsageError, match="'dq'"):
             library.evaluate("bias", np.ones((4, 2)), np.ones((3, 2)), beta)
-        with pytest.raises(UsageError, match="'beta'") as caught:
+        with raises(UsageError, "usage.shape", match="'beta'"):
             library.evaluate("gravity", np.ones((4, 2)), beta[1:])
-        assert caught.value.notices[0].code == "usage.shape"
 
 
-def test_a_folder_without_a_library_is_refused(made, tmp_path):
-    with pytest.raises(UsageError) as caught:
+def test_what_is_no_library_is_refused(made, tmp_path):
+    with raises(UsageError, "usage.no-library"):
         load_library(tmp_path)
-    assert caught.value.notices[0].code == "usage.no-library"
-    write_sources(generate_c_library(made["emps"]), tmp_path / "c")
-    with pytest.raises(UsageError, match="`make shared`") as caught:
-        load_library(tmp_path / "c")
-    assert caught.value.notices[0].code == "usage.not-compiled"
-
-
-def test_a_library_that_does_not_load_is_refused(made, tmp_path):
-    write_sources(generate_c_library(made["emps"]), tmp_path / "c")
-    (tmp_path / "c" / "libsymid_emps.so").write_bytes(b"no library")
-    with pytest.raises(GenerationError, match=r"libsymid_emps\.so") as caught:
-        load_library(tmp_path / "c")
-    assert caught.value.notices[0].code == "codegen.cannot-load"
-    write_sources(generate_python_module(made["emps"]), tmp_path / "p")
-    (tmp_path / "p" / "symid_emps.py").write_text("def (")
-    with pytest.raises(GenerationError, match=r"symid_emps\.py") as caught:
-        load_library(tmp_path / "p")
-    assert caught.value.notices[0].code == "codegen.cannot-load"
-
-
-@pytest.mark.parametrize(
-    "text", ['{"symid": "0", "files": {}}', '{"symid": "0", "files": {}, "card": {"robot": 1}}']
-)
-def test_a_broken_manifest_is_refused(tmp_path, text):
-    (tmp_path / "manifest.json").write_text(text)
-    with pytest.raises(UsageError) as caught:
-        load_library(tmp_path)
-    assert caught.value.notices[0].code == "usage.broken-manifest"
-
-
-def test_a_folder_whose_update_was_interrupted_is_refused(made, tmp_path):
-    write_sources(generate_python_module(made["emps"]), tmp_path / "p")
-    (tmp_path / "p" / ".symid-update-1").mkdir()
-    with pytest.raises(UsageError) as caught:
-        load_library(tmp_path / "p")
-    assert caught.value.notices[0].code == "usage.interrupted-update"
-
-
-def test_an_error_code_of_the_library_is_not_swallowed(libraries, monkeypatch):
-    library = libraries["two_link", "c"]
-    monkeypatch.setattr(type(library.engine), "_get_symbol", lambda *_: lambda *_: 1)
-    with pytest.raises(GenerationError, match=r"'gravity'.*\b1\b") as caught:
-        library.evaluate("gravity", np.ones(2), np.ones(len(library.card.beta)))
-    assert caught.value.notices[0].code == "codegen.call-failed"
+    c, python = write_c(made["emps"], tmp_path / "c"), write_python(made["emps"], tmp_path / "p")
+    with raises(UsageError, "usage.not-compiled", match="`make shared`"):
+        load_library(c)
+    (c / "libsymid_emps.so").write_bytes(b"no library")
+    with raises(GenerationError, "codegen.cannot-load", match=r"libsymid_emps\.so"):
+        load_library(c)
+    update = python / ".symid-update-1"
+    update.mkdir()
+    with raises(UsageError, "usage.interrupted-update"):
+        load_library(python)
+    update.rmdir()
+    (python / "symid_emps.py").write_text("def (")
+    with raises(GenerationError, "codegen.cannot-load", match=r"symid_emps\.py"):
+        load_library(python)
+    for text in ('{"symid": "0", "files": {}}', '{"symid": "0", "files": {}, "card": {"robot": 1}}'):
+        (tmp_path / "manifest.json").write_text(text)
+        with raises(UsageError, "usage.broken-manifest"):
+            load_library(tmp_path)
 
 
 def test_the_python_module_needs_numpy_alone(made, tmp_path):
-    write_sources(generate_python_module(made["two_link"]), tmp_path / "p")
     script = (
         "import runpy, sys\n"
         "sys.modules['symid'] = sys.modules['casadi'] = sys.modules['sympy'] = sys.modules['scipy'] = None\n"
         "runpy.run_path('symid_two_link.py', run_name='__main__')\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=tmp_path / "p", capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    done = run(write_python(made["two_link"], tmp_path / "p"), sys.executable, "-c", script)
     assert "0 of 19 functions failed" in done.stdout
 
 
+@pytest.fixture(scope="session")
+def cmake(c_compiler):
+    """Return a call of cmake in a folder, with the arguments of each of its runs."""
+    found = shutil.which("cmake")
+    if found is None:
+        pytest.skip("wants cmake")
+
+    def call(folder, *runs):
+        for arguments in runs:
+            subprocess.run([found, *arguments.split()], cwd=folder, capture_output=True, check=True)
+
+    return call
+
+
 def test_cmake_builds_and_tests_the_library(made, tmp_path, cmake):
-    write_sources(generate_c_library(made["two_link"]), tmp_path / "c")
-    for arguments in (["-S", "c", "-B", "b"], ["--build", "b"], ["--build", "b", "--target", "test"]):
-        done = subprocess.run([cmake, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
+    write_c(made["two_link"], tmp_path / "c")
+    cmake(tmp_path, "-S c -B b", "--build b", "--build b --target test")
     assert "Name: symid_two_link" in (tmp_path / "b" / "symid_two_link.pc").read_text()
 
 
 @pytest.fixture(scope="module")
-def installed(made, tmp_path_factory, cmake, c_compiler):
+def installed(made, tmp_path_factory, cmake):
     folder = tmp_path_factory.mktemp("installed")
-    write_sources(generate_c_library(made["emps"]), folder / "c")
-    for arguments in (
-        ["-S", "c", "-B", "b", "-DCMAKE_UNITY_BUILD=ON"],
-        ["--build", "b"],
-        ["--install", "b", "--prefix", folder / "installed"],
-    ):
-        subprocess.run([cmake, *arguments], cwd=folder, capture_output=True, check=True)
-    return folder / "installed"
+    write_c(made["emps"], folder / "c")
+    place = folder / "installed"
+    cmake(folder, "-S c -B b -DCMAKE_UNITY_BUILD=ON", "--build b", f"--install b --prefix {place}")
+    return place
 
 
 def test_an_installed_library_can_be_moved(installed, tmp_path):
@@ -344,65 +226,44 @@ def test_an_installed_library_is_found_by_cmake(installed, tmp_path, cmake):
     (tmp_path / "CMakeLists.txt").write_text(USER)
     main = '#include "symid_emps.h"\nint main(void) { return symid_emps_version() == 0; }\n'
     (tmp_path / "main.c").write_text(main)
-    for arguments in (["-S", ".", "-B", "user", f"-DCMAKE_PREFIX_PATH={installed}"], ["--build", "user"]):
-        subprocess.run([cmake, *arguments], cwd=tmp_path, capture_output=True, check=True)
-    subprocess.run([tmp_path / "user" / "user"], check=True)
+    cmake(tmp_path, f"-S . -B user -DCMAKE_PREFIX_PATH={installed}", "--build user")
+    run(tmp_path, "user/user")
     assert sorted(path.name for path in (installed / "include").iterdir()) == ["symid_emps.h"]
 
 
 def test_inside_another_project_the_folder_is_a_library_alone(made, tmp_path, cmake):
-    write_sources(generate_c_library(made["two_link"]), tmp_path / "c")
+    write_c(made["two_link"], tmp_path / "c")
     lines = ("cmake_minimum_required(VERSION 3.13)", "project(whole C)", "add_subdirectory(c)")
     (tmp_path / "CMakeLists.txt").write_text("\n".join(lines))
-    for arguments in (["-S", ".", "-B", "b"], ["--build", "b"]):
-        subprocess.run([cmake, *arguments], cwd=tmp_path, capture_output=True, check=True)
+    cmake(tmp_path, "-S . -B b", "--build b")
     assert (tmp_path / "b" / "c" / "libsymid_two_link.a").is_file()
     assert not list((tmp_path / "b").rglob("symid_two_link_selftest*"))
 
 
 def test_the_archive_keeps_no_function_of_before(made, tmp_path, c_compiler):
-    sources = generate_c_library(made["two_link"])
-    folder = tmp_path / "c"
-    write_sources(sources, folder)
-    make = ("make", "libsymid_two_link.a", f"CC={c_compiler}")
-    subprocess.run(make, cwd=folder, capture_output=True, check=True)
-    (folder / "Makefile").write_text(dict(sources.files)["Makefile"].replace(" symid_two_link_bias.o", ""))
-    subprocess.run(("touch", "symid_two_link_bias.c", "symid_two_link_info.c"), cwd=folder, check=True)
-    subprocess.run(make, cwd=folder, capture_output=True, check=True)
-    listed = subprocess.run(
-        ("ar", "t", "libsymid_two_link.a"), cwd=folder, capture_output=True, text=True, check=True
-    )
-    assert "symid_two_link_bias.o" not in listed.stdout.split()
-
-
-@pytest.fixture(scope="session")
-def cmake(c_compiler):
-    found = shutil.which("cmake")
-    if found is None:
-        pytest.skip("wants cmake")
-    return found
+    folder = write_c(made["two_link"], tmp_path / "c")
+    make(folder, c_compiler, "libsymid_two_link.a")
+    spoil(folder / "Makefile", " symid_two_link_bias.o", "")
+    run(folder, "touch", "symid_two_link_bias.c", "symid_two_link_info.c")
+    make(folder, c_compiler, "libsymid_two_link.a")
+    listed = run(folder, "ar", "t", "libsymid_two_link.a").stdout.split()
+    assert "symid_two_link_bias.o" not in listed
 
 
 def test_selection_and_comparison_are_alike_everywhere(tmp_path, c_compiler):
     """No robot of today uses these operations: a function made up for the purpose does."""
-    x = ca.SX.sym("x", 3)
-    y = ca.vertcat(
-        ca.if_else(x[0] < x[1], x[2], -x[2]), ca.sign(x[0]), x[0] <= x[1], ca.fabs(x[2]), ca.tanh(x[1])
-    )
-    spec = FunctionSpec(
-        name="mix",
-        inputs=(Port(name="x", shape=(3,), unit="1", meaning="x"),),
-        outputs=(Port(name="y", shape=(5,), unit="1", meaning="y"),),
-        meaning="a mixture",
-    )
+
+    def mix(x):
+        chosen = ca.if_else(x[0] < x[1], x[2], -x[2])
+        return ca.vertcat(chosen, ca.sign(x[0]), x[0] <= x[1], ca.fabs(x[2]), ca.tanh(x[1]))
+
+    function, program = make_toy(mix, "mix", x=3)
     joint = JointCard(number=1, name="a", kind="revolute", friction="none")
-    card = ModelCard(robot="toy", signature="0", joints=(joint,), beta=(), friction=(), functions=(spec,))
-    function = ca.Function("mix", [x], [y], ["x"], ["y"])
-    functions = Functions(card=card, programs=(read_sx_program(function, spec),), functions=(function,))
-    write_sources(generate_c_library(functions), tmp_path / "c")
-    write_sources(generate_python_module(functions), tmp_path / "p")
-    command = ["make", "-s", f"CC={c_compiler}", "CFLAGS=-Werror", "shared", "check"]
-    subprocess.run(command, cwd=tmp_path / "c", check=True, capture_output=True)
+    rest = {"joints": (joint,), "beta": (), "friction": (), "functions": (program.spec,)}
+    card = ModelCard(robot="toy", signature="0", **rest)
+    functions = Functions(card=card, programs=(program,), functions=(function,))
+    write_python(functions, tmp_path / "p")
+    make(write_c(functions, tmp_path / "c"), c_compiler, "shared", "check", flags="-Werror")
     values = np.array([[1, 2, 3], [2, 1, 3], [0, 0, -1], [-1, 5, 0.5], [np.nan, 1, 2], [1, 2, np.nan]])
     wanted = np.array([np.asarray(function(row)).ravel() for row in values])
     for folder in ("c", "p"):
@@ -437,10 +298,8 @@ mimic = { joint = "j3", multiplier = "1/3" }
 """
 
 
-def test_coordinates_and_joints_are_told_apart(tmp_path, c_compiler):
-    path = tmp_path / "followed.toml"
-    path.write_text(FOLLOWED)
-    functions = build_functions(read_robot(path), names=("forward_kinematics", "mass_matrix"))
+def test_coordinates_and_joints_are_told_apart():
+    functions = build_functions(parse_robot(FOLLOWED), names=("forward_kinematics", "mass_matrix"))
     assert read_record(ModelCard, json.loads(write_model_card(functions.card))) == functions.card
     c, python = dict(generate_c_library(functions).files), dict(generate_python_module(functions).files)
     lines = [

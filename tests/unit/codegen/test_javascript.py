@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import symid
-from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.printing import print_javascript
 from symid.codegen.programs import ExpressionTable, Op
 from symid.lessons.chapters import build_values
 from symid.lessons.matrices import build_model
+from tests.sx_programs import make_spec
 
 NODE = shutil.which("node")
 needs_node = pytest.mark.skipif(NODE is None, reason="Node is not here: apt-get install nodejs")
@@ -76,12 +76,7 @@ def test_every_operation_is_printed():
     values = [table.apply(op, x) for op in (Op.TAN, Op.SQRT, Op.EXP, Op.TANH, Op.ABS, Op.SIGN, Op.IS_ZERO)]
     values += [table.apply(op, x, y) for op in (Op.POWER, Op.LESS, Op.LESS_EQUAL, Op.SELECT)]
     values += [table.apply(op, x, y) for op in (Op.MAXIMUM, Op.MINIMUM)]
-    spec = FunctionSpec(
-        name="all",
-        inputs=(Port(name="x", shape=(2,), unit="1", meaning="numbers"),),
-        outputs=(Port(name="y", shape=(len(values),), unit="1", meaning="values"),),
-        meaning="values",
-    )
+    spec = make_spec({"x": 2}, {"y": len(values)})
     text = "\n".join(print_javascript(table.build_program(spec, (tuple(values),))))
     for call in ("Math.tan", "Math.pow", "Math.max", "_less(", "_select(", "Math.sign", "_is_zero("):
         assert call in text

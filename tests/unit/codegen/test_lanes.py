@@ -4,7 +4,6 @@ import ctypes
 import json
 import math
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import mpmath
@@ -14,14 +13,16 @@ import pytest
 from symid.codegen.c_library import generate_c_library, write_simd_header
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.compiler import locate_compiler
-from symid.codegen.functions import FunctionSpec, Port, list_robot_specs
+from symid.codegen.functions import list_robot_specs
 from symid.codegen.printing import group_angles, print_c, print_simd
 from symid.codegen.programs import ExpressionTable, Op, Program
 from symid.codegen.source_folder import write_sources
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.environment import locate_resource_folder
 from symid.options import GenerateOptions
-from symid.robot.toml_reader import parse_robot, read_robot
+from symid.robot import load_robot
+from symid.robot.toml_reader import parse_robot
+from tests.builds import build_shipped, make, write_c
+from tests.sx_programs import make_spec
 
 COMPILER = locate_compiler()
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="wants a C compiler: install gcc")
@@ -98,18 +99,13 @@ def draw_angles(precision: str) -> np.ndarray:
     return np.concatenate([angles, np.zeros(-angles.size % 8, dtype=kind)])
 
 
+EACH_TYPE = pytest.mark.parametrize("precision", TYPES)
+NATIVE = ("-O2", "-march=native", "-ffp-contract=fast")
+
+
 @needs_compiler
-@pytest.mark.parametrize("precision", TYPES)
-@pytest.mark.parametrize(
-    "flags",
-    [
-        ("-O0",),
-        ("-O2",),
-        ("-O2", "-march=native", "-ffp-contract=fast"),
-        ("-O3", "-ffp-contract=off"),
-        ONE_BY_ONE,
-    ],
-)
+@EACH_TYPE
+@pytest.mark.parametrize("flags", [("-O0",), ("-O2",), NATIVE, ("-O3", "-ffp-contract=off"), ONE_BY_ONE])
 def test_sines_err_by_few_units(tmp_path, precision, flags):
     kind = TYPES[precision][1]
     angles = draw_angles(precision)
@@ -127,7 +123,7 @@ def test_sines_err_by_few_units(tmp_path, precision, flags):
 
 
 @needs_compiler
-@pytest.mark.parametrize("precision", TYPES)
+@EACH_TYPE
 def test_every_width_gives_the_same_digits(tmp_path, precision):
     angles = draw_angles(precision)
     flags = ("-O2", "-ffp-contract=off", "-Wno-psabi")
@@ -137,7 +133,7 @@ def test_every_width_gives_the_same_digits(tmp_path, precision):
 
 
 @needs_compiler
-@pytest.mark.parametrize("precision", TYPES)
+@EACH_TYPE
 @pytest.mark.parametrize(
     "flags",
     [("-O2",), ("-O2", "-DTEST_LANES=1"), ("-O2", "-DTEST_LIBRARY_SINES", "-DTEST_LANES=1"), ONE_BY_ONE],
@@ -168,7 +164,7 @@ def test_relaxed_arithmetic_costs_some_digits_and_no_more(tmp_path, precision, a
 
 @pytest.fixture(scope="module")
 def blocks():
-    robot = read_robot(locate_resource_folder("robots") / "puma560.toml")
+    robot = load_robot("puma560")
     # The derivatives alone are half of all instructions, and printed as the others are.
     base = derive_base_parameters(robot)
     names = [spec.name for spec in list_robot_specs(robot, base)]
@@ -179,7 +175,7 @@ def blocks():
 
 @needs_compiler
 @pytest.mark.parametrize(
-    ("width", "precision"), [(1, "double"), (2, "double"), (4, "double"), (8, "double"), (16, "float")]
+    ("width", "precision"), [*((width, "double") for width in (1, 2, 4, 8)), (16, "float")]
 )
 def test_batches_of_every_width_agree_with_single_samples(tmp_path, width, precision, blocks):
     blocks = blocks[precision]
@@ -189,22 +185,13 @@ def test_batches_of_every_width_agree_with_single_samples(tmp_path, width, preci
     streamed = f" -D{macro}_STREAMED=0" * (width in {2, 8, 16})
     assert f"#ifndef {macro}_STREAMED" in dict(blocks.files)[f"{macro.lower()}_lanes.h"]
     flags = f"-O1 -Wno-psabi -D{macro}_LANES={width}{streamed}"
-    done = subprocess.run(
-        ("make", "--no-print-directory", "check", f"CC={COMPILER.path}", f"CFLAGS={flags}"),
-        cwd=tmp_path / "code",
-        check=False,
-        capture_output=True,
-        text=True,
-    )
+    done = make(tmp_path / "code", COMPILER.path, "check", flags=flags, check=False)
     count = len(json.loads(blocks.manifest)["operations"])
     assert done.stdout.endswith(f"0 of {count} functions failed\n"), done.stdout + done.stderr
 
 
 def build_program(table: ExpressionTable, *refs: int) -> Program:
-    port = Port(name="y", shape=(len(refs),), unit="", meaning="")
-    inputs = (Port(name="x", shape=(9,), unit="", meaning=""),)
-    spec = FunctionSpec(name="f", inputs=inputs, outputs=(port,), meaning="")
-    return table.build_program(spec, [list(refs)])
+    return table.build_program(make_spec({"x": 9}, {"y": len(refs)}), [list(refs)])
 
 
 def test_angles_are_what_comes_from_inputs_alone():
@@ -252,7 +239,7 @@ def test_outputs_are_written_as_soon_as_they_are_there():
 
 
 def test_library_sines_are_calls(tmp_path):
-    functions = build_functions(read_robot(locate_resource_folder("robots") / "two_link.toml"))
+    functions = build_shipped("two_link")
     own, library = (
         dict(generate_c_library(functions, GenerateOptions(trigonometry=kind)).files)
         for kind in ("own", "library")
@@ -263,13 +250,6 @@ def test_library_sines_are_calls(tmp_path):
     assert set(own) - set(library) == {"symid_two_link_lanes.h"}
     assert "symid_two_link_lanes.h" not in own["CMakeLists.txt"], "it is not installed"
     assert "symid_two_link_lanes.h" in own["Makefile"]
-
-
-def test_lanes_of_another_precision_differ():
-    texts = [write_simd_header("A", precision) for precision in TYPES]
-    assert "sinf(" in texts[1]
-    assert "sinf(" not in texts[0]
-    assert replace(GenerateOptions(), precision="float").trigonometry == "own"
 
 
 SLIDE = """
@@ -283,11 +263,9 @@ kind = "prismatic"
 
 @needs_compiler
 def test_a_robot_without_angles_has_blocks_too(tmp_path):
-    functions = build_functions(parse_robot(SLIDE))
-    write_sources(generate_c_library(functions), tmp_path / "code")
+    write_c(build_functions(parse_robot(SLIDE)), tmp_path)
     flags = "-O1 -Wundef -Werror -Wno-psabi -DSYMID_SLIDE_LANES_LANES=4"
-    make = ("make", "check", f"CC={COMPILER.path}", f"CFLAGS={flags}")
-    subprocess.run(make, cwd=tmp_path / "code", check=True, capture_output=True)
+    make(tmp_path, COMPILER.path, "check", flags=flags)
 
 
 def test_the_header_of_a_robot_called_lanes_is_installed():

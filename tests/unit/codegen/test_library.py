@@ -1,10 +1,10 @@
 """Libraries: only what was built from the folder's sources, and only calls that make sense."""
 
 import shutil
-import subprocess
 import threading
 import tracemalloc
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,40 +12,30 @@ import pytest
 
 from symid.codegen import library as library_module
 from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import build_functions
+from symid.codegen.cache import prepare_library
 from symid.codegen.library import check_outputs, load_library
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_folder import write_sources
 from symid.errors import GenerationError, UsageError
-from symid.options import GenerateOptions
-from symid.robot.toml_reader import read_robot
+from symid.robot import load_robot
+from tests.builds import build_shipped, make, write_c, write_python
+from tests.refusals import raises
 
 NAMES = ("gravity", "mass_matrix")
 
 
 @pytest.fixture(scope="module")
-def made(project):
-    robots = project / "robots"
-    return {name: build_functions(read_robot(robots / f"{name}.toml"), names=NAMES) for name in ("two_link",)}
+def made():
+    return build_shipped("two_link", *NAMES)
 
 
 @pytest.fixture(scope="module")
-def build(c_compiler):
-    def run(folder, *targets):
-        subprocess.run(
-            ["make", "-s", f"CC={c_compiler}", *targets], cwd=folder, check=True, capture_output=True
-        )
-
-    return run
-
-
-@pytest.fixture(scope="module")
-def built(made, tmp_path_factory, build):
+def built(made, tmp_path_factory, c_compiler):
     """Return folders of both compiled targets; tests change copies of them."""
     root = tmp_path_factory.mktemp("built")
     for name, generate in (("c", generate_c_library), ("casadi", generate_casadi_target)):
-        write_sources(generate(made["two_link"]), root / name)
-        build(root / name, "shared")
+        write_sources(generate(made), root / name)
+        make(root / name, c_compiler, "shared")
     return root
 
 
@@ -54,11 +44,18 @@ def folder(built, tmp_path):
     return Path(shutil.copytree(built / "c", tmp_path / "c"))
 
 
-@pytest.fixture(params=["c", "python", "casadi", "casadi-machine"])
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory, c_compiler):
+    """Return a library whose bound functions are built-in ones."""
+    return prepare_library(load_robot("two_link"), names=NAMES, cache=tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(params=["c", "built-in", "python", "casadi", "casadi-machine"])
 def library(request, made, tmp_path):
+    if request.param == "built-in":
+        return request.getfixturevalue("prepared")
     if request.param == "python":
-        write_sources(generate_python_module(made["two_link"]), tmp_path / "p")
-        return load_library(tmp_path / "p")
+        return load_library(write_python(made, tmp_path / "p"))
     built = request.getfixturevalue("built")
     left = shutil.ignore_patterns("*.so") if request.param == "casadi-machine" else None
     return load_library(
@@ -66,45 +63,38 @@ def library(request, made, tmp_path):
     )
 
 
-def test_a_library_built_before_the_sources_is_refused_until_it_is_built_again(made, folder, build):
+def test_a_library_of_other_sources_is_refused_until_it_is_built_again(made, folder, c_compiler):
     load_library(folder)
-    write_sources(generate_c_library(made["two_link"], GenerateOptions(precision="float")), folder)
-    with pytest.raises(UsageError) as caught:
-        load_library(folder)
-    assert caught.value.notices[0].code == "usage.stale-library"
-    build(folder, "clean", "shared")
-    beta = np.ones(len(made["two_link"].card.beta))
-    found = load_library(folder).evaluate("mass_matrix", np.zeros((1, 2)), beta)[0]
+    for functions, precision in ((build_shipped("two_link", *NAMES, "bias"), "double"), (made, "float")):
+        write_c(functions, folder, precision=precision)
+        with raises(UsageError, "usage.stale-library"):
+            load_library(folder)
+    make(folder, c_compiler, "clean", "shared")
+    found = load_library(folder).evaluate("mass_matrix", np.zeros((1, 2)), np.ones(len(made.card.beta)))[0]
     assert np.isfinite(found).all()
-
-
-def test_a_library_of_other_functions_is_refused(project, folder):
-    robot = read_robot(project / "robots" / "two_link.toml")
-    write_sources(generate_c_library(build_functions(robot, names=(*NAMES, "bias"))), folder)
-    with pytest.raises(UsageError) as caught:
-        load_library(folder)
-    assert caught.value.notices[0].code == "usage.stale-library"
 
 
 def test_a_library_that_lacks_a_function_is_refused(folder, monkeypatch):
     library = load_library(folder)
     monkeypatch.setattr(library.engine, "_prefix", "symid_other")
     for call in (library.bind, library.evaluate):
-        with pytest.raises(UsageError) as caught:
+        with raises(UsageError, "usage.stale-library"):
             call("gravity", *([] if call == library.bind else [np.ones(2), np.ones(len(library.card.beta))]))
-        assert caught.value.notices[0].code == "usage.stale-library"
 
 
 def test_byte_code_beside_a_module_is_not_run(made, tmp_path):
-    write_sources(generate_python_module(made["two_link"]), tmp_path / "p")
-    load_library(tmp_path / "p")
+    load_library(write_python(made, tmp_path / "p"))
     assert not (tmp_path / "p" / "__pycache__").exists()
 
 
 Q = np.ones(2)
 # What stands for q and beta; None is the right vector of parameters.
 WRONG = {
+    "nothing": (),
     "count": (Q,),
+    "too many": (Q,) * 9,
+    "none": (None, None),
+    "shape": (np.ones(3), None),
     "size": (Q[:1], None),
     "scalar": (0.5, None),
     "batch": (np.ones((3, 2)), None),
@@ -122,20 +112,13 @@ def find_wrong(library, wrong):
 
 
 @pytest.mark.parametrize("wrong", sorted(WRONG))
-def test_a_bound_function_refuses_what_is_not_one_sample(library, wrong):
-    bound = library.bind("gravity")
-    values = find_wrong(library, wrong)
-    with pytest.raises(UsageError) as caught:
-        bound(*values)
-    assert caught.value.notices[0].code == "usage.shape"
-
-
-@pytest.mark.parametrize("wrong", sorted(set(WRONG) - {"batch"}))
-def test_evaluate_refuses_what_is_no_array_of_real_numbers(library, wrong):
-    values = find_wrong(library, wrong)
-    with pytest.raises(UsageError) as caught:
-        library.evaluate("gravity", *values)
-    assert caught.value.notices[0].code == "usage.shape"
+def test_what_is_no_array_of_real_numbers_or_not_one_sample_is_refused(library, wrong):
+    beta = np.ones(len(library.card.beta))
+    values = [beta if value is None and k else value for k, value in enumerate(WRONG[wrong])]
+    calls = [library.bind("gravity"), partial(library.evaluate, "gravity")]
+    for call in calls[: 1 if wrong == "batch" else 2]:
+        with raises(UsageError, "usage.shape"):
+            call(*values)
 
 
 def test_a_bound_function_takes_lists_and_whole_numbers(library):
@@ -150,9 +133,10 @@ def test_a_bound_function_takes_lists_and_whole_numbers(library):
 def test_the_status_of_a_bound_function_is_looked_at(folder, monkeypatch):
     library = load_library(folder)
     monkeypatch.setattr(type(library.engine), "_get_symbol", lambda *_: lambda *_: 1)
-    with pytest.raises(GenerationError, match=r"'\w+'.*\b1\b") as caught:
+    with raises(GenerationError, "codegen.call-failed", match=r"'\w+'.*\b1\b"):
         library.bind("gravity")(np.ones(2), np.ones(len(library.card.beta)))
-    assert caught.value.notices[0].code == "codegen.call-failed"
+    with raises(GenerationError, "codegen.call-failed", match=r"'gravity'.*\b1\b"):
+        library.evaluate("gravity", np.ones(2), np.ones(len(library.card.beta)))
 
 
 def make_arrays(library, samples):
@@ -193,6 +177,11 @@ def test_inputs_that_are_outputs_are_copied_first(library, shift):
     given[...] = q
     library.evaluate("gravity", given, beta, out=(target,))
     np.testing.assert_array_equal(target, wanted)
+    # The code may assume that they are apart: what is not must be copied before.
+    state, target = block[0], block.ravel()[shift : 2 + shift]
+    state[...] = q[0]
+    library.bind("gravity", out=(target,))(state, beta)
+    np.testing.assert_array_equal(target, wanted[0])
 
 
 @pytest.mark.parametrize("samples", [1, 511, 512, 700, 1031])
@@ -207,27 +196,21 @@ def test_threads_share_a_batch_without_changing_a_byte(folder, samples, threads)
 
 
 def test_no_thread_is_refused(library):
-    with pytest.raises(UsageError, match="threads: expected 1 or more, got 0") as caught:
+    with raises(UsageError, "usage.threads", match="threads: expected 1 or more, got 0"):
         library.evaluate("mass_matrix", np.zeros(2), np.ones(len(library.card.beta)), threads=0)
-    assert caught.value.notices[0].code == "usage.threads"
 
 
-def test_a_bound_function_writes_to_the_arrays_of_the_caller(library):
+def test_a_bound_function_returns_new_arrays_or_writes_to_those_of_the_caller(library):
     q, beta = make_arrays(library, ())
     target = np.full(2, np.nan)
-    bound = library.bind("gravity", out=[target])
+    bound, keeping = library.bind("gravity"), library.bind("gravity", out=[target])
     assert np.isnan(target).all()
-    assert bound(q, beta)[0] is target
-    np.testing.assert_array_equal(target, library.evaluate("gravity", q, beta)[0])
-
-
-def test_a_bound_function_returns_new_arrays(library):
-    q, beta = make_arrays(library, ())
-    bound = library.bind("gravity")
+    for values in (q + 1.0, q.tolist(), q):
+        assert keeping(values, beta)[0] is target
     first = bound(q, beta)[0]
-    kept = first.copy()
-    bound(q + 1.0, beta)
-    np.testing.assert_array_equal(first, kept)
+    assert not np.array_equal(first, bound(q + 1.0, beta)[0])
+    for found in (first, target):
+        np.testing.assert_array_equal(found, library.evaluate("gravity", q, beta)[0])
 
 
 def make_read_only():
@@ -253,13 +236,10 @@ UNFIT = {
 def test_arrays_that_cannot_take_outputs_are_refused(library, unfit):
     out, text = UNFIT[unfit]
     q, beta = make_arrays(library, ())
-    for call in (
-        lambda: library.evaluate("gravity", q, beta, out=out),
-        lambda: library.bind("gravity", out=out),
-    ):
-        with pytest.raises(UsageError, match=text) as caught:
-            call()
-        assert caught.value.notices[0].code == "usage.shape"
+    with raises(UsageError, "usage.shape", match=text):
+        library.evaluate("gravity", q, beta, out=out)
+    with raises(UsageError, "usage.shape", match=text):
+        library.bind("gravity", out=out)
 
 
 def test_outputs_that_share_memory_are_refused(library):
@@ -267,16 +247,14 @@ def test_outputs_that_share_memory_are_refused(library):
     port = replace(card.functions[0].outputs[0], shape=(2,))
     spec = replace(card.functions[0], outputs=(port, replace(port, name="other")))
     block = np.empty(3)
-    with pytest.raises(UsageError, match=r"'M'.*'other'") as caught:
+    with raises(UsageError, "usage.shape", match=r"'M'.*'other'"):
         check_outputs(card, spec, None, (block[:2], block[1:]))
-    assert caught.value.notices[0].code == "usage.shape"
     apart = (np.empty(2), np.empty(2))
     assert check_outputs(card, spec, None, apart) == apart
 
 
-def test_a_float_library_gives_and_fills_arrays_of_doubles(made, tmp_path, build):
-    write_sources(generate_c_library(made["two_link"], GenerateOptions(precision="float")), tmp_path)
-    build(tmp_path, "shared")
+def test_a_float_library_gives_and_fills_arrays_of_doubles(made, tmp_path, c_compiler):
+    make(write_c(made, tmp_path, precision="float"), c_compiler, "shared")
     library = load_library(tmp_path)
     q, beta = make_arrays(library, ())
     target = np.full(2, np.nan)
@@ -292,8 +270,7 @@ def test_a_float_library_gives_and_fills_arrays_of_doubles(made, tmp_path, build
 
 def test_batches_of_a_module_go_through_in_few_pieces_of_its_own_arrays(made, tmp_path, monkeypatch):
     """NumPy pays for each operation of a piece, so that small pieces are slower than the module itself."""
-    write_sources(generate_python_module(made["two_link"]), tmp_path / "p")
-    library = load_library(tmp_path / "p")
+    library = load_library(write_python(made, tmp_path / "p"))
     rng, beta = np.random.default_rng(3), np.ones(len(library.card.beta))
     plain, given, results = library.engine.module.gravity, [], []
 
@@ -315,7 +292,7 @@ def test_batches_of_a_module_go_through_in_few_pieces_of_its_own_arrays(made, tm
 
 
 def test_an_update_that_runs_is_waited_for(made, tmp_path):
-    write_sources(generate_python_module(made["two_link"]), tmp_path)
+    write_python(made, tmp_path)
     update = tmp_path / ".symid-update-1"
     update.mkdir()
     timer = threading.Timer(0.2, update.rmdir)
@@ -326,7 +303,7 @@ def test_an_update_that_runs_is_waited_for(made, tmp_path):
 
 @pytest.mark.parametrize("target", [generate_python_module, generate_casadi_target])
 def test_an_update_that_began_while_the_library_was_read_is_seen(made, tmp_path, monkeypatch, target):
-    write_sources(target(made["two_link"]), tmp_path)
+    write_sources(target(made), tmp_path)
     read = library_module.read_manifest
 
     def read_and_change(folder):
@@ -336,6 +313,5 @@ def test_an_update_that_began_while_the_library_was_read_is_seen(made, tmp_path,
         return found
 
     monkeypatch.setattr(library_module, "read_manifest", read_and_change)
-    with pytest.raises(UsageError) as caught:
+    with raises(UsageError, "usage.interrupted-update"):
         load_library(tmp_path)
-    assert caught.value.notices[0].code == "usage.interrupted-update"

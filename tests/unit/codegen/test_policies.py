@@ -2,28 +2,23 @@
 
 import ctypes
 import shutil
-import subprocess
 
 import numpy as np
 import pytest
 
-from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import build_functions
 from symid.codegen.library import load_library
 from symid.codegen.programs import Op
-from symid.codegen.python_targets import generate_python_module
 from symid.codegen.references import build_references
-from symid.codegen.source_folder import write_sources
 from symid.options import GenerateOptions
-from symid.robot.toml_reader import read_robot
+from tests.builds import build_shipped, make, run, write_c, write_python
 
 ROBOTS = ("two_link", "two_link_elastic", "scara")
 SAMPLES = 5
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
-def made(request, project):
-    return build_functions(read_robot(project / "robots" / f"{request.param}.toml"))
+def made(request):
+    return build_shipped(request.param)
 
 
 @pytest.fixture(scope="module")
@@ -33,19 +28,14 @@ def references(made):
 
 @pytest.fixture(scope="module")
 def c_folder(made, tmp_path_factory, c_compiler):
-    if shutil.which("make") is None:
-        pytest.skip("wants make")
-    folder = tmp_path_factory.mktemp("policies") / made.card.robot
-    write_sources(generate_c_library(made), folder)
-    command = ["make", "-s", "-j2", f"CC={c_compiler}", "CFLAGS=-O1", "shared"]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    folder = write_c(made, tmp_path_factory.mktemp("policies") / made.card.robot)
+    make(folder, c_compiler, "-j2", "shared", flags="-O1")
     return folder
 
 
 @pytest.fixture(scope="module")
 def libraries(made, c_folder, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("python") / made.card.robot
-    write_sources(generate_python_module(made), folder)
+    folder = write_python(made, tmp_path_factory.mktemp("python") / made.card.robot)
     return {"c": load_library(c_folder), "python": load_library(folder)}
 
 
@@ -140,11 +130,8 @@ def test_comments_of_the_header_are_complete(made, c_folder):
     if clang is None:
         pytest.skip("wants clang: install it to check the header's comments")
     header = f"symid_{made.card.robot}.h"
-    command = [clang, "-std=c99", "-x", "c", "-fsyntax-only", "-Wdocumentation", "-Wdocumentation-pedantic"]
-    done = subprocess.run(
-        [*command, "-Werror", header], cwd=c_folder, capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    flags = ("-std=c99", "-fsyntax-only", "-Wdocumentation", "-Wdocumentation-pedantic", "-Werror")
+    run(c_folder, clang, "-x", "c", *flags, header)
     text = (c_folder / header).read_text()
     for program in made.programs:
         call = f"int symid_{made.card.robot}_{program.spec.name}("

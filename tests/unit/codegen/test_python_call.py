@@ -3,12 +3,11 @@
 import contextlib
 import gc
 import shutil
-import subprocess
 import sys
 import sysconfig
-import threading
 import tracemalloc
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 from types import BuiltinFunctionType
 
 import numpy as np
@@ -19,7 +18,9 @@ from symid.codegen.cache import prepare_library
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
 from symid.codegen.library import choose_call_path, load_extension, load_library
 from symid.errors import GenerationError, UsageError
-from symid.robot.toml_reader import read_robot
+from symid.robot import load_robot
+from tests.builds import build_shipped, make, run, write_c, write_python
+from tests.refusals import raises
 
 NAMES = ("gravity", "inverse_dynamics", "forward_kinematics", "mass_matrix", "energy")
 STRICT = (
@@ -29,8 +30,12 @@ STRICT = (
 
 
 @pytest.fixture(scope="module")
-def library(project, c_compiler, tmp_path_factory):
-    robot = read_robot(project / "robots" / "two_link.toml")
+def robot():
+    return load_robot("two_link")
+
+
+@pytest.fixture(scope="module")
+def library(robot, c_compiler, tmp_path_factory):
     return prepare_library(robot, names=NAMES, cache=tmp_path_factory.mktemp("cache"))
 
 
@@ -47,16 +52,13 @@ def read_bytes(arrays):
     return [(array.shape, array.dtype, array.tobytes()) for array in arrays]
 
 
-def run_together(run, count):
-    """Call `run(k)` in `count` threads that take turns as often as can be."""
+def run_together(find_wrong, count):
+    """Call `find_wrong(k)` in threads that take turns as often as can be: none finds a wrong one."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     try:
-        threads = [threading.Thread(target=run, args=(seed,)) for seed in range(count)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
+        with ThreadPoolExecutor(count) as pool:
+            assert not any(pool.map(find_wrong, range(count)))
     finally:
         sys.setswitchinterval(interval)
 
@@ -71,37 +73,6 @@ def test_a_built_in_function_gives_the_bytes_of_the_call_through_ctypes(library,
         values = draw(spec, seed)
         assert read_bytes(bound(*values)) == read_bytes(slowly(*values))
         assert read_bytes(bound(*values)) == read_bytes(library.evaluate(name, *values))
-
-
-def test_each_call_returns_new_arrays(library):
-    bound, beta = library.bind("gravity"), np.ones(len(library.card.beta))
-    first = bound(np.array([0.1, 0.2]), beta)[0]
-    kept = first.copy()
-    second = bound(np.array([1.1, 0.2]), beta)[0]
-    assert second.base is None
-    np.testing.assert_array_equal(first, kept)
-    assert not np.array_equal(first, second)
-
-
-def test_arrays_of_the_caller_are_written_and_returned(library):
-    beta, torque = np.ones(len(library.card.beta)), np.full(2, np.nan)
-    bound = library.bind("gravity", out=(torque,))
-    assert np.isnan(torque).all()
-    for values in ([0.1, 0.2], np.array([0.3, 0.4])):
-        (found,) = bound(values, beta)
-        assert found is torque
-        np.testing.assert_array_equal(torque, library.bind("gravity")(values, beta)[0])
-
-
-def test_an_input_may_be_an_output(library):
-    """The code may assume that they are apart: what is not must be copied before."""
-    beta, state = np.ones(len(library.card.beta)), np.array([0.3, 0.4])
-    (wanted,) = library.evaluate("gravity", state.copy(), beta)
-    library.bind("gravity", out=(state,))(state, beta)
-    np.testing.assert_array_equal(state, wanted)
-    block = np.array([0.3, 0.4, 0.0])
-    library.bind("gravity", out=(block[1:],))(block[:2], beta)
-    np.testing.assert_array_equal(block[1:], wanted)
 
 
 class Labelled(np.ndarray):
@@ -143,28 +114,6 @@ def test_what_is_unusual_is_converted_as_ever(library, kind):
         given = [UNUSUAL[kind](v) if k == place else v for k, v in enumerate(values)]
         plain = [np.ascontiguousarray(np.asarray(v, dtype=np.float64)) for v in given]
         assert read_bytes(bound(*given)) == read_bytes(library.evaluate("inverse_dynamics", *plain))
-
-
-WRONG = {
-    "nothing": (),
-    "too few": (np.ones(2),),
-    "too many": (np.ones(2),) * 9,
-    "a number": (0.5, None),
-    "none": (None, None),
-    "a shape": (np.ones(3), None),
-    "two axes": (np.ones((1, 2)), None),
-    "text": (np.array(["1", "2"]), None),
-    "complex": (np.ones(2) + 1j, None),
-}
-
-
-@pytest.mark.parametrize("wrong", sorted(WRONG))
-def test_what_is_wrong_is_refused_as_ever(library, wrong):
-    beta = np.ones(len(library.card.beta))
-    given = [beta if value is None and k else value for k, value in enumerate(WRONG[wrong])]
-    with pytest.raises(UsageError) as caught:
-        library.bind("gravity")(*given)
-    assert caught.value.notices[0].code == "usage.shape"
 
 
 def test_no_reference_is_lost_or_kept(library):
@@ -239,32 +188,20 @@ def test_all_that_a_call_reads_lives_and_dies_with_the_function(library):
     assert watched() is None
 
 
-def test_two_threads_with_a_function_each(library):
-    spec = find_spec(library, "inverse_dynamics")
-    wrong = []
+@pytest.mark.parametrize("case", ["a function each", "one function", "lists"])
+def test_calls_of_many_threads_do_not_mix(library, case):
+    one, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
 
-    def run(seed):
-        values = draw(spec, seed)
-        out = (np.empty(spec.outputs[0].shape),)
-        bound = library.bind("inverse_dynamics", out=out)
+    def find_wrong(seed):
+        values, bound = draw(spec, seed), one
         wanted = read_bytes(library.evaluate("inverse_dynamics", *values))
-        wrong.extend(seed for _ in range(5000) if read_bytes(bound(*values)) != wanted)
+        if case == "a function each":
+            bound = library.bind("inverse_dynamics", out=(np.empty(spec.outputs[0].shape),))
+        if case == "lists":
+            values = [value.tolist() for value in values]
+        return any(read_bytes(bound(*values)) != wanted for _ in range(4000))
 
-    run_together(run, 2)
-    assert wrong == []
-
-
-def test_one_function_in_many_threads(library):
-    bound, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
-    wrong = []
-
-    def run(seed):
-        values = draw(spec, seed)
-        wanted = read_bytes(library.evaluate("inverse_dynamics", *values))
-        wrong.extend(seed for _ in range(2000) if read_bytes(bound(*values)) != wanted)
-
-    run_together(run, 4)
-    assert wrong == []
+    run_together(find_wrong, 2 if case == "a function each" else 4)
 
 
 def check_fallback(library):
@@ -296,7 +233,7 @@ HIDE = {
 
 @pytest.mark.parametrize("reason", sorted(HIDE))
 def test_what_the_limited_api_cannot_serve_ctypes_does_and_says_why(
-    library, project, tmp_path, monkeypatch, reason
+    library, robot, tmp_path, monkeypatch, reason
 ):
     """A library that is made then has no extension module, and its entry is another one."""
     wanted = choose_call_path()
@@ -307,7 +244,6 @@ def test_what_the_limited_api_cannot_serve_ctypes_does_and_says_why(
     assert reason in path.name
     assert path.flags == ()
     assert bool(path.remedy) == ("installed" in reason)
-    robot = read_robot(project / "robots" / "two_link.toml")
     made = prepare_library(robot, names=NAMES, cache=library.engine.binary.parent.parent)
     assert made.engine.binary != library.engine.binary
     assert not (made.engine.binary.parent / "python_call.c").exists()
@@ -316,7 +252,7 @@ def test_what_the_limited_api_cannot_serve_ctypes_does_and_says_why(
     check_fallback(load_library(library.engine.binary.parent))
 
 
-def test_both_ways_give_the_same_bytes_and_refuse_the_same(library, project, tmp_path, monkeypatch):
+def test_both_ways_give_the_same_bytes_and_refuse_the_same(library, tmp_path, monkeypatch):
     hide_folder(monkeypatch, "include", tmp_path)
     slow = load_library(library.engine.binary.parent)
     for name in NAMES:
@@ -347,32 +283,16 @@ def test_an_extension_module_that_does_not_load_is_an_error(tmp_path, c_compiler
     source = tmp_path / "x.c"
     text = 'PyMODINIT_FUNC PyInit_x(void) { PyErr_SetString(PyExc_ImportError, "old"); return NULL; }'
     source.write_text(f"#include <Python.h>\n{text}\n")
-    command = [
-        c_compiler,
-        *choose_call_path().flags,
-        "-fPIC",
-        "-shared",
-        str(source),
-        "-o",
-        str(tmp_path / "x.so"),
-    ]
-    subprocess.run(command, check=True)
-    with pytest.raises(GenerationError, match="old") as caught:
+    run(tmp_path, c_compiler, *choose_call_path().flags, "-fPIC", "-shared", "x.c", "-o", "x.so")
+    with raises(GenerationError, "codegen.cannot-load", match="old"):
         load_extension(tmp_path / "x.so", "x")
-    assert caught.value.notices[0].code == "codegen.cannot-load"
 
 
-def test_a_library_without_the_calls_goes_through_ctypes(library, project, tmp_path, c_compiler):
+def test_a_library_without_the_calls_goes_through_ctypes(library, tmp_path, c_compiler):
     """What `make shared` builds stands without Python."""
-    from symid.codegen.c_library import generate_c_library
-    from symid.codegen.casadi_functions import build_functions
-    from symid.codegen.source_folder import write_sources
-
-    robot = read_robot(project / "robots" / "two_link.toml")
-    write_sources(generate_c_library(build_functions(robot, names=NAMES)), tmp_path / "c")
-    command = ["make", "-s", f"CC={c_compiler}", "shared"]
-    subprocess.run(command, cwd=tmp_path / "c", check=True, capture_output=True)
-    check_fallback(load_library(tmp_path / "c"))
+    write_c(build_shipped("two_link", *NAMES), tmp_path)
+    make(tmp_path, c_compiler, "shared")
+    check_fallback(load_library(tmp_path))
 
 
 def make_card():
@@ -405,9 +325,7 @@ def test_the_source_compiles_without_a_warning_and_hands_an_error_to_python(tmp_
     (tmp_path / "twice.c").write_text(SOURCE)
     (tmp_path / "python_call.c").write_text(write_python_call(card, "t"))
     flags = (*STRICT, *choose_call_path().flags, "-fPIC", "-shared")
-    command = [compiler, *flags, "twice.c", "python_call.c", "-o", "t.so"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    run(tmp_path, compiler, *flags, "twice.c", "python_call.c", "-o", "t.so")
     asked = []
 
     def ask(*values):
@@ -431,30 +349,18 @@ def test_the_source_compiles_without_a_warning_and_hands_an_error_to_python(tmp_
         bound(x=np.ones(2), none=np.empty(0))
 
 
-def keep_in(library, project, tmp_path, compiler, kind):
-    """Return a call of gravity and the array that it keeps its output in, by one of the ways there are."""
-    from symid.codegen.c_library import generate_c_library
-    from symid.codegen.casadi_functions import build_functions
-    from symid.codegen.python_targets import generate_python_module
-    from symid.codegen.source_folder import write_sources
-    from symid.options import GenerateOptions
-
-    torque = np.zeros(2)
-    if kind != "built in":
-        functions = build_functions(read_robot(project / "robots" / "two_link.toml"), names=("gravity",))
-        if kind == "module":
-            write_sources(generate_python_module(functions), tmp_path / "code")
-        else:
-            write_sources(generate_c_library(functions, GenerateOptions(precision=kind)), tmp_path / "code")
-            command = ["make", "-s", f"CC={compiler}", "shared"]
-            subprocess.run(command, cwd=tmp_path / "code", check=True, capture_output=True)
-        library = load_library(tmp_path / "code")
-    return library.bind("gravity", out=(torque,)), torque
-
-
 @pytest.fixture(params=["built in", "double", "float", "module"])
-def kept(library, project, request, tmp_path, c_compiler):
-    return keep_in(library, project, tmp_path, c_compiler, request.param)
+def kept(library, request, tmp_path, c_compiler):
+    """Return a call of gravity and the array that it keeps its output in, by one of the ways there are."""
+    kind, torque = request.param, np.zeros(2)
+    if kind != "built in":
+        functions = build_shipped("two_link", "gravity")
+        if kind == "module":
+            write_python(functions, tmp_path)
+        else:
+            make(write_c(functions, tmp_path, precision=kind), c_compiler, "shared")
+        library = load_library(tmp_path)
+    return library.bind("gravity", out=(torque,)), torque
 
 
 SPOIL = {
@@ -474,9 +380,8 @@ def test_an_array_of_the_caller_that_cannot_take_the_output_any_more_is_refused(
     bound(np.array([0.3, 0.4]), beta)
     SPOIL[what](torque)
     before = torque.tobytes()
-    with pytest.raises(UsageError) as caught:
+    with raises(UsageError, "usage.shape"):
         bound(np.array([0.5, 0.1]), beta)
-    assert caught.value.notices[0].code == "usage.shape"
     assert torque.tobytes() == before
 
 
@@ -488,16 +393,3 @@ def test_an_array_of_the_caller_that_moved_is_written_where_it_is(library, kept)
     assert found is torque
     (wanted,) = library.evaluate("gravity", np.array([0.5, 0.1]), beta)
     np.testing.assert_allclose(torque, wanted, rtol=1e-5)
-
-
-def test_lists_from_many_threads_do_not_mix(library):
-    bound, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
-    wrong = []
-
-    def run(seed):
-        values = draw(spec, seed)
-        given, wanted = [value.tolist() for value in values], read_bytes(bound(*values))
-        wrong.extend(seed for _ in range(3000) if read_bytes(bound(*given)) != wanted)
-
-    run_together(run, 4)
-    assert wrong == []

@@ -1,14 +1,18 @@
-"""Self-tests compute where rounding stays small, and their sums let no error hide."""
+"""Self-tests compute where rounding stays small and some angles are large; their sums let no error hide."""
 
 from dataclasses import replace
 from decimal import Decimal
 
+import casadi as ca
 import numpy as np
 import pytest
 
+from symid.codegen.c_library import write_simd_header
 from symid.codegen.casadi_functions import build_functions
 from symid.codegen.programs import Op
 from symid.codegen.references import (
+    ANGLE_LIMITS,
+    PER_UNIT,
     TOLERANCES,
     WEIGHTS,
     SampleStates,
@@ -18,19 +22,21 @@ from symid.codegen.references import (
     compute_exact_outputs,
     evaluate_casadi,
     find_ease,
+    list_angle_inputs,
 )
 from symid.options import GenerateOptions
-from symid.robot.toml_reader import read_robot
+from tests.builds import build_shipped
 from tests.chains import build_chain
+from tests.sx_programs import make_toy
 
 
-def build(project, robot, *names):
-    return build_functions(read_robot(project / "robots" / f"{robot}.toml"), names=names or None)
+def build_own_references(made):
+    return build_references(made.card, made.functions, made.programs, GenerateOptions())
 
 
 @pytest.mark.parametrize("robot", ["two_link", "ur5", "panda", "quadruped", "scara"])
-def test_mass_matrices_are_well_conditioned_at_every_state(project, robot):
-    made = build(project, robot, "mass_matrix")
+def test_mass_matrices_are_well_conditioned_at_every_state(robot):
+    made = build_shipped(robot, "mass_matrix")
     states = SampleStates(count=100, seed=1, shared={})
     found = list(choose_parameters(made.card, made.functions, made.programs, states))
     assert len(found) >= 4
@@ -54,9 +60,9 @@ def crooked():
 
 
 @pytest.mark.parametrize("robot", ["panda", "puma560_elastic", "crooked"])
-def test_errors_of_rounding_stay_within_their_bound(project, crooked, robot):
+def test_errors_of_rounding_stay_within_their_bound(crooked, robot):
     """Against the program in 50 digits, at beta of all sizes."""
-    made = crooked if robot == "crooked" else build(project, robot, "mass_matrix", "bias", "energy")
+    made = crooked if robot == "crooked" else build_shipped(robot, "mass_matrix", "bias", "energy")
     drawn = SampleStates(count=20, seed=3, shared={})
     for program in made.programs:
         inputs = drawn.compute_all(program)[1]
@@ -70,7 +76,7 @@ def test_errors_of_rounding_stay_within_their_bound(project, crooked, robot):
 
 
 def test_beta_of_a_crooked_robot_are_such_that_rounding_is_small(crooked):
-    references = build_references(crooked.card, crooked.functions, crooked.programs, GenerateOptions())
+    references = build_own_references(crooked)
     for program, reference in zip(crooked.programs, references, strict=True):
         inputs = [np.array(rows if len(rows) > 1 else rows[0]) for rows in reference.inputs]
         assert np.abs(inputs[-1]).max() < 1e3
@@ -79,7 +85,7 @@ def test_beta_of_a_crooked_robot_are_such_that_rounding_is_small(crooked):
 
 def test_a_wrong_sign_is_noticed_wherever_it_stands(crooked):
     """Each sum as a difference, and each difference as a sum: what a self-test compares changes."""
-    references = build_references(crooked.card, crooked.functions, crooked.programs, GenerateOptions())
+    references = build_own_references(crooked)
     tolerance, turned = float(TOLERANCES["double"]), {Op.ADD: Op.SUB, Op.SUB: Op.ADD}
     missed = tried = 0
     for program, reference in zip(crooked.programs, references, strict=True):
@@ -87,12 +93,9 @@ def test_a_wrong_sign_is_noticed_wherever_it_stands(crooked):
         for k, one in enumerate(program.instructions):
             if one.op not in turned:
                 continue
-            wrong = (
-                *program.instructions[:k],
-                replace(one, op=turned[one.op]),
-                *program.instructions[k + 1 :],
-            )
-            ((values, _),) = bound_rounding(replace(program, instructions=wrong), inputs, "double")
+            wrong = list(program.instructions)
+            wrong[k] = replace(one, op=turned[one.op])
+            ((values, _),) = bound_rounding(replace(program, instructions=tuple(wrong)), inputs, "double")
             errors = [np.abs(values.T[:2] - np.array(reference.whole[0])).max()]
             for place, (modulus, step) in enumerate(WEIGHTS):
                 weights = modulus + step * np.arange(len(values)) % modulus
@@ -114,9 +117,9 @@ def test_no_two_elements_weigh_the_same():
         assert column.max() < 2 * modulus
 
 
-def test_functions_share_their_states(project):
-    made = build(project, "two_link")
-    references = build_references(made.card, made.functions, made.programs, GenerateOptions())
+def test_functions_share_their_states():
+    made = build_shipped("two_link")
+    references = build_own_references(made)
     seen = {}
     for program, reference in zip(made.programs, references, strict=True):
         for port, rows in zip(program.spec.inputs, reference.inputs, strict=True):
@@ -130,9 +133,88 @@ def test_functions_share_their_states(project):
                 np.testing.assert_allclose(elements @ weights, np.array(sums)[:2, k], rtol=0, atol=1e-9)
 
 
-def test_a_function_alone_has_the_states_that_it_has_among_others(project):
-    made, alone = build(project, "two_link"), build(project, "two_link", "bias")
+def test_a_function_alone_has_the_states_that_it_has_among_others():
+    made, alone = build_shipped("two_link"), build_shipped("two_link", "bias")
     k = [program.spec.name for program in made.programs].index("bias")
-    one = build_references(alone.card, alone.functions, alone.programs, GenerateOptions())[0]
-    many = build_references(made.card, made.functions, made.programs, GenerateOptions())[k]
+    one = build_own_references(alone)[0]
+    many = build_own_references(made)[k]
     assert one.inputs[:2] == many.inputs[:2]
+
+
+def make_program(name, build):
+    return make_toy(build, name, q=2, dq=2)[1]
+
+
+TURNS = make_program("turns", lambda q, dq: ca.vertcat(ca.sin(q[0]) * dq[0], -ca.cos(-q[0]) - ca.sin(q[1])))
+SPRING = make_program("spring", lambda q, dq: ca.vertcat(ca.sin(q[0]), 3 * q[1] + dq[0]))
+SUM = make_program("sum", lambda q, dq: ca.vertcat(ca.sin(q[0] + q[1]), dq[1]))
+GIVEN = make_program("given", lambda q, _: ca.vertcat(-q[0], ca.sin(q[0])))
+NO_ANGLES = make_program("none", lambda _, dq: ca.vertcat(dq[0], dq[1]))
+
+
+def test_limits_are_those_of_the_generated_code():
+    for precision, limit in ANGLE_LIMITS.items():
+        assert f"(x) <= {limit!r}{'f' * (precision == 'float')})" in write_simd_header("X", precision)
+
+
+@pytest.mark.parametrize(
+    ("programs", "angles"),
+    [
+        ((TURNS,), {("q", 2, 0), ("q", 2, 1)}),
+        ((SPRING,), {("q", 2, 0)}),
+        ((SUM,), set()),
+        ((GIVEN,), set()),
+        ((NO_ANGLES,), set()),
+        ((NO_ANGLES, SPRING, TURNS, SUM), {("q", 2, 0), ("q", 2, 1)}),
+    ],
+)
+def test_angles_are_what_a_function_takes_sines_of_alone(programs, angles):
+    assert list_angle_inputs(programs) == angles
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_few_states_lie_far_out_and_are_exact_in_the_precision(precision):
+    limit, dtype = ANGLE_LIMITS[precision], np.float32 if precision == "float" else np.float64
+    states = SampleStates(count=100, seed=1, shared={}, angles=list_angle_inputs([TURNS]), limit=limit)
+    q, dq = states.compute_all(TURNS)[1]
+    far = np.abs(q) > 3.0
+    assert (far.all(axis=1) == far.any(axis=1)).all()
+    rows = np.flatnonzero(far.any(axis=1))
+    assert len(rows) == 7
+    assert len(set(rows % 8)) == 7  # in as many lanes of a vector
+    size = np.sort(np.abs(q[rows]), axis=0)
+    assert ((size[:3] > 46) & (size[:3] < 54)).all()
+    assert ((size[3:5] > 0.88 * limit) & (size[3:5] < 0.92 * limit)).all()
+    assert (size[5:] > 1.05 * limit).all()
+    assert np.abs(dq).max() <= 2.0
+    assert (q[rows].astype(dtype) == q[rows]).all()
+    whole = np.rint(q * PER_UNIT)
+    assert np.abs(whole).max() < 2**31
+    np.testing.assert_array_equal(whole[rows] / PER_UNIT, q[rows])
+
+
+def test_a_function_that_uses_an_angle_otherwise_has_it_near_in_a_table_of_its_own():
+    angles = list_angle_inputs([TURNS, SPRING, NO_ANGLES])
+    states = SampleStates(count=100, seed=1, shared={}, angles=angles)
+    assert np.abs(states.compute_all(TURNS)[1][0]).max() > 1e6
+    assert np.abs(states.compute_all(SPRING)[1][0]).max() <= 3.0
+    assert states.compute_all(TURNS)[0] == ("q_2", "dq_2")
+    assert states.compute_all(SPRING)[0] == ("q_2_near", "dq_2")
+    near = np.abs(states.compute_all(TURNS)[1][0]).max(axis=1) <= 3.0
+    np.testing.assert_array_equal(
+        states.compute_all(SPRING)[1][0][near], states.compute_all(TURNS)[1][0][near]
+    )
+
+
+def test_few_states_are_all_near():
+    states = SampleStates(count=20, seed=1, shared={}, angles=list_angle_inputs([TURNS]))
+    assert np.abs(states.compute_all(TURNS)[1][0]).max() <= 3.0
+
+
+@pytest.mark.parametrize("name", ["two_link", "two_link_elastic", "scara"])
+def test_angles_of_robots_go_far_out_and_lengths_do_not(name):
+    functions = build_shipped(name, "gravity", "mass_matrix")
+    revolute = {k for k, joint in enumerate(functions.card.joints) if joint.kind == "revolute"}
+    found = list_angle_inputs(functions.programs)
+    assert found
+    assert {k for _, _, k in found} <= revolute

@@ -2,32 +2,23 @@
 
 import re
 import shutil
-import subprocess
 
 import pytest
 
 from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import build_functions
 from symid.codegen.compiler import measure_code_sizes
 from symid.codegen.source_folder import write_sources
 from symid.options import GenerateOptions
-from symid.robot.toml_reader import read_robot
+from tests.builds import build_shipped, list_failed, make, write_c
 
 NAMES = ("jacobian", "gravity", "friction", "inverse_dynamics_derivatives")
 
 
-@pytest.fixture(scope="module")
-def functions(project):
-    return build_functions(read_robot(project / "robots" / "two_link.toml"), names=NAMES)
-
-
 @pytest.fixture(scope="module", params=["double", "float"])
-def folder(functions, request, tmp_path_factory, c_compiler):
-    if shutil.which("make") is None:
-        pytest.skip("wants make")
+def folder(request, tmp_path_factory, c_compiler):
     root = tmp_path_factory.mktemp("selftest") / "code"
-    write_sources(generate_c_library(functions, GenerateOptions(precision=request.param)), root)
-    assert run(root, c_compiler, "-Wall -Wextra -Werror").returncode == 0
+    write_c(build_shipped("two_link", *NAMES), root, precision=request.param)
+    make(root, c_compiler, "check", flags="-O1 -Wall -Wextra -Werror")
     return root
 
 
@@ -36,32 +27,22 @@ def copy(folder, tmp_path):
     return shutil.copytree(folder, tmp_path / "code")
 
 
-def run(folder, compiler, flags=""):
-    command = ["make", "-s", f"CC={compiler}", f"CFLAGS=-O1 {flags}", "check"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-
-
-def spoil(folder, name, pattern, change, count=1):
-    path = folder / f"symid_two_link_{name}.c"
-    text, changed = re.subn(pattern, change, path.read_text(), count=count)
+def replace(folder, name, pattern, change):
+    path = folder / f"symid_two_link_{name}"
+    text, changed = re.subn(pattern, change, path.read_text(), count=1 if name.endswith(".c") else 0)
     assert changed, (name, pattern)
     path.write_text(text)
 
 
-def check_caught(folder, compiler, name):
-    done = run(folder, compiler)
+def check_caught(folder, compiler, *names):
+    done = make(folder, compiler, "check", flags="-O1", check=False)
     assert done.returncode != 0
-    failed = [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
-    assert failed == [name], done.stdout + done.stderr
+    assert sorted(list_failed(done)) == sorted(names), done.stdout + done.stderr
 
 
-def test_large_functions_pass_it_when_they_are_optimised(project, optimising_compiler, tmp_path):
+def test_large_functions_pass_it_when_they_are_optimised(optimising_compiler, tmp_path):
     """With the flags of the folder's own Makefile and every warning; other tests compile them quickly."""
-    robot = read_robot(project / "robots" / "puma560.toml")
-    write_sources(generate_c_library(build_functions(robot)), tmp_path)
-    command = ["make", "-s", f"CC={optimising_compiler}", "CFLAGS=-O2 -Werror", "check"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+    make(write_c(build_shipped("puma560"), tmp_path), optimising_compiler, "check", flags="-O2 -Werror")
 
 
 def test_it_says_what_it_compares(folder):
@@ -107,7 +88,7 @@ SPOILT = {
 @pytest.mark.parametrize("what", sorted(SPOILT))
 def test_it_notices(copy, c_compiler, what):
     name, pattern, change = SPOILT[what]
-    spoil(copy, name, pattern, change)
+    replace(copy, f"{name}.c", pattern, change)
     check_caught(copy, c_compiler, name)
 
 
@@ -118,8 +99,9 @@ def test_it_notices_a_small_error_of_one_element_at_few_states(copy, c_compiler)
     rows = re.search(r"state_q_2\[200\] = \{(.*?)\}", (copy / "selftest.c").read_text(), re.DOTALL).group(1)
     first = [int(value) for value in rows.replace("\n", " ").split(",")[:4]]
     limit = max(first[0], first[2], 2000) / 1000 + 0.01
-    spoil(copy, "gravity", r"(    g\[1\] = [^;]*);", rf"\1;\n    if (q[0] > {limit}f) {{ g[1] += {size}; }}")
-    spoil(copy, "gravity", r"g\[1\] \+= ", "g[1] += 30 * ")
+    change = rf"\1;\n    if (q[0] > {limit}f) {{ g[1] += {size}; }}"
+    replace(copy, "gravity.c", r"(    g\[1\] = [^;]*);", change)
+    replace(copy, "gravity.c", r"g\[1\] \+= ", "g[1] += 30 * ")
     check_caught(copy, c_compiler, "gravity")
 
 
@@ -129,29 +111,20 @@ def test_it_notices_sines_that_are_wrong_far_out(copy, c_compiler, reach):
     reaches = {"fifty": (40, 60), "within": (0.5 * limit, limit), "beyond": (limit, 3 * limit)}
     low, high = reaches[reach]
     test = f"q[1] * q[1] > {low * low:.1f}f && q[1] * q[1] < {high * high:.1f}f"
-    spoil(copy, "gravity", r"(    g\[1\] = [^;]*;)", rf"\1\n    if ({test}) {{ g[1] = -g[1]; }}")
+    replace(copy, "gravity.c", r"(    g\[1\] = [^;]*;)", rf"\1\n    if ({test}) {{ g[1] = -g[1]; }}")
     check_caught(copy, c_compiler, "gravity")
 
 
 def test_it_notices_a_library_of_mathematics_without_sines(copy, c_compiler):
     """Beyond the limit sines are those of the C library: on a target these may be wrong."""
-    path = copy / "symid_two_link_lanes.h"
-    text, count = re.subn(r"= sin(f?)\(x\);", r"= sin\1(x) + 1;", path.read_text())
-    assert count
-    path.write_text(text)
-    done = run(copy, c_compiler)
-    assert done.returncode != 0
-    failed = [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
-    assert set(failed) == {"jacobian", "gravity", "inverse_dynamics_derivatives"}
+    replace(copy, "lanes.h", r"= sin(f?)\(x\);", r"= sin\1(x) + 1;")
+    check_caught(copy, c_compiler, "jacobian", "gravity", "inverse_dynamics_derivatives")
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
-def test_long_functions_in_parts_pass_it_with_every_warning(
-    project, monkeypatch, tmp_path, c_compiler, precision
-):
+def test_long_functions_in_parts_pass_it_with_every_warning(monkeypatch, tmp_path, c_compiler, precision):
     """Parts hand on values, read inputs and write outputs of their own, one by one and side by side."""
-    robot = read_robot(project / "robots" / "puma560.toml")
-    functions = build_functions(robot, names=("jacobian", "gravity", "torque_regressor", "forward_dynamics"))
+    functions = build_shipped("puma560", "jacobian", "gravity", "torque_regressor", "forward_dynamics")
     whole = dict(generate_c_library(functions, GenerateOptions(precision=precision)).files)
     monkeypatch.setattr("symid.codegen.printing._LONGEST_BODY", 200)
     monkeypatch.setattr("symid.codegen.printing._PART_LENGTH", 60)
@@ -165,8 +138,7 @@ def test_long_functions_in_parts_pass_it_with_every_warning(
     assert written["symid_puma560_torque_regressor.c"].count("PART void part_") > 10
     assert written["symid_puma560_torque_regressor.c"].count("PART void batch_part_") > 10
     write_sources(sources, tmp_path)
-    done = run(tmp_path, c_compiler, "-Wall -Wextra -Werror -fstack-usage")
-    assert done.returncode == 0, done.stdout + done.stderr
+    make(tmp_path, c_compiler, "check", flags="-O1 -Wall -Wextra -Werror -fstack-usage")
     sizes = measure_code_sizes(tmp_path, "symid_puma560", ("torque_regressor",))["torque_regressor"]
     frames = [
         int(line.split("\t")[1])

@@ -20,6 +20,11 @@ def load(folder, *springs):
     return symid.load(write_arm(folder, springs))
 
 
+def write(folder, *springs):
+    """Return what is written of an arm in Python."""
+    return load(folder, *springs).write("python", folder / "code", functions=["gravity"]).product
+
+
 @pytest.mark.parametrize("target", ["c", "python", "casadi"])
 def test_every_spring_has_a_folder(tmp_path, target):
     robot = load(tmp_path, BENT, PLAIN)
@@ -34,8 +39,7 @@ def test_every_spring_has_a_folder(tmp_path, target):
 
 
 def test_the_code_of_a_spring_is_the_spring_of_the_file(tmp_path):
-    made = load(tmp_path, BENT, PLAIN).write("python", tmp_path / "code", functions=["gravity"])
-    (module,) = (file for file in made.product.springs[0].files if file.suffix == ".py")
+    (module,) = (file for file in write(tmp_path, BENT, PLAIN).springs[0].files if file.suffix == ".py")
     space = {}
     exec(compile(module.read_text(), module.name, "exec"), space)  # noqa: S102  generated here
     (kind,) = (value for value in space.values() if isinstance(value, type))
@@ -50,15 +54,11 @@ def test_the_functions_of_such_a_robot_are_those_of_its_links(tmp_path):
     assert load(tmp_path, PLAIN, PLAIN).library.card.springs
 
 
-def test_springs_with_stops_alone_have_none(tmp_path):
-    made = load(tmp_path, PLAIN, PLAIN).write("python", tmp_path / "code", functions=["gravity"])
-    assert made.product.springs == ()
-
-
-def test_a_spring_of_unknown_stiffness_is_named(tmp_path):
-    made = load(tmp_path, BENT, Elasticity()).write("python", tmp_path / "code", functions=["gravity"])
-    assert [spring.folder.name for spring in made.product.springs] == ["spring_shoulder"]
-    (notice,) = (entry for entry in made.product.notices if entry.code == "generate.unknown-spring")
+def test_springs_with_stops_alone_have_none_and_one_of_unknown_stiffness_is_named(tmp_path):
+    assert write(tmp_path, PLAIN, PLAIN).springs == ()
+    product = write(tmp_path, BENT, Elasticity())
+    assert [spring.folder.name for spring in product.springs] == ["spring_shoulder"]
+    (notice,) = (entry for entry in product.notices if entry.code == "generate.unknown-spring")
     assert "'elbow'" in notice.text
 
 
@@ -70,8 +70,7 @@ def test_h_holds_no_branches():
 @pytest.mark.parametrize("kind", sorted(ELEMENTS))
 def test_the_self_test_of_every_kind_of_spring_passes(tmp_path, kind):
     springs = (ELEMENTS[kind], Elasticity(stiffness=1.0, branches=(Relaxation(stiffness=1.0, time=0.1),)))
-    made = load(tmp_path, *springs).write("python", tmp_path / "code", functions=["gravity"])
-    assert [spring.record.selftest for spring in made.product.springs] == ["passed"] * 2
+    assert [spring.record.selftest for spring in write(tmp_path, *springs).springs] == ["passed"] * 2
 
 
 def test_joints_may_have_any_name(tmp_path):

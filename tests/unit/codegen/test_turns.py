@@ -1,18 +1,22 @@
-"""Constant turns about joint axes: in the placement or in the angle, the robot is the same."""
+"""Constant turns of joints and the order of instructions: robots and values stay, programs are cheaper."""
 
 import dataclasses
+import re
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 
 from symid.codegen.equation_routes import build_workspace
 from symid.codegen.functions import list_robot_specs
-from symid.codegen.programs import count_operations
+from symid.codegen.printing import print_python
+from symid.codegen.programs import ExpressionTable, Op, build_depth_first, count_operations
 from symid.codegen.routes import choose_route, list_routes
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.frame_choice import list_constant_rotations, remove_constant_rotations
 from symid.robot.geometry import Exact, build_exact_angle, place_modified_dh
-from tests.chains import PANDA, PUMA560, TWO_LINK, build_route_programs, run_program, trees
+from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, run_program, trees
+from tests.sx_programs import make_spec
 
 ROWS = [(0.0, 0.0, 0.3), (np.pi / 2, 0.1, 0.0), (0.0, 0.4, 0.1), (np.pi / 3, 0.02, 0.0)]
 
@@ -91,3 +95,38 @@ def test_a_turn_costs_one_sum_at_most():
         assert turned <= find_plain_best(ARM, bases[0], ours), ours.name
     (spec,) = [spec for spec in list_robot_specs(ARM, bases[0]) if spec.name == "inverse_dynamics"]
     assert count(choose_route(ARM, bases[0], spec).program) < 0.88 * find_plain_best(ARM, bases[0], spec)
+
+
+def count_registers(program):
+    found = (re.match(r"t(\d+) =", text) for text in print_python(program))
+    return max(int(match[1]) for match in found if match)
+
+
+@pytest.mark.parametrize("robot", [PUMA560, STANFORD], ids=lambda r: r.name)
+def test_the_same_values_with_fewer_alive(robot):
+    base = derive_base_parameters(robot)
+    rng = np.random.default_rng(1)
+    before, after = 0, 0
+    for spec in list_robot_specs(robot, base):
+        inputs = {port.name: rng.uniform(-1, 1, port.shape) for port in spec.inputs}
+        for program in build_route_programs(robot, base, spec).values():
+            ordered = build_depth_first(program)
+            assert count_operations(ordered) == count_operations(program)
+            assert build_depth_first(ordered) == ordered
+            for mine, theirs in zip(run_program(ordered, inputs), run_program(program, inputs), strict=True):
+                np.testing.assert_array_equal(mine, theirs)
+            # Products of full matrices need all entries of both, in any order.
+            if spec.name != "forward_dynamics_derivatives":
+                before, after = before + count_registers(program), after + count_registers(ordered)
+    assert after < 0.8 * before
+
+
+def test_the_larger_operand_comes_first():
+    table = ExpressionTable()
+    a, b, c = (table.input(0, k) for k in range(3))
+    small = table.apply(Op.SIN, c)
+    large = table.mul(table.add(a, b), table.apply(Op.COS, b))
+    outputs = [table.mul(small, large), table.mul(c, c)]
+    ordered = build_depth_first(table.build_program(make_spec({"x": 3}, {"y": 2}), [outputs]))
+    found = [instruction.op for instruction in ordered.instructions if instruction.op is not Op.INPUT]
+    assert found == [Op.ADD, Op.COS, Op.MUL, Op.SIN, Op.MUL, Op.MUL]

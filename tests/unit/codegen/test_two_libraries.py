@@ -2,15 +2,10 @@
 
 import re
 import shutil
-import subprocess
 
 import pytest
 
-from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import build_functions
-from symid.codegen.source_folder import write_sources
-from symid.options import GenerateOptions
-from symid.robot.toml_reader import read_robot
+from tests.builds import build_shipped, make, run, write_c
 
 ROBOTS = {"two_link": "double", "two_link_elastic": "float"}
 STRICT = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")
@@ -54,28 +49,21 @@ int main(void)
 
 
 @pytest.fixture(scope="module")
-def folders(project, tmp_path_factory, c_compiler):
+def folders(tmp_path_factory, c_compiler):
     """Return the folders of both robots, with the friction laws, compiled."""
-    if shutil.which("make") is None:
-        pytest.skip("wants make: apt-get install make")
     root = tmp_path_factory.mktemp("two")
-    made = {}
     for name, precision in ROBOTS.items():
-        functions = build_functions(read_robot(project / "robots" / f"{name}.toml"))
-        options = GenerateOptions(precision=precision, friction_laws=True)
-        write_sources(generate_c_library(functions, options), root / name)
-        command = ["make", "-s", f"CC={c_compiler}", f"libsymid_{name}.a"]
-        subprocess.run(command, cwd=root / name, check=True)
-        made[name] = root / name
-    return made
+        write_c(build_shipped(name), root / name, precision=precision, friction_laws=True)
+        make(root / name, c_compiler, f"libsymid_{name}.a")
+    return {name: root / name for name in ROBOTS}
 
 
 def find_symbols(archive):
     nm = shutil.which("nm")
     if nm is None:
         pytest.skip("wants nm: apt-get install binutils")
-    done = subprocess.run([nm, "-g", "--defined-only", archive], capture_output=True, text=True, check=True)
-    return [line.split()[2] for line in done.stdout.splitlines() if re.fullmatch(r"\S+ \S \S+", line)]
+    lines = run(archive.parent, nm, "-g", "--defined-only", archive).stdout.splitlines()
+    return [line.split()[2] for line in lines if re.fullmatch(r"\S+ \S \S+", line)]
 
 
 def test_every_global_name_begins_with_the_prefix_and_is_there_once(folders):
@@ -104,9 +92,8 @@ def test_two_libraries_work_in_one_program(folders, order, tmp_path, c_compiler)
     (tmp_path / "main.c").write_text(MAIN)
     command = [c_compiler, *STRICT, *(f"-I{path}" for path in folders.values()), "main.c", "-o", "main"]
     archives = [str(folders[name] / f"libsymid_{name}.a") for name in order]
-    subprocess.run([*command, *archives, "-lm"], cwd=tmp_path, check=True)
-    done = subprocess.run(["./main"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    double, single, differs = done.stdout.splitlines()
+    run(tmp_path, *command, *archives, "-lm")
+    double, single, differs = run(tmp_path, "./main").stdout.splitlines()
     assert differs == "1"
     for line, tolerance in ((double, 1e-12), (single, 1e-5)):
         first, second, *again = map(float, line.split())
@@ -122,7 +109,7 @@ def test_a_name_that_is_there_twice_does_not_link(folders, tmp_path, c_compiler)
     archives = [str(path / f"libsymid_{name}.a") for name, path in folders.items()]
     whole = ["-Wl,--whole-archive", *archives, "-Wl,--no-whole-archive", "-lm"]
     good = [part for part in command if part != "twin.c"]
-    subprocess.run([*good, *whole], cwd=tmp_path, check=True)
-    done = subprocess.run([*command, *whole], cwd=tmp_path, capture_output=True, text=True, check=False)
+    run(tmp_path, *good, *whole)
+    done = run(tmp_path, *command, *whole, check=False)
     assert done.returncode != 0
     assert "symid_two_link_version" in done.stderr

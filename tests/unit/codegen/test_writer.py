@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,20 +19,25 @@ from symid.codegen.source_folder import (
     write_sources,
 )
 from symid.errors import OutputError
+from tests.refusals import raises
+
+
+def build_set(files):
+    """Return a set of sources from {path: text}."""
+    digests = {path: compute_digest(text.encode()) for path, text in files.items()}
+    return SourceSet(files=tuple(files.items()), manifest=json.dumps({"symid": "0", "files": digests}))
 
 
 def sources(**files):
-    listed = {f"{name}.c": text for name, text in files.items()}
-    manifest = {"symid": "0", "files": {path: compute_digest(text.encode()) for path, text in listed.items()}}
-    return SourceSet(files=tuple(listed.items()), manifest=json.dumps(manifest))
+    return build_set({f"{name}.c": text for name, text in files.items()})
+
+
+def nest(*paths):
+    return build_set(dict.fromkeys(paths, "text"))
 
 
 def names(folder):
     return sorted(path.name for path in folder.iterdir())
-
-
-def code(caught):
-    return [notice.code for notice in caught.value.notices]
 
 
 def test_a_new_folder_holds_all_files_and_nothing_else_is_left(tmp_path):
@@ -51,12 +57,6 @@ def test_stale_files_go_if_unchanged_and_a_users_files_stay(tmp_path):
     assert (tmp_path / "mine.c").read_text() == "mine"
 
 
-def nest(*paths):
-    digests = {path: compute_digest(path.encode()) for path in paths}
-    manifest = json.dumps({"symid": "0", "files": digests})
-    return SourceSet(files=tuple((path, path) for path in paths), manifest=manifest)
-
-
 def test_subfolders_that_a_run_leaves_empty_go_and_others_stay(tmp_path):
     write_sources(nest("a.c", "old/deep/b.c", "kept/c.c"), tmp_path)
     (tmp_path / "kept" / "mine.c").write_text("mine")
@@ -66,58 +66,71 @@ def test_subfolders_that_a_run_leaves_empty_go_and_others_stay(tmp_path):
     assert names(tmp_path / "kept") == ["mine.c"]
 
 
-@pytest.mark.parametrize("force", [False, True])
+FORCED = pytest.mark.parametrize("force", [False, True])
+
+
+@FORCED
 def test_nothing_is_written_or_removed_through_a_link(tmp_path, force):
     folder, foreign = tmp_path / "out", tmp_path / "foreign"
     write_sources(nest("a.c", "src/b.c"), folder)
     (folder / "src").rename(foreign)
     (folder / "src").symlink_to(foreign)
-    with pytest.raises(OutputError, match="src") as caught:
+    with raises(OutputError, "output.linked-folder", match="src"):
         write_sources(nest("a.c", "src/b.c", "src/deep/c.c"), folder, force=force)
-    assert code(caught) == ["output.linked-folder"]
     write_sources(nest("a.c"), folder, force=force)
     assert names(foreign) == ["b.c"]
     assert (folder / "src").is_symlink()
 
 
-@pytest.mark.parametrize("force", [False, True])
+@FORCED
 @pytest.mark.parametrize("name", ["thesis.tex", "a.c", ".git", MANIFEST])
 def test_a_foreign_folder_is_refused(tmp_path, name, force):
     (tmp_path / name).write_text("{}")
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.foreign-folder"):
         write_sources(sources(a="1"), tmp_path, force=force)
-    assert code(caught) == ["output.foreign-folder"]
     assert names(tmp_path) == [name]
     assert (tmp_path / name).read_text() == "{}"
 
 
-@pytest.mark.parametrize("force", [False, True])
+@FORCED
 def test_a_foreign_file_in_the_way_is_never_overwritten(tmp_path, force):
     write_sources(sources(a="1"), tmp_path)
     (tmp_path / "b.c").write_text("mine")
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.foreign-file"):
         write_sources(sources(a="2", b="2"), tmp_path, force=force)
-    assert code(caught) == ["output.foreign-file"]
-    assert (tmp_path / "a.c").read_text() == "1"
-    assert (tmp_path / "b.c").read_text() == "mine"
+    assert [(tmp_path / name).read_text() for name in ("a.c", "b.c")] == ["1", "mine"]
 
 
 def test_an_edited_file_wants_force(tmp_path):
     write_sources(sources(a="1"), tmp_path)
     (tmp_path / "a.c").write_text("edited")
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.edited-file"):
         write_sources(sources(a="2"), tmp_path)
-    assert code(caught) == ["output.edited-file"]
     (tmp_path / "b.c").write_text("mine")
     write_sources(sources(a="2"), tmp_path, force=True)
-    assert {name: (tmp_path / name).read_text() for name in ("a.c", "b.c")} == {"a.c": "2", "b.c": "mine"}
+    assert [(tmp_path / name).read_text() for name in ("a.c", "b.c")] == ["2", "mine"]
 
 
 def test_a_file_instead_of_a_folder_is_refused(tmp_path):
     (tmp_path / "out").write_text("x")
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.not-a-folder"):
         write_sources(sources(a="1"), tmp_path / "out")
-    assert code(caught) == ["output.not-a-folder"]
+
+
+@contextmanager
+def fail_at(monkeypatch, number, error):
+    """Have the replacement of this number, counted from one, fail."""
+    replace, calls = Path.replace, []
+
+    def fail(self, target):
+        calls.append(target)
+        if len(calls) == number:
+            raise error
+        return replace(self, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", fail)
+        yield
 
 
 def test_an_interrupted_first_write_leaves_nothing(tmp_path, monkeypatch):
@@ -133,19 +146,11 @@ def test_an_interrupted_first_write_leaves_nothing(tmp_path, monkeypatch):
 def test_an_interrupted_second_write_can_be_repeated(tmp_path, monkeypatch):
     out = tmp_path / "out"
     write_sources(sources(a="1", b="1"), out)
-    replace, calls = Path.replace, []
-
-    def fail_second(self, target):
-        calls.append(target)
-        if len(calls) == 2:
-            raise OSError(28, "No space left on device")
-        return replace(self, target)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", fail_second)
-        with pytest.raises(OutputError, match="No space left") as caught:
-            write_sources(sources(a="2", b="2"), out)
-    assert code(caught) == ["output.cannot-write"]
+    with (
+        fail_at(monkeypatch, 2, OSError(28, "No space left on device")),
+        raises(OutputError, "output.cannot-write", match="No space left"),
+    ):
+        write_sources(sources(a="2", b="2"), out)
     assert names(tmp_path) == ["out"]
     write_sources(sources(a="2", b="2"), out)
     assert [(out / name).read_text() for name in ("a.c", "b.c")] == ["2", "2"]
@@ -174,18 +179,8 @@ def test_after_an_interrupted_update_another_one_needs_no_force(tmp_path, monkey
     out.mkdir()
     if not first:
         write_sources(sources(a="1", b="1"), out)
-    replace, calls = Path.replace, []
-
-    def fail_third(self, target):
-        calls.append(target)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return replace(self, target)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", fail_third)
-        with pytest.raises(KeyboardInterrupt):
-            write_sources(sources(a="2", b="2", c="2"), out)
+    with fail_at(monkeypatch, 3, KeyboardInterrupt()), pytest.raises(KeyboardInterrupt):
+        write_sources(sources(a="2", b="2", c="2"), out)
     assert (out / "a.c").read_text() == "2"
     write_sources(sources(a="3", c="3"), out)
     assert names(out) == ["a.c", "c.c", MANIFEST]
@@ -199,9 +194,8 @@ def test_after_an_interrupted_update_an_edited_file_is_still_told(tmp_path, monk
         with pytest.raises(ZeroDivisionError):
             write_sources(sources(a="2", b="2"), tmp_path)
     (tmp_path / "b.c").write_text("edited")
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.edited-file"):
         write_sources(sources(a="3", b="3"), tmp_path)
-    assert code(caught) == ["output.edited-file"]
 
 
 KILLED = """
@@ -267,9 +261,7 @@ OWN = {"mine.c": "mine", "own/notes.txt": "mine"}
 
 def prepare_old(folder):
     folder.mkdir()
-    digests = {path: compute_digest(text.encode()) for path, text in OLD.items()}
-    manifest = json.dumps({"symid": "0", "files": digests})
-    write_sources(SourceSet(files=tuple(OLD.items()), manifest=manifest), folder)
+    write_sources(build_set(OLD), folder)
     (folder / "own").mkdir()
     for path, text in OWN.items():
         (folder / path).write_text(text)
@@ -361,10 +353,7 @@ def test_all_is_on_the_disk_before_a_new_folder_has_its_name(tmp_path, monkeypat
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "rename", look)
-        files = {"a.c": "2", "deep/c.c": "2"}
-        digests = {path: compute_digest(text.encode()) for path, text in files.items()}
-        text = json.dumps({"symid": "0", "files": digests})
-        write_sources(SourceSet(files=tuple(files.items()), manifest=text), out)
+        write_sources(nest("a.c", "deep/c.c"), out)
     assert seen == [set()]
     assert find_identity(tmp_path) in waited
 
@@ -389,7 +378,12 @@ def find_owners(folder):
     return {(found.st_uid, found.st_gid) for found in (path.stat() for path in (folder, *folder.rglob("*")))}
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="wants to be run by the superuser, who may give files away")
+SUPERUSER = pytest.mark.skipif(
+    os.geteuid() != 0, reason="wants to be run by the superuser, who may give files away"
+)
+
+
+@SUPERUSER
 def test_a_folder_of_another_user_stays_that_users(tmp_path):
     out = tmp_path / "out"
     prepare_old(out)
@@ -399,7 +393,7 @@ def test_a_folder_of_another_user_stays_that_users(tmp_path):
     assert find_owners(out) == {(12345, 23456)}
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="wants to be run by the superuser, who may give files away")
+@SUPERUSER
 def test_a_folder_that_cannot_be_given_back_is_written(tmp_path, monkeypatch):
     out = tmp_path / "out"
     prepare_old(out)

@@ -1,44 +1,39 @@
-"""Base sets by form, null space, standard parameters, names of coupled drives and springs."""
+"""Base sets by form, null space, standard parameters, names and reasons of all parameters."""
 
 from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from sympy import Rational, Symbol, sqrt
 
 from symid.dynamics.base_parameters import BASE_FORMS, build_standard_parameters, derive_base_parameters
-from symid.dynamics.explanations import get_label_unit
+from symid.dynamics.explanations import get_label_unit, write_combination, write_number
 from symid.errors import RobotError
 from symid.joint_models import FrictionValues
-from symid.robot.description import Coupling, Mimic, Spring
-from tests.chains import PANDA, PI, PUMA560, TWO_LINK, build_chain
+from symid.robot.description import Coupling, Spring
+from tests.chains import PANDA, PI, PUMA560, TWO_LINK, build_chain, change_joints, each_robot, follow
+from tests.refusals import raises
+
+KNOWN = {TWO_LINK: (6, 6, 4, 4), PUMA560: (36, 36, 34, 10), PANDA: (43, 43, 39, 12)}
 
 
-@pytest.mark.parametrize(
-    ("robot", "counts"),
-    [(TWO_LINK, (6, 6, 4, 4)), (PUMA560, (36, 36, 34, 10)), (PANDA, (43, 43, 39, 12))],
-    ids=lambda value: getattr(value, "name", ""),
-)
+def derive_reasons(robot, **options):
+    """Return why parameters were left out, by name."""
+    return {entry.name: entry.reason for entry in derive_base_parameters(robot, **options).eliminated}
+
+
+@pytest.mark.parametrize(("robot", "counts"), KNOWN.items(), ids=lambda value: getattr(value, "name", ""))
 def test_counts_by_form(robot, counts):
     assert tuple(derive_base_parameters(robot, form=form).count for form in BASE_FORMS) == counts
 
 
-def test_other_forms_are_refused():
-    with pytest.raises(ValueError, match="form 'power'; allowed are torque"):
-        derive_base_parameters(TWO_LINK, form="power")
-
-
 def test_a_form_without_motion_says_so():
-    reasons = {
-        entry.name: entry.reason for entry in derive_base_parameters(TWO_LINK, form="gravity").eliminated
-    }
-    assert reasons["ZZ2"] == "no effect on torques at rest: link 2 turns about its z axis only"
-    reasons = {
-        entry.name: entry.reason for entry in derive_base_parameters(TWO_LINK, form="momentum").eliminated
-    }
-    assert reasons["MX1"].startswith("no effect on the momentum:")
+    at_rest, momentum = (derive_reasons(TWO_LINK, form=form) for form in ("gravity", "momentum"))
+    assert at_rest["ZZ2"] == "no effect on torques at rest: link 2 turns about its z axis only"
+    assert momentum["MX1"].startswith("no effect on the momentum:")
 
 
-@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA], ids=lambda robot: robot.name)
+@each_robot(*KNOWN)
 def test_the_null_space_is_all_that_the_grouping_loses(robot):
     base = derive_base_parameters(robot)
     assert len(base.null_space) == len(base.labels) - base.count
@@ -55,13 +50,19 @@ def test_standard_parameters_stand_for_themselves():
     assert base.count == 22
 
 
+def couple(robot, *terms, name="m", **fields):
+    """Return the robot with a drive that turns with two joints."""
+    pairs = tuple((index, Fraction(factor)) for index, factor in terms)
+    return replace(robot, couplings=(Coupling(name=name, terms=pairs, **fields),))
+
+
+ELBOW = [(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")]
+
+
 def test_a_coupled_drive_has_parameters_of_its_own_name():
     friction = FrictionValues(law="coulomb-viscous")
-    coupling = Coupling(
-        name="m2", terms=((0, Fraction(1)), (1, Fraction(1))), has_rotor=True, friction=friction
-    )
-    robot = replace(build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], rotors=True), couplings=(coupling,))
-    base = derive_base_parameters(robot)
+    arm = build_chain(ELBOW, rotors=True)
+    base = derive_base_parameters(couple(arm, (0, 1), (1, 1), name="m2", has_rotor=True, friction=friction))
     reasons = {parameter.name: parameter.reason for parameter in (*base.parameters, *base.friction)}
     assert reasons["IAm2"].startswith("rotor of drive m2, ")
     assert reasons["Fvm2"].startswith("friction of drive m2, ")
@@ -69,81 +70,109 @@ def test_a_coupled_drive_has_parameters_of_its_own_name():
 
 
 def test_the_friction_of_a_follower_adds_to_its_masters():
-    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], friction="coulomb-viscous")
-    joints = (robot.joints[0], replace(robot.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-2))))
-    base = derive_base_parameters(replace(robot, joints=joints))
+    robot = follow(build_chain(ELBOW, friction="coulomb-viscous"), 1, 0, "-2")
     # Fv acts through the ratio twice, Fc once, whatever its sign.
-    assert [entry.expression for entry in base.friction] == ["Fv1 + 4*Fv2", "Fc1 + 2*Fc2"]
-    reasons = {entry.name: entry.reason for entry in base.eliminated}
+    friction = derive_base_parameters(robot).friction
+    assert [entry.expression for entry in friction] == ["Fv1 + 4*Fv2", "Fc1 + 2*Fc2"]
+    reasons = derive_reasons(robot)
     assert reasons["Fv2"].startswith("grouped into FvR1: ")
     assert any("joint 2 moves only" in reason for reason in reasons.values())
 
 
 def test_springs_show_and_their_preload_joins_an_offset():
-    robot = build_chain([(0.0, 0, 0, "q")], friction="coulomb-viscous-offset")
-    sprung = replace(robot, joints=(replace(robot.joints[0], spring=Spring()),))
-    base = derive_base_parameters(sprung)
-    names = {parameter.name: parameter for parameter in base.parameters}
+    chain = build_chain([(0.0, 0, 0, "q")], friction="coulomb-viscous-offset")
+    sprung = change_joints(chain, spring=Spring())
+    names = {parameter.name: parameter for parameter in derive_base_parameters(sprung).parameters}
     assert names["KS1"].reason.startswith("spring of joint 1, ")
-    assert names["KRR1"].expression == "KR1 + offset1"
+    preload = names["KRR1"]
+    assert preload.expression == "KR1 + offset1"
+    assert preload.reason.startswith("spring of joint 1; ")
+    assert " with offset1: it is a constant torque at joint 1, like KR1" in preload.reason
+    reasons = derive_reasons(sprung, form="momentum")
+    assert reasons["KS1"] == "no effect on the momentum: spring of joint 1"
 
 
 def test_an_offset_shared_by_a_coupled_drive_is_explained():
     friction = FrictionValues(law="coulomb-viscous-offset")
     robot = build_chain([(0.0, 0, 0, "q")] * 2, friction="coulomb-viscous-offset")
-    coupling = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), friction=friction)
-    base = derive_base_parameters(replace(robot, couplings=(coupling,)))
-    reasons = {entry.name: entry.reason for entry in base.eliminated}
+    reasons = derive_reasons(couple(robot, (0, 1), (1, 1), friction=friction))
     assert reasons["offsetm"].startswith("grouped into offsetR1, offsetR2: it is a constant torque")
 
 
 def test_units_and_reasons_of_a_drive_that_turns_and_slides():
     rows = [(0.0, 0, 0, "q"), (PI / 3, 0, "q", 0.0)]
-    mixed = Coupling(name="m", terms=((1, Fraction(1)), (0, Fraction(1))), has_rotor=True)
-    robot = replace(build_chain(rows, rotors=True), couplings=(mixed,))
-    assert get_label_unit(robot, (2, "IA")) == "kg m^2", "whatever the order of its joints"
-    slides = replace(mixed, terms=((1, Fraction(1)),))
-    assert get_label_unit(replace(robot, couplings=(slides,)), (2, "IA")) == "kg"
-
-
-def test_reasons_without_a_contradiction():
-    robot = build_chain([(0.0, 0, 0, "q")], friction="coulomb-viscous-offset")
-    sprung = replace(robot, joints=(replace(robot.joints[0], spring=Spring()),))
-    base = derive_base_parameters(sprung)
-    (preload,) = [parameter for parameter in base.parameters if parameter.name == "KRR1"]
-    assert preload.reason.startswith("spring of joint 1; ")
-    assert " with offset1: it is a constant torque at joint 1, like KR1" in preload.reason
-    reasons = {
-        entry.name: entry.reason for entry in derive_base_parameters(sprung, form="momentum").eliminated
-    }
-    assert reasons["KS1"] == "no effect on the momentum: spring of joint 1"
+    arm = build_chain(rows, rotors=True)
+    mixed, sliding = (couple(arm, *terms, has_rotor=True) for terms in (((1, 1), (0, 1)), ((1, 1),)))
+    assert get_label_unit(mixed, (2, "IA")) == "kg m^2", "whatever the order of its joints"
+    assert get_label_unit(sliding, (2, "IA")) == "kg"
 
 
 def test_a_drive_whose_factors_cancel_stands_still():
-    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")])
-    joints = (robot.joints[0], replace(robot.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-1))))
-    drive = Coupling(name="m", terms=((0, Fraction(1)), (1, Fraction(1))), has_rotor=True)
-    base = derive_base_parameters(replace(robot, joints=joints, couplings=(drive,)))
-    reasons = {entry.name: entry.reason for entry in base.eliminated}
-    assert reasons["IAm"].startswith("no effect on joint torques: rotor of drive m, ")
-    assert "cancel" in reasons["IAm"]
+    robot = couple(follow(build_chain(ELBOW), 1, 0), (0, 1), (1, 1), has_rotor=True)
+    reason = derive_reasons(robot)["IAm"]
+    assert reason.startswith("no effect on joint torques: rotor of drive m, ")
+    assert "cancel" in reason
 
 
 def test_the_steps_of_a_follower_are_no_constants():
-    robot = build_chain([(0.0, 0, 0, "q"), (PI / 2, 0, 0, "q")], friction="asymmetric")
-    joints = (robot.joints[0], replace(robot.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-1, 2))))
-    base = derive_base_parameters(replace(robot, joints=joints))
-    reasons = {entry.name: entry.reason for entry in base.eliminated}
+    reasons = derive_reasons(follow(build_chain(ELBOW, friction="asymmetric"), 1, 0, "-1/2"))
     assert reasons["Fcp2"].startswith("grouped into FcnR1: ")
     assert "constant" not in reasons["Fcp2"]
 
 
 def test_what_would_not_end_is_refused():
     robot = build_chain([(PI / 6, 0, 0, "q"), (-PI / 2, 0.1, 0, "q"), (-PI / 2, "A2", 0, "q")])
-    joints = [replace(joint, mimic=Mimic(master=1, multiplier=Fraction(-1))) for joint in robot.joints]
-    shared = replace(robot, joints=(joints[0], robot.joints[1], joints[2]))
-    with pytest.raises(RobotError, match=r"\(A2\).* joint1, joint2, joint3:") as caught:
-        derive_base_parameters(shared)
-    assert caught.value.notices[0].code == "robot.too-symbolic"
-    alone = replace(robot, joints=(robot.joints[0], robot.joints[1], joints[2]))
+    alone = follow(robot, 2, 1)
+    with raises(RobotError, "robot.too-symbolic", match=r"\(A2\).* joint1, joint2, joint3:"):
+        derive_base_parameters(follow(alone, 0, 1))
     assert derive_base_parameters(alone).count > 0, "two joints on one coordinate are no trouble"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (Rational(1), "1"),
+        (Rational(-3), "-3"),
+        (Rational(2159, 5000), "0.4318"),
+        (Rational(-1, 8), "-0.125"),
+        (Rational(1, 3), "1/3"),
+        (Symbol("L1") ** 2, "L1^2"),
+        (Symbol("L1") + Symbol("L2"), "(L1 + L2)"),
+        (sqrt(3) / 2, "sqrt(3)/2"),
+        (Rational(10**25 + 1, 3 * 10**25), "~0.333333333333333"),
+    ],
+)
+def test_numbers(value, text):
+    assert write_number(value) == text
+
+
+def test_combinations():
+    terms = [("XX2", Rational(1)), ("YY2", Rational(-1)), ("M3", Rational(-1, 4)), ("MZ3", Rational(1, 2))]
+    assert write_combination(terms) == "XX2 - YY2 - 0.25*M3 + 0.5*MZ3"
+    assert write_combination([("M1", Rational(-2))]) == "-2*M1"
+
+
+def test_every_parameter_has_a_reason():
+    base = derive_base_parameters(PANDA)
+    accounted = {p.label for p in base.parameters} | {e.label for e in base.eliminated}
+    assert accounted == set(base.labels)
+    reasons = {e.name: e.reason for e in base.eliminated}
+    assert reasons["M7"].startswith("grouped into XXR2, ZZR2, MYR2")
+    assert "moves with link 6" in reasons["M7"]
+    assert reasons["XX1"] == "no effect on joint torques: link 1 turns about its z axis only"
+    assert "XX4 - YY4" in reasons["YY4"]
+
+
+def test_reasons_name_the_group():
+    base = derive_base_parameters(TWO_LINK)
+    first = base.parameters[0]
+    assert (first.name, first.expression) == ("ZZR1", "ZZ1 + 0.25*M2")
+    assert " with M2: mass " in first.reason
+    assert "joint 2" in first.reason
+    assert first.reason.endswith("link 1")
+
+
+def test_slides_do_not_turn():
+    base = derive_base_parameters(build_chain([(0.0, 0, "q", 0.0), (PI / 2, 0, "q", 0.0), (0.0, 0, 0, "q")]))
+    reasons = {e.name: e.reason for e in base.eliminated}
+    assert "link 1 never turns" in reasons["ZZ1"]

@@ -4,20 +4,14 @@ from dataclasses import replace
 from fractions import Fraction
 
 from symid.dynamics.observable_subspace import split_into_blocks
-from symid.robot.description import Coupling, Mimic
-from tests.chains import build_chain, build_joint
+from symid.robot.description import Coupling
+from tests.chains import build_chain, build_joint, follow
 
 ROW = (0.3, 0.1, 0.2, "q")
 
 
 def list_blocks(robot):
     return [(block.base, block.joints) for block in split_into_blocks(robot)]
-
-
-def follow(robot, follower, master, multiplier=Fraction(-1)):
-    joints = list(robot.joints)
-    joints[follower] = replace(joints[follower], mimic=Mimic(master=master, multiplier=multiplier))
-    return replace(robot, joints=tuple(joints))
 
 
 def test_every_joint_is_a_block_of_its_own():

@@ -21,44 +21,58 @@ from symid.dynamics.nearest_bodies import (
 from symid.dynamics.physical_consistency import StandardOutcome, compute_standard_set
 from symid.errors import RobotError, SolverError, UsageError
 from symid.joint_models import FrictionValues
-from symid.notation import INERTIAL
+from symid.robot import load_robot
 from symid.robot.description import Coupling, Drive, Spring
 from symid.robot.inertia import explain_impossible_inertia
 from symid.robot.toml_reader import read_robot
 from tests.chains import (
     PANDA,
     PUMA560,
+    RIGHT_ANGLES,
     STANFORD,
     TWO_LINK,
     build_chain,
     build_pinocchio,
     draw_parameters,
+    each_robot,
+    name_parameters,
+    set_inertia,
     trees,
 )
+from tests.refusals import raises
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 ROBOTS = [TWO_LINK, PUMA560, PANDA, STANFORD]
-RIGHT_ANGLES = st.sampled_from([0.0, np.pi / 2, -np.pi / 2, np.pi])
+EACH_ROBOT = each_robot(*ROBOTS)
 
 
 def group(robot, pi, drives=None, base=None):
     """Return beta = K pi, summed term by term from the definition."""
     base = base or derive_base_parameters(robot)
-    known = {(link, name): pi[link][k] for link in range(robot.size) for k, name in enumerate(INERTIAL)}
-    known |= drives or {}
-    lengths = dict(robot.symbols)
+    known, lengths = name_parameters(pi) | (drives or {}), dict(robot.symbols)
     return np.array(
         [sum(float(c.subs(lengths)) * known[label] for label, c in p.terms) for p in base.parameters]
     )
 
 
+def name_values(base, values):
+    """Return values in the order of beta and of friction behind it by name."""
+    names = [parameter.name for parameter in (*base.parameters, *base.friction)]
+    return dict(zip(names, values, strict=False))
+
+
 def find_set(robot, base, values, **options):
     """Return the set for base values by name, or in the order of beta and of friction behind it."""
-    if not isinstance(values, dict):
-        names = [parameter.name for parameter in (*base.parameters, *base.friction)]
-        values = dict(zip(names, values, strict=False))
-    return compute_standard_set(robot, base, values, **options)
+    given = values if isinstance(values, dict) else name_values(base, values)
+    return compute_standard_set(robot, base, given, **options)
+
+
+def change_joints(robot, **fields):
+    """Return the robot with a value of each field for each joint."""
+    rows = [dict(zip(fields, values, strict=True)) for values in zip(*fields.values(), strict=True)]
+    joints = [dataclasses.replace(joint, **row) for joint, row in zip(robot.joints, rows, strict=True)]
+    return dataclasses.replace(robot, joints=tuple(joints))
 
 
 def measure(pi, prior):
@@ -85,7 +99,7 @@ def test_pseudo_inertia_is_the_second_moment_of_point_masses():
     np.testing.assert_allclose(compute_standard_parameters(build_pseudo_inertias(pi)), pi, atol=1e-14)
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+@EACH_ROBOT
 @pytest.mark.parametrize("own_prior", [True, False])
 def test_bodies_have_the_base_values_and_the_same_torques(robot, own_prior):
     rng = np.random.default_rng(3)
@@ -118,12 +132,12 @@ def test_bodies_have_the_base_values_on_random_trees(robot, seed):
     assert found.outcome is StandardOutcome.CONSISTENT
     assert_bodies(found.pi)
     drives = dict.fromkeys(rotors, 1.0) | dict(found.drives)
-    assert all(value > 0 for value in drives.values())
+    assert min(drives.values(), default=1.0) > 0
     error = group(robot, found.pi, drives, base) - beta
     assert np.abs(error).max() < 1e-10 * max(1.0, np.abs(beta).max())
 
 
-@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+@EACH_ROBOT
 def test_a_prior_that_has_the_base_values_comes_back(robot):
     truth = draw_parameters(np.random.default_rng(4), robot.size)
     found = find_set(robot, derive_base_parameters(robot), group(robot, truth), prior=truth)
@@ -133,13 +147,8 @@ def test_a_prior_that_has_the_base_values_comes_back(robot):
 
 def test_values_of_the_robot_file_come_back_from_their_base_values():
     truth = draw_parameters(np.random.default_rng(5), 6)
-    joints = tuple(
-        dataclasses.replace(
-            joint, inertial=tuple(row), drive=Drive(has_rotor=True, rotor_inertia=0.3 + 0.1 * k)
-        )
-        for k, (joint, row) in enumerate(zip(PUMA560.joints, truth, strict=True))
-    )
-    robot = dataclasses.replace(PUMA560, joints=joints)
+    drives = [Drive(has_rotor=True, rotor_inertia=0.3 + 0.1 * k) for k in range(6)]
+    robot = change_joints(set_inertia(PUMA560, truth), drive=drives)
     base = derive_base_parameters(robot)
     found = find_set(robot, base, compute_parameter_values(robot, base))
     np.testing.assert_allclose(found.pi, truth, atol=1e-10)
@@ -149,20 +158,17 @@ def test_values_of_the_robot_file_come_back_from_their_base_values():
 
 def unpack(x):
     """Return standard parameters from Cholesky factors with logarithmic diagonals, ten numbers a link."""
-    bodies = []
-    for part in x.reshape(-1, 10):
-        lower = np.zeros((4, 4))
-        lower[np.tril_indices(4, -1)] = part[4:]
-        lower += np.diag(np.exp(part[:4]))
-        bodies.append(lower @ lower.T)
-    return compute_standard_parameters(np.array(bodies))
+    lower = np.zeros((len(x) // 10, 4, 4))
+    rows, columns = np.tril_indices(4, -1)
+    lower[:, rows, columns] = x.reshape(-1, 10)[:, 4:]
+    lower[:, range(4), range(4)] = np.exp(x.reshape(-1, 10)[:, :4])
+    return compute_standard_parameters(lower @ lower.transpose(0, 2, 1))
 
 
 def pack(pi):
-    lowers = np.linalg.cholesky(build_pseudo_inertias(pi))
-    return np.concatenate(
-        [np.concatenate([np.log(np.diag(lower)), lower[np.tril_indices(4, -1)]]) for lower in lowers]
-    )
+    lower = np.linalg.cholesky(build_pseudo_inertias(pi))
+    rows, columns = np.tril_indices(4, -1)
+    return np.hstack([np.log(lower[:, range(4), range(4)]), lower[:, rows, columns]]).ravel()
 
 
 def test_the_set_is_the_optimum_that_scipy_finds():
@@ -219,20 +225,11 @@ def find_sizes(robot, base, prior):
     """Return the size of every row of K, seen from the prior: |L' X L| with row * pi = tr X P."""
     roots = np.linalg.cholesky(build_pseudo_inertias(prior))
     grouping = build_grouping(robot, base).matrix.reshape(base.count, robot.size, 10)
-    sizes = []
-    for row in grouping:
-        total = 0.0
-        for coefficients, root in zip(row, roots, strict=True):
-            # tr X P is linear in P: its coefficients from the unit matrices.
-            form = np.zeros((4, 4))
-            for i in range(4):
-                for j in range(4):
-                    unit = np.zeros((4, 4))
-                    unit[i, j] = unit[j, i] = 1.0 if i == j else 0.5
-                    form[i, j] = coefficients @ compute_standard_parameters(unit[None])[0]
-            total += float(np.sum((root.T @ form @ root) ** 2))
-        sizes.append(np.sqrt(total))
-    return np.array(sizes)
+    # tr X P is linear in P: its coefficients from the unit matrices.
+    units = np.eye(16).reshape(16, 4, 4)
+    units = 0.5 * (units + units.transpose(0, 2, 1))
+    forms = (grouping @ compute_standard_parameters(units).T).reshape(base.count, robot.size, 4, 4)
+    return np.sqrt(np.sum((roots.transpose(0, 2, 1) @ forms @ roots) ** 2, axis=(1, 2, 3)))
 
 
 def find_slope(function, pi, step=1e-6):
@@ -241,7 +238,7 @@ def find_slope(function, pi, step=1e-6):
     return np.array([(function(pi + unit) - function(pi - unit)) / (2 * step) for unit in units])
 
 
-@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560], ids=lambda r: r.name)
+@each_robot(TWO_LINK, PUMA560)
 def test_the_distance_is_stationary_along_all_that_base_values_allow(robot):
     """Its gradient, by finite differences, is a combination of the rows of K."""
     rng = np.random.default_rng(8)
@@ -329,7 +326,7 @@ def test_base_values_that_contradict_each_other_are_named():
     """A first moment too large for the inertia and the mass that are left."""
     truth = draw_parameters(np.random.default_rng(9), 2)
     base = derive_base_parameters(TWO_LINK)
-    beta = dict(zip((p.name for p in base.parameters), group(TWO_LINK, truth, base=base), strict=True))
+    beta = name_values(base, group(TWO_LINK, truth, base=base))
     beta |= {"MX2": 30.0, "ZZ2": 0.01, "ZZR1": 1.0}
     found = find_set(TWO_LINK, base, beta)
     assert found.outcome is StandardOutcome.NEAREST
@@ -352,12 +349,12 @@ def test_any_base_values_give_bodies(robot, seed):
 def test_base_values_may_be_known_in_part():
     truth = draw_parameters(np.random.default_rng(10), 6)
     base = derive_base_parameters(PUMA560)
-    beta = dict(zip((p.name for p in base.parameters), group(PUMA560, truth, base=base), strict=True))
+    beta = name_values(base, group(PUMA560, truth, base=base))
     known = {name: beta[name] for name in ("ZZR1", "MXR2", "MYR3")}
     found = find_set(PUMA560, base, known)
     assert found.names == ("ZZR1", "MXR2", "MYR3")
     assert found.outcome is StandardOutcome.CONSISTENT
-    reached = dict(zip(beta, group(PUMA560, found.pi, base=base), strict=True))
+    reached = name_values(base, group(PUMA560, found.pi, base=base))
     assert {name: reached[name] for name in known} == pytest.approx(known, abs=1e-10)
 
 
@@ -383,7 +380,7 @@ def test_an_offset_that_is_part_of_a_weight_may_have_any_sign():
     assert found.outcome is StandardOutcome.CONSISTENT
     drives = dict(found.drives)
     assert {(0, "IA"), (0, "offset")} <= set(drives)
-    known = {(0, name): found.pi[0, k] for k, name in enumerate(INERTIAL)} | drives
+    known = name_parameters(found.pi) | drives
     for parameter, value in zip((*base.parameters, *base.friction), values, strict=True):
         total = sum(float(c) * known[label] for label, c in parameter.terms)
         assert total == pytest.approx(value, abs=1e-12)
@@ -391,9 +388,8 @@ def test_an_offset_that_is_part_of_a_weight_may_have_any_sign():
 
 def test_friction_values_of_the_file_are_the_start():
     slide = build_chain([(0.0, 0, "q", 0.0)], rotors=True)
-    kind = "coulomb-viscous-offset"
-    joint = dataclasses.replace(slide.joints[0], friction=FrictionValues(law=kind, values=(1.0, 2.0, -3.0)))
-    robot = dataclasses.replace(slide, joints=(joint,))
+    friction = FrictionValues(law="coulomb-viscous-offset", values=(1.0, 2.0, -3.0))
+    robot = change_joints(slide, friction=[friction])
     base = derive_base_parameters(robot)
     pi = draw_parameters(np.random.default_rng(0), 1)
     beta = group(robot, pi, {(0, "offset"): -3.0, (0, "IA"): 0.1 * pi[0, 9]}, base)
@@ -405,12 +401,10 @@ def test_friction_values_of_the_file_are_the_start():
 def test_symbolic_lengths_need_values():
     arm = build_chain([(0.0, 0, 0, "q"), (0.0, "L1", 0, "q")], gravity=("0", "-9.81", "0"))
     base = derive_base_parameters(arm)
-    with pytest.raises(RobotError) as caught:
+    with raises(RobotError, "robot.symbol-without-value"):
         find_set(arm, base, np.ones(6))
-    assert caught.value.notices[0].code == "robot.symbol-without-value"
     valued = dataclasses.replace(arm, symbols=(("L1", 0.5),))
-    truth = draw_parameters(np.random.default_rng(13), 2)
-    prior = draw_parameters(np.random.default_rng(14), 2)
+    truth, prior = (draw_parameters(np.random.default_rng(seed), 2) for seed in (13, 14))
     beta = group(valued, truth, base=base)
     found = find_set(valued, base, beta, prior=prior)
     same = find_set(TWO_LINK, derive_base_parameters(TWO_LINK), beta, prior=prior)
@@ -422,10 +416,8 @@ def test_default_prior_takes_the_file_at_its_word_and_rounds_flat_bodies():
     stated = tuple(draw_parameters(np.random.default_rng(15), 1)[0])
     impossible = (1.0, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0, 1.0)
     nothing = (0.0,) * 10
-    kinds = (stated, thin, impossible, nothing, None)
     chain = build_chain([(0.0, 0, 0, "q"), *[(0.3, 0.4, 0, "q")] * 4])
-    joints = tuple(dataclasses.replace(j, inertial=k) for j, k in zip(chain.joints, kinds, strict=True))
-    robot = dataclasses.replace(chain, joints=joints)
+    robot = change_joints(chain, inertial=(stated, thin, impossible, nothing, None))
     prior = build_prior(robot, np.zeros((1, 50)), [0.0])
     assert_bodies(prior)
     np.testing.assert_allclose(prior[0], stated)
@@ -466,12 +458,10 @@ def test_a_rotor_counts_only_as_a_positive_inertia():
 
 def test_couplings_and_springs_take_part():
     arm = build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q"), (0.3, 0.1, "q", 0.0)], rotors=True)
-    joints = list(arm.joints)
-    joints[2] = dataclasses.replace(joints[2], spring=Spring(stiffness=40.0, rest=0.1))
-    coupling = Coupling(
-        name="m", terms=((0, Fraction(1)), (1, Fraction(-2))), has_rotor=True, rotor_inertia=0.2
-    )
-    robot = dataclasses.replace(arm, joints=tuple(joints), couplings=(coupling,))
+    arm = change_joints(arm, spring=(None, None, Spring(stiffness=40.0, rest=0.1)))
+    terms = ((0, Fraction(1)), (1, Fraction(-2)))
+    coupling = Coupling(name="m", terms=terms, has_rotor=True, rotor_inertia=0.2)
+    robot = dataclasses.replace(arm, couplings=(coupling,))
     base = derive_base_parameters(robot)
     pi = draw_parameters(np.random.default_rng(20), 3)
     usual = [0.1 * pi[0, 5], 0.1 * pi[1, 5], 0.1 * pi[2, 9]]
@@ -487,26 +477,29 @@ def test_couplings_and_springs_take_part():
     assert dict(moved.drives)[3, "IA"] > 0
 
 
-def catch(error, robot, *arguments, **options):
-    with pytest.raises(error) as caught:
-        find_set(robot, derive_base_parameters(robot), *arguments, **options)
-    return caught.value.notices[0]
-
-
-def test_input_that_cannot_be_used_is_refused():
-    for values in ({"ZZ9": 1.0}, {}, {"ZZ2": np.nan}, [np.inf] * 6):
-        assert catch(UsageError, TWO_LINK, values).code == "usage.base-values"
-    assert "ZZR1" in catch(UsageError, TWO_LINK, {"ZZ9": 1.0}).text
-    for covariance in (np.zeros((1, 1)), np.eye(2), np.array([[np.nan]])):
-        notice = catch(UsageError, TWO_LINK, {"ZZ2": -1.0}, covariance=covariance)
-        assert notice.code == "usage.consistency-weights"
+@pytest.mark.parametrize(
+    ("values", "covariance", "code"),
+    [
+        *((values, None, "usage.base-values") for values in ({}, {"ZZ2": np.nan}, [np.inf] * 6)),
+        *(
+            ({"ZZ2": -1.0}, covariance, "usage.consistency-weights")
+            for covariance in (np.zeros((1, 1)), np.eye(2), np.array([[np.nan]]))
+        ),
+    ],
+)
+def test_input_that_cannot_be_used_is_refused(values, covariance, code):
+    base = derive_base_parameters(TWO_LINK)
+    with raises(UsageError, code):
+        find_set(TWO_LINK, base, values, covariance=covariance)
+    with raises(UsageError, "usage.base-values", match="ZZR1"):
+        find_set(TWO_LINK, base, {"ZZ9": 1.0})
 
 
 def test_numbers_beyond_all_bounds_end_in_an_error_not_in_a_result():
     """Values of 1e200, known to 1e-150: no float holds what the one is in units of the other."""
-    prior = draw_parameters(np.random.default_rng(18), 2)
-    notice = catch(SolverError, TWO_LINK, -1e200 * np.ones(6), prior=prior, covariance=1e-300 * np.eye(6))
-    assert notice.code == "solver.standard-set"
+    base, prior = derive_base_parameters(TWO_LINK), draw_parameters(np.random.default_rng(18), 2)
+    with raises(SolverError, "solver.standard-set"):
+        find_set(TWO_LINK, base, -1e200 * np.ones(6), prior=prior, covariance=1e-300 * np.eye(6))
 
 
 HARD = ("two_link", "puma560", "ur5", "tx40")
@@ -514,10 +507,9 @@ HARD = ("two_link", "puma560", "ur5", "tx40")
 
 @settings(max_examples=16, deadline=None)
 @given(name=st.sampled_from(HARD), seed=st.integers(0, 999), thin=st.floats(0.0, 8.0))
-def test_thin_bodies_are_matched_exactly(robots_folder, name, seed, thin):
+def test_thin_bodies_are_matched_exactly(name, seed, thin):
     """Bodies next to lines, `thin` decades from round ones, on robots with coupled drives too."""
-    rng = np.random.default_rng(seed)
-    robot = read_robot(robots_folder / f"{name}.toml")
+    rng, robot = np.random.default_rng(seed), load_robot(name)
     base = derive_base_parameters(robot)
     roots = rng.normal(size=(robot.size, 4, 4)) * np.array([0.3, 0.3, 0.3, 1.0])[:, None]
     roots[:, :, 1:] *= 10.0 ** (-0.5 * thin)
@@ -562,9 +554,9 @@ def test_the_written_bodies_are_as_near_to_an_estimate_as_the_truth(robot, seed,
     beta = group(robot, truth, base=base)
     root = rng.normal(size=(base.count, base.count)) * (10.0**noise * np.abs(beta))[:, None]
     error = rng.normal(size=base.count)
-    names = [parameter.name for parameter in base.parameters]
     order = rng.permutation(base.count)
-    values = {names[k]: (beta + root @ error)[k] for k in order}
+    named = list(name_values(base, beta + root @ error).items())
+    values = dict(named[k] for k in order)
     covariance = (root @ root.T)[np.ix_(order, order)]
     found = find_set(robot, base, values, prior=prior, covariance=covariance)
     assert_bodies(found.pi)

@@ -1,6 +1,5 @@
 """Polynomials of joints that share a coordinate, written in independent functions."""
 
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -13,8 +12,7 @@ from symid.dynamics.exact_algebra import (
     build_power_function,
     split_polynomial,
 )
-from symid.robot.description import Mimic
-from tests.chains import build_chain
+from tests.chains import build_chain, follow
 
 MULTIPLIERS = [Fraction(-1), Fraction(2), Fraction(1, 2), Fraction(-3, 4), Fraction(1)]
 
@@ -22,9 +20,7 @@ MULTIPLIERS = [Fraction(-1), Fraction(2), Fraction(1, 2), Fraction(-3, 4), Fract
 def build(multiplier, *, sliding=False):
     row = (0.0, 0, "q", 0.0) if sliding else (0.0, 0.3, 0, "q")
     robot = build_chain([(0.0, 0, 0, "q"), row, (0.4, 0.1, 0, "q")])
-    joints = list(robot.joints)
-    joints[1] = replace(joints[1], mimic=Mimic(master=0, multiplier=multiplier))
-    return replace(robot, joints=tuple(joints))
+    return follow(robot, 1, 0, multiplier)
 
 
 def evaluate(function, multiplier, q):

@@ -18,8 +18,9 @@ from symid.errors import EstimateError, IdentifiabilityError, UsageError
 from symid.robot.description import JointKind
 from symid.robot.inertia import compute_standard_parameters, explain_impossible_inertia, move_parameters
 from symid.robot.toml_reader import read_robot
-from tests.chains import PANDA, PUMA560, build_chain, draw_parameters, regress
+from tests.chains import PANDA, PUMA560, TWO_LINK, build_chain, draw_parameters, each_robot, regress
 from tests.estimates import fill_robot
+from tests.refusals import raises
 
 MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
 TRUE = np.array([MASS, *CENTRE, *INERTIA])
@@ -62,10 +63,29 @@ def find_information(robot, seed, rows=60, noise=0.02):
     return noise**2 * np.linalg.inv(matrix.T @ matrix)
 
 
+class Arm:
+    """A filled robot and what is estimated from base values with and without a payload."""
+
+    def __init__(self, robot, *covariances):
+        self.robot, self.base = fill_robot(robot), derive_base_parameters(robot)
+        count = len(compute_parameter_values(self.robot, self.base))
+        self.covariances = [np.eye(count) * c for c in covariances]
+
+    def read(self, scale=1.0, **payload):
+        """Return base values with the payload and without it."""
+        loaded, empty = load_robot(self.robot, **payload), self.robot
+        pairs = zip((loaded, empty), self.covariances, strict=True)
+        return [read_values(robot, scale * covariance) for robot, covariance in pairs]
+
+    def estimate(self, *values, **options):
+        return estimate_payload(self.robot, self.base, *(values or self.read()), **options)
+
+
 @pytest.fixture(scope="module")
 def puma():
-    robot = fill_robot(PUMA560)
-    return robot, find_information(robot, 1), find_information(robot, 2)
+    arm = Arm(PUMA560, 0.0, 0.0)
+    arm.covariances = [find_information(arm.robot, seed) for seed in (1, 2)]
+    return arm
 
 
 def list_values(payload):
@@ -93,16 +113,9 @@ def test_quantities_and_their_rates():
     assert (radius, moment) == (pytest.approx(0.1), pytest.approx(0.4 * 4.18879 * 0.01, rel=1e-5))
 
 
-@pytest.mark.parametrize("robot", [PUMA560, PANDA], ids=lambda robot: robot.name)
+@each_robot(PUMA560, PANDA)
 def test_without_noise_the_payload_is_found(robot):
-    robot = fill_robot(robot)
-    covariance = 1e-6 * np.eye(derive_base_parameters(robot).count)
-    found = estimate_payload(
-        robot,
-        derive_base_parameters(robot),
-        read_values(load_robot(robot), covariance),
-        read_values(robot, covariance),
-    )
+    found = Arm(robot, 1e-6, 1e-6).estimate()
     np.testing.assert_allclose(list_values(found), TRUE, rtol=1e-8, atol=1e-10)
     assert [entry.name for entry in found.quantities] == list(PAYLOAD_QUANTITIES)
     assert (found.joint, found.moved, found.scale) == (robot.joints[-1].name, 0.0, 1.0)
@@ -111,12 +124,10 @@ def test_without_noise_the_payload_is_found(robot):
 
 
 def test_deviations_hold_and_noise_is_used_as_well_as_can_be(puma):
-    robot, first, second = puma
-    base, truth = derive_base_parameters(robot), load_robot(robot)
-    loaded, empty = read_values(truth, first), read_values(robot, second)
+    loaded, empty = puma.read()
     shares, squares = [], []
     for seed in range(300):
-        found = estimate_payload(robot, base, disturb(loaded, seed), disturb(empty, 1000 + seed))
+        found = puma.estimate(disturb(loaded, seed), disturb(empty, 1000 + seed))
         # Deviations that were made larger where chi^2 was large by chance are taken back.
         shares.append((list_values(found) - TRUE) / (list_deviations(found) / found.scale))
         squares.append(found.chi2)
@@ -124,15 +135,13 @@ def test_deviations_hold_and_noise_is_used_as_well_as_can_be(puma):
     assert not np.isnan(shares).any()
     np.testing.assert_allclose(np.mean(shares**2, axis=0), 1.0, atol=0.25)
     assert np.abs(np.mean(np.abs(shares) < 1.96, axis=0) - 0.95).max() < 0.04
-    assert np.mean(squares) == pytest.approx(base.count - 10, rel=0.1)
+    assert np.mean(squares) == pytest.approx(puma.base.count - 10, rel=0.1)
 
 
 def test_a_body_that_can_exist_comes_out_of_noise(puma):
-    robot, first, second = puma
-    base, truth = derive_base_parameters(robot), load_robot(robot)
-    loaded, empty, moved = read_values(truth, 400 * first), read_values(robot, 400 * second), []
+    (loaded, empty), moved = puma.read(400), []
     for seed in range(40):
-        found = estimate_payload(robot, base, disturb(loaded, seed), disturb(empty, 1000 + seed))
+        found = puma.estimate(disturb(loaded, seed), disturb(empty, 1000 + seed))
         assert not explain_impossible_inertia(found.standard)
         assert found.standard[9] > 0
         told = [entry for entry in found.quantities if entry.value is not None]
@@ -143,58 +152,29 @@ def test_a_body_that_can_exist_comes_out_of_noise(puma):
     assert np.median(moved) < 4
 
 
-def test_an_inertia_that_noise_hides_is_refused(puma):
-    robot, first, second = puma
-    base = derive_base_parameters(robot)
-    found = estimate_payload(
-        robot,
-        base,
-        read_values(load_robot(robot), 2500 * first),
-        read_values(robot, 2500 * second),
-    )
-    by_name = {entry.name: entry for entry in found.quantities}
+def test_what_noise_hides_is_refused(puma):
+    by_name = {entry.name: entry for entry in puma.estimate(*puma.read(2500)).quantities}
     assert by_name["mass"].value == pytest.approx(MASS, rel=1e-6)
-    refused = [entry for entry in found.quantities if entry.value is None]
-    assert {entry.name for entry in refused} >= {"Jxx", "Jyy"}
-    assert all(entry.std is None for entry in refused)
-    assert "standard deviation" in by_name["Jxx"].reason
-    assert " kg m^2" in by_name["Jxx"].reason
-
-
-def test_a_centre_that_noise_hides_is_refused(puma):
-    robot, first, second = puma
-    base = derive_base_parameters(robot)
-    # The mass is known well, from a balance, and the rest hardly.
-    found = estimate_payload(
-        robot,
-        base,
-        read_values(load_robot(robot), 1e6 * first),
-        read_values(robot, 1e6 * second),
-        mass=MASS,
-    )
-    by_name = {entry.name: entry for entry in found.quantities}
-    assert by_name["mass"].std < 1e-5 * MASS
-    assert by_name["cx"].value is None
-    assert "standard deviation" in by_name["cx"].reason
-    assert " m, " in by_name["cx"].reason
+    refused = {name: entry for name, entry in by_name.items() if entry.value is None}
+    assert set(refused) >= {"Jxx", "Jyy"}
+    assert all(entry.std is None for entry in refused.values())
+    # With the mass known well, from a balance, and the rest hardly.
+    weighed = {entry.name: entry for entry in puma.estimate(*puma.read(1e6), mass=MASS).quantities}
+    assert weighed["mass"].std < 1e-5 * MASS
+    assert weighed["cx"].value is None
+    for reason, unit in ((by_name["Jxx"].reason, " kg m^2"), (weighed["cx"].reason, " m, ")):
+        assert "standard deviation" in reason
+        assert unit in reason
 
 
 def test_a_weighed_mass_makes_the_rest_surer(puma):
-    robot, first, second = puma
-    base = derive_base_parameters(robot)
-    values = read_values(load_robot(robot), first), read_values(robot, second)
-    free, weighed = estimate_payload(robot, base, *values), estimate_payload(robot, base, *values, mass=MASS)
+    free, weighed = puma.estimate(), puma.estimate(mass=MASS)
     assert np.all(list_deviations(weighed) <= list_deviations(free) * (1 + 1e-9))
     np.testing.assert_allclose(list_values(weighed), TRUE, rtol=1e-7, atol=1e-9)
 
 
 def test_a_planar_arm_tells_what_it_can():
-    robot = fill_robot(build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q")], gravity=("0", "-9.81", "0")))
-    base = derive_base_parameters(robot)
-    covariance = 1e-8 * np.eye(base.count)
-    found = estimate_payload(
-        robot, base, read_values(load_robot(robot), covariance), read_values(robot, covariance)
-    )
+    found = Arm(TWO_LINK, 1e-8, 1e-8).estimate()
     told = {entry.name: entry.value for entry in found.quantities if entry.value is not None}
     assert list(told) == ["mass", "cx", "cy", "Jzz"]
     wanted = [TRUE[PAYLOAD_QUANTITIES.index(name)] for name in told]
@@ -206,25 +186,14 @@ def test_a_planar_arm_tells_what_it_can():
 
 
 def test_a_payload_at_another_link_in_the_frame_of_the_file(robots_folder):
-    robot = fill_robot(read_robot(robots_folder / "wam7.toml"))
-    base = derive_base_parameters(robot)
-    covariance = 1e-8 * np.eye(len(compute_parameter_values(robot, base)))
-    name = robot.joints[3].name
-    found = estimate_payload(
-        robot,
-        base,
-        read_values(load_robot(robot, link=3), covariance),
-        read_values(robot, covariance),
-        joint=name,
-    )
+    arm = Arm(read_robot(robots_folder / "wam7.toml"), 1e-8, 1e-8)
+    name = arm.robot.joints[3].name
+    found = arm.estimate(*arm.read(link=3), joint=name)
     assert found.joint == name
     np.testing.assert_allclose(list_values(found), TRUE, rtol=1e-7, atol=1e-9)
 
 
 def test_parameters_that_are_missing_are_named_as_the_reason(puma):
-    robot, first, second = puma
-    base = derive_base_parameters(robot)
-
     def keep(given, names):
         kept = [index for index, name in enumerate(given.names) if name in names]
         return BaseValues(
@@ -233,54 +202,42 @@ def test_parameters_that_are_missing_are_named_as_the_reason(puma):
             covariance=given.covariance[np.ix_(kept, kept)],
         )
 
-    loaded, empty = read_values(load_robot(robot), first), read_values(robot, second)
-    names = [name for name in loaded.names if name not in {"XZ6", "YZ6"}]
-    found = estimate_payload(robot, base, keep(loaded, names), empty)
+    loaded, empty = puma.read()
+    found = puma.estimate(keep(loaded, set(loaded.names) - {"XZ6", "YZ6"}), empty)
     by_name = {entry.name: entry for entry in found.quantities}
     assert by_name["Jzz"].value == pytest.approx(INERTIA[5], rel=1e-6)
     assert "missing" in by_name["Jxz"].reason
-    with pytest.raises(IdentifiabilityError) as caught:
-        estimate_payload(robot, base, keep(loaded, ["XY6", "XZ6"]), empty)
-    assert caught.value.notices[0].code == "payload.mass-not-identifiable"
+    with raises(IdentifiabilityError, "payload.mass-not-identifiable") as caught:
+        puma.estimate(keep(loaded, ["XY6", "XZ6"]), empty)
     assert "base parameters" in caught.value.notices[0].text
-    with pytest.raises(EstimateError) as caught:
-        estimate_payload(robot, base, keep(loaded, ["XY6"]), keep(empty, ["XZ6"]))
-    assert caught.value.notices[0].code == "payload.nothing-shared"
+    with raises(EstimateError, "payload.nothing-shared"):
+        puma.estimate(keep(loaded, ["XY6"]), keep(empty, ["XZ6"]))
 
 
 def test_no_payload_is_refused(puma):
-    robot, first, second = puma
-    base = derive_base_parameters(robot)
-    same = read_values(robot, first), read_values(robot, second)
-    swapped = read_values(robot, first), read_values(load_robot(robot), second)
+    same = [read_values(puma.robot, covariance) for covariance in puma.covariances]
+    swapped = same[0], read_values(load_robot(puma.robot), puma.covariances[1])
     for values in (same, swapped):
-        with pytest.raises(IdentifiabilityError) as caught:
-            estimate_payload(robot, base, *values)
-        assert caught.value.notices[0].code == "payload.none"
+        with raises(IdentifiabilityError, "payload.none"):
+            puma.estimate(*values)
 
 
 def test_a_joint_about_the_vertical_shows_no_mass():
-    robot = fill_robot(build_chain([(0.0, 0, 0, "q")]))
-    assert robot.joints[0].kind is JointKind.REVOLUTE
-    base = derive_base_parameters(robot)
-    values = read_values(load_robot(robot), np.eye(1) * 1e-8), read_values(robot, np.eye(1) * 1e-8)
-    with pytest.raises(IdentifiabilityError) as caught:
-        estimate_payload(robot, base, *values)
-    assert caught.value.notices[0].code == "payload.mass-not-identifiable"
-    found = estimate_payload(robot, base, *values, mass=MASS)
-    told = [entry.name for entry in found.quantities if entry.value is not None]
+    arm = Arm(build_chain([(0.0, 0, 0, "q")]), 1e-8, 1e-8)
+    assert arm.robot.joints[0].kind is JointKind.REVOLUTE
+    with raises(IdentifiabilityError, "payload.mass-not-identifiable"):
+        arm.estimate()
+    told = [entry.name for entry in arm.estimate(mass=MASS).quantities if entry.value is not None]
     assert told == ["mass"]
 
 
 def test_what_the_payload_does_not_explain_is_listed(robots_folder):
-    robot = fill_robot(read_robot(robots_folder / "two_link.toml"))
-    base = derive_base_parameters(robot)
-    covariance = 1e-6 * np.eye(base.count + len(base.friction))
-    loaded, empty = read_values(load_robot(robot), covariance), read_values(robot, covariance)
+    arm = Arm(read_robot(robots_folder / "two_link.toml"), 1e-6, 1e-6)
+    loaded, empty = arm.read()
     changed = np.array(loaded.values)
     changed[loaded.names.index("Fc1")] += 0.5
     changed[loaded.names.index("MY1")] += 0.05
-    found = estimate_payload(robot, base, dataclasses.replace(loaded, values=changed), empty)
+    found = arm.estimate(dataclasses.replace(loaded, values=changed), empty)
     assert [change.name for change in found.friction] == ["Fc1"]
     assert found.friction[0].deviations == pytest.approx(0.5 / np.sqrt(2e-6))
     assert found.friction[0].after - found.friction[0].before == pytest.approx(0.5)
@@ -289,36 +246,21 @@ def test_what_the_payload_does_not_explain_is_listed(robots_folder):
     assert found.scale > 5
 
 
-def test_values_that_no_body_has_end_in_an_error_or_a_body_near_them(puma):
-    robot, first, second = puma
-    base = derive_base_parameters(robot)
-    loaded = load_robot(robot, inertia=(-0.05, 0.0, 0.0, -0.05, 0.0, -0.05))
-    found = estimate_payload(robot, base, read_values(loaded, first), read_values(robot, second))
+def test_values_that_no_body_has_end_in_an_error_or_a_body_near_them(puma, monkeypatch):
+    values = puma.read(inertia=(-0.05, 0.0, 0.0, -0.05, 0.0, -0.05))
+    found = puma.estimate(*values)
     assert found.moved > 10
     assert not explain_impossible_inertia(found.standard)
+    monkeypatch.setattr("symid.dynamics.nearest_bodies._LIMIT", 0)
+    with raises(IdentifiabilityError, "payload.no-body"):
+        puma.estimate(*values)
 
 
 def test_calls_that_cannot_be_answered(puma):
-    robot, first, second = puma
-    base = derive_base_parameters(robot)
-    values = read_values(load_robot(robot), first), read_values(robot, second)
-    with pytest.raises(UsageError) as caught:
-        estimate_payload(robot, base, *values, joint="wrist")
-    assert caught.value.notices[0].code == "usage.payload-joint"
-    with pytest.raises(UsageError) as caught:
-        estimate_payload(robot, base, *values, mass=-1.0)
-    assert caught.value.notices[0].code == "usage.payload-mass"
-    unsure = read_values(robot, np.full_like(second, np.nan))
-    with pytest.raises(EstimateError) as caught:
-        estimate_payload(robot, base, values[0], unsure)
-    assert caught.value.notices[0].code == "payload.no-deviations"
-
-
-def test_a_search_that_finds_no_body_is_an_error(puma, monkeypatch):
-    robot, first, second = puma
-    base = derive_base_parameters(robot)
-    loaded = load_robot(robot, inertia=(-0.05, 0.0, 0.0, -0.05, 0.0, -0.05))
-    monkeypatch.setattr("symid.dynamics.nearest_bodies._LIMIT", 0)
-    with pytest.raises(IdentifiabilityError) as caught:
-        estimate_payload(robot, base, read_values(loaded, first), read_values(robot, second))
-    assert caught.value.notices[0].code == "payload.no-body"
+    with raises(UsageError, "usage.payload-joint"):
+        puma.estimate(joint="wrist")
+    with raises(UsageError, "usage.payload-mass"):
+        puma.estimate(mass=-1.0)
+    loaded, empty = puma.read()
+    with raises(EstimateError, "payload.no-deviations"):
+        puma.estimate(loaded, dataclasses.replace(empty, covariance=np.full_like(empty.covariance, np.nan)))

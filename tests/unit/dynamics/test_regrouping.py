@@ -1,4 +1,4 @@
-"""Groups of others in terms of ours, exactly."""
+"""Groups of others in terms of ours, exactly; terms that groups may hold without naming them."""
 
 import dataclasses
 from fractions import Fraction
@@ -8,11 +8,18 @@ import pytest
 from sympy import Rational
 
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.dynamics.regrouping import evaluate_regrouping, express_group, read_group
+from symid.dynamics.regrouping import (
+    evaluate_regrouping,
+    express_group,
+    list_coupled_readings,
+    list_kindred_readings,
+    read_group,
+)
 from symid.errors import UsageError
 from symid.robot.toml_reader import read_robot
 from tests.chains import draw_parameters, regress
 from tests.estimates import fill_robot
+from tests.refusals import raises
 from tests.regroupings import derive_regrouping
 
 NAMES = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
@@ -54,16 +61,14 @@ def test_couplings_with_any_name_are_read(robot):
     "text", ["", "Izz9", "Izz1 +", "Izz1 Izz2", "two", "0.5*", "1/0*Izz1", "Izz1 + exp(2)"]
 )
 def test_what_is_no_sum_of_parameters_is_refused(robot, text):
-    with pytest.raises(UsageError, match=r"group .*unknown") as caught:
+    with raises(UsageError, "usage.unreadable-group", match=r"group .*unknown"):
         read_group(text, robot)
-    assert caught.value.notices[0].code == "usage.unreadable-group"
 
 
 @pytest.mark.parametrize("factor", ["9e999", "1e-13", "1" + "0" * 300])
 def test_factors_out_of_all_reason_are_refused(robot, factor):
-    with pytest.raises(UsageError, match=f"{factor} of fv2.* 1e12") as caught:
+    with raises(UsageError, "usage.unreadable-group", match=f"{factor} of fv2.* 1e12"):
         read_group(f"fv1 - {factor}*fv2", robot)
-    assert caught.value.notices[0].code == "usage.unreadable-group"
 
 
 def test_our_own_groups_are_the_unit_matrix(base):
@@ -93,9 +98,8 @@ def test_other_groups_of_the_same_space(base):
 
 
 def test_a_group_that_nothing_shows_is_refused(base):
-    with pytest.raises(UsageError, match=r"group 1 .*: M1 is left") as caught:
+    with raises(UsageError, "usage.other-groups", match=r"group 1 .*: M1 is left"):
         derive_regrouping(base, [{(0, "M"): Fraction(1)}])
-    assert caught.value.notices[0].code == "usage.other-groups"
 
 
 def test_a_group_that_nothing_shows_is_told_with_what_is_left(robot, base):
@@ -158,3 +162,63 @@ def test_groups_that_repeat_each_other_are_refused(base):
     group = {(5, "Fv"): Fraction(1)}
     with pytest.raises(UsageError, match=r"the 2 groups .* group 2 follows from group 1;"):
         derive_regrouping(base, [group, group])
+
+
+COUPLINGS = ({4: Fraction(1), 5: Fraction(1)}, {0: Fraction(-3, 2), 5: Fraction(2)})
+
+
+@pytest.fixture(
+    scope="module", params=[{4: Fraction(1), 5: Fraction(1)}, {0: Fraction(-3, 2), 5: Fraction(2)}]
+)
+def case(request, robots_folder):
+    """Return a robot whose motor turns with two joints, its base parameters and their own rows."""
+    robot = read_robot(robots_folder / "tx40.toml")
+    terms = tuple(request.param.items())
+    robot = dataclasses.replace(robot, couplings=(dataclasses.replace(robot.couplings[0], terms=terms),))
+    base = derive_base_parameters(robot)
+    return robot, base, np.eye(base.count + len(base.friction), dtype=int).tolist(), dict(terms)
+
+
+def test_a_drive_counted_to_its_joints_gives_the_same_torques(case):
+    """The oracle: with the cross terms alone in the drive's column, the readings are the parameters."""
+    robot, base, rows, terms = case
+    ours = (*base.parameters, *base.friction)
+    readings = list_coupled_readings(robot, base, rows)
+    rng = np.random.default_rng(1)
+    values = rng.uniform(0.5, 2.0, len(ours))
+    theirs = values.copy()
+    for entry in readings:
+        theirs[entry.group] += float(entry.factor) * values[entry.column]
+    assert np.sum(theirs != values) == 4
+    for state in rng.uniform(-2, 2, (5, 3, 6)):
+        columns = np.column_stack([regress(robot, *state)[entry.label] for entry in ours])
+        crossed = columns.copy()
+        for k, entry in enumerate(ours):
+            if entry.label in {(6, "IA"), (6, "Fv")}:
+                rates = state[2] if entry.label[1] == "IA" else state[1]
+                for joint, factor in terms.items():
+                    crossed[joint, k] -= float(factor) ** 2 * rates[joint]
+        np.testing.assert_allclose(crossed @ theirs, columns @ values, atol=1e-10)
+
+
+def test_what_names_the_drive_already_leaves_nothing_open(case):
+    robot, base, rows, _ = case
+    names = [entry.name for entry in (*base.parameters, *base.friction)]
+    drives = [names.index("IAm6"), names.index("Fvm6")]
+    named = [[*row] for row in rows]
+    for row in named:
+        for column in drives:
+            row[column] = 1
+    assert list_coupled_readings(robot, base, named) == ()
+    without = [row for k, row in enumerate(rows) if k not in drives]
+    assert list_coupled_readings(robot, base, without) == ()
+
+
+def test_other_terms_are_of_the_kind_of_the_group(case):
+    _, base, rows, _ = case
+    names = [entry.name for entry in (*base.parameters, *base.friction)]
+    found = list_kindred_readings(base, rows, [names.index("Fc2")])
+    assert [(entry.name, entry.factor) for entry in found] == [
+        (name, sign) for name in ("Fc1", "Fc3", "Fc4", "Fc5", "Fc6", "Fcm6") for sign in (1, -1)
+    ]
+    assert all(entry.coupling == "" for entry in found)
