@@ -77,25 +77,25 @@ def test_currents_by_torque_constants(make_robot, columns, write):
     recording = read_recording(write("ur-rtde"), coupled)
     np.testing.assert_allclose(recording.torque, columns["tau"] * [0.12, 0.1] @ np.array(matrix))
     np.testing.assert_array_equal(recording.position, columns["q"])
-
-
-def test_currents_without_constants(make_robot, write):
     with pytest.raises(LogError) as caught:
         read_recording(write("ur-rtde"), preset(make_robot(), "ur-rtde"))
     found = {notice.code: notice.text for notice in caught.value.notices}
     assert "'joint1' has no torque_constant" in found["log.no-torque-constant"]
 
 
-def test_columns_that_are_not_there(make_robot, write):
+def test_what_the_table_states_comes_first_and_what_lacks_is_said(make_robot, columns, write):
+    robot = preset(make_robot(torque=(("state.dq[0]", "state.dq[1]"), "SI")), "franka")
+    np.testing.assert_array_equal(read_recording(write("franka"), robot).torque, columns["q"])
+    named = {
+        key: ((f"{stem}[0]", f"{stem}[1]"), "SI")
+        for key, stem in (("position", "state.q"), ("torque", "state.tau_J"))
+    }
+    robot = preset(make_robot(**named), "franka")
+    np.testing.assert_array_equal(read_recording(write("franka"), robot).velocity, columns["q"])
     with pytest.raises(LogError) as caught:
         read_recording(write("franka"), preset(make_robot(), "ros"))
     texts = [notice.text for notice in caught.value.notices if notice.code == "log.preset"]
     assert "position: preset 'ros' needs field.position0, field.position1 or position_0" in texts[0]
-
-
-def test_what_the_table_states_comes_first(make_robot, columns, write):
-    robot = preset(make_robot(torque=(("state.dq[0]", "state.dq[1]"), "SI")), "franka")
-    np.testing.assert_array_equal(read_recording(write("franka"), robot).torque, columns["q"])
 
 
 def test_columns_of_words_are_passed_over(make_robot, tmp_path):
@@ -136,12 +136,3 @@ def test_columns_of_other_joints_are_refused(make_robot, tmp_path, heading, name
     with pytest.raises(LogError) as caught:
         read_recording(tmp_path / "log.csv", preset(make_robot(), name))
     assert any(said in notice.text for notice in caught.value.notices if notice.code == "log.preset")
-
-
-def test_a_velocity_is_read_beside_columns_that_are_named(make_robot, write, columns):
-    named = {
-        key: ((f"{stem}[0]", f"{stem}[1]"), "SI")
-        for key, stem in (("position", "state.q"), ("torque", "state.tau_J"))
-    }
-    robot = preset(make_robot(**named), "franka")
-    np.testing.assert_array_equal(read_recording(write("franka"), robot).velocity, columns["q"])

@@ -53,7 +53,7 @@ def test_what_is_written_is_read_again(tmp_path, robot, recording, suffix):
     assert not any(notice.code == "log.unused-columns" for notice in found.notices)
 
 
-def test_a_motor_side_log_passes_the_gear(tmp_path, robot, recording):
+def test_gears_and_transmissions_turn_them(tmp_path, robot, recording):
     path = write_recording(recording, tmp_path / "log.npz", robot)
     moved = parse_robot(
         HEAD
@@ -68,10 +68,6 @@ feedforward = { columns = ["tau_ff"], unit = "N m", side = "motor" }
     np.testing.assert_allclose(found.reference, recording.reference / 50.0 + 0.25)
     np.testing.assert_allclose(found.reference_velocity, recording.reference_velocity / 50.0)
     np.testing.assert_allclose(found.feedforward, recording.feedforward * 50.0)
-
-
-def test_a_transmission_turns_them(tmp_path, robot, recording):
-    path = write_recording(recording, tmp_path / "log.npz", robot)
     matrix = np.array([[45.0, 0.0], [32.0, 32.0]])
     coupled = parse_robot(
         HEAD
