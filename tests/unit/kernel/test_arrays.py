@@ -22,15 +22,12 @@ def test_a_triangle_has_the_squares_of_its_matrix(shape, order):
     np.testing.assert_allclose(triangle.T @ triangle, matrix.T @ matrix, rtol=1e-11, atol=1e-10)
 
 
-def test_what_no_column_holds_stays_zero():
+def test_zero_columns_stay_zero_and_no_number_is_hidden():
     matrix = np.zeros((20000, 3))
     matrix[:, 1] = 2.0
     np.testing.assert_allclose(
         np.linalg.svd(compute_triangle(matrix))[1], [2.0 * 20000**0.5, 0.0, 0.0], atol=1e-9
     )
-
-
-def test_a_number_that_is_none_is_not_hidden():
     matrix = np.ones((10, 2))
     matrix[3, 1] = np.nan
     assert np.isnan(compute_triangle(matrix)[:, 1]).any()

@@ -28,15 +28,12 @@ def test_a_notice_says_where(place, text):
     assert str(Notice(code="x.y", text="wrong", **place)) == text
 
 
-def test_an_error_carries_all_its_notices():
+def test_errors_carry_all_notices_and_symbols_have_no_doubles():
     first, second = Notice(code="a.b", text="one"), Notice(code="a.c", text="two")
     error = RobotError(first, second)
     assert error.notices == (first, second)
     assert str(error) == "one\ntwo"
     assert (error.exit_code, SymidError.exit_code) == (3, 70)
-
-
-def test_the_table_of_symbols_has_no_doubles():
     names = [symbol.name for symbol in SYMBOLS]
     assert len(set(names)) == len(names)
     assert set(INERTIAL) <= set(names)
@@ -81,7 +78,7 @@ def test_signatures_differ_exactly_when_values_do(left, right):
         assert compute_signature(left) != compute_signature(right)
 
 
-def test_types_of_equal_looking_values_are_told_apart():
+def test_signatures_are_of_types_shapes_and_bytes():
     values = [
         1,
         True,
@@ -97,26 +94,18 @@ def test_types_of_equal_looking_values_are_told_apart():
         Colour.RED,
     ]
     assert len({write_canonical(value) for value in values}) == len(values)
-
-
-def test_concatenation_is_no_collision():
     assert compute_signature("ab", "c") != compute_signature("a", "bc")
     assert write_canonical({"b": 1, "a": 2}) == write_canonical({"a": 2, "b": 1})
-
-
-def test_a_value_is_not_what_it_is_made_of():
     array = np.arange(4.0)
     assert compute_signature(Colour.RED) != compute_signature("red")
     assert compute_signature(array) != compute_signature((str(array.dtype), array.shape, array.tobytes()))
     with pytest.raises(TypeError, match="no canonical form"):
         write_canonical(np.array([object()]))
-
-
-def test_arrays_are_signed_by_type_shape_and_bytes():
-    array = np.arange(4.0)
     assert compute_signature(array) == compute_signature(array.copy())
     assert compute_signature(array) != compute_signature(array.reshape(2, 2))
     assert compute_signature(array) != compute_signature(array.astype(np.float32))
+    with pytest.raises(TypeError, match="no JSON for type"):
+        write_plain(Notice)
 
 
 @pytest.mark.parametrize("value", [{1, 2}, object()])
@@ -132,16 +121,6 @@ def test_frozen_arrays_are_private_copies():
     assert frozen[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         frozen[0] = 1.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Samples(FrozenArrays):
-    values: FloatArray
-    extra: FloatArray | None = None
-    count: int = 0
-
-
-def test_arrays_of_a_record_are_copies_that_nobody_can_write():
     own = np.zeros(3)
     samples = _Samples(own, extra=None)
     own[0] = 1.0
@@ -155,6 +134,13 @@ def test_arrays_of_a_record_are_copies_that_nobody_can_write():
     assert _Samples(view).values is not view
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples(FrozenArrays):
+    values: FloatArray
+    extra: FloatArray | None = None
+    count: int = 0
+
+
 def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     path = write_file(tmp_path / "a.txt", "old")
 
@@ -166,8 +152,3 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
         write_file(path, fail)
     assert path.read_text(encoding="utf-8") == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
-
-
-def test_a_class_has_no_json():
-    with pytest.raises(TypeError, match="no JSON for type"):
-        write_plain(Notice)

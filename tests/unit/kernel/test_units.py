@@ -25,18 +25,12 @@ def test_units_have_their_dimension_and_factor(name, dimension, factor):
     assert get_unit_factor(name) == (dimension, pytest.approx(factor, rel=1e-15))
 
 
-def test_what_is_not_in_the_table_is_refused():
+def test_names_not_in_the_table_are_refused_with_the_nearest():
     for name in ("metre", "", "nm", "degF", "degc"):
         with pytest.raises(KeyError):
             get_unit_factor(name)
-
-
-def test_the_nearest_units_come_first():
     assert suggest_units("NM")[0] in ("Nm", "mN")
     assert "Nm" in suggest_units("NM")
     assert suggest_units("degre")[0] == "deg"
     assert suggest_units("!!!!") == ()
-
-
-def test_one_spelling_of_a_unit_is_one_entry():
     assert all(" ".join(name.split()) == name for name in UNITS)
