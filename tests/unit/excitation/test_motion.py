@@ -16,7 +16,7 @@ def sample(functions, times=TIMES):
     return SampledMotion(time=times, position=q, velocity=dq, acceleration=ddq, source="here")
 
 
-def test_polynomials_of_fifth_degree_come_back_with_all_derivatives():
+def test_polynomials_and_waves_come_back_between_their_samples():
     rng = np.random.default_rng(1)
     functions = [np.polynomial.Polynomial(rng.normal(size=6)) for _ in range(2)]
     motion = sample(functions)
@@ -26,9 +26,6 @@ def test_polynomials_of_fifth_degree_come_back_with_all_derivatives():
         wanted = np.column_stack([f.deriv(order)(t) if order else f(t) for f in functions])
         np.testing.assert_allclose(values, wanted, atol=1e-8 * 50**order)
     assert (motion.size, motion.duration) == (2, 1.6)
-
-
-def test_waves_come_back_between_their_samples():
     wave = build_tc(size=3)
     t = np.linspace(0.0, 20.0, 2001)
     q, dq, ddq = wave.evaluate(t)
@@ -40,7 +37,7 @@ def test_waves_come_back_between_their_samples():
         np.testing.assert_allclose(found, wanted, atol=near)
 
 
-def test_states_are_exact_at_the_samples_and_held_beyond():
+def test_samples_are_exact_held_beyond_still_and_scaled():
     motion = sample([np.polynomial.Polynomial([1.0, 2.0, -3.0, 0.5])])
     q, dq, ddq = motion.evaluate(TIMES)
     np.testing.assert_allclose(q, motion.position, atol=1e-14)
@@ -49,9 +46,6 @@ def test_states_are_exact_at_the_samples_and_held_beyond():
     np.testing.assert_array_equal(
         motion.evaluate(np.array([-1.0, 9.0]))[0], motion.evaluate(TIMES[[0, -1]])[0]
     )
-
-
-def test_a_pose_that_is_held_has_no_velocity_at_all():
     still = np.full((6, 2), 1.0 / 3.0)
     motion = SampledMotion(
         time=TIMES, position=still, velocity=0 * still, acceleration=0 * still, source="still"
@@ -60,9 +54,6 @@ def test_a_pose_that_is_held_has_no_velocity_at_all():
     assert np.all(q == 1.0 / 3.0)
     assert not dq.any()
     assert not ddq.any()
-
-
-def test_scaled_samples_keep_their_first_pose():
     motion = sample([np.polynomial.Polynomial([1.0, 2.0, -3.0])])
     scaled = scale_samples(motion, 0.5)
     t = np.linspace(0, 1.6, 20)

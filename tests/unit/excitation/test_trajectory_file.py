@@ -1,7 +1,6 @@
 """Trajectory files: the motion that is written is the one that is read, mistakes are named."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,14 +8,7 @@ import pytest
 from symid.errors import LogError, OutputError
 from symid.excitation.reference_motion import read_trajectory, write_trajectory
 from symid.excitation.trajectories import build_tc
-from symid.robot.toml_reader import read_robot
-
-ROBOTS = Path(__file__).resolve().parents[3] / "robots"
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return read_robot(ROBOTS / "two_link.toml")
+from tests.refusals import raises
 
 
 def write(path, text):
@@ -49,19 +41,15 @@ def test_what_is_written_is_read(robot, tmp_path):
     assert path.read_bytes() == first
 
 
-def test_periods_repeat_bit_by_bit(robot, tmp_path):
+def test_periods_repeat_bit_by_bit_and_folders_must_be_there(robot, tmp_path):
     path = tmp_path / "a.csv"
     assert write_trajectory(build_tc(), path, robot, rate=10.0, periods=3) == 601
     motion = read_trajectory(path, robot)
     assert motion.duration == 60.0
     np.testing.assert_array_equal(motion.position[:200], motion.position[400:600])
     np.testing.assert_array_equal(motion.position[0], motion.position[600])
-
-
-def test_a_folder_that_is_not_there(robot, tmp_path):
-    with pytest.raises(OutputError) as caught:
+    with raises(OutputError, "output.unwritable"):
         write_trajectory(build_tc(), tmp_path / "no" / "a.csv", robot, rate=10.0)
-    assert caught.value.notices[0].code == "output.unwritable"
 
 
 def test_positions_alone_are_enough_in_any_unit_and_order(robot, tmp_path):
@@ -96,6 +84,5 @@ def test_positions_alone_are_enough_in_any_unit_and_order(robot, tmp_path):
     ],
 )
 def test_mistakes_in_a_file_are_named(robot, tmp_path, text, says):
-    with pytest.raises(LogError, match=says) as caught:
+    with raises(LogError, "excitation.trajectory", match=says):
         read_trajectory(write(tmp_path / "a.csv", text), robot)
-    assert caught.value.notices[0].code == "excitation.trajectory"

@@ -9,7 +9,6 @@ from hypothesis import given, strategies as st
 
 from symid.errors import UsageError
 from symid.joint_models.carriers import (
-    OperatorCarrier,
     build_float_carrier,
     build_numpy_carrier,
     build_symbol_carrier,
@@ -31,6 +30,7 @@ from symid.joint_models.dynamic_friction import (
     simulate_dynamic_friction,
     write_dynamic_latex,
 )
+from tests.friction_forms import build_carrier
 from tests.refusals import raises
 
 VALUES = {"dahl": (2e4, 7.0), "lugre": (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 4.0)}
@@ -40,30 +40,8 @@ LAWS = pytest.mark.parametrize("name", sorted(DYNAMIC_LAWS))
 
 def build_other_carriers():
     """Return carriers of high precision and of CasADi, and how their numbers are made."""
-    precise = OperatorCarrier(
-        zero=mpmath.mpf(0),
-        one=mpmath.mpf(1),
-        exp=mpmath.exp,
-        tanh=mpmath.tanh,
-        sin=mpmath.sin,
-        cos=mpmath.cos,
-        sign=mpmath.sign,
-        absolute=mpmath.fabs,
-        maximum=max,
-        minimum=min,
-    )
-    graphs = OperatorCarrier(
-        zero=casadi.SX(0),
-        one=casadi.SX(1),
-        exp=casadi.exp,
-        tanh=casadi.tanh,
-        sin=casadi.sin,
-        cos=casadi.cos,
-        sign=casadi.sign,
-        absolute=casadi.fabs,
-        maximum=casadi.fmax,
-        minimum=casadi.fmin,
-    )
+    precise = build_carrier(mpmath, mpmath.mpf, absolute=mpmath.fabs, maximum=max, minimum=min)
+    graphs = build_carrier(casadi, casadi.SX, absolute=casadi.fabs, maximum=casadi.fmax, minimum=casadi.fmin)
     return (precise, mpmath.mpf), (graphs, casadi.SX), (build_symbol_carrier(), sympy.Float)
 
 

@@ -8,7 +8,7 @@ import sympy
 from hypothesis import given, strategies as st
 
 from symid.errors import UsageError
-from symid.joint_models.carriers import OperatorCarrier, build_float_carrier, build_numpy_carrier
+from symid.joint_models.carriers import build_float_carrier, build_numpy_carrier
 from symid.joint_models.friction_catalogue import (
     FRICTION_LAWS,
     build_improved,
@@ -34,52 +34,16 @@ from symid.joint_models.friction_law import (
     compute_columns,
     compute_friction_torque,
 )
-from tests.friction_forms import EVERY_LAW, FORMS, OLD_NAMES, VELOCITIES, find_torque, prepare
+from tests.friction_forms import EVERY_LAW, FORMS, OLD_NAMES, VELOCITIES, build_carrier, find_torque, prepare
 from tests.refusals import raises
 
 EVERY = pytest.mark.parametrize("law", list(map(get_law, EVERY_LAW)), ids=EVERY_LAW)
 
 
-def _mpmath_sign(x):
-    return mpmath.mpf(int(x > 0) - int(x < 0))
-
-
-MPMATH = OperatorCarrier(
-    zero=mpmath.mpf(0),
-    one=mpmath.mpf(1),
-    exp=mpmath.exp,
-    tanh=mpmath.tanh,
-    sin=mpmath.sin,
-    cos=mpmath.cos,
-    sign=_mpmath_sign,
-    absolute=abs,
-    maximum=max,
-    minimum=min,
-)
-SYMPY = OperatorCarrier(
-    zero=sympy.Integer(0),
-    one=sympy.Integer(1),
-    exp=sympy.exp,
-    tanh=sympy.tanh,
-    sin=sympy.sin,
-    cos=sympy.cos,
-    sign=sympy.sign,
-    absolute=sympy.Abs,
-    maximum=sympy.Max,
-    minimum=sympy.Min,
-)
-CASADI = OperatorCarrier(
-    zero=casadi.SX(0),
-    one=casadi.SX(1),
-    exp=casadi.exp,
-    tanh=casadi.tanh,
-    sin=casadi.sin,
-    cos=casadi.cos,
-    sign=casadi.sign,
-    absolute=casadi.fabs,
-    maximum=casadi.fmax,
-    minimum=casadi.fmin,
-    power=casadi.power,
+MPMATH = build_carrier(mpmath, mpmath.mpf, absolute=abs, maximum=max, minimum=min)
+SYMPY = build_carrier(sympy, sympy.Integer, absolute=sympy.Abs, maximum=sympy.Max, minimum=sympy.Min)
+CASADI = build_carrier(
+    casadi, casadi.SX, absolute=casadi.fabs, maximum=casadi.fmax, minimum=casadi.fmin, power=casadi.power
 )
 
 
@@ -213,7 +177,7 @@ def test_every_law_says_what_it_is_and_pushes_nothing(law):
     assert has_sign(law) == (not np.array_equal(sharp, smooth))
 
 
-def test_the_improved_law_is_continuous_and_meets_the_published_points():
+def test_the_improved_law_meets_the_published_points_for_many_shapes_at_once():
     """Derived points of the paper's Table 3: torque at the zone's edge and the least of the curve."""
     law = get_law("improved-stribeck")
     table = {
@@ -231,6 +195,14 @@ def test_the_improved_law_is_continuous_and_meets_the_published_points():
         curve = compute_friction_torque(law, {"velocity": speeds}, linear, shape)
         assert curve.min() == pytest.approx(least, abs=0.006)
         assert speeds[curve.argmin()] == pytest.approx(place, abs=6e-4)
+    speeds = np.array([0.01, 0.02, 0.05])
+    edges = np.full(3, 0.005)
+    found = law.columns(
+        build_numpy_carrier(), {"velocity": VELOCITIES[None]}, [speeds[:, None], edges[:, None]]
+    )
+    for k, speed in enumerate(speeds):
+        expected = compute_columns(law, {"velocity": VELOCITIES}, [speed, 0.005])
+        np.testing.assert_array_equal(np.broadcast_to(found[2], (3, len(VELOCITIES)))[k], expected[:, 2])
 
 
 @given(st.floats(1e-3, 0.2), st.floats(-2, 2), st.floats(0.5, 4.0))
@@ -241,18 +213,6 @@ def test_the_columns_of_the_improved_law_hold_within_the_zone(edge, velocity, ga
     torque = compute_friction_torque(law, {"velocity": np.array([velocity])}, linear, shape)[0]
     named = {p.name: value for p, value in zip(law.physical, values, strict=True)}
     assert torque == pytest.approx(find_torque(law.name, named, velocity), rel=1e-12, abs=1e-12)
-
-
-def test_columns_broadcast_over_many_shapes_at_once():
-    law = get_law("improved-stribeck")
-    speeds = np.array([0.01, 0.02, 0.05])
-    edges = np.full(3, 0.005)
-    found = law.columns(
-        build_numpy_carrier(), {"velocity": VELOCITIES[None]}, [speeds[:, None], edges[:, None]]
-    )
-    for k, speed in enumerate(speeds):
-        expected = compute_columns(law, {"velocity": VELOCITIES}, [speed, 0.005])
-        np.testing.assert_array_equal(np.broadcast_to(found[2], (3, len(VELOCITIES)))[k], expected[:, 2])
 
 
 def test_smoothing_and_offsets_change_a_law():

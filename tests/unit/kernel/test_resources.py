@@ -6,12 +6,9 @@ from symid.errors import SymidError
 from tests.refusals import raises
 
 
-def test_in_a_checkout_they_stand_beside_the_package(project):
+def test_resources_stand_beside_the_package_or_inside_it(project, monkeypatch, tmp_path):
     assert locate_resource_folder("robots") == project / "robots"
     assert locate_resource_folder("templates") == project / "templates"
-
-
-def test_in_a_wheel_they_stand_inside_the_package_or_it_says_so(monkeypatch, tmp_path):
     monkeypatch.setattr(symid.environment, "_PACKAGE", tmp_path / "symid")
     with raises(SymidError, "symid.missing-resource", match="install"):
         locate_resource_folder("robots")

@@ -95,13 +95,7 @@ def test_a_joint_without_a_link_encoder_stays_as_it_is():
     recording, columns = record(1, 0.002, 0.0)
     dead = recording.position.copy()
     dead[:, 1] = 0.0
-    recording = Recording(
-        time=recording.time,
-        position=dead,
-        torque=recording.torque,
-        velocity=dead,
-        motor_position=recording.motor_position,
-    )
+    recording = replace(recording, position=dead, velocity=dead)
     assert get_encoders(recording).present.tolist() == [True, False]
     found = estimate_alignment([recording], [columns])
     assert found.delay == pytest.approx(0.002, abs=2e-6)
@@ -131,35 +125,19 @@ def test_what_may_be_zero_is_left_alone_and_not_spoken_of():
 
 def test_what_cannot_be_aligned_is_refused():
     recording, columns = record(0, 0.0, 0.0)
-    one = Recording(time=recording.time, position=recording.position, torque=recording.torque)
-    with raises(LogError, "log.one-encoder", match="one position"):
-        estimate_alignment([one], [columns])
-    short = Recording(
-        time=recording.time[:900],
-        position=recording.position[:900],
-        motor_position=recording.motor_position[:900],
-        torque=recording.torque[:900],
-    )
-    with raises(LogError, "log.short-alignment"):
-        estimate_alignment([short], [columns[:900]])
-    still = Recording(
-        time=recording.time,
-        position=np.zeros_like(recording.position),
-        motor_position=recording.motor_position,
-        torque=recording.torque,
-    )
-    with raises(LogError, "log.no-link-encoder"):
-        estimate_alignment([still], [columns])
-    time = recording.time.copy()
-    time[4000:] += 1.0
-    gap = Recording(
-        time=time,
-        position=recording.position,
-        motor_position=recording.motor_position,
-        torque=recording.torque,
-    )
-    with raises(LogError, "log.gap"):
-        estimate_alignment([gap], [columns])
+    time = recording.time + 1.0 * (np.arange(len(recording.time)) >= 4000)
+    short = {
+        name: getattr(recording, name)[:900] for name in ("time", "position", "motor_position", "torque")
+    }
+    for changes, code in (
+        ({"motor_position": None}, "log.one-encoder"),
+        (short, "log.short-alignment"),
+        ({"position": np.zeros_like(recording.position)}, "log.no-link-encoder"),
+        ({"time": time}, "log.gap"),
+    ):
+        changed = replace(recording, **changes)
+        with raises(LogError, code, match="one position" if code == "log.one-encoder" else None):
+            estimate_alignment([changed], [columns[: len(changed.time)]])
 
 
 @pytest.mark.parametrize(

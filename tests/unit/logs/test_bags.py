@@ -4,6 +4,7 @@ import shutil
 import sys
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from symid.logs.runs import check_distinct, read_recordings
 from symid.logs.sampling import resample_log
 from symid.robot import parse_robot, write_robot
 from symid.robot.description import Drive, LogMap
+from tests.refusals import refuse, tell
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -89,14 +91,7 @@ def messages(columns):
     return [("/joint_states", at, at + 10**6, NAMES, q, q, tau) for at, q, tau in stamps]
 
 
-def said(notices):
-    return {notice.code: notice.text for notice in notices}
-
-
-def problems(path, robot):
-    with pytest.raises(LogError) as caught:
-        read_recording(path, robot)
-    return said(caught.value.notices)
+problems = partial(refuse, LogError, read_recording)
 
 
 @pytest.mark.parametrize("plugin", ["db3", "mcap"])
@@ -113,7 +108,7 @@ def test_every_container_gives_the_same_samples(make_robot, columns, messages, w
     np.testing.assert_array_equal(recording.velocity, columns["q"])
     # Counted from a whole second, so that no digit of a stamp is lost.
     np.testing.assert_array_equal(recording.time, (250_000_000 + 10_000_000 * np.arange(50)) / 1e9)
-    found = said(recording.notices)
+    found = tell(recording.notices)
     assert (
         "50 messages; joints joint1, joint2; time is that of the headers, less 1700000000 s"
         in (found["log.topic-read"])
@@ -127,11 +122,11 @@ def test_split_bags_are_one_log_in_the_order_of_their_times(make_robot, columns,
     first, second = write_bag(messages[:30], name="a"), write_bag(messages[30:], name="b")
     shutil.copy(second / "b.db3", first / "b.db3")
     # Its metadata still lists one file, as that of a bag to which one was added.
-    assert "one of 2 files of a bag" in said(read_raw(first / "a.db3").notices)["log.part-of-bag"]
+    assert "one of 2 files of a bag" in tell(read_raw(first / "a.db3").notices)["log.part-of-bag"]
     (first / "metadata.yaml").unlink()
     recording = read_recording(first, make_robot())
     np.testing.assert_array_equal(recording.torque, columns["tau"])
-    assert "log.part-of-bag" not in said(recording.notices)
+    assert "log.part-of-bag" not in tell(recording.notices)
     first, second = write_bag(messages[:30], name="run_2"), write_bag(messages[30:], name="run_10")
     shutil.copy(second / "run_10.db3", first / "run_10.db3")
     (first / "metadata.yaml").unlink()
@@ -156,11 +151,11 @@ def test_joints_are_found_by_name_whatever_their_order_and_beginning(
     recording = read_recording(write_bag(turned), make_robot())
     np.testing.assert_array_equal(recording.position, columns["q"])
     np.testing.assert_array_equal(recording.torque, columns["tau"])
-    assert "the order of joints changes" in said(recording.notices)["log.topic-read"]
+    assert "the order of joints changes" in tell(recording.notices)["log.topic-read"]
     renamed = [(*message[:3], ("fer_joint1", "fer_joint2"), *message[4:]) for message in messages]
     recording = read_recording(write_bag(renamed), make_robot())
     np.testing.assert_array_equal(recording.torque, columns["tau"])
-    text = said(recording.notices)["log.joint-names"]
+    text = tell(recording.notices)["log.joint-names"]
     assert "'fer_joint1' is 'joint1', 'fer_joint2' is 'joint2'; is it this robot?" in text
 
 
@@ -173,12 +168,12 @@ def test_messages_with_a_part_of_the_joints_or_of_the_values(make_robot, columns
         mixed.append(("/joint_states", at, at + 10**6, ("finger",), [0.1], [0.0], [1.0]))
     recording = read_recording(write_bag(mixed), make_robot(), uneven=True)
     np.testing.assert_array_equal(recording.torque, np.delete(columns["tau"], 20, axis=0))
-    found = said(recording.notices)
+    found = tell(recording.notices)
     assert "51 of 100 samples of topic /joint_states" in found["log.incomplete-messages"]
     assert "100 messages have a part of the joints only" in found["log.topic-read"]
     odd = [(*message[:6], message[6][:1]) if k == 5 else message for k, message in enumerate(messages)]
     recording = read_recording(write_bag(odd), make_robot(), uneven=True)
-    assert "1 messages have names twice, or not as many values" in said(recording.notices)["log.topic-read"]
+    assert "1 messages have names twice, or not as many values" in tell(recording.notices)["log.topic-read"]
     assert len(recording.time) == 49
 
 
@@ -190,7 +185,7 @@ def test_stamps_that_repeat_return_or_are_zero(make_robot, columns, messages, wr
     ]
     recording = read_recording(write_bag(halves), make_robot())
     np.testing.assert_array_equal(recording.torque, columns["tau"])
-    assert "100 messages became 50 samples" in said(recording.notices)["log.topic-read"]
+    assert "100 messages became 50 samples" in tell(recording.notices)["log.topic-read"]
     apart = [(topic, at + 10**6 * (k % 2), *rest) for k, (topic, at, *rest) in enumerate(halves)]
     text = problems(write_bag(apart), make_robot())["log.topic"]
     assert "100 of 100 samples of topic /joint_states lack" in text
@@ -199,7 +194,7 @@ def test_stamps_that_repeat_return_or_are_zero(make_robot, columns, messages, wr
     path = write_bag([(topic, 0, *rest) for topic, _, *rest in messages])
     recording = read_recording(path, make_robot())
     assert recording.time[0] == 0.251
-    text = said(recording.notices)["log.topic-read"]
+    text = tell(recording.notices)["log.topic-read"]
     assert "time is that of recording, because all stamps of the headers are zero" in text
 
 
@@ -304,7 +299,7 @@ def test_names_twice_in_a_message(make_robot, messages, write_bag, kind):
     recording = read_recording(path, make_robot(), uneven=True)
     assert len(recording.time) == 49
     assert not np.any(recording.position == 9.0)
-    text = said(recording.notices)["log.topic-read"]
+    text = tell(recording.notices)["log.topic-read"]
     assert "1 messages have names twice" in text
     assert "the order of joints changes" not in text
 

@@ -8,6 +8,7 @@ import pytest
 from symid.logs.checks import check_recording
 from symid.logs.recording import Recording
 from symid.robot.description import Limits
+from tests.refusals import tell
 
 T = np.arange(4000) * 1e-3
 GOOD = Recording(
@@ -25,7 +26,7 @@ def check(make_robot):
         robot = make_robot()
         if limits:
             robot = replace(robot, joints=(replace(robot.joints[0], limits=limits), robot.joints[1]))
-        return {notice.code: notice.text for notice in check_recording(replace(GOOD, **changes), robot)}
+        return tell(check_recording(replace(GOOD, **changes), robot))
 
     return run
 
@@ -52,7 +53,7 @@ def test_what_is_suspicious_is_remarked_and_nothing_else(check):
     assert "limit 0.9" in found["log.torque-beyond-limit"]
 
 
-def test_constant_and_clipped_channels(check):
+def test_constant_clipped_and_stuck_channels(check):
     found = check(position=change(GOOD.position, np.s_[:, 1], 0.3))
     assert list(found) == ["log.constant-position"]
     assert "'joint2'" in found["log.constant-position"]
@@ -64,6 +65,11 @@ def test_constant_and_clipped_channels(check):
     assert list(found) == ["log.saturation"]
     assert "joint 'joint1'" in found["log.saturation"]
     assert "peak of 0.8" in found["log.saturation"]
+    stuck = change(GOOD.position, np.s_[2000:, 0], GOOD.position[2000, 0])
+    assert "from 2 s to 3.999 s" in check(position=stuck)["log.stuck-encoder"]
+    # A joint at rest: its torque rests too.
+    still = change(GOOD.torque, np.s_[2000:, 0], GOOD.torque[2000, 0])
+    assert "log.stuck-encoder" not in check(position=stuck, torque=still)
 
 
 RATE = np.column_stack([3.0 * np.cos(3 * T), -2.0 * np.sin(2 * T)])
@@ -93,14 +99,6 @@ def test_the_velocity_of_another_joint_and_one_with_bias_and_noise(check):
     noise = np.random.default_rng(0).normal(size=RATE.shape)
     assert check(velocity=RATE + 0.05 + 0.2 * noise) == {}
     assert check(velocity=np.where(T[:, None] == 0.5, np.nan, 9.0 * RATE)) == {}
-
-
-def test_a_stuck_encoder_is_found_where_the_torque_goes_on(check):
-    stuck = change(GOOD.position, np.s_[2000:, 0], GOOD.position[2000, 0])
-    assert "from 2 s to 3.999 s" in check(position=stuck)["log.stuck-encoder"]
-    # A joint at rest: its torque rests too.
-    still = change(GOOD.torque, np.s_[2000:, 0], GOOD.torque[2000, 0])
-    assert "log.stuck-encoder" not in check(position=stuck, torque=still)
 
 
 @pytest.mark.parametrize(("size", "why"), [(2.0 * np.pi, "wraps"), (0.4, "samples are missing")])

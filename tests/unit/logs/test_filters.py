@@ -271,16 +271,13 @@ def record(samples=1000):
     return Recording(time=t, position=np.sin(t)[:, None], torque=np.cos(t)[:, None], source="run")
 
 
-def test_a_log_of_just_enough_samples_passes_and_one_less_does_not():
+def test_logs_that_are_too_short_or_have_a_gap_are_refused():
     processing = Processing(filter_cutoff=100.0, drop_first=5, decimation=Decimation(factor=4))
     least = compute_least_samples(processing)
     signals = prepare_signals(record(least), processing)
     decimate(signals.q, processing.decimation)
     with pytest.raises(LogError, match=f"{least - 1} samples; .* {least}$"):
         prepare_signals(record(least - 1), processing)
-
-
-def test_a_gap_in_time_is_refused_and_said_where():
     t = np.where(TIMES[:1000] > 0.4, TIMES[:1000] + 0.5, TIMES[:1000])
     recording = Recording(time=t, position=np.sin(t)[:, None], torque=np.cos(t)[:, None], source="run.csv")
     with raises(LogError, "log.gap", match=r"run.csv: .*: 1 steps .* after sample 400") as caught:

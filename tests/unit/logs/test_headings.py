@@ -12,7 +12,7 @@ from symid.logs.files import RawLog, split_heading
 from symid.logs.reader import assign_columns, read_recording
 from symid.robot.description import Drive, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY
-from tests.refusals import raises
+from tests.refusals import raises, refuse
 
 N = 400
 JOINTS = {
@@ -172,9 +172,7 @@ def test_which_columns_are_read(case, tmp_path):
     raw, robot = build(case)
     findings = Findings(file="log.csv")
     if case.code:
-        with pytest.raises(LogError) as caught:
-            read_recording(tmp_path / "log.csv", robot, raw=raw)
-        assert case.code in {notice.code for notice in caught.value.notices}
+        assert case.code in refuse(LogError, read_recording, tmp_path / "log.csv", robot, raw=raw)
         assert case.result.startswith("refused")
         return
     found, mapped = assign_columns(raw, robot, findings)
@@ -205,16 +203,11 @@ def test_the_page_has_the_same_table(project):
     assert table[1].splitlines() == list(list_rows())
 
 
-def test_a_robot_without_a_table_says_how_to_get_one(tmp_path):
+def test_robots_without_a_table_are_told_what_lacks(tmp_path):
     raw, robot = build(CASES[7])
-    with pytest.raises(LogError) as caught:
-        read_recording(tmp_path / "log.csv", robot, raw=raw)
-    text = {notice.code: notice.text for notice in caught.value.notices}["log.no-map"]
+    text = refuse(LogError, read_recording, tmp_path / "log.csv", robot, raw=raw)["log.no-map"]
     assert "--set log.QUANTITY.columns=NAME,NAME" in text
-
-
-def test_columns_of_symid_keep_their_messages(tmp_path):
-    """A log with columns of symid's own names is told what these lack, not what other programs write."""
+    # A log with columns of symid's own names is told what these lack, not what other programs write.
     raw, robot = build(CASES[1])
     raw = replace(raw, columns={name: values for name, values in raw.columns.items() if name != "t"})
     with raises(LogError, "log.missing-column"):

@@ -171,17 +171,13 @@ def take(recording, text, **options):
     return take_parts([recording], read_parts(text, "-"), "-", **options)[0]
 
 
-def test_parts_of_a_log_in_memory_have_its_digest():
+def test_the_seconds_that_a_fit_has_used_are_counted():
     whole = make_recording()
     digests = {
         compute_log_digests([entry])[0] for entry in (whole, take(whole, "0:60%"), take(whole, "60%:"))
     }
     assert len(digests) == 1
     assert compute_log_digests([replace(whole, torque=whole.torque + 1.0)])[0] not in digests
-
-
-def test_the_seconds_that_a_fit_has_used_are_counted():
-    whole = make_recording()
     settings = describe([take(whole, "0:60%", keep=True)])
     assert settings["parts"] == [{"start": FIRST, "end": whole.time[599]}]
     assert get_train_unit(settings) == "%"

@@ -1,6 +1,7 @@
 """Readers: what they make of good logs, and the sentence every bad log gets."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,28 +11,29 @@ from symid.errors import LogError
 from symid.logs.reader import read_recording
 from symid.robot.description import Decimation, Drive, JointKind, Processing, Robot
 from symid.robot.toml_reader import read_robot
-from tests.refusals import raises
+from tests.refusals import raises, refuse, tell
 
 P = JointKind.PRISMATIC
 
 
-def problems(path, robot):
-    with pytest.raises(LogError) as caught:
-        read_recording(path, robot)
-    return {notice.code: notice.text for notice in caught.value.notices}
+problems = partial(refuse, LogError, read_recording)
 
 
-def remarks(recording):
-    return {notice.code: notice.text for notice in recording.notices}
-
-
-def test_arrays_under_their_own_names(make_robot, columns, write_npz):
+def test_arrays_under_their_own_names_are_read_also_in_rows(make_robot, columns, write_npz):
     recording = read_recording(write_npz(**columns), make_robot())
     np.testing.assert_array_equal(recording.position, columns["q"])
     np.testing.assert_array_equal(recording.torque, columns["tau"])
     assert recording.velocity is None
     assert recording.notices == ()
     assert recording.period == pytest.approx(0.01)
+    recording = read_recording(write_npz(t=columns["t"], q=columns["q"].T, tau=columns["tau"]), make_robot())
+    np.testing.assert_array_equal(recording.position, columns["q"])
+    assert "'q'" in tell(recording.notices)["log.transposed"]
+    recording = read_recording(
+        write_npz(**columns, current=columns["t"], note=np.array("hello")), make_robot()
+    )
+    assert tell(recording.notices)["log.unused-columns"].endswith(": current, note")
+    np.testing.assert_array_equal(recording.extras["current"], columns["t"])
 
 
 def test_velocities_are_read_where_they_are_and_may_have_holes(make_robot, columns, write_npz):
@@ -39,13 +41,13 @@ def test_velocities_are_read_where_they_are_and_may_have_holes(make_robot, colum
     recording = read_recording(write_npz(**columns, **more), make_robot())
     np.testing.assert_array_equal(recording.velocity, more["dq"])
     np.testing.assert_array_equal(recording.acceleration, more["ddq"])
-    assert "(columns dq)" in remarks(recording)["log.unused-columns"]
-    assert "(columns ddq)" in remarks(recording)["log.unused-columns"]
+    assert "(columns dq)" in tell(recording.notices)["log.unused-columns"]
+    assert "(columns ddq)" in tell(recording.notices)["log.unused-columns"]
     dq = columns["q"].copy()
     dq[3, 1] = np.nan
     recording = read_recording(write_npz(**columns, dq=dq, extra=columns["t"]), make_robot())
     assert np.isnan(recording.velocity[3, 1])
-    assert ": extra; velocity" in remarks(recording)["log.unused-columns"]
+    assert ": extra; velocity" in tell(recording.notices)["log.unused-columns"]
 
 
 def write_csv(tmp_path, heading):
@@ -100,35 +102,21 @@ def test_columns_are_counted_and_go_by_number(make_robot, tmp_path, write_npz, c
     assert "has 2 columns ('q'), the robot 3 joints" in dict(found)["log.joint-count"].replace("tau", "q")
 
 
-def test_a_missing_column_without_a_map_names_the_names_and_the_setting(make_robot, tmp_path):
-    found = problems(write_csv(tmp_path, "stamp,a,b,tau1,tau2"), make_robot())["log.missing-column"]
-    assert "[log.position] it must be named q or q1, q2 ... or position or position1" in found
-    assert "--set log.position.columns=NAME,NAME --set log.position.unit=UNIT" in found
-
-
 def test_factors_constants_and_gears_are_said(make_robot, columns, write_npz):
     recording = read_recording(write_npz(**columns), make_robot(torque=(("tau",), "V", (1.0,))))
     np.testing.assert_array_equal(recording.torque, columns["tau"])
-    assert "'tau' in V was multiplied by 1" in remarks(recording)["log.converted"]
+    assert "'tau' in V was multiplied by 1" in tell(recording.notices)["log.converted"]
     robot = make_robot(torque=(("tau",), "N m", (1.0,), "motor"))
-    said = remarks(read_recording(write_npz(**columns), robot))["log.converted"]
+    said = tell(read_recording(write_npz(**columns), robot).notices)["log.converted"]
     assert "multiplied by 1 (motor side, gear included: 1)" in said
     robot = make_robot(gears=(50.0, 80.0), torque=(("tau",), "mA", (5.0, 16.0)))
     drives = (Drive(gear=50.0, torque_constant=0.1), Drive(gear=80.0, torque_constant=0.2))
     joints = tuple(replace(joint, drive=drive) for joint, drive in zip(robot.joints, drives, strict=True))
     recording = read_recording(write_npz(**columns), replace(robot, joints=joints))
-    said = remarks(recording)["log.converted"]
+    said = tell(recording.notices)["log.converted"]
     assert "by 0.005, 0.016 (torque constant 0.1, 0.2 N m/A" in said
     robot = make_robot(torque=(("tau",), "V", (1.0, 2.0, 3.0)))
     assert "3 factors for 2 joints" in problems(write_npz(**columns), robot)["log.factor-count"]
-
-
-def test_columns_that_are_not_used_are_said_and_kept(make_robot, columns, write_npz):
-    recording = read_recording(
-        write_npz(**columns, current=columns["t"], note=np.array("hello")), make_robot()
-    )
-    assert remarks(recording)["log.unused-columns"].endswith(": current, note")
-    np.testing.assert_array_equal(recording.extras["current"], columns["t"])
 
 
 def test_motor_side_logs_are_brought_to_the_joint(make_robot, columns, write_npz):
@@ -160,8 +148,8 @@ def test_mat_structures_are_reached_with_a_dot(make_robot, columns, tmp_path):
     recording = read_recording(path, robot)
     np.testing.assert_allclose(recording.time, columns["t"])
     np.testing.assert_array_equal(recording.position, columns["q"])
-    assert "name" in remarks(recording)["log.unused-columns"]
-    assert "in ms was multiplied by 0.001" in remarks(recording)["log.converted"]
+    assert "name" in tell(recording.notices)["log.unused-columns"]
+    assert "in ms was multiplied by 0.001" in tell(recording.notices)["log.converted"]
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
@@ -178,21 +166,24 @@ def test_csv_units_stand_in_the_heading(make_robot, tmp_path, separator):
     np.testing.assert_array_equal(recording.torque[:, 1], -np.arange(40))
 
 
-def test_the_robot_file_wins_over_the_heading_and_it_is_said(make_robot, tmp_path):
+def test_the_robot_file_wins_over_units_of_the_heading(make_robot, tmp_path, robots_folder):
     path = tmp_path / "log.csv"
     path.write_text("t,q1 [deg],tau1\n" + "".join(f"{k},{k},1\n" for k in range(9)))
     recording = read_recording(path, make_robot((JointKind.REVOLUTE,), position=(("q1",), "rad")))
     np.testing.assert_array_equal(recording.position[:, 0], np.arange(9))
-    assert "'deg' in the log, 'rad' in the robot file" in remarks(recording)["log.unit-differs"]
+    assert "'deg' in the log, 'rad' in the robot file" in tell(recording.notices)["log.unit-differs"]
+    rows = "\n".join(f"{k * 1e-3},0,0,0,0" for k in range(3000))
+    path.write_text(f"t [s],q1 [radd],q2 [rad],tau1 [N m],tau2 [N m]\n{rows}\n", encoding="utf-8")
+    with raises(LogError, "log.unknown-unit", match="'radd'"):
+        read_recording(path, read_robot(robots_folder / "two_link.toml"))
+    rows = "\n".join(f"{k * 1e-3},{k * 1e-3},0" for k in range(3000))
+    path.write_text(f"t [s],qm [ticks],vir [V]\n{rows}\n", encoding="utf-8")
+    recording = read_recording(path, read_robot(robots_folder / "emps.toml"))
+    assert recording.position[5, 0] == 5e-3
+    assert "log.unit-differs" in {notice.code for notice in recording.notices}
 
 
-def test_rows_instead_of_columns_are_turned_and_said(make_robot, columns, write_npz):
-    recording = read_recording(write_npz(t=columns["t"], q=columns["q"].T, tau=columns["tau"]), make_robot())
-    np.testing.assert_array_equal(recording.position, columns["q"])
-    assert "'q'" in remarks(recording)["log.transposed"]
-
-
-def test_all_mistakes_are_said_at_once(make_robot, columns, write_npz):
+def test_all_mistakes_are_said_at_once_with_names_and_settings(make_robot, columns, write_npz, tmp_path):
     t = columns["t"].copy()
     t[20] = t[18]
     tau = columns["tau"].copy()
@@ -204,6 +195,9 @@ def test_all_mistakes_are_said_at_once(make_robot, columns, write_npz):
     assert "sample 20 (counted from 0) is at 0.18 s" in found["log.time-order"]
     assert "'tau' has 2 values" in found["log.not-finite"]
     assert "sample 7, column 1" in found["log.not-finite"]
+    found = problems(write_csv(tmp_path, "stamp,a,b,tau1,tau2"), make_robot())["log.missing-column"]
+    assert "[log.position] it must be named q or q1, q2 ... or position or position1" in found
+    assert "--set log.position.columns=NAME,NAME --set log.position.unit=UNIT" in found
 
 
 @pytest.mark.parametrize(
@@ -332,16 +326,3 @@ def test_a_number_whose_square_overflows_is_none(make_robot, columns, write_npz,
         "has 1 values that are not finite numbers (NaN, infinite, beyond 1e+100), the first at sample 4"
         in found
     )
-
-
-def test_units_that_do_not_exist_are_refused_unless_the_robot_file_has_one(tmp_path, robots_folder):
-    path = tmp_path / "log.csv"
-    rows = "\n".join(f"{k * 1e-3},0,0,0,0" for k in range(3000))
-    path.write_text(f"t [s],q1 [radd],q2 [rad],tau1 [N m],tau2 [N m]\n{rows}\n", encoding="utf-8")
-    with raises(LogError, "log.unknown-unit", match="'radd'"):
-        read_recording(path, read_robot(robots_folder / "two_link.toml"))
-    rows = "\n".join(f"{k * 1e-3},{k * 1e-3},0" for k in range(3000))
-    path.write_text(f"t [s],qm [ticks],vir [V]\n{rows}\n", encoding="utf-8")
-    recording = read_recording(path, read_robot(robots_folder / "emps.toml"))
-    assert recording.position[5, 0] == 5e-3
-    assert "log.unit-differs" in {notice.code for notice in recording.notices}

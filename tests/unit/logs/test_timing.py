@@ -14,13 +14,9 @@ from symid.logs.sampling import (
     resample_recording,
     undo_resampling,
 )
-from tests.refusals import raises
+from tests.refusals import raises, tell
 
 T = np.arange(1000) * 1e-3
-
-
-def said(time):
-    return {notice.code: notice.text for notice in describe_timing(time)}
 
 
 def test_what_time_stamps_are_is_said():
@@ -32,17 +28,17 @@ def test_what_time_stamps_are_is_said():
     assert (len(timing.gaps), timing.missing, timing.repeated, timing.backward) == (2, 3, 0, 0)
     assert (
         "2 gaps, 3 samples of 1000 are missing; the first gap is from 0.099 s to 0.102 s"
-        in said(time)["log.gap"]
+        in tell(describe_timing(time))["log.gap"]
     )
     time = np.insert(T, 10, T[10])
     time[200:] -= 0.05
-    found = said(time)
+    found = tell(describe_timing(time))
     assert "(the first: 11)" in found["log.repeated-times"]
     assert "1 samples have an earlier time" in found["log.time-order"]
     rng = np.random.default_rng(3)
     noise = rng.uniform(-1.0, 1.0, len(T))
-    assert "accepted as even" in said(T + 0.033e-3 * noise)["log.jitter"]
-    assert "accepted as even" not in said(T + 0.2499e-3 * noise)["log.jitter"]
+    assert "accepted as even" in tell(describe_timing(T + 0.033e-3 * noise))["log.jitter"]
+    assert "accepted as even" not in tell(describe_timing(T + 0.2499e-3 * noise))["log.jitter"]
     assert measure_timing(np.zeros(5)).period == 0.0
     with raises(LogError, "log.time-order"):
         plan_resampling(np.zeros(50))

@@ -15,7 +15,7 @@ def couple(robot, matrix=MATRIX):
     return replace(robot, log=replace(robot.log, transmission=matrix))
 
 
-def test_motions_and_torques_do_the_same_work_on_both_sides(make_robot, columns, write_npz):
+def test_a_matrix_does_the_same_work_on_both_sides_and_may_be_gears(make_robot, columns, write_npz):
     motor = (("q",), "rad", (1.0,), "motor")
     robot = couple(
         make_robot(
@@ -37,9 +37,6 @@ def test_motions_and_torques_do_the_same_work_on_both_sides(make_robot, columns,
     recording = read_recording(write_npz(**columns), robot)
     np.testing.assert_array_equal(recording.position, columns["q"])
     np.testing.assert_allclose(recording.torque, columns["tau"] @ np.array(MATRIX))
-
-
-def test_a_diagonal_matrix_is_the_gears(make_robot, columns, write_npz):
     log = {"position": (("q",), "deg", (1.0,), "motor"), "torque": (("tau",), "N m", (2.0, 3.0), "motor")}
     path = write_npz(**columns)
     geared = read_recording(path, make_robot(gears=(50.0, -80.0), **log))

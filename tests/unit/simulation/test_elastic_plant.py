@@ -150,7 +150,9 @@ def stack(log):
     return np.hstack([log.q, log.dq, log.theta, log.dtheta])
 
 
-def test_the_plant_agrees_with_an_event_driven_integrator(plant, elastic_library, numbers, truth):
+def test_the_plant_agrees_with_an_event_driven_integrator_and_keeps_its_order(
+    plant, elastic_library, numbers, truth
+):
     log = plant.run(elastic_library, numbers, order_run())
     # The torsion reaches every stop and both knees, and turns.
     phi = log.theta - log.q
@@ -166,8 +168,6 @@ def test_the_plant_agrees_with_an_event_driven_integrator(plant, elastic_library
     assert gap[:, positions].max() < 5e-10
     assert gap[:, speeds].max() < 5e-7
 
-
-def test_steps_in_parts_keep_the_order_of_the_method(plant, elastic_library, numbers, truth):
     def find_gap(substeps, parts):
         log = plant.run(elastic_library, numbers, order_run(substeps=substeps, parts=parts))
         return np.abs(log.q - truth[:, :2]).max()
@@ -345,13 +345,10 @@ def test_spring_work_is_exact_on_any_path(numbers):
             assert found == pytest.approx(wanted, abs=2e-9)
 
 
-def test_the_same_order_gives_the_same_bytes(plant, elastic_library, numbers):
+def test_the_same_order_gives_the_same_bytes_until_a_state_is_not_finite(plant, elastic_library, numbers):
     first, second = (plant.run(elastic_library, numbers, order_run()) for _ in range(2))
     assert first.q.tobytes() == second.q.tobytes()
     assert first.elastic.tobytes() == second.elastic.tobytes()
-
-
-def test_a_state_that_is_not_finite_ends_the_run(plant, elastic_library, numbers):
     order = order_run(stiffness=np.array([-1e9, -1e9]), damping=np.array([-1e6, -1e6]))
     with np.errstate(all="ignore"):
         for log in (
@@ -361,16 +358,13 @@ def test_a_state_that_is_not_finite_ends_the_run(plant, elastic_library, numbers
             assert 0 < log.ticks < order.ticks
 
 
-def test_without_compiled_functions_numpy_does_it_and_says_so(arm, numbers):
+def test_without_compiled_code_numpy_does_it_and_says_why(arm, numbers, elastic_library, monkeypatch):
     assert not has_addresses(arm)
     robot = replace(numbers, beta=np.array([ZZ1 + 0.2, ZZ2, 0.05, 1.0, MX2]), friction=np.zeros(0))
     run = simulate_plant(arm, robot, order_run(ticks=5))
     assert run.backend == "python"
     assert [notice.code for notice in run.notices] == ["simulate.slow-plant"]
     assert "not compiled" in run.notices[0].text
-
-
-def test_without_a_compiler_numpy_does_it_and_says_so(elastic_library, numbers):
     order = order_run(ticks=5)
     run = simulate_plant(elastic_library, numbers, order, compiler="no-such-compiler")
     assert [notice.code for notice in run.notices] == ["simulate.slow-plant"]
@@ -378,9 +372,6 @@ def test_without_a_compiler_numpy_does_it_and_says_so(elastic_library, numbers):
     fast = simulate_plant(elastic_library, numbers, order)
     assert (fast.backend, fast.notices) == ("c", ())
     np.testing.assert_allclose(run.log.theta, fast.log.theta, atol=1e-14)
-
-
-def test_a_compiler_that_fails_is_told(elastic_library, numbers, monkeypatch):
     from symid.errors import GenerationError, Notice
 
     def fail(*_, **__):

@@ -10,10 +10,11 @@ import pytest
 from symid.environment import THREAD_VARIABLES
 from symid.errors import SolverError, UsageError
 from symid.study.monte_carlo import run_tasks
+from tests.refusals import raises
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_results_come_in_the_order_of_the_tasks(jobs):
+def test_results_come_in_order_alone_and_in_batches(jobs):
     said = []
     tasks = tuple(range(7))
     found = run_tasks(
@@ -21,37 +22,19 @@ def test_results_come_in_the_order_of_the_tasks(jobs):
     )
     assert found == tuple(math.factorial(task) for task in tasks)
     assert said == [(done, 7) for done in range(1, 8)]
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_an_error_of_a_task_is_not_lost(jobs):
-    with pytest.raises(ValueError, match="factorial"):
-        run_tasks(math.factorial, (1, -1), jobs=jobs)
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_worker_that_is_ended_from_outside_is_told(jobs):
-    with pytest.raises(SolverError, match="0 of 3 tasks") as caught:
-        run_tasks(os._exit, (3, 3, 3), jobs=jobs)
-    assert caught.value.notices[0].code == "solver.worker-lost"
-
-
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_tasks_in_batches_give_the_same(jobs):
-    said = []
     found = run_tasks(math.factorial, range(7), jobs=jobs, batch=3, progress=lambda *pair: said.append(pair))
     assert found == tuple(map(math.factorial, range(7)))
     assert said == [(3, 7), (6, 7), (7, 7)]
+    with pytest.raises(ValueError, match="factorial"):
+        run_tasks(math.factorial, (1, -1), jobs=jobs)
+    with raises(SolverError, "solver.worker-lost", match="0 of 3 tasks"):
+        run_tasks(os._exit, (3, 3, 3), jobs=jobs)
 
 
-def test_no_tasks_give_no_results():
+def test_no_tasks_give_no_results_and_the_number_of_processes_is_checked():
     assert run_tasks(math.factorial, ()) == ()
-
-
-def test_the_number_of_processes_is_checked():
-    with pytest.raises(UsageError) as caught:
+    with raises(UsageError, "usage.jobs"):
         run_tasks(math.factorial, (), jobs=0)
-    assert caught.value.notices[0].code == "usage.jobs"
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

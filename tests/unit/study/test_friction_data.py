@@ -13,16 +13,13 @@ from symid.study.friction_protocols import (
 PHYSICAL = (11.64, 23.19, 0.02767, 27.88, 0.47, 0.010)
 
 
-def test_a_half_cosine_moves_in_one_direction_and_never_stands_still():
+def test_cosines_move_in_one_direction_or_in_both():
     velocity = build_half_cosine(0.5, 500)
     assert velocity.shape == (500,)
     assert velocity.min() > 0.0
     assert 0.4999 < velocity.max() <= 0.5
     # The mean square of a sine is a half, exactly so on a grid that is half a step off.
     assert np.mean(velocity**2) == pytest.approx(0.125, rel=1e-12)
-
-
-def test_whole_cosines_follow_each_other_in_both_directions():
     velocity = build_whole_cosines((0.1, 1.0), 1000)
     assert velocity.shape == (2000,)
     assert np.max(np.abs(velocity[:1000])) == pytest.approx(0.1, rel=1e-4)
@@ -32,7 +29,7 @@ def test_whole_cosines_follow_each_other_in_both_directions():
     assert abs(np.sum(velocity)) < 1e-10
 
 
-def test_the_torque_is_that_of_the_law():
+def test_samples_are_the_torque_of_the_law_and_white_noise():
     velocity = build_whole_cosines((0.1, 1.0), 50)
     scene = FrictionScene("1", "improved-stribeck", PHYSICAL, velocity, 1.0)
     coulomb, static, stribeck, viscous, bias, edge = PHYSICAL
@@ -41,9 +38,6 @@ def test_the_torque_is_that_of_the_law():
         g = coulomb + (static - coulomb) * np.exp(-((speed / stribeck) ** 2)) + viscous * speed
         side = np.sign(v) if abs(v) >= edge else v / edge
         assert torque == pytest.approx(bias + g * side, rel=1e-13)
-
-
-def test_noise_is_white_and_repeats_with_its_seed():
     scene = FrictionScene("1", "improved-stribeck", PHYSICAL, build_whole_cosines((1.0,), 20000), 3.0)
     samples = draw_samples(scene, np.random.default_rng(3))
     noise = samples.torque - scene.torque

@@ -9,15 +9,12 @@ from scipy.stats import ttest_rel
 from symid.study.monte_carlo import compute_paired_difference, compute_spread
 
 
-def test_the_spread_is_that_of_numpy():
+def test_the_spread_is_that_of_numpy_and_failed_runs_are_the_worst():
     values = np.random.default_rng(3).lognormal(size=37)
     found = compute_spread(values)
     assert found.median == pytest.approx(np.median(values), rel=1e-14)
     assert found.percentile90 == pytest.approx(np.percentile(values, 90), rel=1e-14)
     assert (found.runs, found.failed) == (37, 0)
-
-
-def test_a_run_without_result_is_the_worst():
     found = compute_spread(np.array([1.0, math.nan, 2.0, 3.0, 4.0]))
     assert (found.median, found.failed) == (3.0, 1)
     assert found.percentile90 == math.inf
@@ -33,8 +30,5 @@ def test_paired_differences_have_students_interval():
     assert found.verdict == "lower"
     assert compute_paired_difference(second, first).verdict == "higher"
     assert compute_paired_difference(first, first + rng.normal(size=20)).verdict == "no difference"
-
-
-def test_one_run_tells_nothing():
     found = compute_paired_difference(np.array([1.0]), np.array([0.0]))
     assert (found.low, found.high, found.verdict) == (-math.inf, math.inf, "no difference")
