@@ -22,28 +22,16 @@ from symid.joint_models import FrictionValues
 from symid.robot.toml_reader import read_robot
 from tests.refusals import raises
 
+
+def bound(kind, anchor, extent, **point):
+    points = (WorkspacePoint(**point),)
+    return WorkspaceRegion(kind=kind, anchor=anchor, extent=extent, points=points, label=kind)
+
+
 WORKSPACE = (
-    WorkspaceRegion(
-        kind="out",
-        anchor=(0.5, 0.5, 0.0),
-        extent=0.2,
-        points=(WorkspacePoint(joint=1, place=(0.3, 0.1, 0.2), size=0.05),),
-        label="a",
-    ),
-    WorkspaceRegion(
-        kind="in",
-        anchor=(0.0, 0.1, 0.0),
-        extent=1.2,
-        points=(WorkspacePoint(joint=1, place=(0.3, 0.0, 0.0), size=0.1),),
-        label="b",
-    ),
-    WorkspaceRegion(
-        kind="plane",
-        anchor=(0.0, 0.6, 0.8),
-        extent=-0.9,
-        points=(WorkspacePoint(joint=0, place=(0.4, 0.0, 0.0), size=0.1),),
-        label="c",
-    ),
+    bound("out", (0.5, 0.5, 0.0), 0.2, joint=1, place=(0.3, 0.1, 0.2), size=0.05),
+    bound("in", (0.0, 0.1, 0.0), 1.2, joint=1, place=(0.3, 0.0, 0.0), size=0.1),
+    bound("plane", (0.0, 0.6, 0.8), -0.9, joint=0, place=(0.4, 0.0, 0.0), size=0.1),
 )
 
 

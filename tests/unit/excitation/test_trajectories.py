@@ -16,8 +16,8 @@ from symid.excitation.trajectories import (
     build_tc,
     scale_trajectory,
 )
-from symid.robot.description import Joint, JointKind, Limits, Robot
-from symid.robot.geometry import IDENTITY
+from symid.robot.description import Limits
+from tests.chains import build_limited
 from tests.refusals import raises
 
 
@@ -119,19 +119,10 @@ LIMITS = (
 )
 
 
-def build_robot():
-    kinds = (JointKind.PRISMATIC, JointKind.REVOLUTE, JointKind.REVOLUTE)
-    joints = tuple(
-        Joint(name=f"j{i}", kind=kind, parent=i - 1, placement=IDENTITY, limits=limits)
-        for i, (kind, limits) in enumerate(zip(kinds, LIMITS, strict=True))
-    )
-    return Robot(name="robot", joints=joints)
-
-
 @given(seed=st.integers(0, 500), harmonics=st.integers(1, 8))
 def test_random_series_keep_the_limits_and_use_them(seed, harmonics):
     options = FourierOptions(harmonics=harmonics)
-    trajectory = build_random_fourier(build_robot(), np.random.default_rng(seed), options)
+    trajectory = build_random_fourier(build_limited(LIMITS), np.random.default_rng(seed), options)
     q, dq, ddq = trajectory.evaluate(np.linspace(0.0, options.duration, 5000))
     share = np.array(
         [
@@ -146,7 +137,7 @@ def test_random_series_keep_the_limits_and_use_them(seed, harmonics):
 
 
 def test_series_repeat_with_their_generator_and_are_scaled_about_their_centre():
-    first, second = (build_random_fourier(build_robot(), np.random.default_rng(5)) for _ in range(2))
+    first, second = (build_random_fourier(build_limited(LIMITS), np.random.default_rng(5)) for _ in range(2))
     assert first.amplitude.tobytes() == second.amplitude.tobytes()
     assert replace(first, ramp=0.0).source == second.source
     plain = random_series(5)

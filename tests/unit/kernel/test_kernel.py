@@ -1,5 +1,6 @@
-"""Errors, notation, provenance, arrays."""
+"""Errors, notation, provenance, arrays, units, resources, progress."""
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
@@ -8,11 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from symid.arrays import FloatArray, FrozenArrays, freeze
-from symid.environment import write_file
+import symid.environment
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
+from symid.environment import locate_resource_folder, report_count, write_file
 from symid.errors import Notice, RobotError, SymidError
-from symid.notation import INERTIAL, SYMBOLS, get_unit
+from symid.notation import INERTIAL, SYMBOLS, UNITS, get_unit, get_unit_factor, suggest_units
 from symid.serialization import compute_signature, write_canonical, write_plain
+from tests.refusals import raises
 
 
 @pytest.mark.parametrize(
@@ -152,3 +155,94 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
         write_file(path, fail)
     assert path.read_text(encoding="utf-8") == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
+
+
+SHAPES = [(0, 3), (3, 0), (1, 1), (3, 7), (50, 4), (16001, 5), (40000, 12)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_triangle_has_the_squares_of_its_matrix(shape, order):
+    matrix = np.array(np.random.default_rng(1).normal(size=shape), order=order)
+    before = matrix.copy()
+    triangle = compute_triangle(matrix)
+    np.testing.assert_array_equal(matrix, before)
+    expected = np.linalg.qr(matrix, mode="r")
+    assert triangle.shape == expected.shape
+    np.testing.assert_array_equal(triangle, np.triu(triangle))
+    np.testing.assert_allclose(np.abs(triangle), np.abs(expected), rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(triangle.T @ triangle, matrix.T @ matrix, rtol=1e-11, atol=1e-10)
+
+
+def test_zero_columns_stay_zero_and_no_number_is_hidden():
+    matrix = np.zeros((20000, 3))
+    matrix[:, 1] = 2.0
+    np.testing.assert_allclose(
+        np.linalg.svd(compute_triangle(matrix))[1], [2.0 * 20000**0.5, 0.0, 0.0], atol=1e-9
+    )
+    matrix = np.ones((10, 2))
+    matrix[3, 1] = np.nan
+    assert np.isnan(compute_triangle(matrix)[:, 1]).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "dimension", "factor"),
+    [
+        ("deg", "angle", math.pi / 180),
+        ("rpm", "angular velocity", 2 * math.pi / 60),
+        ("mm/s", "velocity", 1e-3),
+        ("N*m", "torque", 1.0),
+        (" N  m ", "torque", 1.0),
+        ("N\N{MIDDLE DOT}m", "torque", 1.0),
+        ("kg*m**2", "inertia", 1.0),
+        ("degC", "temperature", 1.0),
+        ("ms", "time", 1e-3),
+    ],
+)
+def test_units_have_their_dimension_and_factor(name, dimension, factor):
+    assert get_unit_factor(name) == (dimension, pytest.approx(factor, rel=1e-15))
+
+
+def test_names_not_in_the_table_are_refused_with_the_nearest():
+    for name in ("metre", "", "nm", "degF", "degc"):
+        with pytest.raises(KeyError):
+            get_unit_factor(name)
+    assert suggest_units("NM")[0] in ("Nm", "mN")
+    assert "Nm" in suggest_units("NM")
+    assert suggest_units("degre")[0] == "deg"
+    assert suggest_units("!!!!") == ()
+    assert all(" ".join(name.split()) == name for name in UNITS)
+
+
+def test_resources_stand_beside_the_package_or_inside_it(project, monkeypatch, tmp_path):
+    assert locate_resource_folder("robots") == project / "robots"
+    assert locate_resource_folder("templates") == project / "templates"
+    monkeypatch.setattr(symid.environment, "_PACKAGE", tmp_path / "symid")
+    with raises(SymidError, "symid.missing-resource", match="install"):
+        locate_resource_folder("robots")
+    (tmp_path / "robots").mkdir()
+    inside = tmp_path / "symid" / "_data" / "robots"
+    inside.mkdir(parents=True)
+    monkeypatch.setattr(symid.environment, "_PACKAGE", tmp_path / "symid")
+    assert locate_resource_folder("robots") == inside
+
+
+@pytest.mark.parametrize(
+    ("pace", "said"),
+    [
+        (0.1, "joint 1 of 4"),
+        (10.0, "joint 1 of 4, 30 s left"),
+        (100.0, "joint 1 of 4, 5 min left"),
+        (3000.0, "joint 1 of 4, 2.5 h left"),
+    ],
+)
+def test_what_is_left_is_the_rest_at_the_same_pace(pace, said):
+    heard, times = [], iter((5.0, 5.0 + pace))
+    report_count(heard.append, "joint", clock=lambda: next(times))(1, 4)
+    assert heard == [said]
+
+
+def test_nothing_is_left_at_the_end():
+    heard, times = [], iter((0.0, 100.0))
+    report_count(heard.append, clock=lambda: next(times))(4, 4)
+    assert heard == ["4 of 4"]

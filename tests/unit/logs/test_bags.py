@@ -17,7 +17,7 @@ from symid.logs.reader import read_raw, read_recording
 from symid.logs.runs import check_distinct, read_recordings
 from symid.logs.sampling import resample_log
 from symid.robot import parse_robot, write_robot
-from symid.robot.description import Drive, LogMap
+from symid.robot.description import LogMap
 from tests.refusals import refuse, tell
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
@@ -376,12 +376,10 @@ def test_an_even_copy_is_read_as_the_bag(make_robot, columns, messages, write_ba
 
 
 def test_efforts_that_are_currents_go_into_a_robot_file(make_robot, columns, messages, write_bag):
-    robot = make_robot()
-    drives = (Drive(gear=100.0, torque_constant=0.1), Drive(gear=50.0, torque_constant=0.2))
-    joints = tuple(replace(joint, drive=drive) for joint, drive in zip(robot.joints, drives, strict=True))
+    robot = make_robot(gears=(100.0, 50.0), constants=(0.1, 0.2))
     doubled = [("/mirror", *entry[1:4], *(2.0 * part for part in entry[4:])) for entry in messages]
     path = write_bag([*messages, *doubled])
-    draft = draft_log_map(replace(robot, joints=joints), path, {"topic": "/mirror"}, {"torque": "A"})
+    draft = draft_log_map(robot, path, {"topic": "/mirror"}, {"torque": "A"})
     log = draft.robot.log
     assert (log.preset, log.topic, log.position, log.torque.unit) == ("ros", "/mirror", None, "A")
     assert draft.units["torque"] == ("A",)

@@ -7,7 +7,6 @@ import pytest
 
 from symid.errors import LogError
 from symid.logs.reader import read_recording
-from symid.robot.description import Drive
 from tests.refusals import refuse, tell
 
 HEADINGS = {
@@ -65,10 +64,7 @@ def test_the_columns_of_other_programs(make_robot, columns, write, program):
 
 
 def test_currents_by_torque_constants(make_robot, columns, write):
-    drives = (Drive(gear=101.0, torque_constant=0.12), Drive(gear=-50.0, torque_constant=0.1))
-    robot = preset(make_robot(), "ur-rtde")
-    joints = tuple(replace(joint, drive=drive) for joint, drive in zip(robot.joints, drives, strict=True))
-    robot = replace(robot, joints=joints)
+    robot = preset(make_robot(gears=(101.0, -50.0), constants=(0.12, 0.1)), "ur-rtde")
     recording = read_recording(write("ur-rtde"), robot)
     np.testing.assert_allclose(recording.torque, columns["tau"] * [12.12, -5.0])
     said = tell(recording.notices)

@@ -1,6 +1,5 @@
 """Readers: what they make of good logs, and the sentence every bad log gets."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -9,7 +8,7 @@ from scipy.io import savemat
 
 from symid.errors import LogError
 from symid.logs.reader import read_recording
-from symid.robot.description import Decimation, Drive, JointKind, Processing, Robot
+from symid.robot.description import Decimation, JointKind, Processing, Robot
 from symid.robot.toml_reader import read_robot
 from tests.refusals import raises, refuse, tell
 
@@ -109,11 +108,9 @@ def test_factors_constants_and_gears_are_said(make_robot, columns, write_npz):
     robot = make_robot(torque=(("tau",), "N m", (1.0,), "motor"))
     said = tell(read_recording(write_npz(**columns), robot).notices)["log.converted"]
     assert "multiplied by 1 (motor side, gear included: 1)" in said
-    robot = make_robot(gears=(50.0, 80.0), torque=(("tau",), "mA", (5.0, 16.0)))
-    drives = (Drive(gear=50.0, torque_constant=0.1), Drive(gear=80.0, torque_constant=0.2))
-    joints = tuple(replace(joint, drive=drive) for joint, drive in zip(robot.joints, drives, strict=True))
-    recording = read_recording(write_npz(**columns), replace(robot, joints=joints))
-    said = tell(recording.notices)["log.converted"]
+    torque = (("tau",), "mA", (5.0, 16.0))
+    robot = make_robot(gears=(50.0, 80.0), constants=(0.1, 0.2), torque=torque)
+    said = tell(read_recording(write_npz(**columns), robot).notices)["log.converted"]
     assert "by 0.005, 0.016 (torque constant 0.1, 0.2 N m/A" in said
     robot = make_robot(torque=(("tau",), "V", (1.0, 2.0, 3.0)))
     assert "3 factors for 2 joints" in problems(write_npz(**columns), robot)["log.factor-count"]
