@@ -17,50 +17,15 @@ from symid.simulation.rigid_plant import (
 )
 from tests.friction_forms import EVERY_LAW, find_torque
 from tests.refusals import raises
+from tests.simulations import CALLED, prepare_slide
 
-FILE = """
-name = "slide"
-convention = "modified"
-gravity = [0, 0, -9.81]
-[[joint]]
-name = "x"
-kind = "prismatic"
-alpha = "pi/2"
-[joint.link]
-mass = 2.0
-com = [0, 0, 0]
-[joint.friction]
-{friction}
-"""
-STRIBECK = """
-model = "stribeck"
-Fv = 3.0
-Fc = 4.0
-Fe = 2.0
-vs = 0.05
-"""
-MAKKAR = """
-model = "makkar"
-Fm = 1.0
-Fc = 4.0
-Fv = 3.0
-g2 = 90
-g3 = 20
-g5 = 100
-"""
-# The functions that a plant calls; other functions need no compiler here.
-CALLED = ("friction", "friction_regressor", "forward_dynamics", "mass_matrix", "bias")
-
-
-def prepare(friction, *, mass=2.0, backend="auto"):
-    """Return the library of a slide with what its plant calls."""
-    text = FILE.replace("mass = 2.0", f"mass = {mass}").format(friction=friction)
-    return prepare_library(parse_robot(text), names=CALLED, backend=backend)
+STRIBECK = 'model = "stribeck"\nFv = 3.0\nFc = 4.0\nFe = 2.0\nvs = 0.05'
+MAKKAR = 'model = "makkar"\nFm = 1.0\nFc = 4.0\nFv = 3.0\ng2 = 90\ng3 = 20\ng5 = 100'
 
 
 @pytest.fixture(scope="module")
 def stribeck():
-    return prepare(STRIBECK)
+    return prepare_slide(STRIBECK)
 
 
 def fall(v):
@@ -100,7 +65,7 @@ def test_it_sticks_breaks_away_slides_and_comes_to_rest(stribeck):
 
 
 def test_friction_that_is_continuous_never_sticks_unless_too_steep():
-    plant = RigidPlant(prepare(MAKKAR))
+    plant = RigidPlant(prepare_slide(MAKKAR))
     state = plant.advance(build_rest_state(np.zeros(1)), np.array([0.5]), 0.5, 1000)
 
     # It creeps at the speed whose friction is the force.
@@ -109,20 +74,20 @@ def test_friction_that_is_continuous_never_sticks_unless_too_steep():
 
     assert state.dq[0] == pytest.approx(brentq(excess, 0.0, 0.1, xtol=1e-15), rel=1e-8)
     friction = 'model = "improved_stribeck"\nFv = 1\nFc = 4\nFe = 1\nFp = 0\nvs = 0.1\ndq0 = 1e-9'
-    plant = RigidPlant(prepare(friction, backend="python"))
+    plant = RigidPlant(prepare_slide(friction, backend="python"))
     with raises(SolverError, "simulate.steep-friction", match=r"'x'.* 500 steps"):
         drive(plant, 1e-3, 100)
 
 
 def test_curves_that_push_at_standstill_are_refused_and_bias_is_no_push():
-    pushing = prepare(STRIBECK.replace("Fe = 2.0", "Fe = -5.0"), backend="python")
+    pushing = prepare_slide(STRIBECK.replace("Fe = 2.0", "Fe = -5.0"), backend="python")
     with raises(UsageError, "usage.negative-friction", match="joint 'x'"):
         build_friction_lines(pushing)
     table, _ = write_table("improved-stribeck-h4")
     with raises(UsageError, "usage.negative-friction", match="'x'"):
-        RigidPlant(prepare(table, backend="python"))
+        RigidPlant(prepare_slide(table, backend="python"))
     friction = 'model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = 1\nFp = 9\nvs = 0.1\ndq0 = 0.02'
-    assert RigidPlant(prepare(friction, backend="python")).size == 1
+    assert RigidPlant(prepare_slide(friction, backend="python")).size == 1
 
 
 @pytest.mark.parametrize(
@@ -137,14 +102,14 @@ def test_curves_that_push_at_standstill_are_refused_and_bias_is_no_push():
     ],
 )
 def test_a_curve_that_pushes_at_some_speed_is_refused(friction, said):
-    library = prepare(friction, backend="python")
+    library = prepare_slide(friction, backend="python")
     with raises(UsageError, "usage.negative-friction", match=said):
         RigidPlant(library)
 
 
 def test_a_curve_that_pushes_only_beyond_the_velocity_limit_is_refused_when_it_gets_there():
     friction = 'model = "cubic"\nFv = 0.6\nFc = 0.2\nFvq = -1\nFvc = 0'
-    library = prepare(friction, backend="python")
+    library = prepare_slide(friction, backend="python")
     plant = RigidPlant(library, speeds=np.array([0.8]))
     check_friction_at_speeds(plant.friction, library.card.joints, np.array([[0.0], [0.8], [-0.8]]))
     with raises(UsageError, "usage.negative-friction", match=r"0.8\d m/s"):
@@ -172,7 +137,7 @@ def test_a_steep_zone_is_followed_as_an_implicit_solver_does(edge, allowed):
     values = "Fv = 8.9\nFc = 3.99\nFe = 3.33\nFp = -0.33\nvs = 0.01292"
     friction = f'model = "improved_stribeck"\n{values}\ndq0 = {edge}'
     period, count = 1e-3, 440
-    torque, speeds, state = drive(RigidPlant(prepare(friction, mass=0.08)), period, count)
+    torque, speeds, state = drive(RigidPlant(prepare_slide(friction, mass=0.08)), period, count)
     exact = [0.0]
     for value in torque:
         done = solve_ivp(
@@ -193,7 +158,7 @@ def test_a_steep_zone_is_followed_as_an_implicit_solver_does(edge, allowed):
 
 @pytest.mark.parametrize("friction", ['model = "power_law"\nFc = 1\nFd = 2\ndelta = 0.3', STRIBECK])
 def test_work_and_loss_agree_over_reversals(friction):
-    _, speeds, state = drive(RigidPlant(prepare(friction, mass=0.08)), 1e-3, 600)
+    _, speeds, state = drive(RigidPlant(prepare_slide(friction, mass=0.08)), 1e-3, 600)
     assert speeds.max() > 0.1
     assert speeds.min() < -0.1
     assert state.work == pytest.approx(0.04 * state.dq[0] ** 2 + state.dissipation, rel=1e-7)
@@ -254,7 +219,7 @@ SIMULATED = [name for name in EVERY_LAW if "h4" not in name]
 @pytest.mark.parametrize("name", SIMULATED)
 def test_every_law_slides_by_its_equation_and_loses_what_the_drive_gives(name):
     table, printed = write_table(name)
-    plant = RigidPlant(prepare(table, backend="python"))
+    plant = RigidPlant(prepare_slide(table, backend="python"))
     state = plant.advance(build_rest_state(np.array([0.2])), np.array([12.0]), 0.15, 150)
 
     def slope(_t, x):
@@ -266,7 +231,11 @@ def test_every_law_slides_by_its_equation_and_loses_what_the_drive_gives(name):
     assert state.q[0] == pytest.approx(exact.y[0, -1], rel=3e-6)
     assert state.work == pytest.approx(state.dq[0] ** 2 + state.dissipation, rel=1e-6)
     table, _ = write_table(name)
-    state, speeds, plant = build_rest_state(np.zeros(1)), [], RigidPlant(prepare(table, backend="python"))
+    state, speeds, plant = (
+        build_rest_state(np.zeros(1)),
+        [],
+        RigidPlant(prepare_slide(table, backend="python")),
+    )
     for k in range(500):
         state = plant.advance(state, np.array([12.0 * np.sin(2 * np.pi * 4.0 * k * 1e-3)]), 1e-3)
         speeds.append(float(state.dq[0]))
@@ -279,15 +248,14 @@ def test_every_law_slides_by_its_equation_and_loses_what_the_drive_gives(name):
 def test_the_weight_that_a_gear_carries_holds_it(side):
     """A slide that stands upright: friction of 4 N and a tenth of the weight, 19.62 N, holds it."""
     friction = 'model = "load-dependent"\nFv = 3\nFc = 4\nFl = 0.1'
-    text = FILE.replace('alpha = "pi/2"', "alpha = 0").format(friction=friction)
-    plant = RigidPlant(prepare_library(parse_robot(text), names=CALLED, backend="python"))
+    plant = RigidPlant(prepare_slide(friction, alpha="0 deg", backend="python"))
     weight, band = 2.0 * 9.81, 4.0 + 0.1 * 2.0 * 9.81
     held = plant.advance(build_rest_state(np.zeros(1)), np.array([weight + side * (band - 1e-3)]), 0.05, 10)
     assert (held.q[0], held.dq[0], held.modes) == (0.0, 0.0, (0,))
     free = plant.advance(build_rest_state(np.zeros(1)), np.array([weight + side * (band + 1e-3)]), 0.05, 100)
     assert side * free.dq[0] > 0.0
     # Lying flat, its gear carries nothing at rest.
-    plant = RigidPlant(prepare(friction, backend="python"))
+    plant = RigidPlant(prepare_slide(friction, backend="python"))
     for force, moves in ((3.999, False), (4.001, True)):
         state = plant.advance(build_rest_state(np.zeros(1)), np.array([side * force]), 0.05, 100)
         assert bool(state.dq[0]) is moves
@@ -305,4 +273,4 @@ def test_the_weight_that_a_gear_carries_holds_it(side):
 )
 def test_laws_of_other_inputs_that_push_are_refused(friction):
     with raises(UsageError, "usage.negative-friction", match="'x'"):
-        RigidPlant(prepare(friction, backend="python"))
+        RigidPlant(prepare_slide(friction, backend="python"))

@@ -19,8 +19,8 @@ from symid.simulation.elastic_plant import (
     simulate_in_numpy,
     simulate_plant,
 )
+from tests.simulations import ELASTIC_CALLED
 
-ELASTIC_FUNCTIONS = ("forward_dynamics", "mass_matrix", "gravity", "energy", "friction", "friction_regressor")
 # The arm of the robot file in closed form, hanging down at q = 0.
 L, G, ZZ1, ZZ2, MX1, MX2 = 0.3, 9.81, 0.35, 0.06, 0.9, 0.25
 B, FV, FC, V0 = np.array([0.25, 0.05]), np.array([1.0, 0.5]), np.array([1.5, 0.6]), 0.01
@@ -105,12 +105,10 @@ def order_run(ticks=250, period=1e-3, substeps=10, parts=16, **changes):
         stiffness=np.array([4000.0, 1500.0]),
         damping=np.array([120.0, 40.0]),
         limit=np.array([np.inf, np.inf]),
-        step=np.zeros(2),
+        **dict.fromkeys(("step", "q", "theta"), np.zeros(2)),
         period=period,
         substeps=substeps,
         parts=parts,
-        q=np.zeros(2),
-        theta=np.zeros(2),
         play=np.zeros((2, 3)),
     )
     return replace(order, **changes)
@@ -181,23 +179,11 @@ def test_numpy_and_compiled_plant_agree(plant, elastic_library, numbers, values)
     cubic = tuple(replace(spring, cubic=2e5, damping=0.4) for spring in values.elasticity)
     for robot in (numbers, build_plant_robot(replace(values, elasticity=cubic))):
         order = order_run(ticks=120, step=np.full(2, 1e-4), limit=np.array([9.0, 2.5]), substeps=4)
-        fast, slow = (
-            plant.run(elastic_library, robot, order),
-            simulate_in_numpy(elastic_library, robot, order),
-        )
+        fast = plant.run(elastic_library, robot, order)
+        slow = simulate_in_numpy(elastic_library, robot, order)
         assert fast.ticks == slow.ticks == order.ticks
-        for name in (
-            "q",
-            "dq",
-            "theta",
-            "dtheta",
-            "spring",
-            "torque",
-            "work",
-            "friction",
-            "elastic",
-            "damped",
-        ):
+        names = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
+        for name in names:
             np.testing.assert_allclose(getattr(fast, name), getattr(slow, name), atol=1e-10, err_msg=name)
         assert np.abs(fast.torque).max(axis=0).tolist() == [9.0, 2.5]
 
@@ -234,7 +220,7 @@ def set_friction(robot, *laws):
 @pytest.mark.parametrize("laws", PAIRS, ids=lambda laws: f"{laws[0][0]} {laws[1][0]}")
 def test_friction_of_load_position_and_temperature_is_that_of_the_integrator(plant, elastic_robot, laws):
     robot = set_friction(elastic_robot, *laws)
-    library = prepare_library(robot, names=ELASTIC_FUNCTIONS)
+    library = prepare_library(robot, names=ELASTIC_CALLED)
     numbers = build_plant_robot(get_elastic_values(robot, library.card))
     order = order_run(ticks=80, substeps=20)
 
@@ -253,7 +239,7 @@ def test_numpy_and_compiled_plant_agree_where_friction_reads_everything(plant, e
     first, second = elastic_robot.joints
     third = replace(second, name="wrist", parent=1)
     robot = set_friction(replace(elastic_robot, joints=(first, second, third)), WARM, LOADED, WAVING)
-    library = prepare_library(robot, names=ELASTIC_FUNCTIONS)
+    library = prepare_library(robot, names=ELASTIC_CALLED)
     assert library.card.friction_inputs == ("q", "load", "temperature")
     numbers = build_plant_robot(get_elastic_values(robot, library.card))
     motion = np.stack([0.05 * np.sin(np.arange(60) * rate) for rate in (0.04, 0.06, 0.05)], axis=1)

@@ -135,7 +135,7 @@ def test_a_duration_without_end_is_refused(make_robot, arm, duration):
 
 def test_all_sizes_that_do_not_fit_are_said_at_once(make_robot, arm):
     options = replace(CLEAN, stiffness=(1.0,), period=0.0)
-    with raises(UsageError, "usage.experiment") as caught:
+    with raises(UsageError, *["usage.experiment"] * 2) as caught:
         simulate(make_robot(1), arm, options, trajectory=build_tb(0, size=3))
     text = str(caught.value)
     for part in ("robot has 1", "trajectory 3", "library 2"):

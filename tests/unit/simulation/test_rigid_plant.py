@@ -10,18 +10,17 @@ from symid.codegen import RigidExperiment
 from symid.codegen.cache import prepare_library
 from symid.errors import SolverError
 from symid.excitation.trajectories import build_random_fourier
-from symid.robot.toml_reader import parse_robot
 from symid.robot.urdf_reader import read_urdf
 from symid.simulation import rigid_plant
 from symid.simulation.experiment import ExperimentOptions, SensorOptions, get_limits, simulate_experiment
 from symid.simulation.rigid_plant import RigidPlant, simulate_rigid_plant
 from tests.refusals import raises
+from tests.simulations import CALLED, prepare_slide
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
-CALLED = ("friction", "friction_regressor", "forward_dynamics", "mass_matrix", "bias", "energy")
 LINK = """
-<link name="{name}"><inertial><origin xyz="0.02 {y} 0.1" rpy="0.1 0 0.2"/><mass value="{mass}"/>
+<link name="{name}"><inertial><origin xyz="0.02 0.01 0.1" rpy="0.1 0 0.2"/><mass value="{mass}"/>
 <inertia ixx="{ixx}" ixy="0.001" ixz="0" iyy="{ixx}" iyz="0.0005" izz="0.01"/></inertial></link>
 <joint name="j_{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>
 <origin xyz="0.05 0 0.3" rpy="0 0.3 0"/><axis xyz="{axis}"/>
@@ -32,20 +31,9 @@ LINK = """
 def write_arm(*, damping=0.4, dry=0.0, last=0.02, effort=0.0):
     """Return a URDF of three links; the last one has the inertia `last`."""
     rows = [("a", "base", "0 0 1", 3.0, 0.03), ("b", "a", "0 1 0", 2.0, 0.03), ("c", "b", "1 0 0", 1.0, last)]
-    links = [
-        LINK.format(
-            name=name,
-            parent=parent,
-            axis=axis,
-            mass=mass,
-            ixx=ixx,
-            y=0.01,
-            damping=damping,
-            dry=dry,
-            effort=effort,
-        )
-        for name, parent, axis, mass, ixx in rows
-    ]
+    names = ("name", "parent", "axis", "mass", "ixx")
+    shared = {"damping": damping, "dry": dry, "effort": effort}
+    links = [LINK.format(**dict(zip(names, row, strict=True)), **shared) for row in rows]
     return f'<robot name="arm"><link name="base"/>{"".join(links)}</robot>'
 
 
@@ -63,50 +51,21 @@ def make_arm(tmp_path_factory, c_compiler):
     return build
 
 
-SLIDE = """
-name = "slide"
-convention = "modified"
-gravity = [0, 0, -9.81]
-[[joint]]
-name = "x"
-kind = "prismatic"
-alpha = "pi/2"
-[joint.link]
-mass = {mass}
-com = [0, 0, 0]
-[joint.friction]
-{friction}
-"""
-
-
-def prepare_slide(friction, mass):
-    states = ("friction_step",) if "sigma0" in friction or "share" in friction else ()
-    robot = parse_robot(SLIDE.format(mass=mass, friction=friction))
-    return prepare_library(robot, names=(*CALLED, *states))
-
-
 def push(torque, q=None, **changes):
     """Return the experiment of a robot at `q` (n,), without controller, under torques (N, n)."""
     size = torque.shape[1]
     rest, free = np.zeros(size), np.full(size, np.inf)
     start = rest if q is None else np.array(q)
     order = RigidExperiment(
-        position=np.zeros_like(torque),
-        speed=np.zeros_like(torque),
         torque=torque,
-        stiffness=rest,
-        damping=rest,
-        limit=free,
-        step=rest,
-        reach=free,
+        **dict.fromkeys(("position", "speed"), np.zeros_like(torque)),
+        **dict.fromkeys(("stiffness", "damping", "step", "dq", "velocity"), rest),
+        **dict.fromkeys(("limit", "reach"), free),
+        **dict.fromkeys(("q", "measured"), start),
         period=1e-3,
         substeps=1,
         blend=1.0,
         sensed=False,
-        q=start,
-        dq=rest,
-        measured=start,
-        velocity=rest,
     )
     return replace(order, **changes)
 

@@ -10,23 +10,16 @@ import symid
 from symid.codegen.cache import prepare_library
 from symid.robot.toml_reader import parse_robot
 from symid.simulation.rigid_plant import RigidPlant, build_rest_state
+from tests.simulations import CALLED
 from tests.state_laws import ARM, LAWS, find_level, find_rate, find_torque, give_values, write_table
 
-CALLED = (
-    "friction",
-    "friction_regressor",
-    "friction_step",
-    "forward_dynamics",
-    "mass_matrix",
-    "bias",
-    "energy",
-)
 INERTIA, WEIGHT, PERIOD = 0.03 + 2.0 * 0.2**2, 2.0 * 9.81 * 0.2, 1e-3
 STIFF = {"sigma0": 1e5, "sigma1": 100.0}
 
 
 def prepare(name, **changed):
-    return prepare_library(parse_robot(ARM.format(friction=write_table(name, **changed))), names=CALLED)
+    robot = parse_robot(ARM.format(friction=write_table(name, **changed)))
+    return prepare_library(robot, names=(*CALLED, "friction_step"))
 
 
 def give_torque(count):
@@ -144,7 +137,7 @@ def test_joints_with_a_state_move_beside_joints_that_stick():
         )
     ]
     text = ARM.split("[[joint]]", maxsplit=1)[0] + "[[joint]]" + "[[joint]]".join(joints)
-    library = prepare_library(parse_robot(text), names=CALLED)
+    library = prepare_library(parse_robot(text), names=(*CALLED, "friction_step"))
     plant = RigidPlant(library)
     states = [build_rest_state(np.zeros(3), 3)]
     weight = plant.compute_weight(np.zeros(3))
