@@ -67,19 +67,16 @@ class PageReader(HTMLParser):
         return [link for link in self.links if link[0] != "#"]
 
     def handle_starttag(self, tag, attrs):
-        """Keep a tag that opens."""
         self.handle_startendtag(tag, attrs)
         if tag not in self.VOID:
             self.open.append(tag)
 
     def handle_startendtag(self, tag, attrs):
-        """Keep a tag and its links."""
         self.tags.append(tag)
         self.links += [value for name, value in attrs if name in ("src", "href")]
         self.anchors += [value for name, value in attrs if name == "id"]
 
     def handle_endtag(self, tag):
-        """Keep a tag that closes another one."""
         if not self.open or self.open.pop() != tag:
             self.wrong.append(tag)
 

@@ -230,12 +230,7 @@ def test_every_law_slides_by_its_equation_and_loses_what_the_drive_gives(name):
     assert state.dq[0] == pytest.approx(exact.y[1, -1], rel=3e-6)
     assert state.q[0] == pytest.approx(exact.y[0, -1], rel=3e-6)
     assert state.work == pytest.approx(state.dq[0] ** 2 + state.dissipation, rel=1e-6)
-    table, _ = write_table(name)
-    state, speeds, plant = (
-        build_rest_state(np.zeros(1)),
-        [],
-        RigidPlant(prepare_slide(table, backend="python")),
-    )
+    state, speeds = build_rest_state(np.zeros(1)), []
     for k in range(500):
         state = plant.advance(state, np.array([12.0 * np.sin(2 * np.pi * 4.0 * k * 1e-3)]), 1e-3)
         speeds.append(float(state.dq[0]))
