@@ -8,7 +8,7 @@ import pytest
 import symid
 from symid.errors import InputError, SymidError, UsageError
 from symid.fleet import FleetJob, jobs as module, read_study, running
-from tests.refusals import raises
+from tests.refusals import raises, tell
 
 
 def write(folder, name, text=""):
@@ -106,9 +106,10 @@ def test_mistakes_of_a_study_have_their_place(tmp_path, text, words):
 )
 def test_mistakes_of_a_table_have_their_lines(tmp_path, table, words):
     write(tmp_path, "jobs.csv", table)
-    with raises(InputError, "fleet.table") as caught:
+    with pytest.raises(InputError) as caught:
         read_study(write(tmp_path, "study.toml", 'table = "jobs.csv"'))
     assert [word for word in words if word not in str(caught.value)] == []
+    assert set(tell(caught.value.notices)) == {"fleet.table"}
 
 
 def test_a_damaged_table_is_refused(tmp_path):
