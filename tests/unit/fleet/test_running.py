@@ -69,6 +69,28 @@ def make_jobs(*names):
     return [FleetJob(robot="two_link", logs=("no.csv",), name=name) for name in names]
 
 
+def start_fleet(folder, names, workers, project):
+    """Run a fleet of odd jobs in another process."""
+    script = f"""
+import symid.fleet.running as running
+from symid.fleet import FleetJob, run
+running._SERVE = {ODD_JOBS!r}
+jobs = [FleetJob(robot="two_link", logs=("no.csv",), name=name) for name in {names!r}]
+run(jobs, "out", workers={workers})
+"""
+    return subprocess.Popen(
+        [sys.executable, "-c", script], cwd=folder, env=os.environ | {"PYTHONPATH": project}
+    )
+
+
+def wait_until(condition, seconds=30.0):
+    """Return whether a condition holds within so many seconds."""
+    end = time.monotonic() + seconds
+    while not (found := condition()) and time.monotonic() < end:
+        time.sleep(0.05)
+    return found
+
+
 def read_results(folder):
     return {path.name: path.read_bytes() for path in (folder / "results").iterdir()}
 
@@ -115,21 +137,10 @@ def test_without_a_limit_a_job_finds_the_memory_of_the_one_before(odd, tmp_path,
 
 
 def test_a_fleet_that_is_killed_goes_on_and_repeats_nothing(odd, tmp_path, project):
-    jobs = make_jobs(*(f"slow {k}" for k in range(16)))
-    script = f"""
-import symid.fleet.running as running
-from symid.fleet import FleetJob, run
-running._SERVE = {ODD_JOBS!r}
-run([FleetJob(robot="two_link", logs=("no.csv",), name=f"slow {{k}}") for k in range(16)], "out", workers=2)
-"""
+    names = [f"slow {k}" for k in range(16)]
     folder = tmp_path / "out" / "results"
-    process = subprocess.Popen(
-        [sys.executable, "-c", script], cwd=tmp_path, env=os.environ | {"PYTHONPATH": project}
-    )
-    for _ in range(600):
-        if folder.is_dir() and len(list(folder.glob("*.json"))) >= 3:
-            break
-        time.sleep(0.05)
+    process = start_fleet(tmp_path, names, 2, project)
+    wait_until(lambda: folder.is_dir() and len(list(folder.glob("*.json"))) >= 3)
     process.send_signal(signal.SIGKILL)
     process.wait()
     kept = {path.stem for path in folder.glob("*.json")}
@@ -139,7 +150,7 @@ run([FleetJob(robot="two_link", logs=("no.csv",), name=f"slow {{k}}") for k in r
         symid.fleet.load(tmp_path / "out")
     time.sleep(0.5)
     before = odd.read_text().splitlines()
-    found = symid.fleet.run(jobs, tmp_path / "out", workers=2)
+    found = symid.fleet.run(make_jobs(*names), tmp_path / "out", workers=2)
     assert found.counts == {"done": 16}
     assert len(list((tmp_path / "out").rglob("*"))) == 1 + 16 + 2
     again = odd.read_text().splitlines()[len(before) :]
@@ -149,32 +160,12 @@ run([FleetJob(robot="two_link", logs=("no.csv",), name=f"slow {{k}}") for k in r
 
 
 def test_worker_processes_end_with_the_fleet(odd, tmp_path, project):
-    script = f"""
-import symid.fleet.running as running
-from symid.fleet import FleetJob, run
-running._SERVE = {ODD_JOBS!r}
-run([FleetJob(robot="two_link", logs=("no.csv",), name="hang")], "out", workers=1)
-"""
-    process = subprocess.Popen(
-        [sys.executable, "-c", script], cwd=tmp_path, env=os.environ | {"PYTHONPATH": project}
-    )
+    process = start_fleet(tmp_path, ["hang"], 1, project)
     pid = Path(f"{odd}.pid")
-    for _ in range(600):
-        if pid.exists() and pid.read_text():
-            break
-        time.sleep(0.05)
+    wait_until(lambda: pid.exists() and pid.read_text())
     process.send_signal(signal.SIGKILL)
     process.wait()
-    for _ in range(100):
-        if not Path(f"/proc/{pid.read_text()}").exists():
-            return
-        time.sleep(0.1)
-    pytest.fail("a worker process outlived its fleet")
-
-
-def find_code(caught):
-    (notice,) = caught.value.notices
-    return notice.code
+    assert wait_until(lambda: not Path(f"/proc/{pid.read_text()}").exists(), 10.0)
 
 
 def test_a_job_at_its_limit_ends_its_compiler(tmp_path, monkeypatch):
@@ -346,10 +337,7 @@ def test_a_scheduler_that_is_lost_ends_the_fleet_and_keeps_what_is_done(tmp_path
             os.killpg(scheduler.pid, signal.SIGKILL)
 
     try:
-        for _ in range(600):
-            if file.exists():
-                break
-            time.sleep(0.1)
+        wait_until(file.exists, 60.0)
         address = json.loads(file.read_text())["address"]
         jobs = make_jobs(*map(str, range(40)))
         with distributed.Client(address, set_as_default=False) as client:
