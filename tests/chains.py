@@ -16,8 +16,8 @@ from symid.codegen.programs import Op
 from symid.codegen.routes import list_routes
 from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL
-from symid.robot.description import Coupling, Drive, Joint, JointKind, Mimic, Robot, Spring
-from symid.robot.geometry import Angle, Exact, Placement, build_exact_angle, place_modified_dh
+from symid.robot.description import Coupling, Drive, Joint, JointKind, Limits, Mimic, Robot, Spring
+from symid.robot.geometry import IDENTITY, Angle, Exact, Placement, build_exact_angle, place_modified_dh
 
 
 def import_pinocchio():
@@ -61,6 +61,21 @@ def build_chain(
     fields = {"drive": Drive(has_rotor=rotors), "friction": FrictionValues(law=friction)}
     joints = tuple(build_joint(index, row, **fields) for index, row in enumerate(rows))
     return Robot(name=name, joints=joints, gravity=tuple(Exact.of(value) for value in gravity))
+
+
+def build_limited(limits: Sequence[Limits]) -> Robot:
+    """Return a slide and revolute joints behind it, with these limits."""
+    joints = tuple(
+        Joint(
+            name=f"j{i}",
+            kind=JointKind.REVOLUTE if i else JointKind.PRISMATIC,
+            parent=i - 1,
+            placement=IDENTITY,
+            limits=entry,
+        )
+        for i, entry in enumerate(limits)
+    )
+    return Robot(name="robot", joints=joints)
 
 
 def cut(robot: Robot, size: int) -> Robot:
@@ -340,21 +355,22 @@ def fold(robot: Robot, array: np.ndarray) -> np.ndarray:
     return np.tensordot(build_transmission(robot)[: robot.size].T, array, axes=1)
 
 
-_FRICTION = {
+FRICTION = {
     "Fv": lambda v: v,
     "Fc": np.sign,
-    "offset": lambda _: 1.0,
-    "Fvp": lambda v: max(v, 0.0),
-    "Fcp": lambda v: float(v > 0),
-    "Fvn": lambda v: min(v, 0.0),
-    "Fcn": lambda v: -float(v < 0),
+    "offset": np.ones_like,
+    "Fvp": lambda v: np.maximum(v, 0.0),
+    "Fcp": lambda v: np.where(v > 0.0, 1.0, 0.0),
+    "Fvn": lambda v: np.minimum(v, 0.0),
+    "Fcn": lambda v: np.where(v < 0.0, -1.0, 0.0),
 }
-_FRICTION_NAMES = {
+FRICTION_NAMES = {
     "none": (),
     "coulomb-viscous": ("Fv", "Fc"),
     "coulomb-viscous-offset": ("Fv", "Fc", "offset"),
     "asymmetric": ("Fvp", "Fcp", "Fvn", "Fcn"),
 }
+"""Parameters of plain laws, and the friction of each per unit."""
 _WAVES = re.compile(r"position-(?P<kind>dependent|torque)-(?P<orders>[\d,]+)(x(?P<gear>[\d.]+))?")
 
 
@@ -387,8 +403,8 @@ def regress(robot: Robot, q, dq, ddq, *, friction: bool = True) -> dict[tuple[in
             columns[number, "IA"] = matrix[number] * rates[number]
     for index, part in enumerate((*robot.joints, *robot.couplings) if friction else ()):
         speed, waves = speeds[index], _WAVES.fullmatch(part.friction.law)
-        for name in _FRICTION_NAMES["coulomb-viscous" if waves else part.friction.law]:
-            columns[index, name] = matrix[index] * _FRICTION[name](speed)
+        for name in FRICTION_NAMES["coulomb-viscous" if waves else part.friction.law]:
+            columns[index, name] = matrix[index] * FRICTION[name](speed)
         for order in waves["orders"].split(",") if waves else ():
             angle = int(order) * float(waves["gear"] or 1.0) * positions[index]
             side = np.sign(speed) if waves["kind"] == "dependent" else 1.0
@@ -403,76 +419,36 @@ def each_robot(*robots: Robot) -> pytest.MarkDecorator:
 
 
 PI = np.pi
-PUMA560 = build_chain(
-    [
-        (0.0, 0, 0, "q"),
-        (PI / 2, 0, 0, "q"),
-        (0.0, 0.4318, 0.15005, "q"),
-        (-PI / 2, 0.0203, 0.4318, "q"),
-        (PI / 2, 0, 0, "q"),
-        (-PI / 2, 0, 0, "q"),
-    ],
-    name="puma560",
-)
-PANDA = build_chain(
-    [
-        (0.0, 0, 0.333, "q"),
-        (-PI / 2, 0, 0, "q"),
-        (PI / 2, 0, 0.316, "q"),
-        (PI / 2, 0.0825, 0, "q"),
-        (-PI / 2, -0.0825, 0.384, "q"),
-        (PI / 2, 0, 0, "q"),
-        (PI / 2, 0.088, 0, "q"),
-    ],
-    name="panda",
-)
-STANFORD = build_chain(
-    [
-        (0.0, 0, 0, "q"),
-        (-PI / 2, 0, 0.1524, "q"),
-        (PI / 2, 0, "q", 0.0),
-        (0.0, 0, 0, "q"),
-        (-PI / 2, 0, 0, "q"),
-        (PI / 2, 0, 0, "q"),
-    ],
-    name="stanford",
-)
-TWO_LINK = build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q")], gravity=("0", "-9.81", "0"), name="two_link")
 
-KR30 = build_chain(
-    [
-        (0.0, 0, 0.815, "q"),
-        (PI / 2, 0.35, 0, "q"),
-        (0.0, 0.85, 0, "q"),
-        (PI / 2, 0.145, 0.82, "q"),
-        (PI / 2, 0, 0, "q"),
-        (PI / 2, 0, -0.17, "q"),
-    ],
+
+def _read_chain(name, text, **fields):
+    """Return a chain of rows of alpha in quarter turns, a and d in m, and theta."""
+
+    def read(cell):
+        return cell if cell == "q" else float(cell)
+
+    rows = [[PI / 2 * float(alpha), *map(read, rest)] for alpha, *rest in map(str.split, text.split(","))]
+    return build_chain(rows, name=name, **fields)
+
+
+PUMA560 = _read_chain(
+    "puma560", "0 0 0 q, 1 0 0 q, 0 0.4318 0.15005 q, -1 0.0203 0.4318 q, 1 0 0 q, -1 0 0 q"
+)
+PANDA = _read_chain(
+    "panda",
+    "0 0 0.333 q, -1 0 0 q, 1 0 0.316 q, 1 0.0825 0 q, -1 -0.0825 0.384 q, 1 0 0 q, 1 0.088 0 q",
+)
+STANFORD = _read_chain("stanford", "0 0 0 q, -1 0 0.1524 q, 1 0 q 0, 0 0 0 q, -1 0 0 q, 1 0 0 q")
+TWO_LINK = _read_chain("two_link", "0 0 0 q, 0 0.5 0 q", gravity=("0", "-9.81", "0"))
+KR30 = _read_chain(
+    "kr30",
+    "0 0 0.815 q, 1 0.35 0 q, 0 0.85 0 q, 1 0.145 0.82 q, 1 0 0 q, 1 0 -0.17 q",
     gravity=("0.3", "-0.5", "-9.7"),
-    name="kr30",
 )
-LWR4 = build_chain(
-    [
-        (0.0, 0, 0, "q"),
-        (PI / 2, 0, 0, "q"),
-        (-PI / 2, 0, 0.4, "q"),
-        (-PI / 2, 0, 0, "q"),
-        (PI / 2, 0, 0.39, "q"),
-        (PI / 2, 0, 0, "q"),
-        (-PI / 2, 0, 0, "q"),
-    ],
-    name="lwr4",
-)
-UR5 = build_chain(
-    [
-        (0.0, 0, 0.0892, "q"),
-        (PI / 2, 0, 0, "q"),
-        (0.0, -0.425, 0, "q"),
-        (0.0, -0.39225, 0.10915, "q"),
-        (PI / 2, 0, 0.09465, "q"),
-        (-PI / 2, 0, 0.0823, "q"),
-    ],
-    name="ur5",
+LWR4 = _read_chain("lwr4", "0 0 0 q, 1 0 0 q, -1 0 0.4 q, -1 0 0 q, 1 0 0.39 q, 1 0 0 q, -1 0 0 q")
+UR5 = _read_chain(
+    "ur5",
+    "0 0 0.0892 q, 1 0 0 q, 0 -0.425 0 q, 0 -0.39225 0.10915 q, 1 0 0.09465 q, -1 0 0.0823 q",
 )
 
 _NUMERIC = {

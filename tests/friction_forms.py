@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 
+from symid.joint_models.carriers import OperatorCarrier
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
 
 VELOCITIES = np.array([-2.0, -0.3, -0.05, -0.011, -0.004, 0.0, 1e-6, 0.002, 0.01, 0.0301, 0.2, 1.7])
@@ -55,6 +56,12 @@ def prepare(law, velocities=VELOCITIES):
     }
     values = [VALUES.get(p.name, 1.0 + 0.37 * k) for k, p in enumerate(law.physical)]
     return {name: inputs[name] for name in law.inputs}, values
+
+
+def build_carrier(library, number, **others):
+    """Return a carrier of the numbers of a library; `others` are functions of other names there."""
+    functions = {name: getattr(library, name) for name in ("exp", "tanh", "sin", "cos", "sign")}
+    return OperatorCarrier(zero=number(0), one=number(1), **functions, **others)
 
 
 def curve(p, speed):

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from html.parser import HTMLParser
 from pathlib import Path
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -47,6 +48,37 @@ def list_blocks(page: str) -> list[Block]:
 def list_pages() -> list[str]:
     """Return the names of all pages."""
     return sorted(str(path.relative_to(DOCS)) for path in DOCS.rglob("*.md"))
+
+
+class PageReader(HTMLParser):
+    """Tags, links and anchors of a page, and tags that are not closed."""
+
+    VOID = ("br", "meta", "link", "img", "hr")
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.links, self.anchors, self.open, self.wrong = [], [], [], [], []
+        self.feed(text)
+        self.close()
+
+    @property
+    def loaded(self):
+        """Return links to elsewhere."""
+        return [link for link in self.links if link[0] != "#"]
+
+    def handle_starttag(self, tag, attrs):
+        self.handle_startendtag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in ("src", "href")]
+        self.anchors += [value for name, value in attrs if name == "id"]
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.wrong.append(tag)
 
 
 EMBEDDED = "tests/embedded/test_boards.py"

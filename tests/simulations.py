@@ -1,4 +1,4 @@
-"""Simulated logs and their fits, computed once a process where several examples make the same ones."""
+"""What plants call; simulated logs and fits, computed once where several examples make the same ones."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -6,9 +6,36 @@ from functools import wraps
 import pytest
 
 from symid import Log, RobotModel
+from symid.codegen.cache import prepare_library
+from symid.robot.toml_reader import parse_robot
+
+# Functions that a plant calls; other ones need no compiler.
+CALLED = ("friction", "friction_regressor", "forward_dynamics", "mass_matrix", "bias", "energy")
+ELASTIC_CALLED = ("forward_dynamics", "mass_matrix", "gravity", "energy", "friction", "friction_regressor")
+SLIDE = """
+name = "slide"
+convention = "modified"
+gravity = [0, 0, -9.81]
+[[joint]]
+name = "x"
+kind = "prismatic"
+alpha = "{alpha}"
+[joint.link]
+mass = {mass}
+com = [0, 0, 0]
+[joint.friction]
+{friction}
+"""
 
 NAMED = {"fourier", "ta", "tb", "tc"}
 _found: dict[object, object] = {}
+
+
+def prepare_slide(friction, mass=2.0, *, alpha="pi/2", backend="auto"):
+    """Return the library of a mass (kg) on a slide, level or at another angle, with a friction table."""
+    states = ("friction_step",) if "sigma0" in friction or "share" in friction else ()
+    robot = parse_robot(SLIDE.format(mass=mass, alpha=alpha, friction=friction))
+    return prepare_library(robot, names=(*CALLED, *states), backend=backend)
 
 
 def share_simulations(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from collections.abc import Iterator
+from contextlib import chdir, contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
 
@@ -53,16 +54,22 @@ def run_step(command: str, folder: Path, cache: Path) -> tuple[int, str]:
     """Return the exit code of a command, and all that it prints, in the order of a terminal."""
     first, *arguments = shlex.split(command)
     assert first == "symid"
-    before = dict(os.environ)
-    printed = StringIO()
+    with _work_in(folder, cache) as printed:
+        code = run(arguments)
+    return code, printed.getvalue()
+
+
+@contextmanager
+def _work_in(folder: Path, cache: Path) -> Iterator[StringIO]:
+    """Give what is printed in a folder, with a cache of its own and without colours."""
+    before, printed = dict(os.environ), StringIO()
     os.environ |= {"XDG_CACHE_HOME": str(cache), "NO_COLOR": "1"}
     try:
         with chdir(folder), redirect_stdout(printed), redirect_stderr(printed):
-            code = run(arguments)
+            yield printed
     finally:
         os.environ.clear()
         os.environ.update(before)
-    return code, printed.getvalue()
 
 
 def run_python(arguments: list[str], folder: Path, cache: Path) -> tuple[int, str]:
@@ -84,17 +91,10 @@ def run_python(arguments: list[str], folder: Path, cache: Path) -> tuple[int, st
 def run_scripts(scripts: list[tuple[Path, Path]], cache: Path) -> list[str]:
     """Run scripts in this process, each in its folder as a `__main__` of its own; return what each prints."""
     found = []
-    before = dict(os.environ)
-    os.environ |= {"XDG_CACHE_HOME": str(cache), "NO_COLOR": "1"}
-    try:
-        for script, folder in scripts:
-            printed = StringIO()
-            with chdir(folder), redirect_stdout(printed), redirect_stderr(printed):
-                runpy.run_path(str(script), run_name="__main__")
-            found.append(printed.getvalue())
-    finally:
-        os.environ.clear()
-        os.environ.update(before)
+    for script, folder in scripts:
+        with _work_in(folder, cache) as printed:
+            runpy.run_path(str(script), run_name="__main__")
+        found.append(printed.getvalue())
     return found
 
 

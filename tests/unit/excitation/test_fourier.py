@@ -6,6 +6,7 @@ from hypothesis import given, strategies as st
 
 from symid.errors import UsageError
 from symid.excitation.trajectories import SeriesOptions, build_basis, build_grid_basis, build_series_space
+from tests.refusals import raises
 
 CENTRE = np.array([0.3, -1.2])
 
@@ -63,15 +64,12 @@ def test_demands_take_as_many_unknowns_as_they_are(rest, start, left):
         assert np.linalg.matrix_rank(part) == left
 
 
-def test_unknowns_come_back_from_their_coefficients():
+def test_unknowns_give_a_trajectory_and_come_back():
     space = make_space()
     unknowns = draw(space, 3)
     np.testing.assert_allclose(
         space.compute_unknowns(space.compute_coefficients(unknowns)), unknowns, atol=1e-10
     )
-
-
-def test_the_series_is_the_trajectory_that_is_built_of_it():
     space = make_space(rest=False)
     unknowns = draw(space, 4)
     t = np.linspace(0.0, 7.0, 50)
@@ -80,9 +78,6 @@ def test_the_series_is_the_trajectory_that_is_built_of_it():
     for state, wanted in zip(states, trajectory.evaluate_derivatives(t, 3), strict=True):
         np.testing.assert_allclose(state, wanted, atol=1e-10)
     assert (trajectory.source, trajectory.duration, trajectory.size) == ("here", 7.0, 2)
-
-
-def test_a_grid_leaves_the_last_point_to_the_next_period():
     space = make_space()
     np.testing.assert_array_equal(
         build_grid_basis(space, 8, 2), build_basis(4, 7.0, np.arange(8) * 7.0 / 8, 2)
@@ -100,6 +95,5 @@ def test_a_grid_leaves_the_last_point_to_the_next_period():
     ],
 )
 def test_options_that_cannot_be(options, says):
-    with pytest.raises(UsageError, match=says) as caught:
+    with raises(UsageError, "usage.excitation", match=says):
         build_series_space(options, CENTRE, np.ones((2, 2 * options.harmonics + 1)))
-    assert caught.value.notices[0].code == "usage.excitation"

@@ -15,10 +15,10 @@ from symid.excitation.limits import (
 )
 from symid.excitation.problem import build_limit_rows
 from symid.excitation.trajectories import SeriesOptions, build_basis, build_series_space
-from symid.robot.description import Joint, JointKind, Limits, Robot
-from symid.robot.geometry import IDENTITY
+from symid.robot.description import Limits
 from symid.robot.toml_reader import parse_robot, read_robot
 from symid.robot.toml_writer import write_robot
+from tests.chains import build_limited
 
 LIMITS = (
     Limits(position=(-0.2, 1.0), velocity=0.7, acceleration=3.0, jerk=9.0),
@@ -27,22 +27,13 @@ LIMITS = (
 )
 
 
-def make_robot(limits=LIMITS):
-    kinds = (JointKind.PRISMATIC, JointKind.REVOLUTE, JointKind.REVOLUTE)
-    joints = tuple(
-        Joint(name=f"j{i}", kind=kind, parent=i - 1, placement=IDENTITY, limits=entry)
-        for i, (kind, entry) in enumerate(zip(kinds, limits, strict=True))
-    )
-    return Robot(name="robot", joints=joints)
-
-
 def make_space(limits, harmonics=5, period=8.0):
     options = SeriesOptions(harmonics=harmonics, period=period)
     return build_series_space(options, limits.centre, compute_coefficient_scales(limits, harmonics, period))
 
 
-def test_limits_are_those_of_the_file_and_fallbacks_are_said():
-    limits = get_motion_limits(make_robot(), LimitOptions(sweep=0.5, speed=2.0, acceleration=9.0))
+def test_limits_are_those_of_the_file_and_of_data_sheets(robots_folder):
+    limits = get_motion_limits(build_limited(LIMITS), LimitOptions(sweep=0.5, speed=2.0, acceleration=9.0))
     np.testing.assert_allclose(limits.centre, [0.4, 0.0, 0.0])
     np.testing.assert_allclose(limits.half, [0.6, math.pi, 0.5])
     np.testing.assert_allclose(limits.velocity, [0.7, 30.0, 2.0])
@@ -54,16 +45,19 @@ def test_limits_are_those_of_the_file_and_fallbacks_are_said():
     assert "position +-0.5 of j2" in said
     assert "velocity 2 /s of j2" in said
     assert "acceleration 9 /s^2 of j1, j2" in said
-
-
-def test_nothing_is_said_where_all_is_stated():
     stated = (LIMITS[0],) * 3
-    assert get_motion_limits(make_robot(stated)).assumed == ()
+    assert get_motion_limits(build_limited(stated)).assumed == ()
+    limits = get_motion_limits(read_robot(robots_folder / "panda.toml"))
+    assert limits.assumed == ()
+    np.testing.assert_allclose(limits.velocity, [2.175] * 4 + [2.61] * 3)
+    np.testing.assert_allclose(limits.acceleration, [15, 7.5, 10, 12.5, 15, 20, 20])
+    np.testing.assert_allclose(limits.jerk, [7500, 3750, 5000, 6250, 7500, 10000, 10000])
+    np.testing.assert_allclose(limits.torque, [87] * 4 + [12] * 3)
 
 
 @given(seed=st.integers(0, 200), harmonics=st.integers(2, 7), density=st.integers(3, 20))
 def test_rows_at_one_keep_all_limits_at_all_times(seed, harmonics, density):
-    limits = replace(get_motion_limits(make_robot()), share=0.9)
+    limits = replace(get_motion_limits(build_limited(LIMITS)), share=0.9)
     space = make_space(limits, harmonics)
     rows, constants = build_limit_rows(space, limits, density)
     unknowns = np.random.default_rng(seed).normal(size=space.shape)
@@ -79,19 +73,16 @@ def test_rows_at_one_keep_all_limits_at_all_times(seed, harmonics, density):
     assert np.all(np.abs(states).max(axis=1) <= 0.9 * limits.bounds * (1 + 1e-9))
 
 
-def test_rows_allow_nearly_all_of_a_limit():
-    limits = get_motion_limits(make_robot())
+def test_rows_allow_nearly_all_of_a_limit_and_leave_out_what_follows():
+    limits = get_motion_limits(build_limited(LIMITS))
     space = make_space(limits)
     rows, constants = build_limit_rows(space, limits, 20)
     # A still pose at the share of its limit, less what is lost between points.
     coefficients = space.offset.copy()
     coefficients[:, 0] += 0.987 * limits.share * limits.half
     assert np.abs(rows @ space.compute_unknowns(coefficients).ravel() + constants).max() <= 1.0
-
-
-def test_limits_that_follow_from_others_have_no_rows():
     limits = get_motion_limits(
-        make_robot((Limits(position=(-1, 1), velocity=9, acceleration=99, jerk=9999),) * 3)
+        build_limited((Limits(position=(-1, 1), velocity=9, acceleration=99, jerk=9999),) * 3)
     )
     space = make_space(limits, harmonics=2, period=10.0)
     rows, _ = build_limit_rows(space, limits, 10)
@@ -100,7 +91,7 @@ def test_limits_that_follow_from_others_have_no_rows():
 
 
 def test_scales_are_the_amplitudes_that_one_harmonic_may_have():
-    limits = get_motion_limits(make_robot())
+    limits = get_motion_limits(build_limited(LIMITS))
     scales = compute_coefficient_scales(limits, 3, 8.0)
     w = 2 * np.pi / 8 * np.arange(1, 4)
     wanted = 0.95 * np.min([np.full(3, 0.6), 0.7 / w, 3.0 / w**2, 9.0 / w**3], axis=0)
@@ -126,19 +117,7 @@ def test_a_robot_file_states_acceleration_and_jerk():
     wanted = Limits(position=(-1.0, 1.0), acceleration=7.5, jerk=3750.0)
     assert robot.joints[0].limits == wanted
     assert parse_robot(write_robot(robot)).joints[0].limits == wanted
-
-
-def test_limits_that_are_none_are_refused():
     with pytest.raises(RobotError, match=r":9:.*acceleration: .* rad/s\^2"):
         parse_robot(TEXT.replace("7.5", "-7.5"))
     with pytest.raises(RobotError, match=r":10:.*jerk: .* rad/s\^3"):
         parse_robot(TEXT.replace("3750", '"high"'))
-
-
-def test_the_panda_has_the_limits_of_its_data_sheet(robots_folder):
-    limits = get_motion_limits(read_robot(robots_folder / "panda.toml"))
-    assert limits.assumed == ()
-    np.testing.assert_allclose(limits.velocity, [2.175] * 4 + [2.61] * 3)
-    np.testing.assert_allclose(limits.acceleration, [15, 7.5, 10, 12.5, 15, 20, 20])
-    np.testing.assert_allclose(limits.jerk, [7500, 3750, 5000, 6250, 7500, 10000, 10000])
-    np.testing.assert_allclose(limits.torque, [87] * 4 + [12] * 3)

@@ -1,7 +1,6 @@
 """The problem of an exciting trajectory: columns, loads and space against independent ways to them."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,48 +20,31 @@ from symid.excitation.problem import Criterion, Observation, ProblemOptions, bui
 from symid.excitation.trajectories import SeriesOptions, build_grid_basis
 from symid.joint_models import FrictionValues
 from symid.robot.toml_reader import read_robot
+from tests.refusals import raises
 
-ROBOTS = Path(__file__).resolve().parents[3] / "robots"
+
+def bound(kind, anchor, extent, **point):
+    points = (WorkspacePoint(**point),)
+    return WorkspaceRegion(kind=kind, anchor=anchor, extent=extent, points=points, label=kind)
+
+
 WORKSPACE = (
-    WorkspaceRegion(
-        kind="out",
-        anchor=(0.5, 0.5, 0.0),
-        extent=0.2,
-        points=(WorkspacePoint(joint=1, place=(0.3, 0.1, 0.2), size=0.05),),
-        label="a",
-    ),
-    WorkspaceRegion(
-        kind="in",
-        anchor=(0.0, 0.1, 0.0),
-        extent=1.2,
-        points=(WorkspacePoint(joint=1, place=(0.3, 0.0, 0.0), size=0.1),),
-        label="b",
-    ),
-    WorkspaceRegion(
-        kind="plane",
-        anchor=(0.0, 0.6, 0.8),
-        extent=-0.9,
-        points=(WorkspacePoint(joint=0, place=(0.4, 0.0, 0.0), size=0.1),),
-        label="c",
-    ),
+    bound("out", (0.5, 0.5, 0.0), 0.2, joint=1, place=(0.3, 0.1, 0.2), size=0.05),
+    bound("in", (0.0, 0.1, 0.0), 1.2, joint=1, place=(0.3, 0.0, 0.0), size=0.1),
+    bound("plane", (0.0, 0.6, 0.8), -0.9, joint=0, place=(0.4, 0.0, 0.0), size=0.1),
 )
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return read_robot(ROBOTS / "two_link.toml")
-
-
-@pytest.fixture(scope="module")
-def elastic():
-    return read_robot(ROBOTS / "two_link_elastic.toml")
+def elastic(robots_folder):
+    return read_robot(robots_folder / "two_link_elastic.toml")
 
 
 def random_states(count, size=2, seed=0):
     return np.random.default_rng(seed).normal(size=(3, count, size))
 
 
-def test_columns_are_those_of_the_generated_library(robot):
+def test_columns_are_those_of_the_library_and_of_finite_differences(robot):
     library = prepare_library(robot)
     states = random_states(30)
     observation = Observation(robot, 30, np.array([2.0, 0.5]))
@@ -73,9 +55,6 @@ def test_columns_are_those_of_the_generated_library(robot):
     np.testing.assert_allclose(found, wanted, atol=1e-12)
     names = [entry.name for entry in (*library.card.beta, *library.card.friction)]
     assert list(observation.names) == names
-
-
-def test_the_sweep_backwards_is_that_of_finite_differences(robot):
     states, rng = random_states(5), np.random.default_rng(1)
     observation = Observation(smooth_friction(robot), 5, np.array([2.0, 0.5]))
     factors = rng.normal(size=observation.compute_matrix(states).shape)
@@ -148,7 +127,7 @@ def test_torque_is_that_of_the_library(robot):
     np.testing.assert_allclose(bounds, [0.95 * 90, 0.95 * 35])
 
 
-def test_torsion_is_the_torque_of_the_links_by_the_stiffness(elastic):
+def test_torsion_and_motor_torque_are_those_of_the_links_and_rotors(elastic):
     limits = get_motion_limits(elastic)
     states = random_states(10)
     library = prepare_library(elastic)
@@ -162,17 +141,12 @@ def test_torsion_is_the_torque_of_the_links_by_the_stiffness(elastic):
         values = StateValues(found, 10, 2).compute_values(states)
         places = [place for place, entry in enumerate(found.entries) if entry.kind == "torsion"]
         np.testing.assert_allclose(values[:, places] * 0.05 * 0.95, tau / wanted, rtol=1e-9)
-
-
-def test_the_motor_of_an_elastic_joint_turns_its_rotor(elastic):
-    limits = get_motion_limits(elastic)
     found = build_state_limits(elastic, limits)
     states = np.zeros((3, 1, 2))
     states[2] = 3.0
     still = np.zeros((3, 1, 2))
     bounds = [entry.limit for entry in found.entries]
     values = [StateValues(found, 1, 2).compute_values(each)[0] * bounds for each in (states, still)]
-    library = prepare_library(elastic)
     beta = np.array([entry.value for entry in library.card.beta])
     rotors = np.array([entry.value for entry in library.card.rotors])
     (mass,) = library.evaluate("mass_matrix", np.zeros((1, 2)), beta)
@@ -197,23 +171,18 @@ def test_space_is_where_plane_geometry_puts_it(robot):
     np.testing.assert_allclose(values[:, 2], 1 - (0.6 * 0.4 * s1 + 0.9 - 0.1), rtol=1e-10)
 
 
-def test_without_values_torque_is_not_limited_and_that_is_said():
-    panda = read_robot(ROBOTS / "panda.toml")
+def test_without_values_or_stiffness_it_is_said(robot, robots_folder):
+    panda = read_robot(robots_folder / "panda.toml")
     limits = get_motion_limits(panda)
     found = build_state_limits(panda, limits)
     assert found.entries == ()
     assert [notice.code for notice in found.notices] == ["excitation.no-torque"]
-    with pytest.raises(RobotError) as caught:
+    with raises(RobotError, "excitation.no-values"):
         build_state_limits(panda, limits, LimitOptions(torsion=0.01))
-    assert caught.value.notices[0].code == "excitation.no-values"
-
-
-def test_torsion_wants_a_stiffness(robot):
     limits = get_motion_limits(robot)
     for stiffness in (None, (100.0,), (100.0, -1.0)):
-        with pytest.raises(RobotError) as caught:
+        with raises(RobotError, "excitation.stiffness"):
             build_state_limits(robot, limits, LimitOptions(torsion=0.01, stiffness=stiffness))
-        assert caught.value.notices[0].code == "excitation.stiffness"
 
 
 @pytest.mark.parametrize(
@@ -229,9 +198,9 @@ def test_options_that_do_not_fit(robot, options, says):
         build_problem(robot, options)
 
 
-def test_the_grid_of_the_search_is_fine_enough():
+def test_the_grid_of_the_search_is_fine_enough(robots_folder):
     """With friction that has no step, figures on the coarse grid are those on the fine one."""
-    panda = read_robot(ROBOTS / "panda.toml")
+    panda = read_robot(robots_folder / "panda.toml")
     problem = build_problem(panda, ProblemOptions(limits=LimitOptions(share=0.9)))
     judge = problem.build_stated(panda)
     for seed in range(3):

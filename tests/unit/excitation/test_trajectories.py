@@ -16,8 +16,9 @@ from symid.excitation.trajectories import (
     build_tc,
     scale_trajectory,
 )
-from symid.robot.description import Joint, JointKind, Limits, Robot
-from symid.robot.geometry import IDENTITY
+from symid.robot.description import Limits
+from tests.chains import build_limited
+from tests.refusals import raises
 
 
 def random_series(seed, ramp=2.0):
@@ -73,10 +74,7 @@ def test_fourier_series_is_its_formula():
     angle = np.pi * np.outer(t, [1, 2, 3])
     expected = [1.0, -2.0] + np.sin(angle) @ sines.T + np.cos(angle) @ cosines.T
     np.testing.assert_allclose(series.evaluate(t)[0], expected, atol=1e-12)
-
-
-def test_shapes_that_do_not_fit():
-    with pytest.raises(UsageError, match=r"sines \(2, 3\)") as caught:
+    with raises(UsageError, "usage.trajectory-shape", match=r"sines \(2, 3\)"):
         build_fourier(
             sines=np.zeros((2, 3)),
             cosines=np.zeros((2, 2)),
@@ -84,7 +82,6 @@ def test_shapes_that_do_not_fit():
             centre=np.zeros(2),
             duration=1.0,
         )
-    assert caught.value.notices[0].code == "usage.trajectory-shape"
 
 
 def test_ta_has_the_published_ranges_and_speeds():
@@ -98,15 +95,12 @@ def test_ta_has_the_published_ranges_and_speeds():
     np.testing.assert_array_equal(reversals, [20, 20])
 
 
-def test_ta_and_tb_without_ramp_start_where_the_papers_do():
+def test_ta_and_tb_without_ramp_start_and_turn_where_the_papers_do():
     q, dq, _ = build_ta(ramp=0.0).evaluate(np.zeros(1))
     np.testing.assert_allclose(q[0], [0.0632, 0.0831], atol=5e-5)
     np.testing.assert_allclose(dq[0], [0.518, 0.332], atol=5e-4)
     q, dq, _ = build_tb(0, ramp=0.0).evaluate(np.zeros(1))
     np.testing.assert_allclose([q[0, 0], dq[0, 0]], [np.pi / 2, -np.pi / 100], atol=1e-12)
-
-
-def test_tb_turns_where_the_table_says_and_moves_one_joint():
     t = np.linspace(0.0, 50.0, 500_001)
     q, dq, ddq = build_tb(1, ramp=0.0).evaluate(t)
     assert not q[:, 0].any()
@@ -114,12 +108,8 @@ def test_tb_turns_where_the_table_says_and_moves_one_joint():
     expected = [-81.05, 72.06, -63.07, 54.08, -45.09, 36.11, -27.15, 18.22, -9.42, 1.61]
     np.testing.assert_allclose(np.degrees(q[turns, 1])[:10], expected, atol=6e-3)
     np.testing.assert_allclose([np.abs(dq).max(), np.abs(ddq).max()], [0.940, 0.62], atol=5e-3)
-
-
-def test_tb_of_a_joint_that_is_not_there():
-    with pytest.raises(UsageError, match=r"joint 3; .* 2") as caught:
+    with raises(UsageError, "usage.unknown-joint", match=r"joint 3; .* 2"):
         build_tb(2)
-    assert caught.value.notices[0].code == "usage.unknown-joint"
 
 
 LIMITS = (
@@ -129,19 +119,10 @@ LIMITS = (
 )
 
 
-def build_robot():
-    kinds = (JointKind.PRISMATIC, JointKind.REVOLUTE, JointKind.REVOLUTE)
-    joints = tuple(
-        Joint(name=f"j{i}", kind=kind, parent=i - 1, placement=IDENTITY, limits=limits)
-        for i, (kind, limits) in enumerate(zip(kinds, LIMITS, strict=True))
-    )
-    return Robot(name="robot", joints=joints)
-
-
 @given(seed=st.integers(0, 500), harmonics=st.integers(1, 8))
 def test_random_series_keep_the_limits_and_use_them(seed, harmonics):
     options = FourierOptions(harmonics=harmonics)
-    trajectory = build_random_fourier(build_robot(), np.random.default_rng(seed), options)
+    trajectory = build_random_fourier(build_limited(LIMITS), np.random.default_rng(seed), options)
     q, dq, ddq = trajectory.evaluate(np.linspace(0.0, options.duration, 5000))
     share = np.array(
         [
@@ -155,10 +136,17 @@ def test_random_series_keep_the_limits_and_use_them(seed, harmonics):
     np.testing.assert_allclose(share.max(axis=0), 0.9, rtol=0.01)
 
 
-def test_the_same_generator_gives_the_same_series():
-    first, second = (build_random_fourier(build_robot(), np.random.default_rng(5)) for _ in range(2))
+def test_series_repeat_with_their_generator_and_are_scaled_about_their_centre():
+    first, second = (build_random_fourier(build_limited(LIMITS), np.random.default_rng(5)) for _ in range(2))
     assert first.amplitude.tobytes() == second.amplitude.tobytes()
     assert replace(first, ramp=0.0).source == second.source
+    plain = random_series(5)
+    t = np.linspace(0.0, 9.0, 40)
+    scaled = scale_trajectory(plain, 10.0)
+    gaps = (scaled.evaluate(t)[0] - plain.centre) - 10.0 * (plain.evaluate(t)[0] - plain.centre)
+    np.testing.assert_allclose(gaps, 0.0, atol=1e-12)
+    assert scaled.source == f"{plain.source}, amplitudes times 10"
+    assert scale_trajectory(plain, 1.0) is plain
 
 
 @pytest.mark.parametrize("trajectory", [build_ta(), build_tb(1), build_tc(), random_series(3, ramp=0.5)])
@@ -176,7 +164,16 @@ def test_higher_derivatives_are_those_of_the_lower_ones(trajectory):
         np.testing.assert_allclose(found[order], slope, atol=2e-6 * scale + 1e-7, err_msg=str(order))
 
 
-def test_the_ramp_begins_and_ends_smoothly_up_to_the_second_derivative():
+def test_tc_is_the_sum_that_is_stated_and_its_ramp_is_smooth():
+    t = np.linspace(2.5, 20.0, 50)
+    (q,) = build_tc(size=3).evaluate_derivatives(t, 0)
+    for joint in range(3):
+        wanted = sum(
+            0.4 * a * np.sin(2.0 * np.pi * f * t + phase + joint)
+            for a, f, phase in ((1.0, 0.15, 0.0), (0.5, 0.45, 1.0), (0.25, 0.9, 2.0))
+        )
+        np.testing.assert_allclose(q[:, joint], wanted, atol=1e-14)
+    assert build_tc().duration == 20.0
     trajectory = build_tc()
     for edge in (0.0, trajectory.ramp):
         before, after = (
@@ -189,30 +186,7 @@ def test_the_ramp_begins_and_ends_smoothly_up_to_the_second_derivative():
     assert np.abs(third).max() > 0.1
 
 
-def test_tc_is_the_sum_that_is_stated():
-    t = np.linspace(2.5, 20.0, 50)
-    (q,) = build_tc(size=3).evaluate_derivatives(t, 0)
-    for joint in range(3):
-        wanted = sum(
-            0.4 * a * np.sin(2.0 * np.pi * f * t + phase + joint)
-            for a, f, phase in ((1.0, 0.15, 0.0), (0.5, 0.45, 1.0), (0.25, 0.9, 2.0))
-        )
-        np.testing.assert_allclose(q[:, joint], wanted, atol=1e-14)
-    assert build_tc().duration == 20.0
-
-
-def test_scaled_trajectories_keep_their_centre():
-    plain = random_series(5)
-    t = np.linspace(0.0, 9.0, 40)
-    scaled = scale_trajectory(plain, 10.0)
-    gaps = (scaled.evaluate(t)[0] - plain.centre) - 10.0 * (plain.evaluate(t)[0] - plain.centre)
-    np.testing.assert_allclose(gaps, 0.0, atol=1e-12)
-    assert scaled.source == f"{plain.source}, amplitudes times 10"
-    assert scale_trajectory(plain, 1.0) is plain
-
-
 @pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
 def test_scales_that_cannot_be(scale):
-    with pytest.raises(UsageError, match=r"(0|-1|nan|inf)$") as caught:
+    with raises(UsageError, "usage.trajectory-scale", match=r"(0|-1|nan|inf)$"):
         scale_trajectory(build_ta(), scale)
-    assert caught.value.notices[0].code == "usage.trajectory-scale"

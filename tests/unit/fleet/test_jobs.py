@@ -8,6 +8,7 @@ import pytest
 import symid
 from symid.errors import InputError, SymidError, UsageError
 from symid.fleet import FleetJob, jobs as module, read_study, running
+from tests.refusals import raises, tell
 
 
 def write(folder, name, text=""):
@@ -108,7 +109,7 @@ def test_mistakes_of_a_table_have_their_lines(tmp_path, table, words):
     with pytest.raises(InputError) as caught:
         read_study(write(tmp_path, "study.toml", 'table = "jobs.csv"'))
     assert [word for word in words if word not in str(caught.value)] == []
-    assert {notice.code for notice in caught.value.notices} == {"fleet.table"}
+    assert set(tell(caught.value.notices)) == {"fleet.table"}
 
 
 def test_a_damaged_table_is_refused(tmp_path):
@@ -138,7 +139,7 @@ def test_seeds_are_spawned_and_depend_on_nothing_but_their_own_job(tmp_path):
     assert seeds[3] == int(root.spawn(4)[3].generate_state(1, np.uint64)[0]) >> 1
 
 
-def test_the_hash_is_of_what_counts(tmp_path):
+def test_what_counts_is_in_the_hash(tmp_path):
     log = write(tmp_path, "log.csv", "t\n")
     robot = write(tmp_path, "arm.toml", 'name = "arm"')
     job = FleetJob(robot=str(robot), logs=(str(log),))
@@ -162,9 +163,6 @@ def test_the_hash_is_of_what_counts(tmp_path):
     job = FleetJob(robot=str(tmp_path / "none.urdf"), logs=("none.csv",))
     keys.append(compute())
     assert len(set(keys)) == len(keys)
-
-
-def test_files_that_a_model_includes_count(tmp_path):
     body = (
         "<body name='b'><joint type='hinge'/><inertial pos='0 0 0' mass='MASS' diaginertia='1 1 1'/></body>"
     )
@@ -191,9 +189,8 @@ def test_addresses_are_read_through_fsspec(tmp_path):
         module.open_address("nothing://x/y")
     with pytest.raises(InputError):
         module.list_logs(f"file://{tmp_path}/none")
-    with pytest.raises(InputError) as caught:
+    with raises(InputError, "fleet.address"):
         running._fetch(f"file://{tmp_path}/none.csv", tmp_path)
-    assert caught.value.notices[0].code == "fleet.address"
     gone = symid.fleet.run(
         [FleetJob(robot="two_link", logs=("file:///no/log.csv",))], tmp_path / "out", executor="serial"
     )
@@ -201,15 +198,10 @@ def test_addresses_are_read_through_fsspec(tmp_path):
     assert "file:///no/log.csv: cannot be read" in gone.rows[0].reason
 
 
-def test_without_fsspec_it_says_what_to_install(monkeypatch):
+def test_without_a_package_it_says_what_to_install(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "fsspec.core", None)
-    with pytest.raises(UsageError, match="pip install") as caught:
+    with raises(UsageError, "usage.no-fsspec", match="pip install"):
         module.open_address("s3://x/y")
-    assert caught.value.notices[0].code == "usage.no-fsspec"
-
-
-def test_without_pyarrow_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(UsageError) as caught:
+    with raises(UsageError, "usage.no-pyarrow"):
         read_study(write(tmp_path, "study.toml", 'table = "jobs.parquet"'))
-    assert caught.value.notices[0].code == "usage.no-pyarrow"

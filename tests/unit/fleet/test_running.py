@@ -16,6 +16,7 @@ import pytest
 import symid
 from symid.errors import InputError, OutputError, SolverError, UsageError
 from symid.fleet import FleetJob, running, view
+from tests.refusals import raises
 
 # In worker processes: what a job does follows from its name, and is written down.
 ODD_JOBS = """
@@ -68,6 +69,28 @@ def make_jobs(*names):
     return [FleetJob(robot="two_link", logs=("no.csv",), name=name) for name in names]
 
 
+def start_fleet(folder, names, workers, project):
+    """Run a fleet of odd jobs in another process."""
+    script = f"""
+import symid.fleet.running as running
+from symid.fleet import FleetJob, run
+running._SERVE = {ODD_JOBS!r}
+jobs = [FleetJob(robot="two_link", logs=("no.csv",), name=name) for name in {names!r}]
+run(jobs, "out", workers={workers})
+"""
+    return subprocess.Popen(
+        [sys.executable, "-c", script], cwd=folder, env=os.environ | {"PYTHONPATH": project}
+    )
+
+
+def wait_until(condition, seconds=30.0):
+    """Return whether a condition holds within so many seconds."""
+    end = time.monotonic() + seconds
+    while not (found := condition()) and time.monotonic() < end:
+        time.sleep(0.05)
+    return found
+
+
 def read_results(folder):
     return {path.name: path.read_bytes() for path in (folder / "results").iterdir()}
 
@@ -114,32 +137,20 @@ def test_without_a_limit_a_job_finds_the_memory_of_the_one_before(odd, tmp_path,
 
 
 def test_a_fleet_that_is_killed_goes_on_and_repeats_nothing(odd, tmp_path, project):
-    jobs = make_jobs(*(f"slow {k}" for k in range(16)))
-    script = f"""
-import symid.fleet.running as running
-from symid.fleet import FleetJob, run
-running._SERVE = {ODD_JOBS!r}
-run([FleetJob(robot="two_link", logs=("no.csv",), name=f"slow {{k}}") for k in range(16)], "out", workers=2)
-"""
+    names = [f"slow {k}" for k in range(16)]
     folder = tmp_path / "out" / "results"
-    process = subprocess.Popen(
-        [sys.executable, "-c", script], cwd=tmp_path, env=os.environ | {"PYTHONPATH": project}
-    )
-    for _ in range(600):
-        if folder.is_dir() and len(list(folder.glob("*.json"))) >= 3:
-            break
-        time.sleep(0.05)
+    process = start_fleet(tmp_path, names, 2, project)
+    wait_until(lambda: folder.is_dir() and len(list(folder.glob("*.json"))) >= 3)
     process.send_signal(signal.SIGKILL)
     process.wait()
     kept = {path.stem for path in folder.glob("*.json")}
     assert 3 <= len(kept) < 16
     (folder / ".half.json.abc").write_text("{")
-    with pytest.raises(InputError, match="run it again") as caught:
+    with raises(InputError, "fleet.not-ended", match="run it again"):
         symid.fleet.load(tmp_path / "out")
-    assert caught.value.notices[0].code == "fleet.not-ended"
     time.sleep(0.5)
     before = odd.read_text().splitlines()
-    found = symid.fleet.run(jobs, tmp_path / "out", workers=2)
+    found = symid.fleet.run(make_jobs(*names), tmp_path / "out", workers=2)
     assert found.counts == {"done": 16}
     assert len(list((tmp_path / "out").rglob("*"))) == 1 + 16 + 2
     again = odd.read_text().splitlines()[len(before) :]
@@ -149,32 +160,12 @@ run([FleetJob(robot="two_link", logs=("no.csv",), name=f"slow {{k}}") for k in r
 
 
 def test_worker_processes_end_with_the_fleet(odd, tmp_path, project):
-    script = f"""
-import symid.fleet.running as running
-from symid.fleet import FleetJob, run
-running._SERVE = {ODD_JOBS!r}
-run([FleetJob(robot="two_link", logs=("no.csv",), name="hang")], "out", workers=1)
-"""
-    process = subprocess.Popen(
-        [sys.executable, "-c", script], cwd=tmp_path, env=os.environ | {"PYTHONPATH": project}
-    )
+    process = start_fleet(tmp_path, ["hang"], 1, project)
     pid = Path(f"{odd}.pid")
-    for _ in range(600):
-        if pid.exists() and pid.read_text():
-            break
-        time.sleep(0.05)
+    wait_until(lambda: pid.exists() and pid.read_text())
     process.send_signal(signal.SIGKILL)
     process.wait()
-    for _ in range(100):
-        if not Path(f"/proc/{pid.read_text()}").exists():
-            return
-        time.sleep(0.1)
-    pytest.fail("a worker process outlived its fleet")
-
-
-def find_code(caught):
-    (notice,) = caught.value.notices
-    return notice.code
+    assert wait_until(lambda: not Path(f"/proc/{pid.read_text()}").exists(), 10.0)
 
 
 def test_a_job_at_its_limit_ends_its_compiler(tmp_path, monkeypatch):
@@ -197,28 +188,20 @@ def test_a_job_at_its_limit_ends_its_compiler(tmp_path, monkeypatch):
     assert [path.name for path in (tmp_path / "cache" / "symid").iterdir() if path.is_dir()] == []
 
 
-def test_two_fleets_do_not_share_a_folder(tmp_path):
-    with view._own_folder(tmp_path / "out"), pytest.raises(OutputError, match="another fleet") as caught:
-        symid.fleet.run([], tmp_path / "out")
-    assert find_code(caught) == "output.fleet-runs"
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError, match="cannot be made") as caught:
-        symid.fleet.run([], tmp_path / "file" / "out")
-    assert find_code(caught) == "output.folder"
-
-
 def test_what_cannot_run_is_said_before_anything_runs(tmp_path, monkeypatch):
-    with pytest.raises(UsageError) as caught:
+    with view._own_folder(tmp_path / "out"), raises(OutputError, "output.fleet-runs", match="another fleet"):
+        symid.fleet.run([], tmp_path / "out")
+    (tmp_path / "file").write_text("")
+    with raises(OutputError, "output.folder", match="cannot be made"):
+        symid.fleet.run([], tmp_path / "file" / "out")
+    with raises(UsageError, "usage.serial-limits"):
         symid.fleet.run([], tmp_path / "out", executor="serial", seconds=1.0)
-    assert find_code(caught) == "usage.serial-limits"
     monkeypatch.setattr(running, "_SERVE", "raise SystemExit(7)")
-    with pytest.raises(SolverError, match="code 7") as caught:
+    with raises(SolverError, "fleet.no-worker", match="code 7"):
         symid.fleet.run(make_jobs("good"), tmp_path / "out", workers=1)
-    assert find_code(caught) == "fleet.no-worker"
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UsageError, match="pip install") as caught:
+    with raises(UsageError, "usage.no-dask", match="pip install"):
         symid.fleet.run([], tmp_path / "out", executor="dask")
-    assert find_code(caught) == "usage.no-dask"
 
 
 def test_a_damaged_result_is_computed_again_and_a_list_of_others_is_refused(odd, tmp_path):
@@ -228,9 +211,8 @@ def test_a_damaged_result_is_computed_again_and_a_list_of_others_is_refused(odd,
     (file,) = (tmp_path / "out" / "results").iterdir()
     content = file.read_bytes()
     file.write_bytes(content[:100])
-    with pytest.raises(InputError, match="damaged or missing") as caught:
+    with raises(InputError, "fleet.damaged", match="damaged or missing"):
         symid.fleet.load(tmp_path / "out")
-    assert caught.value.notices[0].code == "fleet.damaged"
     symid.fleet.run([job], tmp_path / "out", workers=1)
     assert file.read_bytes() == content
     assert odd.read_text() == "good\ngood\n"
@@ -334,9 +316,8 @@ def test_no_scheduler_is_said(tmp_path):
     pytest.importorskip("distributed")
     import dask
 
-    with dask.config.set({"distributed.comm.timeouts.connect": "200ms"}), pytest.raises(UsageError) as caught:
+    with dask.config.set({"distributed.comm.timeouts.connect": "200ms"}), raises(UsageError, "usage.cluster"):
         symid.fleet.run([], tmp_path / "out", executor="dask", cluster="tcp://127.0.0.1:9")
-    assert find_code(caught) == "usage.cluster"
 
 
 def test_a_scheduler_that_is_lost_ends_the_fleet_and_keeps_what_is_done(tmp_path):
@@ -356,17 +337,13 @@ def test_a_scheduler_that_is_lost_ends_the_fleet_and_keeps_what_is_done(tmp_path
             os.killpg(scheduler.pid, signal.SIGKILL)
 
     try:
-        for _ in range(600):
-            if file.exists():
-                break
-            time.sleep(0.1)
+        wait_until(file.exists, 60.0)
         address = json.loads(file.read_text())["address"]
         jobs = make_jobs(*map(str, range(40)))
         with distributed.Client(address, set_as_default=False) as client:
             client.wait_for_workers(1, timeout=60)
-        with pytest.raises(SolverError) as caught:
+        with raises(SolverError, "solver.scheduler-lost"):
             symid.fleet.run(jobs, tmp_path / "out", executor="dask", cluster=address, progress=end_scheduler)
-        assert find_code(caught) == "solver.scheduler-lost"
         kept = len(read_results(tmp_path / "out"))
         assert 1 <= kept < 40
     finally:

@@ -137,7 +137,7 @@ def simulate_power(rng, shift, limit):
     return float(np.mean(np.max(cuts, axis=0) > limit))
 
 
-def test_residuals_are_judged_by_the_scatter_of_the_fleet():
+def test_residuals_and_small_deviations_are_judged_by_the_scatter_of_the_fleet():
     rows = make_rows(np.random.default_rng(3), 60, {5: 10.0}, residuals=2)
     found = [entry for entry in view.find_changes(rows) if entry.residual]
     assert {(entry.name, entry.quantity, entry.since) for entry in found} == {
@@ -146,9 +146,6 @@ def test_residuals_are_judged_by_the_scatter_of_the_fleet():
     }
     few = make_rows(np.random.default_rng(3), 10, {5: 10.0}, residuals=2)
     assert not [entry for entry in view.find_changes(few) if entry.residual]
-
-
-def test_deviations_that_are_too_small_are_enlarged_and_said():
     rows = make_rows(np.random.default_rng(4), 100, scale=3.0)
     assert view.find_changes(rows) == ()
     factors = view.compute_scatter(view._collect_series(rows))
@@ -204,7 +201,7 @@ def fleet(tmp_path_factory):
     return Fleet(folder=folder, rows=tuple(rows))
 
 
-def test_the_table_says_who_what_and_since_when(fleet):
+def test_the_table_and_the_page_say_who_what_and_since_when(fleet, tmp_path):
     text = fleet.to_text()
     assert "Robots that changed: 1" in text
     assert next(line for line in text.splitlines() if line.startswith("robot ")).split() == [
@@ -215,9 +212,6 @@ def test_the_table_says_who_what_and_since_when(fleet):
     assert "night 4" in line
     assert fleet.to_dict()["counts"] == {"crashed": 1, "done": 210}
     assert not fleet.accepted
-
-
-def test_the_page_shows_the_changes(fleet, tmp_path):
     text = fleet.report(tmp_path / "page.html").read_text()
     assert "1 of 31 robots changed; 1 of 211 jobs have no fit." in text
     assert "ZZ2 changed by" in text

@@ -24,14 +24,11 @@ def run(branch, x, t=None, **settings):
     return run_element(Elasticity(stiffness=0.0, branches=(branch,)), x, t, **settings).output
 
 
-def test_bouc_wen_of_sharpness_one_begins_as_an_exponential():
+def test_bouc_wen_begins_as_an_exponential_or_a_hyperbolic_tangent():
     x = np.linspace(0, 0.2, 31)
     branch = BoucWen(level=3.0, length=0.02, loop=0.7)
     np.testing.assert_allclose(run(branch, x), 3.0 * (1.0 - np.exp(-50.0 * x)), rtol=1e-12)
     np.testing.assert_allclose(run(branch, -x), -3.0 * (1.0 - np.exp(-50.0 * x)), rtol=1e-12)
-
-
-def test_bouc_wen_of_sharpness_two_begins_as_a_hyperbolic_tangent():
     x = np.linspace(0, 0.3, 601)
     branch = BoucWen(level=5.0, length=0.05, sharpness=2.0)
     np.testing.assert_allclose(run(branch, x), 5.0 * np.tanh(20.0 * x), atol=1e-5)
@@ -93,7 +90,7 @@ def test_relays_with_ramps_against_relays_one_by_one():
     np.testing.assert_allclose(run(branch, x), expected[1:], atol=1e-13)
 
 
-def test_a_slip_spring_that_is_straight_is_a_stop():
+def test_a_slip_spring_is_a_stop_that_slips_earlier_when_fast():
     rng = np.random.default_rng(5)
     x = np.cumsum(rng.normal(size=500)) * 0.05
     deflection, before, expected = 0.0, 0.0, []
@@ -103,9 +100,6 @@ def test_a_slip_spring_that_is_straight_is_a_stop():
         expected.append(7.0 * deflection)
     branch = SlipSpring(deflections=(-0.2, 0.05, 0.2), forces=(-1.4, 0.35, 1.4))
     np.testing.assert_allclose(run(branch, x), expected, atol=1e-12)
-
-
-def test_a_slip_spring_slips_earlier_when_fast():
     branch = SlipSpring(deflections=(-0.2, 0.2), forces=(-1.0, 1.0), falls=(0.0, 0.5))
     for speed in (0.1, 2.0):
         t = np.linspace(0, 1.0 / speed, 200)
@@ -113,21 +107,15 @@ def test_a_slip_spring_slips_earlier_when_fast():
         assert run(branch, -speed * t, t)[-1] == pytest.approx(-1.0)
 
 
-def test_relaxation_against_its_closed_form():
+def test_relaxation_dahl_and_maxwell_slip_against_closed_forms():
     # Input at constant speed: f = k T v (1 - exp(-t / T)).
     t = np.linspace(0, 0.5, 101)
     found = run(Relaxation(stiffness=40.0, time=0.08), 0.3 * t, t)
     np.testing.assert_allclose(found, 40.0 * 0.08 * 0.3 * (1.0 - np.exp(-t / 0.08)), atol=1e-13)
-
-
-def test_dahl_on_its_first_way_is_an_exponential():
     values = (("Fc", 2.0), ("sigma0", 500.0))
     x = np.linspace(0, 0.05, 40)
     found = run(BristleBranch(law="dahl", values=values), x)
     np.testing.assert_allclose(found, 2.0 * (1.0 - np.exp(-250.0 * x)), rtol=1e-12)
-
-
-def test_maxwell_slip_is_a_sum_of_stops():
     x = 0.1 * np.sin(np.linspace(0, 20, 800)) * np.linspace(0.2, 1, 800)
     values = (("Fc", 3.0), ("stiffness1", 60.0), ("stiffness2", 20.0), ("share1", 0.4), ("share2", 0.6))
     found = run(BristleBranch(law="maxwell-slip", values=values), x)

@@ -23,6 +23,7 @@ from symid.joint_models import (
     start_states,
 )
 from tests.elements import ELEMENTS, STOPS
+from tests.refusals import raises
 
 NAMES = tuple(ELEMENTS)
 INVERTIBLE = tuple(name for name in NAMES if not describe_inverse(ELEMENTS[name]))
@@ -81,9 +82,18 @@ def test_no_motion_gets_work_out_of_a_passive_element(seed, name):
     assert lost[-1] > 0.0
 
 
-def test_signed_stops_and_backlash_are_not_passive():
+def test_what_elements_are_is_known():
     assert not is_passive_element(Elasticity(stiffness=3.0, stops=(Stop(threshold=0.1, stiffness=-1.0),)))
     assert not is_passive_element(ELEMENTS["gap"])
+    assert set(INVERTIBLE) == set(NAMES) - {"gap", "lugre", "falling", "attracted"}
+    assert find_least_slope(ELEMENTS["stops"]) == 3.0
+    assert find_least_slope(ELEMENTS["knees"]) == pytest.approx(3.0 * 0.7)
+    rising = run_element(ELEMENTS["slip"], np.linspace(0, 0.5, 2001)).output
+    assert np.min(np.diff(rising)) / (0.5 / 2000) == pytest.approx(find_least_slope(ELEMENTS["slip"]))
+    assert needs_time(ELEMENTS["lugre"])
+    assert not needs_time(ELEMENTS["relays"])
+    with raises(RobotError, "robot.element-time", match="give the time"):
+        run_element(ELEMENTS["lugre"], np.zeros(3))
 
 
 @pytest.mark.parametrize("name", INVERTIBLE)
@@ -91,17 +101,6 @@ def test_the_inverse_returns_the_input(name):
     element, (x, t) = ELEMENTS[name], make_path(7, 150)
     output = run_element(element, x, t).output
     np.testing.assert_allclose(invert_element(element, output, t), x, atol=1e-9)
-
-
-def test_elements_of_every_kind_are_inverted():
-    assert set(INVERTIBLE) == set(NAMES) - {"gap", "lugre", "falling", "attracted"}
-
-
-def test_the_least_slope_is_reached():
-    assert find_least_slope(ELEMENTS["stops"]) == 3.0
-    assert find_least_slope(ELEMENTS["knees"]) == pytest.approx(3.0 * 0.7)
-    rising = run_element(ELEMENTS["slip"], np.linspace(0, 0.5, 2001)).output
-    assert np.min(np.diff(rising)) / (0.5 / 2000) == pytest.approx(find_least_slope(ELEMENTS["slip"]))
 
 
 @pytest.mark.parametrize(
@@ -115,17 +114,8 @@ def test_the_least_slope_is_reached():
     ],
 )
 def test_what_has_no_inverse_is_refused_with_the_reason(element, reason):
-    with pytest.raises(RobotError, match=reason) as caught:
+    with raises(RobotError, "robot.no-inverse", match=reason):
         invert_element(element, np.zeros(3), np.arange(3.0))
-    assert caught.value.notices[0].code == "robot.no-inverse"
-
-
-def test_a_rate_dependent_element_wants_time():
-    assert needs_time(ELEMENTS["lugre"])
-    assert not needs_time(ELEMENTS["relays"])
-    with pytest.raises(RobotError, match="give the time") as caught:
-        run_element(ELEMENTS["lugre"], np.zeros(3))
-    assert caught.value.notices[0].code == "robot.element-time"
 
 
 def test_one_sided_plays_are_plays_of_half_the_threshold_that_came_from_above():

@@ -9,7 +9,6 @@ from hypothesis import given, strategies as st
 
 from symid.errors import UsageError
 from symid.joint_models.carriers import (
-    OperatorCarrier,
     build_float_carrier,
     build_numpy_carrier,
     build_symbol_carrier,
@@ -31,6 +30,8 @@ from symid.joint_models.dynamic_friction import (
     simulate_dynamic_friction,
     write_dynamic_latex,
 )
+from tests.friction_forms import build_carrier
+from tests.refusals import raises
 
 VALUES = {"dahl": (2e4, 7.0), "lugre": (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 4.0)}
 FLOATS = build_float_carrier()
@@ -39,30 +40,8 @@ LAWS = pytest.mark.parametrize("name", sorted(DYNAMIC_LAWS))
 
 def build_other_carriers():
     """Return carriers of high precision and of CasADi, and how their numbers are made."""
-    precise = OperatorCarrier(
-        zero=mpmath.mpf(0),
-        one=mpmath.mpf(1),
-        exp=mpmath.exp,
-        tanh=mpmath.tanh,
-        sin=mpmath.sin,
-        cos=mpmath.cos,
-        sign=mpmath.sign,
-        absolute=mpmath.fabs,
-        maximum=max,
-        minimum=min,
-    )
-    graphs = OperatorCarrier(
-        zero=casadi.SX(0),
-        one=casadi.SX(1),
-        exp=casadi.exp,
-        tanh=casadi.tanh,
-        sin=casadi.sin,
-        cos=casadi.cos,
-        sign=casadi.sign,
-        absolute=casadi.fabs,
-        maximum=casadi.fmax,
-        minimum=casadi.fmin,
-    )
+    precise = build_carrier(mpmath, mpmath.mpf, absolute=mpmath.fabs, maximum=max, minimum=min)
+    graphs = build_carrier(casadi, casadi.SX, absolute=casadi.fabs, maximum=casadi.fmax, minimum=casadi.fmin)
     return (precise, mpmath.mpf), (graphs, casadi.SX), (build_symbol_carrier(), sympy.Float)
 
 
@@ -83,7 +62,7 @@ def test_all_carriers_agree(name, velocity):
 
 
 @LAWS
-def test_the_symbols_give_the_numbers(name):
+def test_the_symbols_give_the_numbers_and_the_step_solves_the_rate(name):
     law, values = get_dynamic_law(name), VALUES[name]
     equations = derive_equations(law)
     places = dict(zip(equations.values, values, strict=True))
@@ -98,10 +77,6 @@ def test_the_symbols_give_the_numbers(name):
     pairs |= dict(zip((equations.state_after, equations.torque_after), step, strict=True))
     for expression, value in pairs.items():
         assert float(expression.subs(places)) == pytest.approx(value, rel=1e-13)
-
-
-@LAWS
-def test_the_step_solves_the_rate(name):
     # Derivative of the step by its period, in symbols: nothing else was used to derive it.
     equations = derive_equations(get_dynamic_law(name))
     rate = equations.rate.subs(equations.state, equations.state_after)
@@ -148,16 +123,11 @@ def test_a_step_is_its_parts_is_odd_and_stays_bounded(name, step, share):
 
 
 @LAWS
-def test_nothing_moves_at_standstill(name):
+def test_a_run_is_its_steps_from_straight_bristles_on(name):
     law, values = get_dynamic_law(name), VALUES[name]
     state, torque = compute_bristle_step(FLOATS, law, (0.0, 1e6), 1e-4, values)
     assert state == 1e-4
     assert torque == pytest.approx(values[0] * 1e-4, rel=1e-15)
-
-
-@LAWS
-def test_a_run_is_its_steps(name):
-    law, values = get_dynamic_law(name), VALUES[name]
     velocity = 0.1 * np.sin(np.linspace(0.0, 30.0, 400))
     run = simulate_dynamic_friction(law, values, build_held_path(velocity, 1e-3), state=1e-4)
     state = 1e-4
@@ -165,11 +135,6 @@ def test_a_run_is_its_steps(name):
         state, torque = compute_bristle_step(FLOATS, law, (held, 1e-3), state, values)
         assert run.state[k] == pytest.approx(state, rel=1e-12, abs=1e-17)
         assert run.torque[k] == pytest.approx(torque, rel=1e-11, abs=1e-11)
-
-
-@LAWS
-def test_every_recording_begins_with_straight_bristles(name):
-    law, values = get_dynamic_law(name), VALUES[name]
     velocity = 0.1 * np.cos(np.linspace(0.0, 9.0, 100))
     one = build_held_path(velocity, 1e-3)
     two = FrictionPath(
@@ -211,25 +176,19 @@ def test_passivity_of_lugre_is_known_where_viscous_friction_covers_the_fall():
     assert "|fS - fC| / min(fC, fS)" in law.passivity
 
 
-def test_values_out_of_bounds_are_refused_all_at_once():
+def test_unknown_laws_and_values_out_of_bounds_are_refused():
     law = get_dynamic_law("lugre")
-    with pytest.raises(UsageError, match=r"sigma0 .* above 0, got -1") as caught:
+    with raises(UsageError, *["joint.friction-values"] * 4, match=r"sigma0 .* above 0, got -1") as caught:
         check_dynamic_values(law, (-1.0, 0.0, 1.0, 1.0, 0.0, 5.0, float("nan")))
-    assert [notice.code for notice in caught.value.notices] == ["joint.friction-values"] * 4
     texts = [notice.text for notice in caught.value.notices]
     assert [name in text for name, text in zip(("sigma0", "vs", "gamma", "fV"), texts, strict=True)] == [
         True
     ] * 4
     assert all(number in texts[2] for number in (" 0.5 ", " 4, ", "got 5"))
-    with pytest.raises(UsageError, match=r" 2 .*sigma0, fC.*got 3") as caught:
+    with raises(UsageError, "joint.friction-values", match=r" 2 .*sigma0, fC.*got 3"):
         check_dynamic_values(get_dynamic_law("dahl"), (1.0, 1.0, 1.0))
-    assert caught.value.notices[0].code == "joint.friction-values"
-
-
-def test_an_unknown_law_is_told_with_the_nearest():
-    with pytest.raises(UsageError, match=r"'lugree'.* 'lugre'\?") as caught:
+    with raises(UsageError, "joint.no-dynamic-friction", match=r"'lugree'.* 'lugre'\?"):
         get_dynamic_law("lugree")
-    assert caught.value.notices[0].code == "joint.no-dynamic-friction"
     with pytest.raises(UsageError, match=r"'zzz'.* dahl, lugre"):
         get_dynamic_law("zzz")
 
@@ -239,6 +198,5 @@ def test_an_unknown_law_is_told_with_the_nearest():
 )
 def test_a_path_that_is_none_is_refused(change):
     fields = {"held": [0.0, 1.0], "velocity": [0.0, 1.0], "period": [0.0, 1.0], "start": [1.0, 0.0]}
-    with pytest.raises(UsageError, match="one length") as caught:
+    with raises(UsageError, "joint.friction-path", match="one length"):
         FrictionPath(**{**fields, **change})
-    assert caught.value.notices[0].code == "joint.friction-path"

@@ -107,7 +107,7 @@ def test_a_scaled_problem_has_the_derivatives_of_its_value():
     np.testing.assert_array_equal(scaled.upper, [2.0, 8.0, 0.4])
 
 
-def test_ends_that_are_no_optimum_are_told():
+def test_ends_that_are_no_optimum_are_told_and_the_last_point_is_kept():
     assert minimise(build(), np.zeros(3), IpoptOptions(tolerance=1e-10, iterations=0)).outcome is Ending.LIMIT
     broken = SmoothProblem(
         value=lambda _: float("nan"),
@@ -119,9 +119,6 @@ def test_ends_that_are_no_optimum_are_told():
     assert run.outcome is Ending.FAILED
     assert np.all(np.isfinite(run.x))
     assert "Invalid_Number_Detected" in run.reason
-
-
-def test_the_last_point_is_kept():
     calls = []
     double = keep_last(lambda x: calls.append(x.copy()) or 2.0 * x)
     for x in (AIM, AIM.copy(), -AIM, AIM):
@@ -173,7 +170,7 @@ def test_the_linear_solver_is_the_one_that_was_asked_for_or_none(name, status, t
 
 def test_casadi_and_sympy_are_not_loaded_before_they_are_needed():
     code = (
-        "import sys, symid.ipopt, symid.identification.elastic.nlp\n"
+        "import sys, symid.ipopt, symid.identification.elastic.methods\n"
         "import symid.identification.hysteresis.spring_fit\n"
         "sys.exit(any(name in sys.modules for name in ('casadi', 'sympy')))"
     )

@@ -1,5 +1,6 @@
-"""Errors, notation, provenance, arrays."""
+"""Errors, notation, provenance, arrays, units, resources, progress."""
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
@@ -8,11 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from symid.arrays import FloatArray, FrozenArrays, freeze
-from symid.environment import write_file
+import symid.environment
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
+from symid.environment import locate_resource_folder, report_count, write_file
 from symid.errors import Notice, RobotError, SymidError
-from symid.notation import INERTIAL, SYMBOLS, get_unit
+from symid.notation import INERTIAL, SYMBOLS, UNITS, get_unit, get_unit_factor, suggest_units
 from symid.serialization import compute_signature, write_canonical, write_plain
+from tests.refusals import raises
 
 
 @pytest.mark.parametrize(
@@ -28,15 +31,12 @@ def test_a_notice_says_where(place, text):
     assert str(Notice(code="x.y", text="wrong", **place)) == text
 
 
-def test_an_error_carries_all_its_notices():
+def test_errors_carry_all_notices_and_symbols_have_no_doubles():
     first, second = Notice(code="a.b", text="one"), Notice(code="a.c", text="two")
     error = RobotError(first, second)
     assert error.notices == (first, second)
     assert str(error) == "one\ntwo"
     assert (error.exit_code, SymidError.exit_code) == (3, 70)
-
-
-def test_the_table_of_symbols_has_no_doubles():
     names = [symbol.name for symbol in SYMBOLS]
     assert len(set(names)) == len(names)
     assert set(INERTIAL) <= set(names)
@@ -81,7 +81,7 @@ def test_signatures_differ_exactly_when_values_do(left, right):
         assert compute_signature(left) != compute_signature(right)
 
 
-def test_types_of_equal_looking_values_are_told_apart():
+def test_signatures_are_of_types_shapes_and_bytes():
     values = [
         1,
         True,
@@ -97,26 +97,18 @@ def test_types_of_equal_looking_values_are_told_apart():
         Colour.RED,
     ]
     assert len({write_canonical(value) for value in values}) == len(values)
-
-
-def test_concatenation_is_no_collision():
     assert compute_signature("ab", "c") != compute_signature("a", "bc")
     assert write_canonical({"b": 1, "a": 2}) == write_canonical({"a": 2, "b": 1})
-
-
-def test_a_value_is_not_what_it_is_made_of():
     array = np.arange(4.0)
     assert compute_signature(Colour.RED) != compute_signature("red")
     assert compute_signature(array) != compute_signature((str(array.dtype), array.shape, array.tobytes()))
     with pytest.raises(TypeError, match="no canonical form"):
         write_canonical(np.array([object()]))
-
-
-def test_arrays_are_signed_by_type_shape_and_bytes():
-    array = np.arange(4.0)
     assert compute_signature(array) == compute_signature(array.copy())
     assert compute_signature(array) != compute_signature(array.reshape(2, 2))
     assert compute_signature(array) != compute_signature(array.astype(np.float32))
+    with pytest.raises(TypeError, match="no JSON for type"):
+        write_plain(Notice)
 
 
 @pytest.mark.parametrize("value", [{1, 2}, object()])
@@ -132,16 +124,6 @@ def test_frozen_arrays_are_private_copies():
     assert frozen[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         frozen[0] = 1.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Samples(FrozenArrays):
-    values: FloatArray
-    extra: FloatArray | None = None
-    count: int = 0
-
-
-def test_arrays_of_a_record_are_copies_that_nobody_can_write():
     own = np.zeros(3)
     samples = _Samples(own, extra=None)
     own[0] = 1.0
@@ -153,6 +135,13 @@ def test_arrays_of_a_record_are_copies_that_nobody_can_write():
     assert _Samples(samples.values).values is samples.values
     view = freeze(np.arange(6.0))[::2]
     assert _Samples(view).values is not view
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples(FrozenArrays):
+    values: FloatArray
+    extra: FloatArray | None = None
+    count: int = 0
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path):
@@ -168,6 +157,92 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.txt"]
 
 
-def test_a_class_has_no_json():
-    with pytest.raises(TypeError, match="no JSON for type"):
-        write_plain(Notice)
+SHAPES = [(0, 3), (3, 0), (1, 1), (3, 7), (50, 4), (16001, 5), (40000, 12)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_a_triangle_has_the_squares_of_its_matrix(shape, order):
+    matrix = np.array(np.random.default_rng(1).normal(size=shape), order=order)
+    before = matrix.copy()
+    triangle = compute_triangle(matrix)
+    np.testing.assert_array_equal(matrix, before)
+    expected = np.linalg.qr(matrix, mode="r")
+    assert triangle.shape == expected.shape
+    np.testing.assert_array_equal(triangle, np.triu(triangle))
+    np.testing.assert_allclose(np.abs(triangle), np.abs(expected), rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(triangle.T @ triangle, matrix.T @ matrix, rtol=1e-11, atol=1e-10)
+
+
+def test_zero_columns_stay_zero_and_no_number_is_hidden():
+    matrix = np.zeros((20000, 3))
+    matrix[:, 1] = 2.0
+    np.testing.assert_allclose(
+        np.linalg.svd(compute_triangle(matrix))[1], [2.0 * 20000**0.5, 0.0, 0.0], atol=1e-9
+    )
+    matrix = np.ones((10, 2))
+    matrix[3, 1] = np.nan
+    assert np.isnan(compute_triangle(matrix)[:, 1]).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "dimension", "factor"),
+    [
+        ("deg", "angle", math.pi / 180),
+        ("rpm", "angular velocity", 2 * math.pi / 60),
+        ("mm/s", "velocity", 1e-3),
+        ("N*m", "torque", 1.0),
+        (" N  m ", "torque", 1.0),
+        ("N\N{MIDDLE DOT}m", "torque", 1.0),
+        ("kg*m**2", "inertia", 1.0),
+        ("degC", "temperature", 1.0),
+        ("ms", "time", 1e-3),
+    ],
+)
+def test_units_have_their_dimension_and_factor(name, dimension, factor):
+    assert get_unit_factor(name) == (dimension, pytest.approx(factor, rel=1e-15))
+
+
+def test_names_not_in_the_table_are_refused_with_the_nearest():
+    for name in ("metre", "", "nm", "degF", "degc"):
+        with pytest.raises(KeyError):
+            get_unit_factor(name)
+    assert suggest_units("NM")[0] in ("Nm", "mN")
+    assert "Nm" in suggest_units("NM")
+    assert suggest_units("degre")[0] == "deg"
+    assert suggest_units("!!!!") == ()
+    assert all(" ".join(name.split()) == name for name in UNITS)
+
+
+def test_resources_stand_beside_the_package_or_inside_it(project, monkeypatch, tmp_path):
+    assert locate_resource_folder("robots") == project / "robots"
+    assert locate_resource_folder("templates") == project / "templates"
+    monkeypatch.setattr(symid.environment, "_PACKAGE", tmp_path / "symid")
+    with raises(SymidError, "symid.missing-resource", match="install"):
+        locate_resource_folder("robots")
+    (tmp_path / "robots").mkdir()
+    inside = tmp_path / "symid" / "_data" / "robots"
+    inside.mkdir(parents=True)
+    monkeypatch.setattr(symid.environment, "_PACKAGE", tmp_path / "symid")
+    assert locate_resource_folder("robots") == inside
+
+
+@pytest.mark.parametrize(
+    ("pace", "said"),
+    [
+        (0.1, "joint 1 of 4"),
+        (10.0, "joint 1 of 4, 30 s left"),
+        (100.0, "joint 1 of 4, 5 min left"),
+        (3000.0, "joint 1 of 4, 2.5 h left"),
+    ],
+)
+def test_what_is_left_is_the_rest_at_the_same_pace(pace, said):
+    heard, times = [], iter((5.0, 5.0 + pace))
+    report_count(heard.append, "joint", clock=lambda: next(times))(1, 4)
+    assert heard == [said]
+
+
+def test_nothing_is_left_at_the_end():
+    heard, times = [], iter((0.0, 100.0))
+    report_count(heard.append, clock=lambda: next(times))(4, 4)
+    assert heard == ["4 of 4"]

@@ -36,8 +36,9 @@ def test_the_table_of_codes_is_of_codes_that_exist():
     assert codes - written - verdicts == {"friction.refused"}
 
 
-def test_severe_warnings_stand_before_others_and_notes_last():
-    vague, sign = (
+def test_severe_warnings_stand_first_and_equal_ones_keep_their_order():
+    vague = Notice(code="identify.poorly-identifiable", text="v")
+    sign = Notice(code="log.torque-sign", text="s")
         Notice(code="identify.poorly-identifiable", text="v"),
         Notice(code="log.torque-sign", text="s"),
     )
@@ -46,9 +47,6 @@ def test_severe_warnings_stand_before_others_and_notes_last():
     given = (note(), vague, other, sign, doubt, vague)
     assert sort_notices(given) == (doubt, sign, other, vague, note())
     assert min(given, key=rank_notice) is doubt
-
-
-def test_notices_of_equal_weight_keep_their_order():
     entries = tuple(Notice(code=f"export.k{k}", text="t") for k in (3, 1, 2))
     assert sort_notices(entries) == entries
 
@@ -61,16 +59,10 @@ def test_what_is_the_same_for_all_logs_is_one_notice():
     assert str(some) == "columns were converted (a.csv, b.csv)"
     many = [note(file=f"{k}.csv") for k in range(5)]
     assert str(merge_notices(many)[0]) == "columns were converted (0.csv, 1.csv, 2.csv and 2 more)"
-
-
-def test_where_only_numbers_differ_the_first_is_kept_and_counted():
     texts = ("17 of 480 rows were left out", "9 of 300 rows were left out", "1.5e-3 of 2 rows were left out")
     notices = [note(text, file=log) for text, log in zip(texts, LOGS, strict=True)]
     (merged,) = merge_notices(notices, LOGS)
     assert str(merged) == f"a.csv: {texts[0]} (and with other numbers in 2 more files)"
-
-
-def test_two_findings_of_one_log_stay_two():
     gaps = [Notice(code="log.gap", text=f"a gap of {k} samples", file="a.csv", line=k) for k in (3, 7)]
     assert merge_notices(gaps) == tuple(gaps)
     plain = [Notice(code="log.gap", text=f"a gap of {k} samples") for k in (3, 7)]

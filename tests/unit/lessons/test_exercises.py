@@ -156,12 +156,16 @@ def fill(lesson, change=None):
     return path
 
 
-def test_a_sheet_with_the_answers_is_right(lesson):
+def test_sheets_are_right_with_the_answers_which_are_never_written_over(lesson):
     robot, written = lesson
     marked = robot.check_answers(fill(written))
     assert [entry.mark for entry in marked.answers] == ["right"] * 8
     assert marked.accepted
     assert marked.to_dict()["right"] == 8
+    # The notice is output.answers.
+    written.sheet.write_text(fill(written).read_text(encoding="utf-8"), encoding="utf-8")
+    with pytest.raises(symid.OutputError, match="answers that were typed"):
+        robot.write_lesson(written.path, exercises=8, seed=3)
 
 
 def test_marks_are_told_apart(lesson, capsys):
@@ -176,6 +180,8 @@ def test_marks_are_told_apart(lesson, capsys):
     assert "2 of 8 right" in printed.out
     assert "the formula is not finished" in printed.out
     assert "6 of 8 answers are not right" in printed.err
+    assert run(["derive", "two_link", "--check", "a.txt", "--seed", "3"]) == 2
+    assert "--seed: the sheet says how it was drawn" in capsys.readouterr().err
 
 
 def test_a_sheet_of_another_robot_or_without_settings_is_refused(lesson):
@@ -199,16 +205,3 @@ def test_a_sheet_of_another_robot_or_without_settings_is_refused(lesson):
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(symid.InputError, match="no text in UTF-8"):
         robot.check_answers(path)
-
-
-def test_typed_answers_are_never_written_over(lesson):
-    """The notice is output.answers."""
-    robot, written = lesson
-    written.sheet.write_text(fill(written).read_text(encoding="utf-8"), encoding="utf-8")
-    with pytest.raises(symid.OutputError, match="answers that were typed"):
-        robot.write_lesson(written.path, exercises=8, seed=3)
-
-
-def test_the_sheet_has_its_settings_itself(capsys):
-    assert run(["derive", "two_link", "--check", "a.txt", "--seed", "3"]) == 2
-    assert "--seed: the sheet says how it was drawn" in capsys.readouterr().err

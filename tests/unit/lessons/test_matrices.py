@@ -41,14 +41,11 @@ def equations(request):
     return derive_equations(build_model(load_robot(request.param)))
 
 
-def test_identities_hold_as_polynomials(equations):
+def test_identities_hold_and_what_is_written_is_what_was_derived(equations):
     assert check_mass_is_curvature(equations)
     assert check_skew(equations)
     assert check_newton_euler(equations)
     assert check_power(equations)
-
-
-def test_what_is_written_is_what_was_derived(equations):
     model = equations.model
     values = [
         *equations.gravity,
@@ -94,7 +91,7 @@ def test_every_element_of_the_puma_is_the_exact_polynomial():
     assert [put(value) for value in composites.gravity] == list(found.gravity)
 
 
-def test_textbook_forms():
+def test_textbook_forms_chains_and_named_lengths():
     arm = build_chain(
         [(0.0, 0, 0, "q"), (0.0, "L1", 0, "q"), (0.0, "L2", 0, "q")], gravity=("0", "-9.81", "0")
     )
@@ -103,13 +100,18 @@ def test_textbook_forms():
     assert texts == ["ZZ3 + L2*(MX3*c3 - MY3*s3)", "g*(MX3*c123 - MY3*s123)"]
     latex = write_latex(write_sum(found.gravity[2], found.model.sums), build_style(get_book("khalil")))
     assert latex == r"g \, (\mathit{MX}_{3} \, C_{123} - \mathit{MY}_{3} \, S_{123})"
-
-
-def test_chains_follow_parallel_axes_of_either_sense():
     arm = build_chain(
         [(0.0, 0, 0, "q"), (PI, 0.3, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.2, "q", 0.0), (0.0, 0.1, 0, "q")]
     )
     assert list_chains(arm) == (((1, 1), (2, -1)), ((3, 1), (5, 1)))
+    robot = load_robot("panda")
+    named, lengths = name_lengths(robot)
+    assert lengths["a4"] == 0.0825
+    assert lengths["a5"] == -0.0825
+    assert dict(named.symbols)["g"] == 9.81
+    # The notice is usage.notation.
+    with pytest.raises(symid.UsageError, match="one of symid, siciliano, craig, khalil"):
+        get_book("spong")
 
 
 @settings(deadline=None, max_examples=15)
@@ -151,17 +153,3 @@ def test_every_book_writes_every_robot(book):
             style = build_style(get_book(book))
             text = write_latex(write_sum(found.mass[0][0], found.model.sums), style)
             assert text.count("{") == text.count("}")
-
-
-def test_no_such_book():
-    """The notice is usage.notation."""
-    with pytest.raises(symid.UsageError, match="one of symid, siciliano, craig, khalil"):
-        get_book("spong")
-
-
-def test_lengths_that_matter_keep_their_numbers():
-    robot = load_robot("panda")
-    named, lengths = name_lengths(robot)
-    assert lengths["a4"] == 0.0825
-    assert lengths["a5"] == -0.0825
-    assert dict(named.symbols)["g"] == 9.81

@@ -33,7 +33,7 @@ def executed(tmp_path_factory):
     return nbformat.read(path, as_version=4)
 
 
-def test_it_is_executed_and_shows_formulas(executed):
+def test_it_is_executed_and_shows_formulas_with_the_letters_of_the_book(executed):
     nbformat.validate(executed)
     cells = [cell for cell in executed.cells if cell.cell_type == "code"]
     assert len(cells) == 8
@@ -44,9 +44,6 @@ def test_it_is_executed_and_shows_formulas(executed):
     assert any(r"L_{1}^{2} m_{2}" in data.get("text/latex", "") for data in shown)
     # Nothing that differs from run to run.
     assert all("execution" not in cell.metadata for cell in executed.cells)
-
-
-def test_its_text_has_the_letters_of_the_book(executed):
     text = "\n".join(cell.source for cell in executed.cells if cell.cell_type == "markdown")
     assert r"G_{2} = m_{2} \, l_{\mathrm{c}2} \, g \, c_{12} \tag{" in text
     assert "Craig" in text
@@ -89,14 +86,11 @@ def test_without_a_kernel_a_note_says_so(unexecuted, tmp_path, capsys):
     assert all(not cell["outputs"] for cell in json.loads(path.read_text())["cells"] if "outputs" in cell)
 
 
-def test_a_cell_that_fails_stops_it(monkeypatch, tmp_path):
-    """The notice is lesson.cell."""
+def test_exercises_need_a_page_and_cells_that_fail_stop_it(tmp_path, monkeypatch):
+    with pytest.raises(symid.UsageError, match="part of a page"):
+        symid.load("emps").write_lesson(tmp_path / "a.ipynb", exercises=3)
+    # The notice is lesson.cell.
     monkeypatch.setattr(notebook, "_list_code", lambda *_: iter(["1/0"]))
     with pytest.raises(symid.GenerationError, match="ZeroDivisionError"):
         symid.load("emps").write_lesson(tmp_path / "a.ipynb")
     assert not (tmp_path / "a.ipynb").exists()
-
-
-def test_exercises_need_a_page(tmp_path):
-    with pytest.raises(symid.UsageError, match="part of a page"):
-        symid.load("emps").write_lesson(tmp_path / "a.ipynb", exercises=3)

@@ -31,20 +31,14 @@ def page():
     return write_lesson_page(load_robot("two_link_elastic"), get_book("symid"))
 
 
-def test_a_page_is_one_file_that_loads_nothing(page):
+def test_a_page_is_one_file_in_balance_that_loads_nothing(page):
     assert len(page.encode()) < 2_000_000
     assert not re.findall(r"(?:src|href)\s*=\s*[\"']?(?:https?:)?//", page)
     assert "url(fonts" not in page
     assert page.count("url(data:font/woff2") == 11
     assert "@import" not in page
     assert not re.search(r"\{\{[A-Z]+\}\}", page)
-
-
-def test_the_same_robot_gives_the_same_bytes(page):
     assert write_lesson_page(load_robot("two_link_elastic"), get_book("symid")) == page
-
-
-def test_formulas_are_in_balance(page):
     formulas = list_formulas(page)
     assert len(formulas) > 80
     for formula in formulas:
@@ -78,18 +72,20 @@ def test_books_have_their_letters(book, formula):
     assert formula in list_formulas(write_lesson_page(load_robot("two_link_symbols"), get_book(book)))
 
 
-def test_angles_and_sines_as_wanted():
+def test_letters_and_masses_as_wanted():
     book = get_book("symid", angle="theta", long=True)
     formulas = list_formulas(write_lesson_page(load_robot("two_link_symbols"), book))
     assert r"g_{2} = m_{2} \, l_{\mathrm{c}2} \, g \, \cos(\theta_{1} + \theta_{2})" in formulas
-
-
-def test_masses_and_centres_of_mass_where_they_are_wanted():
     formulas = list_formulas(write_lesson_page(load_robot("two_link"), get_book("siciliano")))
     assert any(text.startswith("B_{22} = I_{2,zz} + m_{2}") for text in formulas)
+    robot = load_robot("scara")
+    _, beta, made = build_values(robot, build_model(robot, "base"))
+    assert made
+    assert len(beta) == 8
+    assert "stand-in links" in write_lesson_page(robot, get_book("symid"))
 
 
-def test_texts_of_the_file_are_escaped():
+def test_texts_of_the_file_are_escaped_in_pages_and_documents():
     robot = parse_robot(
         'name = "a"\ndescription = "<script>x</script>"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
         '[[joint]]\nname = "{{STYLE}}"\nkind = "revolute"\nalpha = "pi/2"\n'
@@ -100,77 +96,6 @@ def test_texts_of_the_file_are_escaped():
     assert text.count("KaTeX_Main") == write_lesson_page(load_robot("two_link"), get_book("symid")).count(
         "KaTeX_Main"
     )
-
-
-def test_stand_ins_are_bodies_and_are_said():
-    robot = load_robot("scara")
-    _, beta, made = build_values(robot, build_model(robot, "base"))
-    assert made
-    assert len(beta) == 8
-    assert "stand-in links" in write_lesson_page(robot, get_book("symid"))
-
-
-def test_a_contradiction_is_never_a_page(monkeypatch):
-    monkeypatch.setattr(dynamic_chapters, "check_skew", lambda _: False)
-    with pytest.raises(SymidError, match="dM/dt - 2C is not skew"):
-        write_lesson_page(load_robot("two_link"), get_book("symid"))
-
-
-def test_the_front_door(tmp_path):
-    lesson = symid.load("two_link").write_lesson(tmp_path / "lesson.html", notation="khalil")
-    assert lesson.path.stat().st_size == lesson.size
-    assert lesson.to_dict()["notation"] == "khalil"
-    with pytest.raises(symid.OutputError, match=r"\.html"):
-        symid.load("two_link").write_lesson(tmp_path / "lesson.pdf")
-
-
-def test_a_derivation_writes_its_page(tmp_path):
-    path = symid.load("two_link").derivation().html(tmp_path / "lesson.html")
-    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-
-
-def test_options_of_a_page_need_a_page(capsys):
-    """The notice is usage.lesson-option."""
-    assert run(["derive", "two_link", "--notation", "craig"]) == 2
-    assert "--notation: only for a page; add --html FILE" in capsys.readouterr().err
-
-
-def test_the_verb_writes_a_page(capsys, tmp_path):
-    assert run(["derive", "ppr", "--html", str(tmp_path / "ppr.html"), "-q"]) == 0
-    assert "opens in any browser" in capsys.readouterr().out
-    assert (tmp_path / "ppr.html").exists()
-
-
-def test_exercises_have_answers_and_the_same_seed_gives_the_same(tmp_path):
-    robot = load_robot("two_link")
-    first = write_parts(robot, get_book("symid"), exercises=8, seed=4)
-    assert first == write_parts(robot, get_book("symid"), exercises=8, seed=4)
-    assert first.answers != write_parts(robot, get_book("symid"), exercises=8, seed=5).answers
-    prompts = [line for line in first.answers.splitlines() if line[0].isdigit()]
-    assert len(prompts) == len(set(prompts)) == 8
-    for start in ("What is", "Which standard", "With the values", "Which of these"):
-        assert any(start in line for line in prompts)
-    assert write_parts(robot, get_book("symid")).answers == ""
-
-
-def test_a_torque_to_compute_is_that_of_the_library():
-    robot = symid.load("two_link")
-    answers = write_parts(robot.description, get_book("symid"), exercises=12, seed=1).answers
-    library = robot.compile()
-    found = re.findall(r"holds joint (\d) at rest at q = \((.*?)\)\?.*\n   (\S+) N m", answers)
-    assert found
-    for joint, posture, value in found:
-        gravity = library.gravity([float(x) for x in posture.split(",")], library.beta)
-        assert float(value) == pytest.approx(gravity[int(joint) - 1], rel=1e-4)
-
-
-def test_answers_stand_beside_the_page(tmp_path):
-    lesson = symid.load("scara").write_lesson(tmp_path / "scara.html", exercises=4, seed=2)
-    assert lesson.answers == tmp_path / "scara.answers.txt"
-    assert len(lesson.answers.read_text(encoding="utf-8").splitlines()) == 8
-
-
-def test_a_document_has_texts_in_tex():
     robot = parse_robot(
         'name = "a_b"\ndescription = "100 % & #1 {x}"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
         '[[joint]]\nname = "a^b"\nkind = "revolute"\nalpha = "pi/2"\n'
@@ -182,10 +107,60 @@ def test_a_document_has_texts_in_tex():
     assert text.endswith("\\end{document}\n")
 
 
-def test_one_file_at_a_time(capsys):
-    """The notice is usage.lesson-files."""
+def test_a_contradiction_is_never_a_page(monkeypatch):
+    monkeypatch.setattr(dynamic_chapters, "check_skew", lambda _: False)
+    with pytest.raises(SymidError, match="dM/dt - 2C is not skew"):
+        write_lesson_page(load_robot("two_link"), get_book("symid"))
+
+
+def test_the_front_doors_write_pages(tmp_path, capsys):
+    lesson = symid.load("two_link").write_lesson(tmp_path / "lesson.html", notation="khalil")
+    assert lesson.path.stat().st_size == lesson.size
+    assert lesson.to_dict()["notation"] == "khalil"
+    with pytest.raises(symid.OutputError, match=r"\.html"):
+        symid.load("two_link").write_lesson(tmp_path / "lesson.pdf")
+    path = symid.load("two_link").derivation().html(tmp_path / "lesson.html")
+    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert run(["derive", "ppr", "--html", str(tmp_path / "ppr.html"), "-q"]) == 0
+    assert "opens in any browser" in capsys.readouterr().out
+    assert (tmp_path / "ppr.html").exists()
+
+
+def test_options_of_a_page_need_a_page_and_one_file(capsys, tmp_path):
+    """The notice is usage.lesson-option."""
+    assert run(["derive", "two_link", "--notation", "craig"]) == 2
+    assert "--notation: only for a page; add --html FILE" in capsys.readouterr().err
+    # The notice is usage.lesson-files.
     assert run(["derive", "two_link", "--html", "a.html", "--tex", "a.tex"]) == 2
     assert "--html and --tex: one at a time" in capsys.readouterr().err
+    assert run(["derive", "two_link", "--tex", str(tmp_path / "a.tex"), "--log", "log.npz", "--json"]) == 2
+    assert json.loads(capsys.readouterr().out)["errors"][0]["code"] == "usage.lesson-option"
+    assert run(["derive", "two_link", "--html", str(tmp_path / "a.html"), "--log", "no.npz", "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["errors"][0]["file"] == "no.npz"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_exercises_have_answers_that_hold(tmp_path):
+    robot = load_robot("two_link")
+    first = write_parts(robot, get_book("symid"), exercises=8, seed=4)
+    assert first == write_parts(robot, get_book("symid"), exercises=8, seed=4)
+    assert first.answers != write_parts(robot, get_book("symid"), exercises=8, seed=5).answers
+    prompts = [line for line in first.answers.splitlines() if line[0].isdigit()]
+    assert len(prompts) == len(set(prompts)) == 8
+    for start in ("What is", "Which standard", "With the values", "Which of these"):
+        assert any(start in line for line in prompts)
+    assert write_parts(robot, get_book("symid")).answers == ""
+    robot = symid.load("two_link")
+    answers = write_parts(robot.description, get_book("symid"), exercises=12, seed=1).answers
+    library = robot.compile()
+    found = re.findall(r"holds joint (\d) at rest at q = \((.*?)\)\?.*\n   (\S+) N m", answers)
+    assert found
+    for joint, posture, value in found:
+        gravity = library.gravity([float(x) for x in posture.split(",")], library.beta)
+        assert float(value) == pytest.approx(gravity[int(joint) - 1], rel=1e-4)
+    lesson = symid.load("scara").write_lesson(tmp_path / "scara.html", exercises=4, seed=2)
+    assert lesson.answers == tmp_path / "scara.answers.txt"
+    assert len(lesson.answers.read_text(encoding="utf-8").splitlines()) == 8
 
 
 def test_the_motion_of_a_log_stands_in_the_page(tmp_path):
@@ -206,11 +181,3 @@ def test_the_motion_of_a_log_stands_in_the_page(tmp_path):
     assert samples[:, 0, 1] == pytest.approx(0.3, abs=1e-5)
     assert not samples[:, 1:, 1].any()
     assert '"log":null' in write_lesson_page(robot.description, get_book("symid"))
-
-
-def test_a_log_is_for_a_page(capsys, tmp_path):
-    assert run(["derive", "two_link", "--tex", str(tmp_path / "a.tex"), "--log", "log.npz", "--json"]) == 2
-    assert json.loads(capsys.readouterr().out)["errors"][0]["code"] == "usage.lesson-option"
-    assert run(["derive", "two_link", "--html", str(tmp_path / "a.html"), "--log", "no.npz", "--json"]) == 3
-    assert json.loads(capsys.readouterr().out)["errors"][0]["file"] == "no.npz"
-    assert list(tmp_path.iterdir()) == []

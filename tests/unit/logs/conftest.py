@@ -11,16 +11,17 @@ R, P = JointKind.REVOLUTE, JointKind.PRISMATIC
 
 @pytest.fixture
 def make_robot():
-    """Return a builder of robots from kinds, gears and a log map of (columns, unit, factor, side)."""
+    """Return a builder of robots from kinds, drives and a log map of (columns, unit, factor, side)."""
 
-    def build(kinds=(R, R), gears=(), **log):
+    def build(kinds=(R, R), gears=(), constants=(), **log):
+        drives = {"gear": gears, "torque_constant": constants}
         joints = tuple(
             Joint(
                 name=f"joint{index + 1}",
                 kind=kind,
                 parent=index - 1,
                 placement=IDENTITY,
-                drive=Drive(gear=gears[index]) if gears else Drive(),
+                drive=Drive(**{key: values[index] for key, values in drives.items() if values}),
             )
             for index, kind in enumerate(kinds)
         )

@@ -4,6 +4,7 @@ import shutil
 import sys
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from symid.logs.reader import read_raw, read_recording
 from symid.logs.runs import check_distinct, read_recordings
 from symid.logs.sampling import resample_log
 from symid.robot import parse_robot, write_robot
-from symid.robot.description import Drive, LogMap
+from symid.robot.description import LogMap
+from tests.refusals import refuse, tell
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -66,16 +68,17 @@ def write_bag(tmp_path, make_store):
             header=header(stamp), name=list(names), position=position, velocity=velocity, effort=effort
         )
 
-    def write(messages, plugin="db3", name="bag", kinds=()):
+    def write(messages, plugin="db3", name="", kinds=()):
+        path = tmp_path / (name or f"bag{len(list(tmp_path.iterdir()))}")
         kinds, connections = dict(kinds), {}
-        with rosbag2.Writer(tmp_path / name, version=9, storage_plugin=PLUGINS[plugin]) as writer:
+        with rosbag2.Writer(path, version=9, storage_plugin=PLUGINS[plugin]) as writer:
             for topic, stamp, received, *content in messages:
                 kind = kinds.get(topic, STATE)
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, kind, typestore=store)
                 data = store.serialize_cdr(build(kind, stamp, *content), kind)
                 writer.write(connections[topic], received, data)
-        return tmp_path / name
+        return path
 
     return write
 
@@ -88,14 +91,7 @@ def messages(columns):
     return [("/joint_states", at, at + 10**6, NAMES, q, q, tau) for at, q, tau in stamps]
 
 
-def said(notices):
-    return {notice.code: notice.text for notice in notices}
-
-
-def problems(path, robot):
-    with pytest.raises(LogError) as caught:
-        read_recording(path, robot)
-    return said(caught.value.notices)
+problems = partial(refuse, LogError, read_recording)
 
 
 @pytest.mark.parametrize("plugin", ["db3", "mcap"])
@@ -112,7 +108,7 @@ def test_every_container_gives_the_same_samples(make_robot, columns, messages, w
     np.testing.assert_array_equal(recording.velocity, columns["q"])
     # Counted from a whole second, so that no digit of a stamp is lost.
     np.testing.assert_array_equal(recording.time, (250_000_000 + 10_000_000 * np.arange(50)) / 1e9)
-    found = said(recording.notices)
+    found = tell(recording.notices)
     assert (
         "50 messages; joints joint1, joint2; time is that of the headers, less 1700000000 s"
         in (found["log.topic-read"])
@@ -122,15 +118,19 @@ def test_every_container_gives_the_same_samples(make_robot, columns, messages, w
     assert [notice.is_note for notice in recording.notices if notice.code == "log.topic-read"] == [True]
 
 
-def test_split_bags_are_one_log_and_their_files_say_so(make_robot, columns, messages, write_bag):
+def test_split_bags_are_one_log_in_the_order_of_their_times(make_robot, columns, messages, write_bag):
     first, second = write_bag(messages[:30], name="a"), write_bag(messages[30:], name="b")
     shutil.copy(second / "b.db3", first / "b.db3")
     # Its metadata still lists one file, as that of a bag to which one was added.
-    assert "one of 2 files of a bag" in said(read_raw(first / "a.db3").notices)["log.part-of-bag"]
+    assert "one of 2 files of a bag" in tell(read_raw(first / "a.db3").notices)["log.part-of-bag"]
     (first / "metadata.yaml").unlink()
     recording = read_recording(first, make_robot())
     np.testing.assert_array_equal(recording.torque, columns["tau"])
-    assert "log.part-of-bag" not in said(recording.notices)
+    assert "log.part-of-bag" not in tell(recording.notices)
+    first, second = write_bag(messages[:30], name="run_2"), write_bag(messages[30:], name="run_10")
+    shutil.copy(second / "run_10.db3", first / "run_10.db3")
+    (first / "metadata.yaml").unlink()
+    np.testing.assert_array_equal(read_recording(first, make_robot()).torque, columns["tau"])
 
 
 def test_a_folder_is_a_log_of_its_own(make_robot, messages, write_bag, tmp_path):
@@ -141,7 +141,9 @@ def test_a_folder_is_a_log_of_its_own(make_robot, messages, write_bag, tmp_path)
         check_distinct((path, tmp_path / "again"))
 
 
-def test_joints_are_found_by_name_whatever_their_order(make_robot, columns, messages, write_bag):
+def test_joints_are_found_by_name_whatever_their_order_and_beginning(
+    make_robot, columns, messages, write_bag
+):
     turned = [
         (*message[:3], NAMES[::-1], *(values[::-1] for values in message[4:])) if k % 3 else message
         for k, message in enumerate(messages)
@@ -149,10 +151,15 @@ def test_joints_are_found_by_name_whatever_their_order(make_robot, columns, mess
     recording = read_recording(write_bag(turned), make_robot())
     np.testing.assert_array_equal(recording.position, columns["q"])
     np.testing.assert_array_equal(recording.torque, columns["tau"])
-    assert "the order of joints changes" in said(recording.notices)["log.topic-read"]
+    assert "the order of joints changes" in tell(recording.notices)["log.topic-read"]
+    renamed = [(*message[:3], ("fer_joint1", "fer_joint2"), *message[4:]) for message in messages]
+    recording = read_recording(write_bag(renamed), make_robot())
+    np.testing.assert_array_equal(recording.torque, columns["tau"])
+    text = tell(recording.notices)["log.joint-names"]
+    assert "'fer_joint1' is 'joint1', 'fer_joint2' is 'joint2'; is it this robot?" in text
 
 
-def test_messages_with_a_part_of_the_joints(make_robot, columns, messages, write_bag):
+def test_messages_with_a_part_of_the_joints_or_of_the_values(make_robot, columns, messages, write_bag):
     """A gripper speaks on the topic of the arm, and one message of the arm lacks a joint."""
     mixed = []
     for k, message in enumerate(messages):
@@ -161,12 +168,16 @@ def test_messages_with_a_part_of_the_joints(make_robot, columns, messages, write
         mixed.append(("/joint_states", at, at + 10**6, ("finger",), [0.1], [0.0], [1.0]))
     recording = read_recording(write_bag(mixed), make_robot(), uneven=True)
     np.testing.assert_array_equal(recording.torque, np.delete(columns["tau"], 20, axis=0))
-    found = said(recording.notices)
+    found = tell(recording.notices)
     assert "51 of 100 samples of topic /joint_states" in found["log.incomplete-messages"]
     assert "100 messages have a part of the joints only" in found["log.topic-read"]
+    odd = [(*message[:6], message[6][:1]) if k == 5 else message for k, message in enumerate(messages)]
+    recording = read_recording(write_bag(odd), make_robot(), uneven=True)
+    assert "1 messages have names twice, or not as many values" in tell(recording.notices)["log.topic-read"]
+    assert len(recording.time) == 49
 
 
-def test_messages_with_one_stamp_are_one_sample(make_robot, columns, messages, write_bag):
+def test_stamps_that_repeat_return_or_are_zero(make_robot, columns, messages, write_bag):
     halves = [
         (*message[:3], NAMES[k : k + 1], *(part[k : k + 1] for part in message[4:]))
         for message in messages
@@ -174,26 +185,20 @@ def test_messages_with_one_stamp_are_one_sample(make_robot, columns, messages, w
     ]
     recording = read_recording(write_bag(halves), make_robot())
     np.testing.assert_array_equal(recording.torque, columns["tau"])
-    assert "100 messages became 50 samples" in said(recording.notices)["log.topic-read"]
+    assert "100 messages became 50 samples" in tell(recording.notices)["log.topic-read"]
     apart = [(topic, at + 10**6 * (k % 2), *rest) for k, (topic, at, *rest) in enumerate(halves)]
-    text = problems(write_bag(apart, name="apart"), make_robot())["log.topic"]
+    text = problems(write_bag(apart), make_robot())["log.topic"]
     assert "100 of 100 samples of topic /joint_states lack" in text
-
-
-def test_repeated_and_returning_stamps_are_those_of_any_log(make_robot, messages, write_bag):
     path = write_bag([*messages[:10], messages[9], *messages[10:]])
     assert "time must increase: sample 10" in problems(path, make_robot())["log.time-order"]
-
-
-def test_time_of_recording_serves_where_headers_have_none(make_robot, messages, write_bag):
     path = write_bag([(topic, 0, *rest) for topic, _, *rest in messages])
     recording = read_recording(path, make_robot())
     assert recording.time[0] == 0.251
-    text = said(recording.notices)["log.topic-read"]
+    text = tell(recording.notices)["log.topic-read"]
     assert "time is that of recording, because all stamps of the headers are zero" in text
 
 
-def test_a_choice_between_topics_is_asked_for(make_robot, columns, messages, write_bag):
+def test_topics_in_doubt_are_asked_for(make_robot, columns, messages, write_bag):
     doubled = [("/mirror", *entry[1:4], *(2.0 * part for part in entry[4:])) for entry in messages]
     path = write_bag([*messages, *doubled])
     text = problems(path, make_robot())["log.topic"]
@@ -203,6 +208,17 @@ def test_a_choice_between_topics_is_asked_for(make_robot, columns, messages, wri
     np.testing.assert_array_equal(read_recording(path, chosen).torque, 2.0 * columns["tau"])
     wrong = problems(path, replace(make_robot(), log=LogMap(topic="/other")))["log.topic"]
     assert "there is no topic '/other'" in wrong
+    path = write_bag([("/joint_states_desired", *message[1:]) for message in messages])
+    assert "is a command by its name" in problems(path, make_robot())["log.topic"]
+    chosen = replace(make_robot(), log=LogMap(topic="/joint_states_desired"))
+    np.testing.assert_array_equal(read_recording(path, chosen).torque, columns["tau"])
+    nameless = [("/nameless", *message[1:3], (), *message[4:]) for message in messages]
+    path = write_bag([*messages, *nameless])
+    np.testing.assert_array_equal(read_recording(path, make_robot()).torque, columns["tau"])
+    assert read_raw(path).others == (f"/nameless ({STATE}, 50 messages, which name no joints)",)
+    text = problems(write_bag(nameless), make_robot())["log.no-topic"]
+    assert "/nameless" in text
+    assert "which name no joints" in text
 
 
 def test_topics_without_the_robot(make_robot, messages, write_bag):
@@ -210,32 +226,15 @@ def test_topics_without_the_robot(make_robot, messages, write_bag):
     text = problems(write_bag(strangers), make_robot())["log.topic"]
     assert "/joint_states lacks 'joint1', 'joint2' (it has 'hip', 'knee')" in text
     silent = [(*message[:6], []) for message in messages]
-    text = problems(write_bag(silent, name="silent"), make_robot())["log.topic"]
+    text = problems(write_bag(silent), make_robot())["log.topic"]
     assert "/joint_states has no effort of 'joint1', 'joint2'" in text
     still = [(*message[:4], [], *message[5:]) for message in messages]
-    text = problems(write_bag(still, name="still"), make_robot())["log.topic"]
+    text = problems(write_bag(still), make_robot())["log.topic"]
     assert "/joint_states has no position of 'joint1', 'joint2'" in text
     assert "no effort" not in text
     short = [(*message[:3], NAMES[:1], *(part[:1] for part in message[4:6]), []) for message in messages]
-    text = problems(write_bag(short, name="short"), make_robot())["log.topic"]
+    text = problems(write_bag(short), make_robot())["log.topic"]
     assert "/joint_states lacks 'joint2' and has no effort of 'joint1'" in text
-
-
-def test_topics_whose_messages_name_no_joints(make_robot, columns, messages, write_bag):
-    nameless = [("/nameless", *message[1:3], (), *message[4:]) for message in messages]
-    path = write_bag([*messages, *nameless])
-    np.testing.assert_array_equal(read_recording(path, make_robot()).torque, columns["tau"])
-    assert read_raw(path).others == (f"/nameless ({STATE}, 50 messages, which name no joints)",)
-    text = problems(write_bag(nameless, name="only"), make_robot())["log.no-topic"]
-    assert "/nameless" in text
-    assert "which name no joints" in text
-
-
-def test_topics_of_commands_are_asked_for(make_robot, columns, messages, write_bag):
-    path = write_bag([("/joint_states_desired", *message[1:]) for message in messages])
-    assert "is a command by its name" in problems(path, make_robot())["log.topic"]
-    chosen = replace(make_robot(), log=LogMap(topic="/joint_states_desired"))
-    np.testing.assert_array_equal(read_recording(path, chosen).torque, columns["tau"])
 
 
 def test_topics_below_the_topic_keep_their_samples(make_robot, columns, messages, write_bag):
@@ -267,13 +266,6 @@ def test_times_are_counted_from_a_date_whatever_else_is_there(make_robot, messag
     assert "less" not in texts[1]
 
 
-def test_files_of_a_bag_are_read_in_the_order_of_their_times(make_robot, columns, messages, write_bag):
-    first, second = write_bag(messages[:30], name="run_2"), write_bag(messages[30:], name="run_10")
-    shutil.copy(second / "run_10.db3", first / "run_10.db3")
-    (first / "metadata.yaml").unlink()
-    np.testing.assert_array_equal(read_recording(first, make_robot()).torque, columns["tau"])
-
-
 def test_other_messages(make_robot, columns, messages, write_bag):
     """States of controllers and arrays are read; other types, and arrays whose length changes, are named."""
     extra = [("/dynamic", at, received, names, q, tau) for _, at, received, names, q, _, tau in messages]
@@ -285,18 +277,11 @@ def test_other_messages(make_robot, columns, messages, write_bag):
     assert raw.others == ("/odd/data (arrays of 0 to 2 numbers)",)
     np.testing.assert_array_equal(raw.columns["/effort/data"], 3.0 * columns["tau"])
     np.testing.assert_array_equal(read_recording(path, make_robot()).torque, columns["tau"])
-    only = write_bag(uneven[:0], name="empty")
+    only = write_bag(uneven[:0])
     assert (
         "the bag has no messages of sensor_msgs/msg/JointState"
         in problems(only, make_robot())["log.no-topic"]
     )
-
-
-def test_messages_that_contradict_themselves(make_robot, messages, write_bag):
-    odd = [(*message[:6], message[6][:1]) if k == 5 else message for k, message in enumerate(messages)]
-    recording = read_recording(write_bag(odd), make_robot(), uneven=True)
-    assert "1 messages have names twice, or not as many values" in said(recording.notices)["log.topic-read"]
-    assert len(recording.time) == 49
 
 
 @pytest.mark.parametrize("kind", [STATE, DYNAMIC])
@@ -314,17 +299,9 @@ def test_names_twice_in_a_message(make_robot, messages, write_bag, kind):
     recording = read_recording(path, make_robot(), uneven=True)
     assert len(recording.time) == 49
     assert not np.any(recording.position == 9.0)
-    text = said(recording.notices)["log.topic-read"]
+    text = tell(recording.notices)["log.topic-read"]
     assert "1 messages have names twice" in text
     assert "the order of joints changes" not in text
-
-
-def test_joints_with_another_beginning(make_robot, columns, messages, write_bag):
-    renamed = [(*message[:3], ("fer_joint1", "fer_joint2"), *message[4:]) for message in messages]
-    recording = read_recording(write_bag(renamed), make_robot())
-    np.testing.assert_array_equal(recording.torque, columns["tau"])
-    text = said(recording.notices)["log.joint-names"]
-    assert "'fer_joint1' is 'joint1', 'fer_joint2' is 'joint2'; is it this robot?" in text
 
 
 @pytest.mark.parametrize(
@@ -399,12 +376,10 @@ def test_an_even_copy_is_read_as_the_bag(make_robot, columns, messages, write_ba
 
 
 def test_efforts_that_are_currents_go_into_a_robot_file(make_robot, columns, messages, write_bag):
-    robot = make_robot()
-    drives = (Drive(gear=100.0, torque_constant=0.1), Drive(gear=50.0, torque_constant=0.2))
-    joints = tuple(replace(joint, drive=drive) for joint, drive in zip(robot.joints, drives, strict=True))
+    robot = make_robot(gears=(100.0, 50.0), constants=(0.1, 0.2))
     doubled = [("/mirror", *entry[1:4], *(2.0 * part for part in entry[4:])) for entry in messages]
     path = write_bag([*messages, *doubled])
-    draft = draft_log_map(replace(robot, joints=joints), path, {"topic": "/mirror"}, {"torque": "A"})
+    draft = draft_log_map(robot, path, {"topic": "/mirror"}, {"torque": "A"})
     log = draft.robot.log
     assert (log.preset, log.topic, log.position, log.torque.unit) == ("ros", "/mirror", None, "A")
     assert draft.units["torque"] == ("A",)

@@ -13,6 +13,7 @@ from symid.logs.recording import Recording
 from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
+from tests.refusals import raises
 
 ARM = """name = "arm"
 convention = "modified"
@@ -52,7 +53,7 @@ def save(path, **arrays):
     return base | arrays
 
 
-def test_a_robot_file_names_the_second_encoder(make, tmp_path):
+def test_a_robot_file_names_the_second_encoder_and_its_side(make, tmp_path):
     robot = make(ARM + LOG)
     path = tmp_path / "run.npz"
     rng = np.random.default_rng(1)
@@ -67,16 +68,15 @@ def test_a_robot_file_names_the_second_encoder(make, tmp_path):
     assert any(
         text.startswith("link_position: 'ql1', 'ql2' in mrad was multiplied by 0.001") for text in told
     )
-
-
-def test_a_motor_position_is_brought_to_the_joint_side(make, tmp_path):
     settings = (("log.motor_position.columns", "m"), ("log.motor_position.unit", "rev"))
     robot = override_robot(make(ARM), (*settings, ("log.motor_position.side", "motor")))
-    path = tmp_path / "run.npz"
     turns = np.random.default_rng(2).normal(size=(200, 2))
     save(path, m=turns)
     recording = read_recording(path, robot)
     np.testing.assert_allclose(recording.motor_position, 2.0 * np.pi * turns / [100.0, 50.0])
+    robot = override_robot(make(ARM), (("log.position.columns", "theta"), ("log.position.unit", "rad")))
+    save(path, q=None, theta=np.random.default_rng(3).normal(size=(200, 2)))
+    assert get_second_encoder_side(read_recording(path, robot)) is None
 
 
 @pytest.mark.parametrize(
@@ -91,37 +91,20 @@ def test_default_names(make, tmp_path, name, attribute):
     assert not any(name in notice.text for notice in recording.notices)
 
 
-def test_a_column_that_is_something_else_already_is_no_second_encoder(make, tmp_path):
-    robot = override_robot(make(ARM), (("log.position.columns", "theta"), ("log.position.unit", "rad")))
-    path = tmp_path / "run.npz"
-    save(path, q=None, theta=np.random.default_rng(3).normal(size=(200, 2)))
-    assert get_second_encoder_side(read_recording(path, robot)) is None
-
-
-def test_two_second_encoders_in_a_log_are_refused(make, tmp_path):
+def test_two_second_encoders_and_one_column_twice_are_refused(make, tmp_path):
     path = tmp_path / "run.npz"
     more = np.random.default_rng(4).normal(size=(200, 2))
     save(path, theta=more, link_position=more + 1.0)
-    with pytest.raises(LogError, match=r"\(theta\) .* \(link_position\) .* \(q\)") as caught:
+    with raises(LogError, "log.two-encoders", match=r"\(theta\) .* \(link_position\) .* \(q\)"):
         read_recording(path, make(ARM))
-    assert [notice.code for notice in caught.value.notices] == ["log.two-encoders"]
-
-
-def test_two_second_encoders_in_a_robot_file_are_refused(make):
-    with pytest.raises(RobotError, match="position") as caught:
+    with raises(RobotError, "robot.two-encoders", match="position") as caught:
         make(ARM + LOG + 'motor_position = { columns = ["m"], unit = "rad" }\n')
     (notice,) = caught.value.notices
-    assert notice.code == "robot.two-encoders"
     assert notice.line > 0
-
-
-def test_one_column_twice_is_refused(make, tmp_path):
     robot = make(ARM + '[log.link_position]\ncolumns = ["q"]\nunit = "rad"\n')
-    path = tmp_path / "run.npz"
     save(path)
-    with pytest.raises(LogError) as caught:
+    with raises(LogError, "log.same-encoder") as caught:
         read_recording(path, robot)
-    assert [notice.code for notice in caught.value.notices] == ["log.same-encoder"]
     assert "(q)" in caught.value.notices[0].text
 
 
@@ -135,23 +118,18 @@ def test_one_column_twice_is_refused(make, tmp_path):
 def test_a_log_of_one_side_alone_is_refused_with_what_it_is_good_for(make, tmp_path, name, said):
     path = tmp_path / "run.npz"
     save(path, q=None, **{name: np.random.default_rng(5).normal(size=(200, 2))})
-    with pytest.raises(LogError, match=f"\\({name}\\)") as caught:
+    with raises(LogError, "log.missing-column", "log.one-side", match=f"\\({name}\\)") as caught:
         read_recording(path, make(ARM))
-    assert [notice.code for notice in caught.value.notices] == ["log.missing-column", "log.one-side"]
     assert said in caught.value.notices[1].text
 
 
-def test_numbers_that_are_none_are_refused_in_the_second_encoder_too(make, tmp_path):
+def test_channels_with_numbers_that_are_none_or_without_an_encoder(make, tmp_path):
     path = tmp_path / "run.npz"
     values = np.zeros((200, 2))
     values[7, 1] = np.nan
     save(path, theta=values)
     with pytest.raises(LogError, match=r"'theta' has 1 values .* sample 7, column 1"):
         read_recording(path, make(ARM))
-
-
-def test_a_channel_without_an_encoder_is_told(make, tmp_path):
-    path = tmp_path / "run.npz"
     arrays = save(path)
     save(path, theta=np.column_stack([np.zeros(200), arrays["q"][:, 1]]))
     robot = make(ARM)

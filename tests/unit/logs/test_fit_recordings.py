@@ -12,6 +12,7 @@ from symid.logs.recording import Recording
 from symid.logs.runs import read_fit_recordings
 from symid.logs.signals import low_pass, prepare_signals
 from symid.robot.description import Processing
+from tests.refusals import raises
 from tests.unit.identification.pinocchio_arm import ARM, BODIES, FRICTION, record_arm
 
 PERIOD = 5e-3
@@ -32,13 +33,10 @@ def move_stamps(log, share, seed=0):
     return replace(log, time=time, position=moved[0], torque=moved[1])
 
 
-def test_even_logs_stay_as_they_are(log):
+def test_uneven_logs_are_resampled_with_a_note_and_even_ones_stay(log):
     (found,) = read_fit_recordings([log], ARM)
     assert found is log
     assert not found.notices
-
-
-def test_uneven_logs_are_resampled_with_a_note(log):
     uneven = move_stamps(log, 0.4)
     (found,) = read_fit_recordings([uneven], ARM)
     assert [notice.code for notice in found.notices] == ["log.resampled"]
@@ -48,9 +46,6 @@ def test_uneven_logs_are_resampled_with_a_note(log):
     for joint in range(3):
         exact = np.interp(found.time, log.time, log.position[:, joint])
         assert np.abs(found.position[:, joint] - exact)[10:-10].max() < 1e-3
-
-
-def test_gaps_are_bridged_and_repeated_samples_left_out(log):
     kept = np.delete(np.arange(len(log.time)), [500, 501, 502, 2000])
     order = np.insert(kept, 1000, kept[1000])
     broken = replace(log, time=log.time[order], position=log.position[order], torque=log.torque[order])
@@ -146,7 +141,6 @@ def test_logged_accelerations_take_the_place_of_differences():
     np.testing.assert_allclose(usual.ddq[:, 0], -9.0 * np.sin(3.0 * time)[100:-100], atol=2e-3)
     holes = other.copy()
     holes[7, 0] = np.nan
-    with pytest.raises(LogError, match=r"acceleration has values that are not finite") as caught:
+    with raises(LogError, "log.not-finite", match=r"acceleration has values that are not finite"):
         prepare_signals(replace(log, acceleration=holes), replace(stated, states="acceleration"))
-    assert caught.value.notices[0].code == "log.not-finite"
     prepare_signals(replace(log, acceleration=holes), stated)

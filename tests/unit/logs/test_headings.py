@@ -12,27 +12,32 @@ from symid.logs.files import RawLog, split_heading
 from symid.logs.reader import assign_columns, read_recording
 from symid.robot.description import Drive, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY
+from tests.refusals import raises, refuse
 
 N = 400
-PLAIN, ARMS, UR = "joint1, joint2, joint3", "j1, j2, j3", "shoulder_pan, shoulder_lift, elbow"
-PANDA, IIWA = "panda_joint1, panda_joint2, panda_joint3", "joint_a1, joint_a2, joint_a3"
+JOINTS = {
+    "PLAIN": "joint1, joint2, joint3",
+    "ARMS": "j1, j2, j3",
+    "UR": "shoulder_pan, shoulder_lift, elbow",
+    "PANDA": "panda_joint1, panda_joint2, panda_joint3",
+    "IIWA": "joint_a1, joint_a2, joint_a3",
+}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Case:
     """A heading: `#` stands for numbers from `first` on, `@` for names of joints, or `own` in their place.
 
     Args:
+        columns: `=` marks those of position and torque that are read.
         result: what the page says; it begins with "read" or "refused".
-        read: patterns of the columns of position and torque; code: of the refusal.
-        step: of time, in its unit; constant: N m/A of each motor.
+        code: of the refusal; step: of time, in its unit; constant: N m/A of each motor.
     """
 
     program: str
     columns: str
-    joints: str = PLAIN
+    joints: str
     result: str
-    read: tuple[str, str] = ("", "")
     code: str = ""
     first: int = 0
     count: int = 3
@@ -42,6 +47,7 @@ class Case:
 
     def spread(self, pattern):
         """Return the columns of a pattern."""
+        pattern = pattern.removeprefix("=")
         if "@" in pattern:
             return [pattern.replace("@", name) for name in (self.own or self.joints).split(", ")]
         if "#" in pattern:
@@ -49,259 +55,94 @@ class Case:
         return [pattern]
 
 
-IN_ORDER = "read, in the order of the joints"
-BY_NAME = "read, by the names of the joints"
-CASES = (
-    Case(
-        program="symid",
-        columns="t [s], q# [rad], tau# [N m]",
-        first=1,
-        joints="joint1, joint2, jointGripper",
-        result="read",
-        read=("q#", "tau#"),
-    ),
-    Case(
-        program="symid, no units",
-        columns="t, q#, tau#",
-        first=1,
-        result="read, as SI units",
-        read=("q#", "tau#"),
-    ),
-    Case(
-        program="libfranka",
-        columns="time, q[#], q_d[#], tau_J[#], dtau_J[#]",
-        joints=ARMS,
-        step=1.0,
-        result="read, time in ms",
-        read=("q[#]", "tau_J[#]"),
-    ),
-    Case(
-        program="libfranka",
-        columns="time, state.q[#], state.dq[#], state.tau_J[#]",
-        joints=PANDA,
-        step=1.0,
-        result="read, time in ms",
-        read=("state.q[#]", "state.tau_J[#]"),
-    ),
-    Case(
-        program="libfranka, flat",
-        columns="time, q_#, dq_#, tau_J_#, O_T_EE_#",
-        joints=PANDA,
-        step=1.0,
-        result="read, time in ms",
-        read=("q_#", "tau_J_#"),
-    ),
-    Case(
-        program="libfranka, time in s",
-        columns="time, q[#], tau_J[#]",
-        joints=ARMS,
-        step=0.001,
-        result="refused: no unit is stated",
-        code="new.no-unit",
-    ),
-    Case(
-        program="arrays",
-        columns="t [s], q[#] [rad], tau_J[#] [N m]",
-        joints=ARMS,
-        result=IN_ORDER,
-        read=("q[#]", "tau_J[#]"),
-    ),
-    Case(
-        program="arrays of another length",
-        columns="t [s], q[#] [rad], tau_J[#] [N m]",
-        count=4,
-        joints=ARMS,
-        result="refused: four columns for three joints",
-        code="new.unknown-column",
-    ),
-    Case(
-        program="numbers that begin with 0, one too many",
-        columns="t [s], q_# [rad], tau_J_# [N m]",
-        count=4,
-        joints=ARMS,
-        result="refused: `tau_J_1` is the first or the second joint",
-        code="new.ambiguous-column",
-    ),
-    Case(
-        program="numbers that begin with 0",
-        columns="t [s], q_# [rad], tau_J_# [N m]",
-        joints=ARMS,
-        result=IN_ORDER,
-        read=("q_#", "tau_J_#"),
-    ),
-    Case(
-        program="UR, RTDE",
-        columns="timestamp, target_q_#, actual_q_#, actual_qd_#, actual_current_#, target_moment_#",
-        joints=UR,
-        constant=0.1,
-        result="read, currents in A",
-        read=("actual_q_#", "actual_current_#"),
-    ),
-    Case(
-        program="UR, RTDE",
-        columns="timestamp, actual_q_#, actual_current_#",
-        joints=UR,
-        result="refused: no torque constants",
-        code="new.torque-constant",
-    ),
-    Case(
-        program="UR, RTDE",
-        columns="timestamp, actual_q_#, target_moment_#",
-        joints=UR,
-        result="refused: `target_moment` is a command",
-        code="new.unknown-column",
-    ),
-    Case(
-        program="KUKA, trace",
-        columns="Time [s], $AXIS_ACT[#] [deg], $TORQUE_AXIS_ACT[#] [Nm]",
-        first=1,
-        joints=IIWA,
-        result=IN_ORDER,
-        read=("$AXIS_ACT[#]", "$TORQUE_AXIS_ACT[#]"),
-    ),
-    Case(
-        program="KUKA",
-        columns="Time [s], AXIS_ACT# [deg], MeasuredTorque_A# [Nm]",
-        first=1,
-        joints="A1, A2, A3",
-        result=IN_ORDER,
-        read=("AXIS_ACT#", "MeasuredTorque_A#"),
-    ),
-    Case(
-        program="KUKA, no units",
-        columns="Time, AXIS_ACT#, MeasuredTorque_A#",
-        first=1,
-        result="refused: no unit is stated",
-        code="new.no-unit",
-    ),
-    Case(
-        program="KUKA, FRI",
-        columns="time [s], msr_joint_pos[#] [rad], msr_joint_trq[#] [Nm], cmd_joint_pos[#] [rad]",
-        joints=IIWA,
-        result=IN_ORDER,
-        read=("msr_joint_pos[#]", "msr_joint_trq[#]"),
-    ),
-    Case(
-        program="PlotJuggler",
-        columns="__time, /joint_states/@/position, /joint_states/@/velocity, /joint_states/@/effort",
-        joints=UR,
-        result=BY_NAME,
-        read=("/joint_states/@/position", "/joint_states/@/effort"),
-    ),
-    Case(
-        program="PlotJuggler, two topics",
-        columns="__time, /left/@/position, /left/@/effort, /right/@/position, /right/@/effort",
-        joints=UR,
-        result="refused: choose one by `topic`",
-        code="log.topic",
-    ),
-    Case(
-        program="PlotJuggler, another prefix",
-        columns="__time, /joint_states/@/position, /joint_states/@/effort",
-        joints=PANDA,
-        own="fer_joint1, fer_joint2, fer_joint3",
-        result="read, with a warning",
-        read=("/joint_states/@/position", "/joint_states/@/effort"),
-    ),
-    Case(
-        program="rosbag to CSV",
-        columns="Time, /joint_states/position[#], /joint_states/effort[#]",
-        joints=UR,
-        result=IN_ORDER,
-        read=("/joint_states/position[#]", "/joint_states/effort[#]"),
-    ),
-    Case(
-        program="rosbag to CSV, two topics",
-        columns="Time, /left/position[#], /right/effort[#]",
-        joints=UR,
-        result="refused: no topic has both",
-        code="new.no-unit",
-    ),
-    Case(
-        program="rosbag to CSV, commands",
-        columns="Time, /target/position[#], /target/effort[#]",
-        joints=UR,
-        result="refused: they are commands",
-        code="new.unknown-column",
-    ),
-    Case(
-        program="rosbag to CSV, arrays of another length",
-        columns="Time, /joint_states/position[#], /joint_states/effort[#]",
-        count=4,
-        joints=UR,
-        result="refused: four columns for three joints",
-        code="new.unknown-column",
-    ),
-    Case(
-        program="ROS",
-        columns="time, position.@, velocity.@, effort.@",
-        joints=PLAIN,
-        result=BY_NAME,
-        read=("position.@", "effort.@"),
-    ),
-    Case(
-        program="ROS",
-        columns="time, position.@, velocity.@, effort.@",
-        joints=UR,
-        result=BY_NAME,
-        read=("position.@", "effort.@"),
-    ),
-    Case(
-        program="rostopic echo -p",
-        columns="%time, field.position#, field.effort#",
-        joints=UR,
-        step=1e7,
-        result=IN_ORDER,
-        read=("field.position#", "field.effort#"),
-    ),
-    Case(
-        program="a table of one's own",
-        columns="time [s], @ pos [deg], @ target pos [deg], @ torque [Nm]",
-        joints=UR,
-        result=BY_NAME,
-        read=("@ pos", "@ torque"),
-    ),
-    Case(
-        program="joints out of order",
-        columns="time [s], pos# [rad], torque# [Nm]",
-        first=1,
-        joints="axis_2, axis_1, axis_3",
-        result="refused: `pos1` is `axis_1` or the first joint",
-        code="new.ambiguous-column",
-    ),
-    Case(
-        program="symid, joints out of order",
-        columns="t, q#, tau#",
-        first=1,
-        joints="joint2, joint1, joint3",
-        result=IN_ORDER,
-        read=("q#", "tau#"),
-    ),
-    Case(
-        program="symid, some joints with numbers",
-        columns="t, q#, tau#",
-        first=1,
-        joints="elbow, wrist_1_joint, wrist_2_joint",
-        result="read, as SI units",
-        read=("q#", "tau#"),
-    ),
-    Case(
-        program="symid, some joints with numbers",
-        columns="t, q#, tau#",
-        first=1,
-        joints="base, joint1, joint2",
-        result=IN_ORDER,
-        read=("q#", "tau#"),
-    ),
-    Case(
-        program="symid, joints from 0 on",
-        columns="t, q#, tau#",
-        first=1,
-        joints="joint0, joint1, joint2",
-        result=IN_ORDER,
-        read=("q#", "tau#"),
-    ),
-)
+# Program, columns and names of joints; below them the result, and what is not as usual.
+TABLE = """
+symid | t [s], =q# [rad], =tau# [N m] | joint1, joint2, jointGripper
+    read | first=1
+symid, no units | t, =q#, =tau# | PLAIN
+    read, as SI units | first=1
+libfranka | time, =q[#], q_d[#], =tau_J[#], dtau_J[#] | ARMS
+    read, time in ms | step=1
+libfranka | time, =state.q[#], state.dq[#], =state.tau_J[#] | PANDA
+    read, time in ms | step=1
+libfranka, flat | time, =q_#, dq_#, =tau_J_#, O_T_EE_# | PANDA
+    read, time in ms | step=1
+libfranka, time in s | time, q[#], tau_J[#] | ARMS
+    refused: no unit is stated | code=new.no-unit | step=0.001
+arrays | t [s], =q[#] [rad], =tau_J[#] [N m] | ARMS
+    read, in the order of the joints
+arrays of another length | t [s], q[#] [rad], tau_J[#] [N m] | ARMS
+    refused: four columns for three joints | code=new.unknown-column | count=4
+numbers that begin with 0, one too many | t [s], q_# [rad], tau_J_# [N m] | ARMS
+    refused: `tau_J_1` is the first or the second joint | code=new.ambiguous-column | count=4
+numbers that begin with 0 | t [s], =q_# [rad], =tau_J_# [N m] | ARMS
+    read, in the order of the joints
+UR, RTDE | timestamp, target_q_#, =actual_q_#, actual_qd_#, =actual_current_#, target_moment_# | UR
+    read, currents in A | constant=0.1
+UR, RTDE | timestamp, actual_q_#, actual_current_# | UR
+    refused: no torque constants | code=new.torque-constant
+UR, RTDE | timestamp, actual_q_#, target_moment_# | UR
+    refused: `target_moment` is a command | code=new.unknown-column
+KUKA, trace | Time [s], =$AXIS_ACT[#] [deg], =$TORQUE_AXIS_ACT[#] [Nm] | IIWA
+    read, in the order of the joints | first=1
+KUKA | Time [s], =AXIS_ACT# [deg], =MeasuredTorque_A# [Nm] | A1, A2, A3
+    read, in the order of the joints | first=1
+KUKA, no units | Time, AXIS_ACT#, MeasuredTorque_A# | PLAIN
+    refused: no unit is stated | code=new.no-unit | first=1
+KUKA, FRI | time [s], =msr_joint_pos[#] [rad], =msr_joint_trq[#] [Nm], cmd_joint_pos[#] [rad] | IIWA
+    read, in the order of the joints
+PlotJuggler | __time, =/joint_states/@/position, /joint_states/@/velocity, =/joint_states/@/effort | UR
+    read, by the names of the joints
+PlotJuggler, two topics | __time, /left/@/position, /left/@/effort, /right/@/position, /right/@/effort | UR
+    refused: choose one by `topic` | code=log.topic
+PlotJuggler, another prefix | __time, =/joint_states/@/position, =/joint_states/@/effort | PANDA
+    read, with a warning | own=fer_joint1, fer_joint2, fer_joint3
+rosbag to CSV | Time, =/joint_states/position[#], =/joint_states/effort[#] | UR
+    read, in the order of the joints
+rosbag to CSV, two topics | Time, /left/position[#], /right/effort[#] | UR
+    refused: no topic has both | code=new.no-unit
+rosbag to CSV, commands | Time, /target/position[#], /target/effort[#] | UR
+    refused: they are commands | code=new.unknown-column
+rosbag to CSV, arrays of another length | Time, /joint_states/position[#], /joint_states/effort[#] | UR
+    refused: four columns for three joints | code=new.unknown-column | count=4
+ROS | time, =position.@, velocity.@, =effort.@ | PLAIN
+    read, by the names of the joints
+ROS | time, =position.@, velocity.@, =effort.@ | UR
+    read, by the names of the joints
+rostopic echo -p | %time, =field.position#, =field.effort# | UR
+    read, in the order of the joints | step=1e+07
+a table of one's own | time [s], =@ pos [deg], @ target pos [deg], =@ torque [Nm] | UR
+    read, by the names of the joints
+joints out of order | time [s], pos# [rad], torque# [Nm] | axis_2, axis_1, axis_3
+    refused: `pos1` is `axis_1` or the first joint | code=new.ambiguous-column | first=1
+symid, joints out of order | t, =q#, =tau# | joint2, joint1, joint3
+    read, in the order of the joints | first=1
+symid, some joints with numbers | t, =q#, =tau# | elbow, wrist_1_joint, wrist_2_joint
+    read, as SI units | first=1
+symid, some joints with numbers | t, =q#, =tau# | base, joint1, joint2
+    read, in the order of the joints | first=1
+symid, joints from 0 on | t, =q#, =tau# | joint0, joint1, joint2
+    read, in the order of the joints | first=1
+"""
+KINDS = {"first": int, "count": int, "step": float, "constant": float}
+
+
+def read_cases():
+    lines = TABLE.strip().splitlines()
+    for row, below in zip(lines[::2], lines[1::2], strict=True):
+        result, *others = below.strip().split(" | ")
+        pairs = (entry.split("=") for entry in others)
+        program, columns, joints = row.split(" | ")
+        yield Case(
+            program,
+            columns,
+            JOINTS.get(joints, joints),
+            result,
+            **{key: KINDS.get(key, str)(value) for key, value in pairs},
+        )
+
+
+CASES = tuple(read_cases())
 
 
 def build(case):
@@ -331,14 +172,13 @@ def test_which_columns_are_read(case, tmp_path):
     raw, robot = build(case)
     findings = Findings(file="log.csv")
     if case.code:
-        with pytest.raises(LogError) as caught:
-            read_recording(tmp_path / "log.csv", robot, raw=raw)
-        assert case.code in {notice.code for notice in caught.value.notices}
+        assert case.code in refuse(LogError, read_recording, tmp_path / "log.csv", robot, raw=raw)
         assert case.result.startswith("refused")
         return
     found, mapped = assign_columns(raw, robot, findings)
     names = [extract_quantity(found, mapped, key, N, findings)[1] for key in ("position", "torque")]
-    assert names == [tuple(case.spread(pattern)) for pattern in case.read]
+    read = [heading for heading in case.columns.split(", ") if heading.startswith("=")]
+    assert names == [tuple(split_heading(column)[0] for column in case.spread(part)) for part in read]
     time, _ = extract_time(found, mapped, findings)
     # The first column is time, and its unit is known.
     assert np.ptp(time) / (N - 1) == pytest.approx(0.01 if case.step in {0.01, 1e7} else 0.001)
@@ -363,18 +203,12 @@ def test_the_page_has_the_same_table(project):
     assert table[1].splitlines() == list(list_rows())
 
 
-def test_a_robot_without_a_table_says_how_to_get_one(tmp_path):
+def test_robots_without_a_table_are_told_what_lacks(tmp_path):
     raw, robot = build(CASES[7])
-    with pytest.raises(LogError) as caught:
-        read_recording(tmp_path / "log.csv", robot, raw=raw)
-    text = {notice.code: notice.text for notice in caught.value.notices}["log.no-map"]
+    text = refuse(LogError, read_recording, tmp_path / "log.csv", robot, raw=raw)["log.no-map"]
     assert "--set log.QUANTITY.columns=NAME,NAME" in text
-
-
-def test_columns_of_symid_keep_their_messages(tmp_path):
-    """A log with columns of symid's own names is told what these lack, not what other programs write."""
+    # A log with columns of symid's own names is told what these lack, not what other programs write.
     raw, robot = build(CASES[1])
     raw = replace(raw, columns={name: values for name, values in raw.columns.items() if name != "t"})
-    with pytest.raises(LogError) as caught:
+    with raises(LogError, "log.missing-column"):
         read_recording(tmp_path / "log.csv", robot, raw=raw)
-    assert {notice.code for notice in caught.value.notices} == {"log.missing-column"}

@@ -90,13 +90,10 @@ def test_files_that_are_no_tables(tmp_path, content):
         read_raw(tmp_path / "log.parquet")
 
 
-def test_columns_of_one_name_are_refused(tmp_path):
+def test_columns_of_one_name_and_a_missing_package_are_told(tmp_path, monkeypatch):
     path = write(tmp_path / "log.parquet", {"q [rad]": pa.array([0.0]), "q [deg]": pa.array([0.0])})
     with pytest.raises(LogError, match="more than one column is named 'q'"):
         read_raw(path)
-
-
-def test_a_missing_package_is_named(tmp_path, monkeypatch):
     (tmp_path / "log.parquet").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(LogError) as caught:

@@ -25,6 +25,7 @@ from symid.logs.runs import (
     get_train_unit,
     measure_overlap,
 )
+from tests.refusals import raises
 
 FIRST = 1700000000.0
 """Time stamps of robots often count from 1970."""
@@ -79,9 +80,8 @@ def test_parts_are_read_and_written_again(text, start, end, units):
     ],
 )
 def test_what_is_no_part_is_refused(given):
-    with pytest.raises(UsageError) as caught:
+    with raises(UsageError, "usage.log-part") as caught:
         read_part(given, "--train")
-    assert caught.value.notices[0].code == "usage.log-part"
     assert caught.value.notices[0].text.startswith("--train")
 
 
@@ -109,19 +109,12 @@ def test_parts_of_a_log_share_no_sample_and_leave_out_none():
     assert list_samples(whole, "5:10") == (500, 1000)
     assert list_samples(whole, "2.5s:60%") == (250, 600)
     assert list_samples(whole, ":") == (0, 1000)
-
-
-def test_time_stamps_stay_and_the_notice_says_what_is_used():
-    whole = make_recording()
     taken = take_part(whole, read_part("20:60%", "--test"), "--test")
     np.testing.assert_array_equal(taken.time, whole.time[200:600])
     np.testing.assert_array_equal(taken.torque, whole.torque[200:600])
     (notice,) = taken.notices
     assert (notice.code, notice.is_note) == ("log.cut", True)
     assert "400 of 1000 samples are used, 2 to 5.99 s" in notice.text
-
-
-def test_parts_count_from_the_whole_log_even_where_ends_are_cut():
     cut = cut_ends(make_recording(), 100, 300)
     assert len(take_part(cut, read_part("0:60%", "--train"), "--train").time) == 500
     assert len(take_part(cut, read_part("60%:", "--train"), "--train").time) == 100
@@ -151,9 +144,6 @@ def test_one_part_is_that_of_all_logs_or_each_has_its_own():
     with pytest.raises(LogError) as caught:
         take_parts(logs, read_parts("20:", "-"), "-")
     assert len(caught.value.notices) == 2
-
-
-def test_two_parts_of_one_recording_are_one_too_many():
     (kept,) = take_parts([make_recording()], read_parts("0:60%", "-"), "-", keep=True)
     assert kept.run.train == "0:60%"
     with pytest.raises(UsageError, match="0:60%"):
@@ -178,9 +168,8 @@ def test_overlaps_are_found_without_the_logs(train, test, overlap):
     if not overlap:
         refuse_shared(*parts)
         return
-    with pytest.raises(UsageError) as caught:
+    with raises(UsageError, "usage.log-part"):
         refuse_shared(*parts)
-    assert caught.value.notices[0].code == "usage.log-part"
 
 
 def describe(recordings):
@@ -191,17 +180,13 @@ def take(recording, text, **options):
     return take_parts([recording], read_parts(text, "-"), "-", **options)[0]
 
 
-def test_parts_of_a_log_in_memory_have_its_digest():
+def test_the_seconds_that_a_fit_has_used_are_counted():
     whole = make_recording()
     digests = {
         compute_log_digests([entry])[0] for entry in (whole, take(whole, "0:60%"), take(whole, "60%:"))
     }
     assert len(digests) == 1
     assert compute_log_digests([replace(whole, torque=whole.torque + 1.0)])[0] not in digests
-
-
-def test_the_seconds_that_a_fit_has_used_are_counted():
-    whole = make_recording()
     settings = describe([take(whole, "0:60%", keep=True)])
     assert settings["parts"] == [{"start": FIRST, "end": whole.time[599]}]
     assert get_train_unit(settings) == "%"
@@ -210,10 +195,6 @@ def test_the_seconds_that_a_fit_has_used_are_counted():
         assert found == pytest.approx(seconds, abs=1e-6)
     other = replace(whole, torque=whole.torque + 1.0)
     assert measure_overlap(other, ["memory"], settings) == 0.0
-
-
-def test_what_processing_cuts_off_was_not_used():
-    whole = make_recording()
     settings = describe([whole])
     assert "parts" not in settings
     cases = (
@@ -225,17 +206,9 @@ def test_what_processing_cuts_off_was_not_used():
     for cut, fitted_cut, seconds in cases:
         found = measure_overlap(whole, ["memory"], settings, cut=cut, fitted_cut=fitted_cut)
         assert found == pytest.approx(seconds, abs=1e-6)
-
-
-def test_several_parts_of_one_log_are_counted_once():
-    whole = make_recording()
     settings = describe([take(whole, text, keep=True) for text in ("0:30%", "20:50%", "80%:")])
     assert measure_overlap(whole, [], settings) == pytest.approx(7.0, abs=1e-6)
     assert measure_overlap(take(whole, "50:80%"), [], settings) == 0.0
-
-
-def test_a_fit_without_a_record_of_parts_has_used_all():
-    whole = make_recording()
     digests = {"log_digests": compute_log_digests([whole])}
     for more in ({}, {"parts": None}, {"parts": [3]}, {"parts": [{"start": "x"}]}, {"parts": []}):
         assert measure_overlap(take(whole, "60%:"), [], {**digests, **more}) == pytest.approx(4.0, abs=1e-6)

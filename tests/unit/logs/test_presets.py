@@ -7,7 +7,7 @@ import pytest
 
 from symid.errors import LogError
 from symid.logs.reader import read_recording
-from symid.robot.description import Drive
+from tests.refusals import refuse, tell
 
 HEADINGS = {
     "franka": (
@@ -64,38 +64,33 @@ def test_the_columns_of_other_programs(make_robot, columns, write, program):
 
 
 def test_currents_by_torque_constants(make_robot, columns, write):
-    drives = (Drive(gear=101.0, torque_constant=0.12), Drive(gear=-50.0, torque_constant=0.1))
-    robot = preset(make_robot(), "ur-rtde")
-    joints = tuple(replace(joint, drive=drive) for joint, drive in zip(robot.joints, drives, strict=True))
-    robot = replace(robot, joints=joints)
+    robot = preset(make_robot(gears=(101.0, -50.0), constants=(0.12, 0.1)), "ur-rtde")
     recording = read_recording(write("ur-rtde"), robot)
     np.testing.assert_allclose(recording.torque, columns["tau"] * [12.12, -5.0])
-    said = {notice.code: notice.text for notice in recording.notices}
+    said = tell(recording.notices)
     assert "torque constant 0.12, 0.1 N m/A times gear 101, -50" in said["log.converted"]
     matrix = ((101.0, 0.0), (20.0, 50.0))
     coupled = replace(robot, log=replace(robot.log, transmission=matrix))
     recording = read_recording(write("ur-rtde"), coupled)
     np.testing.assert_allclose(recording.torque, columns["tau"] * [0.12, 0.1] @ np.array(matrix))
     np.testing.assert_array_equal(recording.position, columns["q"])
-
-
-def test_currents_without_constants(make_robot, write):
-    with pytest.raises(LogError) as caught:
-        read_recording(write("ur-rtde"), preset(make_robot(), "ur-rtde"))
-    found = {notice.code: notice.text for notice in caught.value.notices}
+    found = refuse(LogError, read_recording, write("ur-rtde"), preset(make_robot(), "ur-rtde"))
     assert "'joint1' has no torque_constant" in found["log.no-torque-constant"]
 
 
-def test_columns_that_are_not_there(make_robot, write):
+def test_what_the_table_states_comes_first_and_what_lacks_is_said(make_robot, columns, write):
+    robot = preset(make_robot(torque=(("state.dq[0]", "state.dq[1]"), "SI")), "franka")
+    np.testing.assert_array_equal(read_recording(write("franka"), robot).torque, columns["q"])
+    named = {
+        key: ((f"{stem}[0]", f"{stem}[1]"), "SI")
+        for key, stem in (("position", "state.q"), ("torque", "state.tau_J"))
+    }
+    robot = preset(make_robot(**named), "franka")
+    np.testing.assert_array_equal(read_recording(write("franka"), robot).velocity, columns["q"])
     with pytest.raises(LogError) as caught:
         read_recording(write("franka"), preset(make_robot(), "ros"))
     texts = [notice.text for notice in caught.value.notices if notice.code == "log.preset"]
     assert "position: preset 'ros' needs field.position0, field.position1 or position_0" in texts[0]
-
-
-def test_what_the_table_states_comes_first(make_robot, columns, write):
-    robot = preset(make_robot(torque=(("state.dq[0]", "state.dq[1]"), "SI")), "franka")
-    np.testing.assert_array_equal(read_recording(write("franka"), robot).torque, columns["q"])
 
 
 def test_columns_of_words_are_passed_over(make_robot, tmp_path):
@@ -104,7 +99,7 @@ def test_columns_of_words_are_passed_over(make_robot, tmp_path):
     path.write_text("\n".join(["Time,frame_id,name,position_0,position_1,effort_0,effort_1", *rows]))
     recording = read_recording(path, preset(make_robot(), "ros"))
     np.testing.assert_array_equal(recording.position[:, 1], np.arange(20))
-    said = {notice.code: notice.text for notice in recording.notices}
+    said = tell(recording.notices)
     assert said["log.unused-columns"].endswith(": frame_id, name")
 
 
@@ -136,12 +131,3 @@ def test_columns_of_other_joints_are_refused(make_robot, tmp_path, heading, name
     with pytest.raises(LogError) as caught:
         read_recording(tmp_path / "log.csv", preset(make_robot(), name))
     assert any(said in notice.text for notice in caught.value.notices if notice.code == "log.preset")
-
-
-def test_a_velocity_is_read_beside_columns_that_are_named(make_robot, write, columns):
-    named = {
-        key: ((f"{stem}[0]", f"{stem}[1]"), "SI")
-        for key, stem in (("position", "state.q"), ("torque", "state.tau_J"))
-    }
-    robot = preset(make_robot(**named), "franka")
-    np.testing.assert_array_equal(read_recording(write("franka"), robot).velocity, columns["q"])

@@ -53,7 +53,7 @@ def test_what_is_written_is_read_again(tmp_path, robot, recording, suffix):
     assert not any(notice.code == "log.unused-columns" for notice in found.notices)
 
 
-def test_a_motor_side_log_passes_the_gear(tmp_path, robot, recording):
+def test_gears_and_transmissions_turn_them(tmp_path, robot, recording):
     path = write_recording(recording, tmp_path / "log.npz", robot)
     moved = parse_robot(
         HEAD
@@ -68,10 +68,6 @@ feedforward = { columns = ["tau_ff"], unit = "N m", side = "motor" }
     np.testing.assert_allclose(found.reference, recording.reference / 50.0 + 0.25)
     np.testing.assert_allclose(found.reference_velocity, recording.reference_velocity / 50.0)
     np.testing.assert_allclose(found.feedforward, recording.feedforward * 50.0)
-
-
-def test_a_transmission_turns_them(tmp_path, robot, recording):
-    path = write_recording(recording, tmp_path / "log.npz", robot)
     matrix = np.array([[45.0, 0.0], [32.0, 32.0]])
     coupled = parse_robot(
         HEAD
@@ -87,7 +83,7 @@ feedforward = { columns = ["tau_ff"], unit = "N m", side = "motor" }
     np.testing.assert_allclose(found.feedforward, recording.feedforward @ matrix)
 
 
-def test_cuts_and_resampling_keep_samples_together(recording):
+def test_cuts_resampling_and_zeros_keep_samples_together(recording, tmp_path, robot):
     cut = cut_recording(recording, slice(10, 50))
     np.testing.assert_array_equal(cut.reference, recording.reference[10:50])
     np.testing.assert_array_equal(cut.feedforward, recording.feedforward[10:50])
@@ -95,9 +91,6 @@ def test_cuts_and_resampling_keep_samples_together(recording):
     assert moved.reference.shape == moved.reference_velocity.shape == moved.position.shape
     np.testing.assert_allclose(moved.reference, moved.position + 0.01, atol=1e-6)
     assert cut_recording(replace(recording, reference=None), slice(1, 5)).reference is None
-
-
-def test_the_zero_of_a_run_moves_position_and_reference(tmp_path, robot, recording):
     write_recording(recording, tmp_path / "log.npz", robot)
     runs = tmp_path / "runs.toml"
     runs.write_text('[[run]]\nfile = "log.npz"\noffset = [0.1, -0.2]\n')

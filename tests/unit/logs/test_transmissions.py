@@ -15,7 +15,7 @@ def couple(robot, matrix=MATRIX):
     return replace(robot, log=replace(robot.log, transmission=matrix))
 
 
-def test_motions_and_torques_do_the_same_work_on_both_sides(make_robot, columns, write_npz):
+def test_a_matrix_does_the_same_work_on_both_sides_and_may_be_gears(make_robot, columns, write_npz):
     motor = (("q",), "rad", (1.0,), "motor")
     robot = couple(
         make_robot(
@@ -33,22 +33,16 @@ def test_motions_and_torques_do_the_same_work_on_both_sides(make_robot, columns,
     texts = [notice.text for notice in recording.notices]
     assert "'q' in rad was multiplied by 1 and the inverse of the transmission matrix (motor side" in texts[0]
     assert any("the transpose of the transmission matrix" in text for text in texts)
-
-
-def test_a_diagonal_matrix_is_the_gears(make_robot, columns, write_npz):
+    robot = couple(make_robot(position=(("q",), "rad"), torque=(("tau",), "N m", (1.0,), "motor")))
+    recording = read_recording(write_npz(**columns), robot)
+    np.testing.assert_array_equal(recording.position, columns["q"])
+    np.testing.assert_allclose(recording.torque, columns["tau"] @ np.array(MATRIX))
     log = {"position": (("q",), "deg", (1.0,), "motor"), "torque": (("tau",), "N m", (2.0, 3.0), "motor")}
     path = write_npz(**columns)
     geared = read_recording(path, make_robot(gears=(50.0, -80.0), **log))
     coupled = read_recording(path, couple(make_robot(**log), ((50.0, 0.0), (0.0, -80.0))))
     np.testing.assert_allclose(coupled.position, geared.position, rtol=1e-14)
     np.testing.assert_allclose(coupled.torque, geared.torque, rtol=1e-14)
-
-
-def test_what_is_logged_at_the_joint_stays(make_robot, columns, write_npz):
-    robot = couple(make_robot(position=(("q",), "rad"), torque=(("tau",), "N m", (1.0,), "motor")))
-    recording = read_recording(write_npz(**columns), robot)
-    np.testing.assert_array_equal(recording.position, columns["q"])
-    np.testing.assert_allclose(recording.torque, columns["tau"] @ np.array(MATRIX))
 
 
 def test_zeros_are_added_on_the_joint_side(make_robot, columns, write_npz):
@@ -59,9 +53,6 @@ def test_zeros_are_added_on_the_joint_side(make_robot, columns, write_npz):
     before, after = (read_recording(path, entry) for entry in (robot, moved))
     np.testing.assert_allclose(after.position - before.position, np.tile(offset, (50, 1)), atol=1e-14)
     assert "; 0.5, -1.570796327 was added" in after.notices[0].text
-
-
-def test_a_zero_alone_is_said(make_robot, columns, write_npz):
     robot = make_robot(position=(("q",), "rad"))
     robot = replace(robot, log=replace(robot.log, position=replace(robot.log.position, offset=(0.25,))))
     recording = read_recording(write_npz(**columns), robot)

@@ -1,6 +1,5 @@
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -23,6 +22,7 @@ from symid.report.blocks import Drawing, Table
 from symid.report.elastic_page import build_elastic_page, draw_loops, show_spring
 from symid.report.pages import render_page, write_page
 from symid.report.verdict import judge_elastic
+from tests.pages import PageReader
 
 TRUTH = Elasticity(
     stiffness=380.0,
@@ -31,7 +31,6 @@ TRUTH = Elasticity(
 )
 FOUND = replace(TRUTH, stiffness=399.0)
 REACH = 0.02
-VOID = ("br", "meta", "link", "img", "hr")
 
 
 def build_joint(name):
@@ -115,34 +114,6 @@ def tracking():
     )
 
 
-class Reader(HTMLParser):
-    """Keeps tags and links, and finds tags that are not closed."""
-
-    def __init__(self):
-        super().__init__()
-        self.tags, self.links, self.open, self.wrong = [], [], [], []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.links += [value for name, value in attrs if name in ("src", "href") and value[0] != "#"]
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, _):
-        self.tags.append(tag)
-
-    def handle_endtag(self, tag):
-        if not self.open or self.open.pop() != tag:
-            self.wrong.append(tag)
-
-
-def read(text):
-    reader = Reader()
-    reader.feed(text)
-    reader.close()
-    return reader
-
-
 def write(estimate, *args, **options):
     return render_page(build_elastic_page(estimate, *args, **options))
 
@@ -173,11 +144,11 @@ def list_headings(text):
     return re.findall(r"<h2>([^<:]*)", text)
 
 
-def test_the_whole_page_is_well_formed_and_needs_nothing_else(estimate, trial, tracking):
+def test_the_whole_page_is_well_formed_escaped_and_needs_nothing_else(estimate, trial, tracking):
     text = write(estimate, (trial,), tracking=tracking)
-    reader = read(text)
+    reader = PageReader(text)
     assert (reader.open, reader.wrong) == ([], [])
-    assert reader.links == []
+    assert reader.loaded == []
     assert reader.tags.count("script") == 1
     assert "@import" not in text
     assert "url(" not in text
@@ -199,21 +170,25 @@ def test_the_whole_page_is_well_formed_and_needs_nothing_else(estimate, trial, t
         "Notices",
         "Settings",
     ]
-
-
-def test_texts_from_files_are_escaped(estimate, trial, tracking):
-    text = write(estimate, (trial,), tracking=tracking)
     for raw in ("<one>", "<held out>", "<most>", "<feed>"):
         assert raw not in text
         assert raw.replace("<", "&lt;").replace(">", "&gt;") in text
     assert "arm &amp; hand" in text
+    counts = [len(points.split()) for points in re.findall(r'points="([^"]*)"', text)]
+    assert max(counts) <= 2000
+    assert len(counts) > 20
 
 
-def test_the_same_estimate_gives_the_same_bytes(tmp_path, estimate, trial, tracking):
+def test_the_same_estimate_gives_the_same_bytes_with_origin_and_notices(tmp_path, estimate, trial, tracking):
     pages = [build_elastic_page(estimate, (trial,), tracking=tracking) for _ in range(2)]
     first = write_page(tmp_path / "a.html", pages[0]).read_bytes()
     assert write_page(tmp_path / "b.html", pages[1]).read_bytes() == first
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["a.html", "b.html"]
+    other = Notice(code="log.converted", text="multiplied by 2", file="a.npz")
+    text = write(estimate, notices=(other, other), origin=("robot arm of arm.toml",))
+    assert text.count("a.npz: multiplied by 2") == 1
+    assert "said once" in text
+    assert f"Written by symid {__version__}; robot arm of arm.toml." in text
 
 
 def test_sections_without_data_are_left_out(estimate):
@@ -229,29 +204,24 @@ def test_sections_without_data_are_left_out(estimate):
     ]
     assert "--validation" in text
     assert 'class="verdict usable"' in text
-    assert (read(text).open, read(text).wrong) == ([], [])
+    assert (PageReader(text).open, PageReader(text).wrong) == ([], [])
 
 
-def test_no_line_has_more_points_than_allowed(estimate, trial, tracking):
-    text = write(estimate, (trial,), tracking=tracking)
-    counts = [len(points.split()) for points in re.findall(r'points="([^"]*)"', text)]
-    assert max(counts) <= 2000
-    assert len(counts) > 20
-
-
-def test_errors_against_the_truth_are_told(estimate):
+def test_errors_against_the_truth_are_told_and_refused_parameters_have_no_value(estimate):
     first, second, *_ = find_table(show(estimate), "With standard deviations").rows
     assert first[4:7] == [0.35, "+0.86 %", True]
     # Where the truth is zero there is no relative error.
     assert second[4:6] == [0.0, ""]
-
-
-def test_origin_and_notices_are_told(estimate):
-    other = Notice(code="log.converted", text="multiplied by 2", file="a.npz")
-    text = write(estimate, notices=(other, other), origin=("robot arm of arm.toml",))
-    assert text.count("a.npz: multiplied by 2") == 1
-    assert "said once" in text
-    assert f"Written by symid {__version__}; robot arm of arm.toml." in text
+    page = build_elastic_page(replace(estimate, refused=(("IA1", "it never turned"),)))
+    rows = find_table(page.blocks, "With standard deviations").rows
+    assert [row[0] for row in rows] == ["ZZ1", "MY1", "ZZ2"]
+    assert find_table(page.blocks, "Not identifiable").rows == (("IA1", "it never turned"),)
+    assert any(text.endswith(": IA1.") for text in page.verdict.details)
+    unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
+    springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
+    text = write(replace(estimate, parameters=unknown, springs=springs))
+    assert ">truth<" not in text
+    assert "True stops" not in text
 
 
 def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
@@ -272,7 +242,7 @@ def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
     assert "True stops: 120 N m/rad at 2 mrad, 80 N m/rad at 6 mrad." in blocks
 
 
-def test_what_was_not_excited_is_said(estimate):
+def test_springs_that_were_not_excited_not_turned_cubic_or_damped(estimate):
     spring = estimate.springs[0]
     texts = list_texts(show_spring(spring))
     assert len(texts) == 2 + 2  # heading and excitation, true stops and slopes
@@ -284,19 +254,20 @@ def test_what_was_not_excited_is_said(estimate):
     assert "\N{MINUS SIGN}3, 3 N m" in words
     plain = replace(spring, elasticity=Elasticity(stiffness=100.0), truth=None)
     assert "hysteresis" in list_texts(show_spring(plain))[-1]
-
-
-def test_a_spring_that_was_not_turned_is_drawn_as_far_as_it_slips(estimate):
     spring = replace(estimate.springs[0], torsion=0.0, excited=0.0, torque=0.0)
     assert "\N{PLUS-MINUS SIGN}7.5 mrad" in find_table(show_spring(spring), "Values").rows[2][0]
-
-
-def test_cubic_and_damped_springs_have_their_lines(estimate):
     spring = Elasticity(stiffness=100.0, cubic=5e4, damping=0.3)
     blocks = show_spring(replace(estimate.springs[0], elasticity=spring, truth=None))
     *_, loss, cubic, damping = find_table(blocks, "Values").rows
     assert (cubic[:2], damping[:2]) == (("cubic stiffness", "5e+04"), ("damping", "0.3"))
     assert float(loss[1]) == pytest.approx(0.0, abs=1e-12)
+    plain = list_texts(show(estimate))
+    assert not any(text.startswith("Standard deviations: ") for text in plain)
+    first = replace(estimate.springs[0], torque_std=0.0123, slope_std=4.56)
+    page = build_elastic_page(replace(estimate, springs=(first, *estimate.springs[1:])))
+    (text,) = (text for text in list_texts(page.blocks) if text.startswith("Standard deviations: "))
+    assert "4.6 N m/rad of the slope near zero" in text
+    assert "0.012 N m (rms)" in text
 
 
 def test_methods_are_compared_by_prediction_and_truth(estimate):
@@ -317,7 +288,7 @@ def test_methods_are_compared_by_prediction_and_truth(estimate):
     assert table.header == ("method", "prediction error (noise = 1)", "outcome")
 
 
-def test_convergence_survives_iterates_that_ran_away(estimate):
+def test_convergence_survives_iterates_that_ran_away_or_of_another_method(estimate):
     history = (*estimate.history, HistoryEntry(merit=float("inf"), change=float("nan")))
     blocks = show(replace(estimate, history=history, outcome=Ending.DIVERGED))
     table = find_table(blocks, "Every iteration")
@@ -329,9 +300,6 @@ def test_convergence_survives_iterates_that_ran_away(estimate):
     blocks = show(replace(estimate, history=still))
     assert isinstance(blocks[blocks.index("== Convergence ==") + 2], Table)
     assert "== Convergence ==" not in show(replace(estimate, history=still[:1]))
-
-
-def test_the_iterations_of_another_method_stand_in(estimate):
     plain = replace(estimate, method="elimination", outcome=Ending.SOLVED, history=())
     assert "== Convergence ==" not in show(plain)
     texts = list_texts(show(plain, iterated=estimate))
@@ -359,26 +327,32 @@ def test_the_verdict_follows_what_springs_leave(estimate, trial, share, level):
     assert f"at most {100 * share:.3g} % of a joint's torque" in verdict.headline
 
 
-def test_linear_springs_that_do_as_well_are_named(estimate, trial):
+def test_linear_springs_that_do_as_well_are_named_and_drawn(estimate, trial):
     better = judge(estimate, trial)
     assert not any("no more" in text for text in better.details)
     joints = tuple(replace(joint, final=joint.straight * joint.torsion) for joint in trial.joints)
     same = judge(estimate, replace(trial, joints=joints))
     assert any("no more" in text for text in same.details)
-
-
-def test_the_best_linear_spring_is_drawn_where_the_start_is_not_known(trial):
     joint = trial.joints[0]
     assert "linear start" in draw_loops(joint).svg
     assert "best linear spring" in draw_loops(replace(joint, initial=None)).svg
 
 
-def test_the_verdict_without_springs_speaks_of_the_dynamics(estimate, trial):
+def test_pages_without_springs_covariance_or_another_log(estimate, trial):
     joints = tuple(replace(joint, final=None, initial=None) for joint in trial.joints)
     page = build_elastic_page(estimate, (replace(trial, joints=joints),))
     assert "at most 1.5 % of a motor's torque" in page.verdict.headline
     assert not any("springs with memory" in text for text in page.verdict.details)
     assert not any("torque of the spring" in caption for caption in list_captions(page.blocks))
+    page = build_elastic_page(estimate, (replace(trial, fitted=True),))
+    assert page.verdict.level == "usable"
+    assert page.verdict.headline == build_elastic_page(estimate).verdict.headline
+    assert "log of the fit" in page.blocks[1]
+    page = build_elastic_page(replace(estimate, covariance=()), (trial,))
+    rows = find_table(page.blocks, "With standard deviations").rows
+    assert {(row[3], row[6]) for row in rows} == {("-", None)}
+    assert not any("\N{PLUS-MINUS SIGN}" in row[1] for row in rows)
+    assert not any("standard deviations" in text for text in page.verdict.details)
 
 
 @pytest.mark.parametrize(
@@ -389,13 +363,6 @@ def test_the_verdict_follows_how_the_iteration_ended(estimate, trial, outcome, l
     good = tuple(replace(joint, final=joint.motor) for joint in trial.joints)
     verdict = judge(replace(estimate, outcome=outcome), replace(trial, joints=good))
     assert verdict.level == level
-
-
-def test_a_log_of_the_fit_is_no_test(estimate, trial):
-    page = build_elastic_page(estimate, (replace(trial, fitted=True),))
-    assert page.verdict.level == "usable"
-    assert page.verdict.headline == build_elastic_page(estimate).verdict.headline
-    assert "log of the fit" in page.blocks[1]
 
 
 def test_a_truth_that_is_met_within_a_percent_is_met(estimate, trial):
@@ -409,30 +376,6 @@ def test_a_truth_that_is_met_within_a_percent_is_met(estimate, trial):
     verdict = judge(replace(estimate, parameters=(*kept[:2], *far)), good)
     assert verdict.level == "usable"
     assert "ZZ2, IA1" in verdict.headline
-
-
-def test_without_covariance_no_deviation_is_claimed(estimate, trial):
-    page = build_elastic_page(replace(estimate, covariance=()), (trial,))
-    rows = find_table(page.blocks, "With standard deviations").rows
-    assert {(row[3], row[6]) for row in rows} == {("-", None)}
-    assert not any("\N{PLUS-MINUS SIGN}" in row[1] for row in rows)
-    assert not any("standard deviations" in text for text in page.verdict.details)
-
-
-def test_refused_parameters_have_no_value(estimate):
-    page = build_elastic_page(replace(estimate, refused=(("IA1", "it never turned"),)))
-    rows = find_table(page.blocks, "With standard deviations").rows
-    assert [row[0] for row in rows] == ["ZZ1", "MY1", "ZZ2"]
-    assert find_table(page.blocks, "Not identifiable").rows == (("IA1", "it never turned"),)
-    assert any(text.endswith(": IA1.") for text in page.verdict.details)
-
-
-def test_robots_without_truth_have_no_column_for_it(estimate):
-    unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
-    springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
-    text = write(replace(estimate, parameters=unknown, springs=springs))
-    assert ">truth<" not in text
-    assert "True stops" not in text
 
 
 @pytest.mark.parametrize(
@@ -461,7 +404,7 @@ def test_without_a_held_out_log_stretches_of_its_own_logs_judge(
     assert ("otherwise than without" in verdict.headline) == (contradiction > 5.0)
 
 
-def test_a_refused_spring_does_not_judge(estimate):
+def test_evidence_has_a_value_a_joint_and_refused_springs_do_not_judge(estimate):
     lost = replace(estimate.springs[0], identifiable=False, reason="no torsion")
     evidence = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
     plain = replace(
@@ -473,21 +416,8 @@ def test_a_refused_spring_does_not_judge(estimate):
     )
     verdict = judge_elastic(plain, ())
     assert "the springs leave at most 0.2 %" in verdict.headline
-
-
-def test_evidence_from_a_file_has_a_value_a_joint(estimate):
     whole = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
     assert not any("evidence" in text for text in replace(estimate, evidence=whole).list_mistakes())
     for broken in ({"held_out": ()}, {"noise": (1.0,)}, {"springs": (-1.0, 0.2)}):
         wrong = replace(estimate, evidence=replace(whole, **broken)).list_mistakes()
         assert any(text.startswith("evidence: ") for text in wrong)
-
-
-def test_springs_have_deviations_where_they_are_known(estimate):
-    plain = list_texts(show(estimate))
-    assert not any(text.startswith("Standard deviations: ") for text in plain)
-    first = replace(estimate.springs[0], torque_std=0.0123, slope_std=4.56)
-    page = build_elastic_page(replace(estimate, springs=(first, *estimate.springs[1:])))
-    (text,) = (text for text in list_texts(page.blocks) if text.startswith("Standard deviations: "))
-    assert "4.6 N m/rad of the slope near zero" in text
-    assert "0.012 N m (rms)" in text

@@ -14,6 +14,7 @@ from symid.joint_models.hysteresis import Elasticity
 from symid.logs.recording import Recording
 from symid.serialization import compute_file_digest
 from tests.recovery.closed_form import build_one_axis
+from tests.refusals import raises
 
 MASS, ROTOR, STIFFNESS = 40.0, 6.0, 9000.0
 FRICTION = (15.0, 0.0, -3.0)
@@ -69,7 +70,7 @@ def build_fit(stiffness=STIFFNESS, **changes):
     return replace(fit, **changes)
 
 
-def test_true_parameters_leave_nothing(library):
+def test_true_parameters_leave_nothing_and_a_wrong_spring_is_seen(library):
     trial = predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), build_fit())
     (joint,) = trial.joints
     assert (joint.joint, joint.unit, joint.torsion_unit) == ("joint1", "N", "m")
@@ -81,9 +82,6 @@ def test_true_parameters_leave_nothing(library):
     assert len(trial.residuals) == 3
     assert all(entry.relative_percent < 0.2 for _, lines in trial.residuals for entry in lines)
     assert not trial.fitted
-
-
-def test_a_wrong_spring_is_seen_where_a_spring_takes_part(library):
     trial = predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(1.1 * STIFFNESS))
     dynamics, motors, links = (lines[0] for _, lines in trial.residuals)
     assert dynamics.relative_percent < 0.2
@@ -106,15 +104,9 @@ def test_start_and_truth_are_drawn_where_they_are_known(library):
     # A robot file may name a spring without its value.
     assert joint.truth is None
     assert trial.fitted
-
-
-def test_a_fit_without_springs_has_no_spring_residuals(library):
     trial = predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(elasticity=()))
     assert trial.joints[0].final is None
     assert len(trial.residuals) == 1
-
-
-def test_one_encoder_has_no_torsion(library):
     log = replace(build_log(), motor_position=None)
     with pytest.raises(LogError):
         predict_elastic(library, log, ElasticOptions(), build_fit())
@@ -158,7 +150,7 @@ def build_estimate(**changes):
     return ElasticEstimate(**{**known, **changes})
 
 
-def test_an_estimate_is_tried_with_its_own_filters(library):
+def test_an_estimate_is_tried_with_its_own_filters_and_knows_its_logs(library, tmp_path):
     trial = evaluate_elastic(build_estimate(), library, build_log("another"))
     (joint,) = trial.joints
     np.testing.assert_array_equal(joint.truth, joint.final)
@@ -167,19 +159,15 @@ def test_an_estimate_is_tried_with_its_own_filters(library):
     other = evaluate_elastic(fast, library, build_log("another")).joints[0]
     lag = np.max(np.abs(other.torsion - joint.torsion))
     assert lag > 0.02 * np.max(np.abs(joint.torsion))
-
-
-@pytest.mark.parametrize("settings", [{"rate": -1.0}, {"rate": "fast"}, {"cutoff": [1.0]}])
-def test_settings_that_cannot_be_used_are_refused(library, settings):
-    with pytest.raises(EstimateError) as caught:
-        evaluate_elastic(build_estimate(settings=settings), library, build_log())
-    assert caught.value.notices[0].code == "estimate.settings"
-
-
-def test_a_log_of_the_fit_is_known_by_path_or_content(library, tmp_path):
     assert evaluate_elastic(build_estimate(), library, build_log("log")).fitted
     assert not evaluate_elastic(build_estimate(), library, build_log("")).fitted
     copy = tmp_path / "copy.npz"
     copy.write_bytes(b"the same bytes")
     estimate = build_estimate(settings={"log_digests": [compute_file_digest(str(copy))], "cutoff": 0.0})
     assert evaluate_elastic(estimate, library, build_log(str(copy))).fitted
+
+
+@pytest.mark.parametrize("settings", [{"rate": -1.0}, {"rate": "fast"}, {"cutoff": [1.0]}])
+def test_settings_that_cannot_be_used_are_refused(library, settings):
+    with raises(EstimateError, "estimate.settings"):
+        evaluate_elastic(build_estimate(settings=settings), library, build_log())

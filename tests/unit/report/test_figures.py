@@ -60,32 +60,23 @@ def test_a_script_reads_time_and_values_from_the_points():
     assert not build_mark_figure("How much?", "N m", [Mark("one", 1.0)]).live
 
 
-def test_a_thinned_loop_keeps_its_shape():
+def test_a_thinned_curve_keeps_its_shape_its_corners_and_few_points():
     angle = np.linspace(0, 6 * np.pi, 20_001)
     x, y = 400 + 300 * np.cos(angle), 200 + 90 * np.sin(angle) * np.exp(-0.05 * angle)
     thin_x, thin_y = thin_curve(x, y)
     assert len(thin_x) < 400
     assert (thin_x[0], thin_y[0], thin_x[-1], thin_y[-1]) == (x[0], y[0], x[-1], y[-1])
     assert find_distances(np.column_stack([x, y])[::7], thin_x, thin_y).max() < 0.15
-
-
-def test_a_thinned_curve_has_its_corners_exactly_and_no_more():
     corners = np.array([[0.0, 0.0], [50.0, 80.0], [20.0, 10.0], [50.0, 80.0], [0.0, 0.0]])
     steps = np.linspace(0, 1, 1001)[:, None]
     parts = [a + steps[1:] * (b - a) for a, b in pairwise(corners)]
     x, y = np.vstack([corners[:1], *parts]).T
     np.testing.assert_allclose(np.column_stack(thin_curve(x, y)), corners, atol=1e-12)
-
-
-def test_a_thinned_curve_has_no_more_points_than_allowed():
     rng = np.random.default_rng(2)
     x, y = rng.uniform(0, 800, (2, 30_000))
     assert len(thin_curve(x, y)[0]) == 2000
     assert len(thin_curve(x, y, 50)[0]) == 50
     assert len(thin_curve(x[:2], y[:2])[0]) == 2
-
-
-def test_a_curve_at_rest_is_two_points():
     x, y = thin_curve(np.full(100, 3.0), np.full(100, 4.0))
     assert (len(x), set(x), set(y)) == (2, {3.0}, {4.0})
 
@@ -120,9 +111,6 @@ def test_a_logarithmic_axis_has_equal_lengths_for_equal_ratios():
         "10\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT SIX}",
     }
     assert texts == {"1", "2", "3", "4", "iteration", "change"} | powers
-
-
-def test_what_a_logarithmic_axis_cannot_show_is_left_out():
     some = Line(label="a", style="first", x=np.arange(4.0), y=np.array([1.0, 0.0, -1.0, 2.0]))
     none = Line(label="b", style="second", x=np.arange(2.0), y=np.zeros(2))
     root = parse(build_line_figure("t", ("x", "y"), [some, none], logarithmic=True))
@@ -142,12 +130,9 @@ def test_logarithmic_ticks_are_round_and_inside(low, high, expected):
     assert Axis(low=low, high=high, logarithmic=True).choose_ticks(5) == expected
 
 
-def test_a_whole_axis_counts():
+def test_whole_axes_count_and_a_single_value_has_an_axis():
     assert Axis(low=0.9, high=3.1, whole=True).choose_ticks(8) == (1.0, 2.0, 3.0)
     assert Axis(low=0.9, high=2.1, whole=True).choose_ticks(8) == (1.0, 2.0)
-
-
-def test_a_single_value_still_has_a_logarithmic_axis():
     axis = build_axis([np.array([0.4])], 0.05, logarithmic=True)
     assert axis.low < 0.4 < axis.high
     assert axis.choose_ticks(5)
@@ -161,7 +146,7 @@ def test_powers_of_ten_are_written_as_such(value, text):
     assert format_tick(value, logarithmic=True) == text
 
 
-def test_values_in_rows_mark_the_choice():
+def test_values_in_rows_mark_the_choice_on_an_axis_of_their_kind():
     intervals = [
         Mark(label="linear & plain", value=8.0, text="8"),
         Mark(label="two-step", value=0.5, text="0.5", chosen=True),
@@ -178,6 +163,11 @@ def test_values_in_rows_mark_the_choice():
     ]
     assert {"linear & plain", "8", "error (%)"} <= {entry.text for entry in root.iter(f"{SVG}text")}
     assert all(0 < mark < 560 for mark in marks)
+    intervals = [Mark(label="a", value=1.0, text="1"), Mark(label="b", value=2.0, text="2")]
+    root = parse(build_mark_figure("t", "error (%)", intervals))
+    assert "0" in {entry.text for entry in root.iter(f"{SVG}text")}
+    zero = parse(build_mark_figure("t", "x", [Mark(label="a", value=0.0), intervals[1]]))
+    assert "nan" not in ET.tostring(zero, encoding="unicode")
 
 
 def test_dense_rows_have_a_line_at_their_limit():
@@ -191,14 +181,6 @@ def test_dense_rows_have_a_line_at_their_limit():
     assert places[2] < float(line.get("x1")) < places[3]
     assert float(parse(dense).get("viewBox").split()[3]) < float(parse(plain).get("viewBox").split()[3])
     assert not [entry for entry in parse(plain).iter(f"{SVG}line") if entry.get("class") == "line virgin"]
-
-
-def test_values_alike_have_a_linear_axis_from_zero():
-    intervals = [Mark(label="a", value=1.0, text="1"), Mark(label="b", value=2.0, text="2")]
-    root = parse(build_mark_figure("t", "error (%)", intervals))
-    assert "0" in {entry.text for entry in root.iter(f"{SVG}text")}
-    zero = parse(build_mark_figure("t", "x", [Mark(label="a", value=0.0), intervals[1]]))
-    assert "nan" not in ET.tostring(zero, encoding="unicode")
 
 
 def test_long_legends_take_more_rows():

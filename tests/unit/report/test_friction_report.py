@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from html import escape
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -18,6 +17,7 @@ from symid.report.identification_page import (
 )
 from symid.report.pages import render_page, write_page
 from symid.report.verdict import judge_friction
+from tests.pages import PageReader
 from tests.recovery.closed_form import build_two_link
 from tests.unit.identification.friction.cosine_rigs import RAW, STRIBECK, record
 
@@ -30,29 +30,16 @@ def found():
     return identify_friction(build_two_link(), recordings, RAW, FrictionTask(candidates=FEW))
 
 
-class _Checker(HTMLParser):
-    """Counts elements, and keeps what they load."""
-
-    def __init__(self):
-        super().__init__()
-        self.count, self.loaded = {}, []
-
-    def handle_starttag(self, tag, attrs):
-        self.count[tag] = self.count.get(tag, 0) + 1
-        self.loaded += [value for name, value in attrs if name in {"src", "href"} and value[0] != "#"]
-
-
 def test_the_page_tells_all_and_loads_nothing(found, tmp_path):
     text = write_page(tmp_path / "page.html", build_friction_page(found)).read_text()
-    checker = _Checker()
-    checker.feed(text)
-    assert checker.loaded == []
-    assert "script" not in checker.count
+    reader = PageReader(text)
+    assert reader.loaded == []
+    assert "script" not in reader.tags
     (joint,) = found.joints
     # A search that was at its end from the first step has no curve to show.
     history = joint.estimate.history
     moved = len(history) > 2 and max(history) > 1.01 * min(history)
-    assert checker.count["svg"] == 1 + moved
+    assert reader.tags.count("svg") == 1 + moved
     settled = replace(joint, estimate=replace(joint.estimate, history=(4.0, 2.0, 1.0)))
     assert "Did the search settle?" in render_page(build_friction_page(replace(found, joints=(settled,))))
     for expected in ("joint1: stribeck+offset", "chosen", *(name for name, _ in found.refused)):
@@ -61,18 +48,7 @@ def test_the_page_tells_all_and_loads_nothing(found, tmp_path):
     assert write_page(tmp_path / "again.html", build_friction_page(found)).read_text() == text
 
 
-def test_a_law_that_falls_towards_rest_is_not_good(found):
-    (joint,) = found.joints
-    excess = ParameterEstimate(name="fE", value=-3.5, std=0.2, unit="N")
-    for value, said in ((-3.5, True), (-0.3, False), (3.5, False)):
-        parameters = (*joint.estimate.parameters, replace(excess, value=value))
-        other = replace(joint, estimate=replace(joint.estimate, parameters=parameters))
-        verdict = judge_friction(replace(found, joints=(other,)))
-        assert ("falls towards rest" in verdict.headline) is said
-        assert verdict.level != "good" or not said
-
-
-def test_the_band_holds_the_true_curve(found):
+def test_a_figure_says_what_it_shows_and_holds_the_true_curve(found):
     (joint,) = found.joints
     curve = compute_friction_curve(joint)
     law = get_law("stribeck+offset")
@@ -82,6 +58,11 @@ def test_the_band_holds_the_true_curve(found):
     # Two of three at least: neighbours along the curve err together.
     assert np.mean(np.abs(curve.torque - truth) <= curve.half_width) > 0.66
     assert curve.half_width.max() < 0.3
+    text = build_friction_figure(found.joints[0]).svg
+    assert text.startswith("<svg")
+    assert "friction (N m)" in text
+    # One row each.
+    assert text.count("h0") == 600
 
 
 def test_the_curve_ends_at_the_slowest_row():
@@ -102,15 +83,7 @@ def test_the_curve_ends_at_the_slowest_row():
     assert build_friction_figure(reaching).svg.count("<polyline") == 3
 
 
-def test_poses_left_out_are_on_the_page(found):
-    (joint,) = found.joints
-    poses = replace(joint.poses, parameters=(), skipped=(("log 7", "every row is slow"),))
-    text = render_page(build_friction_page(replace(found, joints=(replace(joint, poses=poses),))))
-    assert "left out: log 7: every row is slow" in text
-    assert "pose 1, 95 %" not in text
-
-
-def test_the_verdict_weighs_what_was_held_back_and_refused(found):
+def test_the_verdict_weighs_what_was_held_back_refused_or_left_out(found):
     assert build_friction_page(found).verdict.level == "good"
     (joint,) = found.joints
     named = replace(found, joints=(replace(joint, selection=None),))
@@ -124,11 +97,14 @@ def test_the_verdict_weighs_what_was_held_back_and_refused(found):
     verdict = build_friction_page(replace(found, joints=(less,))).verdict
     assert verdict.level == "usable"
     assert "vs of joint1" in verdict.headline
-
-
-def test_a_figure_says_what_it_shows(found):
-    text = build_friction_figure(found.joints[0]).svg
-    assert text.startswith("<svg")
-    assert "friction (N m)" in text
-    # One row each.
-    assert text.count("h0") == 600
+    poses = replace(joint.poses, parameters=(), skipped=(("log 7", "every row is slow"),))
+    text = render_page(build_friction_page(replace(found, joints=(replace(joint, poses=poses),))))
+    assert "left out: log 7: every row is slow" in text
+    assert "pose 1, 95 %" not in text
+    excess = ParameterEstimate(name="fE", value=-3.5, std=0.2, unit="N")
+    for value, said in ((-3.5, True), (-0.3, False), (3.5, False)):
+        parameters = (*joint.estimate.parameters, replace(excess, value=value))
+        other = replace(joint, estimate=replace(joint.estimate, parameters=parameters))
+        verdict = judge_friction(replace(found, joints=(other,)))
+        assert ("falls towards rest" in verdict.headline) is said
+        assert verdict.level != "good" or not said

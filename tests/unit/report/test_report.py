@@ -1,7 +1,6 @@
 import math
 import xml.etree.ElementTree as ET
 from dataclasses import fields, replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -25,6 +24,7 @@ from symid.report.pages import (
 )
 from symid.report.verdict import QUANTITIES, judge_identification
 from symid.robot.description import Processing
+from tests.pages import PageReader
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -51,23 +51,11 @@ def test_context_and_template_have_the_same_names():
     assert found == {field.name for field in fields(Page)}
 
 
-class Reader(HTMLParser):
-    def __init__(self):
-        super().__init__()
-        self.tags, self.links, self.anchors = [], [], []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.links += [value for name, value in attrs if name in ("src", "href")]
-        self.anchors += [value for name, value in attrs if name == "id"]
-
-
 def test_the_page_needs_nothing_else(tmp_path, result):
     estimate, validation = result
     path = write_page(tmp_path / "report.html", build_identification_page(estimate, (validation,)))
     text = path.read_text(encoding="utf-8")
-    reader = Reader()
-    reader.feed(text)
+    reader = PageReader(text)
     assert sorted(reader.links) == sorted(f"#{anchor}" for anchor in reader.anchors)
     assert len(set(reader.anchors)) == len(reader.anchors)
     assert reader.tags.count("script") == 1
@@ -77,11 +65,20 @@ def test_the_page_needs_nothing_else(tmp_path, result):
     assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
 
 
-def test_names_from_files_are_escaped(result):
+def test_names_are_escaped_origin_is_told_and_tables_scroll(result):
     estimate, validation = result
     text = render_page(build_identification_page(estimate, (validation,)))
     assert "&lt;log 7&gt;" in text
     assert "<log 7>" not in text
+    notices = (Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz"),)
+    text = render_page(
+        build_identification_page(estimate, (validation,), notices, ("robot arm of arm.toml",))
+    )
+    assert "a.npz: torque: multiplied by 2" in text
+    assert f"Written by symid {__version__}; robot arm of arm.toml." in text
+    text = render_page(build_identification_page(estimate, (validation,)))
+    # That of the settings breaks its lines.
+    assert text.count("<table>") == text.count('<div class="scroll"') + 1 == 7
 
 
 def find_section(blocks, title):
@@ -89,7 +86,7 @@ def find_section(blocks, title):
     return blocks[blocks.index(f"== {title} ==") + 1]
 
 
-def test_every_parameter_and_setting_is_shown(result):
+def test_every_parameter_is_shown_or_its_refusal_said(result):
     estimate, validation = result
     page = build_identification_page(estimate, (validation,))
     names, *_, inside = zip(*find_section(page.blocks, "Parameters").rows, strict=True)
@@ -98,6 +95,12 @@ def test_every_parameter_and_setting_is_shown(result):
     assert ("processing.drop_first", "5") in page.settings
     title = find_section(page.blocks, "Held-out log <log 7>").title
     assert title.endswith(f": {validation.mean_relative_percent:.4f} %")
+    estimate, _ = result
+    partial = replace(estimate, refused=(("Fc2", "it never moved"),))
+    page = build_identification_page(partial)
+    assert any(getattr(block, "rows", ()) == partial.refused for block in page.blocks)
+    assert page.verdict.level == "usable"
+    assert "--validation" in page.blocks[-1]
 
 
 def test_the_same_result_gives_the_same_page(tmp_path, result):
@@ -107,15 +110,6 @@ def test_the_same_result_gives_the_same_page(tmp_path, result):
     assert write_page(tmp_path / "b.html", pages[1]).read_bytes() == first
 
 
-def test_refused_parameters_and_missing_validation_are_said(result):
-    estimate, _ = result
-    partial = replace(estimate, refused=(("Fc2", "it never moved"),))
-    page = build_identification_page(partial)
-    assert any(getattr(block, "rows", ()) == partial.refused for block in page.blocks)
-    assert page.verdict.level == "usable"
-    assert "--validation" in page.blocks[-1]
-
-
 @pytest.mark.parametrize(("scale", "level"), [(1.0, "good"), (1.6, "good"), (5.0, "usable")])
 def test_the_verdict_follows_the_held_out_residual(result, scale, level):
     estimate, validation = result
@@ -123,7 +117,7 @@ def test_the_verdict_follows_the_held_out_residual(result, scale, level):
     assert judge_identification(estimate, (replace(validation, residual=worse),)).level == level
 
 
-def test_a_true_value_that_was_missed_is_counted(result):
+def test_a_missed_truth_is_counted_named_and_not_good(result):
     estimate, validation = result
     first = estimate.parameters[0]
     wrong = replace(first, truth=first.value + 10 * first.std)
@@ -134,9 +128,18 @@ def test_a_true_value_that_was_missed_is_counted(result):
     page = build_identification_page(replace(estimate, parameters=(wrong,)))
     assert find_section(page.blocks, "Parameters").rows[0][-1] is False
     assert '<td class="no">no</td>' in render_page(page)
+    missed = replace(estimate, parameters=(wrong, *estimate.parameters[1:]))
+    verdict = judge_identification(missed, (validation,))
+    assert verdict.level == "usable"
+    assert first.name in verdict.headline
+    near = replace(first, truth=first.value + 3.1 * first.std)
+    chance = replace(estimate, parameters=(near, *estimate.parameters[1:]))
+    assert judge_identification(chance, (validation,)).level == "good"
+    whole = tuple(replace(entry, truth=entry.value + 5 * entry.std) for entry in estimate.parameters)
+    assert judge_identification(replace(estimate, parameters=whole), (validation,)).level == "doubtful"
 
 
-def test_thinning_keeps_peaks_and_ends_with_few_points():
+def test_thinning_keeps_peaks_and_ticks_are_round():
     rng = np.random.default_rng(3)
     x, y = np.arange(100_000.0), rng.normal(size=100_000)
     y[54_321] = 50
@@ -147,9 +150,6 @@ def test_thinning_keeps_peaks_and_ends_with_few_points():
     assert 12_345 in thin_x
     assert np.all(np.diff(thin_x) > 0)
     np.testing.assert_array_equal(thin_y, y[thin_x.astype(int)])
-
-
-def test_ticks_are_round_and_inside():
     assert Axis(low=0.0, high=1.0).choose_ticks(5) == pytest.approx((0, 0.2, 0.4, 0.6, 0.8, 1.0))
     assert Axis(low=-3.0, high=17.0).choose_ticks(5) == pytest.approx((0, 5, 10, 15))
 
@@ -180,28 +180,16 @@ def test_histograms_take_constants_and_ramps(values):
     assert "nan" not in ET.tostring(root, encoding="unicode")
 
 
-def test_a_large_residual_is_not_good_however_alike(result):
+def test_large_residuals_and_rows_of_another_kind_are_not_good(result):
     estimate, validation = result
     levels = []
     for percent in (5.0, 15.0, 40.0):
         loud = tuple(replace(entry, relative_percent=percent) for entry in validation.residual)
         levels.append(judge_identification(estimate, (replace(validation, residual=loud),)).level)
     assert levels == ["good", "usable", "doubtful"]
-
-
-def test_a_missed_truth_is_not_good_and_is_named(result):
-    estimate, validation = result
-    first = estimate.parameters[0]
-    wrong = replace(first, truth=first.value + 10 * first.std)
-    missed = replace(estimate, parameters=(wrong, *estimate.parameters[1:]))
-    verdict = judge_identification(missed, (validation,))
+    verdict = judge_identification(replace(estimate, rows="energy"), (validation,))
     assert verdict.level == "usable"
-    assert first.name in verdict.headline
-    near = replace(first, truth=first.value + 3.1 * first.std)
-    chance = replace(estimate, parameters=(near, *estimate.parameters[1:]))
-    assert judge_identification(chance, (validation,)).level == "good"
-    whole = tuple(replace(entry, truth=entry.value + 5 * entry.std) for entry in estimate.parameters)
-    assert judge_identification(replace(estimate, parameters=whole), (validation,)).level == "doubtful"
+    assert verdict.headline.startswith("On held-out logs ")
 
 
 def test_vague_parameters_and_a_bad_condition_are_not_good(result):
@@ -220,13 +208,6 @@ def test_vague_parameters_and_a_bad_condition_are_not_good(result):
         assert any(word in sentence.lower() for sentence in verdict.details)
 
 
-def test_rows_of_another_kind_say_nothing_about_carrying_over(result):
-    estimate, validation = result
-    verdict = judge_identification(replace(estimate, rows="energy"), (validation,))
-    assert verdict.level == "usable"
-    assert verdict.headline.startswith("On held-out logs ")
-
-
 def test_the_log_of_the_fit_is_no_held_out_log(result):
     estimate, held_out = result
     library = build_two_link()
@@ -241,23 +222,6 @@ def test_the_log_of_the_fit_is_no_held_out_log(result):
     own, other = (build_identification_page(estimate, (entry,)).blocks for entry in (validation, held_out))
     title = find_section(own, "Log of the fit <log 0>").title
     assert title.partition(".")[0] != find_section(other, "Held-out log <log 7>").title.partition(".")[0]
-
-
-def test_the_page_says_where_it_comes_from_and_all_notices(result):
-    estimate, validation = result
-    notices = (Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz"),)
-    text = render_page(
-        build_identification_page(estimate, (validation,), notices, ("robot arm of arm.toml",))
-    )
-    assert "a.npz: torque: multiplied by 2" in text
-    assert f"Written by symid {__version__}; robot arm of arm.toml." in text
-
-
-def test_every_table_scrolls_on_narrow_screens(result):
-    estimate, validation = result
-    text = render_page(build_identification_page(estimate, (validation,)))
-    # That of the settings breaks its lines.
-    assert text.count("<table>") == text.count('<div class="scroll"') + 1 == 7
 
 
 @pytest.mark.parametrize("rows", ["torque", "filtered", "momentum", "energy", "power"])

@@ -21,6 +21,7 @@ from symid.report.verdict import (
 )
 from symid.serialization import describe_record
 from tests.estimates import build_estimate
+from tests.refusals import raises
 
 VERDICT = FitVerdict(
     level="wrong", headline="It is off.", details=("a", "b"), cause="A sign.", remedy="Turn it."
@@ -73,10 +74,19 @@ def make_trial(robot, percent, *, std=0.1, fitted=False, rows="torque", band=Non
     )
 
 
-def test_a_verdict_is_printed_on_lines_of_its_own():
+def test_verdicts_and_tables_are_printed_on_lines_of_their_own():
     assert show_verdict(VERDICT) == "verdict: wrong - It is off.\ncause: A sign.\nremedy: Turn it."
     assert show_verdict(replace(VERDICT, cause="", remedy="")) == "verdict: wrong - It is off."
     assert list(describe_record(VERDICT)) == ["level", "headline", "cause", "remedy", "details"]
+    group = " + ".join(f"ZZ{k}" for k in range(1, 30))
+    table = Table(("group", "value"), [(group, 1.5), ("M1", 2.0)], fold=40)
+    lines = str(table).splitlines()
+    assert max(map(len, lines)) < 60
+    assert " ".join(line[:40].strip() for line in lines[2:-1]) == group.replace("\n", " ")
+    assert lines[2].endswith("1.5")
+    assert lines[-1].split() == ["M1", "2"]
+    assert group in table.write_html()
+    assert group in str(replace(table, fold=0))
 
 
 @pytest.mark.parametrize(
@@ -101,9 +111,6 @@ def test_a_fit_that_leaves_half_of_the_squared_torque_is_wrong(estimate):
     below = judge_identification(set_residual(estimate, limit - 1.0, limit - 1.0), ())
     assert below.level != "wrong"
     assert (below.cause, below.remedy) == ("", "")
-
-
-def test_one_joint_of_noise_makes_no_fit_wrong(estimate):
     assert judge_identification(set_residual(estimate, 5.0, math.inf), ()).level != "wrong"
     assert judge_identification(set_residual(estimate, math.inf, math.inf), ()).level == "wrong"
 
@@ -122,7 +129,7 @@ def test_a_held_out_log_is_judged_by_the_same_limits(robot, estimate, percent, l
     assert (both.level == "wrong") == (level == "wrong")
 
 
-def test_a_residual_larger_than_that_of_the_fit_counts(robot, estimate):
+def test_a_residual_larger_than_that_of_the_fit_counts_and_a_log_of_the_fit_not(robot, estimate):
     # Of little that is left, twice as much is good, and more does not make the log doubtful.
     for percent, std, level in (
         (5.0, 0.15, "good"),
@@ -137,9 +144,6 @@ def test_a_residual_larger_than_that_of_the_fit_counts(robot, estimate):
         judge_trial(make_trial(robot, 5.0, std=0.3, band=SimpleNamespace(band=20.0)), estimate).level
         == "good"
     )
-
-
-def test_a_log_of_the_fit_is_no_test(robot, estimate):
     verdict = judge_trial(make_trial(robot, 1.0, fitted=True), estimate)
     assert verdict.level == "usable"
     assert "no test" in verdict.headline
@@ -162,9 +166,8 @@ def test_a_fit_carries_its_verdict_everywhere(robot, estimate, tmp_path):
     assert '<p class="headline"><strong>Wrong</strong> The model does not explain' in page.file.read_text(
         encoding="utf-8"
     )
-    with pytest.raises(symid.EstimateError) as caught:
+    with raises(symid.EstimateError, "export.wrong"):
         bad.export(tmp_path / "arm.toml")
-    assert caught.value.notices[0].code == "export.wrong"
     assert not (tmp_path / "arm.toml").exists()
     written = bad.export(tmp_path / "arm.toml", accept=True)
     assert written.file.exists()
@@ -178,33 +181,18 @@ def _store(estimate, path):
     return write_fit(estimate, path, verdict=verdict)
 
 
-def test_the_stored_verdict_is_read_over(estimate, tmp_path):
+def test_the_stored_verdict_is_read_over_and_a_doubtful_one_warns(estimate, tmp_path, robot):
     fit = symid.load_fit(_store(estimate, tmp_path / "fit.json"))
     assert fit.estimate == estimate
     text = fit.save(tmp_path / "again.json").read_text(encoding="utf-8")
     assert text == (tmp_path / "fit.json").read_text(encoding="utf-8")
     assert f'"level": "{fit.verdict.level}"' in text
-
-
-def test_a_doubtful_fit_warns_and_is_accepted(robot, estimate, tmp_path):
     high = replace(estimate, parameters=tuple(replace(entry, truth=9.0) for entry in estimate.parameters))
     assert judge_identification(high, ()).level == "doubtful"
     fit = symid.load_fit(_store(high, tmp_path / "fit.json"))
     assert fit.notices[0].code == "identify.doubtful"
     assert fit.accepted
     assert np.isfinite(fit.covariance).all()
-
-
-def test_long_cells_of_a_table_are_folded_and_never_cut():
-    group = " + ".join(f"ZZ{k}" for k in range(1, 30))
-    table = Table(("group", "value"), [(group, 1.5), ("M1", 2.0)], fold=40)
-    lines = str(table).splitlines()
-    assert max(map(len, lines)) < 60
-    assert " ".join(line[:40].strip() for line in lines[2:-1]) == group.replace("\n", " ")
-    assert lines[2].endswith("1.5")
-    assert lines[-1].split() == ["M1", "2"]
-    assert group in table.write_html()
-    assert group in str(replace(table, fold=0))
 
 
 def test_a_value_near_zero_is_uncertain_only_where_its_deviation_matters(estimate):

@@ -13,39 +13,18 @@ from symid.joint_models import FrictionValues
 from symid.robot.description import Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY
 from symid.robot.toml_reader import read_robot
+from tests.chains import FRICTION, FRICTION_NAMES
+from tests.simulations import ELASTIC_CALLED
 
 G = 9.81
-ELASTIC_FUNCTIONS = (
-    "forward_dynamics",
-    "mass_matrix",
-    "gravity",
-    "energy",
-    "friction",
-    "friction_regressor",
-)
-NAMES = {
-    "none": (),
-    "coulomb-viscous": ("Fv", "Fc"),
-    "coulomb-viscous-offset": ("Fv", "Fc", "offset"),
-    "asymmetric": ("Fvp", "Fcp", "Fvn", "Fcn"),
-}
-COLUMNS = {
-    "Fv": lambda v: v,
-    "Fc": np.sign,
-    "offset": np.ones_like,
-    "Fvp": lambda v: np.maximum(v, 0.0),
-    "Fcp": lambda v: np.where(v > 0.0, 1.0, 0.0),
-    "Fvn": lambda v: np.minimum(v, 0.0),
-    "Fcn": lambda v: np.where(v < 0.0, -1.0, 0.0),
-}
 
 
 def find_friction_columns(kinds, dq):
     """Return the friction regressor (N, n, p) of joints with friction of their own."""
-    entries = [(joint, name) for joint, kind in enumerate(kinds) for name in NAMES[kind]]
+    entries = [(joint, name) for joint, kind in enumerate(kinds) for name in FRICTION_NAMES[kind]]
     out = np.zeros((*dq.shape, len(entries)))
     for k, (joint, name) in enumerate(entries):
-        out[:, joint, k] = COLUMNS[name](dq[:, joint])
+        out[:, joint, k] = FRICTION[name](dq[:, joint])
     return out
 
 
@@ -128,7 +107,7 @@ def build_library(model, beta, kinds, friction):
         "pendulum": (pendulum_mass, pendulum_bias, pendulum_energy),
         "arm": (arm_mass, arm_bias, arm_energy),
     }[model]
-    names = [f"{name}{joint}" for joint, kind in enumerate(kinds, 1) for name in NAMES[kind]]
+    names = [f"{name}{joint}" for joint, kind in enumerate(kinds, 1) for name in FRICTION_NAMES[kind]]
     card = ModelCard(
         robot=model,
         signature="",
@@ -189,4 +168,4 @@ def elastic_robot(robots_folder):
 @pytest.fixture(scope="session")
 def elastic_library(elastic_robot, c_compiler):
     """Return its compiled functions."""
-    return prepare_library(elastic_robot, names=ELASTIC_FUNCTIONS)
+    return prepare_library(elastic_robot, names=ELASTIC_CALLED)

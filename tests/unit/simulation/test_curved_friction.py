@@ -16,50 +16,16 @@ from symid.simulation.rigid_plant import (
     check_friction_at_speeds,
 )
 from tests.friction_forms import EVERY_LAW, find_torque
+from tests.refusals import raises
+from tests.simulations import CALLED, prepare_slide
 
-FILE = """
-name = "slide"
-convention = "modified"
-gravity = [0, 0, -9.81]
-[[joint]]
-name = "x"
-kind = "prismatic"
-alpha = "pi/2"
-[joint.link]
-mass = 2.0
-com = [0, 0, 0]
-[joint.friction]
-{friction}
-"""
-STRIBECK = """
-model = "stribeck"
-Fv = 3.0
-Fc = 4.0
-Fe = 2.0
-vs = 0.05
-"""
-MAKKAR = """
-model = "makkar"
-Fm = 1.0
-Fc = 4.0
-Fv = 3.0
-g2 = 90
-g3 = 20
-g5 = 100
-"""
-# The functions that a plant calls; other functions need no compiler here.
-CALLED = ("friction", "friction_regressor", "forward_dynamics", "mass_matrix", "bias")
-
-
-def prepare(friction, *, mass=2.0, backend="auto"):
-    """Return the library of a slide with what its plant calls."""
-    text = FILE.replace("mass = 2.0", f"mass = {mass}").format(friction=friction)
-    return prepare_library(parse_robot(text), names=CALLED, backend=backend)
+STRIBECK = 'model = "stribeck"\nFv = 3.0\nFc = 4.0\nFe = 2.0\nvs = 0.05'
+MAKKAR = 'model = "makkar"\nFm = 1.0\nFc = 4.0\nFv = 3.0\ng2 = 90\ng3 = 20\ng5 = 100'
 
 
 @pytest.fixture(scope="module")
 def stribeck():
-    return prepare(STRIBECK)
+    return prepare_slide(STRIBECK)
 
 
 def fall(v):
@@ -79,26 +45,18 @@ def test_its_levels_are_the_limits_at_standstill(stribeck):
     assert lines.compute_drag((0,), np.array([0.0])).tolist() == [0.0]
 
 
-def test_it_sticks_below_the_static_level_and_breaks_away_above(stribeck):
+def test_it_sticks_breaks_away_slides_and_comes_to_rest(stribeck):
     plant = RigidPlant(stribeck)
     held = plant.advance(build_rest_state(np.zeros(1)), np.array([5.999]), 0.1, 10)
     assert (held.q[0], held.dq[0], held.modes) == (0.0, 0.0, (0,))
     free = plant.advance(build_rest_state(np.zeros(1)), np.array([6.001]), 0.1, 100)
     assert free.dq[0] > 0.0
     assert free.modes == (1,)
-
-
-def test_it_slides_as_the_equation_of_motion_says(stribeck):
-    plant = RigidPlant(stribeck)
     state = plant.advance(build_rest_state(np.zeros(1)), np.array([8.0]), 0.3, 3000)
     exact = solve_ivp(lambda _t, v: (8.0 - fall(v)) / 2.0, (0, 0.3), [1e-12], rtol=1e-11, atol=1e-13)
     assert state.dq[0] == pytest.approx(exact.y[0, -1], rel=1e-7)
     kinetic = 0.5 * 2.0 * state.dq[0] ** 2
     assert state.work == pytest.approx(kinetic + state.dissipation, rel=1e-7)
-
-
-def test_it_comes_to_rest_and_stays(stribeck):
-    plant = RigidPlant(stribeck)
     moving = plant.advance(build_rest_state(np.zeros(1)), np.array([8.0]), 0.3, 300)
     rest = plant.advance(moving, np.array([0.0]), 0.5, 500)
     assert (rest.dq[0], rest.modes) == (0.0, (0,))
@@ -106,8 +64,8 @@ def test_it_comes_to_rest_and_stays(stribeck):
     assert rest.work == pytest.approx(rest.dissipation, rel=1e-6)
 
 
-def test_friction_that_is_continuous_never_sticks():
-    plant = RigidPlant(prepare(MAKKAR))
+def test_friction_that_is_continuous_never_sticks_unless_too_steep():
+    plant = RigidPlant(prepare_slide(MAKKAR))
     state = plant.advance(build_rest_state(np.zeros(1)), np.array([0.5]), 0.5, 1000)
 
     # It creeps at the speed whose friction is the force.
@@ -115,13 +73,21 @@ def test_friction_that_is_continuous_never_sticks():
         return np.tanh(90 * v) - np.tanh(20 * v) + 4 * np.tanh(100 * v) + 3 * v - 0.5
 
     assert state.dq[0] == pytest.approx(brentq(excess, 0.0, 0.1, xtol=1e-15), rel=1e-8)
+    friction = 'model = "improved_stribeck"\nFv = 1\nFc = 4\nFe = 1\nFp = 0\nvs = 0.1\ndq0 = 1e-9'
+    plant = RigidPlant(prepare_slide(friction, backend="python"))
+    with raises(SolverError, "simulate.steep-friction", match=r"'x'.* 500 steps"):
+        drive(plant, 1e-3, 100)
 
 
-def test_curved_friction_that_pushes_is_refused():
-    pushing = prepare(STRIBECK.replace("Fe = 2.0", "Fe = -5.0"), backend="python")
-    with pytest.raises(UsageError, match="joint 'x'") as caught:
+def test_curves_that_push_at_standstill_are_refused_and_bias_is_no_push():
+    pushing = prepare_slide(STRIBECK.replace("Fe = 2.0", "Fe = -5.0"), backend="python")
+    with raises(UsageError, "usage.negative-friction", match="joint 'x'"):
         build_friction_lines(pushing)
-    assert caught.value.notices[0].code == "usage.negative-friction"
+    table, _ = write_table("improved-stribeck-h4")
+    with raises(UsageError, "usage.negative-friction", match="'x'"):
+        RigidPlant(prepare_slide(table, backend="python"))
+    friction = 'model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = 1\nFp = 9\nvs = 0.1\ndq0 = 0.02'
+    assert RigidPlant(prepare_slide(friction, backend="python")).size == 1
 
 
 @pytest.mark.parametrize(
@@ -136,25 +102,18 @@ def test_curved_friction_that_pushes_is_refused():
     ],
 )
 def test_a_curve_that_pushes_at_some_speed_is_refused(friction, said):
-    library = prepare(friction, backend="python")
-    with pytest.raises(UsageError, match=said) as caught:
+    library = prepare_slide(friction, backend="python")
+    with raises(UsageError, "usage.negative-friction", match=said):
         RigidPlant(library)
-    assert caught.value.notices[0].code == "usage.negative-friction"
 
 
 def test_a_curve_that_pushes_only_beyond_the_velocity_limit_is_refused_when_it_gets_there():
     friction = 'model = "cubic"\nFv = 0.6\nFc = 0.2\nFvq = -1\nFvc = 0'
-    library = prepare(friction, backend="python")
+    library = prepare_slide(friction, backend="python")
     plant = RigidPlant(library, speeds=np.array([0.8]))
     check_friction_at_speeds(plant.friction, library.card.joints, np.array([[0.0], [0.8], [-0.8]]))
-    with pytest.raises(UsageError, match=r"0.8\d m/s") as caught:
+    with raises(UsageError, "usage.negative-friction", match=r"0.8\d m/s"):
         check_friction_at_speeds(plant.friction, library.card.joints, np.array([[0.0], [0.8], [-0.9]]))
-    assert caught.value.notices[0].code == "usage.negative-friction"
-
-
-def test_bias_is_no_push():
-    friction = 'model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = 1\nFp = 9\nvs = 0.1\ndq0 = 0.02'
-    assert RigidPlant(prepare(friction, backend="python")).size == 1
 
 
 def find_improved(v, edge):
@@ -178,7 +137,7 @@ def test_a_steep_zone_is_followed_as_an_implicit_solver_does(edge, allowed):
     values = "Fv = 8.9\nFc = 3.99\nFe = 3.33\nFp = -0.33\nvs = 0.01292"
     friction = f'model = "improved_stribeck"\n{values}\ndq0 = {edge}'
     period, count = 1e-3, 440
-    torque, speeds, state = drive(RigidPlant(prepare(friction, mass=0.08)), period, count)
+    torque, speeds, state = drive(RigidPlant(prepare_slide(friction, mass=0.08)), period, count)
     exact = [0.0]
     for value in torque:
         done = solve_ivp(
@@ -199,18 +158,10 @@ def test_a_steep_zone_is_followed_as_an_implicit_solver_does(edge, allowed):
 
 @pytest.mark.parametrize("friction", ['model = "power_law"\nFc = 1\nFd = 2\ndelta = 0.3', STRIBECK])
 def test_work_and_loss_agree_over_reversals(friction):
-    _, speeds, state = drive(RigidPlant(prepare(friction, mass=0.08)), 1e-3, 600)
+    _, speeds, state = drive(RigidPlant(prepare_slide(friction, mass=0.08)), 1e-3, 600)
     assert speeds.max() > 0.1
     assert speeds.min() < -0.1
     assert state.work == pytest.approx(0.04 * state.dq[0] ** 2 + state.dissipation, rel=1e-7)
-
-
-def test_a_zone_too_steep_to_follow_is_refused_by_name():
-    friction = 'model = "improved_stribeck"\nFv = 1\nFc = 4\nFe = 1\nFp = 0\nvs = 0.1\ndq0 = 1e-9'
-    plant = RigidPlant(prepare(friction, backend="python"))
-    with pytest.raises(SolverError, match=r"'x'.* 500 steps") as caught:
-        drive(plant, 1e-3, 100)
-    assert caught.value.notices[0].code == "simulate.steep-friction"
 
 
 def test_curved_friction_of_a_drive_of_two_joints_is_refused():
@@ -227,9 +178,8 @@ com = [0, 0, 0]
     text += joint.format(name="x") + joint.format(name="y")
     text += '[[coupling]]\nname = "m"\nterms = { x = 1, y = 1 }\n[coupling.friction]\nmodel = "stribeck"\n'
     text += "Fv = 0\nFc = 0\nFe = 1\nvs = 0.01\n"
-    with pytest.raises(UsageError, match="Fem") as caught:
+    with raises(UsageError, "usage.shared-friction", match="Fem"):
         build_friction_lines(prepare_library(parse_robot(text), names=CALLED, backend="python"))
-    assert caught.value.notices[0].code == "usage.shared-friction"
 
 
 PRINTED = {"fC": 4.0, "fS": 6.0, "fV": 3.0, "vs": 0.05, "gamma": 1.5, "dq0": 0.02, "dqs": 0.01, "fP": 0.2}
@@ -267,9 +217,9 @@ SIMULATED = [name for name in EVERY_LAW if "h4" not in name]
 
 
 @pytest.mark.parametrize("name", SIMULATED)
-def test_every_law_slides_as_the_equation_of_motion_says(name):
+def test_every_law_slides_by_its_equation_and_loses_what_the_drive_gives(name):
     table, printed = write_table(name)
-    plant = RigidPlant(prepare(table, backend="python"))
+    plant = RigidPlant(prepare_slide(table, backend="python"))
     state = plant.advance(build_rest_state(np.array([0.2])), np.array([12.0]), 0.15, 150)
 
     def slope(_t, x):
@@ -280,12 +230,7 @@ def test_every_law_slides_as_the_equation_of_motion_says(name):
     assert state.dq[0] == pytest.approx(exact.y[1, -1], rel=3e-6)
     assert state.q[0] == pytest.approx(exact.y[0, -1], rel=3e-6)
     assert state.work == pytest.approx(state.dq[0] ** 2 + state.dissipation, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", SIMULATED)
-def test_every_law_loses_what_the_drive_gives_over_reversals(name):
-    table, _ = write_table(name)
-    state, speeds, plant = build_rest_state(np.zeros(1)), [], RigidPlant(prepare(table, backend="python"))
+    state, speeds = build_rest_state(np.zeros(1)), []
     for k in range(500):
         state = plant.advance(state, np.array([12.0 * np.sin(2 * np.pi * 4.0 * k * 1e-3)]), 1e-3)
         speeds.append(float(state.dq[0]))
@@ -298,15 +243,14 @@ def test_every_law_loses_what_the_drive_gives_over_reversals(name):
 def test_the_weight_that_a_gear_carries_holds_it(side):
     """A slide that stands upright: friction of 4 N and a tenth of the weight, 19.62 N, holds it."""
     friction = 'model = "load-dependent"\nFv = 3\nFc = 4\nFl = 0.1'
-    text = FILE.replace('alpha = "pi/2"', "alpha = 0").format(friction=friction)
-    plant = RigidPlant(prepare_library(parse_robot(text), names=CALLED, backend="python"))
+    plant = RigidPlant(prepare_slide(friction, alpha="0 deg", backend="python"))
     weight, band = 2.0 * 9.81, 4.0 + 0.1 * 2.0 * 9.81
     held = plant.advance(build_rest_state(np.zeros(1)), np.array([weight + side * (band - 1e-3)]), 0.05, 10)
     assert (held.q[0], held.dq[0], held.modes) == (0.0, 0.0, (0,))
     free = plant.advance(build_rest_state(np.zeros(1)), np.array([weight + side * (band + 1e-3)]), 0.05, 100)
     assert side * free.dq[0] > 0.0
     # Lying flat, its gear carries nothing at rest.
-    plant = RigidPlant(prepare(friction, backend="python"))
+    plant = RigidPlant(prepare_slide(friction, backend="python"))
     for force, moves in ((3.999, False), (4.001, True)):
         state = plant.advance(build_rest_state(np.zeros(1)), np.array([side * force]), 0.05, 100)
         assert bool(state.dq[0]) is moves
@@ -323,13 +267,5 @@ def test_the_weight_that_a_gear_carries_holds_it(side):
     ids=lambda friction: friction.split('"')[1],
 )
 def test_laws_of_other_inputs_that_push_are_refused(friction):
-    with pytest.raises(UsageError, match="'x'") as caught:
-        RigidPlant(prepare(friction, backend="python"))
-    assert caught.value.notices[0].code == "usage.negative-friction"
-
-
-def test_the_origin_of_the_curve_beside_standstill_is_refused():
-    table, _ = write_table("improved-stribeck-h4")
-    with pytest.raises(UsageError, match="'x'") as caught:
-        RigidPlant(prepare(table, backend="python"))
-    assert caught.value.notices[0].code == "usage.negative-friction"
+    with raises(UsageError, "usage.negative-friction", match="'x'"):
+        RigidPlant(prepare_slide(friction, backend="python"))

@@ -14,6 +14,7 @@ from symid.simulation.elastic_plant import (
     simulate_in_numpy,
     simulate_plant,
 )
+from tests.simulations import ELASTIC_CALLED
 from tests.state_laws import ARM as PENDULUM, LAWS, find_rate, find_torque, give_values, write_table
 
 _SPRING = """
@@ -35,15 +36,6 @@ ARM = (
         "[joint.friction]", f"{_SPRING}[joint.friction]"
     )
     + _LIMITS
-)
-CALLED = (
-    "friction",
-    "friction_regressor",
-    "friction_step",
-    "forward_dynamics",
-    "mass_matrix",
-    "gravity",
-    "energy",
 )
 INERTIA, ROTOR, STIFFNESS, DAMPING, PERIOD = 0.03 + 2.0 * 0.2**2, 0.2, 400.0, 0.5, 1e-3
 STIFF = {"sigma0": 2e4, "sigma1": 60.0}
@@ -88,7 +80,7 @@ def solve(p, order):
 def test_motors_move_as_an_implicit_solver_says_and_the_nearer_the_shorter_the_steps(name):
     changed = STIFF if name == "lugre" else {"sigma0": 2e4}
     robot = parse_robot(ARM.format(friction=write_table(name, **changed)))
-    library = prepare_library(robot, names=CALLED)
+    library = prepare_library(robot, names=(*ELASTIC_CALLED, "friction_step"))
     plant = build_plant_robot(get_elastic_values(robot, library.card))
     exact = solve(give_values(name) | changed, order_run(1))
     assert np.ptp(exact[:, 3]) > 0.3
@@ -115,7 +107,7 @@ def test_stiffer_bristles_shorten_the_steps_and_are_another_motion():
     logs = []
     for stiffness in (2e3, 2e4):
         robot = parse_robot(ARM.format(friction=write_table("dahl", sigma0=stiffness)))
-        library = prepare_library(robot, names=CALLED)
+        library = prepare_library(robot, names=(*ELASTIC_CALLED, "friction_step"))
         plant = build_plant_robot(get_elastic_values(robot, library.card))
         ran = simulate_plant(library, plant, order_run(10, ticks=60))
         assert ran.backend == "python"

@@ -19,8 +19,8 @@ from symid.simulation.elastic_plant import (
     simulate_in_numpy,
     simulate_plant,
 )
+from tests.simulations import ELASTIC_CALLED
 
-ELASTIC_FUNCTIONS = ("forward_dynamics", "mass_matrix", "gravity", "energy", "friction", "friction_regressor")
 # The arm of the robot file in closed form, hanging down at q = 0.
 L, G, ZZ1, ZZ2, MX1, MX2 = 0.3, 9.81, 0.35, 0.06, 0.9, 0.25
 B, FV, FC, V0 = np.array([0.25, 0.05]), np.array([1.0, 0.5]), np.array([1.5, 0.6]), 0.01
@@ -105,12 +105,10 @@ def order_run(ticks=250, period=1e-3, substeps=10, parts=16, **changes):
         stiffness=np.array([4000.0, 1500.0]),
         damping=np.array([120.0, 40.0]),
         limit=np.array([np.inf, np.inf]),
-        step=np.zeros(2),
+        **dict.fromkeys(("step", "q", "theta"), np.zeros(2)),
         period=period,
         substeps=substeps,
         parts=parts,
-        q=np.zeros(2),
-        theta=np.zeros(2),
         play=np.zeros((2, 3)),
     )
     return replace(order, **changes)
@@ -150,7 +148,9 @@ def stack(log):
     return np.hstack([log.q, log.dq, log.theta, log.dtheta])
 
 
-def test_the_plant_agrees_with_an_event_driven_integrator(plant, elastic_library, numbers, truth):
+def test_the_plant_agrees_with_an_event_driven_integrator_and_keeps_its_order(
+    plant, elastic_library, numbers, truth
+):
     log = plant.run(elastic_library, numbers, order_run())
     # The torsion reaches every stop and both knees, and turns.
     phi = log.theta - log.q
@@ -166,8 +166,6 @@ def test_the_plant_agrees_with_an_event_driven_integrator(plant, elastic_library
     assert gap[:, positions].max() < 5e-10
     assert gap[:, speeds].max() < 5e-7
 
-
-def test_steps_in_parts_keep_the_order_of_the_method(plant, elastic_library, numbers, truth):
     def find_gap(substeps, parts):
         log = plant.run(elastic_library, numbers, order_run(substeps=substeps, parts=parts))
         return np.abs(log.q - truth[:, :2]).max()
@@ -181,23 +179,11 @@ def test_numpy_and_compiled_plant_agree(plant, elastic_library, numbers, values)
     cubic = tuple(replace(spring, cubic=2e5, damping=0.4) for spring in values.elasticity)
     for robot in (numbers, build_plant_robot(replace(values, elasticity=cubic))):
         order = order_run(ticks=120, step=np.full(2, 1e-4), limit=np.array([9.0, 2.5]), substeps=4)
-        fast, slow = (
-            plant.run(elastic_library, robot, order),
-            simulate_in_numpy(elastic_library, robot, order),
-        )
+        fast = plant.run(elastic_library, robot, order)
+        slow = simulate_in_numpy(elastic_library, robot, order)
         assert fast.ticks == slow.ticks == order.ticks
-        for name in (
-            "q",
-            "dq",
-            "theta",
-            "dtheta",
-            "spring",
-            "torque",
-            "work",
-            "friction",
-            "elastic",
-            "damped",
-        ):
+        names = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
+        for name in names:
             np.testing.assert_allclose(getattr(fast, name), getattr(slow, name), atol=1e-10, err_msg=name)
         assert np.abs(fast.torque).max(axis=0).tolist() == [9.0, 2.5]
 
@@ -234,7 +220,7 @@ def set_friction(robot, *laws):
 @pytest.mark.parametrize("laws", PAIRS, ids=lambda laws: f"{laws[0][0]} {laws[1][0]}")
 def test_friction_of_load_position_and_temperature_is_that_of_the_integrator(plant, elastic_robot, laws):
     robot = set_friction(elastic_robot, *laws)
-    library = prepare_library(robot, names=ELASTIC_FUNCTIONS)
+    library = prepare_library(robot, names=ELASTIC_CALLED)
     numbers = build_plant_robot(get_elastic_values(robot, library.card))
     order = order_run(ticks=80, substeps=20)
 
@@ -253,7 +239,7 @@ def test_numpy_and_compiled_plant_agree_where_friction_reads_everything(plant, e
     first, second = elastic_robot.joints
     third = replace(second, name="wrist", parent=1)
     robot = set_friction(replace(elastic_robot, joints=(first, second, third)), WARM, LOADED, WAVING)
-    library = prepare_library(robot, names=ELASTIC_FUNCTIONS)
+    library = prepare_library(robot, names=ELASTIC_CALLED)
     assert library.card.friction_inputs == ("q", "load", "temperature")
     numbers = build_plant_robot(get_elastic_values(robot, library.card))
     motion = np.stack([0.05 * np.sin(np.arange(60) * rate) for rate in (0.04, 0.06, 0.05)], axis=1)
@@ -345,13 +331,10 @@ def test_spring_work_is_exact_on_any_path(numbers):
             assert found == pytest.approx(wanted, abs=2e-9)
 
 
-def test_the_same_order_gives_the_same_bytes(plant, elastic_library, numbers):
+def test_the_same_order_gives_the_same_bytes_until_a_state_is_not_finite(plant, elastic_library, numbers):
     first, second = (plant.run(elastic_library, numbers, order_run()) for _ in range(2))
     assert first.q.tobytes() == second.q.tobytes()
     assert first.elastic.tobytes() == second.elastic.tobytes()
-
-
-def test_a_state_that_is_not_finite_ends_the_run(plant, elastic_library, numbers):
     order = order_run(stiffness=np.array([-1e9, -1e9]), damping=np.array([-1e6, -1e6]))
     with np.errstate(all="ignore"):
         for log in (
@@ -361,16 +344,13 @@ def test_a_state_that_is_not_finite_ends_the_run(plant, elastic_library, numbers
             assert 0 < log.ticks < order.ticks
 
 
-def test_without_compiled_functions_numpy_does_it_and_says_so(arm, numbers):
+def test_without_compiled_code_numpy_does_it_and_says_why(arm, numbers, elastic_library, monkeypatch):
     assert not has_addresses(arm)
     robot = replace(numbers, beta=np.array([ZZ1 + 0.2, ZZ2, 0.05, 1.0, MX2]), friction=np.zeros(0))
     run = simulate_plant(arm, robot, order_run(ticks=5))
     assert run.backend == "python"
     assert [notice.code for notice in run.notices] == ["simulate.slow-plant"]
     assert "not compiled" in run.notices[0].text
-
-
-def test_without_a_compiler_numpy_does_it_and_says_so(elastic_library, numbers):
     order = order_run(ticks=5)
     run = simulate_plant(elastic_library, numbers, order, compiler="no-such-compiler")
     assert [notice.code for notice in run.notices] == ["simulate.slow-plant"]
@@ -378,9 +358,6 @@ def test_without_a_compiler_numpy_does_it_and_says_so(elastic_library, numbers):
     fast = simulate_plant(elastic_library, numbers, order)
     assert (fast.backend, fast.notices) == ("c", ())
     np.testing.assert_allclose(run.log.theta, fast.log.theta, atol=1e-14)
-
-
-def test_a_compiler_that_fails_is_told(elastic_library, numbers, monkeypatch):
     from symid.errors import GenerationError, Notice
 
     def fail(*_, **__):

@@ -117,9 +117,6 @@ def test_a_spring_at_rest_carries_its_load(values):
         rest = compute_rest(plant, np.array(load), ("a", "b"), elements)
         torque = elements.compute(rest.phi, np.zeros(2), 0.0, rest.play)
         np.testing.assert_allclose(torque, load, rtol=1e-9, atol=1e-9)
-
-
-def test_springs_with_stops_alone_are_no_elements(values):
     plain = Elasticity(stiffness=3.0, stops=(Stop(threshold=0.1, stiffness=1.0),))
     assert build_elements(replace(values, elasticity=(plain, plain))) is None
 

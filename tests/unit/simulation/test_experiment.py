@@ -17,6 +17,7 @@ from symid.simulation.experiment import (
     quantise,
     simulate_experiment,
 )
+from tests.refusals import raises
 
 CLEAN = ExperimentOptions(duration=3.0, sensors=SensorOptions(counts_per_turn=None))
 
@@ -25,33 +26,14 @@ def simulate(robot, library, options=CLEAN, seed=1, trajectory=None):
     return simulate_experiment(robot, library, trajectory or build_ta(), options, np.random.default_rng(seed))
 
 
-def test_a_clean_run_closes_its_energy_balance(make_robot, arm):
+def test_a_clean_run_closes_its_energy_balance_and_moves_by_its_equation(make_robot, arm):
     run = simulate(make_robot(2), arm)
     assert run.energy_gap < 1e-6
     assert run.events > 2
     assert run.work[0] == run.dissipation[0] == 0.0
-
-
-def test_the_energy_gap_sees_a_wrong_dissipation(make_robot, arm):
-    run = simulate(make_robot(2), arm)
     assert replace(run, dissipation=1.01 * run.dissipation).energy_gap > 1e-4
-
-
-def test_work_is_the_sum_of_held_torque_times_motion(make_robot, arm):
-    run = simulate(make_robot(2), arm)
     steps = np.einsum("ij,ij->i", run.torque[:-1], np.diff(run.q, axis=0))
     np.testing.assert_allclose(run.work[1:], np.cumsum(steps), rtol=1e-9, atol=1e-10)
-
-
-def test_the_arm_follows_its_reference(make_robot, arm):
-    run = simulate(make_robot(2), arm, ExperimentOptions(duration=3.0, bandwidth=15.0))
-    # Gravity bends a PD loop; what is asked here is that it moves as told.
-    late = run.recording.time > 1.0
-    assert np.corrcoef(run.q[late, 0], run.desired[late, 0])[0, 1] > 0.99
-
-
-def test_the_log_satisfies_the_equation_of_motion(make_robot, arm):
-    run = simulate(make_robot(2), arm)
     q, dq = run.q, run.dq
     ddq = np.gradient(dq, 1e-3, axis=0)
     beta = np.array([entry.value for entry in arm.card.beta])
@@ -67,14 +49,22 @@ def test_the_log_satisfies_the_equation_of_motion(make_robot, arm):
     assert gap.max() < 2e-3 * np.abs(run.recording.torque).max()
 
 
-def test_the_same_seed_gives_the_same_bytes(make_robot, arm):
+def test_the_arm_follows_its_reference_with_its_gains(make_robot, arm):
+    run = simulate(make_robot(2), arm, ExperimentOptions(duration=3.0, bandwidth=15.0))
+    # Gravity bends a PD loop; what is asked here is that it moves as told.
+    late = run.recording.time > 1.0
+    assert np.corrcoef(run.q[late, 0], run.desired[late, 0])[0, 1] > 0.99
+    stiff = replace(CLEAN, duration=1.0, stiffness=(9000.0, 2000.0), damping=(200.0, 40.0))
+    soft = simulate(make_robot(2), arm, replace(CLEAN, duration=1.0, bandwidth=6.0))
+    run = simulate(make_robot(2), arm, stiff)
+    assert np.abs(run.q - run.desired).max() < 0.3 * np.abs(soft.q - soft.desired).max()
+
+
+def test_the_same_seed_gives_the_same_bytes_and_limits_hold(make_robot, arm):
     options = replace(CLEAN, duration=0.5, sensors=SensorOptions(torque_noise=(0.1,)))
     first, second = (simulate(make_robot(2), arm, options, seed=7).recording.torque for _ in range(2))
     assert first.tobytes() == second.tobytes()
     assert simulate(make_robot(2), arm, options, seed=8).recording.torque.tobytes() != first.tobytes()
-
-
-def test_torque_limits_hold_and_are_said(make_robot, arm):
     # Its weight takes up to 36.3 N m.
     robot = make_robot(2, limits=(Limits(torque=36.0), Limits()))
     run = simulate(robot, arm, replace(CLEAN, duration=1.0))
@@ -84,21 +74,24 @@ def test_torque_limits_hold_and_are_said(make_robot, arm):
     assert "joint1" in run.recording.notices[1].text
 
 
-def test_an_arm_that_is_heavier_than_its_drives_is_refused(make_robot, arm):
+def test_arms_that_are_not_held_are_refused(make_robot, arm):
     robot = make_robot(2, limits=(Limits(torque=20.0), Limits()))
-    with pytest.raises(SolverError, match=r"'joint1'.*36.3 N m.*torque limit is 20 N m") as caught:
+    with raises(SolverError, "simulate.not-held", match=r"'joint1'.*36.3 N m.*torque limit is 20 N m"):
         simulate(robot, arm, replace(CLEAN, duration=1.0))
-    assert [notice.code for notice in caught.value.notices] == ["simulate.not-held"]
-
-
-def test_soft_gains_that_let_a_joint_go_are_refused(make_robot, arm):
     law = Controller(stiffness=(1.0, 1.0), damping=(1.0, 1.0), offset=(0.0, 0.0))
-    with pytest.raises(SolverError, match=r"gains are too low") as caught:
+    with raises(SolverError, "simulate.not-held", match=r"gains are too low"):
         simulate(make_robot(2), arm, replace(CLEAN, controller=law))
-    assert {notice.code for notice in caught.value.notices} == {"simulate.not-held"}
 
 
-def test_gains_of_a_stated_bandwidth_that_differ_are_said(make_robot, arm):
+def test_a_run_begins_without_a_fall_and_says_its_gains(make_robot, arm):
+    # The reference does not move yet, and the weight is carried from the first tick on.
+    run = simulate(make_robot(2), arm, replace(CLEAN, duration=0.2))
+    weight = arm.bias(run.q[0], np.zeros(2), np.array([entry.value for entry in arm.card.beta]))
+    assert np.abs(weight).max() > 20.0
+    np.testing.assert_allclose(run.torque[0], weight, rtol=1e-12)
+    np.testing.assert_allclose(run.recording.torque[0], weight, rtol=1e-12)
+    assert np.abs(run.dq[:20]).max() < 1e-4
+
     def tell(bandwidth):
         run = simulate(make_robot(2), arm, replace(CLEAN, duration=0.2, bandwidth=bandwidth))
         codes = {notice.code: notice.text for notice in run.recording.notices}
@@ -111,58 +104,27 @@ def test_gains_of_a_stated_bandwidth_that_differ_are_said(make_robot, arm):
     assert "lowest inertia" in text
 
 
-def test_a_run_begins_without_a_fall(make_robot, arm):
-    # The reference does not move yet, and the weight is carried from the first tick on.
-    run = simulate(make_robot(2), arm, replace(CLEAN, duration=0.2))
-    weight = arm.bias(run.q[0], np.zeros(2), np.array([entry.value for entry in arm.card.beta]))
-    assert np.abs(weight).max() > 20.0
-    np.testing.assert_allclose(run.torque[0], weight, rtol=1e-12)
-    np.testing.assert_allclose(run.recording.torque[0], weight, rtol=1e-12)
-    assert np.abs(run.dq[:20]).max() < 1e-4
-
-
-def test_own_gains_are_used(make_robot, arm):
-    stiff = replace(CLEAN, duration=1.0, stiffness=(9000.0, 2000.0), damping=(200.0, 40.0))
-    soft = simulate(make_robot(2), arm, replace(CLEAN, duration=1.0, bandwidth=6.0))
-    run = simulate(make_robot(2), arm, stiff)
-    assert np.abs(run.q - run.desired).max() < 0.3 * np.abs(soft.q - soft.desired).max()
-
-
-def test_an_unstable_loop_is_an_error_with_a_remedy(make_robot, arm):
-    with pytest.raises(SolverError, match="400 Hz") as caught:
+def test_unstable_loops_and_massless_robots_are_errors_with_a_remedy(make_robot, arm, make_library):
+    with raises(SolverError, "simulate.unstable", match="400 Hz"):
         simulate(make_robot(2), arm, replace(CLEAN, bandwidth=400.0))
-    assert caught.value.notices[0].code == "simulate.unstable"
-
-
-def test_leaving_ten_times_the_limits_is_running_away(make_robot, arm):
     robot = make_robot(2, limits=(Limits(position=(-0.5, 0.5)), Limits(position=(-0.5, 0.5))))
     # Carried where it hangs on, but pushed by its own speed: the arm leaves its pose and swings through.
     weak = replace(CLEAN, duration=4.0, stiffness=(1e-3, 1e-3), damping=(-6.0, -6.0))
-    with pytest.raises(SolverError) as caught:
+    with raises(SolverError, "simulate.unstable"):
         simulate(robot, arm, weak)
-    assert caught.value.notices[0].code == "simulate.unstable"
-
-
-def test_a_robot_without_inertia_is_an_error_with_a_remedy(make_robot, make_library):
     kinds, friction = ("coulomb-viscous", "coulomb-viscous"), (0.1, 0.1, 0.1, 0.1)
     massless = make_library("arm", (1.0, 0.0, 0.0, 1.0, 0.0), kinds, friction)
-    with pytest.raises(SolverError, match=r"'robot'.*rotor_inertia") as caught:
+    with raises(SolverError, "simulate.massless", match=r"'robot'.*rotor_inertia"):
         simulate(make_robot(2), massless)
-    assert caught.value.notices[0].code == "simulate.massless"
 
 
-def test_a_balance_that_does_not_close_is_an_error_with_a_remedy(make_robot, arm):
+def test_balances_that_do_not_close_or_are_not_finite_are_errors(make_robot, arm):
     arm.energy = lambda q, dq, _beta: (dq @ dq, np.sin(q[0]))
-    with pytest.raises(SolverError, match=r"error of \d.*1e-06") as caught:
+    with raises(SolverError, "simulate.energy", match=r"error of \d.*1e-06"):
         simulate(make_robot(2), arm, replace(CLEAN, duration=0.5))
-    assert caught.value.notices[0].code == "simulate.energy"
-
-
-def test_a_run_that_is_not_finite_is_an_error(make_robot, arm):
     arm.energy = lambda _q, _dq, _beta: (np.nan, 0.0)
-    with pytest.raises(SolverError) as caught:
+    with raises(SolverError, "simulate.not-finite"):
         simulate(make_robot(2), arm, replace(CLEAN, duration=0.1))
-    assert caught.value.notices[0].code == "simulate.not-finite"
 
 
 @pytest.mark.parametrize("duration", [np.inf, np.nan])
@@ -173,24 +135,20 @@ def test_a_duration_without_end_is_refused(make_robot, arm, duration):
 
 def test_all_sizes_that_do_not_fit_are_said_at_once(make_robot, arm):
     options = replace(CLEAN, stiffness=(1.0,), period=0.0)
-    with pytest.raises(UsageError) as caught:
+    with raises(UsageError, *["usage.experiment"] * 2) as caught:
         simulate(make_robot(1), arm, options, trajectory=build_tb(0, size=3))
-    assert {notice.code for notice in caught.value.notices} == {"usage.experiment"}
     text = str(caught.value)
     for part in ("robot has 1", "trajectory 3", "library 2"):
         assert part in text
     assert "period 0 s" in text
 
 
-def test_encoders_round_to_whole_steps(make_robot):
+def test_encoders_round_and_torque_noise_has_its_deviation(make_robot):
     step = get_encoder_turns(make_robot(2)) / 4096.0
     q = np.random.default_rng(3).normal(size=(200, 2))
     counts = quantise(q, step) / (2 * np.pi / 4096)
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert np.abs(quantise(q, step) - q).max() <= np.pi / 4096 * (1 + 1e-12)
-
-
-def test_torque_noise_has_its_standard_deviation():
     sensors = SensorOptions(torque_noise=(0.5, 2.0))
     noisy = add_torque_noise(np.zeros((20_000, 2)), sensors, np.random.default_rng(5))
     np.testing.assert_allclose(noisy.std(axis=0), [0.5, 2.0], rtol=0.03)
@@ -212,6 +170,5 @@ def test_torque_noise_has_its_standard_deviation():
     ],
 )
 def test_sensors_that_cannot_be(options, code, text):
-    with pytest.raises(UsageError, match=text) as caught:
+    with raises(UsageError, code, match=text):
         check_sensors(options, 2)
-    assert [notice.code for notice in caught.value.notices] == [code]

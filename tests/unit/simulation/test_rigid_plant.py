@@ -10,17 +10,17 @@ from symid.codegen import RigidExperiment
 from symid.codegen.cache import prepare_library
 from symid.errors import SolverError
 from symid.excitation.trajectories import build_random_fourier
-from symid.robot.toml_reader import parse_robot
 from symid.robot.urdf_reader import read_urdf
 from symid.simulation import rigid_plant
 from symid.simulation.experiment import ExperimentOptions, SensorOptions, get_limits, simulate_experiment
 from symid.simulation.rigid_plant import RigidPlant, simulate_rigid_plant
+from tests.refusals import raises
+from tests.simulations import CALLED, prepare_slide
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
-CALLED = ("friction", "friction_regressor", "forward_dynamics", "mass_matrix", "bias", "energy")
 LINK = """
-<link name="{name}"><inertial><origin xyz="0.02 {y} 0.1" rpy="0.1 0 0.2"/><mass value="{mass}"/>
+<link name="{name}"><inertial><origin xyz="0.02 0.01 0.1" rpy="0.1 0 0.2"/><mass value="{mass}"/>
 <inertia ixx="{ixx}" ixy="0.001" ixz="0" iyy="{ixx}" iyz="0.0005" izz="0.01"/></inertial></link>
 <joint name="j_{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>
 <origin xyz="0.05 0 0.3" rpy="0 0.3 0"/><axis xyz="{axis}"/>
@@ -31,20 +31,9 @@ LINK = """
 def write_arm(*, damping=0.4, dry=0.0, last=0.02, effort=0.0):
     """Return a URDF of three links; the last one has the inertia `last`."""
     rows = [("a", "base", "0 0 1", 3.0, 0.03), ("b", "a", "0 1 0", 2.0, 0.03), ("c", "b", "1 0 0", 1.0, last)]
-    links = [
-        LINK.format(
-            name=name,
-            parent=parent,
-            axis=axis,
-            mass=mass,
-            ixx=ixx,
-            y=0.01,
-            damping=damping,
-            dry=dry,
-            effort=effort,
-        )
-        for name, parent, axis, mass, ixx in rows
-    ]
+    names = ("name", "parent", "axis", "mass", "ixx")
+    shared = {"damping": damping, "dry": dry, "effort": effort}
+    links = [LINK.format(**dict(zip(names, row, strict=True)), **shared) for row in rows]
     return f'<robot name="arm"><link name="base"/>{"".join(links)}</robot>'
 
 
@@ -62,50 +51,21 @@ def make_arm(tmp_path_factory, c_compiler):
     return build
 
 
-SLIDE = """
-name = "slide"
-convention = "modified"
-gravity = [0, 0, -9.81]
-[[joint]]
-name = "x"
-kind = "prismatic"
-alpha = "pi/2"
-[joint.link]
-mass = {mass}
-com = [0, 0, 0]
-[joint.friction]
-{friction}
-"""
-
-
-def prepare_slide(friction, mass):
-    states = ("friction_step",) if "sigma0" in friction or "share" in friction else ()
-    robot = parse_robot(SLIDE.format(mass=mass, friction=friction))
-    return prepare_library(robot, names=(*CALLED, *states))
-
-
 def push(torque, q=None, **changes):
     """Return the experiment of a robot at `q` (n,), without controller, under torques (N, n)."""
     size = torque.shape[1]
     rest, free = np.zeros(size), np.full(size, np.inf)
     start = rest if q is None else np.array(q)
     order = RigidExperiment(
-        position=np.zeros_like(torque),
-        speed=np.zeros_like(torque),
         torque=torque,
-        stiffness=rest,
-        damping=rest,
-        limit=free,
-        step=rest,
-        reach=free,
+        **dict.fromkeys(("position", "speed"), np.zeros_like(torque)),
+        **dict.fromkeys(("stiffness", "damping", "step", "dq", "velocity"), rest),
+        **dict.fromkeys(("limit", "reach"), free),
+        **dict.fromkeys(("q", "measured"), start),
         period=1e-3,
         substeps=1,
         blend=1.0,
         sensed=False,
-        q=start,
-        dq=rest,
-        measured=start,
-        velocity=rest,
     )
     return replace(order, **changes)
 
@@ -206,14 +166,6 @@ def test_implicit_steps_follow_a_smooth_law_as_radau_does(c_compiler):
     np.testing.assert_allclose([log.q[-1, 0], log.dq[-1, 0]], x, rtol=1e-5)
 
 
-def test_half_the_step_changes_nothing_that_is_seen(make_arm):
-    _, library = make_arm(dry=1.5)
-    plant, order = RigidPlant(library), push(swing(150, (8.0, 20.0, 3.0), 5.0), [0.3, -0.4, 0.5])
-    whole = simulate_rigid_plant(library, plant, order).log
-    half = simulate_rigid_plant(library, plant, replace(order, substeps=2)).log
-    np.testing.assert_allclose(whole.q, half.q, rtol=0, atol=2e-6)
-
-
 CLEAN = ExperimentOptions(duration=2.0, sensors=SensorOptions(counts_per_turn=None))
 
 
@@ -224,30 +176,31 @@ def simulate(arm, options=CLEAN, scale=1.0):
     return simulate_experiment(robot, library, motion, options, np.random.default_rng(1))
 
 
-def test_friction_that_stops_a_light_wrist_at_once_is_followed(make_arm):
+def test_light_wrists_and_limits_of_zero_are_simulated(make_arm):
     # The damping stops the last link at 5 / 1e-4 = 5e4 / s, far from stable at steps of 1 ms.
     run = simulate(make_arm(damping=5.0, last=1e-4))
     assert run.energy_gap < 1e-6
     assert np.abs(run.q - run.desired).max() < 0.2
+    robot, library = make_arm(dry=1.5, effort=0.0)
+    assert np.all(np.isinf(get_limits(robot, "torque")))
+    assert np.abs(simulate((robot, library), replace(CLEAN, duration=0.2)).torque).max() > 1.0
+    _, library = make_arm(dry=1.5)
+    plant, order = RigidPlant(library), push(swing(150, (8.0, 20.0, 3.0), 5.0), [0.3, -0.4, 0.5])
+    whole = simulate_rigid_plant(library, plant, order).log
+    half = simulate_rigid_plant(library, plant, replace(order, substeps=2)).log
+    np.testing.assert_allclose(whole.q, half.q, rtol=0, atol=2e-6)
 
 
-def test_a_bandwidth_that_is_too_high_for_the_period_is_lowered_and_said(make_arm):
+def test_bandwidths_and_gains_that_are_too_high_are_lowered_or_told(make_arm):
     run = simulate(make_arm(damping=0.0), replace(CLEAN, period=8e-3))
     notice = next(entry for entry in run.recording.notices if entry.code == "simulate.bandwidth")
     assert "--bandwidth" in notice.text
     assert "--period" in notice.text
     assert run.energy_gap < 1e-6
-
-
-def test_a_robot_out_of_control_is_told_with_its_joint(make_arm):
-    with pytest.raises(
-        SolverError, match=r"'j_[abc]'.*--bandwidth \(300 Hz\).*--stiffness.*--period"
-    ) as caught:
+    with raises(
+        SolverError, "simulate.unstable", match=r"'j_[abc]'.*--bandwidth \(300 Hz\).*--stiffness.*--period"
+    ):
         simulate(make_arm(damping=0.0), replace(CLEAN, bandwidth=300.0))
-    assert caught.value.notices[0].code == "simulate.unstable"
-
-
-def test_gains_that_are_stated_are_what_is_to_be_lowered(make_arm):
     wild = replace(CLEAN, stiffness=(9e5,) * 3, damping=(9e3,) * 3)
     with pytest.raises(SolverError, match=r"lower the gains \(--stiffness, --damping\)") as caught:
         simulate(make_arm(damping=0.0), wild)
@@ -284,15 +237,8 @@ def test_no_choice_of_resting_joints_is_an_error_in_both_plants(make_arm, monkey
     plant.beta = -plant.beta
     if not compiled:
         monkeypatch.setattr(rigid_plant, "load_plant_code", lambda *_, **__: None)
-    with pytest.raises(SolverError, match="not positive definite") as caught:
+    with raises(SolverError, "simulate.not-converged", match="not positive definite"):
         simulate_rigid_plant(library, plant, push(swing(20, (8.0, 20.0, 3.0), 5.0)))
-    assert caught.value.notices[0].code == "simulate.not-converged"
-
-
-def test_a_limit_of_zero_in_a_urdf_is_an_unknown_one(make_arm):
-    robot, library = make_arm(dry=1.5, effort=0.0)
-    assert np.all(np.isinf(get_limits(robot, "torque")))
-    assert np.abs(simulate((robot, library), replace(CLEAN, duration=0.2)).torque).max() > 1.0
 
 
 @pytest.mark.parametrize("kind", [int, np.float32])

@@ -10,23 +10,16 @@ import symid
 from symid.codegen.cache import prepare_library
 from symid.robot.toml_reader import parse_robot
 from symid.simulation.rigid_plant import RigidPlant, build_rest_state
+from tests.simulations import CALLED
 from tests.state_laws import ARM, LAWS, find_level, find_rate, find_torque, give_values, write_table
 
-CALLED = (
-    "friction",
-    "friction_regressor",
-    "friction_step",
-    "forward_dynamics",
-    "mass_matrix",
-    "bias",
-    "energy",
-)
 INERTIA, WEIGHT, PERIOD = 0.03 + 2.0 * 0.2**2, 2.0 * 9.81 * 0.2, 1e-3
 STIFF = {"sigma0": 1e5, "sigma1": 100.0}
 
 
 def prepare(name, **changed):
-    return prepare_library(parse_robot(ARM.format(friction=write_table(name, **changed))), names=CALLED)
+    robot = parse_robot(ARM.format(friction=write_table(name, **changed)))
+    return prepare_library(robot, names=(*CALLED, "friction_step"))
 
 
 def give_torque(count):
@@ -76,7 +69,7 @@ def test_it_moves_as_an_implicit_solver_says_and_the_nearer_the_shorter_the_step
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_work_is_motion_and_bent_bristles_and_heat(name):
+def test_work_is_motion_bent_bristles_and_heat_with_long_and_short_steps(name):
     library = prepare(name)
     plant, states = drive(library, give_torque(400))
     q, dq = (np.array([getattr(state, part) for state in states]) for part in ("q", "dq"))
@@ -94,15 +87,18 @@ def test_work_is_motion_and_bent_bristles_and_heat(name):
     # No bristle bends more than the largest level, and no element than its share.
     share = np.atleast_1d(p.get("share", 1.0)) / stiffness * find_level(p, 0.0)
     assert all(np.all(np.abs(state.bristles) <= share * (1.0 + 1e-9)) for state in states)
-
-
-@pytest.mark.parametrize("name", LAWS)
-def test_shorter_steps_change_little(name):
     torque, library = give_torque(150), prepare(name)
     once, often = (drive(library, torque, substeps)[1] for substeps in (1, 8))
     speeds = np.array([[one.dq[0], other.dq[0]] for one, other in zip(once, often, strict=True)])
     assert np.ptp(speeds[:, 0]) > 0.3
     assert np.abs(np.diff(speeds, axis=1)).max() <= 1e-4 * np.abs(speeds).max()
+    p, library = give_values(name), prepare(name)
+    most, offset = find_level(p, 0.0), p.get("offset", 0.0)
+    for share, slides in ((0.9, False), (1.1, True)):
+        # Slowly, or bristles without damping swing beyond it.
+        ramp = WEIGHT + offset + share * most * np.minimum(np.arange(600) / 400.0, 1.0)
+        _, states = drive(library, ramp)
+        assert bool(abs(states[-1].dq[0]) > 0.05) is slides
 
 
 def test_small_pushes_meet_a_spring_and_a_damper():
@@ -116,17 +112,6 @@ def test_small_pushes_meet_a_spring_and_a_damper():
     swing = np.exp(-decay * time) * (np.cos(turn * time) + decay / turn * np.sin(turn * time))
     expected = push / p["sigma0"] * (1.0 - swing)
     assert np.abs([state.q[0] for state in states] - expected).max() <= 3e-4 * expected.max()
-
-
-@pytest.mark.parametrize("name", LAWS)
-def test_it_creeps_within_its_bristles_and_breaks_away_beyond(name):
-    p, library = give_values(name), prepare(name)
-    most, offset = find_level(p, 0.0), p.get("offset", 0.0)
-    for share, slides in ((0.9, False), (1.1, True)):
-        # Slowly, or bristles without damping swing beyond it.
-        ramp = WEIGHT + offset + share * most * np.minimum(np.arange(600) / 400.0, 1.0)
-        _, states = drive(library, ramp)
-        assert bool(abs(states[-1].dq[0]) > 0.05) is slides
 
 
 def test_a_run_of_a_robot_logs_and_balances(tmp_path):
@@ -152,7 +137,7 @@ def test_joints_with_a_state_move_beside_joints_that_stick():
         )
     ]
     text = ARM.split("[[joint]]", maxsplit=1)[0] + "[[joint]]" + "[[joint]]".join(joints)
-    library = prepare_library(parse_robot(text), names=CALLED)
+    library = prepare_library(parse_robot(text), names=(*CALLED, "friction_step"))
     plant = RigidPlant(library)
     states = [build_rest_state(np.zeros(3), 3)]
     weight = plant.compute_weight(np.zeros(3))

@@ -66,16 +66,12 @@ def runs():
 
 
 @pytest.mark.parametrize("truth", TRUTHS)
-def test_work_is_stored_moves_or_is_lost(runs, truth):
+def test_work_is_stored_moves_or_is_lost_and_half_the_step_changes_little(runs, truth):
     coarse, fine = (np.abs(run.gap).max() / np.abs(run.work).max() for run in runs[truth])
     assert coarse < 2e-5
     assert fine < 0.7 * coarse
     # Nothing gives energy that it did not get.
     assert np.diff(runs[truth][1].loss).min() >= -1e-7 * runs[truth][1].loss[-1]
-
-
-@pytest.mark.parametrize("truth", TRUTHS)
-def test_half_the_step_gives_the_same_motion(runs, truth):
     coarse, fine = runs[truth]
     # A step of the encoder in the loop may fall to another tick: 6e-6 rad.
     assert np.abs(coarse.q - fine.q).max() < 6e-6
@@ -83,12 +79,19 @@ def test_half_the_step_gives_the_same_motion(runs, truth):
     assert np.abs(coarse.joint_torque - fine.joint_torque).max() < 5e-4 * most
 
 
-def test_the_spatial_arm_keeps_its_energy_too():
+def test_the_spatial_arm_keeps_its_energy_and_truths_have_a_size():
     arm, hidden = ARMS["3r"], build_truth(ARMS["3r"], "all-together")
     motions = build_motions(3, 0.03)[:2]
     for run in simulate_plant_runs(arm, [hidden] * 2, motions):
         assert np.abs(run.gap).max() < 3e-5 * np.abs(run.work).max()
         assert np.all(np.abs(run.torsion).max(axis=0) > 3e-4)
+    small, large = (build_truth(ARMS["3r"], "all-together", size) for size in (0.5, 2.0))
+    for name in ("branch", "ripple", "kinematic", "lag", "eccentricity", "encoder_lag"):
+        assert getattr(large, name) == pytest.approx(4.0 * getattr(small, name))
+    # Presliding is longer, and the hysteretic part of a spring larger.
+    assert np.all(large.bristle < small.bristle)
+    assert np.all(large.hysteretic > small.hysteretic)
+    assert large.hysteretic + large.linear == pytest.approx(ARMS["3r"].stiffness)
 
 
 def test_every_truth_is_another_one(runs):
@@ -105,13 +108,3 @@ def test_every_truth_is_another_one(runs):
     assert noise == pytest.approx(0.02 * np.sqrt(np.mean(family.command**2, axis=0)), rel=0.1)
     again = observe_plant(family, plain, np.random.default_rng(1))
     assert np.array_equal(again.torque, logs[0].torque)
-
-
-def test_the_size_of_a_truth_is_that_of_what_is_foreign():
-    small, large = (build_truth(ARMS["3r"], "all-together", size) for size in (0.5, 2.0))
-    for name in ("branch", "ripple", "kinematic", "lag", "eccentricity", "encoder_lag"):
-        assert getattr(large, name) == pytest.approx(4.0 * getattr(small, name))
-    # Presliding is longer, and the hysteretic part of a spring larger.
-    assert np.all(large.bristle < small.bristle)
-    assert np.all(large.hysteretic > small.hysteretic)
-    assert large.hysteretic + large.linear == pytest.approx(ARMS["3r"].stiffness)

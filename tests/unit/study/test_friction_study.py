@@ -15,6 +15,7 @@ from symid.study.friction_protocols import (
     list_checks,
     study_friction,
 )
+from tests.refusals import raises
 
 GAIN = MeanGain(role="prediction", mean=15.0, deviation=1.0, rms=7.0, held_out=14.0, paper=16.3, miss=-1.3)
 
@@ -46,19 +47,18 @@ def study(contest):
         return study_friction(range(3, 5))
 
 
-def test_one_draw_has_no_spread():
-    with pytest.raises(UsageError) as caught:
-        study_friction(range(1))
-    assert caught.value.notices[0].code == "usage.friction-draws"
-
-
-def test_all_parts_are_there(study):
+def test_all_parts_are_there_and_few_draws_are_not_judged(study):
     assert study.seeds == (3, 4)
     assert [entry.sweep.peak for entry in study.agreement] == [0.5, 0.1, 0.3]
     assert [entry.joint for entry in study.recovery] == ["1", "2", "3"]
     assert [entry.joint for entry in study.second] == [f"RV-2SQ {k}" for k in (1, 2, 3, 4)]
     assert [entry.joint for entry in study.gains] == ["1", "2", "3"]
     assert {entry.draws for entry in (*study.recovery, *study.gains, *study.agreement)} == {2}
+    assert check_of(study.checks, "S2, joint 1: bias").met is None
+    assert check_of(study.checks, "S3, joint 1: improved against Coulomb").met is None
+    assert check_of(study.checks, "RV-2SQ 2").met is None
+    with raises(UsageError, "usage.friction-draws"):
+        study_friction(range(1))
 
 
 def test_times_stand_in_the_tables_where_they_were_measured(study, contest):
@@ -95,12 +95,6 @@ def find(study, **parts):
     return list_checks(**{**values, **parts})
 
 
-def test_few_draws_are_told_and_not_judged(study):
-    assert check_of(study.checks, "S2, joint 1: bias").met is None
-    assert check_of(study.checks, "S3, joint 1: improved against Coulomb").met is None
-    assert check_of(study.checks, "RV-2SQ 2").met is None
-
-
 @pytest.mark.parametrize(("ratio", "bias", "met"), [(1.1, 0.1, True), (1.25, 0.3, False), (0.7, -0.3, False)])
 def test_spreads_are_judged_with_many_draws(study, ratio, bias, met):
     first = study.recovery[0]
@@ -119,23 +113,17 @@ def test_gains_are_judged_against_the_paper(study, miss, met):
     assert check_of(checks, "S3, joint 1: improved against original").met is None
 
 
-def test_estimators_that_miss_the_optimum_are_named(study):
+def test_what_misses_is_named(study, contest):
     first = study.agreement[0]
     rows = tuple(replace(row, excess=0.01, agreed=1) for row in first.rows)
     checks = find(study, agreement=[replace(first, rows=rows)])
     assert check_of(checks, "S1, peak 0.5 rad/s: varpro, root-finding, nlp agree").met is False
     genetic = check_of(checks, "S1, peak 0.5 rad/s: genetic")
     assert (genetic.met, genetic.found) == (False, "1 of 2 draws, worst 1 %")
-
-
-def test_a_default_that_is_beaten_or_too_dear_is_named(study, contest):
     for change in ({"excess": 1e-5}, {"solves": 151}):
         beaten = replace(contest, runs=(replace(contest.runs[0], **change),))
         assert check_of(find(study, contests=[beaten]), "a contest").met is False
     assert check_of(find(study, contests=[contest]), "a contest").met is True
-
-
-def test_parameters_beyond_the_bound_are_named_and_left_out(study):
     second = study.second[1]
     lost = tuple(
         replace(
@@ -146,9 +134,6 @@ def test_parameters_beyond_the_bound_are_named_and_left_out(study):
     check = check_of(find(study, second=[replace(second, draws=100, parameters=lost)]), "RV-2SQ 2")
     assert check.met is True
     assert check.found.endswith(" 50 %: vs")
-
-
-def test_misses_are_said_in_words():
     assert GAIN.describe_miss() == "1.3 points below the paper"
     near = replace(GAIN, miss=0.5)
     assert near.describe_miss() == "0.5 points above the paper, within the deviation of a draw"

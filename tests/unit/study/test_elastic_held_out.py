@@ -1,12 +1,17 @@
-"""Six elastic joints: the torque of a held-out motion, without any spring."""
+"""Held-out motions of six elastic joints, and what the tracking study chooses from."""
+
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import UsageError
+from symid.identification.elastic.methods import AUTOMATIC_METHODS
 from symid.robot.toml_reader import read_robot
+from symid.study import elastic_methods as tracking_study
 from symid.study.elastic_methods import SensorCondition, get_true_parameters, simulate_runs, study_many_joints
+from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
@@ -15,16 +20,13 @@ def puma(robots_folder):
     return robot, prepare_library(robot)
 
 
-def test_clean_logs_give_the_torque_of_another_motion(puma):
+def test_clean_and_noisy_logs_give_the_torque_of_another_motion(puma):
     found = study_many_joints(*puma, SensorCondition.CLEAN, 3, duration=3.0)
     assert found.parameters == 36 + 6 + 12
     for entry in found.methods:
         assert max(entry.residual) < 0.5
         assert max(entry.floor) < 1e-3
     assert [notice.code for notice in found.notices] == ["identify.energy-rank"]
-
-
-def test_noisy_logs_leave_little_more_than_the_noise(puma):
     found = study_many_joints(*puma, SensorCondition.NOISY, 3, duration=6.5)
     elimination, momentum = (np.array(entry.residual) / np.array(entry.floor) for entry in found.methods)
     # Elimination weighs all joints alike, so that noise of the strong ones reaches the wrist.
@@ -34,9 +36,19 @@ def test_noisy_logs_leave_little_more_than_the_noise(puma):
 
 def test_the_truth_must_be_stated_and_the_plane_arm_have_two_joints(robots_folder, puma):
     unknown = prepare_library(read_robot(robots_folder / "emps.toml"), backend="python")
-    with pytest.raises(UsageError, match="'emps'") as caught:
+    with raises(UsageError, "usage.study-robot", match="'emps'"):
         get_true_parameters(unknown.card)
-    assert caught.value.notices[0].code == "usage.study-robot"
-    with pytest.raises(UsageError, match="2 joints") as caught:
+    with raises(UsageError, "usage.study-robot", match="2 joints"):
         simulate_runs(*puma, SensorCondition.CLEAN)
-    assert caught.value.notices[0].code == "usage.study-robot"
+
+
+def test_the_automatic_choice_has_all_its_candidates(monkeypatch):
+    fit_all = Mock(side_effect=KeyError("asked"))
+    for name in ("prepare_elastic_scene", "observe_runs"):
+        monkeypatch.setattr(tracking_study, name, Mock())
+    monkeypatch.setattr(tracking_study, "fit_all_methods", fit_all)
+    with pytest.raises(KeyError, match="asked"):
+        tracking_study._run_seed((Mock(), "auto", 1))
+    methods = set(fit_all.call_args.args[3])
+    assert set(AUTOMATIC_METHODS) <= methods
+    assert {"independent", "independent, link encoder"} <= methods

@@ -1,4 +1,4 @@
-"""The precision study: the same for any number of processes, ratios that the theory foretells."""
+"""Studies of rigid robots: precision as the theory foretells, and the table over cut-offs."""
 
 import functools
 
@@ -7,9 +7,12 @@ import pytest
 
 from symid.identification.estimators.least_squares import fit_wls
 from symid.identification.regression.identifiability import analyse_identifiability
+from symid.identification.rigid.fit import identify_parameters
+from symid.robot.description import Processing
 from symid.robot.toml_reader import read_robot
 from symid.study import rigid_methods as precision
-from symid.study.rigid_methods import study_precision
+from symid.study.rigid_methods import study_cutoff, study_precision
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
 
 @pytest.fixture(scope="module")
@@ -49,3 +52,24 @@ def test_a_seed_gives_the_fit_of_its_rows(robot):
     found = precision.fit_condensed(condensed, np.eye(len(scene.truth)))
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-8)
     np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-6, atol=1e-18)
+
+
+def test_a_clean_log_is_foretold_with_any_cutoff_that_lets_motion_pass():
+    library = build_two_link()
+    recording = build_recording(library, TWO_LINK_TRUTH, samples=12001, source="made", noise=(0.05, 0.02))
+    told = []
+    found = study_cutoff(
+        library,
+        recording,
+        Processing(automatic=True),
+        cutoffs=(20.0, 100.0, 1000.0),
+        progress=lambda done, whole: told.append((done, whole)),
+    )
+    assert [line.cutoff for line in found.lines] == [20.0, 100.0]
+    assert told == [(1, 2), (2, 2)]
+    assert found.factor == 10
+    for line in found.lines:
+        for value in (line.decimated, line.plain, line.momentum):
+            assert value < 1.0
+    estimate = identify_parameters(library, [recording], Processing(automatic=True))
+    assert not estimate.refused
