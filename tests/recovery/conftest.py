@@ -26,7 +26,7 @@ def two_link_library(two_link):
 
 
 @pytest.fixture(scope="session")
-def load(tmp_path_factory):
+def load_text(tmp_path_factory):
     """Return a function that loads a robot from the text of its file."""
 
     def read(text, name):
@@ -38,6 +38,6 @@ def load(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def mixed(load):
+def mixed(load_text):
     """Return the arm with an elastic and a rigid joint whose equations are written out."""
-    return load(written_out_arm.ROBOT, "mixed")
+    return load_text(written_out_arm.ROBOT, "mixed")

@@ -28,6 +28,7 @@ from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
+from tests.elastic_fits import identify_elastic
 from tests.recovery.elastic_runs import (
     KNEES,
     PLACED,
@@ -83,34 +84,24 @@ def compute_convergence_rate(design, work):
     return min(np.linalg.svd(left.T @ right, compute_uv=False)[0], 1.0) ** 2
 
 
-def test_joint_least_squares_recovers_all_parameters(plain, energy_problem):
-    chi, stiffness = fit_joint_energy(energy_problem)
-    assert find_error(chi, find_truth(plain[1])) < 5e-4
-    springs = plain[1].card.elasticity
-    true = [[spring.stiffness, *(stop.stiffness for stop in spring.stops)] for spring in springs]
-    assert stiffness == pytest.approx(np.concatenate(true), rel=5e-4)
-
-
 def test_elimination_needs_no_spring_and_agrees_with_the_two_steps(arm, problem):
     truth = find_truth(arm[1])
     eliminated, iterated = fit_elimination(problem), fit_two_step(problem)
     assert find_error(eliminated.chi, truth) < 1e-4
     assert np.allclose(iterated.chi, eliminated.chi, rtol=2e-4, atol=1e-5)
     assert find_error(iterated.chi, truth) < 2e-4
+    # The band gives the same dynamics, with a covariance.
+    band = fit_band(arm[1].card, build_band_rows(arm[1], problem.signals))
+    assert find_error(band.chi, truth) < 1e-3
+    assert np.all(np.linalg.eigvalsh(band.covariance) > 0.0)
     # Given knees are kept.
     assert [tuple(knee.threshold for knee in spring.knees) for spring in iterated.elasticity] == [*KNEES]
 
 
-def test_the_band_gives_the_same_dynamics_with_a_covariance(arm, problem):
-    fit = fit_band(arm[1].card, build_band_rows(arm[1], problem.signals))
-    assert find_error(fit.chi, find_truth(arm[1])) < 1e-3
-    assert np.all(np.linalg.eigvalsh(fit.covariance) > 0.0)
-
-
-def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle(energy_problem):
+def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle(plain, energy_problem):
     work = energy_problem.compute_stop_work(energy_problem.thresholds)
     rate = compute_convergence_rate(energy_problem.design, work)
-    alternated, (chi, _) = fit_alternation(energy_problem), fit_joint_energy(energy_problem)
+    alternated, (chi, stiffness) = fit_alternation(energy_problem), fit_joint_energy(energy_problem)
     costs = np.array([entry.merit for entry in alternated.history])
     assert np.all(np.diff(costs) <= 1e-12 * costs[0])
     changes = np.array([entry.change for entry in alternated.history])
@@ -120,6 +111,11 @@ def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle
     assert alternated.outcome is Ending.CONVERGED
     assert np.allclose(alternated.chi, chi, rtol=1e-5, atol=1e-7)
     assert fit_alternation(energy_problem, iterations=2).outcome is Ending.LIMIT
+    # Joint least squares recovers all parameters.
+    assert find_error(chi, find_truth(plain[1])) < 5e-4
+    springs = plain[1].card.elasticity
+    true = [[spring.stiffness, *(stop.stiffness for stop in spring.stops)] for spring in springs]
+    assert stiffness == pytest.approx(np.concatenate(true), rel=5e-4)
 
 
 @pytest.mark.parametrize("scale", [1.0, 10.0])
@@ -196,6 +192,10 @@ def test_stiff_springs_leave_rotor_and_link_inertia_apart_no_more(robots_folder)
     chi, truth = fit_linear_spring(problem).chi, find_truth(library)
     first = names.index("ZZR1")
     assert chi[first] + chi[len(names)] == pytest.approx(truth[first] + truth[len(names)], rel=2e-3)
+    # An identification says so.
+    found = identify_elastic(library, [run.recording], ElasticOptions(method="linear-spring"))
+    assert "elastic.condition" in {notice.code for notice in found.notices}
+    assert found.condition > 300.0
 
 
 @pytest.fixture(scope="module")

@@ -123,14 +123,7 @@ def test_noise_of_encoders_biases_wls_and_not_this(trials, library):
     assert np.all(np.abs(usual[0][inertia]) < 4.0)
     assert np.all(found[1] < 3.0)
     assert np.all(np.abs(found[0]) < 0.15)
-    # Deviations cover. They are too large here: what is left is mostly noise of accelerations, whose low part
-    # alone counts.
-    sizes = np.abs(find_errors(library, trials[0]))
-    assert np.mean(sizes < 1.0) > 0.95
-    assert np.all(sizes < 3.0)
-
-
-def test_the_verdict_names_what_wls_got_wrong(trials):
+    # The verdict names what wls got wrong.
     for estimate in trials[0]:
         told = estimate.settings["fit"]["wls"]
         assert told["biased"]
@@ -141,6 +134,11 @@ def test_the_verdict_names_what_wls_got_wrong(trials):
         assert "processing.filter_cutoff" in notice.text
         assert estimate.settings["fit"]["start"] == "instruments along the references"
         assert estimate.settings["fit"]["iterations"] <= 8
+    # Deviations cover. They are too large here: what is left is mostly noise of accelerations, whose low part
+    # alone counts.
+    sizes = np.abs(find_errors(library, trials[0]))
+    assert np.mean(sizes < 1.0) > 0.95
+    assert np.all(sizes < 3.0)
 
 
 def test_a_filter_that_is_low_enough_is_called_so(robot, library, recording):
