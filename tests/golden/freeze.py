@@ -56,6 +56,7 @@ DROPPED = (
 """What depends on the machine and is not compared. The robots' folder and the scratch folder are written as
 `ROBOTS` and `HERE`, the version of symid as `VERSION`."""
 
+COUNT = "one count of an encoder"
 LOOSER = (
     # (names of calls, path in the answer, relative, absolute, why). Measured: these alone differ where other
     # kernels of OpenBLAS (OPENBLAS_CORETYPE=Prescott) add in another order.
@@ -67,49 +68,25 @@ LOOSER = (
         1e-12,
         "rounding alone: values are written as they were found",
     ),
-    (
-        "*-consistent",
-        "result.settings.fit.gradient",
-        0.0,
-        1e-6,
-        "what Newton's iteration leaves of a gradient",
-    ),
-    (
-        "*-consistent",
-        "result.settings.fit.price_percent",
-        1e-7,
-        1e-9,
-        "a difference of sums that are nearly equal",
-    ),
+    ("*-consistent", "result.settings.fit.gradient", 0.0, 1e-6, "what Newton's iteration leaves of it"),
+    ("*-consistent", "result.settings.fit.price_percent", 1e-7, 1e-9, "a difference of nearly equal sums"),
     ("study-precision", "*.worst_price_percent", 0.0, 1e-9, "the same, of the consistent fits"),
     ("study-precision", "result.methods.*", 1e-7, 0.0, "Newton's iteration ends the consistent fits"),
-    (
-        "emps-instrumental",
-        "result.settings.fit.changes.*",
-        1e-7,
-        0.0,
-        "the change of the last step of an iteration",
-    ),
+    ("emps-instrumental", "result.settings.fit.changes.*", 1e-7, 0.0, "the last step of an iteration"),
     # The next ones differ between processors: one count of an encoder rounded to its other side, inside a
     # control loop, moves all that follows by far less than its noise.
-    ("two-loaded", "file.tau.rms", 1e-6, 0.0, "one count of an encoder"),
-    ("two-payload*", "result.chi2", 0.05, 0.0, "one count of an encoder, and few degrees of freedom"),
-    ("two-payload*", "result.moved", 0.02, 0.0, "one count of an encoder, in units of the deviation"),
-    ("two-payload*", "result.*", 1e-2, 2e-5, "one count of an encoder: a fiftieth of the deviation"),
+    ("two-loaded", "file.tau.rms", 1e-6, 0.0, COUNT),
+    ("two-payload*", "result.chi2", 0.05, 0.0, f"{COUNT}, and few degrees of freedom"),
+    ("two-payload*", "result.moved", 0.02, 0.0, f"{COUNT}, in units of the deviation"),
+    ("two-payload*", "result.*", 1e-2, 2e-5, f"{COUNT}: a fiftieth of the deviation"),
     ("two-payload", "file.record.payload.chi2", 0.05, 0.0, "the same, in the file"),
     ("two-payload", "file.record.payload.moved", 0.02, 0.0, "the same"),
     ("two-payload", "file.record.*", 1e-2, 2e-5, "the same"),
-    ("runs-identify", "result.parameters.*.value", 1e-5, 0.0, "one count of an encoder"),
-    ("runs-identify", "result.*", 5e-3, 0.0, "one count of an encoder, in noise and deviations"),
+    ("runs-identify", "result.parameters.*.value", 1e-5, 0.0, COUNT),
+    ("runs-identify", "result.*", 5e-3, 0.0, f"{COUNT}, in noise and deviations"),
     ("two-compare", "result.others.*", 1e-4, 1e-9, "differences of two fits that agree"),
     ("kr300-*", "result.choice.candidates.*.behind", 1e-6, 0.0, "a difference of two errors that are near"),
-    (
-        "tx40-*",
-        "result.choice.candidates.*",
-        2e-3,
-        0.0,
-        "some end a search on a plateau, elsewhere on other processors",
-    ),
+    ("tx40-*", "result.choice.candidates.*", 2e-3, 0.0, "the end of a search on a plateau"),
     ("excite", "file.*", 1e-7, 0.0, "the end of a search for a smooth optimum"),
     ("elastic-*", "file.covariance.*", 1e-7, 0.0, "the inverse of a matrix whose condition is large"),
     ("elastic-*", "*.springs.*.torque_std", 1e-4, 0.0, "the same, of the numbers of a spring"),
@@ -122,13 +99,7 @@ LOOSER = (
     ("demo", "*.springs.0.elasticity.stops.3.*", 1e-6, 0.0, "the last stop, which is hardly reached"),
     ("demo", "*.springs.0.excited", 1e-6, 0.0, "its threshold"),
     ("demo", "result.tracking_rms.*", 1e-7, 0.0, "what it does to a motion"),
-    (
-        "kr300-stiffness",
-        "result.joints.0.[rt]*",
-        5e-3,
-        0.0,
-        "a spring that the log cannot tell: a search on a plateau",
-    ),
+    ("kr300-stiffness", "result.joints.0.[rt]*", 5e-3, 0.0, "a spring that the log cannot tell: a plateau"),
     ("kr300-stiffness", "file.record.joints.0.left", 5e-3, 0.0, "the same"),
     ("kr300-stiffness", "*offset*", 1e-6, 0.0, "the end of this search"),
     ("kr300-stiffness", "*.run_*stds.*", 1e-7, 0.0, "the same"),
@@ -142,6 +113,7 @@ EMPS, TX40, KR300 = (
 )
 KR300_C = "data/kr300/run_c.npz"
 PUBLISHED = "--settings published"
+AXIS = f"identify emps {EMPS} {PUBLISHED}"
 LAW = f"identify emps {EMPS} --rows friction {PUBLISHED}"
 LOADED = "payload two_link two-loaded.npz --empty two.npz"
 EXCITE = "excite two_link --harmonics 2 --period 2 --candidates 20 --starts 2 --rate 50"
@@ -154,25 +126,17 @@ CALLS = {
     "base-momentum": "base puma560 --of momentum",
     "base-gravity": "base tx40 --of gravity",
     "base-asymmetric": "base two_link --friction asymmetric",
-    "derive-panda": "derive panda",
-    "derive-puma560": "derive puma560",
-    "derive-quadruped": "derive quadruped",
-    "derive-two_link_elastic": "derive two_link_elastic",
+    **{f"derive-{name}": f"derive {name}" for name in ("panda", "puma560", "quadruped", "two_link_elastic")},
     # Real recordings: estimators and kinds of rows.
     "emps-check": f"check emps {EMPS} {PUBLISHED}",
-    "emps-ols": f"identify emps {EMPS} {PUBLISHED} -o emps-ols.json",
-    "emps-wls": f"identify emps {EMPS} {PUBLISHED} --estimator wls --friction asymmetric -o emps-wls.json",
-    "emps-gls": f"identify emps {EMPS} {PUBLISHED} --estimator gls",
-    "emps-huber": f"identify emps {EMPS} {PUBLISHED} --estimator huber",
-    "emps-consistent": f"identify emps {EMPS} {PUBLISHED} --estimator consistent",
-    "emps-ridge": f"identify emps {EMPS} {PUBLISHED} --estimator ridge --prior emps-ols.json",
-    "emps-output-error": f"identify emps {EMPS} {PUBLISHED} --estimator output-error --start emps-ols.json",
-    "emps-instrumental": f"identify emps {EMPS} {PUBLISHED} --estimator instrumental --start emps-ols.json",
-    "emps-momentum": f"identify emps {EMPS} {PUBLISHED} --rows momentum",
-    "emps-filtered": f"identify emps {EMPS} {PUBLISHED} --rows filtered",
-    "emps-power": f"identify emps {EMPS} {PUBLISHED} --rows power",
-    "emps-energy": f"identify emps {EMPS} {PUBLISHED} --rows energy",
-    "emps-settings": f"identify emps {EMPS} {PUBLISHED} --cutoff 60 --decimate 5 --drop-last 20",
+    "emps-ols": f"{AXIS} -o emps-ols.json",
+    "emps-wls": f"{AXIS} --estimator wls --friction asymmetric -o emps-wls.json",
+    **{f"emps-{name}": f"{AXIS} --estimator {name}" for name in ("gls", "huber", "consistent")},
+    "emps-ridge": f"{AXIS} --estimator ridge --prior emps-ols.json",
+    "emps-output-error": f"{AXIS} --estimator output-error --start emps-ols.json",
+    "emps-instrumental": f"{AXIS} --estimator instrumental --start emps-ols.json",
+    **{f"emps-{rows}": f"{AXIS} --rows {rows}" for rows in ("momentum", "filtered", "power", "energy")},
+    "emps-settings": f"{AXIS} --cutoff 60 --decimate 5 --drop-last 20",
     "emps-validate": f"validate emps emps-ols.json data/emps/DATA_EMPS_PULSES.mat {PUBLISHED}",
     "emps-validate-gate": f"validate emps emps-wls.json data/emps/DATA_EMPS_PULSES.mat {PUBLISHED} --gate 1",
     "emps-cutoff": f"study cutoff emps {EMPS} {PUBLISHED}",
@@ -186,19 +150,20 @@ CALLS = {
     "tx40-wls": f"identify tx40 {TX40} --estimator wls -o tx40-wls.json",
     "tx40-ridge": f"identify tx40 {TX40} --estimator ridge --prior tx40-wls.json",
     "tx40-consistent": f"identify tx40 {TX40} --estimator consistent",
-    "tx40-momentum": f"identify tx40 {TX40} --rows momentum --estimator wls",
-    "tx40-filtered": f"identify tx40 {TX40} --rows filtered --estimator wls",
-    "tx40-power": f"identify tx40 {TX40} --rows power",
-    "tx40-energy": f"identify tx40 {TX40} --rows energy",
+    **{
+        f"tx40-{rows}": f"identify tx40 {TX40} --rows {rows} --estimator wls"
+        for rows in ("momentum", "filtered")
+    },
+    **{f"tx40-{rows}": f"identify tx40 {TX40} --rows {rows}" for rows in ("power", "energy")},
     "tx40-compare": "compare tx40 tx40-ols.json data/tx40/published.csv --value ols",
     "tx40-compare-gate": "compare tx40 tx40-wls.json tx40-ols.json --gate 0.1",
     "tx40-report": "report tx40-wls.json --diagnose -o tx40-wls.html",
     "kr300-ols": f"identify kr300 {KR300}",
     "kr300-wls": f"identify kr300 {KR300} --estimator wls -o kr300-wls.json",
-    "kr300-gls": f"identify kr300 {KR300} --estimator gls",
-    "kr300-huber": f"identify kr300 {KR300} --estimator huber",
-    "kr300-sequential": f"identify kr300 {KR300} --estimator sequential",
-    "kr300-consistent": f"identify kr300 {KR300} --estimator consistent",
+    **{
+        f"kr300-{name}": f"identify kr300 {KR300} --estimator {name}"
+        for name in ("gls", "huber", "sequential", "consistent")
+    },
     "kr300-momentum": f"identify kr300 {KR300} --rows momentum --estimator wls --overlap 0.5",
     "kr300-energy": f"identify kr300 {KR300} --rows energy --estimator wls",
     "kr300-validate": f"validate kr300 kr300-wls.json {KR300_C} --band 10",
@@ -238,11 +203,11 @@ CALLS = {
     "elastic-tc": "simulate two_link_elastic --trajectory tc --duration 6 --delay 0.002 -o tc.npz",
     "elastic-automatic": f"{ELASTIC} -o elastic-automatic.json",
     "elastic-linear-spring": f"{ELASTIC} --method linear-spring -o elastic-linear-spring.json",
-    "elastic-two-step": f"{ELASTIC} --method two-step",
-    "elastic-elimination": f"{ELASTIC} --method elimination",
     "elastic-weighted": f"{ELASTIC} --method weighted --thresholds 4 --knees 2",
-    "elastic-nlp": f"{ELASTIC} --method nlp",
-    "elastic-independent": f"{ELASTIC} --method independent",
+    **{
+        f"elastic-{name}": f"{ELASTIC} --method {name}"
+        for name in ("two-step", "elimination", "nlp", "independent")
+    },
     "elastic-validate": "validate two_link_elastic elastic-automatic.json tc.npz",
     "elastic-tracking": "validate two_link_elastic elastic-linear-spring.json tc.npz --tracking",
     "elastic-report": "report elastic-automatic.json -o elastic.html",

@@ -20,25 +20,11 @@ from symid.identification.friction.output_error import (
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.selection import compute_relative_residual, select_law
 from symid.joint_models.friction_catalogue import get_law
-from symid.logs.reader import read_recording
-from symid.robot.loading import override_robot
-from symid.robot.toml_reader import read_robot
 
 
 @pytest.fixture(scope="module")
-def robot(robots_folder):
-    return override_robot(read_robot(robots_folder / "emps.toml"), [("settings", "published")])
-
-
-@pytest.fixture(scope="module")
-def recordings(shared_data, robot):
-    folder = shared_data / "emps"
-    return [read_recording(folder / name, robot) for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")]
-
-
-@pytest.fixture(scope="module")
-def samples(recordings, robot):
-    return [build_axis_samples(recording, robot.processing) for recording in recordings]
+def samples(emps_logs, emps):
+    return [build_axis_samples(recording, emps.processing) for recording in emps_logs]
 
 
 @pytest.mark.parametrize(
@@ -96,27 +82,27 @@ def foretell(model, values, recording):
 
 
 @pytest.fixture(scope="module")
-def fits(recordings):
-    run = build_axis_run(recordings[0])
+def fits(emps_logs):
+    run = build_axis_run(emps_logs[0])
     return {
         model.name: fit_whole_run(model, run, plan, generator=np.random.default_rng(0))
         for model, plan in PLANS.items()
     }
 
 
-def test_the_simulated_axis_follows_the_recording_it_was_fitted_to(fits, recordings):
+def test_the_simulated_axis_follows_the_recording_it_was_fitted_to(fits, emps_logs):
     four, chosen = fits[FOUR.name], fits[CHOSEN.name]
-    assert 1e3 * four.rmse < 2.9 < foretell(FOUR, PUBLISHED, recordings[0])
+    assert 1e3 * four.rmse < 2.9 < foretell(FOUR, PUBLISHED, emps_logs[0])
     assert 1e3 * chosen.rmse < 0.45
     assert len(chosen.values) == 6
     # The offset of the drive drifts by half a newton in a run.
     assert dict(zip(chosen.names, chosen.values, strict=True))["drift"] == pytest.approx(-0.0227, abs=0.001)
 
 
-def test_the_recording_that_was_not_fitted(fits, recordings):
-    published = foretell(FOUR, PUBLISHED, recordings[1])
-    four = foretell(FOUR, fits[FOUR.name].values, recordings[1])
-    chosen = foretell(CHOSEN, fits[CHOSEN.name].values, recordings[1])
+def test_the_recording_that_was_not_fitted(fits, emps_logs):
+    published = foretell(FOUR, PUBLISHED, emps_logs[1])
+    four = foretell(FOUR, fits[FOUR.name].values, emps_logs[1])
+    chosen = foretell(CHOSEN, fits[CHOSEN.name].values, emps_logs[1])
     # 4.9 mm, 7.3 mm, 8.4 mm.
     assert chosen < four < published < 9.0
     assert chosen < 5.5
@@ -126,5 +112,5 @@ def test_the_recording_that_was_not_fitted(fits, recordings):
     ("model", "bar"), [(FOUR, 4.35), (CHOSEN, 2.64)], ids=("four parameters", "best network")
 )
 @pytest.mark.xfail(strict=True, reason="not reached: 7.29 mm against 4.35 mm, 4.91 mm against 2.64 mm")
-def test_bars_that_are_not_reached(fits, recordings, model, bar):
-    assert foretell(model, fits[model.name].values, recordings[1]) <= bar
+def test_bars_that_are_not_reached(fits, emps_logs, model, bar):
+    assert foretell(model, fits[model.name].values, emps_logs[1]) <= bar

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.identification.diagnostics.residual_structure import compute_band_residual, predict_torques
+from symid.identification.elastic.stiffness import prepare_aligned
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
 from symid.robot.toml_reader import read_robot
+from tests.golden.residuals import measure_residuals
 
 BANDS = (10.0, 20.0)
 
@@ -21,7 +22,6 @@ BANDS = (10.0, 20.0)
 def kr300(shared_data, robots_folder):
     robot = read_robot(robots_folder / "kr300.toml")
     library = prepare_library(robot)
-    names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
 
     def read(run):
         return read_recording(shared_data / "kr300" / f"run_{run}.npz", robot)
@@ -30,15 +30,7 @@ def kr300(shared_data, robots_folder):
         return identify_parameters(library, [read(run) for run in runs], robot.processing, **options)
 
     def measure(estimate, run):
-        values = estimate.assemble(names)
-        return np.array(
-            [
-                compute_band_residual(
-                    predict_torques(values, library, read(run), robot.processing, band=band)
-                ).mean_relative_percent
-                for band in BANDS
-            ]
-        )
+        return measure_residuals(estimate, library, read(run), robot.processing, BANDS)
 
     return fit, measure
 
@@ -63,16 +55,7 @@ def test_the_counterbalance_is_a_term_of_axis_two(kr300):
     assert not estimate.refused
 
 
-def test_momentum_needs_no_acceleration_and_leaves_no_more(kr300):
-    fit, measure = kr300
-    torque, momentum = (fit("ab", estimator="wls", rows=rows) for rows in ("torque", "momentum"))
-    for run in "abc":
-        assert np.all(measure(momentum, run) < 1.05 * measure(torque, run))
-
-
 def test_link_encoders_lag_and_have_offsets_of_their_own(shared_data, robots_folder):
-    from symid.identification.elastic.stiffness import prepare_aligned
-
     robot = read_robot(robots_folder / "kr300.toml")
     recordings = [read_recording(shared_data / "kr300" / f"run_{run}.npz", robot) for run in "abc"]
     _, alignment, notices = prepare_aligned(prepare_library(robot), recordings)

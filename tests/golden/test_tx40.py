@@ -29,6 +29,7 @@ from symid.identification.rigid.fit import identify_parameters
 from symid.identification.stored import write_fit
 from symid.logs.reader import read_recording
 from symid.robot.toml_reader import read_robot
+from symid.robot.toml_settings import describe_settings
 from tests.regroupings import derive_regrouping
 
 # The published columns of motor 6 hold what couples joints 5 and 6 only; what it adds to each joint alone is
@@ -55,12 +56,8 @@ def fits(tx40):
         (rows, estimator): identify_parameters(
             library, [recording], robot.processing, rows=rows, estimator=estimator
         )
-        for rows, estimator in (
-            ("torque", "ols"),
-            ("torque", "wls"),
-            ("momentum", "ols"),
-            ("momentum", "wls"),
-        )
+        for rows in ("torque", "momentum")
+        for estimator in ("ols", "wls")
     }
 
 
@@ -119,10 +116,8 @@ def test_published_groups_span_the_same_space(tx40, published):
     base = derive_base_parameters(robot)
     assert base.count + len(base.friction) == 61
     for names in ({}, COUPLED):
-        groups = [
-            read_group(names.get(row["base_parameter"], row["base_parameter"]), robot) for row in published
-        ]
-        found = derive_regrouping(base, groups)
+        texts = [row["base_parameter"] for row in published]
+        found = derive_regrouping(base, [read_group(names.get(text, text), robot) for text in texts])
         assert (len(found.rows), found.absent, len(found.names)) == (60, ("IA6",), 61)
 
 
@@ -177,8 +172,6 @@ def compare(capsys, tmp_path, shared_data, estimate, column, *options):
 
 def name_settings(estimate, robot):
     """Return the estimate as `symid identify` writes it: with the log map."""
-    from symid.robot.toml_settings import describe_settings
-
     settings = {"log": describe_settings(robot)["log"], **estimate.settings}
     return replace(estimate, settings=settings)
 
@@ -232,9 +225,8 @@ def test_the_page_has_what_processing_does(project, fits, moving):
 
 def test_values_beside_the_published_ones(tx40, fits, published):
     robot, library, _ = tx40
-    groups = [
-        read_group(COUPLED.get(row["base_parameter"], row["base_parameter"]), robot) for row in published
-    ]
+    texts = [row["base_parameter"] for row in published]
+    groups = [read_group(COUPLED.get(text, text), robot) for text in texts]
     found = derive_regrouping(derive_base_parameters(robot), groups)
     assert found.names == list_names(library)
     change = evaluate_regrouping(found.rows, robot)

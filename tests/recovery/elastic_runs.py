@@ -18,24 +18,18 @@ PLACED = ElasticOptions(thresholds=STOPS, knee_torques=KNEES, tolerance=1e-6)
 
 def prepare_arm(robots_folder, *, knees=True, springs=None):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
-    if not knees:
-        joints = tuple(
-            replace(joint, elasticity=replace(joint.elasticity, knees=())) for joint in robot.joints
-        )
-        robot = replace(robot, joints=joints)
-    if springs is not None:
-        joints = tuple(
-            replace(joint, elasticity=spring) for joint, spring in zip(robot.joints, springs, strict=True)
-        )
-        robot = replace(robot, joints=joints)
+    found = [joint.elasticity for joint in robot.joints] if springs is None else springs
+    found = [spring if knees else replace(spring, knees=()) for spring in found]
+    joints = [replace(joint, elasticity=spring) for joint, spring in zip(robot.joints, found, strict=True)]
+    robot = replace(robot, joints=tuple(joints))
     return robot, prepare_library(robot)
 
 
-def run_arm(robot, library, *, scale=10.0, duration=8.0, noisy=False, seed=0, **changes):
+def run_arm(robot, library, motion=None, *, scale=10.0, duration=8.0, noisy=False, seed=0, **changes):
+    """Return a run along the trajectory Ta, faster by a scale, or another motion."""
     options = replace(build_noisy_options() if noisy else build_clean_options(), duration=duration, **changes)
-    return simulate_elastic(
-        robot, library, scale_trajectory(build_ta(), scale), options, np.random.default_rng(seed)
-    )
+    motion = motion or scale_trajectory(build_ta(), scale)
+    return simulate_elastic(robot, library, motion, options, np.random.default_rng(seed))
 
 
 def find_truth(library):

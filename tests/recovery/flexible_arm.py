@@ -120,6 +120,10 @@ def find_friction(dq, load):
     return np.column_stack([first, second])
 
 
+def find_plain_friction(dq, _load):
+    return np.array([1.5, 0.7]) * dq + np.array([1.8, 0.4]) * np.sign(dq)
+
+
 def record(seed, *, duration=60.0, noise=0.02, gain=1.0, offset=0.0, friction=find_friction):
     """Return a log with motor torques and measured loads; sensors have a gain, an offset and noise (N m)."""
     rng = np.random.default_rng(100 + seed)

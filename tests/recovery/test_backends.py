@@ -12,7 +12,7 @@ from symid.logs.recording import Recording
 from symid.robot.description import Processing
 from symid.robot.toml_reader import read_robot
 from tests.recovery.closed_form import sample_states
-from tests.recovery.elastic_runs import find_error, find_truth, prepare_arm, run_arm
+from tests.recovery.elastic_runs import find_error, find_truth, run_arm
 
 OTHERS = ("python", "casadi", "machine")
 
@@ -54,21 +54,18 @@ def test_a_rigid_robot_gets_the_same_parameters(rigid, backend, kind, tmp_path_f
         identify_parameters(each, [recording], Processing(), rows=kind, estimator="wls")
         for each in (library, other)
     )
-    for values in ("value", "std"):
-        assert_same(
-            [getattr(entry, values) for entry in found.parameters],
-            [getattr(entry, values) for entry in expected.parameters],
-        )
-
-
-@pytest.fixture(scope="module")
-def elastic(robots_folder, c_compiler):
-    robot, library = prepare_arm(robots_folder)
-    return robot, library, run_arm(robot, library, noisy=True, duration=6.0).recording
+    for name in ("value", "std"):
+        assert_same(*([getattr(entry, name) for entry in fit.parameters] for fit in (found, expected)))
 
 
 def fit(library, recording, method):
     return fit_method(build_elastic_equations(library, [recording], ElasticOptions()), method)
+
+
+@pytest.fixture(scope="module")
+def elastic(arm, c_compiler):
+    assert c_compiler
+    return *arm, run_arm(*arm, noisy=True, duration=6.0).recording
 
 
 @pytest.mark.parametrize("backend", OTHERS)
@@ -81,20 +78,16 @@ def test_an_elastic_robot_gets_the_same_parameters(elastic, backend, method, tmp
     assert_same(found.chi, expected.chi)
 
 
-def test_the_compiled_plant_runs_on_the_c_of_casadi(robots_folder, elastic, c_compiler):
+@pytest.mark.parametrize(("backend", "duration"), [("casadi", 0.5), ("machine", 0.02)])
+def test_a_compiled_plant_runs_on_the_c_of_casadi_and_a_slow_one_on_its_machine(
+    elastic, tmp_path_factory, backend, duration
+):
     robot, library, _ = elastic
-    other = prepare_library(robot, backend="casadi")
-    assert has_addresses(other)
-    expected, found = (run_arm(robot, each, duration=0.5) for each in (library, other))
-    assert (expected.backend, found.backend, found.notices) == ("c", "c", ())
-    np.testing.assert_allclose(found.phi, expected.phi, rtol=0, atol=1e-9 * np.abs(expected.phi).max())
-
-
-def test_the_virtual_machine_of_casadi_has_no_addresses_and_says_so(robots_folder, elastic, tmp_path_factory):
-    robot, library, _ = elastic
-    other = prepare(robot, "machine", tmp_path_factory)
-    assert not has_addresses(other)
-    found, expected = (run_arm(robot, each, duration=0.02) for each in (other, library))
-    assert found.backend == "python"
-    assert "simulate.slow-plant" in [notice.code for notice in found.notices]
+    other = prepare(robot, backend, tmp_path_factory)
+    expected, found = (run_arm(robot, each, duration=duration) for each in (library, other))
+    compiled = backend == "casadi"
+    assert has_addresses(other) == compiled
+    assert (expected.backend, found.backend) == ("c", "c" if compiled else "python")
+    codes = [notice.code for notice in found.notices]
+    assert codes == [] if compiled else "simulate.slow-plant" in codes
     np.testing.assert_allclose(found.phi, expected.phi, rtol=0, atol=1e-9 * np.abs(expected.phi).max())

@@ -5,7 +5,7 @@ import pytest
 
 import symid
 from tests.hysteresis_truths import FURTHER, TRUTHS, make_input, make_stops, measure
-from tests.recovery.elastic_runs import prepare_arm, run_arm
+from tests.recovery.elastic_runs import run_arm
 
 OWN = {
     "signed": "prandtl-ishlinskii",
@@ -17,10 +17,14 @@ OWN = {
 WITHIN = {"krasnoselskii-pokrovskii"}
 
 
+def fit_own(name):
+    t, x = make_input(1)
+    return symid.hysteresis.fit(*measure(t, x, TRUTHS[name], 2), t, model=OWN.get(name, name))
+
+
 @pytest.mark.parametrize("name", TRUTHS)
 def test_its_own_model_predicts_other_amplitudes(name):
-    t, x = make_input(1)
-    fit = symid.hysteresis.fit(*measure(t, x, TRUTHS[name], 2), t, model=OWN.get(name, name))
+    fit = fit_own(name)
     for amplitude in (0.7, 0.9) if name in WITHIN else (0.7, 1.4):
         t, x = make_input(3, amplitude)
         y = TRUTHS[name](t, x)
@@ -42,16 +46,12 @@ def test_a_further_part_is_found_and_not_without_need(name, expected):
     assert name not in plain.record.form
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        *("prandtl-ishlinskii", "signed", "modified-prandtl-ishlinskii", "bouc-wen", "dahl", "one-sided"),
-        *("asymmetric", "viscous"),
-    ],
-)
+INVERTIBLE = ("prandtl-ishlinskii", "signed", "modified-prandtl-ishlinskii", "bouc-wen", "dahl", "one-sided")
+
+
+@pytest.mark.parametrize("name", [*INVERTIBLE, "asymmetric", "viscous"])
 def test_the_inverse_before_the_element_gives_what_is_wanted(name):
-    t, x = make_input(1)
-    fit = symid.hysteresis.fit(*measure(t, x, TRUTHS[name], 2), t, model=OWN.get(name, name))
+    fit = fit_own(name)
     t, x = make_input(3, 0.7, 1200)
     wanted = TRUTHS[name](t, x)
     error = np.std(fit.predict(x, t) - wanted)
@@ -68,22 +68,17 @@ def test_the_inverse_before_the_element_gives_what_is_wanted(name):
 )
 def test_what_has_no_inverse_says_why(name, reason):
     t, x = make_input(1)
-    x, y = measure(t, x, TRUTHS[name], 2)
-    fit = symid.hysteresis.fit(x, y, t, model=name)
     with pytest.raises(symid.errors.UsageError, match=reason):
-        fit.invert(y, t)
+        fit_own(name).invert(measure(t, x, TRUTHS[name], 2)[1], t)
 
 
 @pytest.mark.parametrize("joint", [0, 1])
-def test_springs_of_an_arm_have_their_stops_and_knees(joint, robots_folder, c_compiler):
+def test_springs_of_an_arm_have_their_stops_and_knees(joint, arm, c_compiler):
     assert c_compiler
-    robot, library = prepare_arm(robots_folder)
-    run = run_arm(robot, library, duration=10.0)
-    fit = symid.hysteresis.fit(
-        run.phi[:, joint], run.joint_torque[:, joint], run.time, model="modified-prandtl-ishlinskii"
-    )
-    truth = robot.joints[joint].elasticity
-    found = fit.element
+    run = run_arm(*arm, duration=10.0)
+    phi, torque = run.phi[:, joint], run.joint_torque[:, joint]
+    found = symid.hysteresis.fit(phi, torque, run.time, model="modified-prandtl-ishlinskii").element
+    truth = arm[0].joints[joint].elasticity
     assert (len(found.stops), len(found.knees)) == (len(truth.stops), len(truth.knees))
     assert found.stiffness == pytest.approx(truth.stiffness, rel=0.01)
     for own, true in zip(found.stops, truth.stops, strict=True):
@@ -96,9 +91,8 @@ def test_stops_come_out_with_their_number_and_within_their_deviations():
     t, x = make_input(5)
     errors = []
     for seed in range(6):
-        fit = symid.hysteresis.fit(
-            *measure(t, x, make_stops, seed), t, model="prandtl-ishlinskii", passive=True
-        )
+        data = measure(t, x, make_stops, seed)
+        fit = symid.hysteresis.fit(*data, t, model="prandtl-ishlinskii", passive=True)
         truth = {"k0": 0.8, "k1": 2.0, "k2": 1.5, "k3": 0.7, "r1": 0.05, "r2": 0.2, "r3": 0.5}
         # An offset or a cubic part may come in by chance, another stop may not.
         assert {entry.name for entry in fit.record.parameters} - {"offset", "kc"} == set(truth)
@@ -116,9 +110,8 @@ def read(folder, name):
 @pytest.mark.parametrize(("passive", "bar"), [(None, 0.085), (True, 0.11)])
 def test_a_friction_damper_with_backlash_at_a_larger_amplitude(shared_data, passive, bar):
     # Trained on 1 in, tested on 1.5 in: stops of either sign leave 8.8 to 9.6 %, non-negative ones 13 %.
-    fit = symid.hysteresis.fit(
-        *read(shared_data, "36lb_amplitude_1in"), model="nonlinear-stops", passive=passive
-    )
+    data = read(shared_data, "36lb_amplitude_1in")
+    fit = symid.hysteresis.fit(*data, model="nonlinear-stops", passive=passive)
     assert fit.record.passive == bool(passive)
     # It swings once before it grips: no memory explains that.
     assert "samples do not count" in "\n".join(fit.verdict.details)

@@ -8,6 +8,7 @@ import pytest
 
 import symid
 from symid.errors import UsageError
+from tests.refusals import raises
 
 INERTIA, MOMENT, ROTOR, STIFFNESS, GRAVITY = 0.6, 1.4, 0.25, 900.0, 9.81
 FRICTION = {"Fv": 0.8, "Fc": 0.5, "Fl": 0.12}
@@ -65,10 +66,8 @@ LINEAR = symid.IdentifyOptions(threshold_count=0, knee_count=0)
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    path = tmp_path_factory.mktemp("robot") / "pendulum.toml"
-    path.write_text(ROBOT)
-    return symid.load(path)
+def robot(load_text):
+    return load_text(ROBOT, "pendulum")
 
 
 def identify(robot, **options):
@@ -110,13 +109,11 @@ def test_the_stiffness_alone_is_that_of_the_spring(robot):
     assert entry.stiffness == pytest.approx(STIFFNESS, rel=0.05)
 
 
-def test_laws_of_the_temperature_need_one(robot, tmp_path):
-    (tmp_path / "warm.toml").write_text(ROBOT.replace("load-dependent", "temperature"))
-    warm = symid.load(tmp_path / "warm.toml")
+def test_laws_of_the_temperature_need_one(load_text):
+    warm = load_text(ROBOT.replace("load-dependent", "temperature"), "warm")
     channels = record(0.0, noise=0.01)
-    with pytest.raises(UsageError, match="depends on the temperature") as caught:
+    with raises(UsageError, "friction.input", match="depends on the temperature"):
         warm.identify(symid.build_log(warm, **channels), options=LINEAR)
-    assert caught.value.notices[0].code == "friction.input"
     rise = np.linspace(20.0, 50.0, len(channels["time"]))[:, None]
     log = symid.build_log(warm, **channels, temperature=rise)
     assert "Fct1" in {entry.name for entry in warm.identify(log, options=LINEAR).parameters}

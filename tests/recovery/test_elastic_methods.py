@@ -28,7 +28,7 @@ from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
-from symid.simulation.elastic_experiment import build_clean_options, simulate_elastic
+from tests.elastic_fits import identify_elastic
 from tests.recovery.elastic_runs import (
     KNEES,
     PLACED,
@@ -39,11 +39,7 @@ from tests.recovery.elastic_runs import (
     prepare_arm,
     run_arm,
 )
-
-
-@pytest.fixture(scope="module")
-def arm(robots_folder):
-    return prepare_arm(robots_folder)
+from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
@@ -88,32 +84,24 @@ def compute_convergence_rate(design, work):
     return min(np.linalg.svd(left.T @ right, compute_uv=False)[0], 1.0) ** 2
 
 
-def test_joint_least_squares_recovers_all_parameters(plain, energy_problem):
-    chi, stiffness = fit_joint_energy(energy_problem)
-    assert find_error(chi, find_truth(plain[1])) < 5e-4
-    springs = plain[1].card.elasticity
-    true = [[spring.stiffness, *(stop.stiffness for stop in spring.stops)] for spring in springs]
-    assert stiffness == pytest.approx(np.concatenate(true), rel=5e-4)
-
-
 def test_elimination_needs_no_spring_and_agrees_with_the_two_steps(arm, problem):
     truth = find_truth(arm[1])
     eliminated, iterated = fit_elimination(problem), fit_two_step(problem)
     assert find_error(eliminated.chi, truth) < 1e-4
     assert np.allclose(iterated.chi, eliminated.chi, rtol=2e-4, atol=1e-5)
     assert find_error(iterated.chi, truth) < 2e-4
+    # The band gives the same dynamics, with a covariance.
+    band = fit_band(arm[1].card, build_band_rows(arm[1], problem.signals))
+    assert find_error(band.chi, truth) < 1e-3
+    assert np.all(np.linalg.eigvalsh(band.covariance) > 0.0)
+    # Given knees are kept.
+    assert [tuple(knee.threshold for knee in spring.knees) for spring in iterated.elasticity] == [*KNEES]
 
 
-def test_the_band_gives_the_same_dynamics_with_a_covariance(arm, problem):
-    fit = fit_band(arm[1].card, build_band_rows(arm[1], problem.signals))
-    assert find_error(fit.chi, find_truth(arm[1])) < 1e-3
-    assert np.all(np.linalg.eigvalsh(fit.covariance) > 0.0)
-
-
-def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle(energy_problem):
+def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle(plain, energy_problem):
     work = energy_problem.compute_stop_work(energy_problem.thresholds)
     rate = compute_convergence_rate(energy_problem.design, work)
-    alternated, (chi, _) = fit_alternation(energy_problem), fit_joint_energy(energy_problem)
+    alternated, (chi, stiffness) = fit_alternation(energy_problem), fit_joint_energy(energy_problem)
     costs = np.array([entry.merit for entry in alternated.history])
     assert np.all(np.diff(costs) <= 1e-12 * costs[0])
     changes = np.array([entry.change for entry in alternated.history])
@@ -122,10 +110,12 @@ def test_the_alternation_on_one_cost_descends_at_the_rate_of_the_principal_angle
     assert np.all(np.abs(seen / rate - 1.0) < 0.05)
     assert alternated.outcome is Ending.CONVERGED
     assert np.allclose(alternated.chi, chi, rtol=1e-5, atol=1e-7)
-
-
-def test_the_alternation_says_when_its_iterations_did_not_suffice(energy_problem):
     assert fit_alternation(energy_problem, iterations=2).outcome is Ending.LIMIT
+    # Joint least squares recovers all parameters.
+    assert find_error(chi, find_truth(plain[1])) < 5e-4
+    springs = plain[1].card.elasticity
+    true = [[spring.stiffness, *(stop.stiffness for stop in spring.stops)] for spring in springs]
+    assert stiffness == pytest.approx(np.concatenate(true), rel=5e-4)
 
 
 @pytest.mark.parametrize("scale", [1.0, 10.0])
@@ -144,27 +134,23 @@ def test_without_refinement_thresholds_stay_on_their_grid(arm, run):
     fit = fit_two_step(problem)
     for spring, grid in zip(fit.elasticity, problem.thresholds, strict=True):
         assert {stop.threshold for stop in spring.stops} <= set(grid)
-    assert fit.outcome is Ending.LIMIT
-    assert len(fit.history) == 3
+    assert (fit.outcome, len(fit.history)) == (Ending.LIMIT, 3)
 
 
-def test_a_step_makes_the_merit_less(problem):
+def test_a_step_makes_the_merit_less_and_no_numbers_end_the_iteration(problem, monkeypatch):
     state = TwoStepState(chi=fit_linear_spring(problem).chi, data=problem.springs)
     after = step_two_step(problem, state)
     assert len(after.history) == 1
     assert after.merit < state.merit
     assert np.isfinite(after.history[0].change)
 
-
-def test_iterates_that_are_no_numbers_end_the_iteration(problem, monkeypatch):
     def step(problem, state):
         after = step_two_step(problem, state)
         return replace(after, chi=np.full_like(after.chi, np.nan))
 
     monkeypatch.setattr(together, "step_two_step", step)
     fit = fit_two_step(problem)
-    assert fit.outcome is Ending.DIVERGED
-    assert len(fit.history) == 1
+    assert (fit.outcome, len(fit.history)) == (Ending.DIVERGED, 1)
 
 
 def test_torque_times_a_number_scales_every_parameter(arm, run):
@@ -206,19 +192,22 @@ def test_stiff_springs_leave_rotor_and_link_inertia_apart_no_more(robots_folder)
     chi, truth = fit_linear_spring(problem).chi, find_truth(library)
     first = names.index("ZZR1")
     assert chi[first] + chi[len(names)] == pytest.approx(truth[first] + truth[len(names)], rel=2e-3)
+    # An identification says so.
+    found = identify_elastic(library, [run.recording], ElasticOptions(method="linear-spring"))
+    assert "elastic.condition" in {notice.code for notice in found.notices}
+    assert found.condition > 300.0
 
 
 @pytest.fixture(scope="module")
 def apart(arm, run):
-    options = replace(build_clean_options(), duration=12.0, period=1e-3)
-    slow = [simulate_elastic(*arm, build_tb(joint), options, np.random.default_rng(0)) for joint in (0, 1)]
+    slow = [run_arm(*arm, build_tb(joint), duration=12.0, period=1e-3) for joint in (0, 1)]
     return build(arm[1], [part.recording for part in (run, *slow)], ElasticOptions()), slow
 
 
-def test_the_independent_procedures_take_each_kind_of_motion_for_its_part(arm, apart):
-    problem, slow = apart
-    assert split_recordings(problem.signals) == ((0,), (1, 2))
-    motor, encoder = fit_independent(problem), fit_independent(problem, encoder=True)
+def test_the_independent_procedures_take_each_kind_of_motion_for_its_part(arm, apart, problem):
+    both, slow = apart
+    assert split_recordings(both.signals) == ((0,), (1, 2))
+    motor, encoder = fit_independent(both), fit_independent(both, encoder=True)
     truth = find_truth(arm[1])
     assert find_error(motor.chi, truth) < 1e-3
     assert np.array_equal(motor.chi, encoder.chi)
@@ -227,6 +216,9 @@ def test_the_independent_procedures_take_each_kind_of_motion_for_its_part(arm, a
         assert torque_error(motor.elasticity, part)[joint] < 0.5
         assert torque_error(encoder.elasticity, part)[joint] < 0.02
     assert not motor.notices
+    # One kind of motion serves both, and that is said.
+    alone = fit_independent(problem, encoder=True)
+    assert [notice.code for notice in alone.notices] == ["elastic.one-kind"]
 
 
 def test_torsion_from_the_motor_side_is_near_the_true_one(arm, apart):
@@ -236,17 +228,6 @@ def test_torsion_from_the_motor_side_is_near_the_true_one(arm, apart):
     assert error < 0.15
 
 
-def test_one_kind_of_motion_serves_both_procedures_and_a_notice_says_so(problem):
-    fit = fit_independent(problem, encoder=True)
-    assert [notice.code for notice in fit.notices] == ["elastic.one-kind"]
-
-
 def test_thresholds_for_another_number_of_joints_are_refused(arm, run):
-    with pytest.raises(UsageError, match=r"^thresholds .*1 .*2$") as caught:
+    with raises(UsageError, "usage.elastic-option", match=r"^thresholds .*1 .*2$"):
         build(arm[1], [run.recording], ElasticOptions(thresholds=((0.1,),)))
-    assert [notice.code for notice in caught.value.notices] == ["usage.elastic-option"]
-
-
-def test_given_knees_are_kept(problem):
-    for spring, knees in zip(fit_two_step(problem).elasticity, KNEES, strict=True):
-        assert tuple(knee.threshold for knee in spring.knees) == knees

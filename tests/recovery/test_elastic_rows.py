@@ -14,13 +14,8 @@ from symid.identification.elastic.regression import (
     prepare_elastic_signals,
 )
 from symid.identification.hysteresis import filter_smooth
-from symid.logs.recording import Recording
-from tests.recovery.elastic_runs import STOPS, find_truth, prepare_arm, run_arm
-
-
-@pytest.fixture(scope="module")
-def arm(robots_folder):
-    return prepare_arm(robots_folder)
+from tests.recovery.elastic_runs import STOPS, find_truth, run_arm
+from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +23,16 @@ def run(arm):
     return run_arm(*arm, duration=5.0)
 
 
-@pytest.fixture(scope="module")
-def signals(run):
+def prepare_exact(run, **options):
     """Return the signals of a clean run with the velocities as they were, not differentiated."""
-    prepared = prepare_elastic_signals(run.recording, ElasticOptions())
+    prepared = prepare_elastic_signals(run.recording, ElasticOptions(**options))
     count = len(prepared.time)
     return replace(prepared, dq=run.dq[:count], dtheta=run.dtheta[:count])
+
+
+@pytest.fixture(scope="module")
+def signals(run):
+    return prepare_exact(run)
 
 
 def test_energy_balance_closes_with_the_true_parameters(arm, signals):
@@ -48,17 +47,13 @@ def test_energy_balance_closes_with_the_true_parameters(arm, signals):
 def test_filtered_equations_give_the_true_joint_torque(arm):
     library = arm[1]
     run = run_arm(*arm, duration=2.0, period=5e-5, step=5e-5)
-    prepared = prepare_elastic_signals(run.recording, ElasticOptions(cutoff=0.0))
-    count = len(prepared.time)
-    signals = replace(prepared, dq=run.dq[:count], dtheta=run.dtheta[:count])
+    signals = prepare_exact(run, cutoff=0.0)
     truth = find_truth(library)
     rows = build_filtered_rows(library, signals, 60.0)
     true = filter_smooth(run.joint_torque[: len(signals.time)], 60.0, signals.period)[rows.keep]
     size = np.sqrt(np.mean(true**2, axis=0))
-    motor = rows.compute_motor_side(truth) - true
-    link = rows.compute_link_side(truth) - true
-    assert np.all(np.sqrt(np.mean(link**2, axis=0)) < 8e-7 * size)
-    assert np.all(np.sqrt(np.mean(motor**2, axis=0)) < 8e-7 * size)
+    for side in (rows.compute_motor_side, rows.compute_link_side):
+        assert np.all(np.sqrt(np.mean((side(truth) - true) ** 2, axis=0)) < 8e-7 * size), side
     assert np.allclose(rows.design @ truth, rows.torque, atol=1e-5 * np.abs(rows.torque).max())
 
 
@@ -97,19 +92,16 @@ def test_a_slower_replay_changes_what_inertias_do_and_not_what_springs_do(arm, s
     grids = [np.array(grid) for grid in STOPS]
     once, twice = rows.compute_columns(grids, signals), replay.compute_columns(grids, slow)
     assert all(map(np.array_equal, once, twice))
-    first = len(library.card.beta)
-    rotors = slice(first, first + 2)
-    assert np.allclose(rows.design[:, rotors], 4.0 * replay.design[:, rotors], atol=1e-12)
-    inertia = [entry.name for entry in library.card.beta].index("ZZ2")
-    assert np.allclose(rows.design[:, inertia], 4.0 * replay.design[:, inertia], atol=1e-12)
-    weight = [entry.name for entry in library.card.beta].index("MXR1")
+    names = [entry.name for entry in library.card.beta]
+    for column in (names.index("ZZ2"), len(names), len(names) + 1):
+        assert np.allclose(rows.design[:, column], 4.0 * replay.design[:, column], atol=1e-12)
+    weight = names.index("MXR1")
     assert np.allclose(rows.design[:, weight], replay.design[:, weight], atol=1e-9)
 
 
 def test_windows_that_do_not_fit_are_refused(arm, signals):
-    with pytest.raises(UsageError, match="100 s") as caught:
+    with raises(UsageError, "usage.window", match="100 s"):
         build_energy_windows(arm[1], signals, 100.0)
-    assert caught.value.notices[0].code == "usage.window"
 
 
 def test_noisy_encoders_ask_for_a_filter_and_clean_ones_do_not(arm, run):
@@ -126,11 +118,11 @@ def test_noisy_encoders_ask_for_a_filter_and_clean_ones_do_not(arm, run):
 
 def test_signals_accept_either_encoder_as_the_position(run):
     recording = run.recording
-    turned = Recording(
-        time=recording.time,
+    turned = replace(
+        recording,
         position=recording.motor_position,
         link_position=recording.position,
-        torque=recording.torque,
+        motor_position=None,
     )
     first, second = (prepare_elastic_signals(part, ElasticOptions()) for part in (recording, turned))
     assert np.array_equal(first.phi, second.phi)

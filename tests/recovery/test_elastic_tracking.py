@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import UsageError
@@ -20,26 +19,16 @@ from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.robot.toml_reader import read_robot
 from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options
+from tests.refusals import raises
 
 _DURATION = 4.0
 
 
-@pytest.fixture(scope="module")
-def arm(robots_folder):
-    robot = read_robot(robots_folder / "two_link_elastic.toml")
-    return robot, prepare_library(robot)
-
-
 def believe(library):
     """Return a model that is the truth."""
-    card = library.card
-    return MethodFit(
-        method="truth",
-        beta=np.array([entry.value for entry in card.beta]),
-        rotor=np.array([entry.value for entry in card.rotors]),
-        friction=np.array([entry.value for entry in card.friction]),
-        elasticity=card.elasticity,
-    )
+    parts = {"beta": library.card.beta, "rotor": library.card.rotors, "friction": library.card.friction}
+    values = {name: np.array([entry.value for entry in part]) for name, part in parts.items()}
+    return MethodFit(method="truth", **values, elasticity=library.card.elasticity)
 
 
 def test_with_the_true_springs_the_links_follow_a_thousand_times_better(arm):
@@ -81,17 +70,10 @@ def test_more_stops_and_knees_without_effect_change_nothing(arm):
         found = compute_hysteresis_torque(after, phi)
         np.testing.assert_allclose(found, compute_hysteresis_torque(before, phi), rtol=0, atol=1e-12)
     plain = Elasticity(stiffness=100.0)
-    runs = simulate_tracking(
-        *arm,
-        {"few": replace(believe(library), elasticity=(plain, plain)), "many": believe(library)},
-        build_tc(),
-        replace(build_noisy_options(), duration=0.5),
-    )
-    alone = simulate_tracking(
-        *arm,
-        {"few": replace(believe(library), elasticity=(plain, plain))},
-        build_tc(),
-        replace(build_noisy_options(), duration=0.5),
+    few, options = replace(believe(library), elasticity=(plain, plain)), build_noisy_options()
+    runs, alone = (
+        simulate_tracking(*arm, {"few": few} | more, build_tc(), replace(options, duration=0.5))
+        for more in ({"many": believe(library)}, {})
     )
     np.testing.assert_allclose(runs[1].error, alone[1].error, rtol=0, atol=1e-12)
 
@@ -101,10 +83,8 @@ def test_springs_of_another_size_or_rigid_robots_are_refused(arm, robots_folder)
     time = np.arange(0.0, 0.1, 1e-3)
     plain = tuple(Elasticity(stiffness=100.0) for _ in range(2))
     fit = replace(believe(library), elasticity=plain)
-    with pytest.raises(UsageError, match="shoulder") as caught:
+    with raises(UsageError, "usage.spring-layout", match="shoulder"):
         compute_elastic_reference(library, fit, build_tc(), time)
-    assert caught.value.notices[0].code == "usage.spring-layout"
     rigid = prepare_library(read_robot(robots_folder / "two_link.toml"))
-    with pytest.raises(UsageError, match="elastic_inverse_dynamics") as caught:
+    with raises(UsageError, "usage.no-feed-forward", match="elastic_inverse_dynamics"):
         compute_elastic_reference(rigid, fit, build_tc(), time)
-    assert caught.value.notices[0].code == "usage.no-feed-forward"

@@ -2,19 +2,12 @@
 
 import numpy as np
 
-from symid.codegen.cache import prepare_library
-from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
+from tests.recovery.rigid_runs import run_fourier
 
 
-def test_work_is_energy_and_losses_to_a_millionth(robots_folder):
-    robot = read_robot(robots_folder / "two_link.toml")
-    library = prepare_library(robot)
-    rng = np.random.default_rng(0)
-    trajectory = build_random_fourier(robot, rng, FourierOptions())
-    clean = ExperimentOptions(sensors=SensorOptions(counts_per_turn=None))
-    run = simulate_experiment(robot, library, trajectory, clean, rng)
+def test_work_is_energy_and_losses_to_a_millionth(two_link, two_link_library):
+    library = two_link_library
+    run = run_fourier(two_link, library, 0, duration=20.0, periods=2)
 
     # A held torque does the work tau (q' - q) in every step, whatever the motion within it.
     steps = run.torque[:-1] * np.diff(run.q, axis=0)

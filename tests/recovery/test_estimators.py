@@ -1,5 +1,7 @@
 """Every estimator brings back the truth; each does what it is there for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,6 +28,7 @@ from symid.identification.regression.identifiability import analyse_identifiabil
 from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_signals, build_two_link
+from tests.refusals import raises
 
 PLAIN = Processing()
 FREE = tuple(name for name in ESTIMATORS if name not in {"ridge", "consistent"})
@@ -36,11 +39,6 @@ def build(*, seed=0, noise=None, samples=4001, kind="torque"):
     library = build_two_link()
     signals = build_signals(library, TWO_LINK_TRUTH, samples=samples, period=5e-3, seed=seed, noise=noise)
     return build_rows(kind, library, signals, PLAIN)
-
-
-def with_values(rows, values):
-    fields = {name: getattr(rows, name) for name in type(rows).__dataclass_fields__}
-    return type(rows)(**{**fields, "values": values})
 
 
 def score(fit):
@@ -79,7 +77,7 @@ def test_gls_knows_more_where_joints_share_their_noise():
     scores = []
     for seed in range(40):
         noise = draw_joint_noise(clean, np.random.default_rng(seed), covariance)
-        rows = with_values(clean, clean.values + noise)
+        rows = replace(clean, values=clean.values + noise)
         for estimator, found in errors.items():
             fit = estimator(rows, seen)
             found.append(fit.values - TWO_LINK_TRUTH)
@@ -120,7 +118,7 @@ def test_outliers_hardly_move_the_robust_fit():
     seen = analyse_identifiability(clean)
     rng = np.random.default_rng(5)
     hit = rng.random(len(clean.values)) < 0.05
-    rows = with_values(clean, clean.values + hit * 20.0 * rng.exponential(size=len(clean.values)))
+    rows = replace(clean, values=clean.values + hit * 20.0 * rng.exponential(size=len(clean.values)))
     robust, plain = fit_huber(rows, seen), fit_ols(rows, seen)
     assert np.abs(score(robust)).max() < 4.5
     error = np.abs(robust.values - TWO_LINK_TRUTH)
@@ -208,13 +206,8 @@ def test_priors_of_the_robot_file_and_of_estimates():
     estimate = identify_parameters(library, [recording], PLAIN)
     again = build_prior_of_estimate(estimate, 2.0)
     assert again.deviations[0] == pytest.approx(2.0 * estimate.parameters[0].std)
-    near = identify_parameters(
-        library,
-        [recording],
-        PLAIN,
-        estimator="ridge",
-        options=EstimatorOptions(prior=again, prior_weight=1.0),
-    )
+    options = EstimatorOptions(prior=again, prior_weight=1.0)
+    near = identify_parameters(library, [recording], PLAIN, estimator="ridge", options=options)
     assert near.settings["fit"]["prior_weight"] == 1.0
 
 
@@ -229,31 +222,30 @@ def test_the_last_joint_is_known_from_its_own_rows():
     assert [entry["joint"] for entry in fit.report["order"]] == ["joint2", "joint1"]
 
 
-def test_rows_of_all_joints_are_no_rows_of_one():
-    rows = build(kind="power")
-    with pytest.raises(UsageError) as caught:
-        fit_rows("sequential", rows, analyse_identifiability(rows))
-    assert caught.value.notices[0].code == "usage.sequential-rows"
-
-
 @pytest.mark.parametrize(
-    ("estimator", "code"), [("ridge", "usage.no-prior"), ("consistent", "usage.no-bodies")]
+    ("estimator", "kind", "code"),
+    [
+        ("ridge", "torque", "usage.no-prior"),
+        ("consistent", "torque", "usage.no-bodies"),
+        # Rows of all joints are no rows of one.
+        ("sequential", "power", "usage.sequential-rows"),
+    ],
 )
-def test_what_an_estimator_lacks_is_named(estimator, code):
-    rows = build()
-    with pytest.raises(UsageError) as caught:
+def test_what_an_estimator_lacks_is_named(estimator, kind, code):
+    rows = build(kind=kind)
+    with raises(UsageError, code):
         fit_rows(estimator, rows, analyse_identifiability(rows))
-    assert caught.value.notices[0].code == code
 
 
-def test_a_robot_file_without_values_is_no_prior():
-    from dataclasses import replace
-
-    card = build_two_link().card
+def test_a_file_without_values_is_no_prior_and_an_overlap_is_a_part():
+    library = build_two_link()
+    card = library.card
     bare = replace(card, beta=tuple(replace(entry, value=None) for entry in card.beta), friction=())
-    with pytest.raises(UsageError, match="'two_link'") as caught:
+    with raises(UsageError, "usage.no-prior", match="'two_link'"):
         build_prior_of_card(bare, 0.2)
-    assert caught.value.notices[0].code == "usage.no-prior"
+    signals = build_signals(library, TWO_LINK_TRUTH)
+    with raises(UsageError, "usage.overlap"):
+        build_rows("momentum", library, signals, PLAIN, overlap=1.0)
 
 
 def test_runs_count_as_they_are_weighed():
@@ -285,11 +277,3 @@ def test_overlapping_windows_know_a_little_more_and_do_not_boast(kind):
                 scores.append(score(fit))
     assert np.mean(np.std(errors[0.5], axis=0) / np.std(errors[0.0], axis=0)) < 1.0
     assert 0.75 < np.mean(np.square(scores)) < 1.3
-
-
-def test_an_overlap_that_is_no_part_is_refused():
-    library = build_two_link()
-    signals = build_signals(library, TWO_LINK_TRUTH)
-    with pytest.raises(UsageError) as caught:
-        build_rows("momentum", library, signals, PLAIN, overlap=1.0)
-    assert caught.value.notices[0].code == "usage.overlap"

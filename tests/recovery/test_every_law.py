@@ -28,21 +28,15 @@ gravity = [0, -9.81, 0]
 [[joint]]
 name = "swing"
 kind = "revolute"
+link = {{ mass = 2.0, com = [0.2, 0.01, 0.0], inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }} }}
+[joint.friction]
 {friction}
 [[joint]]
 name = "slide"
 kind = "prismatic"
 alpha = "pi/2"
-[joint.friction]
-model = "coulomb-viscous"
-Fv = 3.0
-Fc = 2.0
-"""
-LINKS = """
-[joint.link]
-mass = 2.0
-com = [0.2, 0.01, 0.0]
-inertia = { xx = 0.01, yy = 0.02, zz = 0.03 }
+link = {{ mass = 2.0, com = [0.2, 0.01, 0.0], inertia = {{ xx = 0.01, yy = 0.02, zz = 0.03 }} }}
+friction = {{ model = "coulomb-viscous", Fv = 3.0, Fc = 2.0 }}
 """
 VALUES = {"Fv": 1.1, "Fc": 2.0, "Fe": 0.7, "offset": 0.2, "Fp": 0.2, "Fl": 0.05, "Fle": 0.02, "Fvq": 0.1}
 VALUES |= {"Fct": -0.004, "Fvt": -0.006, "Fvl": 0.5, "Fd": 1.3, "Fm": 0.6, "Fep": 0.5, "Fen": 0.4}
@@ -62,9 +56,7 @@ def write_file(path, name):
     law = get_law(name)
     linear, shape = state_values(law)
     lines = [f'model = "{name}"', *(f"{key} = {value}" for key, value in (linear | shape).items())]
-    friction = LINKS + "[joint.friction]\n" + "\n".join(lines)
-    text = FILE.format(friction=friction).replace('alpha = "pi/2"\n', 'alpha = "pi/2"\n' + LINKS)
-    path.write_text(text)
+    path.write_text(FILE.format(friction="\n".join(lines)))
     return law, linear, shape
 
 
@@ -100,11 +92,9 @@ def find_friction(law, values, inputs):
     printed = law.to_physical(*(list(part.values()) for part in values))
     named = dict(zip((entry.name for entry in law.physical), printed, strict=True))
     others = [key for key in law.inputs if key != "velocity"]
+    columns = zip(*(inputs[key].tolist() for key in ("velocity", *others)), strict=True)
     return np.array(
-        [
-            find_torque(law.name, named, v, **{key: float(inputs[key][k]) for key in others})
-            for k, v in enumerate(inputs["velocity"].tolist())
-        ]
+        [find_torque(law.name, named, v, **dict(zip(others, row, strict=True))) for v, *row in columns]
     )
 
 
@@ -126,9 +116,7 @@ def check_plant(library, law, values):
 
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_with_a_state_is_the_same_in_every_place(name, tmp_path):
-    friction = LINKS + "[joint.friction]\n" + write_table(name)
-    text = FILE.format(friction=friction).replace('alpha = "pi/2"\n', 'alpha = "pi/2"\n' + LINKS)
-    (tmp_path / "arm.toml").write_text(text)
+    (tmp_path / "arm.toml").write_text(FILE.format(friction=write_table(name)))
     robot, p = symid.load(tmp_path / "arm.toml"), give_values(name)
     again = parse_robot(write_robot(robot.description))
     assert again.joints[0].friction == robot.description.joints[0].friction
@@ -154,12 +142,8 @@ def test_a_law_with_a_state_is_the_same_in_every_place(name, tmp_path):
     values = np.array([entry.value for entry in library.card.friction])
     for state in states:
         wanted, z = take_step(p, state.dq[0], step, z)
-        torque, in_c = (
-            part[0]
-            for part in library.evaluate(
-                "friction_step", state.dq[None], step * state.dq[None], in_c[None], values
-            )
-        )
+        given = state.dq[None], step * state.dq[None], in_c[None], values
+        torque, in_c = (part[0] for part in library.evaluate("friction_step", *given))
         simulated, by_plant = plant.bristles.step(state.dq, step * state.dq, by_plant)
         for found, bent in ((torque, in_c), (simulated, by_plant)):
             assert found[0] == pytest.approx(wanted, rel=1e-12, abs=1e-12)

@@ -14,6 +14,7 @@ from symid.identification.friction.presliding import build_path, fit_presliding
 from symid.ipopt import Ending
 from symid.joint_models.dynamic_friction import get_dynamic_law, simulate_dynamic_friction
 from symid.simulation.friction_rig import PositionControl, Rig, RigOptions, simulate_friction_rig
+from tests.refusals import raises
 
 NOISE = 0.01
 MASS = 2.0
@@ -25,11 +26,10 @@ TRUTHS = {
 }
 
 
-def build_target(bend, speed, *, slides):
+def build_target(bend, speed):
     """Return a motion: bristles bent slowly and fast without slip, then sines at 1.5 and 20 times `speed`."""
     pieces = [(1.5 * bend, 1.0), (1.5 * bend, 8.0)]
-    if slides:
-        pieces += [(1.5 * speed / (2.0 * np.pi * 0.5), 0.5), (20.0 * speed / (2.0 * np.pi), 1.0)]
+    pieces += [(1.5 * speed / (2.0 * np.pi * 0.5), 0.5), (20.0 * speed / (2.0 * np.pi), 1.0)]
 
     def target(time):
         amplitude, frequency = pieces[min(int(time / 2.0), len(pieces) - 1)]
@@ -43,24 +43,20 @@ def motions():
     """Return a function that simulates a truth once."""
     made = {}
 
-    def simulate(name, *, slides=True, rate=500.0):
-        key = (name, slides, rate)
-        if key not in made:
-            values = TRUTHS[name]
+    def simulate(name):
+        if name not in made:
             law = get_dynamic_law("dahl" if name == "dahl" else "lugre")
-            named = dict(zip(law.names, values, strict=True))
-            target = build_target(named["fC"] / named["sigma0"], named.get("vs", 0.01), slides=slides)
+            named = dict(zip(law.names, TRUTHS[name], strict=True))
             gain = 3.0 * named["sigma0"]
             control = PositionControl(
-                proportional=gain, integral=0.0, derivative=1.4 * np.sqrt(gain * MASS), target=target
+                proportional=gain,
+                integral=0.0,
+                derivative=1.4 * np.sqrt(gain * MASS),
+                target=build_target(named["fC"] / named["sigma0"], named.get("vs", 0.01)),
             )
-            options = RigOptions(duration=10.0 if slides else 4.0, rate=rate)
-            made[key] = (
-                law,
-                named,
-                simulate_friction_rig(Rig(law=law, values=values, mass=MASS), control, options),
-            )
-        return made[key]
+            rig, options = Rig(law=law, values=TRUTHS[name], mass=MASS), RigOptions(duration=10.0, rate=500.0)
+            made[name] = law, named, simulate_friction_rig(rig, control, options)
+        return made[name]
 
     return simulate
 
@@ -102,14 +98,10 @@ def test_all_parameters_come_back_within_five_per_cent(motions, name):
     units = {entry.name: entry.unit for entry in found.parameters}
     assert units["sigma0"] == "N/m"
     assert found.samples == run.time.size
-
-
-@pytest.mark.parametrize("name", ["lugre", "dahl"])
-def test_the_mass_is_found_beside_them(motions, name):
-    law, named, run = motions(name)
-    found = fit_presliding(build_samples(run, 2, with_mass=True), law)
-    check_recovered(found, named)
-    assert found.get_value("M") == pytest.approx(MASS, rel=0.01)
+    if name != "stiff":
+        found = fit_presliding(build_samples(run, 2, with_mass=True), law)
+        check_recovered(found, named)
+        assert found.get_value("M") == pytest.approx(MASS, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -131,9 +123,8 @@ def test_an_exponent_that_the_data_want_beyond_its_bound_is_told(motions):
     law, _, run = motions("lugre")
     samples = build_samples(run, 1)
     wide = replace(law, parameters=tuple(replace(entry, upper=np.inf) for entry in law.parameters))
-    sharp = simulate_dynamic_friction(
-        wide, (1e4, 100.0, 10.0, 15.0, 0.01, 9.0, 25.0), build_path(samples)
-    ).torque
+    values = (1e4, 100.0, 10.0, 15.0, 0.01, 9.0, 25.0)
+    sharp = simulate_dynamic_friction(wide, values, build_path(samples)).torque
     noise = 0.1 * np.random.default_rng(1).normal(size=sharp.size)
     found = fit_presliding(build_samples(run, 1, torque=sharp + noise), law, fixed={})
     exponent = next(entry for entry in found.parameters if entry.name == "gamma")
@@ -173,15 +164,14 @@ def test_without_slip_the_law_of_slip_gets_a_sentence_and_no_number(motions):
     law, named, run = motions("lugre")
     short = slice(0, 400)
     small = 0.02 * run.position[short]
-    changes = {name: getattr(run, name)[short] for name in ("time",)}
     # A spring and a damper, nothing else: what bristles far from slip are.
     speed = 0.02 * run.velocity[short]
     torque = named["sigma0"] * small + (named["sigma1"] + named["fV"]) * speed
     noise = 1e-2 * np.abs(torque).max() * np.random.default_rng(0).normal(size=400)
-    changes |= {"velocity": speed, "position": small, "torque": torque + noise, "extra": np.zeros((400, 0))}
-    found = fit_presliding(build_samples(run, 0, **changes), law)
+    changes = {"time": run.time[short], "velocity": speed, "position": small, "torque": torque + noise}
+    found = fit_presliding(build_samples(run, 0, **changes, extra=np.zeros((400, 0))), law)
     refused = dict(found.refused)
-    assert {"fS", "vs"} <= set(refused)
+    assert "vs" in refused
     assert found.get_value("fS") is None
     assert "vs" in refused["fS"]
     # Where nothing slips, fC may grow without end.
@@ -189,7 +179,7 @@ def test_without_slip_the_law_of_slip_gets_a_sentence_and_no_number(motions):
     assert found.get_value("sigma0") == pytest.approx(named["sigma0"], rel=0.01)
 
 
-def test_where_friction_does_not_fall_the_stribeck_velocity_gets_no_number(motions):
+def test_static_friction_that_equals_or_falls_below_coulomb_is_told(motions):
     law, named, run = motions("flat")
     found = fit_presliding(build_samples(run, 5), law)
     assert found.get_value("vs") is None
@@ -197,9 +187,6 @@ def test_where_friction_does_not_fall_the_stribeck_velocity_gets_no_number(motio
     assert found.notices == ()
     for name in ("sigma0", "sigma1", "fC"):
         assert found.get_value(name) == pytest.approx(named[name], rel=0.05)
-
-
-def test_static_friction_below_coulomb_is_told(motions):
     law, named, run = motions("lugre")
     rising = (1e4, 100.0, 10.0, 7.0, 0.01, 2.0, 25.0)
     samples = build_samples(run, 6)
@@ -215,26 +202,19 @@ def test_static_friction_below_coulomb_is_told(motions):
 def test_a_coarse_log_is_told_to_have_few_presliding_samples(motions):
     law, _, run = motions("dahl")
     coarse = slice(2000, None, 100)
-    names = ("time", "velocity", "position")
-    changes = {name: getattr(run, name)[coarse] for name in names}
-    changes |= {"torque": run.friction[coarse], "extra": np.zeros((len(run.time[coarse]), 0))}
-    found = fit_presliding(build_samples(run, 0, **changes), law)
+    changes = {name: getattr(run, name)[coarse] for name in ("time", "velocity", "position")}
+    empty = np.zeros((len(run.time[coarse]), 0))
+    samples = build_samples(run, 0, **changes, torque=run.friction[coarse], extra=empty)
+    found = fit_presliding(samples, law)
     assert [notice.code for notice in found.notices] == ["friction.presliding-few"]
 
 
 @pytest.mark.parametrize("position", [None, np.ones(5001)], ids=["none", "constant"])
-def test_without_positions_nothing_is_fitted(motions, position):
+def test_what_cannot_be_fitted_is_refused(motions, position):
     law, _, run = motions("dahl")
-    with pytest.raises(IdentifiabilityError, match=r"joint .*position") as caught:
+    with raises(IdentifiabilityError, "friction.presliding-position", match=r"joint .*position"):
         fit_presliding(build_samples(run, 0, position=position), law)
-    assert caught.value.notices[0].code == "friction.presliding-position"
-
-
-def test_times_that_stand_still_and_empty_options_are_refused(motions):
-    law, _, run = motions("dahl")
-    with pytest.raises(UsageError) as caught:
+    with raises(UsageError, "friction.presliding-time"):
         fit_presliding(build_samples(run, 0, time=np.zeros(run.time.size)), law)
-    assert caught.value.notices[0].code == "friction.presliding-time"
-    with pytest.raises(UsageError, match="'dahl'") as caught:
+    with raises(UsageError, "friction.presliding-options", match="'dahl'"):
         fit_presliding(build_samples(run, 0), law, fixed={"sigma0": 1e4, "fC": 10.0})
-    assert caught.value.notices[0].code == "friction.presliding-options"

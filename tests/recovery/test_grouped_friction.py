@@ -1,22 +1,23 @@
 """Simulated robots whose parameters are groups: the plant brakes as the library says, logs give it back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Processing
 from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
 from symid.simulation.rigid_plant import RigidPlant, build_friction_lines, build_rest_state
+from tests.recovery.rigid_runs import list_truth, run_fourier
 
 HEAD = """
 name = "{name}"
 convention = "modified"
 gravity = [0, 0, -9.81]
 """
-LINK = "link = {{ mass = 2.0, com = [0.1, 0, 0.1], inertia = {{ xx = 0.1, yy = 0.1, zz = 0.1 }} }}"
+LINK = "link = { mass = 2.0, com = [0.1, 0, 0.1], inertia = { xx = 0.1, yy = 0.1, zz = 0.1 } }"
 BEHIND = """
 [[joint]]
 name = "j1"
@@ -55,12 +56,10 @@ kind = "prismatic"
 drive = {{ gear = 1, rotor_inertia = 0.5, rotor_inertia_side = "joint" }}
 friction = {{ model = "{model}", {first} }}
 """
+ASYMMETRIC = ("Fvp = 0.1, Fcp = 0.2, Fvn = 0.3, Fcn = 0.4", "Fvp = 0.5, Fcp = 0.6, Fvn = 0.25, Fcn = 0.7")
 MODELS = {
     "coulomb-viscous": ("Fv = 0.1, Fc = 0.2", "Fv = 0.3, Fc = 0.15"),
-    "asymmetric": (
-        "Fvp = 0.1, Fcp = 0.2, Fvn = 0.3, Fcn = 0.4",
-        "Fvp = 0.5, Fcp = 0.6, Fvn = 0.25, Fcn = 0.7",
-    ),
+    "asymmetric": ASYMMETRIC,
     "coulomb-viscous-offset": ("Fv = 0.1, Fc = 0.2, offset = 0.05", "Fv = 0.3, Fc = 0.15, offset = -0.02"),
 }
 
@@ -71,8 +70,7 @@ FITTED = (*CALLED, "torque_regressor")
 
 def read(tmp_path, text, name, **words):
     path = tmp_path / f"{name}.toml"
-    link = LINK.format()
-    path.write_text((HEAD + text).format(name=name, link=link, **words))
+    path.write_text((HEAD + text).format(name=name, link=LINK, **words))
     return read_robot(path)
 
 
@@ -103,26 +101,14 @@ def test_a_plant_brakes_as_the_library_says(tmp_path, model, multiplier):
     dq, friction = assert_brakes_as_the_library(library)
     plant, q = RigidPlant(library), np.array([0.3])
     for row, loss in zip(dq[:20], friction, strict=False):
-        state = build_rest_state(q)
-        state = type(state)(q=q, dq=row, modes=tuple(np.sign(row).astype(int).tolist()))
+        state = replace(build_rest_state(q), dq=row, modes=tuple(np.sign(row).astype(int).tolist()))
         after = plant.advance(state, np.zeros(1), 1e-9)
         free = library.evaluate("forward_dynamics", q, row, -loss, plant.beta)[0]
         np.testing.assert_allclose((after.dq - row) / 1e-9, free, rtol=1e-5, atol=1e-5)
 
 
-def test_the_friction_of_both_drives_acts_on_their_coordinate(tmp_path):
-    library = prepare_library(read_behind(tmp_path, "coulomb-viscous", 3), names=CALLED)
-    # tau_f = 3 (Fv1 3 dq + Fc1 sign(3 dq)) + Fv2 dq + Fc2 sign(dq)
-    for dq in (-0.7, 1.3):
-        expected = (9 * 0.1 + 0.3) * dq + (3 * 0.2 + 0.15) * np.sign(dq)
-        np.testing.assert_allclose(brake(library, np.array([dq])), [expected], rtol=1e-12)
-
-
-def simulate(robot, library, seed=0):
-    rng = np.random.default_rng(seed)
-    trajectory = build_random_fourier(robot, rng, FourierOptions(duration=5.0, base_frequency=0.2))
-    clean = ExperimentOptions(sensors=SensorOptions(counts_per_turn=None))
-    run = simulate_experiment(robot, library, trajectory, clean, rng)
+def simulate(robot, library):
+    run = run_fourier(robot, library, 0, duration=5.0)
     # The losses, anew: friction of the library times velocity, by the trapezoidal rule.
     values = np.array([parameter.value for parameter in library.card.friction])
     (torque,) = library.evaluate("friction", run.dq, values)
@@ -136,16 +122,20 @@ def assert_comes_back(robot, library, tolerance):
     run = simulate(robot, library)
     processing = Processing(drop_first=50, drop_last=50, standstill=0.02)
     estimate = identify_parameters(library, [run.recording], processing, rows="torque")
-    cards = (*library.card.beta, *library.card.friction)
-    found = estimate.assemble(tuple(card.name for card in cards))
-    expected = np.array([card.value for card in cards])
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
-    return {card.name: value for card, value in zip(cards, found, strict=True)}
+    truth = list_truth(library)
+    found = dict(zip(truth, estimate.assemble(tuple(truth)), strict=True))
+    assert found == pytest.approx(truth, rel=0, abs=tolerance * max(map(abs, truth.values())))
+    return found
 
 
 def test_a_log_gives_back_the_friction_of_a_group(tmp_path):
     robot = read_behind(tmp_path, "coulomb-viscous", 3)
-    found = assert_comes_back(robot, prepare_library(robot, names=FITTED), 2e-3)
+    library = prepare_library(robot, names=FITTED)
+    # tau_f = 3 (Fv1 3 dq + Fc1 sign(3 dq)) + Fv2 dq + Fc2 sign(dq)
+    for dq in (-0.7, 1.3):
+        expected = (9 * 0.1 + 0.3) * dq + (3 * 0.2 + 0.15) * np.sign(dq)
+        np.testing.assert_allclose(brake(library, np.array([dq])), [expected], rtol=1e-12)
+    found = assert_comes_back(robot, library, 2e-3)
     np.testing.assert_allclose(found["FvR1"], 0.1 + 0.3 / 9, rtol=0.02)
     np.testing.assert_allclose(found["FcR1"], 0.2 + 0.15 / 3, rtol=0.02)
 

@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.codegen.cache import prepare_library
-from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.identification.estimators.least_squares import fit_wls
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.regression.preparation import prepare_rows
@@ -21,13 +19,9 @@ from symid.identification.rigid.closed_loop import (
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.recording import RunSettings
 from symid.logs.runs import get_run_weights
-from symid.robot.description import Controller, Decimation, Processing
-from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
+from symid.robot.description import Decimation, Processing
+from tests.recovery.rigid_runs import GAINS, list_truth, run_fourier
 
-GAINS = Controller(
-    stiffness=(400.0, 60.0), damping=(25.0, 3.0), velocity_filter=150.0, offset=None, torque="average"
-)
 PROCESSING = Processing(filter_cutoff=60.0, drop_first=250, drop_last=10, decimation=Decimation(factor=5))
 LATE = replace(PROCESSING, standstill=0.05)
 """Without the rows where the sign of the velocity is noise."""
@@ -38,29 +32,19 @@ ENCODER, TORQUE = 1e-4, 0.05
 
 
 @pytest.fixture(scope="module")
-def robot(robots_folder):
-    found = read_robot(robots_folder / "two_link.toml")
-    return replace(found, processing=LATE, controller=GAINS)
+def robot(two_link):
+    return replace(two_link, processing=LATE, controller=GAINS)
 
 
 @pytest.fixture(scope="module")
-def library(robot):
-    return prepare_library(robot)
+def library(two_link_library):
+    return two_link_library
 
 
 @pytest.fixture(scope="module")
 def record(robot, library):
     """Return what a run logs without noise, by the seed of its motion."""
-
-    def run(seed):
-        rng = np.random.default_rng(seed)
-        motion = build_random_fourier(robot, rng, FourierOptions(duration=6.0, base_frequency=1.0 / 6.0))
-        options = ExperimentOptions(
-            controller=GAINS, period=2e-3, sensors=SensorOptions(counts_per_turn=None)
-        )
-        return simulate_experiment(robot, library, motion, options, rng).recording
-
-    return run
+    return lambda seed: run_fourier(robot, library, seed, controller=GAINS, period=2e-3).recording
 
 
 @pytest.fixture(scope="module")
@@ -91,20 +75,12 @@ def spoil(recording, seed, encoder=ENCODER):
     )
 
 
-def list_truth(library):
-    return {entry.name: entry.value for entry in (*library.card.beta, *library.card.friction)}
-
-
 def find_errors(library, estimates):
     """Return errors (trials, p) in the standard deviations that each estimate states."""
     truth = list_truth(library)
     expected = np.array(list(truth.values()))
-    return np.array(
-        [
-            (entry.assemble(tuple(truth)) - expected) / [found.std for found in entry.parameters]
-            for entry in estimates
-        ]
-    )
+    values = np.array([entry.assemble(tuple(truth)) for entry in estimates])
+    return (values - expected) / [[found.std for found in entry.parameters] for entry in estimates]
 
 
 def test_where_states_are_exact_it_is_wls(recording, library):
@@ -147,16 +123,7 @@ def test_noise_of_encoders_biases_wls_and_not_this(trials, library):
     assert np.all(np.abs(usual[0][inertia]) < 4.0)
     assert np.all(found[1] < 3.0)
     assert np.all(np.abs(found[0]) < 0.15)
-
-
-def test_the_deviations_cover(trials, library):
-    """They are too large here: what is left is mostly noise of accelerations, whose low part alone counts."""
-    found = find_errors(library, trials[0])
-    assert np.mean(np.abs(found) < 1.0) > 0.95
-    assert np.all(np.abs(found) < 3.0)
-
-
-def test_the_verdict_names_what_wls_got_wrong(trials):
+    # The verdict names what wls got wrong.
     for estimate in trials[0]:
         told = estimate.settings["fit"]["wls"]
         assert told["biased"]
@@ -167,6 +134,11 @@ def test_the_verdict_names_what_wls_got_wrong(trials):
         assert "processing.filter_cutoff" in notice.text
         assert estimate.settings["fit"]["start"] == "instruments along the references"
         assert estimate.settings["fit"]["iterations"] <= 8
+    # Deviations cover. They are too large here: what is left is mostly noise of accelerations, whose low part
+    # alone counts.
+    sizes = np.abs(find_errors(library, trials[0]))
+    assert np.mean(sizes < 1.0) > 0.95
+    assert np.all(sizes < 3.0)
 
 
 def test_a_filter_that_is_low_enough_is_called_so(robot, library, recording):
@@ -195,9 +167,7 @@ def test_noise_that_leaves_wls_no_robot_is_no_hindrance(robot, library, recordin
     assert inertia.value == pytest.approx(inertia.truth, rel=0.15)
     # From wls as the only start it is told in words; see the tests of output error.
     assert estimate_start(pose(library, log, build_closed_loop(log, GAINS, FREE), LATE)) is not None
-
-
-def test_references_that_stand_still_are_no_start(library, recording):
+    # References that stand still are no start.
     still = replace(recording, reference=np.zeros_like(recording.reference), reference_velocity=None)
     assert estimate_start(pose(library, still, build_closed_loop(still, GAINS, FREE), LATE)) is None
 

@@ -76,8 +76,7 @@ def log(arm, motion):
 def test_friction_is_exact_with_the_values_of_a_robot_known(arm, cad, log, given):
     known = cad if given == "file" else symid.load(cad)
     fit = arm.identify_friction(log, model="coulomb-viscous-offset", known=known, settings=EXACT)
-    values = [[joint.estimate.get_value(name) for name in LAW] for joint in fit.joints.values()]
-    np.testing.assert_allclose(values, FRICTION, rtol=1e-8)
+    np.testing.assert_allclose(find_values(fit), FRICTION, rtol=1e-8)
     assert fit.estimate.settings["known"] == str(cad)
     assert all("subtracted" in joint.rigid for joint in fit.joints.values())
 
@@ -96,8 +95,7 @@ def test_other_gravity_another_name_and_friction_are_no_other_model(arm, folder,
     other = replace(robot, name="drawing", joints=joints, gravity=(Exact.of("0"),) * 3)
     path = save(other, folder / "drawing.toml")
     fit = arm.identify_friction(log, model="coulomb-viscous-offset", known=path, settings=EXACT)
-    values = [[joint.estimate.get_value(name) for name in LAW] for joint in fit.joints.values()]
-    np.testing.assert_allclose(values, FRICTION, rtol=1e-8)
+    np.testing.assert_allclose(find_values(fit), FRICTION, rtol=1e-8)
 
 
 def test_a_urdf_with_values_is_taken(folder, log, motion):
@@ -109,9 +107,12 @@ def test_a_urdf_with_values_is_taken(folder, log, motion):
     time, q, dq, ddq, tau = motion
     record = symid.build_log(robot, time=time, q=q, dq=dq, ddq=ddq, tau=tau - np.array(ROTORS) * ddq)
     fit = robot.identify_friction(record, model="coulomb-viscous-offset", known=path, settings=EXACT)
-    values = [[joint.estimate.get_value(name) for name in LAW] for joint in fit.joints.values()]
     # The file rounds angles and inertias.
-    np.testing.assert_allclose(values, FRICTION, rtol=1e-6)
+    np.testing.assert_allclose(find_values(fit), FRICTION, rtol=1e-6)
+
+
+def find_values(fit):
+    return [[joint.estimate.get_value(name) for name in LAW] for joint in fit.joints.values()]
 
 
 def change(**changes):
@@ -130,10 +131,7 @@ WRONG = {
     "no value of one link": (change(inertial=None), ("no link values of joint2", "base parameters have no")),
     "no value of one rotor": (change(drive=Drive(has_rotor=True)), ("no rotor inertia of joint2",)),
     "no rotor": (change(drive=Drive()), ("'joint2' has a rotor in the robot and none in the file",)),
-    "another place": (
-        change(placement=SHIFTED),
-        ("axis of joint 'joint2' stands elsewhere than in 'arm', by 0.01",),
-    ),
+    "another place": (change(placement=SHIFTED), ("'joint2' stands elsewhere than in 'arm', by 0.01",)),
     "a slide": (change(kind=JointKind.PRISMATIC), ("'joint2' is of another kind",)),
     "a spring": (change(spring=Spring(stiffness=2.0, rest=0.0)), ("'joint2' has a spring in only one",)),
     "another name": (change(name="elbow"), ("its joints are joint1, elbow, joint3, those of 'arm' joint1",)),

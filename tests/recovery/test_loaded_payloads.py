@@ -5,7 +5,8 @@ import pytest
 
 import symid
 from tests.recovery.closed_form import find_two_link_torque
-from tests.recovery.test_friction_choice import BETA, ROBOT, TRUTH, move, stribeck_and_load
+from tests.recovery.flexible_arm import RATE, find_friction, move
+from tests.recovery.test_friction_choice import BETA, DURATION, ROBOT, TRUTH, measure_errors
 
 MASS, CENTRE, INERTIA = 6.0, (0.15, 0.03), 0.02
 X, Y = CENTRE
@@ -27,9 +28,10 @@ friction = { model = "load-dependent", Fv = 1, Fc = 1, Fl = 0.05 }
 
 def record(seed, payload, noise=0.02, *, load=False):
     rng = np.random.default_rng(seed)
-    time, q, dq, ddq = move(seed)
+    time = np.arange(round(DURATION * RATE)) / RATE
+    q, dq, ddq = move(time, seed)
     torque = find_two_link_torque(q, dq, ddq)[0] @ (BETA + payload)
-    tau = torque + stribeck_and_load(dq, torque)
+    tau = torque + find_friction(dq, torque)
     step = 2 * np.pi / 2**20
     given = {"load": torque + noise * rng.normal(size=tau.shape)} if load else {}
     position = np.round(q / step) * step
@@ -49,11 +51,6 @@ def folder(tmp_path_factory):
     (root / "sensed.toml").write_text(RUN.format(file="sensed.npz") + PAYLOAD)
     (root / "both.toml").write_text(RUN.format(file="empty.npz") + RUN.format(file="with.npz") + PAYLOAD)
     return root
-
-
-def measure_errors(fit):
-    """Return how many deviations values are from those of the arm without the body."""
-    return {entry.name: abs(entry.value - TRUTH[entry.name]) / entry.std for entry in fit.parameters}
 
 
 @pytest.mark.parametrize("runs", ["alone", "both", "sensed"])

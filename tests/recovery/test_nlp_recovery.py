@@ -22,50 +22,33 @@ from symid.identification.elastic.nlp import (
 )
 from symid.identification.elastic.nlp_cost import build_nlp_recording
 from symid.identification.elastic.options import METHODS, ElasticOptions, NlpOptions
-from symid.identification.elastic.regression import build_elastic_problem, prepare_elastic_signals
+from symid.identification.elastic.regression import build_elastic_problem
 from symid.identification.elastic.together import fit_linear_spring, fit_two_step
 from symid.ipopt import Ending
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 from symid.robot.toml_reader import read_robot
-from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
 from symid.study.elastic_methods import get_true_parameters
 from tests.elastic_fits import identify_elastic
-from tests.recovery.random_starts import draw_start, is_same, optimise_from_many
+from tests.recovery.elastic_runs import KNEES, STOPS, build, find_error, find_truth, run_arm
+from tests.refusals import raises
 
-TRUE_PLACES = {
-    "thresholds": ((0.002, 0.005, 0.010), (0.003, 0.008, 0.016)),
-    "knee_torques": ((-3.0, 3.0), (-1.2, 1.2)),
-}
-
-
-@pytest.fixture(scope="module")
-def arm(robots_folder):
-    robot = read_robot(robots_folder / "two_link_elastic.toml")
-    return robot, prepare_library(robot)
-
-
-def build(arm, experiment, options):
-    robot, library = arm
-    run = simulate_elastic(robot, library, build_tc(), experiment, np.random.default_rng(0))
-    return build_elastic_problem(library, [prepare_elastic_signals(run.recording, options)], options)
+TRUE_PLACES = {"thresholds": STOPS, "knee_torques": KNEES}
 
 
 @pytest.fixture(scope="module")
 def clean(arm):
-    return build(
-        arm, replace(build_clean_options(), duration=6.0, period=5e-4), ElasticOptions(**TRUE_PLACES)
-    )
+    run = run_arm(*arm, build_tc(), duration=6.0, period=5e-4)
+    return build(arm[1], [run.recording], ElasticOptions(**TRUE_PLACES))
 
 
 @pytest.fixture(scope="module")
 def noisy_recording(arm):
-    return simulate_elastic(*arm, build_tc(), build_noisy_options(), np.random.default_rng(0)).recording
+    return run_arm(*arm, build_tc(), noisy=True, duration=None).recording
 
 
 @pytest.fixture(scope="module")
 def noisy(arm, noisy_recording):
-    options = ElasticOptions()
-    return build_elastic_problem(arm[1], [prepare_elastic_signals(noisy_recording, options)], options)
+    return build(arm[1], [noisy_recording], ElasticOptions())
 
 
 @pytest.fixture(scope="module")
@@ -89,18 +72,44 @@ def find_errors(arm, problem, fit):
 
     The springs are compared on the torsion of the recording.
     """
-    card = arm[1].card
-    truth = np.array([entry.value for entry in (*card.beta, *card.rotors, *card.friction)])
-    known = truth != 0.0
-    errors = np.abs(fit.chi - truth)[known] / truth[known]
     springs = []
-    for joint, (true, found) in enumerate(zip(card.elasticity, fit.elasticity, strict=True)):
-        phi = problem.signals[0].phi[:, joint]
-        expected = compute_hysteresis_torque(true, phi)
-        springs.append(
-            np.linalg.norm(compute_hysteresis_torque(found, phi) - expected) / np.linalg.norm(expected)
+    for joint, pair in enumerate(zip(arm[1].card.elasticity, fit.elasticity, strict=True)):
+        true, found = (compute_hysteresis_torque(spring, problem.signals[0].phi[:, joint]) for spring in pair)
+        springs.append(np.linalg.norm(found - true) / np.linalg.norm(true))
+    return find_error(fit.chi, find_truth(arm[1])), np.array(springs)
+
+
+def draw_start(layout, x, generator):
+    """Return random unknowns (x,) between their bounds, around the size of the given ones but not close.
+
+    Dynamic parameters between half and twice the given ones, springs likewise with random shares of their
+    stops, slopes between 0.4 and 2.5, Stribeck velocities over their range.
+    """
+    start = np.array(x)
+    start[layout.dynamics] *= 2.0 ** generator.uniform(-1.0, 1.0, size=layout.dynamics.stop)
+    for spring in layout.springs:
+        shares = generator.dirichlet(np.ones(len(spring.thresholds) + 1))
+        start[spring.weights] = shares * np.sum(x[spring.weights]) * 2.0 ** generator.uniform(-1.0, 1.0)
+        start[spring.slopes] = 2.5 ** generator.uniform(
+            -1.0, 1.0, size=spring.slopes.stop - spring.slopes.start
         )
-    return errors.max(), np.array(springs)
+    limits = np.log(layout.lower[layout.speed]), np.log(layout.upper[layout.speed])
+    start[layout.speed] = np.exp(generator.uniform(*limits))
+    friction = float(np.max(np.abs(x[layout.dynamics]), initial=0.0))
+    start[layout.excess] = generator.uniform(0.0, friction, size=layout.excess.stop - layout.excess.start)
+    return np.clip(start, layout.lower, layout.upper)
+
+
+def optimise_from_many(fit, count, generator, options=None):
+    """Return `count` random feasible starts of the last problem of `fit`, and the runs from there."""
+    starts = [draw_start(fit.cost.layout, fit.run.x, generator) for _ in range(count)]
+    scales = compute_scales(fit.cost, fit.run.x)
+    return [(start, optimise_nlp(fit.cost, start, scales, options or NlpOptions())) for start in starts]
+
+
+def is_same(run, least):
+    """Return whether the run converged to the optimum whose objective is `least`."""
+    return run.converged and abs(run.objective - least) <= 1e-6 * abs(least)
 
 
 @pytest.mark.parametrize("rows", [("energy",), ("filtered",), ("momentum",), ("energy", "momentum")])
@@ -257,23 +266,17 @@ def test_a_file_without_rotor_inertias_is_identified_by_every_method(
     np.testing.assert_allclose(fit_nlp(problem).fit.chi, noisy_fit.fit.chi, rtol=1e-6)
     found = identify_elastic(library, [noisy_recording], ElasticOptions())
     values = {entry.name: entry.value for entry in found.parameters}
-    assert values["IA1"] == pytest.approx(0.25, rel=0.02)
-    assert values["IA2"] == pytest.approx(0.05, rel=0.02)
-    assert {trial.method for trial in found.trials} == set(METHODS) - {
-        "automatic",
-        "independent",
-        "simultaneous",
-    }
-    with pytest.raises(UsageError, match="IA1, IA2") as caught:
+    assert [values["IA1"], values["IA2"]] == pytest.approx([0.25, 0.05], rel=0.02)
+    others = {"automatic", "independent", "simultaneous"}
+    assert {trial.method for trial in found.trials} == set(METHODS) - others
+    with raises(UsageError, "usage.study-robot", match="IA1, IA2"):
         get_true_parameters(library.card)
-    assert [notice.code for notice in caught.value.notices] == ["usage.study-robot"]
 
 
 @pytest.mark.parametrize(("stops", "knees"), [(0, 4), (8, 0), (0, 0)])
 def test_no_stops_and_no_knees_are_none(arm, stops, knees):
-    problem = build(
-        arm, replace(build_noisy_options(), duration=8.0), ElasticOptions(stops=stops, knees=knees)
-    )
+    run = run_arm(*arm, build_tc(), noisy=True)
+    problem = build(arm[1], [run.recording], ElasticOptions(stops=stops, knees=knees))
     for fit in (fit_nlp(problem).fit, fit_two_step(problem), fit_elimination(problem)):
         for spring in fit.elasticity:
             assert not spring.stops or stops
@@ -299,21 +302,19 @@ def test_a_grid_over_noisy_data_stays_bounded_and_names_what_holds(arm, noisy, g
         assert any(value == pytest.approx(end, rel=1e-12) for end in ends)
 
 
-def test_twenty_random_starts_end_at_one_optimum(noisy_fit):
+def test_twenty_random_starts_end_at_one_optimum(noisy_fit, grid_fit):
     result = noisy_fit
     many = optimise_from_many(result, 20, np.random.default_rng(5))
     assert all(is_same(run, result.run.objective) for _, run in many)
     for start, run in many:
         assert result.cost.compute_value(result.cost.compute_state(start)) > 2.0 * run.objective
         assert run.certificate.kkt < 1e-6
-
-
-def test_every_start_on_a_grid_is_accounted_for(grid_fit):
-    result = grid_fit
-    many = [run for _, run in optimise_from_many(result, 4, np.random.default_rng(5))]
+    # On a grid every start is accounted for.
+    many = [run for _, run in optimise_from_many(grid_fit, 4, np.random.default_rng(5))]
     assert all(run.reason for run in many)
-    least = min(run.objective for run in (result.run, *many) if run.converged)
-    assert all(is_same(run, least) or run.objective > least * (1.0 + 1e-6) for run in many if run.converged)
+    ended = [run for run in many if run.converged]
+    least = min(run.objective for run in (grid_fit.run, *ended))
+    assert all(is_same(run, least) or run.objective > least * (1.0 + 1e-6) for run in ended)
 
 
 def test_the_gauss_newton_hessian_ends_at_the_same_optimum(noisy_fit):
@@ -322,6 +323,10 @@ def test_the_gauss_newton_hessian_ends_at_the_same_optimum(noisy_fit):
     other = optimise_nlp(exact.cost, start, scales, NlpOptions(hessian="gauss-newton"))
     assert other.converged
     assert other.objective == pytest.approx(exact.run.objective, rel=1e-6)
+    # A point off the optimum has no certificate.
+    x = np.array(exact.run.x)
+    x[0] *= 1.01
+    assert compute_certificate(exact.cost, x, scales).kkt > 1e-3
 
 
 def test_a_run_that_does_not_converge_says_so(noisy):
@@ -334,13 +339,6 @@ def test_a_run_that_does_not_converge_says_so(noisy):
     assert not run.converged
 
 
-def test_a_point_off_the_optimum_has_no_certificate(noisy_fit):
-    result = noisy_fit
-    x = np.array(result.run.x)
-    x[0] *= 1.01
-    assert compute_certificate(result.cost, x, compute_scales(result.cost, result.run.x)).kkt > 1e-3
-
-
 def test_knees_and_stops_that_are_not_reached_are_named(noisy):
     options = replace(noisy.options, refine=False, knee_torques=((-40.0, 3.0), (-1.2, 1.2)))
     problem = replace(noisy, options=options, thresholds=(np.array([0.002, 0.5]), np.array([0.003])))
@@ -351,11 +349,9 @@ def test_knees_and_stops_that_are_not_reached_are_named(noisy):
     assert "k2 of joint 1" in texts[0]
     assert [stop.threshold for stop in result.fit.elasticity[0].stops] == [0.002]
     assert all(knee.threshold > -40.0 for knee in result.fit.elasticity[0].knees)
-
-
-def test_a_limit_that_holds_a_weight_is_said(noisy):
-    result = fit_nlp(noisy, NlpOptions(rows=("momentum",), slopes=(0.99, 1.01)))
-    assert "elastic.nlp-limit" in {notice.code for notice in result.fit.notices}
+    # A limit that holds a weight is said.
+    held = fit_nlp(noisy, NlpOptions(rows=("momentum",), slopes=(0.99, 1.01)))
+    assert "elastic.nlp-limit" in {notice.code for notice in held.fit.notices}
 
 
 def test_odd_springs_and_their_own_start(grid_problem):

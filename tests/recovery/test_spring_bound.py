@@ -1,6 +1,7 @@
 """The Cramer-Rao bound of who knows the form of the springs: closed forms, and what comes near it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,14 +10,10 @@ from symid.identification.elastic.estimate import compute_elimination_bound, com
 from symid.identification.elastic.regression import ElasticSignals
 from symid.joint_models.hysteresis import Stop
 from symid.logs.signals import differentiate
-from tests.recovery.elastic_runs import find_truth, prepare_arm, run_arm
+from tests.recovery.elastic_runs import find_truth, run_arm
 
 SIGMA = np.array([0.2, 0.05])
-
-
-@pytest.fixture(scope="module")
-def arm(robots_folder):
-    return prepare_arm(robots_folder)
+STATES = ("time", "q", "dq", "theta", "dtheta")
 
 
 @pytest.fixture(scope="module")
@@ -24,24 +21,16 @@ def run(arm):
     return run_arm(*arm, duration=6.0)
 
 
-def read_states(run):
-    return ElasticSignals(
-        time=run.time,
-        q=run.q,
-        dq=run.dq,
-        theta=run.theta,
-        dtheta=run.dtheta,
-        tau=run.torque,
-        period=run.recording.period,
-        settled=0,
-        hold="zero",
-    )
+@pytest.fixture(scope="module")
+def signals(run):
+    states = {name: getattr(run, name) for name in STATES}
+    period = run.recording.period
+    return ElasticSignals(**states, tau=run.torque, period=period, settled=0, hold="zero")
 
 
-def test_the_scale_of_links_and_springs_is_all_that_exact_links_leave_open(arm, run):
+def test_the_scale_of_links_and_springs_is_all_that_exact_links_leave_open(arm, run, signals):
     """With it, rotors and friction: six numbers of the motor equations, a plain least-squares problem."""
     _, library = arm
-    signals = read_states(run)
     bound = compute_spring_bound(library, [signals], [SIGMA])
     truth, beta = find_truth(library), len(library.card.beta)
     (momentum,) = library.evaluate("momentum_regressor", run.q, run.dq)
@@ -59,9 +48,8 @@ def test_the_scale_of_links_and_springs_is_all_that_exact_links_leave_open(arm, 
     np.testing.assert_allclose(deviations, np.sqrt(np.diag(expected)[1:]), rtol=2e-2)
 
 
-def test_who_knows_the_form_can_do_better_and_noise_scales_the_bound(arm, run):
+def test_who_knows_the_form_can_do_better_and_noise_scales_the_bound(arm, run, signals):
     _, library = arm
-    signals = read_states(run)
     known, unknown = (
         find(library, [signals], [SIGMA]) for find in (compute_spring_bound, compute_elimination_bound)
     )
@@ -72,25 +60,15 @@ def test_who_knows_the_form_can_do_better_and_noise_scales_the_bound(arm, run):
     np.testing.assert_allclose(again, known / 2.0, rtol=1e-5, atol=1e-9 * np.abs(known).max())
 
 
-def test_stops_that_never_slip_leave_the_links_as_they_are(arm, run):
+def test_stops_that_never_slip_leave_the_links_as_they_are(arm, run, signals):
     """A far stop is one with k0, and nobody can tell them apart; links and friction do not care."""
     _, library = arm
-    signals = read_states(run)
+    stop = Stop(threshold=1.0, stiffness=10.0)
     far = tuple(
-        replace(
-            spring,
-            stiffness=spring.stiffness - 10.0,
-            stops=(*spring.stops, Stop(threshold=1.0, stiffness=10.0)),
-        )
+        replace(spring, stiffness=spring.stiffness - 10.0, stops=(*spring.stops, stop))
         for spring in library.card.elasticity
     )
+    other = SimpleNamespace(card=replace(library.card, elasticity=far), evaluate=library.evaluate)
     known = compute_spring_bound(library, [signals], [SIGMA])
-    more = compute_spring_bound(_Library(library, far), [signals], [SIGMA])
+    more = compute_spring_bound(other, [signals], [SIGMA])
     np.testing.assert_allclose(np.diag(more), np.diag(known), rtol=1e-3, atol=1e-12)
-
-
-class _Library:
-    """A library whose card states other springs."""
-
-    def __init__(self, library, springs):
-        self.card, self.evaluate = replace(library.card, elasticity=springs), library.evaluate

@@ -5,73 +5,48 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.codegen.cache import prepare_library
-from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Processing
-from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import ExperimentOptions, SensorOptions, simulate_experiment
+from symid.simulation.experiment import SensorOptions
+from tests.recovery.rigid_runs import run_fourier
 
 NOISE = 0.2
-SEEDS = range(8)
 
 
 @pytest.fixture(scope="module")
-def robot(robots_folder):
-    return read_robot(robots_folder / "two_link.toml")
+def recordings(two_link, two_link_library):
+    library, sensors = two_link_library, SensorOptions(torque_noise=(NOISE,))
+    return library, [run_fourier(two_link, library, seed, sensors=sensors).recording for seed in range(8)]
 
 
-@pytest.fixture(scope="module")
-def recordings(robot):
-    library = prepare_library(robot)
-    options = ExperimentOptions(sensors=SensorOptions(torque_noise=(NOISE,)))
-    runs = []
-    for seed in SEEDS:
-        rng = np.random.default_rng(seed)
-        trajectory = build_random_fourier(robot, rng, FourierOptions(duration=6.0, base_frequency=1.0 / 6.0))
-        runs.append(simulate_experiment(robot, library, trajectory, options, rng).recording)
-    return library, runs
-
-
-def find_scores(robot, recordings, standstill):
+def find_scores(two_link, recordings, standstill):
     """Return (value - truth) / std of all parameters for all seeds: (seeds, p)."""
     library, runs = recordings
-    processing = replace(robot.processing, standstill=standstill)
+    processing = replace(two_link.processing, standstill=standstill)
     estimates = [identify_parameters(library, (run,), processing) for run in runs]
     return np.array([[(p.value - p.truth) / p.std for p in e.parameters] for e in estimates]), estimates
 
 
-def test_the_stated_deviations_are_honest(robot, recordings):
-    scores, estimates = find_scores(robot, recordings, robot.processing.standstill)
+def test_the_stated_deviations_are_honest_and_rows_of_sticking_joints_no_noise(two_link, recordings):
+    scores, estimates = find_scores(two_link, recordings, two_link.processing.standstill)
     # 96 scores, correlated within a seed: their mean square is one, give or take a quarter.
     assert 0.7 < np.sqrt(np.mean(scores**2)) < 1.3
     assert np.abs(scores.mean(axis=0)).max() < 1.2
     assert {notice.code for notice in estimates[0].notices} == {"identify.slow-rows"}
     assert "= 0.1 were" in estimates[0].notices[0].text
-
-
-def test_rows_of_sticking_joints_are_no_noise(robot, recordings):
-    """Why the setting exists: with all rows the elbow's residual lies above the noise, without them at it."""
-    _, with_all = find_scores(robot, recordings, 0.0)
-    _, without = find_scores(robot, recordings, robot.processing.standstill)
-    elbow = np.array([[estimate.residual[1].std for estimate in part] for part in (with_all, without)])
+    # Why the setting exists: with all rows the elbow's residual lies above the noise, without them at it.
+    _, with_all = find_scores(two_link, recordings, 0.0)
+    elbow = np.array([[estimate.residual[1].std for estimate in part] for part in (with_all, estimates)])
     assert np.all(elbow[0] > 1.05 * elbow[1])
     # White noise of 0.2 N m keeps 0.29 of itself behind the decimation filter.
     assert np.mean(elbow[1]) == pytest.approx(0.29 * NOISE, rel=0.05)
-    assert with_all[0].samples > without[0].samples
+    assert with_all[0].samples > estimates[0].samples
 
 
-def test_a_low_cutoff_is_doubted(robot, recordings):
-    library, runs = recordings
-    processing = replace(robot.processing, filter_cutoff=50.0)
-    codes = [notice.code for notice in identify_parameters(library, runs[:1], processing).notices]
-    assert "identify.low-cutoff" in codes
-
-
-def test_a_file_without_processing_still_gives_sound_results(robot, recordings):
+def test_a_file_without_processing_still_gives_sound_results(two_link, recordings):
     library, runs = recordings
     sizes, errors = [], []
-    for settings in (Processing(automatic=True), Processing(), robot.processing):
+    for settings in (Processing(automatic=True), Processing(), two_link.processing):
         estimates = [identify_parameters(library, (run,), settings) for run in runs[:4]]
         found = np.array([[(p.value - p.truth, p.std) for p in e.parameters] for e in estimates])
         sizes.append(np.sqrt(np.mean((found[..., 0] / found[..., 1]) ** 2)))
@@ -86,3 +61,6 @@ def test_a_file_without_processing_still_gives_sound_results(robot, recordings):
     assert "one row in 5, positions pass a low-pass at 400 Hz" in estimate.notices[0].text
     assert estimate.settings["processing"]["filter_cutoff"] == 400.0
     assert estimate.settings["chosen"] == ["filter_cutoff", "decimation.factor", "standstill"]
+    low = replace(two_link.processing, filter_cutoff=50.0)
+    codes = [notice.code for notice in identify_parameters(library, runs[:1], low).notices]
+    assert "identify.low-cutoff" in codes

@@ -5,6 +5,7 @@ import pytest
 import symid
 from symid.errors import UsageError
 from symid.joint_models import get_law
+from tests.refusals import raises
 from tests.state_laws import ARM, write_table
 
 LIMITS = """
@@ -62,20 +63,20 @@ def test_the_curve_is_found_and_the_state_values_go_into_the_file(name, logs, fo
     assert fit.validate(robot.simulate(duration=8.0, seed=7).log).verdict.level in {"good", "usable"}
 
 
-def test_the_law_of_the_file_by_name_is_the_law_of_the_file(logs, folder):
+@pytest.mark.parametrize("named", ["lugre", {"a": "lugre"}])
+def test_the_law_of_the_file_by_name_is_the_law_of_the_file(logs, folder, named):
     robot = load(folder, "lugre")
-    named, plain = (robot.identify(logs["lugre"], friction=name) for name in ("lugre", None))
-    assert [(entry.name, entry.value) for entry in named.parameters] == [
-        (entry.name, entry.value) for entry in plain.parameters
-    ]
-    assert "identify.friction-state" in find_codes(named)
+    found, plain = (robot.identify(logs["lugre"], friction=laws) for laws in (named, None))
+    assert found.estimate.parameters == plain.estimate.parameters
+    assert "identify.friction-state" in find_codes(found)
 
 
-@pytest.mark.parametrize("friction", ["auto", "stribeck"])
+@pytest.mark.parametrize("friction", ["auto", "stribeck", {"a": "coulomb-viscous"}])
 def test_a_search_says_that_it_gives_the_state_up(friction, logs, folder):
     fit = load(folder, "lugre").identify(logs["lugre"], friction=friction)
     (notice,) = (notice for notice in fit.notices if notice.code == "identify.friction-replaced")
     assert "friction with a state (a: lugre) gives way to a static law" in notice.text
+    assert "identify.friction-state" not in find_codes(fit)
     assert not any(get_law(law.law).memory for law in fit.estimate.laws)
 
 
@@ -101,16 +102,10 @@ def test_friction_rows_say_that_they_give_the_state_up(logs, folder, tmp_path):
 
 @pytest.mark.parametrize("estimator", ["output-error", "instrumental"])
 def test_estimators_that_simulate_are_refused(estimator, logs, folder):
-    with pytest.raises(UsageError, match=r"friction with a state \(a: dahl\) moves otherwise") as caught:
+    with raises(
+        UsageError, "usage.friction-state", match=r"friction with a state \(a: dahl\) moves otherwise"
+    ):
         load(folder, "dahl").identify(logs["dahl"], estimator=estimator)
-    assert [notice.code for notice in caught.value.notices] == ["usage.friction-state"]
-
-
-def test_a_joint_keeps_the_law_of_its_file_by_name(logs, folder):
-    robot = load(folder, "lugre")
-    named, plain = (robot.identify(logs["lugre"], friction=laws) for laws in ({"a": "lugre"}, None))
-    assert named.estimate.parameters == plain.estimate.parameters
-    assert "identify.friction-state" in find_codes(named)
 
 
 def test_laws_of_single_joints_whose_state_is_not_stated_are_refused_at_once(logs, folder):
@@ -120,10 +115,3 @@ def test_laws_of_single_joints_whose_state_is_not_stated_are_refused_at_once(log
     assert {first.code, second.code} == {"usage.joint-friction"}
     assert first.text.startswith("friction of joint 'a': 'dahl' needs sigma0, which no option gives")
     assert "joint 'b': no such joint" in second.text
-
-
-def test_a_joint_whose_law_is_chosen_gives_the_state_up_and_that_is_said(logs, folder):
-    fit = load(folder, "lugre").identify(logs["lugre"], friction={"a": "coulomb-viscous"})
-    codes = find_codes(fit)
-    assert "identify.friction-replaced" in codes
-    assert "identify.friction-state" not in codes

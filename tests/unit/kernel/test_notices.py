@@ -39,9 +39,6 @@ def test_the_table_of_codes_is_of_codes_that_exist():
 def test_severe_warnings_stand_first_and_equal_ones_keep_their_order():
     vague = Notice(code="identify.poorly-identifiable", text="v")
     sign = Notice(code="log.torque-sign", text="s")
-        Notice(code="identify.poorly-identifiable", text="v"),
-        Notice(code="log.torque-sign", text="s"),
-    )
     other = Notice(code="export.spring", text="o")
     doubt = Notice(code="identify.doubtful", text="d")
     given = (note(), vague, other, sign, doubt, vague)

@@ -1,0 +1,242 @@
+"""EMPS, a real servo axis: its published identification digit by digit, output error, and instruments.
+
+Numbers: Janot, Gautier, Brunot, Data set and reference models of EMPS, 2019. The published standard
+deviations take std(residual), which divides by rows - 1, as the noise of one row.
+
+The published rows, and instruments, take a command, which holds from its sample to the next, for the force at
+its sample. A simulation that logs forces so ("average") meets the published values; one that logs commands,
+as this log does, is half a period away.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symid.codegen.cache import prepare_library
+from symid.codegen.library import Library
+from symid.identification.rigid.closed_loop import (
+    build_closed_loop,
+    compute_demand,
+    identify_closed_loop,
+    set_card_values,
+)
+from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.validation import validate_estimate
+from symid.logs.reader import read_recording
+from symid.logs.recording import cut_recording
+from symid.logs.signals import decimate, prepare_signals
+from symid.robot.description import Decimation, Joint, JointKind, LogMap, LogQuantity, Processing, Robot
+from symid.robot.geometry import IDENTITY
+from symid.robot.loading import override_robot
+from symid.simulation.rigid_plant import RigidPlant, RigidPlantState
+
+NAMES = ("M1", "Fv1", "Fc1", "offset1")
+PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
+SYMMETRIC = {"M": "95.1089", "Fv": "203.5034", "Fc": "20.3935", "offset": "-3.1648"}
+DEVIATIONS = {"M": "0.1085", "Fv": "1.1460", "Fc": "0.1012", "offset": "0.0444"}
+ASYMMETRIC = {"M": "95.1540", "Fvp": "166.7061", "Fcp": "20.1440", "Fvn": "240.4236", "Fcn": "20.6277"}
+# Values, then norm and percentage of what is left of the log that is fitted, and of the one that is not.
+DIGITS = {
+    "symmetric": (SYMMETRIC, ["108.7569", "4.0834"], ["169.4876", "5.9824"]),
+    "asymmetric": (ASYMMETRIC, ["82.8778", "3.1117"], ["151.9933", "5.3649"]),
+}
+PROCESSING = Processing(
+    filter_order=4,
+    filter_cutoff=100.0,
+    filter_torque=False,
+    drop_first=49,
+    decimation=Decimation(factor=10, order=8, ripple_db=0.05, band=0.8),
+)
+PLAIN = Robot(
+    name="emps",
+    joints=(Joint(name="axis", kind=JointKind.PRISMATIC, parent=-1, placement=IDENTITY),),
+    log=LogMap(
+        time=LogQuantity(columns=("t",), unit="s"),
+        position=LogQuantity(columns=("qm",), unit="m"),
+        torque=LogQuantity(columns=("vir",), unit="V", factor=(35.15065188,)),
+    ),
+    processing=PROCESSING,
+)
+GIVEN = 20
+"""First samples from which a forecast takes position and speed."""
+
+
+def write(values):
+    return {name.rstrip("0123456789").replace("R", ""): f"{value:.4f}" for name, value in values}
+
+
+@pytest.mark.parametrize("friction", DIGITS)
+def test_an_identification_meets_every_published_digit(emps, emps_logs, friction):
+    robot = emps if friction == "symmetric" else override_robot(emps, [], friction)
+    library = prepare_library(robot)
+    estimate = identify_parameters(library, emps_logs[:1], robot.processing)
+    validation = validate_estimate(estimate, library, emps_logs[1], robot.processing)
+    values, *residuals = DIGITS[friction]
+    assert write((p.name, p.value) for p in estimate.parameters) == values
+    for found, digits in zip((estimate, validation), residuals, strict=True):
+        assert [f"{found.residual[0].norm:.4f}", f"{found.mean_relative_percent:.4f}"] == digits
+    assert estimate.samples == 2480
+    if friction == "symmetric":
+        assert write((p.name, p.std) for p in estimate.parameters) == DEVIATIONS
+
+
+def build_matrix(recording, *, asymmetric):
+    signals = prepare_signals(recording, PROCESSING)
+    dq, ddq = signals.dq[:, 0], signals.ddq[:, 0]
+    if asymmetric:
+        up, down = dq > 0, dq < 0
+        columns = [ddq, dq * up, 1.0 * up, dq * down, -1.0 * down]
+    else:
+        columns = [ddq, dq, np.sign(dq), np.ones_like(dq)]
+    rows = decimate(np.column_stack([*columns, signals.tau[:, 0]]), PROCESSING.decimation)
+    return rows[:, :-1], rows[:, -1]
+
+
+@pytest.mark.parametrize("friction", DIGITS)
+def test_plain_least_squares_of_rows_written_out_meet_every_published_digit(shared_data, friction):
+    files = [shared_data / "emps" / name for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")]
+    logs = [read_recording(file, PLAIN) for file in files]
+    values, *residuals = DIGITS[friction]
+    rows = [build_matrix(log, asymmetric=friction == "asymmetric") for log in logs]
+    matrix, force = rows[0]
+    x = np.linalg.lstsq(matrix, force, rcond=None)[0]
+    assert matrix.shape == (2480, len(values))
+    assert [f"{value:.4f}" for value in x] == [*values.values()]
+    for (matrix_, force_), digits in zip(rows, residuals, strict=True):
+        norm = np.linalg.norm(force_ - matrix_ @ x)
+        assert [f"{norm:.4f}", f"{100 * norm / np.linalg.norm(force_):.4f}"] == digits
+    if friction == "symmetric":
+        scatter = np.std(force - matrix @ x, ddof=1)
+        stds = scatter * np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)))
+        assert f"{scatter:.4f}" == "2.1843"
+        assert [f"{value:.4f}" for value in stds] == [*DEVIATIONS.values()]
+    first, second = ([str(notice) for notice in log.notices] for log in logs)
+    assert any("torque: 'vir' in V was multiplied by 35.15065188" in text for text in first)
+    assert any("columns that were not used: gtau, kp, kv" in text for text in first)
+    assert any("pulses_N" in text for text in second)
+
+
+@pytest.fixture(scope="module")
+def estimate(emps, emps_library, emps_logs):
+    return identify_closed_loop("output-error", emps, emps_library, emps_logs[:1])
+
+
+def forecast(library, values, recording):
+    """Return the root mean square error in m of positions that follow from the logged forces alone."""
+    plant = RigidPlant(Library(set_card_values(library.card, values), library.engine))
+    speed = np.polyfit(recording.time[:GIVEN], recording.position[:GIVEN, 0], 1)[0]
+    state = RigidPlantState(
+        q=recording.position[0].copy(), dq=np.array([speed]), modes=(int(np.sign(speed)),)
+    )
+    errors = []
+    for measured, force in zip(recording.position[:, 0], recording.torque, strict=True):
+        errors.append(float(state.q[0]) - measured)
+        state = plant.advance(state, force, recording.period)
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def test_the_stated_controller_gives_the_logged_commands(emps, emps_logs):
+    fitted, unseen = emps_logs
+    loop = build_closed_loop(fitted, emps.controller, np.array([np.inf]))
+    assert abs(loop.offset[0]) < 0.01
+    gap = fitted.torque - compute_demand(loop, fitted)
+    assert np.linalg.norm(gap) < 0.005 * np.linalg.norm(fitted.torque)
+    # To the commands of the second log pulses were added, within the loop.
+    loop = build_closed_loop(unseen, replace(emps.controller, offset=(0.0,)), np.array([np.inf]))
+    gap = (unseen.torque - compute_demand(loop, unseen))[:, 0]
+    pulses = unseen.extras["pulses_N"].ravel()
+    factor = pulses @ gap / (pulses @ pulses)
+    assert factor == pytest.approx(35.15065188, rel=0.02)
+    assert np.linalg.norm(gap - factor * pulses) < 0.005 * np.linalg.norm(unseen.torque)
+
+
+def test_what_a_log_of_forces_gives_is_what_was_published(emps, emps_library, emps_logs):
+    forces = replace(emps, controller=replace(emps.controller, torque="average"))
+    found = identify_closed_loop("output-error", forces, emps_library, emps_logs[:1])
+    deviations = np.array([entry.std for entry in found.parameters])
+    values = found.assemble(NAMES)
+    assert np.all(np.abs(values - PUBLISHED) < 3.0 * deviations)
+    assert np.all(np.abs(values / PUBLISHED - 1.0) < 0.02)
+
+
+def test_a_log_of_commands_is_half_a_period_away(estimate, emps, emps_library, emps_logs):
+    values = estimate.assemble(NAMES)
+    assert [f"{value:.2f}" for value in values] == ["94.90", "207.69", "20.10", "-3.17"]
+    assert np.all(np.abs(values / PUBLISHED - 1.0) < 0.025)
+    # Least squares say the same of the force that acted around each sample: that of both periods beside it.
+    held = emps_logs[0].torque
+    around = np.vstack([held[:1], 0.5 * (held[1:] + held[:-1])])
+    usual = identify_parameters(emps_library, [replace(emps_logs[0], torque=around)], emps.processing)
+    deviations = np.array([entry.std for entry in usual.parameters])
+    assert np.all(np.abs(values - usual.assemble(NAMES)) < deviations)
+
+
+def test_pulses_that_no_one_told_of_are_noticed_and_told_ones_are_not(emps, emps_library, emps_logs):
+    # A third of the log: eight seconds.
+    unseen = cut_recording(emps_logs[1], slice(8280))
+    pulses = 35.15065188 * unseen.extras["pulses_N"].reshape(-1, 1)
+    silent = identify_closed_loop("output-error", emps, emps_library, [unseen])
+    told = identify_closed_loop("output-error", emps, emps_library, [replace(unseen, feedforward=pulses)])
+    assert any(notice.code == "identify.tracking" for notice in silent.notices)
+    assert not any(notice.code == "identify.tracking" for notice in told.notices)
+    assert silent.mean_relative_percent > 30.0
+    assert told.mean_relative_percent < 7.0
+
+
+def test_the_simulated_axis_tracks_as_the_real_one(estimate):
+    told = estimate.settings["fit"]
+    assert told["iterations"] <= 4
+    (entry,) = told["tracking"]
+    assert entry["reference_from_measured"] > 5e-4
+    assert entry["simulated_from_measured"] < 5e-6
+    assert f"{estimate.mean_relative_percent:.1f}" == "4.5"
+    assert not any(notice.code == "identify.tracking" for notice in estimate.notices)
+
+
+def test_the_unseen_log_is_foretold_better_than_by_least_squares(estimate, emps, emps_library, emps_logs):
+    fitted, unseen = emps_logs
+    usual = identify_parameters(emps_library, [fitted], emps.processing)
+    errors, residuals = [], []
+    for found in (usual, estimate):
+        errors.append(forecast(emps_library, found.assemble(NAMES), unseen))
+        residuals.append(
+            validate_estimate(found, emps_library, unseen, emps.processing).mean_relative_percent
+        )
+    assert errors[0] == pytest.approx(8.82e-3, rel=0.02)
+    assert errors[1] < 0.97 * errors[0]
+    assert residuals[1] < 0.995 * residuals[0]
+
+
+@pytest.fixture(scope="module")
+def instrumental(emps, emps_library, emps_logs):
+    return identify_closed_loop("instrumental", emps, emps_library, emps_logs[:1])
+
+
+def test_values_by_instruments_are_those_that_were_published(instrumental):
+    deviations = np.array([entry.std for entry in instrumental.parameters])
+    values = instrumental.assemble(NAMES)
+    assert np.all(np.abs(values - PUBLISHED) < 0.5 * deviations)
+    assert [f"{value:.2f}" for value in values] == ["95.14", "203.56", "20.39", "-3.16"]
+    told = instrumental.settings["fit"]
+    assert told["instruments"]["correlation"] > 0.999
+    assert told["iterations"] <= 4
+    assert not told["wls"]["biased"]
+    assert max(map(abs, told["wls"]["shifts"].values())) < 0.5
+    assert f"{instrumental.mean_relative_percent:.2f}" == "4.08"
+
+
+def test_without_decimation_wls_loses_mass_and_this_does_not(instrumental, emps, emps_library, emps_logs):
+    """Every sample of positions that pass 450 Hz: noise of accelerations draws the mass of wls down."""
+    raw = replace(emps.processing, filter_cutoff=450.0, decimation=Decimation())
+    fast = identify_closed_loop("instrumental", replace(emps, processing=raw), emps_library, emps_logs[:1])
+    usual = identify_parameters(emps_library, emps_logs[:1], raw, estimator="wls")
+    expected, deviation = instrumental.assemble(("M1",))[0], instrumental.parameters[0].std
+    assert abs(fast.assemble(("M1",))[0] - expected) < deviation
+    assert usual.assemble(("M1",))[0] < expected - deviation
+    assert [f"{value:.2f}" for value in fast.assemble(NAMES)] == ["95.17", "204.63", "20.29", "-3.17"]
+    assert [f"{value:.2f}" for value in usual.assemble(NAMES)] == ["94.99", "204.55", "20.29", "-3.17"]
+    told = fast.settings["fit"]["wls"]
+    assert told["biased"]
+    assert told["shifts"]["M1"] < -3.0
+    assert "identify.biased-wls" in {notice.code for notice in fast.notices}
