@@ -11,7 +11,7 @@ from symid.identification.elastic.effects import _build_rows, _measure_values, m
 from symid.identification.elastic.regression import DriveEffect, correct_torque, prepare_elastic_signals
 from symid.joint_models import run_element
 from tests.elastic_fits import identify_elastic
-from tests.recovery.elastic_runs import prepare_arm, run_arm
+from tests.recovery.elastic_runs import run_arm
 
 BENCH = """
 name = "coupling_bench"
@@ -20,36 +20,21 @@ gravity = [0, 0, -9.81]
 [[joint]]
 name = "coupling"
 kind = "revolute"
-[joint.drive]
-rotor_inertia = "unknown"
-rotor_inertia_side = "joint"
-[joint.friction]
-model = "coulomb-viscous"
-smoothing = 0.01
-[joint.elasticity]
-stiffness = "unknown"
+drive = { rotor_inertia = "unknown", rotor_inertia_side = "joint" }
+friction = { model = "coulomb-viscous", smoothing = 0.01 }
+elasticity = { stiffness = "unknown" }
 """
 TRUTH = {"ZZR1": 1.16, "MXR1": 3.0, "MY1": 0.0, "ZZ2": 0.35, "MX2": 0.8, "MY2": 0.0, "IA1": 0.8, "IA2": 0.25}
 SIZES = {**TRUTH, "MY1": 3.0, "MY2": 0.8}
 
 
 @pytest.fixture(scope="module")
-def bench(shared_data, tmp_path_factory):
-    path = tmp_path_factory.mktemp("bench") / "bench.toml"
-    path.write_text(BENCH)
-    robot = symid.load(path)
-    data = np.load(shared_data / "coupling_bench" / "run_b.npz")
-
-    def cut(part):
-        return symid.build_log(
-            robot,
-            time=data["t"][part],
-            q=-data["theta_load"][part, None],
-            theta=data["theta_motor"][part, None],
-            tau=data["current"][part, None],
-        )
-
-    return robot.identify([cut(slice(0, 25000))]), data
+def bench(shared_data, load_text):
+    robot, data = load_text(BENCH, "bench"), np.load(shared_data / "coupling_bench" / "run_b.npz")
+    names = {"theta": "theta_motor", "tau": "current", "q": "theta_load"}
+    parts = {name: data[column][:25000, None] for name, column in names.items()}
+    log = symid.build_log(robot, time=data["t"][:25000], **parts | {"q": -parts["q"]})
+    return robot.identify([log]), data
 
 
 def find_effect(estimate, kind, joint=0):
@@ -59,23 +44,30 @@ def find_effect(estimate, kind, joint=0):
 
 def test_a_linear_coupling_comes_out_linear(bench):
     fit, _ = bench
-    values = {entry.name: entry.value for entry in fit.estimate.parameters}
     (spring,) = fit.estimate.springs
     assert 541.0 < spring.elasticity.stiffness < 567.0
     assert (spring.elasticity.stops, spring.elasticity.knees, spring.elasticity.branches) == ((), (), ())
-    assert values["ZZ1"] == pytest.approx(4.85e-3, rel=0.03)
-    assert values["IA1"] == pytest.approx(4.85e-3, rel=0.03)
+    assert [fit["ZZ1"].value, fit["IA1"].value] == pytest.approx([4.85e-3] * 2, rel=0.03)
     assert find_effect(fit.estimate, "torque-lag").values[0] == pytest.approx(1e-4, abs=3e-5)
     codes = {notice.code for notice in fit.notices}
     assert {"log.delay-refuted", "elastic.spring-kind"} <= codes
 
 
-def test_an_export_says_what_a_robot_has_no_place_for(bench, tmp_path):
+def test_its_effects_are_kept_in_its_file_and_missed_in_an_export(bench, tmp_path):
     fit, _ = bench
-    exported = fit.export(tmp_path / "bench.toml")
-    (notice,) = (entry for entry in exported.notices if entry.code == "export.effects")
+    (notice,) = (
+        entry for entry in fit.export(tmp_path / "bench.toml").notices if entry.code == "export.effects"
+    )
     assert "torque-lag" in notice.text
     assert "link-friction of 'coupling'" in notice.text
+    path = fit.save(tmp_path / "fit.json")
+    again = symid.load_fit(path)
+    assert again.estimate.effects == fit.estimate.effects
+    assert again.estimate.springs == fit.estimate.springs
+    assert "torque acts late" in str(again)
+    path.write_text(path.read_text().replace('"torque-lag"', '"torque-late"'))
+    with pytest.raises(symid.errors.EstimateError, match="torque-late of joint -1: no such effect"):
+        symid.load_fit(path)
 
 
 def test_it_predicts_the_other_half_in_the_band_of_its_resonance(bench):
@@ -130,34 +122,18 @@ def test_truths_of_another_simulator(shared_data, case, bar):
 
 
 @pytest.fixture(scope="module")
-def arm(robots_folder, c_compiler):
+def run(arm, c_compiler):
     assert c_compiler
-    return prepare_arm(robots_folder)
-
-
-@pytest.fixture(scope="module")
-def run(arm):
     return run_arm(*arm, noisy=True, duration=12.0)
 
 
-def test_nothing_is_found_in_an_arm_without_effects(arm, run):
+@pytest.mark.parametrize("duration", [6.0, 12.0])
+def test_nothing_is_found_in_an_arm_without_effects(arm, run, duration):
     signals = prepare_elastic_signals(run.recording, ElasticOptions(cutoff=100.0))
     assert measure_effects(arm[1], [signals], 60.0) == ()
-
-
-@pytest.mark.parametrize("duration", [6.0, 12.0])
-def test_nothing_is_taken_off_an_arm_without_effects(duration):
     robot = symid.load("two_link_elastic")
     log = robot.simulate(duration=duration, seed=1).log
     assert robot.identify([log], options=symid.IdentifyOptions(method="weighted")).estimate.effects == ()
-
-
-def test_a_file_with_an_effect_that_is_none_is_refused(bench, tmp_path):
-    fit, _ = bench
-    path = fit.save(tmp_path / "fit.json")
-    path.write_text(path.read_text().replace('"torque-lag"', '"torque-late"'))
-    with pytest.raises(symid.errors.EstimateError, match="torque-late of joint -1: no such effect"):
-        symid.load_fit(path)
 
 
 def test_ripple_and_lag_are_found_and_taken_off(arm, run):
@@ -175,6 +151,8 @@ def test_ripple_and_lag_are_found_and_taken_off(arm, run):
     assert np.hypot(*found.values) == pytest.approx(np.hypot(0.3, 0.2), rel=0.1)
     total = find_effect(estimate, "torque-lag")
     assert total.values[0] == pytest.approx(late + 0.5e-3, abs=5.0 * total.deviations[0])
+    left = identify_elastic(arm[1], [changed], ElasticOptions(method="weighted", effects=False))
+    assert left.effects == ()
     plain = identify_elastic(arm[1], [run.recording], ElasticOptions(method="weighted"))
     for own, other in zip(estimate.parameters, plain.parameters, strict=True):
         assert abs(own.value - other.value) < 3.0 * max(own.std, other.std)
@@ -191,18 +169,3 @@ def test_a_torque_that_acts_before_its_sample_is_none_of_a_drive(arm, run):
     # Where it is asked for all the same, it is given up after the search.
     rows = _build_rows(arm[1], [signals], 60.0)
     assert list(_measure_values(rows, [DriveEffect(kind="torque-lag")])) == []
-
-
-def test_effects_can_be_left_alone(arm, run):
-    changed = replace(
-        run.recording, torque=run.recording.torque + 0.3 * np.sin(160.0 * run.recording.motor_position)
-    )
-    assert identify_elastic(arm[1], [changed], ElasticOptions(method="weighted", effects=False)).effects == ()
-
-
-def test_a_fit_with_effects_comes_back_from_its_file(bench, tmp_path):
-    fit, _ = bench
-    again = symid.load_fit(fit.save(tmp_path / "fit.json"))
-    assert again.estimate.effects == fit.estimate.effects
-    assert again.estimate.springs == fit.estimate.springs
-    assert "torque acts late" in str(again)

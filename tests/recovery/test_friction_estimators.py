@@ -61,11 +61,10 @@ def test_rv_2sq_is_recovered_or_said_to_be_hidden(joint):
     law = build_stribeck(exponent=exponent)
     velocity = build_cosines(3.0 * physical[2], 1.0)
     noise = 0.02 * physical[0]
-    bound = compute_cramer_rao(
-        draw_samples(law, tuple(physical), velocity, noise=noise), law, physical, noise
-    )
-    for seed in range(5):
-        fit = fit_friction(draw_samples(law, tuple(physical), velocity, noise=noise, seed=seed), law)
+    drawn = [draw_samples(law, tuple(physical), velocity, noise=noise, seed=seed) for seed in range(5)]
+    bound = compute_cramer_rao(drawn[0], law, physical, noise)
+    for samples in drawn:
+        fit = fit_friction(samples, law)
         for entry, true, std in zip(law.physical, physical, bound, strict=True):
             value = fit.get_value(entry.name)
             if value is None:
