@@ -9,10 +9,10 @@ from tests.architecture.source import PACKAGE, PROJECT
 
 MOST = {
     "files of symid/": 221,
-    "lines": 90_300,
+    "lines": 90_270,
     "imports inside functions": 105,
     "strings read as a language": 0,
-    "lines of tests": 71_500,
+    "lines of tests": 66_200,
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
