@@ -1,7 +1,7 @@
 """Errors, notation, provenance, arrays, units, resources, progress."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from fractions import Fraction
 
@@ -12,9 +12,9 @@ from hypothesis import given, settings, strategies as st
 import symid.environment
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.environment import locate_resource_folder, report_count, write_file
-from symid.errors import Notice, RobotError, SymidError
+from symid.errors import InputError, Notice, RobotError, SymidError
 from symid.notation import INERTIAL, SYMBOLS, UNITS, get_unit, get_unit_factor, suggest_units
-from symid.serialization import compute_signature, write_canonical, write_plain
+from symid.serialization import compute_signature, keep_name, read_record, write_canonical, write_plain
 from tests.refusals import raises
 
 
@@ -246,3 +246,17 @@ def test_nothing_is_left_at_the_end():
     heard, times = [], iter((0.0, 100.0))
     report_count(heard.append, clock=lambda: next(times))(4, 4)
     assert heard == ["4 of 4"]
+
+
+@dataclass(frozen=True)
+class _Spring:
+    joint: str
+    identifiable: bool = field(default=True, metadata=keep_name("told"))
+
+
+@pytest.mark.parametrize("name", ["identifiable", "told"])
+def test_a_field_is_read_by_the_name_of_earlier_files_too(name):
+    assert read_record(_Spring, {"joint": "a", name: False}) == _Spring("a", identifiable=False)
+    assert write_plain(_Spring("a")) == {"joint": "a", "identifiable": True}
+    with pytest.raises(InputError, match="told is unknown"):
+        read_record(_Spring, {"joint": "a", "told": False, "identifiable": True})
