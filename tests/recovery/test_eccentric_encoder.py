@@ -3,18 +3,11 @@
 import numpy as np
 import pytest
 
-import symid
-from tests.recovery.written_out_arm import ROBOT, TRUTH, build, compute_spring_torque, simulate
+from symid.joint_models import run_element
+from tests.recovery.written_out_arm import TRUTH, build, compute_spring_torque, simulate
 
 OFF = 1.2e-3
 """Rad: the encoder reads q + OFF sin q, a twentieth of the torsion's range."""
-
-
-@pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    path = tmp_path_factory.mktemp("disc") / "mixed.toml"
-    path.write_text(ROBOT)
-    return symid.load(path)
 
 
 @pytest.fixture(scope="module")
@@ -23,11 +16,11 @@ def motion():
 
 
 @pytest.fixture(scope="module")
-def fit(robot, motion):
+def fit(mixed, motion):
     time, motor, link, torque = motion
     wrong = link.copy()
     wrong[:, 0] += OFF * np.sin(link[:, 0])
-    return robot.identify(build(robot, (time, motor, wrong, torque)))
+    return mixed.identify(build(mixed, (time, motor, wrong, torque)))
 
 
 def find(estimate):
@@ -50,21 +43,19 @@ def test_it_is_found_and_taken_off(fit):
 
 
 def test_the_spring_is_that_of_the_true_torsion(fit, motion):
-    from symid.joint_models import run_element
-
     time, motor, link, _ = motion
     phi, true = compute_spring_torque(motor, link)
     left = run_element(fit.springs[0].elasticity, phi, time).output - true
     assert np.sqrt(np.mean((left - left.mean()) ** 2) / np.mean(true**2)) < 0.02
 
 
-def test_none_is_found_where_there_is_none(robot, motion):
-    assert not find(robot.identify(build(robot, motion), method="weighted").estimate)
+def test_none_is_found_where_there_is_none(mixed, motion):
+    assert not find(mixed.identify(build(mixed, motion), method="weighted").estimate)
 
 
-def test_a_link_whose_zero_is_not_known_is_not_taken_for_a_disc(robot, motion):
+def test_a_link_whose_zero_is_not_known_is_not_taken_for_a_disc(mixed, motion):
     """Gravity of a link that is turned is a wave of one turn, too."""
     time, motor, link, torque = motion
     turned = link + np.array([0.3, 0.0])
-    fit = robot.identify(build(robot, (time, motor, turned, torque)), method="weighted")
+    fit = mixed.identify(build(mixed, (time, motor, turned, torque)), method="weighted")
     assert not find(fit.estimate)

@@ -7,12 +7,9 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from tests.recovery.written_out_arm import DYNAMICS, ROBOT, TRUTH, build, simulate
+from tests.recovery.written_out_arm import DYNAMICS, LINKS, TRUTH, build, simulate
 
-LINKS = {"ZZR1": 0.4, "MXR1": 1.0, "MY1": 0.0, "ZZ2": 0.07, "MX2": 0.3, "MY2": 0.0, "IA2": 0.06}
 FRICTION = ("Fv1", "Fc1", "Fv2", "Fc2")
-
-
 DRAWING = """
 name = "drawing"
 convention = "modified"
@@ -20,31 +17,24 @@ gravity = [9.81, 0, 0]
 [[joint]]
 name = "shoulder"
 kind = "revolute"
-[joint.link]
-mass = 4.0
-com = [0.1375, 0, 0]
-inertia = {{ xx = 0.01, yy = 0.189375, zz = 0.189375 }}
+link = {{ mass = 4.0, com = [0.1375, 0, 0], inertia = {{ xx = 0.01, yy = 0.189375, zz = 0.189375 }} }}
 {shoulder}
 [[joint]]
 name = "elbow"
 kind = "revolute"
 a = 0.3
-[joint.link]
-mass = {mass}
-com = [0.2, 0, 0]
-inertia = {{ xx = 0.005, yy = 0.01, zz = 0.01 }}
-[joint.drive]
-rotor_inertia = 0.06
-rotor_inertia_side = "joint"
+link = {{ mass = {mass}, com = [0.2, 0, 0], inertia = {{ xx = 0.005, yy = 0.01, zz = 0.01 }} }}
+{elbow}
 """
 """The plant's links as a drawing has them: ZZR1 = ZZ1 + l^2 M2 and MXR1 = MX1 + l M2, l = 0.3 m."""
 
 
-def draw(folder, name="cad", *, rotor=None, mass=1.5):
-    """Write the drawing, without friction and springs, the shoulder's rotor only if it is given."""
-    drive = f'[joint.drive]\nrotor_inertia = {rotor}\nrotor_inertia_side = "joint"' if rotor else ""
+def draw(folder, name="cad", *, rotors=(None, 0.06), mass=1.5):
+    """Write the drawing, without friction and springs, with the rotors that are given."""
+    drives = (f'drive = {{ rotor_inertia = {rotor}, rotor_inertia_side = "joint" }}' for rotor in rotors)
+    given = (drive if rotor else "" for rotor, drive in zip(rotors, drives, strict=True))
     path = folder / f"{name}.toml"
-    path.write_text(DRAWING.format(shoulder=drive, mass=mass))
+    path.write_text(DRAWING.format(**dict(zip(("shoulder", "elbow"), given, strict=True)), mass=mass))
     return path
 
 
@@ -54,22 +44,15 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def robot(folder):
-    path = folder / "mixed.toml"
-    path.write_text(ROBOT)
-    return symid.load(path)
-
-
-@pytest.fixture(scope="module")
-def log(robot):
-    return build(robot, simulate(12.0, 5))
+def log(mixed):
+    return build(mixed, simulate(12.0, 5))
 
 
 @pytest.mark.parametrize(
     "method", ["automatic", "linear-spring", "two-step", "elimination", "weighted", "nlp"]
 )
-def test_what_is_known_stays_and_the_rest_is_found(robot, log, folder, method):
-    fit = robot.identify(log, known=draw(folder), method=method)
+def test_what_is_known_stays_and_the_rest_is_found(mixed, log, folder, method):
+    fit = mixed.identify(log, known=draw(folder), method=method)
     for name, value in LINKS.items():
         assert fit[name].value == pytest.approx(value, abs=1e-12)
         assert fit[name].std == 0.0
@@ -83,73 +66,71 @@ def test_what_is_known_stays_and_the_rest_is_found(robot, log, folder, method):
         assert all(fit[name].value == pytest.approx(TRUTH[name], rel=0.02) for name in FRICTION)
 
 
-def test_what_is_known_makes_the_rest_surer(robot, log, folder):
-    plain = robot.identify(log, method="weighted")
-    fit = robot.identify(log, method="weighted", known=symid.load(draw(folder)))
+def test_what_is_known_makes_the_rest_surer(mixed, log, folder):
+    plain = mixed.identify(log, method="weighted")
+    fit = mixed.identify(log, method="weighted", known=symid.load(draw(folder)))
     assert fit["IA1"].std < 0.5 * plain["IA1"].std
-    again = robot.identify(log, method="weighted", known=plain)
+    again = mixed.identify(log, method="weighted", known=plain)
     assert all(again[name].value == plain[name].value for name in DYNAMICS)
     saved = plain.save(folder / "plain.json")
-    assert robot.identify(log, method="weighted", known=saved).values == again.values
+    assert mixed.identify(log, method="weighted", known=saved).values == again.values
     # Columns that are known stand for themselves, whatever the rest of the rows says.
     np.testing.assert_allclose(
         [again[name].value for name in FRICTION], [plain[name].value for name in FRICTION], rtol=1e-6
     )
 
 
-def test_a_rotor_of_a_data_sheet_is_known_by_its_file_or_name(robot, log, folder):
-    path = draw(folder, "sheet", rotor=0.2)
-    fit = robot.identify(log, known=path, method="weighted")
+def test_a_rotor_of_a_data_sheet_is_known_by_its_file_or_name(mixed, log, folder):
+    path = draw(folder, "sheet", rotors=(0.2, 0.06))
+    fit = mixed.identify(log, known=path, method="weighted")
     assert (fit["IA1"].value, fit["IA1"].std) == (0.2, 0.0)
-    named = robot.identify(log, known={"IA1": 0.2}, method="weighted")
+    named = mixed.identify(log, known={"IA1": 0.2}, method="weighted")
     assert (named["IA1"].value, named["IA1"].std) == (0.2, 0.0)
     assert named["ZZR1"].std > 0.0
-    same = robot.identify(log, options=symid.IdentifyOptions(known={"IA1": 0.2}, method="weighted"))
+    same = mixed.identify(log, options=symid.IdentifyOptions(known={"IA1": 0.2}, method="weighted"))
     assert same.values == named.values
     assert same.estimate.settings["known"] == {"IA1": 0.2}
 
 
-def test_values_that_the_logs_contradict_are_told_and_judged(robot, log, folder):
-    fit = robot.identify(log, known=draw(folder, "heavy", mass=1.65))
+def test_an_export_is_known_to_its_own_robot(mixed, log, folder):
+    fit = mixed.identify(log, method="weighted", known={"MX2": 0.3})
+    path = fit.export(folder / "out.toml").file
+    again = mixed.identify(log, known=path, method="weighted")
+    assert again["IA1"].std == 0.0
+    # What was known moves least where bodies must be physical.
+    assert symid.load(path).base.values["MX2"] == pytest.approx(0.3, rel=1e-6)
+
+
+def test_values_that_the_logs_contradict_are_told_and_judged(mixed, log, folder):
+    fit = mixed.identify(log, known=draw(folder, "heavy", mass=1.65))
     (notice,) = (entry for entry in fit.notices if entry.code == "elastic.known-contradicted")
     assert "MX2 0.3" in notice.text
     assert fit.estimate.evidence.known > 5.0
     assert fit.verdict.level == "doubtful"
     # A combination of small errors is told by its farthest.
-    right = robot.identify(log, known=draw(folder))
+    right = mixed.identify(log, known=draw(folder))
     assert right.estimate.evidence.known < 1.0
     assert "elastic.known-contradicted" not in {entry.code for entry in right.notices}
 
 
-def test_what_a_drawing_lacks_is_identified(robot, log, folder):
+def test_what_a_drawing_lacks_is_identified(mixed, log, folder):
     """A drawing has no rotors: what they are a part of stays open."""
-    path = folder / "links.toml"
-    path.write_text(DRAWING.format(shoulder="", mass=1.5).replace("rotor_inertia = 0.06", "gear = 1"))
-    path.write_text(path.read_text().replace('rotor_inertia_side = "joint"\n', ""))
-    fit = robot.identify(log, known=path, method="weighted")
+    path = draw(folder, "links", rotors=(None, None))
+    fit = mixed.identify(log, known=path, method="weighted")
     assert fit["IA2"].std > 0.0
     assert fit["IA2"].value == pytest.approx(TRUTH["IA2"], rel=0.02)
     assert fit["ZZR1"].std == fit["ZZ2"].std == 0.0
 
 
-def test_noise_that_is_not_white_is_no_contradiction(robot, folder):
+def test_noise_that_is_not_white_is_no_contradiction(mixed, folder):
     time, motor, link, torque = simulate(12.0, 5)
     rng = np.random.default_rng(11)
     drift = np.zeros_like(torque)
     for k, draws in enumerate(rng.normal(size=torque.shape)[1:], start=1):
         drift[k] = 0.97 * drift[k - 1] + draws
     noisy = torque + 0.02 * np.std(torque, axis=0) * drift / np.std(drift, axis=0)
-    fit = robot.identify(build(robot, (time, motor, link, noisy)), known=draw(folder), method="weighted")
+    fit = mixed.identify(build(mixed, (time, motor, link, noisy)), known=draw(folder), method="weighted")
     assert fit.estimate.evidence.known < 1.0
-
-
-def test_an_export_is_known_to_its_own_robot(robot, log, folder):
-    fit = robot.identify(log, method="weighted", known={"MX2": 0.3})
-    path = fit.export(folder / "out.toml").file
-    again = robot.identify(log, known=path, method="weighted")
-    assert again["IA1"].std == 0.0
-    # What was known moves least where bodies must be physical.
-    assert symid.load(path).base.values["MX2"] == pytest.approx(0.3, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -161,32 +142,31 @@ def test_an_export_is_known_to_its_own_robot(robot, log, folder):
         ({"IA1": "much"}, r"known IA1 'much': must be a finite number"),
     ],
 )
-def test_values_that_cannot_be_are_refused(robot, log, known, text):
+def test_values_that_cannot_be_are_refused(mixed, log, known, text):
     with pytest.raises(symid.UsageError, match=text):
-        robot.identify(log, known=known, method="weighted")
+        mixed.identify(log, known=known, method="weighted")
 
 
-def test_what_is_no_model_of_this_robot_is_refused(robot, log, folder):
+def test_what_is_no_model_of_this_robot_is_refused(mixed, log, folder):
     with pytest.raises(symid.EstimateError, match="the axis of joint 'elbow' stands elsewhere"):
-        robot.identify(log, known=symid.load("two_link"))
+        mixed.identify(log, known=symid.load("two_link"))
     rigid = symid.load("two_link")
     record = rigid.simulate(duration=5.0, seed=1).log
     fit = rigid.identify(record)
     with pytest.raises(symid.EstimateError, match="expected a fit of elastic joints"):
-        robot.identify(log, known=fit)
+        mixed.identify(log, known=fit)
     with pytest.raises(symid.EstimateError, match="expected a fit of elastic joints, or a robot"):
-        robot.identify(log, known=fit.save(folder / "rigid.json"))
-    with pytest.raises(
-        symid.UsageError, match=r"--known cannot be used with 'two_link', identified as rigid"
-    ):
+        mixed.identify(log, known=fit.save(folder / "rigid.json"))
+    text = r"--known cannot be used with 'two_link', identified as rigid"
+    with pytest.raises(symid.UsageError, match=text):
         rigid.identify(record, known={"ZZ2": 0.1})
 
 
-def test_the_command_line_takes_a_robot_file(capsys, robot, log, folder):
+def test_the_command_line_takes_a_robot_file(capsys, mixed, log, folder):
     path = folder / "log.npz"
     time, motor, link, torque = simulate(6.0, 5)
     np.savez(path, t=time, q=link, theta=motor, tau=torque)
-    arguments = ["identify", str(robot.path), str(path), "--method", "weighted", "--known", str(draw(folder))]
+    arguments = ["identify", str(mixed.path), str(path), "--method", "weighted", "--known", str(draw(folder))]
     assert run([*arguments, "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     found = {entry["name"]: entry for entry in answer["result"]["parameters"]}

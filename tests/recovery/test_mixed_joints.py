@@ -5,7 +5,10 @@ import pytest
 
 import symid
 from symid.errors import UsageError
-from tests.recovery.written_out_arm import ROBOT, TRUTH, build, compute_spring_torque, simulate
+from symid.joint_models import run_element
+from tests.recovery.written_out_arm import TRUTH, build, compute_spring_torque, simulate
+
+TOLD = ("ZZR1", "MXR1", "ZZ2", "MX2", "IA1", "IA2")
 
 
 @pytest.fixture(scope="module")
@@ -14,15 +17,8 @@ def motion():
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory):
-    path = tmp_path_factory.mktemp("mixed") / "mixed.toml"
-    path.write_text(ROBOT)
-    return symid.load(path)
-
-
-@pytest.fixture(scope="module")
-def fit(robot, motion):
-    return robot.identify(build(robot, motion))
+def fit(mixed, motion):
+    return mixed.identify(build(mixed, motion))
 
 
 def test_the_plant_keeps_its_energy_balance_when_its_step_is_halved(motion):
@@ -37,7 +33,7 @@ def test_dynamics_and_the_one_spring_are_found(fit):
     for entry in fit.estimate.parameters:
         away = abs(entry.value - TRUTH[entry.name])
         assert away <= 3.0 * entry.std, entry
-        if entry.name in ("ZZR1", "MXR1", "ZZ2", "MX2", "IA1", "IA2"):
+        if entry.name in TOLD:
             assert away <= 0.02 * abs(TRUTH[entry.name]), entry
     (spring,) = fit.springs
     assert (spring.joint, spring.identifiable) == ("shoulder", True)
@@ -46,76 +42,59 @@ def test_dynamics_and_the_one_spring_are_found(fit):
 
 
 def test_the_spring_predicts_the_joint_torque(fit, motion):
-    from symid.joint_models import run_element
-
     time, motor, link, _ = motion
     phi, true = compute_spring_torque(motor, link)
-    spring = fit.springs[0].elasticity
-    left = run_element(spring, phi, time).output - true
+    left = run_element(fit.springs[0].elasticity, phi, time).output - true
     assert np.sqrt(np.mean(left**2) / np.mean(true**2)) < 0.02
 
 
 @pytest.mark.parametrize("method", ["linear-spring", "two-step", "elimination", "weighted", "nlp"])
-def test_every_method_takes_rigid_joints(robot, motion, method):
-    found = robot.identify(build(robot, motion), method=method)
-    values = {entry.name: entry.value for entry in found.estimate.parameters}
-    worst = max(
-        abs(values[name] / TRUTH[name] - 1.0) for name in ("ZZR1", "MXR1", "ZZ2", "MX2", "IA1", "IA2")
-    )
+def test_every_method_takes_rigid_joints(mixed, motion, method):
+    found = mixed.identify(build(mixed, motion), method=method)
+    worst = max(abs(found[name].value / TRUTH[name] - 1.0) for name in TOLD)
     assert worst < {"linear-spring": 0.15, "two-step": 0.15}.get(method, 0.03)
     assert [spring.joint for spring in found.springs] == ["shoulder"]
 
 
-def test_a_rigid_joint_with_two_encoders_has_one_position(robot, motion):
+def test_a_rigid_joint_with_two_encoders_has_one_position(mixed, motion):
     time, motor, link, torque = motion
     apart = motor + np.array([0.0, 3e-3])
-    found = robot.identify(build(robot, (time, apart, link, torque)), method="weighted")
-    plain = robot.identify(build(robot, motion), method="weighted")
+    found = mixed.identify(build(mixed, (time, apart, link, torque)), method="weighted")
+    plain = mixed.identify(build(mixed, motion), method="weighted")
     assert found.values == plain.values
     (notice,) = (entry for entry in found.notices if entry.code == "log.rigid-joint")
     assert "0.003 rad on the mean" in notice.text
     # A channel without an encoder is not used, and its zeros are no news.
     dead = link * np.array([1.0, 0.0])
-    other = robot.identify(build(robot, (time, motor, dead, torque)), method="weighted")
+    other = mixed.identify(build(mixed, (time, motor, dead, torque)), method="weighted")
     assert other.values == plain.values
     for entry in (plain, other):
         codes = {notice.code for notice in entry.notices}
         assert not codes & {"log.rigid-joint", "log.constant-position", "log.no-second-encoder"}
 
 
-def test_thresholds_of_a_rigid_joint_do_not_count(robot, motion):
+def test_thresholds_of_a_rigid_joint_do_not_count(mixed, motion):
     given = symid.IdentifyOptions(thresholds=((1e-3, 3e-3), (1e-3,)), method="nlp")
     plain = symid.IdentifyOptions(thresholds=((1e-3, 3e-3), ()), method="nlp")
-    log = build(robot, motion)
-    assert robot.identify(log, options=given).values == robot.identify(log, options=plain).values
+    log = build(mixed, motion)
+    assert mixed.identify(log, options=given).values == mixed.identify(log, options=plain).values
 
 
-def test_a_coupled_drive_of_rigid_joints_is_no_obstacle(tmp_path):
+def test_a_coupled_drive_of_rigid_joints_is_no_obstacle(load_text):
     """Two rigid joints turn a drive together, a third joint is elastic: no parameter lacks a load."""
     joint = """[[joint]]
 name = "{0}"
 kind = "revolute"
 a = 0.3
-[joint.link]
-mass = 2.0
-com = [0.15, 0, 0]
-inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }}
-[joint.drive]
-rotor_inertia = 0.1
-rotor_inertia_side = "joint"
-[joint.friction]
-model = "coulomb-viscous"
-Fv = 0.4
-Fc = 0.5
-smoothing = 0.01
+link = {{ mass = 2.0, com = [0.15, 0, 0], inertia = {{ xx = 0.01, yy = 0.05, zz = 0.05 }} }}
+drive = {{ rotor_inertia = 0.1, rotor_inertia_side = "joint" }}
+friction = {{ model = "coulomb-viscous", Fv = 0.4, Fc = 0.5, smoothing = 0.01 }}
 """
     text = 'name = "wrist"\nconvention = "modified"\ngravity = [9.81, 0, 0]\n'
     text += "".join(joint.format(name) for name in "abc")
     text += "[joint.elasticity]\nstiffness = 600\n"
     text += '[[coupling]]\nname = "m"\nterms = { a = 1, b = -1 }\nrotor_inertia = 0.05\n'
-    path = tmp_path / "wrist.toml"
-    path.write_text(text)
-    robot = symid.load(path)
+    robot = load_text(text, "wrist")
     rng, time = np.random.default_rng(3), np.arange(8000) * 1e-3
     w = 2.0 * np.pi * rng.uniform(0.2, 1.2, (3, 4))
     angle = w * time[:, None, None] + rng.uniform(0.0, 6.0, (3, 4))
@@ -123,28 +102,25 @@ smoothing = 0.01
     ddq = -0.3 * (w**2 * np.sin(angle)).sum(axis=2)
     library = robot.library
     beta = np.array([entry.value for entry in library.card.beta])
-    (load,) = library.evaluate("inverse_dynamics", q, dq, ddq, beta)
-    theta = q + load / 600.0 * np.array([0.0, 0.0, 1.0])
+    (torque,) = library.evaluate("inverse_dynamics", q, dq, ddq, beta)
+    theta = q + torque / 600.0 * np.array([0.0, 0.0, 1.0])
     dtheta = np.gradient(theta, 1e-3, axis=0)
-    torque = load + np.array([0.0, 0.0, 0.1]) * np.gradient(dtheta, 1e-3, axis=0)
+    torque = torque + np.array([0.0, 0.0, 0.1]) * np.gradient(dtheta, 1e-3, axis=0)
     log = symid.build_log(robot, time=time, q=q, theta=theta, tau=torque)
     fit = robot.identify(log, method="weighted")
     assert fit["IA3"].value == pytest.approx(0.1, rel=0.05)
     # A drive that turns with the elastic joint is described by no method for springs.
-    bound = tmp_path / "bound.toml"
-    bound.write_text(text.replace("{ a = 1, b = -1 }", "{ b = 1, c = -1 }"))
-    other = symid.load(bound)
+    other = load_text(text.replace("{ a = 1, b = -1 }", "{ b = 1, c = -1 }"), "bound")
     with pytest.raises(UsageError, match="turn with elastic joints"):
         other.identify(log, method="weighted")
-    assert "coupled drives turn with elastic joints" in "".join(
-        notice.text for notice in other.identify(log).notices
-    )
+    texts = "".join(notice.text for notice in other.identify(log).notices)
+    assert "coupled drives turn with elastic joints" in texts
 
 
-def test_it_is_saved_validated_reported_and_exported(fit, robot, motion, tmp_path):
-    again = symid.load_fit(fit.save(tmp_path / "fit.json"), robot)
+def test_it_is_saved_validated_reported_and_exported(fit, mixed, motion, tmp_path):
+    again = symid.load_fit(fit.save(tmp_path / "fit.json"), mixed)
     assert again.values == fit.values
-    trial = again.validate(build(robot, simulate(6.0, 9)))
+    trial = again.validate(build(mixed, simulate(6.0, 9)))
     assert [joint.joint for joint in trial.product.trial.joints] == ["shoulder"]
     assert [entry.joint for entry in trial.product.trial.residuals[0][1]] == ["shoulder", "elbow"]
     assert trial.verdict.level == "good"
@@ -159,6 +135,6 @@ def test_it_is_saved_validated_reported_and_exported(fit, robot, motion, tmp_pat
         found.track(build(exported, motion))
 
 
-def test_a_procedure_for_elastic_robots_alone_is_refused(robot, motion):
+def test_a_procedure_for_elastic_robots_alone_is_refused(mixed, motion):
     with pytest.raises(UsageError, match="--method independent needs a robot whose joints are all elastic"):
-        robot.identify(build(robot, motion), method="independent")
+        mixed.identify(build(mixed, motion), method="independent")

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-import symid
 from symid.codegen import prepare_library
 from symid.identification import IdentifyOptions, TaskContext, prepare_elastic_methods
 from symid.identification.elastic.methods import AUTOMATIC_METHODS
@@ -11,7 +10,7 @@ from symid.identification.elastic.together import _Sides
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.joint_models import Elasticity, run_element
 from symid.study.foreign_truths import _prepare_scene, observe_plant
-from tests.recovery.written_out_arm import ROBOT, TRUTH, build, simulate
+from tests.recovery.written_out_arm import TRUTH, build, simulate
 
 
 @pytest.fixture(scope="module")
@@ -59,13 +58,10 @@ def test_an_asymmetric_spring_of_another_plant_is_found():
         assert [branch.skew, branch.lean] == pytest.approx([0.2, 0.2], abs=0.01)
 
 
-def test_rigid_joints_and_known_dynamics(tmp_path):
-    path = tmp_path / "mixed.toml"
-    path.write_text(ROBOT)
-    robot = symid.load(path)
-    log = build(robot, simulate(12.0, 3))
-    plain = robot.identify(log, method="weighted")
-    fit = robot.identify(log, method="simultaneous", known={"IA1": TRUTH["IA1"]})
+def test_rigid_joints_and_known_dynamics(mixed):
+    log = build(mixed, simulate(12.0, 3))
+    plain = mixed.identify(log, method="weighted")
+    fit = mixed.identify(log, method="simultaneous", known={"IA1": TRUTH["IA1"]})
     assert fit["IA1"].std == 0.0
     for entry in fit.estimate.parameters:
         assert abs(entry.value - TRUTH[entry.name]) <= 4.0 * entry.std, entry

@@ -13,35 +13,18 @@ gravity = [9.81, 0, 0]
 [[joint]]
 name = "shoulder"
 kind = "revolute"
-[joint.drive]
-rotor_inertia = "unknown"
-rotor_inertia_side = "joint"
-[joint.friction]
-model = "coulomb-viscous"
-smoothing = 0.01
-[joint.elasticity]
-stiffness = "unknown"
+drive = { rotor_inertia = "unknown", rotor_inertia_side = "joint" }
+friction = { model = "coulomb-viscous", smoothing = 0.01 }
+elasticity = { stiffness = "unknown" }
 [[joint]]
 name = "elbow"
 kind = "revolute"
 a = 0.3
-[joint.drive]
-rotor_inertia = "unknown"
-rotor_inertia_side = "joint"
-[joint.friction]
-model = "coulomb-viscous"
-smoothing = 0.01
+drive = { rotor_inertia = "unknown", rotor_inertia_side = "joint" }
+friction = { model = "coulomb-viscous", smoothing = 0.01 }
 """
-DYNAMICS = {
-    "ZZR1": 0.4,
-    "MXR1": 1.0,
-    "MY1": 0.0,
-    "ZZ2": 0.07,
-    "MX2": 0.3,
-    "MY2": 0.0,
-    "IA2": 0.06,
-    "IA1": 0.2,
-}
+LINKS = {"ZZR1": 0.4, "MXR1": 1.0, "MY1": 0.0, "ZZ2": 0.07, "MX2": 0.3, "MY2": 0.0, "IA2": 0.06}
+DYNAMICS = LINKS | {"IA1": 0.2}
 TRUTH = DYNAMICS | {"Fv1": 0.9, "Fc1": 1.2, "Fv2": 0.4, "Fc2": 0.5}
 LENGTH, GRAVITY, STIFFNESS = 0.3, 9.81, 700.0
 LEVEL, REACH = 1.5, 2e-3

@@ -328,7 +328,7 @@ def join_rigid_joints(
         return tuple(recordings), ()
     # The position of [log.position], and the other one.
     pairs = [
-        get_encoder_positions(recording)[:: 1 if recording.motor_position is not None else -1]
+        get_encoder_positions(recording)[:: -1 if recording.motor_position is not None else 1]
         for recording in recordings
     ]
     moves = [np.any([np.ptp(pair[side], axis=0) > 0.0 for pair in pairs], axis=0) for side in (0, 1)]
