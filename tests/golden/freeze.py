@@ -95,6 +95,7 @@ LOOSER = (
     ("elastic-*", "*.history.*.norms.*", 1e-8, 0.0, "the same"),
     ("elastic-*", "*.elasticity.*", 1e-7, 0.0, "the end of a search for a smooth optimum, of a spring"),
     ("elastic-*", "*.relative_std_percent", 1e-6, 0.0, "of values that are zero but for noise"),
+    ("demo", "*.relative_std_percent", 1e-6, 0.0, "the same"),
     ("demo", "*.history.*.change", 1e-6, 0.0, "the same"),
     ("demo", "*.springs.0.elasticity.stops.3.*", 1e-6, 0.0, "the last stop, which is hardly reached"),
     ("demo", "*.springs.0.excited", 1e-6, 0.0, "its threshold"),
