@@ -56,13 +56,10 @@ from symid.errors import Notice, UsageError
     metavar="START:END",
     multiple=True,
 )
-@record_options(symid.IdentifyOptions, "cutoff", "decimate", "drop_first", "drop_last")
+@record_options(symid.IdentifyOptions)
 @settings_options
 @friction_option
-@record_options(symid.IdentifyOptions, "rows", "estimator", "partial", "overlap", "prior", "prior_percent")
-@record_options(symid.IdentifyOptions, "prior_weight", "start", "period", "method", "window", "tolerance")
-@record_options(symid.IdentifyOptions, "rate", "threshold_count", "knee_count")
-@record_options(symid.LawOptions, "model", "known", "smoothing", "seed")
+@record_options(symid.LawOptions, beside=symid.IdentifyOptions)
 @output_option("Write the result as JSON, for `validate`, `report` and `export`.")
 @page_option
 @accept_option

@@ -19,7 +19,7 @@ from symid.api import BACKENDS
 from symid.cli.call import Answer, Console
 from symid.environment import show_path
 from symid.errors import Notice, OutputError, UsageError
-from symid.options import FOUND, Kind, Options, list_options
+from symid.options import FOUND, Kind, Options, list_flags, list_options
 
 if TYPE_CHECKING:
     from symid import RobotModel
@@ -153,17 +153,21 @@ def _choose_type(kind: Kind) -> Any:  # noqa: ANN401  click's own
     return existing if kind is FOUND else _TYPES.get(kind.name)
 
 
-def record_options(record: type[Options], *names: str) -> Decorator:
+def record_options(record: type[Options], *names: str, beside: type[Options] | None = None) -> Decorator:
     """Return the options of the command line for fields of a record, by default all that it has there.
 
     Args:
         record: its fields say names, values, meanings and groups.
         names: of the fields, in the order of the help.
+        beside: a record whose options the verb has already.
     """
     known = list_options(record)
     defaults = {entry.name: entry.default for entry in fields(record)}
-    made = []
-    for name in names or [name for name, entry in known.items() if entry.flag != "" and entry.group]:
+    made, taken = [], set(list_flags(beside)) if beside else set()
+    # A field without a group has no option of its own there.
+    shown = [name for name, entry in known.items() if entry.flag != "" and entry.group]
+    flags = {name: known[name].name_flag(name).removeprefix("--").replace("-", "_") for name in shown}
+    for name in names or [name for name in shown if flags[name] not in taken]:
         entry, default = known[name], defaults[name]
         settings: dict[str, Any] = {"is_flag": True} if entry.kind.name == "flag" else {"default": default}
         if entry.kind.many:
