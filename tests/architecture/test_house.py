@@ -9,7 +9,7 @@ from tests.architecture.source import PACKAGE, PROJECT
 
 MOST = {
     "files of symid/": 221,
-    "lines": 90_270,
+    "lines": 90_276,
     "imports inside functions": 105,
     "strings read as a language": 0,
     "lines of tests": 66_200,
