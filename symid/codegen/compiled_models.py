@@ -210,7 +210,7 @@ class RigidExperiment(FrozenArrays):
     controlled: bool = False
 
 
-RIGID_ENDS = ("well", "away", "chatter", "steep", "unsettled")
+RIGID_ENDS = ("well", "away", "chatter", "steep", "not-converged")
 """Why an experiment ended: at its end, far from the reference, by endless stops, by friction too steep, by no
 answer to which joints rest."""
 

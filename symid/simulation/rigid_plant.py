@@ -798,7 +798,7 @@ class RigidPlant:
                 break
             modes[wrong[0]] = int(better[wrong[0]])
         else:
-            raise SolverError(_describe_failure("unsettled", state.q, 0.0))
+            raise SolverError(_describe_failure("not-converged", state.q, 0.0))
         if self.bristles is not None:
             modes = [mode or int(bends) for mode, bends in zip(modes, self.bristles.joints, strict=True)]
         return replace(state, modes=tuple(modes))
@@ -857,7 +857,7 @@ class RigidPlant:
 
 
 def _describe_failure(end: str, q: FloatArray, duration: float) -> Notice:
-    """Return the notice on a motion that ended as "chatter" or "unsettled" at `q`, within `duration` in s."""
+    """Return the notice on a motion that ended as "chatter" or "not-converged" at `q`."""
     pose = ", ".join(f"{value:.3g}" for value in q.tolist())
     if end == "chatter":
         text = (
@@ -985,7 +985,7 @@ def _run_once(
         )
     else:
         log = code.run_rigid(library, plant.describe(friction), order)
-    if log.end in {"chatter", "unsettled"}:
+    if log.end in {"chatter", "not-converged"}:
         raise SolverError(_describe_failure(log.end, log.q[-1], order.period))
     if log.end == "steep":
         raise SolverError(plant.describe_steep(order.period, _COMPILED_STRIDES))

@@ -589,7 +589,7 @@ def summarise_recovery(scene: FrictionScene, found: Sequence[FittedDraw]) -> Rec
         "bias": (means - truth) / deviations,
         "error": np.max(errors, axis=0),
         "inside": np.sum(errors <= _BOUNDS, axis=0),
-        "told": bounds <= NOT_IDENTIFIABLE * np.abs(truth),
+        "identifiable": bounds <= NOT_IDENTIFIABLE * np.abs(truth),
     }
     edges = dict(zip((entry.name for entry in law.physical), scene.physical, strict=True))
     edge = edges.get("dq0", edges["vs"])

@@ -175,7 +175,7 @@ def test_an_estimate_without_springs_says_nothing_of_them(capsys, folder, estima
 
 def test_a_spring_that_was_refused_is_not_tried(capsys, folder, estimate, tmp_path):
     springs = json.loads(estimate.read_text(encoding="utf-8"))["springs"]
-    springs[1] |= {"told": False, "reason": "for the test", "torsion": 1e-4}
+    springs[1] |= {"identifiable": False, "reason": "for the test", "torsion": 1e-4}
     part = change(estimate, tmp_path / "part.json", springs=springs)
     code, answer = call_json(capsys, "validate", ROBOT, part, folder / "tc.npz")
     assert code == 0

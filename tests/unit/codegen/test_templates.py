@@ -72,9 +72,9 @@ def test_literals_read_back_exactly():
 
 
 def test_options_are_checked():
-    with raises(UsageError, "usage.precision", match="double, float"):
+    with raises(UsageError, "usage.precision", match="'double', 'float'"):
         GenerateOptions(precision="half")
-    with raises(UsageError, "usage.trigonometry", match="own, library"):
+    with raises(UsageError, "usage.trigonometry", match="'own', 'library'"):
         GenerateOptions(trigonometry="tables")
     with raises(UsageError, "usage.states", match=r"\b0\b"):
         GenerateOptions(states=0)
