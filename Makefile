@@ -24,7 +24,7 @@ ITSELF := $(PIP) install --quiet --no-deps --no-build-isolation --editable .
 DEMO := demo
 WORKERS ?= 2
 # Folders of tests that need no compiler and are quick.
-QUICK := tests/architecture $(addprefix tests/unit/,kernel robot joint_models logs dynamics excitation report fleet)
+QUICK := tests/architecture $(addprefix tests/unit/,kernel robot logs dynamics excitation report)
 FUZZ_SECONDS ?= 600
 # A worker a core: threads of the linear algebra would only wait for each other, and change last digits.
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
