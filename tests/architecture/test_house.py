@@ -12,7 +12,7 @@ MOST = {
     "lines": 90_276,
     "imports inside functions": 105,
     "strings read as a language": 0,
-    "lines of tests": 66_200,
+    "lines of tests": 66_050,
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
