@@ -15,6 +15,8 @@ from symid.robot.urdf_xml import read_urdf_text
 from tests.estimates import store_estimate
 from tests.mistakes import refuse
 
+pytest.importorskip("xacro", reason="wants the package xacro")
+
 SPACE = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
 PARTS = f"""<robot {SPACE}>
   <xacro:macro name="bar" params="name mass length">
