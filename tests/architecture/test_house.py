@@ -1,11 +1,10 @@
 """The house stays below its limits, no files import each other in a circle, papers name what exists."""
 
-import importlib.util
 import re
 
 import pytest
 
-from tests.architecture.source import PACKAGE, PROJECT
+from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 221,
@@ -20,15 +19,7 @@ MOST = {
 
 
 @pytest.fixture(scope="module")
-def house():
-    spec = importlib.util.spec_from_file_location("house", PROJECT / ".ci" / "house.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def figures(house):
+def figures():
     return house.measure(PROJECT)
 
 
@@ -37,7 +28,7 @@ def test_the_house_does_not_grow(name, figures):
     assert figures[name] <= MOST[name]
 
 
-def test_no_files_import_each_other_in_a_circle(house):
+def test_no_files_import_each_other_in_a_circle():
     assert house.find_circles(house.read_modules(PROJECT)) == []
 
 

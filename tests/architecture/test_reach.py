@@ -4,28 +4,24 @@ import ast
 import re
 from collections.abc import Iterator
 
-from tests.architecture.source import BY_NAME, MODULES, PROJECT, Module, is_for_type_checkers, list_imports
+from tests.architecture.source import (
+    BY_NAME,
+    MODULES,
+    PROJECT,
+    Module,
+    house,
+    is_for_type_checkers,
+    list_imports,
+)
 
 Name = tuple[str, str]
 """Module and top-level name."""
 
 
-def list_bound(node: ast.stmt) -> list[str]:
-    """Return the names that a statement at the top of a module binds."""
-    match node:
-        case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
-            return [name]
-        case ast.Assign(targets=targets):
-            return [part.id for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)]
-        case ast.AnnAssign(target=ast.Name(id=name)):
-            return [name]
-    return []
-
-
 def locate(module: str, name: str) -> Name:
     """Return where a name that is imported from `module` is defined."""
     found = BY_NAME.get(module)
-    if found is not None and not any(name in list_bound(node) for node in found.tree.body):
+    if found is not None and not any(name in house.list_bound(node) for node in found.tree.body):
         for source, given, local in found.imports:
             if local == name and source == module:
                 # A module of the package, offered under its own name.
@@ -62,12 +58,12 @@ def build_graph() -> dict[Name, set[Name]]:
     for module in MODULES:
         known = {local: locate(source, name) for source, name, local in module.imports if source in BY_NAME}
         statements = [node for node in module.tree.body if not is_for_type_checkers(node)]
-        known |= {name: (module.name, name) for node in statements for name in list_bound(node)}
+        known |= {name: (module.name, name) for node in statements for name in house.list_bound(node)}
         for node in statements:
             uses = set(list_uses(module, tuple(ast.walk(node)), known))
-            for name in list_bound(node):
+            for name in house.list_bound(node):
                 graph.setdefault((module.name, name), set()).update(uses)
-            if not list_bound(node) and not isinstance(node, ast.Import | ast.ImportFrom):
+            if not house.list_bound(node) and not isinstance(node, ast.Import | ast.ImportFrom):
                 graph.setdefault((module.name, ""), set()).update(uses)
     return graph
 
