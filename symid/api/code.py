@@ -13,10 +13,10 @@ Supported: every function of the catalogue that the robot has.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast, final
+from typing import TYPE_CHECKING, ClassVar, cast, final
 
 from symid import report
-from symid.api.result import Result
+from symid.api.result import Of, Result
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:
@@ -36,6 +36,11 @@ class WrittenCode(Result):
     Attributes:
         robot: the robot; None for an element with hysteresis.
         product: the folder, its manifest, the result of its self-test, and a notice if that was not run.
+        folder: the folder.
+        files: all written files.
+        unchanged: whether the folder was already up to date.
+        selftest: the result of its self-test: "passed", or "not run" without a compiler.
+        operations: products (mul), sums (add), sines and cosines (trig) by function.
 
     Example:
         >>> import symid
@@ -49,30 +54,11 @@ class WrittenCode(Result):
     robot: "Robot | None"
     product: "GeneratedFolder"
 
-    @property
-    def folder(self) -> Path:
-        """Return the folder."""
-        return self.product.folder
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        """Return all written files."""
-        return self.product.files
-
-    @property
-    def unchanged(self) -> bool:
-        """Return whether the folder was already up to date."""
-        return self.product.unchanged
-
-    @property
-    def selftest(self) -> str:
-        """Return the result of its self-test: "passed", or "not run" without a compiler."""
-        return self.product.record.selftest
-
-    @property
-    def operations(self) -> Mapping[str, Mapping[str, int]]:
-        """Return products (mul), sums (add), sines and cosines (trig) by function."""
-        return self.product.operations
+    folder = Of[Path]()
+    files = Of[tuple[Path, ...]]()
+    unchanged = Of[bool]()
+    selftest = Of[str]("product.record.selftest")
+    operations = Of[Mapping[str, Mapping[str, int]]]()
 
     def summarise(self) -> str:
         """Return the folder, what was written, and the result of its self-test."""
@@ -219,6 +205,8 @@ class CompiledModel:
 
     Attributes:
         library: the library behind them; `RobotModel.library` is one without the functions for controllers.
+        card: the model: names, units, groupings and reasons of its parameters.
+        backend: what computes the functions: "c", "python" or "casadi".
 
     Example:
         >>> import symid
@@ -267,15 +255,8 @@ class CompiledModel:
         """Return the names of the functions."""
         return tuple(spec.name for spec in self.card.functions)
 
-    @property
-    def card(self) -> "ModelCard":
-        """Return the model: names, units, groupings and reasons of its parameters."""
-        return self.library.card
-
-    @property
-    def backend(self) -> str:
-        """Return what computes the functions: "c", "python" or "casadi"."""
-        return self.library.backend
+    card: ClassVar["Of[ModelCard]"] = Of("library.card")
+    backend = Of[str]("library.backend")
 
     @property
     def notices(self) -> tuple[Notice, ...]:

@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, final
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypedDict, Unpack, final
 
 from symid import codegen, dynamics, identification, lessons, logs as log_files, report, robot as robots
 from symid.api.code import CompiledModel, WrittenCode
 from symid.api.log import LogLike, Settings, adopt_log_map, list_pairs, take_one_log
-from symid.api.result import Progress, Result, ignore
+from symid.api.result import Of, Progress, Result, ignore
 from symid.codegen import BACKENDS
 from symid.environment import check_suffix, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
@@ -45,6 +45,7 @@ class BaseSet(Result):
         robot: the robot.
         form: "torque", "energy", "momentum" or "gravity" (torques at rest).
         product: names, groupings, reasons, and the exact null space.
+        count: the number of inertial base parameters, without friction parameters.
 
     Example:
         >>> import symid
@@ -61,10 +62,7 @@ class BaseSet(Result):
     form: BaseForm
     product: "BaseParameters"
 
-    @property
-    def count(self) -> int:
-        """Return the number of inertial base parameters, without friction parameters."""
-        return self.product.count
+    count = Of[int]()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -487,26 +485,22 @@ class RobotDynamics:
         description: joints, placements, drives, friction, springs, log map, as read and overridden.
         backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
         progress: called with a short text at each stage; does nothing by default, `print` is a good choice.
+        name: the name that the robot file states.
+        joints: the joints that have a coordinate of their own, in the order of q.
     """
 
     description: "Robot"
     backend: str = "auto"
     progress: Progress = ignore
 
-    @property
-    def name(self) -> str:
-        """Return the name that the robot file states."""
-        return self.description.name
+    name = Of[str]("description.name")
 
     @property
     def path(self) -> Path:
         """Return the file that the robot was read from."""
         return Path(self.description.path)
 
-    @property
-    def joints(self) -> "tuple[Joint, ...]":
-        """Return the joints that have a coordinate of their own, in the order of q."""
-        return self.description.axes
+    joints: ClassVar["Of[tuple[Joint, ...]]"] = Of("description.axes")
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -564,13 +558,7 @@ class RobotDynamics:
 
     @cached_property
     def base(self) -> BaseSet:
-        """Return the base parameters: the smallest set that describes all motions and torques.
-
-        Example:
-            >>> import symid
-            >>> symid.load("panda").base.count
-            43
-        """
+        """Return the base parameters: the smallest set that describes all motions and torques."""
         return derive_base_set(self.description)
 
     def derive_base(self, form: BaseForm = "torque") -> BaseSet:
@@ -578,11 +566,6 @@ class RobotDynamics:
 
         Args:
             form: "torque", "energy", "momentum" or "gravity".
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").derive_base("gravity").names
-            ('MXR1', 'MY1', 'MX2', 'MY2')
         """
         return self.base if form == "torque" else derive_base_set(self.description, form)
 
@@ -596,12 +579,6 @@ class RobotDynamics:
 
         Raises:
             RobotError: a symbolic length has no value.
-
-        Example:
-            >>> import symid
-            >>> lesson = symid.load("emps").derivation()
-            >>> lesson.steps[0].title
-            'Frames'
         """
         self.progress(f"deriving the dynamics of {self.name}")
 
@@ -641,11 +618,6 @@ class RobotDynamics:
             RobotError: a symbolic length has no value.
             LogError: the log cannot be read or used; the message lists all mistakes.
             OutputError: the page cannot be written.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").write_lesson("arm.html").notation
-            'symid'
         """
         self.progress(f"deriving the lesson on {self.name}")
         options: dict[str, Any] = {"long_sines": long_sines, "exercises": exercises, "seed": seed, "log": log}
@@ -662,13 +634,6 @@ class RobotDynamics:
 
         Raises:
             InputError: the file is no such sheet, or one of another robot.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> sheet = robot.write_lesson("arm.html", exercises=2).sheet
-            >>> robot.check_answers(sheet)
-            <MarkedSheet two_link: arm.exercises.txt, 0 of 2 right>
         """
         return check_answers(self.description, path)
 
@@ -749,12 +714,6 @@ class RobotDynamics:
         Raises:
             RobotError: a symbolic length has no value.
             GenerationError: there is no compiler and the backend is "c", or it fails.
-
-        Example:
-            >>> import symid
-            >>> lib = symid.load("two_link").compile()
-            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
-            (2, 2)
         """
         if fused:
             return CompiledModel(self._prepare(self.description, fused=True, whole=True))
@@ -798,11 +757,6 @@ class RobotDynamics:
                 is to be constant.
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
-            'passed'
         """
         order = GenerateOptions(
             target=target,

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar, final
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, final
 
 from symid import excitation, report, study as studies
 from symid.api.log import Log, Measurements
-from symid.api.result import Figures, Progress, Result, ignore
+from symid.api.result import DrawnResult, Of, PagedResult, Progress, Result, ignore
 from symid.environment import report_count
 from symid.errors import Notice
 from symid.options import check_value, whole
@@ -22,7 +22,7 @@ from symid.serialization import describe_record
 if TYPE_CHECKING:
     from symid.arrays import FloatArray
     from symid.excitation import Margin, OptimisedExcitation, Trajectory
-    from symid.report import Block
+    from symid.report import Block, Drawing
     from symid.robot import Robot
     from symid.study import ForeignStudy, FrictionStudy
 
@@ -31,7 +31,7 @@ T_co = TypeVar("T_co", covariant=True)
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ExcitedTrajectory(Result):
+class ExcitedTrajectory(DrawnResult, PagedResult):
     """A finite Fourier series of every joint, within all limits at all times.
 
     Attributes:
@@ -39,6 +39,11 @@ class ExcitedTrajectory(Result):
         product: the trajectory, its properties, the result of the search from every start, and notices, such
             as limits that the robot file does not state.
         seed: of the random series at the start of the search.
+        trajectory: the motion; `evaluate(times)` gives q, dq, ddq, each (N, n), rad or m, /s, /s^2.
+        coefficients: the series (n, 2h + 1), rad or m: centre, h sines, h cosines of every joint.
+        parameters: names of the regressor's columns.
+        condition: the condition number of the torque regressor, its columns scaled to length one.
+        margins: the used part of every limit, and clearances in m.
 
     Example:
         >>> import symid
@@ -54,30 +59,12 @@ class ExcitedTrajectory(Result):
     product: "OptimisedExcitation"
     seed: int
 
-    @property
-    def trajectory(self) -> "Trajectory":
-        """Return the motion; `evaluate(times)` gives q, dq, ddq, each (N, n), rad or m, /s, /s^2."""
-        return self.product.trajectory
+    trajectory: ClassVar["Of[Trajectory]"] = Of()
+    coefficients: ClassVar["Of[FloatArray]"] = Of()
+    condition = Of[float]()
+    parameters = Of[tuple[str, ...]]()
 
-    @property
-    def coefficients(self) -> "FloatArray":
-        """Return the series (n, 2h + 1), rad or m: centre, h sines, h cosines of every joint."""
-        return self.product.coefficients
-
-    @property
-    def condition(self) -> float:
-        """Return the condition number of the torque regressor, its columns scaled to length one."""
-        return self.product.condition
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Return the names of the regressor's columns."""
-        return self.product.parameters
-
-    @property
-    def margins(self) -> "tuple[Margin, ...]":
-        """Return the used part of every limit, and clearances in m."""
-        return self.product.margins
+    margins: ClassVar["Of[tuple[Margin, ...]]"] = Of()
 
     def save(self, path: str | PathLike[str], *, rate: float = 1000.0, periods: int = 1) -> Path:
         """Write t, q, dq, ddq as a .csv that `RobotModel.simulate` follows; return its path.
@@ -101,21 +88,12 @@ class ExcitedTrajectory(Result):
         """Return the number of samples that `save` writes with this `rate` in Hz and these `periods`."""
         return round(self.trajectory.duration * rate) * periods + 1
 
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write a self-contained HTML page to `path`, and return the path.
+    def _write_page(self, file: Path) -> Path:
+        return report.write_excitation_page(file, self.robot, self.product)
 
-        Raises:
-            OutputError: the page cannot be written.
-        """
-        return report.write_excitation_page(Path(path), self.robot, self.product)
-
-    def figures(self) -> "tuple[Block, ...]":
+    def _draw(self) -> "tuple[Drawing, ...]":
         """Return positions and velocities over time, and the used part of each limit."""
-        return self.plot().drawings
-
-    def plot(self, ax: object = None) -> Figures:
-        """Return these figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
-        return Figures(drawings=report.draw_excitation(self.product, self.robot)).draw(ax)
+        return report.draw_excitation(self.product, self.robot)
 
     def summarise(self) -> str:
         """Return the robot, the series and its condition number."""
@@ -145,6 +123,7 @@ class Simulation(Measurements):
         backend: what computed the motion.
         details: noise, controller, largest torsions, in plain types.
         library_notices: warnings and notes on the compiled functions.
+        theta: the motor positions (N, n) on the joint side, rad or m; None for a rigid robot.
 
     Example:
         >>> import symid
@@ -166,10 +145,7 @@ class Simulation(Measurements):
         """Return the log, for `RobotModel.identify`."""
         return Log(recording=self.recording, robot=self.robot)
 
-    @property
-    def theta(self) -> "FloatArray | None":
-        """Return the motor positions (N, n) on the joint side, rad or m; None for a rigid robot."""
-        return self.recording.motor_position
+    theta: ClassVar["Of[FloatArray | None]"] = Of("recording.motor_position")
 
     @property
     def notices(self) -> tuple[Notice, ...]:

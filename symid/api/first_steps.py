@@ -289,10 +289,8 @@ class DemoResult(JudgedResult):
             f"report: {self.report.resolve()}",
         )
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the estimate, errors, tracking and files in plain types."""
+    def _describe(self) -> dict[str, object]:
         return {
-            **self._describe_verdict(),
             "estimate": report.describe_elastic(self.fit.estimate),
             "errors": {
                 name: {"parameter_percent": pair[0], "hysteresis_percent": pair[1]}

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, Any, ClassVar, final
 
 from symid import identification, logs as log_files, report, robot as robots
 from symid.api.dynamics import RobotDynamics
@@ -29,7 +29,7 @@ from symid.api.log import (
     list_parts,
     take_one_log,
 )
-from symid.api.result import Figures, JudgedResult
+from symid.api.result import DrawnResult, JudgedResult, Of
 from symid.api.robot_files import ExportedFile, export_fit
 from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
 from symid.errors import Notice, UsageError
@@ -39,16 +39,16 @@ from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.arrays import FloatArray
-    from symid.identification import AnyValidation, TrackingTask
+    from symid.identification import TrackingTask
     from symid.identification.elastic import ElasticEstimate, SpringEstimate
     from symid.identification.estimators import Estimate, ParameterEstimate, Residual
     from symid.identification.friction import FrictionIdentification, JointFriction
-    from symid.logs import Alignment, LogPart, Recording
-    from symid.report import Block, FitVerdict
+    from symid.logs import Alignment, LogPart
+    from symid.report import Block, Drawing, FitVerdict
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Fit(JudgedResult):
+class Fit(JudgedResult, DrawnResult):
     """The result of an identification, of any kind.
 
     Attributes:
@@ -76,7 +76,7 @@ class Fit(JudgedResult):
 
     @property
     def product(self) -> "Estimate | ElasticEstimate | FrictionIdentification":
-        """Return the full result, with the settings used."""
+        """Return the full result, as `estimate`."""
         return self.estimate
 
     @property
@@ -145,23 +145,15 @@ class Fit(JudgedResult):
         """
         return report.judge_fit(self.product)
 
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes on fit, robot and logs; first that the verdict is doubtful."""
-        return (*self._split_verdict(_name_file(self.file))[0], *self.remarks)
+    def _name_file(self) -> str:
+        return str(self.file or "")
 
-    @property
-    def errors(self) -> tuple[Notice, ...]:
-        """Return the error of a wrong verdict; empty for all others."""
-        return self._split_verdict(_name_file(self.file))[1]
+    def _list_remarks(self) -> tuple[Notice, ...]:
+        return self.remarks
 
-    def figures(self) -> "tuple[Block, ...]":
+    def _draw(self) -> "tuple[Drawing, ...]":
         """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
-        return self.plot().drawings
-
-    def plot(self, ax: object = None) -> Figures:
-        """Return these figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
-        return Figures(drawings=report.draw_fit(self.product)).draw(ax)
+        return report.draw_fit(self.product)
 
     def __len__(self) -> int:
         """Return the number of identified parameters."""
@@ -192,13 +184,6 @@ class Fit(JudgedResult):
 
         Raises:
             OutputError: the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.save("fit.json").name
-            'fit.json'
         """
         return identification.write_fit(
             self.estimate, Path(fspath(path)), verdict=describe_record(self.verdict)
@@ -226,39 +211,32 @@ class Fit(JudgedResult):
             EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in the log.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
-            True
         """
-        pairs = list_pairs(settings)
-        found = self._try(take_one_log(log, pairs), pairs, test=test)
-        return LogValidation(product=found, gate=gate, estimate=self.estimate)
+        return self._try(log, test, gate, settings)
 
     def _try(
         self,
-        log: "Path | Recording",
-        pairs: tuple[tuple[str, str], ...],
+        log: LogLike,
+        test: Part | None,
+        gate: float | None,
+        settings: Settings | None,
         *,
-        test: Part | None = None,
         band: float | None = None,
         tracking: "TrackingTask | None" = None,
-    ) -> "AnyValidation":
-
-        return identification.validate_fit(
+    ) -> LogValidation:
+        pairs = list_pairs(settings)
+        found = identification.validate_fit(
             self.robot.description,
             self.estimate,
-            log,
+            take_one_log(log, pairs),
             self.robot.context,
             pairs=pairs,
             test=self._list_test_parts(test),
             band=band,
             tracking=tracking,
-            file=_name_file(self.file),
+            file=self._name_file(),
         )
+        return LogValidation(product=found, gate=gate, estimate=self.estimate)
 
     def _list_test_parts(self, test: Parts | None) -> "tuple[LogPart, ...]":
         """Return parts to predict; a number without unit has that of the parts that were fitted."""
@@ -293,13 +271,6 @@ class Fit(JudgedResult):
         Raises:
             UsageError: a column is missing, or a reading is not a sum of our parameters.
             EstimateError: another fit cannot be read, belongs to another robot, or has nothing in common.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.compare(fit).largest
-            0.0
         """
         return compare_fit(
             self.robot.description,
@@ -341,13 +312,6 @@ class Fit(JudgedResult):
             EstimateError: the format cannot represent these values, bodies differ by more than the limit, or
                 the verdict is wrong.
             OutputError: the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.export("identified.urdf").format
-            'URDF'
         """
         robot = self.robot
         options = ExportOptions(precision=precision, accept=accept, limit=limit)
@@ -367,10 +331,8 @@ class Fit(JudgedResult):
         Args:
             path: of the page.
             validation: held-out logs to predict.
-            test: the part of these logs to predict, as for `validate`: one for all, or a list of one for
-                each.
-            settings: for these logs; replace those of the fit: a set of the robot file, or values by dotted
-                key.
+            test: the part of these logs to predict, as for `validate`: one for all, or one for each.
+            settings: for these logs, as for `validate`.
             diagnose: read the logs of the fit again for a diagnosis: correlations, bootstrap, drift,
                 structure.
 
@@ -378,13 +340,6 @@ class Fit(JudgedResult):
             UsageError: this kind of fit has no validation or diagnosis.
             LogError: a log does not fit the robot.
             OutputError: the page cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
-            'report.html'
         """
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
@@ -397,7 +352,7 @@ class Fit(JudgedResult):
             pairs=pairs,
             test=self._list_test_parts(test),
             diagnose=diagnose,
-            file=_name_file(self.file),
+            file=self._name_file(),
         )
         return FitPage(page=page)
 
@@ -483,18 +438,12 @@ class RigidFit(_DynamicsFit):
 
     estimate: "Estimate"
 
-    def diagnose(self) -> "FitDiagnosis":
+    def diagnose(self) -> FitDiagnosis:
         """Diagnose the fit with its own logs: correlations, bootstrap, drift, structure of the residual.
 
         Raises:
             LogError: a log no longer exists.
             UsageError: the rows of the fit mix the joints.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.diagnose()  # doctest: +SKIP
         """
         found = identification.diagnose_fit(self.robot.description, self.estimate, self.robot.context)
         return FitDiagnosis(robot=self.estimate.robot, product=found)
@@ -513,26 +462,15 @@ class RigidFit(_DynamicsFit):
         `log`, `test`, `gate`, `settings` and the errors are those of `Fit.validate`. With `band` (Hz) torques
         are compared at the full sample rate: the measured one and the one predicted from the states of the
         fit both pass the same low-pass filter, and half a second at either end is left out.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> log = robot.simulate("tc", duration=5.0, seed=2).log
-            >>> fit.validate(log, band=20.0).mean_relative_percent < 5.0
-            True
         """
-        pairs = list_pairs(settings)
-        found = self._try(take_one_log(log, pairs), pairs, test=test, band=band)
-        return LogValidation(product=found, gate=gate, estimate=self.estimate)
+        return self._try(log, test, gate, settings, band=band)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, and tables of parameters and residuals."""
         return report.show_estimate(self.estimate)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the fit in plain types."""
-        return {**self._describe_verdict(), **report.describe_estimate(self.estimate), **self.extra}
+    def _describe(self) -> dict[str, object]:
+        return {**report.describe_estimate(self.estimate), **self.extra}
 
 
 @final
@@ -543,6 +481,7 @@ class ElasticFit(_DynamicsFit):
     Attributes:
         estimate: the full result, with the settings used.
         alignment: delay and offsets of the link encoders; None if they were not estimated.
+        springs: the spring of every joint; empty if the method gives none.
 
     Example:
         >>> import symid
@@ -555,10 +494,7 @@ class ElasticFit(_DynamicsFit):
     estimate: "ElasticEstimate"
     alignment: "Alignment | None" = None
 
-    @property
-    def springs(self) -> "tuple[SpringEstimate, ...]":
-        """Return the spring of every joint; empty if the method gives none."""
-        return self.estimate.springs
+    springs: ClassVar["Of[tuple[SpringEstimate, ...]]"] = Of("estimate.springs")
 
     def track(
         self,
@@ -572,40 +508,25 @@ class ElasticFit(_DynamicsFit):
     ) -> LogValidation:
         """Validate, and simulate the tracking of another motion with feed-forward of the fit.
 
-        Args:
-            log: a file, or a log that was read.
-            against: further fits to compare with.
-            seed: of a random motion; None for the standard validation motion.
-            test: the part of the log to predict, as for `validate`.
-            gate: percent, as for `validate`.
-            settings: replace those of the fit: a set of the robot file, or values by dotted key.
+        `log`, `test`, `gate` and `settings` are those of `validate`; `against` are further fits to compare
+        with, and `seed` is that of a random motion, None for the standard validation motion.
 
         Raises:
             RobotError: the robot file does not state the true values.
             UsageError: a fit lacks springs, which a feed-forward needs.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link_elastic")
-            >>> fit = robot.identify(robot.simulate(duration=4.0, seed=1).log, method="linear-spring")
-            >>> fit.track(robot.simulate("tc", seed=2).log)  # doctest: +SKIP
         """
-        others = tuple((_name_file(entry.file), entry.estimate) for entry in against)
+        others = tuple((str(entry.file or ""), entry.estimate) for entry in against)
         task = identification.build_tracking_task(self.robot.description, seed, others)
-        pairs = list_pairs(settings)
-        found = self._try(take_one_log(log, pairs), pairs, test=test, tracking=task)
-        return LogValidation(product=found, gate=gate, estimate=self.estimate)
+        return self._try(log, test, gate, settings, tracking=task)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, the reason for the method, parameters, springs and residuals."""
         return report.show_elastic(self.estimate)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the fit in plain types."""
+    def _describe(self) -> dict[str, object]:
         joints = [entry.joint for entry in self.estimate.residual]
         aligned = None if self.alignment is None else report.describe_alignment(self.alignment, joints)
-        found = {**self._describe_verdict(), **report.describe_elastic(self.estimate)}
-        return {**found, "alignment": aligned, **self.extra}
+        return {**report.describe_elastic(self.estimate), "alignment": aligned, **self.extra}
 
 
 @final
@@ -667,21 +588,15 @@ class FrictionFit(Fit):
         """Return choice, law, parameters and residual of every joint."""
         return report.show_friction(self.estimate)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the laws in plain types."""
-        return {**self._describe_verdict(), **report.describe_friction(self.estimate), **self.extra}
+    def _describe(self) -> dict[str, object]:
+        return {**report.describe_friction(self.estimate), **self.extra}
 
 
 def build_dynamics_fit(
     found: "identification.Identification[Estimate | ElasticEstimate]", robot: RobotDynamics
 ) -> RigidFit | ElasticFit:
     """Return the fit of an identification of this robot."""
-    extra, notices = {"backend": found.backend}, found.notices
+    facts: dict[str, Any] = {"model": robot, "remarks": found.notices, "extra": {"backend": found.backend}}
     if isinstance(found.estimate, elastic.ElasticEstimate):
-        fit = ElasticFit(estimate=found.estimate, model=robot, remarks=notices, extra=extra)
-        return replace(fit, alignment=found.alignment)
-    return RigidFit(estimate=found.estimate, model=robot, remarks=notices, extra=extra)
-
-
-def _name_file(file: Path | None) -> str:
-    return "" if file is None else str(file)
+        return ElasticFit(estimate=found.estimate, alignment=found.alignment, **facts)
+    return RigidFit(estimate=found.estimate, **facts)

@@ -8,11 +8,11 @@ load(path)              a fit that was saved
 from dataclasses import asdict, dataclass
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, final
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
 
 from symid import codegen, identification, logs as log_files, report, robot as robots
 from symid.api.code import WrittenCode
-from symid.api.result import Figures, JudgedResult, Progress, ignore
+from symid.api.result import Figures, JudgedResult, Of, PagedResult, Progress, ignore
 from symid.errors import LogError, Notice
 from symid.identification import hysteresis as elements
 from symid.options import HysteresisOptions, Target
@@ -84,12 +84,13 @@ def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = N
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ElementFit(JudgedResult):
+class ElementFit(JudgedResult, PagedResult):
     """An element that was identified from its input and output; printed with its verdict first.
 
     Attributes:
         record: all that was found: model, parameters with deviations, candidates.
         source: what it was fitted to, for the page.
+        element: the element, which `symid.joint_models` runs.
 
     Example:
         >>> import numpy as np, symid
@@ -109,20 +110,7 @@ class ElementFit(JudgedResult):
         """Return what the element is worth."""
         return report.judge_element(self.record)
 
-    @property
-    def element(self) -> "Elasticity":
-        """Return the element, which `symid.joint_models` runs."""
-        return self.record.elasticity
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return the warning of a doubtful verdict."""
-        return self._split_verdict()[0]
-
-    @property
-    def errors(self) -> tuple[Notice, ...]:
-        """Return the error of a wrong verdict."""
-        return self._split_verdict()[1]
+    element: ClassVar["Of[Elasticity]"] = Of("record.elasticity")
 
     def __getitem__(self, name: str) -> "ElementParameter":
         """Return a parameter by name, with its `value` and its `deviation`."""
@@ -141,54 +129,37 @@ class ElementFit(JudgedResult):
         """Return parameters, models that were tried, inverse and passivity."""
         return report.show_element(self.record)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the result in plain types."""
-        return {**self._describe_verdict(), **report.describe_element(self.record)}
+    def _describe(self) -> dict[str, object]:
+        return report.describe_element(self.record)
 
     def predict(
         self, x: "ArrayLike", t: "ArrayLike | None" = None, *, start: str | None = None
     ) -> "FloatArray":
         """Return the output (N,) for an input `x` (N,), at times `t` (N,) in s where it needs them.
 
-        Args:
-            x: input.
-            t: time.
-            start: what the element remembers at the first sample: `zero` (at rest at input zero, gone to the
-                sample), `fresh` (at rest there), `below` or `above` (come there from that side); None: as in
-                the recording of the fit.
+        `start` is what the element remembers at the first sample: `zero` (at rest at input zero, gone to the
+        sample), `fresh` (at rest there), `below` or `above` (come there from that side); None: as in the
+        recording of the fit.
 
         Raises:
             UsageError: no time where the element needs it, or an unknown start.
         """
-        import numpy as np
-
-        time = None if t is None else np.asarray(t, dtype=np.float64)
-        return elements.predict_element(self.record, np.asarray(x, dtype=np.float64), time, start=start)
+        return elements.predict_element(self.record, *_take_columns(x, t), start=start)
 
     def invert(self, y: "ArrayLike", t: "ArrayLike | None" = None, *, beyond: bool = False) -> "FloatArray":
         """Return the input (N,) that gives an output `y` (N,), at times `t` (N,) in s where it needs them.
 
-        Args:
-            y: wanted output.
-            t: time.
-            beyond: accept inputs that leave those of the fit by more than half their range.
+        With `beyond` inputs may leave those of the fit by more than half their range.
 
         Raises:
             UsageError: the element has no inverse, and why; or inputs go too far.
         """
-        import numpy as np
-
-        time = None if t is None else np.asarray(t, dtype=np.float64)
-        return elements.invert_fit(self.record, np.asarray(y, dtype=np.float64), time, beyond=beyond)
+        return elements.invert_fit(self.record, *_take_columns(y, t), beyond=beyond)
 
     def validate(self, x: "ArrayLike", y: "ArrayLike", t: "ArrayLike | None" = None) -> "ElementValidation":
         """Return what the element predicts of another recording, `x`, `y` and `t` as of `fit`."""
-        import numpy as np
-
-        time = None if t is None else np.asarray(t, dtype=np.float64)
-        trial = elements.validate_element(
-            self.record, np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), time
-        )
+        given, time = _take_columns(x, t)
+        trial = elements.validate_element(self.record, given, _take_columns(y, None)[0], time)
         return ElementValidation(record=self.record, trial=trial)
 
     def save(self, path: str | PathLike[str]) -> Path:
@@ -205,13 +176,8 @@ class ElementFit(JudgedResult):
         """Return figures: loops, time, residuals, energy of cycles, branches; in axes `ax` of matplotlib."""
         return Figures(drawings=report.draw_element(self.record)).draw(ax)
 
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write a self-contained HTML page with tables and figures to `path`, and return the path.
-
-        Raises:
-            OutputError: the page cannot be written.
-        """
-        return report.write_element_page(Path(fspath(path)), self.record, source=self.source)
+    def _write_page(self, file: Path) -> Path:
+        return report.write_element_page(file, self.record, source=self.source)
 
     def write(
         self,
@@ -236,15 +202,6 @@ class ElementFit(JudgedResult):
         Raises:
             OutputError: the folder cannot be written, or holds what symid did not write.
             GenerationError: the code fails its self-test.
-
-        Example:
-            >>> import numpy as np, symid
-            >>> t = np.arange(1500) / 100.0
-            >>> x = 0.01 * (0.4 + 0.6 * np.sin(0.3 * t)) * np.sin(2.0 * t)
-            >>> y = 400.0 * x + 3.0 * np.sin(3.0 * x / 0.01)
-            >>> fit = symid.hysteresis.fit(x, y, t, model="dahl")
-            >>> fit.write("python", "spring_code", name="spring").selftest
-            'passed'
         """
         record = self.record
         low, high = record.span
@@ -288,21 +245,12 @@ class ElementValidation(JudgedResult):
 
     record: "HysteresisRecord"
     trial: "HysteresisTrial"
+    _tried = True
 
     @property
     def verdict(self) -> "FitVerdict":
         """Return what the prediction is worth."""
         return report.judge_element_trial(self.trial)
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return the warning of a doubtful verdict."""
-        return self._split_verdict(tried=True)[0]
-
-    @property
-    def errors(self) -> tuple[Notice, ...]:
-        """Return the error of a wrong verdict."""
-        return self._split_verdict(tried=True)[1]
 
     def summarise(self) -> str:
         """Return the error."""
@@ -316,9 +264,16 @@ class ElementValidation(JudgedResult):
             text += f"\nInverse: misses the input by {trial.inverse:.3g} % of it."
         return (text,)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the result in plain types."""
-        return {**self._describe_verdict(), **asdict(self.trial)}
+    def _describe(self) -> dict[str, object]:
+        return asdict(self.trial)
+
+
+def _take_columns(values: "ArrayLike", time: "ArrayLike | None") -> "tuple[FloatArray, FloatArray | None]":
+    """Return samples and times, where there are any, as arrays of float64."""
+    import numpy as np
+
+    stamps = None if time is None else np.asarray(time, dtype=np.float64)
+    return np.asarray(values, dtype=np.float64), stamps
 
 
 def fit(
@@ -353,13 +308,9 @@ def fit(
         >>> symid.hysteresis.fit(x, y, t, model="dahl")["k0"].value > 0.0
         True
     """
-    import numpy as np
-
     options = HysteresisOptions(model=model, passive=passive)
-    time = None if t is None else np.asarray(t, dtype=np.float64)
-    record = elements.fit_hysteresis(
-        np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64), time, options
-    )
+    given, time = _take_columns(x, t)
+    record = elements.fit_hysteresis(given, _take_columns(y, None)[0], time, options)
     return ElementFit(record=record, source=source)
 
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, final
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, final
 
 from symid import identification, report
 from symid.api import hysteresis
 from symid.api.dynamics import RobotDynamics
 from symid.api.log import Log, Logged, LogLike
-from symid.api.result import Result
+from symid.api.result import Of, PagedResult, Result
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Stiffness(Result):
+class Stiffness(PagedResult):
     """The stiffness of every joint with 95 % intervals, and delay and offsets of the encoders.
 
     Attributes:
@@ -71,13 +71,8 @@ class Stiffness(Result):
         file = Path(fspath(path))
         return identification.write_stiffness(self.estimate, file, {**self.to_dict(), "file": file})
 
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write a self-contained HTML page to `path`, and return the path.
-
-        Raises:
-            OutputError: the page cannot be written.
-        """
-        return report.write_stiffness_page(Path(path), self.estimate, self.notices)
+    def _write_page(self, file: Path) -> Path:
+        return report.write_stiffness_page(file, self.estimate, self.notices)
 
     def summarise(self) -> str:
         """Return the joints with a stiffness."""
@@ -133,12 +128,14 @@ PayloadSide: TypeAlias = "GivenResult | LogLike | Sequence[LogLike]"
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class PayloadResult(Result):
+class PayloadResult(PagedResult):
     """The payload of a robot, in the link frame of the robot file; a physically consistent body.
 
     Attributes:
         product: the payload with standard deviations, and the quantities that are not identifiable.
         carrier: the robot, whose links name flanges; None where it is not known.
+        payload: the full result.
+        joint: the joint whose link carries it.
 
     Example:
         >>> import symid
@@ -156,15 +153,8 @@ class PayloadResult(Result):
     product: "PayloadFinding"
     carrier: "Robot | None" = None
 
-    @property
-    def payload(self) -> "Payload":
-        """Return the full result."""
-        return self.product.payload
-
-    @property
-    def joint(self) -> str:
-        """Return the joint whose link carries it."""
-        return self.payload.joint
+    payload: ClassVar["Of[Payload]"] = Of()
+    joint = Of[str]("payload.joint")
 
     def __getitem__(self, name: str) -> "PayloadQuantity":
         """Return mass, cx, cy, cz, Jxx, Jxy, Jxz, Jyy, Jyz or Jzz, with deviation or reason."""
@@ -200,13 +190,8 @@ class PayloadResult(Result):
         """Return warnings: quantities that are not identifiable, other changes between both sides."""
         return tuple(dict.fromkeys((*self.product.notices, *report.warn_payload(self.payload))))
 
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write a self-contained HTML page to `path`, and return the path.
-
-        Raises:
-            OutputError: the page cannot be written.
-        """
-        return report.write_payload_page(Path(path), self.product.robot, self.payload, self.notices)
+    def _write_page(self, file: Path) -> Path:
+        return report.write_payload_page(file, self.product.robot, self.payload, self.notices)
 
     def summarise(self) -> str:
         """Return the mass and the link."""
@@ -257,15 +242,9 @@ def load_payload(path: str | PathLike[str], robot: "RobotDynamics | None" = None
 
     Example:
         >>> import symid
-        >>> from pathlib import Path
-        >>> robot = symid.load("two_link")
-        >>> heavy = robot.path.read_text().replace("mass = 1.9", "mass = 2.9")
-        >>> Path("carrying.toml").write_text(heavy) == len(heavy)
-        True
-        >>> loaded = symid.load("carrying.toml").simulate(duration=4.0, seed=2).log
-        >>> found = robot.payload(loaded, robot.simulate(duration=4.0, seed=1).log)
-        >>> symid.load_payload(found.save("payload.json")).to_dict() == found.to_dict()
-        True
+        >>> symid.load_payload("payload.json")
+        Traceback (most recent call last):
+        symid.errors.EstimateError: payload.json: cannot be read: ...
     """
     found = identification.read_payload(Path(fspath(path)))
     if robot is not None and robot.name != found.robot:
@@ -293,6 +272,8 @@ class OneShotProblem(Result):
         robot: the robot.
         graph: the problem itself.
         remarks: notices on the robot and its logs.
+        cost: what is minimised, an expression (1, 1).
+        rows: the number of rows M: a term ((x - z) / s)^2 / (2 M) counts as a measurement z +- s of x.
 
     Example:
         >>> import symid
@@ -321,20 +302,14 @@ class OneShotProblem(Result):
         """Return the unknowns by name, symbols: parameters, weights and slopes of springs, those added."""
         return {name: entry.symbol for name, entry in self.graph.variables.items()}
 
-    @property
-    def cost(self) -> Any:  # noqa: ANN401  # an expression of casadi
-        """Return what is minimised, an expression (1, 1)."""
-        return self.graph.cost
+    cost = Of[Any]("graph.cost")
 
     @property
     def constraints(self) -> tuple[tuple[float, Any, float], ...]:
         """Return the constraints that were added: lower limit, expression, upper limit."""
         return tuple((entry.lower, entry.expression, entry.upper) for entry in self.graph.constraints)
 
-    @property
-    def rows(self) -> int:
-        """Return the number of rows M: a term ((x - z) / s)^2 / (2 M) counts as a measurement z +- s of x."""
-        return self.graph.rows
+    rows = Of[int]("graph.rows")
 
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401  # an expression of casadi
         """Return the symbol of the variable called `name`.
@@ -440,6 +415,9 @@ class OneShotSolution(Result):
     Attributes:
         problem: what was solved.
         answer: values, objective, how the search ended.
+        values: the values of all variables by name.
+        objective: the cost at the optimum.
+        active: which of the added constraints are at a limit, in their order.
 
     Example:
         >>> import symid
@@ -468,20 +446,9 @@ class OneShotSolution(Result):
 
         return self.answer.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
 
-    @property
-    def values(self) -> Mapping[str, float]:
-        """Return the values of all variables by name."""
-        return self.answer.values
-
-    @property
-    def objective(self) -> float:
-        """Return the cost at the optimum."""
-        return self.answer.objective
-
-    @property
-    def active(self) -> tuple[bool, ...]:
-        """Return which of the added constraints are at a limit, in their order."""
-        return self.answer.active
+    values = Of[Mapping[str, float]]("answer.values")
+    objective = Of[float]("answer.objective")
+    active = Of[tuple[bool, ...]]("answer.active")
 
     @property
     def springs(self) -> "Mapping[str, Elasticity]":

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TypeVar, final, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar, final, runtime_checkable
 
 from symid import logs as log_files, report
-from symid.api.result import Figures, Result
+from symid.api.result import DrawnResult, Of, PagedResult
 from symid.errors import LogError, Notice, UsageError
 from symid.identification import IdentifyOptions, LawOptions
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from symid.identification import Described
     from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
     from symid.logs import LogPart, Recording
-    from symid.report import Block
+    from symid.report import Block, Drawing
     from symid.robot import Robot
 
 
@@ -76,47 +76,31 @@ def _write_value(value: object) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Measurements(Result):
-    """What was measured of a robot, in SI units on the joint side."""
+class Measurements(DrawnResult):
+    """What was measured of a robot, in SI units on the joint side.
+
+    Attributes:
+        time: the time stamps in s: (N,).
+        q: the joint positions in rad or m: (N, n); beside motor positions those of the links.
+        tau: the joint torques in N m, or forces in N: (N, n); of elastic joints those of the motors.
+    """
 
     recording: "Recording"
     robot: "Robot"
 
-    def figures(self) -> "tuple[Block, ...]":
+    def _draw(self) -> "tuple[Drawing, ...]":
         """Return positions and torques over time."""
-        return self.plot().drawings
+        return report.draw_log(self.recording, self.robot)
 
-    def plot(self, ax: object = None) -> Figures:
-        """Return these figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
-        return Figures(drawings=report.draw_log(self.recording, self.robot)).draw(ax)
-
-    @property
-    def time(self) -> "FloatArray":
-        """Return the time stamps in s: (N,)."""
-        return self.recording.time
-
-    @property
-    def q(self) -> "FloatArray":
-        """Return the joint positions in rad or m: (N, n); beside motor positions those of the links."""
-        return self.recording.position
-
-    @property
-    def tau(self) -> "FloatArray":
-        """Return the joint torques in N m, or forces in N: (N, n); of elastic joints those of the motors."""
-        return self.recording.torque
+    time: ClassVar["Of[FloatArray]"] = Of("recording.time")
+    q: ClassVar["Of[FloatArray]"] = Of("recording.position")
+    tau: ClassVar["Of[FloatArray]"] = Of("recording.torque")
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the log to `path`, .npz or .csv, in SI units, and return the path; a file is overwritten.
 
         Raises:
             OutputError: the suffix is another one, or the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> log = robot.simulate(duration=1.0, seed=1).log
-            >>> len(symid.read_log(log.save("run.csv"), robot)) == len(log)
-            True
         """
         return log_files.write_recording(self.recording, Path(fspath(path)), self.robot)
 
@@ -129,6 +113,10 @@ class Log(Measurements):
     Attributes:
         recording: time, positions, torques and other measurements, SI units.
         robot: its `[log]` map assigned the columns.
+        source: the file, or the name of another source.
+        dq: the joint velocities in rad/s or m/s: (N, n); None if the log has none.
+        ddq: the joint accelerations in rad/s^2 or m/s^2: (N, n); None if the log has none.
+        period: the mean sample period in s.
 
     Example:
         >>> import symid
@@ -137,25 +125,10 @@ class Log(Measurements):
         (2001, (2001, 2), 0.001)
     """
 
-    @property
-    def source(self) -> str:
-        """Return the file, or the name of another source."""
-        return self.recording.source
-
-    @property
-    def dq(self) -> "FloatArray | None":
-        """Return the joint velocities in rad/s or m/s: (N, n); None if the log has none."""
-        return self.recording.velocity
-
-    @property
-    def ddq(self) -> "FloatArray | None":
-        """Return the joint accelerations in rad/s^2 or m/s^2: (N, n); None if the log has none."""
-        return self.recording.acceleration
-
-    @property
-    def period(self) -> float:
-        """Return the mean sample period in s."""
-        return self.recording.period
+    source = Of[str]("recording.source")
+    dq: ClassVar["Of[FloatArray | None]"] = Of("recording.velocity")
+    ddq: ClassVar["Of[FloatArray | None]"] = Of("recording.acceleration")
+    period = Of[float]("recording.period")
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -463,12 +436,15 @@ def build_log(
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class RobotCheck(Result):
+class RobotCheck(DrawnResult, PagedResult):
     """Summary of a robot file, and which parameters are identifiable from logs; `errors` if too few are.
 
     Attributes:
         robot: the robot.
         product: the full result for the logs.
+        logs: for every log its evenly sampled recording, its sampling, and the range of its joints.
+        dynamics: signs, exchanged joints and torque delay of every log; for rigid robots.
+        excitation: identifiability of every parameter, singular values, rank, condition; for rigid robots.
 
     Example:
         >>> import symid
@@ -481,46 +457,27 @@ class RobotCheck(Result):
     robot: "Robot"
     product: "LogsCheck"
 
-    @property
-    def logs(self) -> "tuple[CheckedLog, ...]":
-        """Return for every log its evenly sampled recording, its sampling, and the range of its joints."""
-        return self.product.logs
+    logs: ClassVar["Of[tuple[CheckedLog, ...]]"] = Of()
 
     @property
     def sources(self) -> tuple[str, ...]:
         """Return the names of the logs."""
         return tuple(entry.recording.source for entry in self.logs)
 
-    @property
-    def dynamics(self) -> "tuple[LogCheck, ...]":
-        """Return signs, exchanged joints and torque delay of every log; for rigid robots."""
-        return self.product.dynamics
-
-    @property
-    def excitation(self) -> "LogExcitation | None":
-        """Return identifiability of every parameter, singular values, rank, condition; for rigid robots."""
-        return self.product.excitation
+    dynamics: ClassVar["Of[tuple[LogCheck, ...]]"] = Of()
+    excitation: ClassVar["Of[LogExcitation | None]"] = Of()
 
     @property
     def errors(self) -> tuple[Notice, ...]:
         """Return why the logs do not suffice for a model of the robot."""
         return self.product.errors
 
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write a self-contained HTML page to `path`, and return the path.
+    def _write_page(self, file: Path) -> Path:
+        return report.write_check_page(file, self.robot, self.product)
 
-        Raises:
-            OutputError: the page cannot be written.
-        """
-        return report.write_check_page(Path(path), self.robot, self.product)
-
-    def figures(self) -> "tuple[Block, ...]":
+    def _draw(self) -> "tuple[Drawing, ...]":
         """Return positions and torques of every log, with what was found marked; else the robot."""
-        return self.plot().drawings
-
-    def plot(self, ax: object = None) -> Figures:
-        """Return these figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
-        return Figures(drawings=report.draw_check(self.robot, self.product)).draw(ax)
+        return report.draw_check(self.robot, self.product)
 
     def summarise(self) -> str:
         """Return the robot and the number of logs."""

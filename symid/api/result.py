@@ -8,11 +8,12 @@ in a notebook           tables, texts and figures; `Figures` are also written as
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast, final
 
 from symid import report
 from symid.environment import write_file
@@ -26,8 +27,28 @@ Progress = Callable[[str], None]
 """Called with a short text at each stage."""
 
 
+T_co = TypeVar("T_co", covariant=True)
+
+
 def ignore(text: str) -> None:
     """Report no progress."""
+
+
+class Of(Generic[T_co]):
+    """An attribute that is a part of what a result holds, by default that of its product with the same name.
+
+    In a class `rows = Of[int]("graph.rows")` stands for a property that returns `self.graph.rows`.
+    """
+
+    def __init__(self, path: str = "") -> None:
+        self.path = path
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.path = self.path or f"product.{name}"
+
+    def __get__(self, result: object, owner: type | None = None) -> T_co:
+        """Return the part; of a class, this itself."""
+        return cast("T_co", self if result is None else attrgetter(self.path)(result))
 
 
 class Result(ABC):
@@ -113,13 +134,71 @@ class Result(ABC):
         return report.write_html(blocks, failed=not self.accepted)
 
 
+class DrawnResult(Result):
+    """A result with figures, which notebooks show below its tables."""
+
+    @abstractmethod
+    def _draw(self) -> "tuple[Drawing, ...]":
+        """Return its figures."""
+
+    def figures(self) -> "tuple[Block, ...]":
+        """Return what `plot` draws, for a notebook."""
+        return self._draw()
+
+    def plot(self, ax: object = None) -> "Figures":
+        """Return its figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
+        return Figures(drawings=self._draw()).draw(ax)
+
+
+class PagedResult(Result):
+    """A result that can be written as a page."""
+
+    @abstractmethod
+    def _write_page(self, file: Path) -> Path:
+        """Write the page and return its path."""
+
+    def report(self, path: str | PathLike[str]) -> Path:
+        """Write a self-contained HTML page to `path`, and return the path.
+
+        Raises:
+            OutputError: the page cannot be written.
+        """
+        return self._write_page(Path(fspath(path)))
+
+
 class JudgedResult(Result):
     """A result with a verdict, which stands first in all that it prints; a wrong one is an error."""
+
+    _tried: ClassVar[bool] = False
+    """Whether the verdict is on held-out data."""
 
     @property
     @abstractmethod
     def verdict(self) -> "FitVerdict":
         """Return what the result is worth."""
+
+    def _name_file(self) -> str:
+        """Return the file that notices on the verdict are about; empty for none."""
+        return ""
+
+    def _list_doubts(self) -> tuple[Notice, ...]:
+        """Return the notice of a doubtful or wrong verdict."""
+        return report.list_verdict_notices(self.verdict, self._name_file(), tried=self._tried)
+
+    def _list_remarks(self) -> tuple[Notice, ...]:
+        """Return the warnings and notes besides the verdict."""
+        return ()
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """Return warnings and notes; first that the verdict is doubtful."""
+        doubts = () if self.verdict.level == "wrong" else self._list_doubts()
+        return (*doubts, *self._list_remarks())
+
+    @property
+    def errors(self) -> tuple[Notice, ...]:
+        """Return the error of a wrong verdict; empty for all others."""
+        return self._list_doubts() if self.verdict.level == "wrong" else ()
 
     def opening(self) -> "tuple[Block, ...]":
         """Return the verdict, with its cause and its remedy where there are any."""
@@ -130,14 +209,13 @@ class JudgedResult(Result):
         details = "\n".join(self.verdict.details)
         return (*([details] if details else []), *self.blocks())
 
-    def _describe_verdict(self) -> dict[str, object]:
-        """Return the verdict in plain types, as the first entry of `to_dict`."""
-        return {"verdict": describe_record(self.verdict)}
+    @abstractmethod
+    def _describe(self) -> Mapping[str, object]:
+        """Return the result in plain types, without its verdict."""
 
-    def _split_verdict(self, file: str = "", *, tried: bool = False) -> tuple[tuple[Notice, ...], ...]:
-        """Return the warning of a doubtful verdict and the error of a wrong one, where there is one."""
-        found = report.list_verdict_notices(self.verdict, file, tried=tried)
-        return ((), found) if self.verdict.level == "wrong" else (found, ())
+    def to_dict(self) -> dict[str, object]:
+        """Return the verdict, then all else, in plain types."""
+        return {"verdict": describe_record(self.verdict), **self._describe()}
 
 
 @final

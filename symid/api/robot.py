@@ -104,12 +104,6 @@ class RobotModel(RobotDynamics):
             UsageError: `resample` is given with several logs.
             LogError: a log cannot be used; the message lists all mistakes.
             OutputError: the copy cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> robot.check(robot.simulate(duration=4).log).accepted
-            True
         """
         if resample is not None and len(logs) != 1:
             text = f"resample: a copy is made of one log at a time, got {len(logs)}"
@@ -184,30 +178,16 @@ class RobotModel(RobotDynamics):
         Robot and logs decide the model: rigid; elastic, if joints are elastic and the logs have positions of
         motors and links; otherwise the motor side alone.
 
-        Args:
-            logs: files, files of runs, or logs that were read.
-            train: the part of the logs to fit, such as "0:60%", or two numbers in s from the first sample,
-                None for an open end; one for all logs, or a list of one for each.
-            rows: how measurements become equations: "torque" (the default), "momentum", "filtered", "power"
-                or "energy".
-            estimator: how equations become parameters: "ols", "wls", "filtered-instrumental", "gls", "huber",
-                "ridge", "consistent", "sequential", "output-error" or "instrumental"; chosen from the logs
-                among the first three by default.
-            method: of elastic joints: "automatic" (the default), "two-step", "linear-spring", "elimination",
-                "weighted", "nlp", "simultaneous" or "independent".
-            friction: the friction law of all joints, in place of the robot file's, its shape values found
-                from the logs; "auto" for the law of each joint that predicts held-out torque best. Or laws
-                of single joints, such as {"elbow": "stribeck", "wrist": "auto"}; the others keep theirs.
-            settings: replace those of the robot file: a set by its name, or values by dotted key.
-            cutoff: Hz, of the low-pass filter.
-            decimate: keep one sample in so many.
-            period: s, of a repeated motion, for "gls": one value for all logs, or one for each.
-            known: for elastic joints: dynamics that are not identified: a robot with values (such as those of
-                CAD) or its file (.toml, .urdf, .xml), its links and the rotors whose inertia it states; a fit
-                of this robot or its file; or parameters by name, in SI units.
-            partial: fit the identifiable parameters even if they are less than three quarters of all.
-            options: all options, such as `symid.IdentifyOptions(prior=fit, window=0.5)`; the arguments above
-                take precedence.
+        `logs` are files, files of runs, or logs that were read, and `train` the part of them to fit, such as
+        "0:60%", or two numbers in s from the first sample, None for an open end; one for all, or a list of
+        one for each. `friction` is the law of all joints, in place of the robot file's, its shape values
+        found from the logs; "auto" for the law of each joint that predicts held-out torque best; or laws of
+        single joints, such as {"elbow": "stribeck", "wrist": "auto"}. `settings` replace those of the robot
+        file: a set by its name, or values by dotted key. `known` are, for elastic joints, dynamics that are
+        not identified: a robot with values (such as those of CAD) or its file (.toml, .urdf, .xml), its links
+        and the rotors whose inertia it states; a fit of this robot or its file; or parameters by name, in SI
+        units. `rows`, `estimator`, `method`, `cutoff`, `decimate`, `period` and `partial` are those of
+        `symid.IdentifyOptions`, of which `options` has all; these arguments take precedence.
 
         Raises:
             UsageError: options that do not go together, or not with this robot and these logs.
@@ -215,13 +195,6 @@ class RobotModel(RobotDynamics):
             EstimateError: `prior`, `start` or `known` is of another model, or its robot lacks values.
             IdentifiabilityError: too few parameters are identifiable; the message names the others.
             SolverError: a search ended without a usable result.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(seed=1).log, estimator="wls")
-            >>> abs(fit["ZZ2"].value - robot.base.values["ZZ2"]) < 4 * fit["ZZ2"].std
-            True
         """
         order = merge(
             options,
@@ -279,21 +252,12 @@ class RobotModel(RobotDynamics):
     ) -> FrictionFit:
         """Identify a friction law and its parameters for every joint that moves.
 
-        Args:
-            logs: files, files of runs, or logs that were read.
-            train: the part of the logs to fit, as for `identify`.
-            model: a law, such as "stribeck+offset", or "auto" (the default): chosen on held-out data; or laws
-                of single joints by name, chosen for the others.
-            estimator: "varpro" (the default), "root-finding", "nlp", "genetic", "annealing" or
-                "differential-evolution".
-            known: base parameters to subtract: a fit or its file, or a robot with values (such as those of
-                CAD) or its file, .toml, .urdf or .xml; otherwise the rigid part is fitted too.
-            smoothing: rad/s or m/s over which dry friction changes its sign.
-            period: s, of a cosine motion, to average over all periods: one value for all logs or for each.
-            seed: of a stochastic estimator.
-            friction: the friction model of all joints in the rigid part, in place of the robot file's.
-            settings: replace those of the robot file: a set by its name, or values by dotted key.
-            options: all options, such as `symid.LawOptions(cutoff=20.0)`; the arguments above win.
+        `logs`, `train` and `settings` are those of `identify`. `model` is a law, such as "stribeck+offset",
+        or "auto" (the default): chosen on held-out data; or laws of single joints by name, chosen for the
+        others. `known` are base parameters to subtract: a fit or its file, or a robot with values (such as
+        those of CAD) or its file, .toml, .urdf or .xml; otherwise the rigid part is fitted too, with the law
+        `friction` in place of the robot file's. `estimator`, `smoothing`, `period` and `seed` are those of
+        `symid.LawOptions`, of which `options` has all; these arguments take precedence.
 
         Raises:
             UsageError: there is no such law or estimator.
@@ -301,13 +265,6 @@ class RobotModel(RobotDynamics):
             LogError: a log cannot be read or used.
             IdentifiabilityError: no joint has an identifiable law.
             SolverError: a search ended without usable numbers.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify_friction(robot.simulate(seed=1).log, model="coulomb-viscous")
-            >>> sorted(fit.joints)
-            ['elbow', 'shoulder']
         """
         order = merge(
             options,
@@ -343,13 +300,6 @@ class RobotModel(RobotDynamics):
         Raises:
             UsageError: a setting has no meaning for a stiffness.
             LogError: a log lacks an encoder, or is too short.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link_elastic")
-            >>> found = robot.identify_stiffness(robot.simulate(duration=6.0, seed=1).log)
-            >>> sorted(found.joints)
-            ['elbow', 'shoulder']
         """
         pairs = list_pairs(settings, IdentifyOptions(drop_first=drop_first, drop_last=drop_last))
         described, recordings = self._gather(logs, pairs, friction, train)
@@ -373,13 +323,6 @@ class RobotModel(RobotDynamics):
             UsageError: no joint is elastic, or a setting does not apply.
             LogError: a log lacks an encoder, or cannot be used.
             IdentifiabilityError: no spring is identifiable.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link_elastic")
-            >>> problem = robot.one_shot(robot.simulate(duration=4.0, seed=1).log)
-            >>> problem.add_constraint(problem["IA1"], upper=0.2).solve()["IA1"] <= 0.2
-            True
         """
         order = options or IdentifyOptions()
         pairs = list_pairs(settings, order)
@@ -413,12 +356,6 @@ class RobotModel(RobotDynamics):
         Raises:
             UsageError: an option is out of range or does not fit the robot.
             IdentifiabilityError: no such trajectory makes all parameters identifiable.
-
-        Example:
-            >>> import symid
-            >>> found = symid.load("two_link").excite(harmonics=2, period=2, candidates=20, starts=1)
-            >>> found.condition < found.product.random_condition
-            True
         """
         import numpy as np
 
@@ -457,28 +394,14 @@ class RobotModel(RobotDynamics):
     ) -> Simulation:
         """Simulate the robot under PD control along a trajectory; return the measured log.
 
-        Args:
-            trajectory: "fourier" (a random series), "ta" or "tb" (published), "tc" (for validation), a file,
-                a result of `excite`, or a motion.
-            duration: s; that of the trajectory where left out.
-            scale: factor on the trajectory's amplitudes.
-            noise: standard deviation of the torque sensors, N m or N.
-            clean: whether the sensors are perfect: no noise, no encoder steps.
-            bandwidth: of the gains, which follow from the inertia of the joints, Hz.
-            seed: of all random numbers.
-            options: all options, such as `symid.SimulateOptions(control_period=0.002)`; the arguments above
-                take precedence.
+        `trajectory` is "fourier" (a random series), "ta" or "tb" (published), "tc" (for validation), a file,
+        a result of `excite`, or a motion. `duration`, `scale`, `noise`, `clean`, `bandwidth` and `seed` are
+        those of `symid.SimulateOptions`, of which `options` has all; these arguments take precedence.
 
         Raises:
             UsageError: there is no such trajectory, or an option does not fit the robot.
             RobotError: the robot file does not state all values.
             SolverError: the controller does not hold the robot; the message names joints and options.
-
-        Example:
-            >>> import symid
-            >>> run = symid.load("two_link").simulate("ta", duration=0.5)
-            >>> run.q.shape, run.tau.shape
-            ((501, 2), (501, 2))
         """
         import numpy as np
 
@@ -535,31 +458,15 @@ class RobotModel(RobotDynamics):
         parameters. They are estimated by generalised least squares with the covariance of both sides, and
         moved to the nearest physically consistent body. Quantities that are not identifiable are refused.
 
-        Args:
-            loaded: with the payload: a fit, its file, or logs.
-            empty: without it, likewise.
-            joint: joint of the link that carries it; the last one by default.
-            mass: kg, if it is known.
-            rows: for logs: "torque" or "momentum" equations.
-            estimator: for logs: "ols", or "wls", weighted by the noise of each joint.
+        `loaded` and `empty` are each a fit, its file, or logs. The link with the payload is that of `joint`,
+        the last one by default, and `mass` its mass in kg, if it is known. Of logs the `rows` are equations
+        of torque or momentum, and the `estimator` "ols", or "wls", weighted by the noise of each joint.
 
         Raises:
             UsageError: a file is given twice, fits and logs are mixed, or there is no such joint.
             EstimateError: an estimate is of another model.
             LogError: a log cannot be used.
             IdentifiabilityError: no quantity of the payload is identifiable.
-
-        Example:
-            >>> import symid
-            >>> from pathlib import Path
-            >>> robot = symid.load("two_link")
-            >>> heavy = robot.path.read_text().replace("mass = 1.9", "mass = 2.9")
-            >>> Path("heavy.toml").write_text(heavy) == len(heavy)
-            True
-            >>> carrying = symid.load("heavy.toml").simulate(duration=4, seed=2).log
-            >>> found = robot.payload(carrying, robot.simulate(duration=4).log)
-            >>> round(found.mass, 1)
-            1.0
         """
         options = PayloadOptions(joint=joint, mass=mass, rows=rows, estimator=estimator)
         sides = (list_payload_side(loaded), list_payload_side(empty))
@@ -577,11 +484,6 @@ class RobotModel(RobotDynamics):
             UsageError: the format is unknown, or has no precision.
             RobotError: the robot file does not state all values.
             OutputError: the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").export("two_link.urdf").format
-            'URDF'
         """
         self.progress(f"writing {self.name}")
 
@@ -601,12 +503,6 @@ class RobotModel(RobotDynamics):
             seed: the first one.
             jobs: number of processes; one for each core by default. A script starts them below `if __name__
                 == "__main__":`.
-
-        Example:
-            >>> import symid
-            >>> study = symid.load("two_link").study_precision(seeds=2, jobs=1)
-            >>> [method.method for method in study.product.methods]
-            ['wls', 'momentum', 'consistent']
         """
         found = self._study(
             studies.study_precision, "precision of", report.show_precision, list_seeds(seeds, seed), jobs=jobs
@@ -638,13 +534,6 @@ class RobotModel(RobotDynamics):
         Raises:
             UsageError: the file lists several runs.
             LogError: the log is wrong.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> study = robot.study_cutoff(robot.simulate(duration=6.0).log)
-            >>> study.product.chosen > 0
-            True
         """
         robot = self.description
         recording = log_files.read_one_log(take_one_log(log), robot)
@@ -672,11 +561,6 @@ class RobotModel(RobotDynamics):
 
         Raises:
             UsageError: the robot has not two joints, or its file states no truth.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link_elastic")
-            >>> study = robot.study_elastic(seeds=1)  # doctest: +SKIP
         """
         numbers, title = list_seeds(seeds, seed), "methods for the elastic joints of"
         show = report.show_elastic_study
@@ -693,11 +577,6 @@ class RobotModel(RobotDynamics):
 
         Raises:
             UsageError: the robot has not two joints, or its file states no truth.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link_elastic")
-            >>> study = robot.study_tracking(seeds=1)  # doctest: +SKIP
         """
         numbers = list_seeds(seeds, seed)
         return self._study(studies.study_tracking, "tracking of", report.show_tracking, numbers, jobs=jobs)
@@ -711,11 +590,6 @@ class RobotModel(RobotDynamics):
 
         Raises:
             UsageError: the robot file states no truth.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("puma560_elastic")
-            >>> study = robot.study_six_joints()  # doctest: +SKIP
         """
         numbers, library = list_seeds(seeds, seed), self.library
         found = tuple(

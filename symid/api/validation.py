@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, final
+from typing import TYPE_CHECKING, ClassVar, Literal, final
 
 from symid import identification, report, robot as robots
-from symid.api.result import Figures, JudgedResult, Progress, Result, ignore
+from symid.api.result import DrawnResult, JudgedResult, Of, PagedResult, Progress, Result, ignore
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
 from symid.options import ABOVE, check_value
@@ -28,19 +28,21 @@ if TYPE_CHECKING:
     )
     from symid.identification.estimators import Residual
     from symid.identification.rigid import Diagnosis
-    from symid.report import AnyEstimate, Block, FitVerdict, WrittenPage
+    from symid.report import AnyEstimate, Block, Drawing, FitVerdict, WrittenPage
     from symid.robot import Robot
 
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class LogValidation(JudgedResult):
+class LogValidation(JudgedResult, DrawnResult):
     """Prediction error of a fit on a held-out log.
 
     Attributes:
         product: the full result, with notices, for example that the log belongs to the fit.
         gate: percent, limit of the mean relative residual; None for no limit.
         estimate: of the fit, whose own residual the verdict compares with; None to judge without it.
+        source: the log.
+        mean_relative_percent: the mean over joints of `100 |tau - tau_predicted| / |tau|`.
 
     Example:
         >>> import symid
@@ -54,6 +56,7 @@ class LogValidation(JudgedResult):
     product: "AnyValidation"
     gate: float | None = None
     estimate: "AnyEstimate | None" = None
+    _tried = True
 
     def __post_init__(self) -> None:
         """Check the gate.
@@ -63,36 +66,30 @@ class LogValidation(JudgedResult):
         """
         check_value("gate", self.gate, ABOVE)
 
-    @property
-    def source(self) -> str:
-        """Return the log."""
-        return self.product.source
+    source = Of[str]()
 
     @property
     def residual(self) -> "tuple[Residual, ...]":
         """Return the residual torque, joint by joint."""
         return self.product.residual
 
-    @property
-    def mean_relative_percent(self) -> float:
-        """Return the mean over joints of `100 |tau - tau_predicted| / |tau|`."""
-        return self.product.mean_relative_percent
+    mean_relative_percent = Of[float]()
 
     @cached_property
     def verdict(self) -> "FitVerdict":
         """Return how well the log is predicted: "good", "usable", "doubtful" or "wrong", and why."""
         return report.judge_trial(self.product, self.estimate)
 
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes; first that the verdict is doubtful."""
-        return (*self._split_verdict(self.source, tried=True)[0], *self.product.notices)
+    def _name_file(self) -> str:
+        return self.source
+
+    def _list_remarks(self) -> tuple[Notice, ...]:
+        return self.product.notices
 
     @property
     def errors(self) -> tuple[Notice, ...]:
         """Return the error of a wrong verdict, and the reason if the gate is missed."""
-        wrong = self._split_verdict(self.source, tried=True)[1]
-        return (*wrong, *self.product.list_missed(self.gate))
+        return (*super().errors, *self.product.list_missed(self.gate))
 
     def summarise(self) -> str:
         """Return the log and the mean relative residual."""
@@ -103,18 +100,12 @@ class LogValidation(JudgedResult):
         """Return the headline and the tables of residuals."""
         return report.show_trial(self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return residuals, processing and gate in plain types."""
-        found = {**self._describe_verdict(), **report.describe_trial(self.product)}
-        return {**found, "gate": self.gate, "accepted": self.accepted}
+    def _describe(self) -> dict[str, object]:
+        return {**report.describe_trial(self.product), "gate": self.gate, "accepted": self.accepted}
 
-    def figures(self) -> "tuple[Block, ...]":
+    def _draw(self) -> "tuple[Drawing, ...]":
         """Return measured and predicted torques; for elastic joints hysteresis loops."""
-        return self.plot().drawings
-
-    def plot(self, ax: object = None) -> Figures:
-        """Return the figures; `.save(path)` writes SVG or HTML, `ax` are axes of matplotlib to use."""
-        return Figures(drawings=report.draw_trial(self.product)).draw(ax)
+        return report.draw_trial(self.product)
 
 
 @final
@@ -158,6 +149,8 @@ class FitPage(JudgedResult):
 
     Attributes:
         page: the full result.
+        file: the path of the page.
+        diagnosis: the diagnosis; None if it was not requested.
 
     Example:
         >>> import symid
@@ -169,15 +162,8 @@ class FitPage(JudgedResult):
 
     page: "WrittenPage"
 
-    @property
-    def file(self) -> Path:
-        """Return the path of the page."""
-        return self.page.file
-
-    @property
-    def diagnosis(self) -> "Diagnosis | None":
-        """Return the diagnosis; None if it was not requested."""
-        return self.page.diagnosis
+    file = Of[Path]("page.file")
+    diagnosis: ClassVar["Of[Diagnosis | None]"] = Of("page.diagnosis")
 
     @property
     def verdict(self) -> "FitVerdict":
@@ -189,15 +175,8 @@ class FitPage(JudgedResult):
         """Return the held-out logs."""
         return self.page.sources
 
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes; first that the verdict is doubtful."""
-        return (*self._split_verdict()[0], *self.page.notices)
-
-    @property
-    def errors(self) -> tuple[Notice, ...]:
-        """Return the error of a wrong verdict; the page is written all the same."""
-        return self._split_verdict()[1]
+    def _list_remarks(self) -> tuple[Notice, ...]:
+        return self.page.notices
 
     def summarise(self) -> str:
         """Return the path of the page."""
@@ -208,11 +187,9 @@ class FitPage(JudgedResult):
         head = "\n".join((f"report: {show_path(self.file)}", *self.page.lines))
         return (head, *(() if self.diagnosis is None else report.show_diagnosis(self.diagnosis)))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the written file and its contents in plain types."""
+    def _describe(self) -> dict[str, object]:
         page = self.page
-        found = self._describe_verdict()
-        found |= {"robot": page.robot, "file": page.file, "validations": page.sources}
+        found: dict[str, object] = {"robot": page.robot, "file": page.file, "validations": page.sources}
         if page.processing is not None:
             found["processing"] = page.processing
         if page.diagnosis is not None:
@@ -227,7 +204,7 @@ _TABLE_OPTIONS = ("--name", "--value", "--deviation", "--deviation-unit", "--rea
 
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Comparison(Result):
+class Comparison(PagedResult):
     """A comparison of a fit with one or more others, in the groupings of the others.
 
     Attributes:
@@ -298,13 +275,8 @@ class Comparison(Result):
             for notice in identification.check_comparison_gate(entry, self.gate)
         )
 
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write a self-contained HTML page to `path`, and return the path.
-
-        Raises:
-            OutputError: the page cannot be written.
-        """
-        return report.write_comparison_page(Path(path), self.ours, self.found, self.notices)
+    def _write_page(self, file: Path) -> Path:
+        return report.write_comparison_page(file, self.ours, self.found, self.notices)
 
     def summarise(self) -> str:
         """Return the number of groups within two standard deviations."""
