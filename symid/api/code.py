@@ -13,7 +13,7 @@ Supported: every function of the catalogue that the robot has.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, cast, final
+from typing import TYPE_CHECKING, cast, final
 
 from symid import report
 from symid.api.result import Of, Result
@@ -205,7 +205,6 @@ class CompiledModel:
 
     Attributes:
         library: the library behind them; `RobotModel.library` is one without the functions for controllers.
-        card: the model: names, units, groupings and reasons of its parameters.
         backend: what computes the functions: "c", "python" or "casadi".
 
     Example:
@@ -251,11 +250,15 @@ class CompiledModel:
             setattr(self, spec.name, kind(spec=spec, library=library))
 
     @property
+    def card(self) -> "ModelCard":
+        """Return the model: names, units, groupings and reasons of its parameters."""
+        return self.library.card
+
+    @property
     def functions(self) -> tuple[str, ...]:
         """Return the names of the functions."""
         return tuple(spec.name for spec in self.card.functions)
 
-    card: ClassVar["Of[ModelCard]"] = Of("library.card")
     backend = Of[str]("library.backend")
 
     @property

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
 
 from symid import codegen, identification, logs as log_files, report, robot as robots
 from symid.api.code import WrittenCode
+from symid.api.log import take_samples
 from symid.api.result import Figures, JudgedResult, Of, PagedResult, Progress, ignore
 from symid.errors import LogError, Notice
 from symid.identification import hysteresis as elements
@@ -144,7 +145,7 @@ class ElementFit(JudgedResult, PagedResult):
         Raises:
             UsageError: no time where the element needs it, or an unknown start.
         """
-        return elements.predict_element(self.record, *_take_columns(x, t), start=start)
+        return elements.predict_element(self.record, *take_samples(x, t), start=start)
 
     def invert(self, y: "ArrayLike", t: "ArrayLike | None" = None, *, beyond: bool = False) -> "FloatArray":
         """Return the input (N,) that gives an output `y` (N,), at times `t` (N,) in s where it needs them.
@@ -154,12 +155,12 @@ class ElementFit(JudgedResult, PagedResult):
         Raises:
             UsageError: the element has no inverse, and why; or inputs go too far.
         """
-        return elements.invert_fit(self.record, *_take_columns(y, t), beyond=beyond)
+        return elements.invert_fit(self.record, *take_samples(y, t), beyond=beyond)
 
     def validate(self, x: "ArrayLike", y: "ArrayLike", t: "ArrayLike | None" = None) -> "ElementValidation":
         """Return what the element predicts of another recording, `x`, `y` and `t` as of `fit`."""
-        given, time = _take_columns(x, t)
-        trial = elements.validate_element(self.record, given, _take_columns(y, None)[0], time)
+        given, time = take_samples(x, t)
+        trial = elements.validate_element(self.record, given, take_samples(y, None)[0], time)
         return ElementValidation(record=self.record, trial=trial)
 
     def save(self, path: str | PathLike[str]) -> Path:
@@ -268,14 +269,6 @@ class ElementValidation(JudgedResult):
         return asdict(self.trial)
 
 
-def _take_columns(values: "ArrayLike", time: "ArrayLike | None") -> "tuple[FloatArray, FloatArray | None]":
-    """Return samples and times, where there are any, as arrays of float64."""
-    import numpy as np
-
-    stamps = None if time is None else np.asarray(time, dtype=np.float64)
-    return np.asarray(values, dtype=np.float64), stamps
-
-
 def fit(
     x: "ArrayLike",
     y: "ArrayLike",
@@ -309,8 +302,8 @@ def fit(
         True
     """
     options = HysteresisOptions(model=model, passive=passive)
-    given, time = _take_columns(x, t)
-    record = elements.fit_hysteresis(given, _take_columns(y, None)[0], time, options)
+    given, time = take_samples(x, t)
+    record = elements.fit_hysteresis(given, take_samples(y, None)[0], time, options)
     return ElementFit(record=record, source=source)
 
 

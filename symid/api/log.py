@@ -357,6 +357,14 @@ def read_log(path: str | PathLike[str], robot: "Described", *, uneven: bool = Fa
     return found[0]
 
 
+def take_samples(values: "ArrayLike", time: "ArrayLike | None") -> "tuple[FloatArray, FloatArray | None]":
+    """Return samples and times, where there are any, as arrays of float64."""
+    import numpy as np
+
+    stamps = None if time is None else np.asarray(time, dtype=np.float64)
+    return np.asarray(values, dtype=np.float64), stamps
+
+
 def build_log(
     robot: "Described",
     *,

@@ -1,6 +1,5 @@
 """Bags of real robots, read, resampled where that is needed, and identified by one command."""
 
-import json
 import sysconfig
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 import symid
-from symid.cli.main import run
+from tests.calls import do
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -60,16 +59,13 @@ def write_copies(folder, path):
     return folder / "copy.npz", folder / "copy" / "copy.mcap"
 
 
-def identify(capsys, urdf, log, *options):
-    code = run(["identify", urdf, str(log), *options, *QUICK, "--accept", "--backend", "python", "--json"])
-    answer = json.loads(capsys.readouterr().out)
-    assert code == 0, answer
-    return answer
+def identify(urdf, log, *options):
+    return do("identify", urdf, log, *options, *QUICK, "--accept", "--backend", "python")
 
 
-def test_one_command_identifies_from_a_bag(capsys, bag, tmp_path):
+def test_one_command_identifies_from_a_bag(bag, tmp_path):
     name, urdf, options, path = bag
-    found = identify(capsys, urdf, path, *options)
+    found = identify(urdf, path, *options)
     (topic,) = (entry["text"] for entry in found["warnings"] if entry["code"] == "log.topic-read")
     assert ("3441 messages" if name == "ur10" else "727 messages") in topic
     parameters = found["result"]["parameters"]
@@ -81,7 +77,7 @@ def test_one_command_identifies_from_a_bag(capsys, bag, tmp_path):
         for channel in ("time", "q", "dq", "tau"):
             np.testing.assert_array_equal(getattr(other, channel), getattr(log, channel), err_msg=str(copy))
     if name == "ur10":
-        assert identify(capsys, urdf, copies[0], *options)["result"]["parameters"] == parameters
+        assert identify(urdf, copies[0], *options)["result"]["parameters"] == parameters
 
 
 def test_a_bag_with_jitter_and_a_gap_is_resampled_and_says_so(bag, tmp_path):

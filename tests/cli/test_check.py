@@ -8,12 +8,7 @@ import pytest
 from symid.cli.main import run
 from symid.codegen.cache import prepare_library
 from symid.robot.toml_reader import read_robot
-
-
-def call_json(capsys, *arguments):
-    """Run `check` with --json; return its exit code and the object."""
-    code = run(["check", *map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
+from tests.calls import ask, do, fail, say
 
 
 def codes(answer):
@@ -53,8 +48,8 @@ def write(tmp_path, columns):
     return build
 
 
-def test_a_good_log(capsys, write):
-    code, answer = call_json(capsys, "two_link", write())
+def test_a_good_log(write):
+    code, answer = ask("check", "two_link", write())
     assert (code, answer["ok"], answer["warnings"]) == (0, True, [])
     (entry,) = answer["result"]["logs"]
     assert entry["timing"]["even"]
@@ -78,7 +73,7 @@ def test_a_good_log(capsys, write):
 
 def test_expected_deviations_are_those_of_an_identification(capsys, write):
     log = write()
-    _, answer = call_json(capsys, "two_link", log)
+    _, answer = ask("check", "two_link", log)
     expected = {e["name"]: e["relative_std_percent"] for e in answer["result"]["excitation"]["parameters"]}
     assert run(["identify", "two_link", str(log), "--estimator", "wls", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["result"]["parameters"]
@@ -87,18 +82,17 @@ def test_expected_deviations_are_those_of_an_identification(capsys, write):
     assert all(0.5 < ratio < 2.0 for ratio in ratios)
 
 
-def test_the_text_marks_the_rank(capsys, write):
-    assert run(["check", "two_link", str(write())]) == 0
-    out = capsys.readouterr().out
+def test_the_text_marks_the_rank(write):
+    out = say("check", "two_link", write())
     assert "12 of 12" in out
     assert " |\n" in out
     assert "parameter  verdict" in out
 
 
 @pytest.mark.parametrize("joint", [0, 1])
-def test_a_wrong_sign(capsys, write, columns, joint):
+def test_a_wrong_sign(write, columns, joint):
     turned = columns["tau"] * np.where(np.arange(2) == joint, -1.0, 1.0)
-    code, answer = call_json(capsys, "two_link", write(tau=turned))
+    code, answer = ask("check", "two_link", write(tau=turned))
     text = codes(answer)["log.torque-sign"]
     assert code == 0
     assert f" joint {('shoulder', 'elbow')[joint]!r} " in text
@@ -106,8 +100,8 @@ def test_a_wrong_sign(capsys, write, columns, joint):
 
 
 @pytest.mark.parametrize("swapped", [("tau",), ("q",)])
-def test_exchanged_joints(capsys, write, columns, swapped):
-    code, answer = call_json(capsys, "two_link", write(**{name: columns[name][:, ::-1] for name in swapped}))
+def test_exchanged_joints(write, columns, swapped):
+    code, answer = ask("check", "two_link", write(**{name: columns[name][:, ::-1] for name in swapped}))
     found = codes(answer)
     assert code == 0
     assert "log.swapped-joints" in found or "log.torque-sign" in found
@@ -116,9 +110,9 @@ def test_exchanged_joints(capsys, write, columns, swapped):
 
 
 @pytest.mark.parametrize("delay", [3.4e-3, -2.6e-3])
-def test_a_delay_is_found_to_a_part_of_a_sample(capsys, write, columns, delay):
+def test_a_delay_is_found_to_a_part_of_a_sample(write, columns, delay):
     late = np.column_stack([np.interp(columns["t"] - delay, columns["t"], tau) for tau in columns["tau"].T])
-    code, answer = call_json(capsys, "two_link", write(tau=late))
+    code, answer = ask("check", "two_link", write(tau=late))
     found = answer["result"]["dynamics"][0]["torque_delay"]
     assert code == 0
     assert found["late"]
@@ -128,35 +122,35 @@ def test_a_delay_is_found_to_a_part_of_a_sample(capsys, write, columns, delay):
     assert f"ms {side} the motion" in codes(answer)["log.torque-delay"]
 
 
-def test_units_that_no_robot_has(capsys, write, columns):
-    _, answer = call_json(capsys, "two_link", write(tau=1e6 * columns["tau"]))
+def test_units_that_no_robot_has(write, columns):
+    _, answer = ask("check", "two_link", write(tau=1e6 * columns["tau"]))
     assert "joint 'shoulder'" in codes(answer)["log.torque-size"]
     assert " kg, " in codes(answer)["log.torque-size"]
     assert "milliamperes" in codes(answer)["log.torque-size"]
-    _, answer = call_json(capsys, "two_link", write(tau=1e-6 * columns["tau"]))
+    _, answer = ask("check", "two_link", write(tau=1e-6 * columns["tau"]))
     assert "motor side" in codes(answer)["log.torque-size"]
 
 
 @pytest.mark.parametrize(("factor", "said"), [(0.1, True), (10.0, True), (1.0, False), (2.0, False)])
-def test_torques_that_masses_of_the_robot_file_do_not_explain(capsys, write, columns, factor, said):
+def test_torques_that_masses_of_the_robot_file_do_not_explain(write, columns, factor, said):
     """Efforts that are currents: the masses that they need are those of another robot."""
-    _, answer = call_json(capsys, "two_link", write(tau=factor * columns["tau"]))
+    _, answer = ask("check", "two_link", write(tau=factor * columns["tau"]))
     assert ("log.effort-size" in codes(answer)) == said
     if said:
         assert "--units torque=A" in codes(answer)["log.effort-size"]
 
 
-def test_a_static_log_ends_with_4(capsys, write, columns):
+def test_a_static_log_ends_with_4(write, columns):
     still = np.tile(columns["q"][:1], (len(columns["t"]), 1))
-    code, answer = call_json(capsys, "two_link", write(q=still))
+    code, answer = ask("check", "two_link", write(q=still))
     assert (code, answer["ok"]) == (4, False)
     assert answer["errors"][0]["code"] == "identify.standstill"
     assert answer["result"]["logs"][0]["samples"] == 12000
 
 
-def test_a_joint_at_rest_is_named(capsys, write, columns):
+def test_a_joint_at_rest_is_named(write, columns):
     q = columns["q"] * [1.0, 0.0]
-    code, answer = call_json(capsys, "two_link", write(q=q))
+    code, answer = ask("check", "two_link", write(q=q))
     assert (code, answer["errors"][0]["code"]) == (4, "check.poor")
     text = codes(answer)["log.not-excited"]
     assert text.startswith("9 of 12 ")
@@ -165,33 +159,31 @@ def test_a_joint_at_rest_is_named(capsys, write, columns):
     assert {"Fv2", "Fc2", "offset2"} <= set(refused)
 
 
-def test_noise_that_drowns_all_ends_with_4(capsys, write, columns):
+def test_noise_that_drowns_all_ends_with_4(write, columns):
     noise = np.random.default_rng(2).normal(size=columns["tau"].shape)
-    code, answer = call_json(capsys, "two_link", write(tau=noise))
+    code, answer = ask("check", "two_link", write(tau=noise))
     assert code in (0, 4)
     assert "log.faint-parameters" in codes(answer)
     if code == 4:
         assert answer["errors"][0]["code"] == "check.nothing"
 
 
-def test_elastic_joints_are_not_looked_at_as_rigid_ones(capsys, write):
-    code, answer = call_json(capsys, "two_link_elastic", write())
-    assert code == 0
-    assert "check.elastic" in codes(answer)
+def test_elastic_joints_are_not_looked_at_as_rigid_ones(write):
+    assert "check.elastic" in codes(do("check", "two_link_elastic", write()))
 
 
-def test_runs_are_checked_together(capsys, write, tmp_path):
+def test_runs_are_checked_together(write, tmp_path):
     write("a.npz")
     path = tmp_path / "runs.toml"
     path.write_text(
         '[[run]]\nfile = "a.npz"\ndrop_last = 6000\n[[run]]\nfile = "a.npz"\ndrop_first = 6000\noffset = 0\n'
     )
-    code, answer = call_json(capsys, "two_link", path)
+    code, answer = ask("check", "two_link", path)
     assert (code, len(answer["result"]["logs"])) == (0, 2)
     assert [entry["samples"] for entry in answer["result"]["logs"]] == [6000, 6000]
     assert answer["result"]["excitation"]["rank"] == 12
     path.write_text("[[run]]\n")
-    code, answer = call_json(capsys, "two_link", path)
+    code, answer = ask("check", "two_link", path)
     assert (code, answer["errors"][0]["code"], answer["errors"][0]["line"]) == (3, "runs.missing-key", 1)
 
 
@@ -214,8 +206,8 @@ class TestTimes:
             note=np.ones(3),
         )
 
-    def test_it_is_checked_as_if_even(self, capsys, uneven):
-        code, answer = call_json(capsys, "two_link", uneven)
+    def test_it_is_checked_as_if_even(self, uneven):
+        code, answer = ask("check", "two_link", uneven)
         found = codes(answer)
         assert code == 0
         assert "samples have the time of the one before" in found["log.repeated-times"]
@@ -224,10 +216,9 @@ class TestTimes:
         assert not answer["result"]["logs"][0]["timing"]["even"]
         assert answer["result"]["excitation"]["rank"] == 12
 
-    def test_the_copy_is_even_and_keeps_names_and_units(self, capsys, uneven, tmp_path, columns):
+    def test_the_copy_is_even_and_keeps_names_and_units(self, uneven, tmp_path, columns):
         output = tmp_path / "even.npz"
-        code, answer = call_json(capsys, "two_link", uneven, "--resample", output)
-        assert code == 0
+        answer = do("check", "two_link", uneven, "--resample", output)
         assert answer["result"]["resampled"]["file"] == str(output)
         with np.load(output) as copy:
             assert set(copy.files) == {"t", "q", "tau", "note", "units"}
@@ -235,35 +226,37 @@ class TestTimes:
         assert np.ptp(np.diff(t)) < 1e-9
         truth = np.column_stack([np.interp(t, columns["t"], column) for column in columns["q"].T])
         assert np.abs(q - truth).max() < 0.01
-        code, answer = call_json(capsys, "two_link", output)
+        code, answer = ask("check", "two_link", output)
         assert (code, answer["result"]["logs"][0]["timing"]["even"]) == (0, True)
 
-    def test_what_exists_is_not_written_over(self, capsys, uneven):
-        code, answer = call_json(capsys, "two_link", uneven, "--resample", uneven)
-        assert (code, answer["errors"][0]["code"]) == (3, "output.is-input")
+    def test_what_exists_is_not_written_over(self, uneven):
+        assert fail("check", "two_link", uneven, "--resample", uneven) == (3, "output.is-input")
 
-    def test_one_log_at_a_time(self, capsys, uneven, tmp_path):
-        code, answer = call_json(capsys, "two_link", uneven, uneven, "--resample", tmp_path / "even.npz")
-        assert (code, answer["errors"][0]["code"]) == (2, "usage.one-log")
+    def test_one_log_at_a_time(self, uneven, tmp_path):
+        assert fail("check", "two_link", uneven, uneven, "--resample", tmp_path / "even.npz") == (
+            2,
+            "usage.one-log",
+        )
 
-    def test_arrays_do_not_fit_into_a_table(self, capsys, uneven, tmp_path):
-        code, answer = call_json(capsys, "two_link", uneven, "--resample", tmp_path / "even.csv")
-        assert (code, answer["errors"][0]["code"]) == (3, "output.no-table")
+    def test_arrays_do_not_fit_into_a_table(self, uneven, tmp_path):
+        assert fail("check", "two_link", uneven, "--resample", tmp_path / "even.csv") == (
+            3,
+            "output.no-table",
+        )
 
 
 @pytest.mark.parametrize(
     ("robot", "log"),
     [("tx40", "tx40/tx40.npz"), ("emps", "emps/DATA_EMPS.mat"), ("kr300", "kr300/run_a.npz")],
 )
-def test_real_logs_have_their_signs_and_order(capsys, shared_data, robot, log):
-    code, answer = call_json(capsys, robot, shared_data / log)
-    assert code == 0
+def test_real_logs_have_their_signs_and_order(shared_data, robot, log):
+    answer = do("check", robot, shared_data / log)
     assert not {"log.torque-sign", "log.swapped-joints", "log.torque-size"} & set(codes(answer))
     assert answer["result"]["excitation"]["rank"] == len(answer["result"]["excitation"]["singular_values"])
 
 
 @pytest.mark.parametrize("joint", [0, 1, 2, 3, 5])
-def test_a_wrong_sign_in_a_real_log(capsys, shared_data, tmp_path, joint):
+def test_a_wrong_sign_in_a_real_log(shared_data, tmp_path, joint):
     with np.load(shared_data / "tx40" / "tx40.npz") as log:
         content = dict(log)
     # Every fourth sample will do. Motor 6 moves joints 5 and 6, whose torques are both wrong then.
@@ -271,5 +264,5 @@ def test_a_wrong_sign_in_a_real_log(capsys, shared_data, tmp_path, joint):
     content["tau_motor"][:, joint] *= -1.0
     np.savez(tmp_path / "turned.npz", **content)
     cut = ["--set", "processing.drop_first=600", "--set", "processing.decimation.factor=25"]
-    _, answer = call_json(capsys, "tx40", tmp_path / "turned.npz", *cut)
+    _, answer = ask("check", "tx40", tmp_path / "turned.npz", *cut)
     assert f"'joint{joint + 1}'" in codes(answer)["log.torque-sign"]

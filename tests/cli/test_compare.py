@@ -1,7 +1,6 @@
 """`symid compare`: an estimate beside others, in their groups, with deviations of both."""
 
 import dataclasses
-import json
 from itertools import pairwise
 
 import numpy as np
@@ -19,19 +18,11 @@ from symid.joint_models import FrictionValues
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import list_processing
 from symid.robot.toml_writer import write_robot
+from tests.calls import ask, do, list_codes, refuse, say
 from tests.chains import PUMA560
 from tests.estimates import STD, build_estimate, fill_robot, make_plain, store_estimate
 
 HEAD = "Izz1 + 1.0*Ia1 + Iyy2 + Iyy3 + 0.07*mz3 + 0.05185*m3 + 0.05185*m4 + 0.05185*m5 + 0.05185*m6"
-
-
-def call(capsys, *arguments):
-    code = run(["compare", *map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def find_codes(answer, key="warnings"):
-    return [notice["code"] for notice in answer[key]]
 
 
 @pytest.fixture(scope="module")
@@ -61,10 +52,10 @@ def list_all(values):
     return [*rows, (names[-1], values[names[-1]], STD)]
 
 
-def test_the_same_values_in_other_groups_agree(capsys, wrist, tmp_path):
+def test_the_same_values_in_other_groups_agree(wrist, tmp_path):
     _, ours, values = wrist
     table = write_table(tmp_path / "table.csv", list_all(values))
-    code, answer = call(capsys, "tx40", ours, table, "--gate", "0.001")
+    code, answer = ask("compare", "tx40", ours, table, "--gate", "0.001")
     assert (code, answer["ok"], answer["warnings"]) == (0, True, [])
     (found,) = answer["result"]["others"]
     assert (found["judged"], found["absent"], found["lacking"]) == (60, ["IA6"], 0)
@@ -73,18 +64,17 @@ def test_the_same_values_in_other_groups_agree(capsys, wrist, tmp_path):
     assert found["chi_square"]["value"] == pytest.approx(0.0, abs=1e-9)
     assert (found["chi_square"]["freedom"], found["chi_square"]["probability"]) == (60, 1.0)
     assert found["columns"] == {"name": "group", "value": "value", "deviation": "std", "percent": False}
-    assert run(["compare", "tx40", str(ours), str(table)]) == 0
-    assert "probability 1; " in capsys.readouterr().out
+    assert "probability 1; " in say("compare", "tx40", ours, table)
     second = found["groups"][1]
     assert second["ours_std"] == pytest.approx(STD * np.sqrt(1.25))
     assert (second["line"], second["read_as"]) == (3, None)
 
 
-def test_a_group_of_standard_parameters_is_in_its_own_deviations(capsys, wrist, tmp_path):
+def test_a_group_of_standard_parameters_is_in_its_own_deviations(wrist, tmp_path):
     _, ours, values = wrist
     rows = [(HEAD, values["ZZR1"] - 3 * STD, 100 * np.sqrt(3) * STD / abs(values["ZZR1"] - 3 * STD))]
     table = write_table(tmp_path / "table.csv", rows, "parameter,x,x_std_percent")
-    code, answer = call(capsys, "tx40", ours, table)
+    code, answer = ask("compare", "tx40", ours, table)
     (found,) = answer["result"]["others"]
     (group,) = found["groups"]
     assert code == 0
@@ -103,12 +93,12 @@ def plant_coupling(values, path):
     return write_table(path, [(name, value, STD) for name, value in held.items()])
 
 
-def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(capsys, wrist, tmp_path):
+def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(wrist, tmp_path):
     _, ours, values = wrist
     table = plant_coupling(values, tmp_path / "table.csv")
-    code, answer = call(capsys, "tx40", ours, table)
+    code, answer = ask("compare", "tx40", ours, table)
     (found,) = answer["result"]["others"]
-    assert (code, find_codes(answer)) == (0, ["compare.coupled-reading"])
+    assert (code, list_codes(answer)) == (0, ["compare.coupled-reading"])
     assert found["within"] == {"2": 59, "3": 59}
     away = {entry["group"]: entry["deviations"] for entry in found["groups"]}
     assert away["Fv5"] == pytest.approx(-values["Fvm6"] / (np.sqrt(2) * STD))
@@ -124,7 +114,7 @@ def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(cap
     assert '--read-as "Fv6 = Fv6 + Fvm6"' in text
 
     options = ("--read-as", "Fv6 = Fv6 + Fvm6", "--read-as", "Fv5=fv5+fvm6", "--gate", "0.01")
-    code, answer = call(capsys, "tx40", ours, table, *options)
+    code, answer = ask("compare", "tx40", ours, table, *options)
     (found,) = answer["result"]["others"]
     assert (code, answer["warnings"], found["within"]["2"]) == (0, [], 61)
     assert {entry["group"]: entry["read_as"] for entry in found["groups"] if entry["read_as"]} == {
@@ -133,24 +123,24 @@ def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(cap
     }
 
 
-def test_a_term_for_which_only_numbers_speak_is_said_to_be_that(capsys, wrist, tmp_path):
+def test_a_term_for_which_only_numbers_speak_is_said_to_be_that(wrist, tmp_path):
     _, ours, values = wrist
     held = values | {"Fc2": values["Fc2"] - values["Fc4"]}
     table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
-    code, answer = call(capsys, "tx40", ours, table)
-    assert (code, find_codes(answer)) == (0, ["compare.other-reading"])
+    code, answer = ask("compare", "tx40", ours, table)
+    assert (code, list_codes(answer)) == (0, ["compare.other-reading"])
     text = answer["warnings"][0]["text"]
     assert " -Fc4 too. " in text
     assert text.endswith('--read-as "Fc2 = Fc2 - Fc4"')
 
 
-def test_values_that_are_plainly_different_find_no_term(capsys, wrist, tmp_path):
+def test_values_that_are_plainly_different_find_no_term(wrist, tmp_path):
     _, ours, values = wrist
     held = values | {"Fc2": values["Fc2"] * 0.9321, "Fv5": values["Fv5"] * 1.1234}
     table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
-    code, answer = call(capsys, "tx40", ours, table, "--gate", "3")
+    code, answer = ask("compare", "tx40", ours, table, "--gate", "3")
     assert (code, answer["ok"], answer["warnings"]) == (1, False, [])
-    assert find_codes(answer, "errors") == ["compare.gate"]
+    assert list_codes(answer, "errors") == ["compare.gate"]
     assert " gate of 3" in answer["errors"][0]["text"]
     assert answer["result"]["accepted"] is False
 
@@ -184,11 +174,11 @@ def test_the_same_call_gives_the_same_bytes(capsys, wrist, tmp_path):
     assert texts[0] == texts[1]
 
 
-def test_all_mistakes_of_a_table_are_told_at_once(capsys, wrist, tmp_path):
+def test_all_mistakes_of_a_table_are_told_at_once(wrist, tmp_path):
     _, ours, _ = wrist
     rows = [("Izz1", 1, 0.1), ("fv1", "one", 0.1), ("what", 1, 0.1), ("fv2", 1, -1), ("fv3", 1)]
     table = write_table(tmp_path / "table.csv", rows)
-    code, answer = call(capsys, "tx40", ours, table)
+    code, answer = ask("compare", "tx40", ours, table)
     assert code == 3
     assert [(entry["line"], entry["code"]) for entry in answer["errors"]] == [
         (2, "usage.other-groups"),
@@ -201,32 +191,32 @@ def test_all_mistakes_of_a_table_are_told_at_once(capsys, wrist, tmp_path):
     assert "is left over when ZZR1 = ZZ1 + IA1" in answer["errors"][0]["text"]
 
 
-def test_a_group_that_follows_from_others_is_told_with_its_line(capsys, wrist, tmp_path):
+def test_a_group_that_follows_from_others_is_told_with_its_line(wrist, tmp_path):
     _, ours, _ = wrist
     table = write_table(tmp_path / "table.csv", [("fv1", 1, 1), ("fv1 + fv2", 1, 1), ("2*fv2", 1, 1)])
-    code, answer = call(capsys, "tx40", ours, table)
-    assert (code, find_codes(answer, "errors")) == (3, ["usage.other-groups"])
+    code, answer = ask("compare", "tx40", ours, table)
+    assert (code, list_codes(answer, "errors")) == (3, ["usage.other-groups"])
     assert answer["errors"][0]["line"] == 4
     assert "'2*fv2' follows from 'fv1', 'fv1 + fv2'" in answer["errors"][0]["text"]
 
 
-def test_rows_without_value_and_tables_without_deviation(capsys, wrist, tmp_path):
+def test_rows_without_value_and_tables_without_deviation(wrist, tmp_path):
     _, ours, values = wrist
     rows = [("fv1", values["Fv1"] + STD), ("fv2", "")]
     table = write_table(tmp_path / "table.csv", rows, "name,value")
-    code, answer = call(capsys, "tx40", ours, table)
-    assert (code, find_codes(answer)) == (0, ["compare.empty-value", "compare.no-deviation"])
+    code, answer = ask("compare", "tx40", ours, table)
+    assert (code, list_codes(answer)) == (0, ["compare.empty-value", "compare.no-deviation"])
     (group,) = answer["result"]["others"][0]["groups"]
     assert group["other_std"] is None
     assert group["deviations"] == pytest.approx(-1.0)
 
 
-def test_percent_of_zero_are_no_deviation(capsys, wrist, tmp_path):
+def test_percent_of_zero_are_no_deviation(wrist, tmp_path):
     _, ours, values = wrist
     rows = [("fv1", values["Fv1"], 3), ("fv2", 0, 3)]
     table = write_table(tmp_path / "table.csv", rows, "name,value,std_percent")
-    code, answer = call(capsys, "tx40", ours, table)
-    assert (code, find_codes(answer)) == (0, ["compare.no-deviation"])
+    code, answer = ask("compare", "tx40", ours, table)
+    assert (code, list_codes(answer)) == (0, ["compare.no-deviation"])
     assert answer["warnings"][0]["text"].startswith("1 of 2 ")
     assert "zero" in answer["warnings"][0]["text"]
     spreads = [entry["other_std"] for entry in answer["result"]["others"][0]["groups"]]
@@ -244,30 +234,28 @@ def test_percent_of_zero_are_no_deviation(capsys, wrist, tmp_path):
         (("--value", "wls"), "usage.table-column"),
     ],
 )
-def test_wrong_options_of_a_table(capsys, wrist, tmp_path, options, code):
+def test_wrong_options_of_a_table(wrist, tmp_path, options, code):
     _, ours, _ = wrist
     table = write_table(tmp_path / "table.csv", [("fv1", 1, 1)])
-    status, answer = call(capsys, "tx40", ours, table, *options)
-    assert (status, find_codes(answer, "errors")) == (2, [code])
+    assert refuse("compare", "tx40", ours, table, *options) == (2, [code])
 
 
-def test_wrong_files(capsys, wrist, tmp_path):
+def test_wrong_files(wrist, tmp_path):
     _, ours, _ = wrist
-    code, answer = call(capsys, "tx40", ours, tmp_path / "none.csv", tmp_path / "none.json")
-    assert (code, find_codes(answer, "errors")) == (3, ["estimate.format"] * 2)
-    code, answer = call(capsys, "tx40", ours, ours)
-    assert (code, find_codes(answer, "errors")) == (2, ["usage.same-file"])
+    assert refuse("compare", "tx40", ours, tmp_path / "none.csv", tmp_path / "none.json") == (
+        3,
+        ["estimate.format"] * 2,
+    )
+    assert refuse("compare", "tx40", ours, ours) == (2, ["usage.same-file"])
     other = tmp_path / "other.json"
     other.write_text("{}", encoding="utf-8")
-    code, answer = call(capsys, "tx40", ours, other)
-    assert (code, find_codes(answer, "errors")) == (3, ["estimate.format"])
+    assert refuse("compare", "tx40", ours, other) == (3, ["estimate.format"])
     copy = tmp_path / "copy.json"
     copy.write_bytes(ours.read_bytes())
-    code, answer = call(capsys, "tx40", ours, copy, "--value", "x", "--read-as", "a = b")
-    assert (code, find_codes(answer, "errors")) == (2, ["usage.no-table"])
+    code, answer = ask("compare", "tx40", ours, copy, "--value", "x", "--read-as", "a = b")
+    assert (code, list_codes(answer, "errors")) == (2, ["usage.no-table"])
     assert "--value, --read-as" in answer["errors"][0]["text"]
-    code, answer = call(capsys, "panda", ours, copy)
-    assert (code, find_codes(answer, "errors")) == (3, ["estimate.signature"])
+    assert refuse("compare", "panda", ours, copy) == (3, ["estimate.signature"])
 
 
 @pytest.fixture(scope="module")
@@ -297,7 +285,7 @@ def change_estimate(estimate, shifts=(), refused=()):
     )
 
 
-def test_two_estimates_parameter_by_parameter(capsys, arm, tmp_path):
+def test_two_estimates_parameter_by_parameter(arm, tmp_path):
     """Expected from the covariances of both: z, and chi-square with the inverse of their sum."""
     folder, robot = arm
     rng = np.random.default_rng(5)
@@ -312,7 +300,7 @@ def test_two_estimates_parameter_by_parameter(capsys, arm, tmp_path):
     theirs = change_estimate(theirs, shifts, refused=("Fc2", "Fc4"))
     write_fit(ours, tmp_path / "ours.json")
     write_fit(theirs, tmp_path / "theirs.json")
-    code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
+    code, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
     (found,) = answer["result"]["others"]
     assert (code, answer["warnings"]) == (0, [])
     assert (found["absent"], found["neither"], found["not_ours"]) == (["Fc4"], ["Fc2"], ["Fv3"])
@@ -328,7 +316,7 @@ def test_two_estimates_parameter_by_parameter(capsys, arm, tmp_path):
     assert found["chi_square"]["value"] == pytest.approx(away @ np.linalg.solve(total, away), rel=1e-6)
 
 
-def test_estimates_from_the_same_log_are_not_independent(capsys, arm, tmp_path):
+def test_estimates_from_the_same_log_are_not_independent(arm, tmp_path):
     folder, robot = arm
     ours = build_estimate(robot, sources=("log.npz",))
     same = change_estimate(ours, {"Fc1": 3 * STD})
@@ -338,17 +326,16 @@ def test_estimates_from_the_same_log_are_not_independent(capsys, arm, tmp_path):
     for path, estimate in (("ours", ours), ("same", same), ("other", other)):
         write_fit(estimate, tmp_path / f"{path}.json")
     paths = [tmp_path / f"{name}.json" for name in ("ours", "same", "other")]
-    code, answer = call(capsys, folder / "arm.toml", *paths)
-    assert (code, find_codes(answer)) == (0, ["compare.shared-logs"] * 2)
+    code, answer = ask("compare", folder / "arm.toml", *paths)
+    assert (code, list_codes(answer)) == (0, ["compare.shared-logs"] * 2)
     assert all(entry["shared_logs"] == ["log.npz"] for entry in answer["result"]["others"])
     assert all(entry["chi_square"]["probability"] is None for entry in answer["result"]["others"])
-    assert run(["compare", str(folder / "arm.toml"), *map(str, paths)]) == 0
-    out = capsys.readouterr().out
+    out = say("compare", folder / "arm.toml", *paths)
     assert out.count("chi-square") == 2
     assert ", probability" not in out
 
 
-def test_an_estimate_with_another_friction_model_shares_its_bodies(capsys, arm, tmp_path):
+def test_an_estimate_with_another_friction_model_shares_its_bodies(arm, tmp_path):
     folder, robot = arm
     joints = tuple(
         dataclasses.replace(joint, friction=FrictionValues(law="asymmetric")) for joint in robot.joints
@@ -356,8 +343,7 @@ def test_an_estimate_with_another_friction_model_shares_its_bodies(capsys, arm, 
     bodies = fill_robot(dataclasses.replace(robot, joints=joints))
     store_estimate(robot, tmp_path / "ours.json", sources=("a.npz",))
     store_estimate(bodies, tmp_path / "theirs.json", sources=("b.npz",))
-    code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
-    assert code == 0, answer
+    answer = do("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
     (found,) = answer["result"]["others"]
     count = derive_base_parameters(robot).count
     assert [entry["group"] for entry in found["groups"]] == [
@@ -366,17 +352,21 @@ def test_an_estimate_with_another_friction_model_shares_its_bodies(capsys, arm, 
     assert (found["judged"], len(found["other_model"]), len(found["absent"])) == (count, 24, 12)
 
 
-def test_what_cannot_be_compared_at_all(capsys, arm, tmp_path):
+def test_what_cannot_be_compared_at_all(arm, tmp_path):
     folder, robot = arm
     estimate = build_estimate(robot)
     names = [entry.name for entry in estimate.parameters]
     write_fit(change_estimate(estimate, refused=names[1:]), tmp_path / "first.json")
     write_fit(change_estimate(estimate, refused=names[:1]), tmp_path / "rest.json")
     write_fit(change_estimate(estimate, refused=names), tmp_path / "none.json")
-    code, answer = call(capsys, folder / "arm.toml", tmp_path / "first.json", tmp_path / "rest.json")
-    assert (code, find_codes(answer, "errors")) == (3, ["compare.nothing-common"])
-    code, answer = call(capsys, folder / "arm.toml", tmp_path / "first.json", tmp_path / "none.json")
-    assert (code, find_codes(answer, "errors")) == (3, ["compare.no-values"])
+    assert refuse("compare", folder / "arm.toml", tmp_path / "first.json", tmp_path / "rest.json") == (
+        3,
+        ["compare.nothing-common"],
+    )
+    assert refuse("compare", folder / "arm.toml", tmp_path / "first.json", tmp_path / "none.json") == (
+        3,
+        ["compare.no-values"],
+    )
 
 
 def test_a_gate_without_any_deviation_cannot_be_passed(capsys, arm, tmp_path):
@@ -389,14 +379,14 @@ def test_a_gate_without_any_deviation_cannot_be_passed(capsys, arm, tmp_path):
     )
     write_fit(unknown, tmp_path / "ours.json")
     table = write_table(tmp_path / "table.csv", [("fv1", 1.0)], "name,value")
-    code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", table, "--gate", "3")
-    assert (code, find_codes(answer, "errors")) == (1, ["compare.gate"])
+    code, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", table, "--gate", "3")
+    assert (code, list_codes(answer, "errors")) == (1, ["compare.gate"])
     assert answer["result"]["others"][0]["judged"] == 0
     assert run(["compare", str(folder / "arm.toml"), str(tmp_path / "ours.json"), str(table)]) == 0
     assert "--deviation" in capsys.readouterr().err
 
 
-def test_doubts_of_an_estimate_are_passed_on(capsys, arm, tmp_path):
+def test_doubts_of_an_estimate_are_passed_on(arm, tmp_path):
     from symid.errors import Notice
 
     folder, robot = arm
@@ -404,19 +394,19 @@ def test_doubts_of_an_estimate_are_passed_on(capsys, arm, tmp_path):
     estimate = dataclasses.replace(build_estimate(robot), notices=(doubt,))
     write_fit(estimate, tmp_path / "ours.json")
     table = write_table(tmp_path / "table.csv", [("fv1", 1.0, 0.1)])
-    _, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", table)
+    _, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", table)
     assert [(entry["code"], entry["text"]) for entry in answer["warnings"]] == [
         ("compare.pattern", "deviations are up to 2.9 times too small")
     ]
 
 
-def test_an_estimate_without_covariance_says_so(capsys, arm, tmp_path):
+def test_an_estimate_without_covariance_says_so(arm, tmp_path):
     folder, robot = arm
     write_fit(build_estimate(robot), tmp_path / "ours.json")
     bare = dataclasses.replace(build_estimate(robot, sources=("other.npz",)), covariance=())
     write_fit(bare, tmp_path / "bare.json")
-    code, answer = call(capsys, folder / "arm.toml", tmp_path / "ours.json", tmp_path / "bare.json")
-    assert (code, find_codes(answer)) == (0, ["compare.no-covariance"])
+    code, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "bare.json")
+    assert (code, list_codes(answer)) == (0, ["compare.no-covariance"])
     assert answer["warnings"][0]["file"] == str(tmp_path / "bare.json")
 
 
@@ -452,13 +442,13 @@ def store_elastic(robot, path, shift=0.0):
     return write_fit(estimate, path)
 
 
-def test_estimates_of_elastic_joints_are_compared_without_their_springs(capsys, robots_folder, tmp_path):
+def test_estimates_of_elastic_joints_are_compared_without_their_springs(robots_folder, tmp_path):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
     ours = store_elastic(robot, tmp_path / "ours.json")
     theirs = store_elastic(robot, tmp_path / "theirs.json", shift=STD)
-    code, answer = call(capsys, "two_link_elastic", ours, theirs)
+    code, answer = ask("compare", "two_link_elastic", ours, theirs)
     assert code == 0, answer
-    codes = find_codes(answer)
+    codes = list_codes(answer)
     assert [code for code in codes if code.startswith("compare")] == ["compare.springs"] * 2
     (found,) = answer["result"]["others"]
     base = derive_base_parameters(robot)
@@ -467,7 +457,7 @@ def test_estimates_of_elastic_joints_are_compared_without_their_springs(capsys, 
     assert [entry["deviations"] for entry in found["groups"]] == pytest.approx([-np.sqrt(0.5)] * len(names))
     # Taken as rigid, rotors turn with the links: groups that hold one are other groups.
     rigid = store_estimate(build_rigid_variant(robot), tmp_path / "rigid.json")
-    code, answer = call(capsys, "two_link_elastic", ours, rigid)
+    code, answer = ask("compare", "two_link_elastic", ours, rigid)
     (found,) = answer["result"]["others"]
     assert code == 0, answer
     assert len(found["other_model"]) > 0

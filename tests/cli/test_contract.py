@@ -11,7 +11,7 @@ import time
 import click
 import pytest
 
-from symid.cli.call import VERBS, answer_call, symid
+from symid.cli.call import VERBS, symid
 from symid.errors import (
     EstimateError,
     GenerationError,
@@ -25,6 +25,7 @@ from symid.errors import (
     SymidError,
     UsageError,
 )
+from tests.calls import ask, call, fail
 
 CODES = {
     SymidError: 70,
@@ -58,19 +59,6 @@ rotor_inertia = 1e-5
 """
 
 
-def call(capsys, *arguments):
-    """Run the command line in this process; return its exit code and what it wrote."""
-    code = answer_call([str(argument) for argument in arguments])
-    written = capsys.readouterr()
-    return code, written.out, written.err
-
-
-def call_json(capsys, *arguments):
-    """Run a verb with --json; return its exit code and the object."""
-    code, out, _ = call(capsys, *arguments, "--json")
-    return code, json.loads(out)
-
-
 def fail_with(monkeypatch, error):
     """Make `symid check` raise `error`."""
 
@@ -81,8 +69,8 @@ def fail_with(monkeypatch, error):
 
 
 @pytest.mark.parametrize("name", VERBS)
-def test_every_verb_has_help_and_the_common_options(capsys, name):
-    code, out, _ = call(capsys, name, "--help")
+def test_every_verb_has_help_and_the_common_options(name):
+    code, out, _ = call(name, "--help")
     assert code == 0
     for option in ("--json", "--quiet", "--verbose"):
         assert option in out
@@ -95,8 +83,8 @@ def test_every_verb_is_documented_by_its_first_line(name):
     assert command.get_short_help_str()
 
 
-def test_help_names_every_verb_with_its_first_line(capsys):
-    code, out, _ = call(capsys, "--help")
+def test_help_names_every_verb_with_its_first_line():
+    code, out, _ = call("--help")
     assert code == 0
     listed = "".join(out.split())
     for name in VERBS:
@@ -104,80 +92,78 @@ def test_help_names_every_verb_with_its_first_line(capsys):
         assert name + "".join(first.split()).removesuffix(".") in listed
 
 
-def test_version(capsys):
-    code, out, _ = call(capsys, "--version")
+def test_version():
+    code, out, _ = call("--version")
     assert code == 0
     assert out.startswith("symid, version ")
 
 
 @pytest.mark.parametrize("arguments", [("fly",), ("check", "--wings"), ("check",), ("generate", "panda")])
-def test_usage_errors_exit_2_and_say_what_to_try(capsys, arguments):
-    code, out, err = call(capsys, *arguments)
+def test_usage_errors_exit_2_and_say_what_to_try(arguments):
+    code, out, err = call(*arguments)
     assert (code, out) == (2, "")
     assert "--help" in err
-    code, answer = call_json(capsys, *arguments)
+    code, answer = ask(*arguments)
     assert code == 2
     assert answer["ok"] is False
     assert answer["errors"][0]["code"] == "usage.call"
 
 
-def test_without_a_verb_the_verbs_are_named(capsys):
-    assert call(capsys)[0] == 2
-    code, answer = call_json(capsys)
-    assert code == 2
-    assert answer["errors"][0]["code"] == "usage.call"
+def test_without_a_verb_the_verbs_are_named():
+    assert call()[0] == 2
+    assert fail() == (2, "usage.call")
 
 
-def test_unknown_robot_gets_the_nearest_names(capsys):
-    code, answer = call_json(capsys, "base", "pando")
+def test_unknown_robot_gets_the_nearest_names():
+    code, answer = ask("base", "pando")
     assert code == 2
     (error,) = answer["errors"]
     assert error["code"] == "usage.unknown-robot"
     assert "panda" in error["text"]
 
 
-def test_five_mistakes_are_said_at_once_each_with_its_place(capsys, tmp_path):
+def test_five_mistakes_are_said_at_once_each_with_its_place(tmp_path):
     path = tmp_path / "wrong.toml"
     path.write_text(FIVE_MISTAKES)
-    code, answer = call_json(capsys, "check", path)
+    code, answer = ask("check", path)
     assert code == 3
     lines = {error["line"] for error in answer["errors"]}
     assert lines >= {3, 6, 10, 11, 15}
     assert all(error["file"] == str(path) and error["column"] > 0 for error in answer["errors"])
-    code, out, err = call(capsys, "check", path)
+    code, out, err = call("check", path)
     assert (code, out) == (3, "")
     assert f"{path}:6:" in err
     assert "Traceback" not in err
 
 
 @pytest.mark.parametrize(("kind", "expected"), CODES.items())
-def test_every_error_has_its_exit_code(capsys, monkeypatch, kind, expected):
+def test_every_error_has_its_exit_code(monkeypatch, kind, expected):
     error = kind(Notice(code="test.code", text="words", file="a.toml", line=3, column=4))
     with pytest.raises((SymidError, InputError, OutputError, SolverError)):
         raise error
     fail_with(monkeypatch, error)
-    code, answer = call_json(capsys, "check", "two_link")
+    code, answer = ask("check", "two_link")
     assert code == expected
     assert answer["errors"] == [
         {"code": "test.code", "text": "words", "file": "a.toml", "line": 3, "column": 4}
     ]
 
 
-def test_a_bug_is_told_without_a_traceback(capsys, monkeypatch):
+def test_a_bug_is_told_without_a_traceback(monkeypatch):
     fail_with(monkeypatch, ZeroDivisionError("by zero"))
-    code, out, err = call(capsys, "check", "two_link")
+    code, out, err = call("check", "two_link")
     assert (code, out) == (70, "")
     assert "Traceback" not in err
     assert "ZeroDivisionError" in err
-    code, answer = call_json(capsys, "check", "two_link")
+    code, answer = ask("check", "two_link")
     assert code == 70
     assert answer["errors"][0]["code"] == "symid.bug"
-    assert "Traceback" in call(capsys, "check", "two_link", "-v")[2]
+    assert "Traceback" in call("check", "two_link", "-v")[2]
 
 
-def test_an_interruption_exits_130(capsys, monkeypatch):
+def test_an_interruption_exits_130(monkeypatch):
     fail_with(monkeypatch, KeyboardInterrupt())
-    code, answer = call_json(capsys, "check", "two_link")
+    code, answer = ask("check", "two_link")
     assert code == 130
     assert answer["errors"][0]["code"] == "symid.interrupted"
 
@@ -249,19 +235,17 @@ def test_ctrl_c_while_loading_exits_130(project):
     assert (done.returncode, done.stderr) == (130, "error: interrupted\n")
 
 
-def test_quiet_says_nothing_but_the_result(capsys):
-    code, out, err = call(capsys, "base", "two_link", "-q")
+def test_quiet_says_nothing_but_the_result():
+    code, out, err = call("base", "two_link", "-q")
     assert (code, err) == (0, "")
     assert "ZZR1" in out
 
 
-def test_json_is_the_only_thing_on_stdout(capsys):
-    code, out, _ = call(capsys, "check", "two_link", "--json")
+def test_json_is_the_only_thing_on_stdout():
+    code, out, _ = call("check", "two_link", "--json")
     assert code == 0
     assert set(json.loads(out)) == {"ok", "result", "warnings"}
 
 
-def test_a_setting_without_equals_sign_is_refused(capsys):
-    code, answer = call_json(capsys, "check", "two_link", "--set", "processing.drop_first")
-    assert code == 2
-    assert answer["errors"][0]["code"] == "usage.bad-setting"
+def test_a_setting_without_equals_sign_is_refused():
+    assert fail("check", "two_link", "--set", "processing.drop_first") == (2, "usage.bad-setting")

@@ -13,6 +13,7 @@ import pytest
 from symid.cli.main import run
 from symid.excitation.limits import read_workspace
 from symid.robot.toml_reader import read_robot
+from tests.calls import ask, do, fail, list_codes, say
 
 # Franka Emika, data sheet of the Panda: rad, rad/s, rad/s^2, rad/s^3.
 LOW = np.array([-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])
@@ -23,26 +24,19 @@ JERK = np.array([7500, 3750, 5000, 6250, 7500, 10000, 10000])
 QUICK = ("--candidates", "20", "--starts", "1", "--rate", "200")
 
 
-def call_json(capsys, *arguments):
-    """Return the exit code and the answer of a call."""
-    code = run([*map(str, arguments), "--json", "-q"])
-    return code, json.loads(capsys.readouterr().out)
-
-
 def read_table(path):
     lines = [line for line in path.read_text(encoding="utf-8").splitlines() if line[0] != "#"]
     return lines[0].split(","), np.array([line.split(",") for line in lines[1:]], dtype=float)
 
 
-def test_the_panda_is_excited_better_than_by_a_thousand_random_trajectories(capsys, tmp_path):
+def test_the_panda_is_excited_better_than_by_a_thousand_random_trajectories(tmp_path):
     path = tmp_path / "traj.csv"
-    code, answer = call_json(capsys, "excite", "panda", "--seed", "0", "--starts", "1", "-o", path)
-    assert code == 0
+    answer = do("excite", "panda", "--seed", "0", "--starts", "1", "-o", path)
     result = answer["result"]
     assert result["condition"] < 0.5 * result["random_condition"]
     assert result["factor"] == pytest.approx(result["random_condition"] / result["condition"])
     assert len(result["parameters"]) == 43
-    assert [warning["code"] for warning in answer["warnings"]] == ["excitation.no-torque"]
+    assert list_codes(answer) == ["excitation.no-torque"]
     assert all(entry["share_percent"] <= 95.0001 for entry in result["limits"])
     assert len(result["limits"]) == 28
     # The series itself, between the samples as well, and its third derivative.
@@ -75,56 +69,49 @@ def trajectory(tmp_path_factory):
     return path, json.loads(printed.getvalue())["result"]["parameters"]
 
 
-def test_excite_simulate_identify(capsys, tmp_path, trajectory):
+def test_excite_simulate_identify(tmp_path, trajectory):
     """The way of an engineer: a trajectory, a log along it, parameters that are those of the robot file."""
     (path, parameters), log = trajectory, tmp_path / "log.csv"
-    code, simulated = call_json(capsys, "simulate", "two_link", "--trajectory", path, "-o", log)
+    code, simulated = ask("simulate", "two_link", "--trajectory", path, "-o", log)
     assert code == 0
     assert simulated["result"]["trajectory"] == "trajectory traj.csv"
     assert simulated["result"]["duration"] == 10.0
-    code, found = call_json(capsys, "identify", "two_link", log)
+    code, found = ask("identify", "two_link", log)
     assert code == 0
     for entry in found["result"]["parameters"]:
         assert entry["relative_std_percent"] < 2.0
     assert len(found["result"]["parameters"]) == len(parameters)
 
 
-def test_a_part_of_a_file_is_followed_at_another_scale(capsys, tmp_path, trajectory):
+def test_a_part_of_a_file_is_followed_at_another_scale(tmp_path, trajectory):
     (path, _), log = trajectory, tmp_path / "log.csv"
     motion = ("--trajectory", path, "--scale", "0.5", "--duration", "2", "--clean")
-    code, answer = call_json(capsys, "simulate", "two_link", *motion, "-o", log)
-    assert code == 0
+    answer = do("simulate", "two_link", *motion, "-o", log)
     assert answer["result"]["duration"] == 2.0
     assert answer["result"]["trajectory"] == "trajectory traj.csv, amplitudes times 0.5"
-    code, answer = call_json(
-        capsys, "simulate", "two_link", "--trajectory", path, "--duration", "11", "-o", log, "--force"
-    )
+    code, answer = ask("simulate", "two_link", "--trajectory", path, "--duration", "11", "-o", log, "--force")
     assert code == 2
     assert "ends after 10 s" in answer["errors"][0]["text"]
-    code, answer = call_json(capsys, "simulate", "two_link", "--trajectory", path, "-o", path, "--force")
+    code, answer = ask("simulate", "two_link", "--trajectory", path, "-o", path, "--force")
     assert answer["errors"][0]["code"] == "output.is-input"
-    code, answer = call_json(
-        capsys, "simulate", "two_link", "--trajectory", tmp_path / "none", "-o", log, "--force"
+    assert fail("simulate", "two_link", "--trajectory", tmp_path / "none", "-o", log, "--force") == (
+        2,
+        "usage.trajectory",
     )
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.trajectory")
 
 
-def test_an_elastic_robot_follows_a_file(capsys, tmp_path):
+def test_an_elastic_robot_follows_a_file(tmp_path):
     path, log = tmp_path / "traj.csv", tmp_path / "log.csv"
-    code, answer = call_json(capsys, "excite", "two_link_elastic", *QUICK, "--torsion", "0.2", "-o", path)
-    assert code == 0
+    answer = do("excite", "two_link_elastic", *QUICK, "--torsion", "0.2", "-o", path)
     assert {"torque", "torsion"} <= {entry["kind"] for entry in answer["result"]["limits"]}
     arguments = ("--trajectory", path, "--duration", "2", "--clean")
-    code, answer = call_json(capsys, "simulate", "two_link_elastic", *arguments, "-o", log)
-    assert code == 0
-    assert max(answer["result"]["largest_torsion"]) < 0.2
+    assert max(do("simulate", "two_link_elastic", *arguments, "-o", log)["result"]["largest_torsion"]) < 0.2
 
 
-def test_the_text_has_shares_and_clearances(capsys, tmp_path):
+def test_the_text_has_shares_and_clearances(tmp_path):
     space = tmp_path / "space.toml"
     space.write_text("[[plane]]\nnormal = [0, 0, 1]\noffset = -1\n", encoding="utf-8")
-    assert run(["excite", "two_link", *QUICK, "--periods", "2", "--workspace", str(space), "-q"]) == 0
-    text = capsys.readouterr().out
+    text = say("excite", "two_link", *QUICK, "--periods", "2", "--workspace", space, "-q")
     assert "times smaller than the best" in text
     assert "least clearance/m" in text
     assert "plane 1, elbow" in text
@@ -144,10 +131,10 @@ def test_the_text_has_shares_and_clearances(capsys, tmp_path):
         (("-o", "nowhere/traj.csv"), 3, "output.no-folder"),
     ],
 )
-def test_calls_that_cannot_be(capsys, monkeypatch, tmp_path, *, arguments, code, error):
+def test_calls_that_cannot_be(monkeypatch, tmp_path, *, arguments, code, error):
     monkeypatch.chdir(tmp_path)
     robot = Path(__file__).resolve().parents[2] / "robots" / "two_link.toml"
-    found, answer = call_json(capsys, "excite", robot, *QUICK, *arguments)
+    found, answer = ask("excite", robot, *QUICK, *arguments)
     assert (found, answer["errors"][0]["code"]) == (code, error)
     assert not list(tmp_path.iterdir())
 

@@ -10,11 +10,7 @@ from symid.dynamics.base_parameters import compute_parameter_values, derive_base
 from symid.dynamics.physical_consistency import build_identified_robot
 from symid.joint_models.hysteresis import Elasticity, Stop
 from symid.robot.toml_reader import read_robot
-
-
-def call(capsys, *arguments):
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
+from tests.calls import ask, do, fail, list_codes
 
 
 @pytest.fixture(scope="module")
@@ -25,11 +21,10 @@ def identified(tmp_path_factory):
     return folder
 
 
-def test_the_file_has_the_identified_values(capsys, identified, tmp_path):
+def test_the_file_has_the_identified_values(identified, tmp_path):
     estimate = json.loads((identified / "estimate.json").read_text(encoding="utf-8"))
     file = tmp_path / "found.toml"
-    code, answer = call(capsys, "export", "two_link", identified / "estimate.json", "-o", file)
-    assert code == 0, answer
+    answer = do("export", "two_link", identified / "estimate.json", "-o", file)
     assert answer["result"]["outcome"] == "consistent"
     robot = read_robot(file)
     values = compute_parameter_values(robot, derive_base_parameters(robot))
@@ -37,18 +32,19 @@ def test_the_file_has_the_identified_values(capsys, identified, tmp_path):
         assert values[entry["name"]] == pytest.approx(entry["value"], rel=1e-9, abs=1e-9)
 
 
-def test_what_is_no_robot_file_or_another_model_is_refused(capsys, identified, tmp_path):
-    code, answer = call(capsys, "export", "two_link", identified / "estimate.json", "-o", tmp_path / "x.txt")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
+def test_what_is_no_robot_file_or_another_model_is_refused(identified, tmp_path):
+    assert fail("export", "two_link", identified / "estimate.json", "-o", tmp_path / "x.txt") == (
+        2,
+        "usage.suffix",
+    )
     changed = json.loads((identified / "estimate.json").read_text(encoding="utf-8"))
     other = tmp_path / "other.json"
     other.write_text(json.dumps(changed | {"signature": "0" * 64}), encoding="utf-8")
-    code, answer = call(capsys, "export", "two_link", other, "-o", tmp_path / "x.toml")
-    assert (code, answer["errors"][0]["code"]) == (3, "estimate.signature")
+    assert fail("export", "two_link", other, "-o", tmp_path / "x.toml") == (3, "estimate.signature")
     assert not (tmp_path / "x.toml").exists()
 
 
-def test_values_of_no_bodies_are_said_and_the_nearest_are_written(capsys, identified, tmp_path):
+def test_values_of_no_bodies_are_said_and_the_nearest_are_written(identified, tmp_path):
     changed = json.loads((identified / "estimate.json").read_text(encoding="utf-8"))
     for entry in changed["parameters"]:
         if entry["name"] == "ZZ2":
@@ -58,12 +54,12 @@ def test_values_of_no_bodies_are_said_and_the_nearest_are_written(capsys, identi
     changed["covariance"] = []
     broken = tmp_path / "broken.json"
     broken.write_text(json.dumps(changed), encoding="utf-8")
-    code, answer = call(capsys, "export", "two_link", broken, "-o", tmp_path / "x.toml")
+    code, answer = ask("export", "two_link", broken, "-o", tmp_path / "x.toml")
     assert (code, answer["errors"][0]["code"]) == (3, "export.cost")
     assert "of the torque of 'elbow' (limit 0.5 %)" in answer["errors"][0]["text"]
     assert not (tmp_path / "x.toml").exists()
-    code, answer = call(capsys, "export", "two_link", broken, "-o", tmp_path / "x.toml", "--limit", 1000)
-    codes = [warning["code"] for warning in answer["warnings"]]
+    code, answer = ask("export", "two_link", broken, "-o", tmp_path / "x.toml", "--limit", 1000)
+    codes = list_codes(answer)
     assert code == 0, answer
     assert "export.inconsistent" in codes
     assert "export.not-identified" in codes

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symid.cli.main import run
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.notation import INERTIAL
 from symid.robot.simulator_writers import write_urdf
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import parse_urdf
+from tests.calls import ask, do, fail, list_codes
 from tests.chains import build_pinocchio, build_transmission, regress
 from tests.estimates import STD, fill_robot, store_estimate
 from tests.mujocos import find_mujoco_torques
@@ -39,15 +39,6 @@ FLAGS = (
     "-Werror",
 )
 CLOSE = 1e-9
-
-
-def call(capsys, *arguments):
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def find_codes(answer):
-    return [warning["code"] for warning in answer["warnings"]]
 
 
 @pytest.fixture(scope="module")
@@ -92,14 +83,13 @@ def assert_close(found, expected):
 
 
 @pytest.mark.parametrize("suffix", ["xml", "mjcf"])
-def test_mujoco_has_the_identified_torques(capsys, wrist, tmp_path, suffix):
+def test_mujoco_has_the_identified_torques(wrist, tmp_path, suffix):
     robot, folder = wrist
     file = tmp_path / f"tx40.{suffix}"
-    code, answer = call(capsys, "export", "tx40", folder / "estimate.json", "-o", file)
-    assert code == 0, answer
+    answer = do("export", "tx40", folder / "estimate.json", "-o", file)
     assert (answer["result"]["format"], answer["result"]["outcome"]) == ("MJCF model", "consistent")
     # The constant torques are all that an MJCF model cannot have.
-    assert "export.left-out" in find_codes(answer)
+    assert "export.left-out" in list_codes(answer)
     assert len(answer["result"]["left_out"]) == sum(
         joint.friction.law == "coulomb-viscous-offset" for joint in (*robot.joints, *robot.couplings)
     )
@@ -111,11 +101,10 @@ def test_mujoco_has_the_identified_torques(capsys, wrist, tmp_path, suffix):
         assert_close(found, find_truth(robot, state, without=("offset",)))
 
 
-def test_the_urdf_has_the_identified_torques_in_pinocchio_and_mujoco(capsys, wrist, tmp_path):
+def test_the_urdf_has_the_identified_torques_in_pinocchio_and_mujoco(wrist, tmp_path):
     robot, folder = wrist
     file = tmp_path / "tx40.urdf"
-    code, answer = call(capsys, "export", "tx40", folder / "estimate.json", "-o", file)
-    assert code == 0, answer
+    answer = do("export", "tx40", folder / "estimate.json", "-o", file)
     text = file.read_text(encoding="utf-8")
     back = parse_urdf(text)
     names = [joint.name for joint in robot.joints]
@@ -138,11 +127,11 @@ def test_the_urdf_has_the_identified_torques_in_pinocchio_and_mujoco(capsys, wri
         assert_close(find_mujoco_torques(other, names, state, dry=True) + rotors * state[2], wanted)
 
 
-def test_symid_reads_the_identified_values_in_the_urdf(capsys, tmp_path, robots_folder):
+def test_symid_reads_the_identified_values_in_the_urdf(tmp_path, robots_folder):
     robot = fill_robot(read_robot(robots_folder / "panda.toml"))
     store_estimate(robot, tmp_path / "estimate.json")
     file = tmp_path / "panda.urdf"
-    code, answer = call(capsys, "export", "panda", tmp_path / "estimate.json", "-o", file)
+    code, answer = ask("export", "panda", tmp_path / "estimate.json", "-o", file)
     assert (code, answer["result"]["left_out"]) == (0, [])
     back = parse_urdf(file.read_text(encoding="utf-8"))
     base = derive_base_parameters(back)
@@ -160,17 +149,14 @@ def test_symid_reads_the_identified_values_in_the_urdf(capsys, tmp_path, robots_
     assert_close(find_torques(theirs, robot, state), pin.rnea(truth, truth.createData(), *state))
 
 
-def test_a_urdf_keeps_its_shapes_and_names(capsys, tmp_path, robots_folder):
+def test_a_urdf_keeps_its_shapes_and_names(tmp_path, robots_folder):
     text = write_urdf(fill_robot(read_robot(robots_folder / "panda.toml")))
     shape = "<visual><geometry><mesh filename='hand.stl'/></geometry></visual>"
     text = text.replace("joint7_link", "hand").replace('<link name="hand">', f'<link name="hand">{shape}')
     (tmp_path / "arm.urdf").write_text(text, encoding="utf-8")
     robot = fill_robot(parse_urdf(text), seed=2)
     store_estimate(robot, tmp_path / "estimate.json")
-    code, answer = call(
-        capsys, "export", tmp_path / "arm.urdf", tmp_path / "estimate.json", "-o", tmp_path / "new.urdf"
-    )
-    assert code == 0, answer
+    do("export", tmp_path / "arm.urdf", tmp_path / "estimate.json", "-o", tmp_path / "new.urdf")
     found = (tmp_path / "new.urdf").read_text(encoding="utf-8")
     assert f'<link name="hand">{shape}' in found
     state = np.random.default_rng(0).uniform(-2, 2, (3, robot.size))
@@ -212,15 +198,14 @@ def arm(tmp_path, robots_folder):
 
 
 @pytest.mark.parametrize(("real", "close"), [("double", 1e-12), ("float", 1e-5)])
-def test_the_c_header_drives_the_generated_library(capsys, c_compiler, arm, real, close):
+def test_the_c_header_drives_the_generated_library(c_compiler, arm, real, close):
     robot, estimate = arm
     folder = estimate.parent / "code"
     called = ("--function", "inverse_dynamics", "--function", "friction")
-    assert run(["generate", "two_link", *called, "--precision", real, "-o", str(folder), "-q"]) == 0
-    capsys.readouterr()
+    do("generate", "two_link", *called, "--precision", real, "-o", folder)
     header = folder / "symid_two_link_values.h"
-    code, answer = call(capsys, "export", "two_link", estimate, "--precision", real, "-o", header)
-    assert (code, find_codes(answer)) == (0, [])
+    code, answer = ask("export", "two_link", estimate, "--precision", real, "-o", header)
+    assert (code, list_codes(answer)) == (0, [])
     state = np.random.default_rng(2).uniform(-1, 1, (3, 2)).round(3)
     suffix = "F" if real == "float" else ""
     rows = ", ".join("{" + ", ".join(f"{value}{suffix}" for value in row) + "}" for row in state)
@@ -247,10 +232,10 @@ def test_the_c_header_drives_the_generated_library(capsys, c_compiler, arm, real
     np.testing.assert_allclose(found[2], robot.joints[1].friction.values[1], rtol=close)
 
 
-def test_the_c_header_does_not_fit_another_library(capsys, c_compiler, arm, tmp_path):
+def test_the_c_header_does_not_fit_another_library(c_compiler, arm, tmp_path):
     _, estimate = arm
     header = tmp_path / "values.h"
-    assert call(capsys, "export", "two_link", estimate, "-o", header)[0] == 0
+    assert ask("export", "two_link", estimate, "-o", header)[0] == 0
     text = "#define SYMID_TWO_LINK_H\n#define SYMID_TWO_LINK_BETA {}\n#define SYMID_TWO_LINK_FRICTION 6\n"
     for count, fits in ((6, True), (7, False)):
         source = tmp_path / f"main{count}.c"
@@ -264,12 +249,10 @@ def test_the_c_header_does_not_fit_another_library(capsys, c_compiler, arm, tmp_
         assert (done.returncode == 0) is fits
 
 
-def test_the_json_has_values_bodies_and_what_was_identified(capsys, wrist, tmp_path):
+def test_the_json_has_values_bodies_and_what_was_identified(wrist, tmp_path):
     robot, folder = wrist
     file = tmp_path / "values.json"
-    code, answer = call(capsys, "export", "tx40", folder / "estimate.json", "-o", file)
-    assert code == 0, answer
-    assert "export.left-out" not in find_codes(answer)
+    assert "export.left-out" not in list_codes(do("export", "tx40", folder / "estimate.json", "-o", file))
     found = json.loads(file.read_text(encoding="utf-8"))
     assert (found["format"], found["version"], found["robot"]) == ("symid values", 1, "tx40")
     assert (found["outcome"], found["sources"], found["gravity"]) == (
@@ -301,21 +284,21 @@ def test_the_json_has_values_bodies_and_what_was_identified(capsys, wrist, tmp_p
     assert found["drives"][6]["turns_with"] == {"joint5": 1.0, "joint6": 1.0}
 
 
-def test_the_same_estimate_gives_the_same_bytes(capsys, wrist, tmp_path):
+def test_the_same_estimate_gives_the_same_bytes(wrist, tmp_path):
     _, folder = wrist
     for suffix in ("urdf", "xml", "h", "json", "toml"):
         texts = []
         for turn in ("a", "b"):
             file = tmp_path / f"{turn}.{suffix}"
-            assert call(capsys, "export", "tx40", folder / "estimate.json", "-o", file)[0] == 0
+            assert ask("export", "tx40", folder / "estimate.json", "-o", file)[0] == 0
             texts.append(file.read_bytes())
         assert texts[0] == texts[1]
 
 
-def test_a_robot_file_is_exported_without_an_estimate(capsys, tmp_path):
+def test_a_robot_file_is_exported_without_an_estimate(tmp_path):
     for suffix in ("urdf", "xml", "h", "json", "toml"):
         file = tmp_path / f"arm.{suffix}"
-        code, answer = call(capsys, "export", "two_link", "-o", file)
+        code, answer = ask("export", "two_link", "-o", file)
         assert (code, answer["result"]["outcome"]) == (0, "stated")
         assert "two_link" in file.read_text(encoding="utf-8")
     values = json.loads((tmp_path / "arm.json").read_text(encoding="utf-8"))
@@ -323,44 +306,41 @@ def test_a_robot_file_is_exported_without_an_estimate(capsys, tmp_path):
     assert [row["identified"] for row in values["vectors"]["beta"]] == [None] * 6
 
 
-def test_springs_and_rotors_are_vectors_of_their_own(capsys, tmp_path):
+def test_springs_and_rotors_are_vectors_of_their_own(tmp_path):
     file = tmp_path / "elastic.h"
-    assert call(capsys, "export", "two_link_elastic", "-o", file)[0] == 0
+    assert ask("export", "two_link_elastic", "-o", file)[0] == 0
     text = file.read_text(encoding="utf-8")
     assert "symid_two_link_elastic_IA[2]" in text
     assert "#define SYMID_TWO_LINK_ELASTIC_H_k0_1 0" in text
 
 
-def test_what_cannot_be_exported_is_refused(capsys, wrist, tmp_path):
+def test_what_cannot_be_exported_is_refused(wrist, tmp_path):
     _, folder = wrist
     file = tmp_path / "x.urdf"
-    code, answer = call(capsys, "export", "tx40", "-o", file)
-    assert (code, answer["errors"][0]["code"]) == (3, "export.no-values")
-    code, answer = call(
-        capsys, "export", "tx40", folder / "estimate.json", "-o", file, "--precision", "float"
+    assert fail("export", "tx40", "-o", file) == (3, "export.no-values")
+    assert fail("export", "tx40", folder / "estimate.json", "-o", file, "--precision", "float") == (
+        2,
+        "usage.export-precision",
     )
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.export-precision")
-    code, answer = call(capsys, "export", "two_link", "-o", tmp_path / "x.yaml")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
+    assert fail("export", "two_link", "-o", tmp_path / "x.yaml") == (2, "usage.suffix")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_friction_laws_go_through_a_robot_file(capsys, tmp_path):
+def test_friction_laws_go_through_a_robot_file(tmp_path):
     result = Path(__file__).parents[1] / "data" / "fits" / "friction_1.json"
-    code, answer = call(capsys, "export", "two_link", result, "-o", tmp_path / "x.urdf")
+    code, answer = ask("export", "two_link", result, "-o", tmp_path / "x.urdf")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
     assert "-o new.toml" in answer["errors"][0]["text"]
 
 
-def test_a_value_that_nobody_knows_is_said(capsys, wrist, tmp_path):
+def test_a_value_that_nobody_knows_is_said(wrist, tmp_path):
     _, folder = wrist
     estimate = json.loads((folder / "estimate.json").read_text(encoding="utf-8"))
     estimate["parameters"] = [entry for entry in estimate["parameters"] if entry["name"] != "Fv2"]
     estimate |= {"refused": [["Fv2", "for the test"]], "covariance": [], "outcome": "SOME_REFUSED"}
     (tmp_path / "some.json").write_text(json.dumps(estimate), encoding="utf-8")
-    code, answer = call(capsys, "export", "tx40", tmp_path / "some.json", "-o", tmp_path / "some.h")
-    assert code == 0, answer
-    assert "export.not-identified" in find_codes(answer)
+    answer = do("export", "tx40", tmp_path / "some.json", "-o", tmp_path / "some.h")
+    assert "export.not-identified" in list_codes(answer)
     lines = (tmp_path / "some.h").read_text(encoding="utf-8").splitlines()
     (unknown,) = (line for line in lines if "] Fv2" in line)
     (known,) = (line for line in lines if "] Fc2" in line)
@@ -370,16 +350,16 @@ def test_a_value_that_nobody_knows_is_said(capsys, wrist, tmp_path):
     assert float(known.split(",")[0]) == identified["Fc2"]
 
 
-def test_values_that_were_moved_say_what_was_identified(capsys, arm, tmp_path):
+def test_values_that_were_moved_say_what_was_identified(arm, tmp_path):
     _, path = arm
     estimate = json.loads(path.read_text(encoding="utf-8"))
     for entry in estimate["parameters"]:
         if entry["name"] == "ZZ2":
             entry["value"] = -entry["value"]
     path.write_text(json.dumps(estimate), encoding="utf-8")
-    code, answer = call(capsys, "export", "two_link", path, "-o", tmp_path / "moved.h")
+    code, answer = ask("export", "two_link", path, "-o", tmp_path / "moved.h")
     assert (code, answer["result"]["outcome"]) == (0, "nearest")
-    assert "export.inconsistent" in find_codes(answer)
+    assert "export.inconsistent" in list_codes(answer)
     (line,) = (
         line for line in (tmp_path / "moved.h").read_text(encoding="utf-8").splitlines() if "] ZZ2" in line
     )
@@ -388,16 +368,16 @@ def test_values_that_were_moved_say_what_was_identified(capsys, arm, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["xml", "usda"])
-def test_bodies_that_cannot_exist_are_not_written_for_simulators(capsys, tmp_path, suffix):
+def test_bodies_that_cannot_exist_are_not_written_for_simulators(tmp_path, suffix):
     text = write_urdf(fill_robot(parse_urdf(PENDULUM)))
     wrong = text.replace('izz="', 'izz="9')
     (tmp_path / "arm.urdf").write_text(wrong, encoding="utf-8")
     file = tmp_path / f"arm.{suffix}"
-    code, answer = call(capsys, "export", tmp_path / "arm.urdf", "-o", file)
+    code, answer = ask("export", tmp_path / "arm.urdf", "-o", file)
     assert (code, answer["errors"][0]["code"]) == (3, "export.impossible-body")
     assert "the link of j" in answer["errors"][0]["text"]
     assert not file.exists()
-    code, _ = call(capsys, "export", tmp_path / "arm.urdf", "-o", tmp_path / "new.urdf")
+    code, _ = ask("export", tmp_path / "arm.urdf", "-o", tmp_path / "new.urdf")
     assert (code, (tmp_path / "new.urdf").read_text(encoding="utf-8")) == (0, wrong)
 
 

@@ -1,20 +1,19 @@
 """`symid export` into the URDF that a robot was made from: bytes stay, torques are those identified."""
 
 import dataclasses
-import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from symid.cli.main import run
 from symid.codegen import prepare_library
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.identification.stored import read_fit
 from symid.report import judge_fit
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import read_urdf
+from tests.calls import ask, do, fail
 from tests.estimates import fill_robot, store_estimate
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
@@ -41,25 +40,19 @@ TOOL = """  <mujoco><compiler discardvisual="true"/></mujoco>
 </robot>"""
 
 
-def call(capsys, *arguments):
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
 def find_codes(answer):
     return [notice["code"] for key in ("warnings", "notes") for notice in answer.get(key, ())]
 
 
 @pytest.fixture
-def made(capsys, project, tmp_path, monkeypatch):
+def made(project, tmp_path, monkeypatch):
     """Return the robot with values that was made from a URDF with odd ends of lines, in another folder."""
     text = (project / ARM).read_text(encoding="utf-8").replace("</robot>", TOOL)
     (tmp_path / "cad").mkdir()
     (tmp_path / "cad" / "arm.urdf").write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
     monkeypatch.chdir(tmp_path)
     options = ("--from-urdf", "cad/arm.urdf", "--friction", "coulomb-viscous", "--rotors")
-    code, answer = call(capsys, "new", "arm.toml", *options)
-    assert code == 0, answer
+    do("new", "arm.toml", *options)
     robot = fill_robot(read_robot(tmp_path / "arm.toml"))
     store_estimate(robot, tmp_path / "estimate.json")
     return robot
@@ -98,14 +91,12 @@ def assert_identified(file, robot, alone):
         np.testing.assert_allclose(torque, expected[0], rtol=0, atol=2e-5)
 
 
-def test_the_urdf_is_changed_in_place(capsys, made, tmp_path):
+def test_the_urdf_is_changed_in_place(made, tmp_path):
     file = tmp_path / "cad" / "arm.urdf"
     before = file.read_bytes()
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "new.urdf")
-    assert code == 0, answer
+    do("export", "arm.toml", "estimate.json", "-o", "new.urdf")
     assert file.read_bytes() == before
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
-    assert code == 0, answer
+    answer = do("export", "arm.toml", "estimate.json", "--in-place")
     assert answer["result"]["file"] == "cad/arm.urdf"
     assert "export.shared-links" in find_codes(answer)
     after = file.read_bytes()
@@ -120,7 +111,7 @@ def test_the_urdf_is_changed_in_place(capsys, made, tmp_path):
     # Grouped rotors are part of the links.
     assert_identified(file, made, [2])
     # Once more: the file has changed since the robot was made from it, its joints have not.
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "again.urdf")
+    code, answer = ask("export", "arm.toml", "estimate.json", "-o", "again.urdf")
     assert (code, "export.source-edited" in find_codes(answer)) == (0, True)
     again = (tmp_path / "again.urdf").read_bytes().decode()
     assert NUMBER.sub("#", again) == NUMBER.sub("#", after.decode())
@@ -128,44 +119,38 @@ def test_the_urdf_is_changed_in_place(capsys, made, tmp_path):
     assert all(float(new) == pytest.approx(float(old), rel=1e-9, abs=1e-12) for new, old in pairs)
 
 
-def test_a_robot_file_in_another_folder_still_names_its_urdf(capsys, made, tmp_path):
+def test_a_robot_file_in_another_folder_still_names_its_urdf(made, tmp_path):
     (tmp_path / "out").mkdir()
-    code, _ = call(capsys, "export", "arm.toml", "estimate.json", "-o", "out/identified.toml")
+    code, _ = ask("export", "arm.toml", "estimate.json", "-o", "out/identified.toml")
     assert code == 0
     assert 'file = "../cad/arm.urdf"' in (tmp_path / "out" / "identified.toml").read_text(encoding="utf-8")
-    code, answer = call(capsys, "export", "out/identified.toml", "-o", "out/identified.urdf")
-    assert code == 0, answer
-    assert "robot.cut-off" not in find_codes(answer)
+    assert "robot.cut-off" not in find_codes(do("export", "out/identified.toml", "-o", "out/identified.urdf"))
     assert_identified(tmp_path / "out" / "identified.urdf", made, [0, 1, 2])
 
 
-def test_a_urdf_with_other_joints_is_not_touched(capsys, made, tmp_path):
+def test_a_urdf_with_other_joints_is_not_touched(made, tmp_path):
     file = tmp_path / "cad" / "arm.urdf"
     file.write_bytes(file.read_bytes().replace(b'"elbow"', b'"knee"'))
     changed = file.read_bytes()
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
+    code, answer = ask("export", "arm.toml", "estimate.json", "--in-place")
     assert (code, answer["errors"][0]["code"]) == (3, "export.source-changed")
     assert "knee" in answer["errors"][0]["text"]
     assert file.read_bytes() == changed
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "new.urdf")
+    code, answer = ask("export", "arm.toml", "estimate.json", "-o", "new.urdf")
     assert (code, "export.new-file" in find_codes(answer)) == (0, True)
     assert b"mesh" not in (tmp_path / "new.urdf").read_bytes()
     file.unlink()
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
+    code, answer = ask("export", "arm.toml", "estimate.json", "--in-place")
     assert code == 3
     assert not file.exists()
 
 
-def test_what_cannot_be_done_in_place_is_refused(capsys, made):
-    code, answer = call(capsys, "export", "two_link", "estimate.json", "--in-place")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-source")
+def test_what_cannot_be_done_in_place_is_refused(made):
+    assert fail("export", "two_link", "estimate.json", "--in-place") == (2, "usage.no-source")
     for options in ((), ("-o", "new.urdf", "--in-place")):
-        code, answer = call(capsys, "export", "arm.toml", "estimate.json", *options)
-        assert (code, answer["errors"][0]["code"]) == (2, "usage.export-file")
-    code, answer = call(capsys, "export", "arm.toml", "--in-place")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.export-file")
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "x.urdf", "--limit", "-1")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.range")
+        assert fail("export", "arm.toml", "estimate.json", *options) == (2, "usage.export-file")
+    assert fail("export", "arm.toml", "--in-place") == (2, "usage.export-file")
+    assert fail("export", "arm.toml", "estimate.json", "-o", "x.urdf", "--limit", "-1") == (2, "usage.range")
 
 
 def test_the_table_on_the_source_is_checked(tmp_path, made):
@@ -181,7 +166,7 @@ def test_the_table_on_the_source_is_checked(tmp_path, made):
             read_robot(tmp_path / "bad.toml")
 
 
-def test_values_of_a_drawing_are_no_truth(capsys, made, tmp_path):
+def test_values_of_a_drawing_are_no_truth(made, tmp_path):
     """A fit far from the values of the URDF is as good as any other: they are where one starts from."""
 
     estimate = read_fit(tmp_path / "estimate.json")
@@ -193,51 +178,46 @@ def test_values_of_a_drawing_are_no_truth(capsys, made, tmp_path):
     assert levels[1] != "doubtful"
 
 
-def test_a_file_of_the_same_name_elsewhere_is_not_touched(capsys, made, tmp_path, monkeypatch):
+def test_a_file_of_the_same_name_elsewhere_is_not_touched(made, tmp_path, monkeypatch):
     """The URDF is named as seen from the robot file, not from where one happens to stand."""
     (tmp_path / "arm.toml").rename(tmp_path / "cad" / "arm.toml")
     text = (tmp_path / "cad" / "arm.toml").read_text(encoding="utf-8")
     (tmp_path / "cad" / "arm.toml").write_text(text.replace("cad/arm.urdf", "gone.urdf"), encoding="utf-8")
     (tmp_path / "gone.urdf").write_bytes((tmp_path / "cad" / "arm.urdf").read_bytes())
     before = (tmp_path / "gone.urdf").read_bytes()
-    code, answer = call(capsys, "export", "cad/arm.toml", "estimate.json", "--in-place")
-    assert (code, answer["errors"][0]["code"]) == (3, "robot.unreadable")
+    assert fail("export", "cad/arm.toml", "estimate.json", "--in-place") == (3, "robot.unreadable")
     assert (tmp_path / "gone.urdf").read_bytes() == before
 
 
-def test_a_new_robot_file_in_another_folder_names_its_urdf(capsys, made, tmp_path):
+def test_a_new_robot_file_in_another_folder_names_its_urdf(made, tmp_path):
     (tmp_path / "out").mkdir()
-    code, _ = call(capsys, "new", "out/arm.toml", "--from-urdf", "cad/arm.urdf")
+    code, _ = ask("new", "out/arm.toml", "--from-urdf", "cad/arm.urdf")
     assert code == 0
     assert 'file = "../cad/arm.urdf"' in (tmp_path / "out" / "arm.toml").read_text(encoding="utf-8")
-    code, _ = call(capsys, "new", "copy.toml", "--from", "out/arm.toml")
+    code, _ = ask("new", "copy.toml", "--from", "out/arm.toml")
     assert code == 0
     assert 'file = "cad/arm.urdf"' in (tmp_path / "copy.toml").read_text(encoding="utf-8")
 
 
-def test_links_and_rights_of_the_urdf_stay(capsys, made, tmp_path):
+def test_links_and_rights_of_the_urdf_stay(made, tmp_path):
     file, real = tmp_path / "cad" / "arm.urdf", tmp_path / "real.urdf"
     file.rename(real)
     file.symlink_to(real)
     real.chmod(0o640)
-    code, _ = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
+    code, _ = ask("export", "arm.toml", "estimate.json", "--in-place")
     assert (code, file.is_symlink(), real.stat().st_mode & 0o777) == (0, True, 0o640)
     assert b"<dynamics" in real.read_bytes()
 
 
-def test_a_robot_below_a_floating_joint_is_written(capsys, tmp_path, project, monkeypatch):
+def test_a_robot_below_a_floating_joint_is_written(tmp_path, project, monkeypatch):
     text = (project / ARM).read_text(encoding="utf-8").replace("</robot>", FLOATING)
     monkeypatch.chdir(tmp_path)
     Path("arm.urdf").write_text(text, encoding="utf-8")
     cut = ("--base", "base_link")
-    code, answer = call(
-        capsys, "new", "arm.toml", "--from-urdf", "arm.urdf", *cut, "--friction", "coulomb-viscous"
-    )
-    assert code == 0, answer
+    do("new", "arm.toml", "--from-urdf", "arm.urdf", *cut, "--friction", "coulomb-viscous")
     robot = fill_robot(read_robot(tmp_path / "arm.toml"))
     store_estimate(robot, tmp_path / "estimate.json")
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
-    assert code == 0, answer
+    answer = do("export", "arm.toml", "estimate.json", "--in-place")
     assert not any("gravity" in entry for entry in answer["result"]["left_out"])
     back = read_urdf(Path("arm.urdf"), base="base_link")
     base = derive_base_parameters(robot)
@@ -250,7 +230,7 @@ FLOATING = """<link name="world"/><joint name="root" type="floating">
 <parent link="world"/><child link="base_link"/></joint></robot>"""
 
 
-def test_xacro_is_not_written_in_place(capsys, made, tmp_path, project):
+def test_xacro_is_not_written_in_place(made, tmp_path, project):
     pytest.importorskip("xacro", reason="the extra xacro is not installed")
     text = (project / ARM).read_text(encoding="utf-8")
     head = (
@@ -258,16 +238,10 @@ def test_xacro_is_not_written_in_place(capsys, made, tmp_path, project):
     )
     written = text.replace('<robot name="arm">', head).replace('value="5.4"/>\n', 'value="${mass}"/>\n')
     (tmp_path / "cad" / "arm.urdf").write_text(written, encoding="utf-8")
-    code, answer = call(
-        capsys, "new", "made.toml", "--from-urdf", "cad/arm.urdf", "--friction", "coulomb-viscous"
-    )
-    assert code == 0, answer
+    do("new", "made.toml", "--from-urdf", "cad/arm.urdf", "--friction", "coulomb-viscous")
     store_estimate(fill_robot(read_robot(tmp_path / "made.toml")), tmp_path / "estimate.json")
-    code, answer = call(capsys, "export", "made.toml", "estimate.json", "--in-place")
-    assert (code, answer["errors"][0]["code"]) == (3, "export.xacro")
+    assert fail("export", "made.toml", "estimate.json", "--in-place") == (3, "export.xacro")
     assert (tmp_path / "cad" / "arm.urdf").read_text(encoding="utf-8") == written
     # What only a comment shows is no xacro.
     (tmp_path / "cad" / "arm.urdf").write_text(text.replace("</robot>", "<!-- <xacro:x/> --></robot>"))
-    code, answer = call(capsys, "base", "cad/arm.urdf")
-    assert code == 0
-    assert "robot.xacro-arguments" not in find_codes(answer)
+    assert "robot.xacro-arguments" not in find_codes(do("base", "cad/arm.urdf"))

@@ -11,6 +11,7 @@ from symid.cli.main import run
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
+from tests.calls import do
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def test_every_format_of_the_table_is_written(page, folder):
 def test_the_program_runs_with_the_library(page, folder, c_compiler):
     (program,) = list_blocks(page, "c")
     code = folder / "code"
-    assert run(["generate", "two_link", "-o", str(code), "-q"]) == 0
+    do("generate", "two_link", "-o", code)
     (folder / "main.c").write_text(program, encoding="utf-8")
     sources = sorted(str(path) for path in code.glob("symid_two_link_*.c"))
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{code}", f"-I{folder}"]

@@ -6,18 +6,9 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
+from tests.calls import ask, do, fail, list_codes, say
 
 pytestmark = pytest.mark.usefixtures("shared_work")
-
-
-def call_json(capsys, *arguments):
-    """Run a verb with --json; return its exit code and the object."""
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def find_codes(answer):
-    return [entry["code"] for entry in answer["warnings"]]
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +19,7 @@ def folder(tmp_path_factory, robots_folder):
     (folder / "arm.toml").write_text(text[: text.index("# For logs at 1 kHz.")], encoding="utf-8")
     for name, seed in (("clean", 5), ("noisy", 6)):
         path = folder / f"{name}.npz"
-        assert run(["simulate", "two_link", "--clean", "-o", str(path), "--seed", str(seed), "-q"]) == 0
+        do("simulate", "two_link", "--clean", "-o", path, "--seed", seed)
         columns = dict(np.load(path))
         generator = np.random.default_rng(seed)
         if name == "noisy":
@@ -46,30 +37,26 @@ def folder(tmp_path_factory, robots_folder):
 @pytest.fixture(scope="module")
 def estimate(folder):
     path = folder / "estimate.json"
-    assert run(["identify", str(folder / "arm.toml"), str(folder / "noisy.npz"), "-o", str(path), "-q"]) == 0
+    do("identify", folder / "arm.toml", folder / "noisy.npz", "-o", path)
     return path
 
 
-def validate(capsys, folder, log, *options):
-    call = ("validate", folder / "arm.toml", folder / "estimate.json", folder / log, *options)
-    code, answer = call_json(capsys, *call)
-    assert code == 0
-    return answer
+def validate(folder, log, *options):
+    return do("validate", folder / "arm.toml", folder / "estimate.json", folder / log, *options)
 
 
 def test_validation_filters_as_the_fit_did(capsys, folder, estimate):
     stored = json.loads(estimate.read_text())["settings"]["processing"]
     call = ("identify", folder / "arm.toml", folder / "clean.npz")
-    assert call_json(capsys, *call, "-o", folder / "clean.json")[0] == 0
+    assert ask(*call, "-o", folder / "clean.json")[0] == 0
     assert json.loads((folder / "clean.json").read_text())["settings"]["processing"] != stored
-    answer = validate(capsys, folder, "clean.npz")
+    answer = validate(folder, "clean.npz")
     used = answer["result"]["processing"]
     assert used.pop("origin") == {"filter_cutoff": "fit", "decimation.factor": "fit"}
     assert used == stored
     # The estimate does not differ from a robot file that leaves it open.
-    assert "estimate.settings-differ" not in find_codes(answer)
-    run(["validate", str(folder / "arm.toml"), str(estimate), str(folder / "clean.npz"), "-q"])
-    out = capsys.readouterr().out
+    assert "estimate.settings-differ" not in list_codes(answer)
+    out = say("validate", folder / "arm.toml", estimate, folder / "clean.npz", "-q")
     assert f"low-pass at {stored['filter_cutoff']:g} Hz" in out
     assert f" by {stored['decimation']['factor']} " in out
 
@@ -77,11 +64,11 @@ def test_validation_filters_as_the_fit_did(capsys, folder, estimate):
 def test_a_log_at_another_rate_has_filters_of_its_own(capsys, folder, estimate):
     stored = json.loads(estimate.read_text())["settings"]["processing"]
     for options in ((), ("--band", "5")):
-        answer = validate(capsys, folder, "slow.npz", *options)
+        answer = validate(folder, "slow.npz", *options)
         used = answer["result"]["processing"]
         assert set(used["origin"].values()) == {"log"}
         assert used["decimation"]["factor"] < stored["decimation"]["factor"]
-        assert "identify.automatic" in find_codes(answer)
+        assert "identify.automatic" in list_codes(answer)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +78,7 @@ def test_a_log_at_another_rate_has_filters_of_its_own(capsys, folder, estimate):
 def test_settings_of_the_call_win(capsys, folder, estimate, case):
     setting, cutoff, factor = case
     stored = json.loads(estimate.read_text())["settings"]["processing"]
-    used = validate(capsys, folder, "clean.npz", "--set", f"processing.{setting}")["result"]["processing"]
+    used = validate(folder, "clean.npz", "--set", f"processing.{setting}")["result"]["processing"]
     assert used["filter_cutoff"] == (cutoff or stored["filter_cutoff"])
     assert used["decimation"]["factor"] == (factor or stored["decimation"]["factor"])
     assert "stated" in used["origin"].values()
@@ -111,60 +98,51 @@ def runs(folder):
 
 
 @pytest.mark.parametrize("options", [(), ("--rows", "momentum", "--overlap", "0.5", "--estimator", "wls")])
-def test_a_diagnosis_reads_runs_as_the_fit_did(capsys, folder, runs, tmp_path, options):
+def test_a_diagnosis_reads_runs_as_the_fit_did(folder, runs, tmp_path, options):
     found, page = tmp_path / "estimate.json", tmp_path / "page.html"
     freedom = ("--set", "processing.noise_freedom=one")
-    code, _ = call_json(
-        capsys, "identify", folder / "arm.toml", runs, *options, *freedom, "--drop-first", 50, "-o", found
-    )
+    code, _ = ask("identify", folder / "arm.toml", runs, *options, *freedom, "--drop-first", 50, "-o", found)
     assert code == 0
     call = ("report", found, "--robot", folder / "arm.toml", "--diagnose", "-o", page)
-    code, answer = call_json(capsys, *call)
-    assert code == 0
+    answer = do(*call)
     assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] <= 1e-12
-    assert not {"diagnosis.other-values", "diagnosis.changed-log"} & set(find_codes(answer))
+    assert not {"diagnosis.other-values", "diagnosis.changed-log"} & set(list_codes(answer))
     # Settings for a held-out log do not touch the logs of the fit.
     held = ("--validation", folder / "noisy.npz", "--set", "processing.filter_cutoff=20", "--force")
-    code, answer = call_json(capsys, *call, *held)
+    code, answer = ask(*call, *held)
     assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] <= 1e-12
     (used,) = answer["result"]["processing"]
     assert (used["filter_cutoff"], used["origin"]["filter_cutoff"]) == (20.0, "stated")
     assert used["origin"]["decimation.factor"] == "fit"
-    assert run([*map(str, call), *map(str, held), "-q"]) == 0
-    assert "noisy.npz: positions: low-pass at 20 Hz (as stated)" in capsys.readouterr().out
+    assert "noisy.npz: positions: low-pass at 20 Hz (as stated)" in say(*call, *held, "-q")
     data = json.loads(found.read_text())
     for entry in data["settings"]["runs"]:
         entry["offset"] = [0.0]
     found.write_text(json.dumps(data))
-    code, answer = call_json(capsys, *call, "--force")
-    assert code == 0
-    assert "diagnosis.other-values" in find_codes(answer)
+    assert "diagnosis.other-values" in list_codes(do(*call, "--force"))
     del data["settings"]["runs"][0]
     found.write_text(json.dumps(data))
-    code, answer = call_json(capsys, *call, "--force")
-    assert (code, answer["errors"][0]["code"]) == (3, "runs.settings")
+    assert fail(*call, "--force") == (3, "runs.settings")
 
 
 def test_a_log_that_has_changed_is_named(capsys, folder, tmp_path):
     log, found = tmp_path / "log.npz", tmp_path / "estimate.json"
     columns = dict(np.load(folder / "clean.npz"))
     np.savez(log, **columns)
-    assert run(["identify", str(folder / "arm.toml"), str(log), "-o", str(found), "-q"]) == 0
-    capsys.readouterr()
+    do("identify", folder / "arm.toml", log, "-o", found)
     for key in [key for key in columns if key.startswith("tau")]:
         columns[key] = 1.01 * columns[key]
     np.savez(log, **columns)
     call = ("report", found, "--robot", folder / "arm.toml", "--diagnose", "-o", tmp_path / "page.html")
-    code, answer = call_json(capsys, *call)
-    assert code == 0
-    assert {"diagnosis.changed-log", "diagnosis.other-values"} <= set(find_codes(answer))
+    answer = do(*call)
+    assert {"diagnosis.changed-log", "diagnosis.other-values"} <= set(list_codes(answer))
     assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] > 0.1
     assert run([*map(str, call), "--force", "-q"]) == 0
     moved = answer["result"]["diagnosis"]["refit"]["largest_difference_stds"]
     assert f"{moved:.1g} standard deviations" in capsys.readouterr().out
 
 
-def test_settings_without_a_log_to_try_are_refused(capsys, estimate, tmp_path):
+def test_settings_without_a_log_to_try_are_refused(estimate, tmp_path):
     call = (
         "report",
         estimate,
@@ -174,12 +152,11 @@ def test_settings_without_a_log_to_try_are_refused(capsys, estimate, tmp_path):
         "-o",
         tmp_path / "x.html",
     )
-    code, answer = call_json(capsys, *call)
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-validation")
+    assert fail(*call) == (2, "usage.no-validation")
 
 
-def test_one_log_is_tried_at_a_time(capsys, folder, estimate, runs):
-    code, answer = call_json(capsys, "validate", folder / "arm.toml", estimate, runs)
+def test_one_log_is_tried_at_a_time(folder, estimate, runs):
+    code, answer = ask("validate", folder / "arm.toml", estimate, runs)
     assert (code, answer["errors"][0]["code"]) == (2, "usage.one-log")
     assert "lists 3 runs" in answer["errors"][0]["text"]
 
@@ -196,7 +173,5 @@ def test_a_page_of_momentum_rows_takes_a_coarse_log(capsys, folder, tmp_path):
     call = ("report", tmp_path / "fit.json", "--robot", folder / "arm.toml")
     capsys.readouterr()
     log = ("--validation", tmp_path / "coarse.npz", "-o", tmp_path / "page.html")
-    code, answer = call_json(capsys, *call, *log)
-    assert code == 0
-    assert "validate.longer-windows" in find_codes(answer)
+    assert "validate.longer-windows" in list_codes(do(*call, *log))
     assert (tmp_path / "page.html").exists()

@@ -5,22 +5,15 @@ import json
 import numpy as np
 import pytest
 
-from symid.cli.main import run
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
+from tests.calls import ask, do, fail, list_codes
 from tests.friction_forms import OLD_NAMES
 
 
-def call_json(capsys, *arguments):
-    """Run a verb with --json; return its exit code and the object."""
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def test_friction_laws_are_part_of_the_library(capsys, tmp_path):
+def test_friction_laws_are_part_of_the_library(tmp_path):
     folder = tmp_path / "code"
     call = ("generate", "emps", "--function", "friction", "--friction-laws", "-o", folder)
-    code, answer = call_json(capsys, *call)
-    assert code == 0
+    answer = do(*call)
     result = answer["result"]
     assert result["selftest"] == "passed" or answer["warnings"][-1]["code"] == "generate.selftest-not-run"
     header = (folder / "symid_emps_friction_laws.h").read_text()
@@ -31,12 +24,11 @@ def test_friction_laws_are_part_of_the_library(capsys, tmp_path):
     assert {"symid_emps_friction_laws.h", "symid_emps_friction_laws.c"} <= set(manifest["files"])
 
 
-def test_friction_laws_are_in_c_alone(capsys, tmp_path):
-    code, answer = call_json(
-        capsys, "generate", "emps", "--friction-laws", "--target", "python", "-o", tmp_path / "code"
+def test_friction_laws_are_in_c_alone(tmp_path):
+    assert fail("generate", "emps", "--friction-laws", "--target", "python", "-o", tmp_path / "code") == (
+        2,
+        "usage.friction-laws",
     )
-    assert code == 2
-    assert answer["errors"][0]["code"] == "usage.friction-laws"
     assert not (tmp_path / "code").exists()
 
 
@@ -69,21 +61,18 @@ torque = 500
 
 
 @pytest.mark.parametrize("target", ["c", "python"])
-def test_a_robot_with_curved_friction_is_generated(capsys, tmp_path, target):
+def test_a_robot_with_curved_friction_is_generated(tmp_path, target):
     (tmp_path / "slide.toml").write_text(CURVED.replace("vs =", "gamma = 1.5\nvs ="))
     call = ("generate", tmp_path / "slide.toml", "--target", target, "-o", tmp_path / "code")
-    code, answer = call_json(capsys, *call)
-    assert code == 0
+    answer = do(*call)
     assert answer["result"]["selftest"] == "passed" or answer["warnings"]
 
 
-def test_curved_friction_is_simulated_and_identified(capsys, tmp_path):
+def test_curved_friction_is_simulated_and_identified(tmp_path):
     robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
     robot.write_text(CURVED)
-    assert run(["simulate", str(robot), "-o", str(log), "--seed", "1", "--duration", "12", "-q"]) == 0
-    capsys.readouterr()
-    code, answer = call_json(capsys, "identify", robot, log, "-o", tmp_path / "estimate.json")
-    assert code == 0
+    do("simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
+    answer = do("identify", robot, log, "-o", tmp_path / "estimate.json")
     found = {entry["name"]: entry["value"] for entry in answer["result"]["parameters"]}
     for name, value in (("Fv1", 203.0), ("Fc1", 20.0), ("Fe1", 8.0)):
         assert found[name] == pytest.approx(value, rel=0.05)
@@ -102,22 +91,19 @@ UNLOADED = [model for model in FURTHER if "load" not in get_law(model).inputs]
 
 @pytest.mark.parametrize("model", FURTHER)
 @pytest.mark.parametrize("target", ["c", "python"])
-def test_a_robot_with_any_law_is_generated(capsys, tmp_path, model, target):
+def test_a_robot_with_any_law_is_generated(tmp_path, model, target):
     write_slide(tmp_path / "slide.toml", model)
     call = ("generate", tmp_path / "slide.toml", "--target", target, "-o", tmp_path / "code")
-    code, answer = call_json(capsys, *call)
-    assert code == 0, answer
+    answer = do(*call)
     assert answer["result"]["selftest"] == "passed" or answer["warnings"]
 
 
 @pytest.mark.parametrize("model", FURTHER)
-def test_any_law_is_simulated_and_identified(capsys, tmp_path, model):
+def test_any_law_is_simulated_and_identified(tmp_path, model):
     robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
     write_slide(robot, model)
-    code, answer = call_json(capsys, "simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
-    assert code == 0, answer
-    code, answer = call_json(capsys, "identify", robot, log, "-o", tmp_path / "estimate.json")
-    assert code == 0, answer
+    do("simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
+    answer = do("identify", robot, log, "-o", tmp_path / "estimate.json")
     found = {entry["name"]: entry["value"] for entry in answer["result"]["parameters"]}
     for name, value in FURTHER[model][1].items():
         assert found[name] == pytest.approx(value, rel=0.1)
@@ -129,89 +115,79 @@ def write_slide(path, model):
 
 
 @pytest.mark.parametrize("model", FURTHER)
-def test_motions_are_designed_for_any_law(capsys, tmp_path, model):
+def test_motions_are_designed_for_any_law(tmp_path, model):
     write_slide(tmp_path / "slide.toml", model)
     options = ("--harmonics", "2", "--candidates", "1", "--starts", "1", "--period", "2")
     call = ("excite", tmp_path / "slide.toml", "-o", tmp_path / "motion.csv", *options)
-    code, answer = call_json(capsys, *call)
-    assert code == 0, answer
+    do(*call)
 
 
 @pytest.mark.parametrize("model", UNLOADED)
-def test_a_law_is_fitted_to_logs_of_a_robot_with_any_law(capsys, tmp_path, model):
+def test_a_law_is_fitted_to_logs_of_a_robot_with_any_law(tmp_path, model):
     """The friction that the robot file states is not taken for what is to be found."""
     robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
     write_slide(robot, model)
-    assert run(["simulate", str(robot), "-o", str(log), "--seed", "1", "--duration", "12", "-q"]) == 0
-    capsys.readouterr()
+    do("simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
     call = ("identify", robot, log, "--rows", "friction", "--model", "coulomb-viscous")
-    code, answer = call_json(capsys, *call, "-o", tmp_path / "friction.json")
-    assert code == 0, answer
+    answer = do(*call, "-o", tmp_path / "friction.json")
     found = {entry["name"]: entry["value"] for entry in answer["result"]["joints"][0]["parameters"]}
     assert found["fC"] == pytest.approx(20.0, abs=8.0)
     assert found["fV"] == pytest.approx(203.0, rel=0.2)
 
 
-def test_a_temperature_must_be_in_the_log(capsys, tmp_path):
+def test_a_temperature_must_be_in_the_log(tmp_path):
     """The load of a gear follows from the dynamics that are found, a temperature from nothing."""
     robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
     table = "Fvt = -1\nFct = -0.1"
     robot.write_text(CURVED.replace('"stribeck"', '"temperature"').replace("Fe = 8\nvs = 0.05", table))
-    code, answer = call_json(capsys, "simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
-    assert code == 0, answer
+    do("simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
     with np.load(log) as data:
         recorded = {name: data[name] for name in data.files if name != "temperature"}
     np.savez(log, **recorded)
-    code, answer = call_json(capsys, "identify", robot, log, "-o", tmp_path / "estimate.json")
+    code, answer = ask("identify", robot, log, "-o", tmp_path / "estimate.json")
     assert (code, answer["errors"][0]["code"]) == (2, "friction.input")
     assert "depends on the temperature of the joints" in answer["errors"][0]["text"]
 
 
-def test_laws_of_single_joints_are_given_by_name(capsys, tmp_path):
+def test_laws_of_single_joints_are_given_by_name(tmp_path):
     log = tmp_path / "log.npz"
-    call_json(capsys, "simulate", "two_link", "-o", log, "--seed", "1", "--duration", "20")
-    code, answer = call_json(
-        capsys, "identify", "two_link", log, "--friction", "elbow=stribeck,shoulder=auto"
-    )
+    ask("simulate", "two_link", "-o", log, "--seed", "1", "--duration", "20")
+    code, answer = ask("identify", "two_link", log, "--friction", "elbow=stribeck,shoulder=auto")
     assert code == 0, answer
     laws = {entry["joint"]: entry["law"] for entry in answer["result"]["laws"]}
     assert laws["elbow"] == "stribeck"
     assert set(laws) == {"shoulder", "elbow"}
     for options in (("--friction", "elbw=stribek"), ("--rows", "friction", "--model", "elbw=stribek")):
-        code, answer = call_json(capsys, "identify", "two_link", log, *options)
+        code, answer = ask("identify", "two_link", log, *options)
         assert code == 2
-        assert [entry["code"] for entry in answer["errors"]] == ["usage.joint-friction"] * 2
+        assert list_codes(answer, "errors") == ["usage.joint-friction"] * 2
         told = " ".join(entry["text"] for entry in answer["errors"])
         assert "did you mean elbow?" in told
         assert "did you mean stribeck or" in told
-    code, answer = call_json(capsys, "base", "two_link", "--friction", "elbow=coulomb")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.friction-auto")
+    assert fail("base", "two_link", "--friction", "elbow=coulomb") == (2, "usage.friction-auto")
 
 
 @pytest.mark.parametrize("name", [name for name in OLD_NAMES if not get_law(OLD_NAMES[name]).shape])
-def test_a_law_is_chosen_by_its_name_of_today_and_by_that_of_earlier_versions(capsys, name):
+def test_a_law_is_chosen_by_its_name_of_today_and_by_that_of_earlier_versions(name):
     found = []
     for option in (name, OLD_NAMES[name]):
-        code, answer = call_json(capsys, "base", "two_link", "--friction", option)
-        assert code == 0
+        answer = do("base", "two_link", "--friction", option)
         found.append(answer["result"])
     assert found[0] == found[1]
 
 
 @pytest.mark.parametrize("name", [name for name in OLD_NAMES if not get_law(OLD_NAMES[name]).shape])
-def test_what_is_written_has_the_name_of_today(capsys, tmp_path, name):
+def test_what_is_written_has_the_name_of_today(tmp_path, name):
     call = ("new", tmp_path / "arm.toml", "--from-dh", tmp_path / "arm.csv", "--convention", "modified")
     (tmp_path / "arm.csv").write_text("alpha,a,d,theta\n0,0,0,q\n")
-    code, answer = call_json(capsys, *call, "--friction", name)
-    assert code == 0, answer
+    do(*call, "--friction", name)
     assert f'model = "{OLD_NAMES[name]}"' in (tmp_path / "arm.toml").read_text()
-    code, answer = call_json(capsys, "check", tmp_path / "arm.toml")
+    code, answer = ask("check", tmp_path / "arm.toml")
     assert (code, answer["result"]["joints"][0]["friction"]) == (0, OLD_NAMES[name])
 
 
-def test_a_law_that_does_not_exist_is_refused_with_the_nearest(capsys):
-    code, answer = call_json(capsys, "base", "emps", "--friction", "viscous_coulom")
+def test_a_law_that_does_not_exist_is_refused_with_the_nearest():
+    code, answer = ask("base", "emps", "--friction", "viscous_coulom")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.unknown-friction-law")
     assert "did you mean " in answer["errors"][0]["text"]
-    code, answer = call_json(capsys, "base", "emps", "--friction", "stribeck")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.friction-shape")
+    assert fail("base", "emps", "--friction", "stribeck") == (2, "usage.friction-shape")

@@ -10,6 +10,7 @@ from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from symid.robot.loading import load_robot
 from symid.robot.toml_reader import read_robot
+from tests.calls import ask, call, do, find_codes, refuse
 from tests.cli.test_identify_friction import (
     AXIS_LAW,
     EMPS_LAW,
@@ -17,9 +18,6 @@ from tests.cli.test_identify_friction import (
     PLAIN_PROCESSING,
     arm_logs,
     axis_log,
-    call,
-    call_json,
-    find_codes,
     save,
     save_axis,
 )
@@ -29,14 +27,12 @@ __all__ = ["arm_logs", "axis_log"]
 
 
 @pytest.fixture
-def identify(capsys, axis_log, tmp_path):
+def identify(axis_log, tmp_path):
     """Return a function that identifies friction of the axis by a law, and where the result is."""
 
     def run(model, *options):
         path = tmp_path / f"{model}.json"
-        code, _ = call_json(
-            capsys, "identify", "emps", axis_log, *AXIS_LAW, "--model", model, *options, "-o", path
-        )
+        code, _ = ask("identify", "emps", axis_log, *AXIS_LAW, "--model", model, *options, "-o", path)
         assert code == 0
         return path
 
@@ -62,10 +58,9 @@ def change(path, **entries):
     return path
 
 
-def test_the_robot_file_has_the_torque_of_the_law(capsys, identify, tmp_path):
+def test_the_robot_file_has_the_torque_of_the_law(identify, tmp_path):
     result, file = identify("stribeck+offset", "--smoothing", "0.001"), tmp_path / "robot.toml"
-    code, answer = call_json(capsys, "export", "emps", result, "-o", file)
-    assert code == 0
+    answer = do("export", "emps", result, "-o", file)
     written = answer["result"]["written"]["axis"]
     assert (written["law"], written["model"]) == ("stribeck+offset", "stribeck+offset")
     assert answer["result"]["kept"] == {}
@@ -83,16 +78,15 @@ def test_the_robot_file_has_the_torque_of_the_law(capsys, identify, tmp_path):
     expected = compute_friction_torque(law, {"velocity": velocity}, estimate["linear"], estimate["shape"])
     torque = columns[:, 0] @ np.array(friction.values)
     assert np.max(np.abs(torque - expected)) <= 1e-12 * np.max(np.abs(expected))
-    code, out, _ = call(capsys, "export", "emps", result, "-o", file, "--force")
+    code, out, _ = call("export", "emps", result, "-o", file, "--force")
     assert (code, "axis: stribeck+offset" in out) == (0, True)
-    assert call_json(capsys, "check", file)[0] == 0
+    assert ask("check", file)[0] == 0
 
 
 @pytest.mark.parametrize("model", ["coulomb", "tustin", "lorentzian", "cubic+offset", "position-torque-1"])
-def test_any_law_becomes_part_of_the_robot_file(capsys, identify, tmp_path, model):
+def test_any_law_becomes_part_of_the_robot_file(identify, tmp_path, model):
     result, file = identify(model), tmp_path / "robot.toml"
-    code, answer = call_json(capsys, "export", "emps", result, "-o", file)
-    assert code == 0
+    answer = do("export", "emps", result, "-o", file)
     written = answer["result"]["written"]["axis"]
     assert (written["law"], written["model"], answer["result"]["kept"]) == (model, model, {})
     assert "export.friction-kept" not in find_codes(answer)
@@ -101,13 +95,12 @@ def test_any_law_becomes_part_of_the_robot_file(capsys, identify, tmp_path, mode
     assert friction.law == model
     assert list(friction.values) == list(written["values"].values()) == estimate["linear"]
     assert list(friction.shape) == list(written["shape"].values()) == estimate["shape"]
-    assert call_json(capsys, "check", file)[0] == 0
+    assert ask("check", file)[0] == 0
 
 
-def test_refused_parameters_keep_the_files_friction(capsys, identify, tmp_path):
+def test_refused_parameters_keep_the_files_friction(identify, tmp_path):
     result = identify("stribeck+offset", "--set", "processing.standstill=0.05")
-    code, answer = call_json(capsys, "export", "emps", result, "-o", tmp_path / "robot.toml")
-    assert code == 0
+    answer = do("export", "emps", result, "-o", tmp_path / "robot.toml")
     reason = answer["result"]["kept"]["axis"]
     assert "fS was refused" in reason
     assert "vs was refused" in reason
@@ -118,37 +111,34 @@ def test_refused_parameters_keep_the_files_friction(capsys, identify, tmp_path):
     assert read_robot(tmp_path / "robot.toml").joints[0].friction == before
 
 
-def test_what_drives_the_joint_is_told_of_the_written_file(capsys, identify, tmp_path):
+def test_what_drives_the_joint_is_told_of_the_written_file(identify, tmp_path):
     result = change(identify("coulomb-viscous-offset"), linear=[-5.0, 20.0, 1.0])
-    code, answer = call_json(capsys, "export", "emps", result, "-o", tmp_path / "robot.toml")
+    code, answer = ask("export", "emps", result, "-o", tmp_path / "robot.toml")
     assert (code, "robot.negative-friction" in find_codes(answer)) == (0, True)
     (warning,) = (entry for entry in answer["warnings"] if entry["code"] == "robot.negative-friction")
     assert warning["file"] == str(tmp_path / "robot.toml")
 
 
-def test_an_arm_keeps_what_did_not_move(capsys, arm_logs, tmp_path):
+def test_an_arm_keeps_what_did_not_move(arm_logs, tmp_path):
     result, file = tmp_path / "friction.json", tmp_path / "arm.toml"
     arguments = ("identify", "two_link", *arm_logs[:2], *LAW, "--model", "stribeck+offset")
-    call_json(capsys, *arguments, *PLAIN_PROCESSING, "--friction", "coulomb-viscous", "-o", result)
-    code, answer = call_json(capsys, "export", "two_link", result, "-o", file)
-    assert code == 0
+    ask(*arguments, *PLAIN_PROCESSING, "--friction", "coulomb-viscous", "-o", result)
+    answer = do("export", "two_link", result, "-o", file)
     assert list(answer["result"]["written"]) == ["shoulder"]
     assert "'elbow'" in answer["result"]["kept"]["elbow"]
     log = save(tmp_path / "other.npz", record(0.6, seed=8))
-    code, answer = call_json(capsys, "validate", "two_link", result, log)
-    assert code == 0
+    answer = do("validate", "two_link", result, log)
     (residual,) = answer["result"]["residual"]
     assert (residual["joint"], answer["result"]["laws"]) == ("shoulder", {"shoulder": "stribeck+offset"})
     assert residual["std"] == pytest.approx(0.05, rel=0.05)
     assert "validate.friction-pose" in find_codes(answer)
 
 
-def test_dynamics_and_friction_become_one_file(capsys, arm_logs, tmp_path):
+def test_dynamics_and_friction_become_one_file(arm_logs, tmp_path):
     names = ("estimate.json", "friction.json", "dynamics.toml", "identified.toml")
     estimate, result, dynamics, identified = (tmp_path / name for name in names)
-    call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "--partial", "-o", estimate)
-    call_json(
-        capsys,
+    ask("identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "--partial", "-o", estimate)
+    ask(
         "identify",
         "two_link",
         *arm_logs[:2],
@@ -159,8 +149,8 @@ def test_dynamics_and_friction_become_one_file(capsys, arm_logs, tmp_path):
         "-o",
         result,
     )
-    assert call_json(capsys, "export", "two_link", estimate, "-o", dynamics)[0] == 0
-    code, answer = call_json(capsys, "export", dynamics, result, "-o", identified)
+    assert ask("export", "two_link", estimate, "-o", dynamics)[0] == 0
+    code, answer = ask("export", dynamics, result, "-o", identified)
     assert (code, list(answer["result"]["written"])) == (0, ["shoulder"])
     before, after = read_robot(dynamics), read_robot(identified)
     assert after.joints[0].friction.law == "asymmetric"
@@ -168,79 +158,78 @@ def test_dynamics_and_friction_become_one_file(capsys, arm_logs, tmp_path):
     assert after.joints[0].inertial == before.joints[0].inertial
 
 
-def test_springs_are_told_to_lose_energy_twice(capsys, arm_logs, tmp_path):
+def test_springs_are_told_to_lose_energy_twice(arm_logs, tmp_path):
     result = tmp_path / "friction.json"
     arguments = ("identify", "two_link_elastic", arm_logs[1], *LAW, "--model", "coulomb-viscous-offset")
-    call_json(capsys, *arguments, "-o", result)
-    code, answer = call_json(capsys, "export", "two_link_elastic", result, "-o", tmp_path / "x.toml")
+    ask(*arguments, "-o", result)
+    code, answer = ask("export", "two_link_elastic", result, "-o", tmp_path / "x.toml")
     assert (code, "export.friction-springs" in find_codes(answer)) == (0, True)
 
 
-def test_another_log_is_foretold(capsys, identify, axis_log, other_log):
+def test_another_log_is_foretold(identify, axis_log, other_log):
     result = identify("stribeck+offset")
-    code, answer = call_json(capsys, "validate", "emps", result, other_log)
+    code, answer = ask("validate", "emps", result, other_log)
     assert (code, answer["result"]["accepted"]) == (0, True)
     (residual,) = answer["result"]["residual"]
     assert residual["relative_percent"] == pytest.approx(answer["result"]["mean_relative_percent"])
     assert residual["unit"] == "N"
-    code, out, _ = call(capsys, "validate", "emps", result, other_log)
+    code, out, _ = call("validate", "emps", result, other_log)
     assert f"mean relative residual {residual['relative_percent']:.4f} %" in out
     assert "RMS" in out
-    code, answer = call_json(capsys, "validate", "emps", result, axis_log)
+    code, answer = ask("validate", "emps", result, axis_log)
     assert "validate.fitted-log" in find_codes(answer)
 
 
-def test_a_missed_gate_is_exit_code_one(capsys, identify, other_log):
+def test_a_missed_gate_is_exit_code_one(identify, other_log):
     result = identify("coulomb-viscous-offset")
-    code, answer = call_json(capsys, "validate", "emps", result, other_log, "--gate", "0.01")
+    code, answer = ask("validate", "emps", result, other_log, "--gate", "0.01")
     assert (code, find_codes(answer) & {"validate.gate-missed"}) == (1, {"validate.gate-missed"})
     assert answer["result"]["accepted"] is False
-    code, _ = call_json(capsys, "validate", "emps", result, other_log, "--gate", "99")
+    code, _ = ask("validate", "emps", result, other_log, "--gate", "99")
     assert code == 0
 
 
-def test_processing_of_the_fit_is_followed_and_may_be_set(capsys, identify, other_log):
+def test_processing_of_the_fit_is_followed_and_may_be_set(identify, other_log):
     result = identify("coulomb-viscous-offset")
-    _, answer = call_json(capsys, "validate", "emps", result, other_log)
+    _, answer = ask("validate", "emps", result, other_log)
     # The identification was in the published band, without its decimation; the robot file states neither.
     assert "estimate.settings-differ" in find_codes(answer)
     samples = answer["result"]["samples"]
     arguments = ("validate", "emps", result, other_log, "--set", "processing.decimation.factor=10")
-    _, answer = call_json(capsys, *arguments)
-    assert samples == pytest.approx(10 * answer["result"]["samples"], abs=20)
+    assert samples == pytest.approx(10 * ask(*arguments)[1]["result"]["samples"], abs=20)
 
 
-def test_mean_periods_are_not_asked_of_another_log(capsys, other_log, tmp_path):
+def test_mean_periods_are_not_asked_of_another_log(other_log, tmp_path):
     time = np.arange(5000) * 4e-3
     v = 0.1 * np.sin(2.0 * np.pi * 0.5 * time)
     log, result = tmp_path / "cosine.npz", tmp_path / "friction.json"
     save_axis(log, v, 20.0 * np.sign(v) + 200.0 * v - 3.0)
     arguments = ("identify", "emps", log, *AXIS_LAW, "--model", "coulomb-viscous-offset", "--period", "2")
-    assert call_json(capsys, *arguments, "-o", result)[0] == 0
-    code, answer = call_json(capsys, "validate", "emps", result, other_log)
-    assert code == 0
+    assert ask(*arguments, "-o", result)[0] == 0
+    answer = do("validate", "emps", result, other_log)
     assert "validate.not-folded" in find_codes(answer)
     # 49 samples are cut off at the start, as published, and none at the end.
     assert answer["result"]["samples"] >= 4000 - 49 - 10
 
 
-def test_known_base_parameters_are_kept_with_the_friction(capsys, arm_logs, tmp_path):
+def test_known_base_parameters_are_kept_with_the_friction(arm_logs, tmp_path):
     estimate, result = tmp_path / "estimate.json", tmp_path / "friction.json"
-    call_json(capsys, "identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "--partial", "-o", estimate)
+    ask("identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "--partial", "-o", estimate)
     arguments = ("identify", "two_link", *arm_logs[:2], *LAW, "--model", "stribeck+offset")
-    call_json(capsys, *arguments, *PLAIN_PROCESSING, "--known", estimate, "-o", result)
+    ask(*arguments, *PLAIN_PROCESSING, "--known", estimate, "-o", result)
     estimate.unlink()
     log = save(tmp_path / "other.npz", record(0.6, seed=8))
-    code, answer = call_json(capsys, "validate", "two_link", result, log)
-    assert code == 0
+    answer = do("validate", "two_link", result, log)
     assert answer["result"]["residual"][0]["std"] == pytest.approx(0.05, rel=0.1)
-    code, answer = call_json(capsys, "validate", "two_link", change(result, known_values={"ZZR1": 1.0}), log)
-    assert (code, find_codes(answer)) == (3, {"estimate.settings"})
+    assert refuse("validate", "two_link", change(result, known_values={"ZZR1": 1.0}), log) == (
+        3,
+        ["estimate.settings"],
+    )
 
 
-def test_files_of_another_kind_say_what_they_are(capsys, identify, axis_log, tmp_path):
+def test_files_of_another_kind_say_what_they_are(identify, axis_log, tmp_path):
     result = identify("coulomb-viscous-offset")
-    code, answer = call_json(capsys, "identify", "emps", axis_log, *AXIS_LAW, "--known", result)
+    code, answer = ask("identify", "emps", axis_log, *AXIS_LAW, "--known", result)
     (error,) = answer["errors"]
     assert (code, error["code"]) == (3, "estimate.friction")
     log = save(tmp_path / "arm.npz", record(1.0))
@@ -248,31 +237,29 @@ def test_files_of_another_kind_say_what_they_are(capsys, identify, axis_log, tmp
         ("export", "two_link", result, "-o", tmp_path / "x.toml"),
         ("validate", "two_link", result, log),
     ):
-        code, answer = call_json(capsys, *arguments)
+        code, answer = ask(*arguments)
         (error,) = answer["errors"]
         assert (code, error["code"]) == (3, "estimate.signature")
         assert error["text"].index("'emps'") < error["text"].index("'two_link'")
         assert error["file"] == str(result)
-    code, answer = call_json(capsys, "validate", "emps", result, axis_log, "--tracking")
-    assert (code, find_codes(answer)) == (2, {"usage.rigid-tracking"})
-    code, answer = call_json(capsys, "export", "emps", result, "-o", tmp_path / "x.json")
-    assert (code, find_codes(answer)) == (2, {"usage.suffix"})
+    assert refuse("validate", "emps", result, axis_log, "--tracking") == (2, ["usage.rigid-tracking"])
+    assert refuse("export", "emps", result, "-o", tmp_path / "x.json") == (2, ["usage.suffix"])
     assert json.loads(result.read_text())["kind"] == "friction"
 
 
-def test_help_says_who_reads_the_result(capsys):
-    _, out, _ = call(capsys, "identify", "--help")
+def test_help_says_who_reads_the_result():
+    _, out, _ = call("identify", "--help")
     assert "for `validate`, `report` and `export`" in " ".join(out.split())
 
 
 @pytest.mark.parametrize(("model", "percent"), [("asymmetric", 5.3649), ("coulomb-viscous-offset", 5.9824)])
-def test_emps_foretells_its_pulses(capsys, shared_data, tmp_path, model, percent):
+def test_emps_foretells_its_pulses(shared_data, tmp_path, model, percent):
     folder, result = shared_data / "emps", tmp_path / "friction.json"
     log = folder / "DATA_EMPS.mat"
-    call_json(capsys, "identify", "emps", log, *EMPS_LAW, "--model", model, "-o", result)
+    ask("identify", "emps", log, *EMPS_LAW, "--model", model, "-o", result)
     pulses = folder / "DATA_EMPS_PULSES.mat"
-    code, out, _ = call(capsys, "validate", "emps", result, pulses, "--gate", "5.5")
+    code, out, _ = call("validate", "emps", result, pulses, "--gate", "5.5")
     assert f"mean relative residual {percent:.4f} %" in out
     assert code == (0 if percent < 5.5 else 1)
-    _, answer = call_json(capsys, "validate", "emps", result, pulses)
+    _, answer = ask("validate", "emps", result, pulses)
     assert answer["result"]["mean_relative_percent"] == pytest.approx(percent, abs=5.1e-5)

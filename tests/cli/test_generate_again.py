@@ -11,13 +11,9 @@ from io import StringIO
 import pytest
 
 from symid.cli.main import run as run_cli
+from tests.calls import ask, do, fail, say
 
 ROBOT = "emps"
-
-
-def call(capsys, *arguments):
-    code = run_cli(["generate", *map(str, arguments), "--json", "-q"])
-    return code, json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture(params=["c", "python"], scope="module")
@@ -55,15 +51,12 @@ def read_files(folder):
     }
 
 
-def test_nothing_is_done_where_nothing_has_changed(capsys, made):
+def test_nothing_is_done_where_nothing_has_changed(made):
     folder, order, first = made
     before = read_files(folder)
-    code, answer = call(capsys, *order)
-    assert code == 0
-    assert answer["result"] == {**first, "unchanged": True}
+    assert do("generate", *order)["result"] == {**first, "unchanged": True}
     assert read_files(folder) == before
-    assert run_cli(["generate", *map(str, order), "-q"]) == 0
-    assert f"{folder}: nothing has changed, self-test passed with " in capsys.readouterr().out
+    assert f"{folder}: nothing has changed, self-test passed with " in say("generate", *order, "-q")
 
 
 def test_nothing_that_derives_is_loaded_then(made, project):
@@ -82,7 +75,7 @@ def test_nothing_that_derives_is_loaded_then(made, project):
 
 
 @pytest.mark.parametrize("what", ["a file is gone", "the manifest", "force", "an option", "the record"])
-def test_it_is_made_anew_where_something_has_changed(capsys, made, target, what):
+def test_it_is_made_anew_where_something_has_changed(made, target, what):
     folder, order, _ = made
     manifest = json.loads((folder / "manifest.json").read_text())
     if what == "a file is gone":
@@ -97,24 +90,19 @@ def test_it_is_made_anew_where_something_has_changed(capsys, made, target, what)
         order = (*order, "--parameters", "standard")
     if what in {"the manifest", "the record"}:
         (folder / "manifest.json").write_text(json.dumps(manifest))
-    code, answer = call(capsys, *order)
-    assert code == 0
-    assert answer["result"]["unchanged"] is False
-    code, answer = call(capsys, *(entry for entry in order if entry != "--force"))
-    assert answer["result"]["unchanged"] is True
+    assert do("generate", *order)["result"]["unchanged"] is False
+    assert do("generate", *(entry for entry in order if entry != "--force"))["result"]["unchanged"] is True
     assert (folder / "README.md").is_file()
 
 
-def test_an_edited_file_is_told_and_not_taken_for_unchanged(capsys, made):
+def test_an_edited_file_is_told_and_not_taken_for_unchanged(made):
     folder, order, _ = made
     (folder / "README.md").write_text("mine")
-    code, answer = call(capsys, *order)
-    assert code == 3
-    assert answer["errors"][0]["code"] == "output.edited-file"
+    assert fail("generate", *order) == (3, "output.edited-file")
     assert (folder / "README.md").read_text() == "mine"
 
 
-def test_another_compiler_runs_the_self_test_again(capsys, made, target, monkeypatch):
+def test_another_compiler_runs_the_self_test_again(made, target, monkeypatch):
     _, order, _ = made
     if target == "python":
         monkeypatch.setattr("platform.python_version", lambda: "3.99.0")
@@ -125,18 +113,18 @@ def test_another_compiler_runs_the_self_test_again(capsys, made, target, monkeyp
         if other is None:
             pytest.skip("wants gcc or clang besides cc")
         monkeypatch.setattr("symid.codegen.generation.locate_compiler", lambda *_: locate_compiler(other))
-    code, answer = call(capsys, *order)
+    code, answer = ask("generate", *order)
     assert (code, answer["result"]["unchanged"]) == (0, False)
 
 
-def test_a_users_own_files_survive(capsys, made):
+def test_a_users_own_files_survive(made):
     folder, order, _ = made
     own = {folder / "main.c": "int main(void) { return 0; }\n", folder / "own" / "notes.txt": "mine\n"}
     (folder / "own").mkdir()
     for path, text in own.items():
         path.write_text(text)
-    assert call(capsys, *order)[1]["result"]["unchanged"] is True
-    assert call(capsys, *order, "--parameters", "standard")[1]["result"]["unchanged"] is False
+    assert ask("generate", *order)[1]["result"]["unchanged"] is True
+    assert ask("generate", *order, "--parameters", "standard")[1]["result"]["unchanged"] is False
     assert {path: path.read_text() for path in own} == own
 
 

@@ -1,6 +1,5 @@
 """`symid generate` says that the self-test passed where it ran and passed, whatever stands in its way."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -11,13 +10,9 @@ from dataclasses import replace
 import pytest
 
 from symid.cli.main import run as run_cli
+from tests.calls import ask, do, list_codes, refuse
 
 NAMES = ("two_link", "--function", "gravity")
-
-
-def call(capsys, *arguments):
-    code = run_cli(["generate", *map(str, arguments), "--json", "-q"])
-    return code, json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture(params=["c", "python"])
@@ -56,16 +51,14 @@ NO_FILES = 'for a in "$@"; do [ "$a" = -c ] && exit 1; done; exec cc "$@"'
 @pytest.mark.usefixtures("with_make", "c_compiler")
 @pytest.mark.parametrize("name", ["MAKEFLAGS", "GNUMAKEFLAGS"])
 @pytest.mark.parametrize("flags", ["n", "i", "k", "q", "t"])
-def test_flags_of_an_outer_make_change_nothing(capsys, tmp_path, monkeypatch, name, flags):
+def test_flags_of_an_outer_make_change_nothing(tmp_path, monkeypatch, name, flags):
     monkeypatch.setenv(name, flags)
     monkeypatch.setenv("MAKELEVEL", "1")
-    code, answer = call(capsys, *NAMES, "-o", tmp_path / "good")
+    code, answer = ask("generate", *NAMES, "-o", tmp_path / "good")
     assert (code, answer["result"]["selftest"]) == (0, "passed")
     assert answer["result"]["sizes"]["gravity"]["code"] > 0
     use_compiler(monkeypatch, make_compiler(tmp_path / "bin", NO_FILES))
-    code, answer = call(capsys, *NAMES, "-o", tmp_path / "bad")
-    assert code == 70
-    assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
+    assert refuse("generate", *NAMES, "-o", tmp_path / "bad") == (70, ["generate.selftest-failed"])
     assert not (tmp_path / "bad").exists()
 
 
@@ -86,28 +79,26 @@ def build_instead(program):
         "no program",
     ],
 )
-def test_only_the_program_itself_can_pass(capsys, tmp_path, monkeypatch, c_compiler, program):
+def test_only_the_program_itself_can_pass(tmp_path, monkeypatch, c_compiler, program):
     use_compiler(monkeypatch, make_compiler(tmp_path / "bin", build_instead(program)))
-    code, answer = call(capsys, *NAMES, "-o", tmp_path / "code")
-    assert code == 70
-    assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
+    assert refuse("generate", *NAMES, "-o", tmp_path / "code") == (70, ["generate.selftest-failed"])
 
 
 @pytest.mark.usefixtures("with_make")
-def test_a_test_that_does_not_end_is_said(capsys, tmp_path, monkeypatch, c_compiler):
+def test_a_test_that_does_not_end_is_said(tmp_path, monkeypatch, c_compiler):
     monkeypatch.setattr("symid.codegen.generation._SELFTEST_TIMEOUT", 3.0)
     program = "#!/bin/sh\\\\nexec sleep 60\\\\n"
     use_compiler(monkeypatch, make_compiler(tmp_path / "bin", build_instead(program)))
-    code, answer = call(capsys, *NAMES, "-o", tmp_path / "code")
+    code, answer = ask("generate", *NAMES, "-o", tmp_path / "code")
     assert code == 70
-    assert [entry["code"] for entry in answer["errors"]] == ["generate.selftest-failed"]
+    assert list_codes(answer, "errors") == ["generate.selftest-failed"]
     assert "3 s" in answer["errors"][0]["text"]
 
 
-def test_files_of_the_user_take_no_part(capsys, tmp_path, target):
+def test_files_of_the_user_take_no_part(tmp_path, target):
     folder = tmp_path / "code"
     order = (*NAMES, "--target", target, "-o", folder)
-    assert call(capsys, *order)[0] == 0
+    assert ask("generate", *order)[0] == 0
     (folder / "mine.py").write_text("raise SystemExit(1)\n")
     (folder / "selftest").write_text("mine\n")
     (folder / "GNUmakefile").write_text("selftest:\n\tfalse\n")
@@ -116,18 +107,18 @@ def test_files_of_the_user_take_no_part(capsys, tmp_path, target):
     (folder / "secret").mkdir(mode=0)
     with (folder / "log").open("wb") as log:
         log.truncate(10**12)
-    code, answer = call(capsys, *order, "--force")
+    code, answer = ask("generate", *order, "--force")
     assert (code, answer["result"]["selftest"]) == (0, "passed")
     assert (folder / "log").stat().st_size == 10**12
 
 
 @pytest.mark.parametrize("force", [False, True])
-def test_code_that_fails_its_test_is_not_written(capsys, tmp_path, monkeypatch, target, force):
+def test_code_that_fails_its_test_is_not_written(tmp_path, monkeypatch, target, force):
     """A new folder does not appear, one of an earlier run stays as it was, and both are said."""
     from symid.codegen import generation
 
     new, old = tmp_path / "new", tmp_path / "old"
-    assert call(capsys, *NAMES, "--target", target, "-o", old)[0] == 0
+    assert ask("generate", *NAMES, "--target", target, "-o", old)[0] == 0
     before = {path.name: path.read_bytes() for path in old.iterdir()}
     write = generation.write_sources
 
@@ -138,7 +129,7 @@ def test_code_that_fails_its_test_is_not_written(capsys, tmp_path, monkeypatch, 
     monkeypatch.setattr(generation, "write_sources", spoil)
     order = ("two_link", "--function", "friction", "--target", target, *(["--force"] if force else []))
     for folder in (new, old):
-        code, answer = call(capsys, *order, "-o", folder)
+        code, answer = ask("generate", *order, "-o", folder)
         assert code == 70
         (error,) = answer["errors"]
         assert error["code"] == "generate.selftest-failed"
@@ -148,7 +139,7 @@ def test_code_that_fails_its_test_is_not_written(capsys, tmp_path, monkeypatch, 
     assert sorted(path.name for path in tmp_path.iterdir()) == ["old"]
 
 
-def test_many_at_once_leave_what_the_last_of_them_made(capsys, tmp_path, project):
+def test_many_at_once_leave_what_the_last_of_them_made(tmp_path, project):
     """Each says of its own code that it passed; what is there is whole, and its record is its own."""
     folder = tmp_path / "code"
     environment = {**os.environ, "PYTHONPATH": str(project)}
@@ -176,8 +167,7 @@ def test_many_at_once_leave_what_the_last_of_them_made(capsys, tmp_path, project
         order = ("two_link", "--function", "gravity", "--parameters", parameters, "--precision", precision)
         before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
         copy = shutil.copytree(folder, tmp_path / f"{parameters}_{precision}")
-        code, answer = call(capsys, *order, "-o", copy)
-        assert code == 0
+        answer = do("generate", *order, "-o", copy)
         found.append(answer["result"]["unchanged"])
         assert before == {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     assert sorted(found) == [False, False, True]

@@ -12,15 +12,10 @@ import symid
 from symid.cli.main import run
 from symid.robot.loading import locate_robot_file
 from symid.serialization import write_json
+from tests.calls import ask, do, find_codes, list_codes, refuse, say
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kr300"
 MISSING = pytest.mark.skipif(not KR300.exists(), reason=f"the KR300's recordings are not at {KR300}")
-
-
-def call_json(capsys, *arguments):
-    capsys.readouterr()
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture
@@ -49,11 +44,10 @@ def two_sided(one_sided):
 
 
 @MISSING
-def test_kr300_delay_offsets_and_the_one_spring_that_can_be_told(capsys, tmp_path):
+def test_kr300_delay_offsets_and_the_one_spring_that_can_be_told(tmp_path):
     logs = [KR300 / f"run_{name}.npz" for name in "abc"]
     output = tmp_path / "springs.json"
-    code, answer = call_json(capsys, "identify", "kr300", *logs, "--method", "stiffness", "-o", output)
-    assert code == 0
+    answer = do("identify", "kr300", *logs, "--method", "stiffness", "-o", output)
     result = answer["result"]
     assert result["delay_ms"] == pytest.approx(3.0, abs=0.1)
     assert 0.0 < result["delay_std_ms"] < 0.1
@@ -71,7 +65,7 @@ def test_kr300_delay_offsets_and_the_one_spring_that_can_be_told(capsys, tmp_pat
         assert entry["interval"] is None
         assert entry["reason"]
     assert result["hysteresis"] is None
-    codes = {warning["code"] for warning in answer["warnings"]}
+    codes = find_codes(answer)
     assert {"log.no-second-encoder", "log.aligned"} <= codes
     written = json.loads(output.read_text())
     assert {name: written[name] for name in result} == result
@@ -80,43 +74,38 @@ def test_kr300_delay_offsets_and_the_one_spring_that_can_be_told(capsys, tmp_pat
 
 
 @MISSING
-def test_kr300_as_a_table(capsys):
-    assert run(["identify", "kr300", str(KR300 / "run_b.npz"), "--method", "stiffness", "-q"]) == 0
-    out = capsys.readouterr().out
+def test_kr300_as_a_table():
+    out = say("identify", "kr300", KR300 / "run_b.npz", "--method", "stiffness", "-q")
     assert re.search(r"\b2\.949 ms", out)
     # Each joint is there with its reason.
     assert re.findall(r"(?m)^(joint\d): ", out) == [f"joint{number}" for number in range(1, 7)]
 
 
 @MISSING
-def test_kr300_is_still_identified_as_rigid(capsys):
-    code, answer = call_json(capsys, "identify", "kr300", KR300 / "run_a.npz")
-    assert code == 0
+def test_kr300_is_still_identified_as_rigid():
+    answer = do("identify", "kr300", KR300 / "run_a.npz")
     assert len(answer["result"]["parameters"]) > 50
-    codes = {warning["code"] for warning in answer["warnings"]}
+    codes = find_codes(answer)
     assert "identify.second-encoder" in codes
 
 
 @MISSING
-def test_check_tells_the_second_encoder(capsys):
-    code, answer = call_json(capsys, "check", "kr300", KR300 / "run_a.npz")
-    assert code == 0
+def test_check_tells_the_second_encoder():
+    answer = do("check", "kr300", KR300 / "run_a.npz")
     assert answer["result"]["logs"][0]["second_encoder"] == "link"
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "log.no-second-encoder")
     assert "'joint4', 'joint5', 'joint6'" in notice["text"]
 
 
-def test_the_motor_side_alone(capsys, one_sided):
-    code, answer = call_json(capsys, "identify", "two_link_elastic", one_sided)
-    assert code == 0
+def test_the_motor_side_alone(one_sided):
+    answer = do("identify", "two_link_elastic", one_sided)
     names = [entry["name"] for entry in answer["result"]["refused"]]
     assert {"stiffness1", "hysteresis1", "stiffness2", "hysteresis2"} <= set(names)
-    assert "elastic.motor-side" in {warning["code"] for warning in answer["warnings"]}
+    assert "elastic.motor-side" in find_codes(answer)
 
 
-def test_check_says_that_there_is_no_second_encoder(capsys, one_sided):
-    _, answer = call_json(capsys, "check", "two_link_elastic", one_sided)
-    assert answer["result"]["logs"][0]["second_encoder"] is None
+def test_check_says_that_there_is_no_second_encoder(one_sided):
+    assert ask("check", "two_link_elastic", one_sided)[1]["result"]["logs"][0]["second_encoder"] is None
 
 
 @pytest.mark.parametrize(
@@ -130,30 +119,26 @@ def test_check_says_that_there_is_no_second_encoder(capsys, one_sided):
         ("two_link_elastic", ["--thresholds", "4"], "usage.mixed-options"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(capsys, one_sided, robot, arguments, code):
-    status, answer = call_json(capsys, "identify", robot, one_sided, *arguments)
-    assert status == 2
-    assert [entry["code"] for entry in answer["errors"]] == [code]
+def test_options_that_do_not_fit_are_refused(one_sided, robot, arguments, code):
+    assert refuse("identify", robot, one_sided, *arguments) == (2, [code])
 
 
-def test_rows_are_refused_where_both_encoders_are_there(capsys, two_sided):
-    status, answer = call_json(capsys, "identify", "two_link_elastic", two_sided, "--estimator", "wls")
+def test_rows_are_refused_where_both_encoders_are_there(two_sided):
+    status, answer = ask("identify", "two_link_elastic", two_sided, "--estimator", "wls")
     assert status == 2
     assert answer["errors"][0]["code"] == "usage.mixed-options"
     assert "--estimator" in answer["errors"][0]["text"]
 
 
-def test_logs_of_two_kinds_are_refused(capsys, one_sided, two_sided):
-    status, answer = call_json(capsys, "identify", "two_link_elastic", one_sided, two_sided)
+def test_logs_of_two_kinds_are_refused(one_sided, two_sided):
+    status, answer = ask("identify", "two_link_elastic", one_sided, two_sided)
     assert status == 3
-    assert [entry["code"] for entry in answer["errors"]] == ["log.mixed-encoders"]
+    assert list_codes(answer, "errors") == ["log.mixed-encoders"]
     assert answer["errors"][0]["file"] == str(one_sided)
 
 
-def test_stiffness_needs_both_encoders(capsys, one_sided):
-    status, answer = call_json(capsys, "identify", "two_link", one_sided, "--method", "stiffness")
-    assert status == 3
-    assert [entry["code"] for entry in answer["errors"]] == ["log.one-encoder"]
+def test_stiffness_needs_both_encoders(one_sided):
+    assert refuse("identify", "two_link", one_sided, "--method", "stiffness") == (3, ["log.one-encoder"])
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +146,7 @@ def experiment(tmp_path_factory):
     """Return a log of the elastic arm whose link encoders are late and have zeros of their own."""
     path = tmp_path_factory.mktemp("elastic") / "run.npz"
     call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "20"]
-    assert run([*call, "--delay", "0.0023", "--offset", "0.002", "-o", str(path), "-q"]) == 0
+    do(*call, "--delay", "0.0023", "--offset", "0.002", "-o", path)
     return path
 
 
@@ -191,7 +176,7 @@ def test_an_elastic_robot_with_both_encoders(identified):
     assert result["alignment"]["delay_ms"] == pytest.approx(2.3, abs=0.15)
     offsets = result["alignment"]["offsets"][0]["offsets"]
     assert all(abs(value + 2e-3) < 4e-4 for value in offsets.values())
-    assert "log.aligned" in {warning["code"] for warning in answer["warnings"]}
+    assert "log.aligned" in find_codes(answer)
     known = [entry for entry in result["parameters"] if entry["truth"]]
     assert len(known) == 10
     worst = max(abs(entry["value"] / entry["truth"] - 1.0) for entry in known)
@@ -213,20 +198,19 @@ def test_one_method_as_tables(capsys, experiment):
     assert re.search(r"moved by [0-9.]+ ms", " ".join(captured.err.split()))
 
 
-def test_stiffness_of_an_elastic_arm(capsys, experiment, tmp_path):
+def test_stiffness_of_an_elastic_arm(experiment, tmp_path):
     file, first, second = (tmp_path / name for name in ("stiff.json", "first.html", "second.html"))
     call = ("identify", "two_link_elastic", experiment, "--method", "stiffness", "-o", file, "--page", first)
-    code, answer = call_json(capsys, *call)
-    assert code == 0
-    again, reported = call_json(capsys, "report", file, "-o", second)
+    answer = do(*call)
+    again, reported = ask("report", file, "-o", second)
     assert (again, reported["result"]["joints"]) == (0, answer["result"]["joints"])
     assert reported["result"]["offsets"] == answer["result"]["offsets"]
     head = second.read_text().split('<nav aria-label="Contents">')[0]
     assert head == first.read_text().split('<nav aria-label="Contents">')[0]
-    refused, reported = call_json(capsys, "report", file, "-o", second, "--force", "--diagnose")
+    refused, reported = ask("report", file, "-o", second, "--force", "--diagnose")
     assert (refused, reported["errors"][0]["code"]) == (2, "usage.no-validation")
     file.write_text(file.read_text().replace('"delays": [', '"delays": [1.0, '))
-    refused, reported = call_json(capsys, "report", file, "-o", second, "--force")
+    refused, reported = ask("report", file, "-o", second, "--force")
     assert (refused, "delays" in reported["errors"][0]["text"]) == (3, True)
     assert answer["result"]["delay_ms"] == pytest.approx(2.3, abs=0.15)
     for entry, (low, high) in zip(answer["result"]["joints"], ((380, 600), (90, 150)), strict=True):
@@ -234,34 +218,31 @@ def test_stiffness_of_an_elastic_arm(capsys, experiment, tmp_path):
         assert low < entry["stiffness"] < high
 
 
-def test_without_a_delay_nothing_is_moved(capsys, tmp_path):
+def test_without_a_delay_nothing_is_moved(tmp_path):
     path = tmp_path / "run.npz"
     call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "12"]
-    assert run([*call, "-o", str(path), "-q"]) == 0
-    code, answer = call_json(capsys, "identify", "two_link_elastic", path, "--method", "elimination")
-    assert code == 0
+    do(*call, "-o", path)
+    answer = do("identify", "two_link_elastic", path, "--method", "elimination")
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "log.in-line")
     assert re.search(r"[0-9.]+ ms", notice["text"])
-    assert "log.aligned" not in {entry["code"] for entry in answer["warnings"]}
+    assert "log.aligned" not in find_codes(answer)
     assert answer["result"]["method"] == "elimination"
 
 
-def test_a_log_too_short_for_a_delay_is_taken_as_it_is(capsys, tmp_path):
+def test_a_log_too_short_for_a_delay_is_taken_as_it_is(tmp_path):
     path = tmp_path / "run.npz"
     call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "4"]
-    assert run([*call, "-o", str(path), "-q"]) == 0
-    code, answer = call_json(capsys, "identify", "two_link_elastic", path, "--method", "elimination")
-    assert code == 0
-    assert "log.short-alignment" in {entry["code"] for entry in answer["warnings"]}
+    do(*call, "-o", path)
+    answer = do("identify", "two_link_elastic", path, "--method", "elimination")
+    assert "log.short-alignment" in find_codes(answer)
     assert answer["result"]["alignment"] is None
 
 
-def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(capsys, experiment):
+def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(experiment):
     call = ("identify", "two_link_elastic", experiment, "--method", "linear-spring")
-    _, plain = call_json(capsys, *call)
+    _, plain = ask(*call)
     assert plain["result"]["settings"]["cutoff"] is None
-    code, answer = call_json(capsys, *call, "--cutoff", "15", "--drop-first", "3000", "--drop-last", "2000")
-    assert code == 0
+    answer = do(*call, "--cutoff", "15", "--drop-first", "3000", "--drop-last", "2000")
     settings = answer["result"]["settings"]
     assert settings["cutoff"] == 15.0
     assert settings["cutoffs"] == [15.0]
@@ -270,9 +251,7 @@ def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(capsys, e
     counts = [entry["result"]["residual"][0]["samples"] for entry in (plain, answer)]
     assert counts[1] < counts[0] - 1000
     # The same by the names of the settings; no filter is a setting too.
-    code, answer = call_json(capsys, *call, "--set", "processing.filter_cutoff=none")
-    assert code == 0
-    assert answer["result"]["settings"]["cutoffs"] == [0.0]
+    assert do(*call, "--set", "processing.filter_cutoff=none")["result"]["settings"]["cutoffs"] == [0.0]
 
 
 @pytest.mark.parametrize(
@@ -284,21 +263,17 @@ def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(capsys, e
         ("stiffness", ["--cutoff", "30"], "filter_cutoff (--cutoff)"),
     ],
 )
-def test_settings_without_a_meaning_for_elastic_joints_are_refused(capsys, two_sided, method, options, name):
-    status, answer = call_json(
-        capsys, "identify", "two_link_elastic", two_sided, "--method", method, *options
-    )
+def test_settings_without_a_meaning_for_elastic_joints_are_refused(two_sided, method, options, name):
+    status, answer = ask("identify", "two_link_elastic", two_sided, "--method", method, *options)
     assert status == 2
     (error,) = answer["errors"]
     assert error["code"] == "usage.elastic-processing"
     assert error["text"].startswith(f"processing.{name} ")
 
 
-def test_cutting_off_all_of_an_elastic_log_is_refused(capsys, two_sided):
+def test_cutting_off_all_of_an_elastic_log_is_refused(two_sided):
     call = ("identify", "two_link_elastic", two_sided, "--method", "elimination")
-    status, answer = call_json(capsys, *call, "--drop-first", "5990", "--drop-last", "8")
-    assert status == 3
-    assert {entry["code"] for entry in answer["errors"]} == {"log.too-short"}
+    assert refuse(*call, "--drop-first", "5990", "--drop-last", "8") == (3, ["log.too-short"])
 
 
 @pytest.fixture
@@ -313,14 +288,13 @@ def strict_arm(tmp_path):
     return path
 
 
-def test_settings_of_the_robot_file_are_used_or_told(capsys, strict_arm, experiment):
-    code, answer = call_json(capsys, "identify", strict_arm, experiment, "--method", "linear-spring")
-    assert code == 0
+def test_settings_of_the_robot_file_are_used_or_told(strict_arm, experiment):
+    answer = do("identify", strict_arm, experiment, "--method", "linear-spring")
     assert answer["result"]["settings"]["cutoffs"] == [22.0]
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "identify.unused-processing")
     assert notice["text"].startswith("[processing] standstill, decimation:")
-    assert "log.cut" in {entry["code"] for entry in answer["warnings"]}
-    code, answer = call_json(capsys, "identify", strict_arm, experiment, "--method", "stiffness")
+    assert "log.cut" in find_codes(answer)
+    answer = do("identify", strict_arm, experiment, "--method", "stiffness")
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "identify.unused-processing")
     assert notice["text"].startswith("[processing] standstill, decimation, filter_cutoff:")
 
@@ -337,12 +311,10 @@ def make_late(path, target, delay, rate=1000):
     return target
 
 
-def test_a_delay_beyond_the_search_is_refused(capsys, experiment, tmp_path):
+def test_a_delay_beyond_the_search_is_refused(experiment, tmp_path):
     late = make_late(experiment, tmp_path / "late.npz", 0.15)
     for method in ("elimination", "stiffness"):
-        code, answer = call_json(capsys, "identify", "two_link_elastic", late, "--method", method)
-        assert code == 3
-        assert [entry["code"] for entry in answer["errors"]] == ["log.delay-beyond"]
+        assert refuse("identify", "two_link_elastic", late, "--method", method) == (3, ["log.delay-beyond"])
 
 
 def test_links_ahead_of_their_motors_are_called_so(capsys, experiment, tmp_path):
@@ -357,13 +329,12 @@ def test_links_ahead_of_their_motors_are_called_so(capsys, experiment, tmp_path)
 def test_without_a_delay_none_is_told(capsys, tmp_path):
     path = tmp_path / "run.npz"
     call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "12"]
-    assert run([*call, "--offset", "0.5", "-o", str(path), "-q"]) == 0
+    do(*call, "--offset", "0.5", "-o", path)
     assert run(["identify", "two_link_elastic", str(path), "--method", "stiffness"]) == 0
     captured = capsys.readouterr()
     assert re.search(r"offsets .* 0\.5\b", " ".join(captured.err.split()))
     assert " 0 ms" not in captured.err
-    code, answer = call_json(capsys, "identify", "two_link_elastic", path, "--method", "elimination")
-    assert code == 0
+    answer = do("identify", "two_link_elastic", path, "--method", "elimination")
     offsets = answer["result"]["alignment"]["offsets"][0]["offsets"]
     assert all(value == pytest.approx(-0.5, abs=3e-4) for value in offsets.values())
     worst = max(
@@ -384,34 +355,31 @@ def link_side(experiment, tmp_path):
     return tmp_path / "links.npz", tmp_path / "named.npz"
 
 
-def test_positions_of_links_alone_are_no_motor_side(capsys, link_side):
+def test_positions_of_links_alone_are_no_motor_side(link_side):
     plain, named = link_side
     # A wide band: within a narrow one the rotors are met in spite of it.
     wide = ("--cutoff", 100, "--decimate", 5, "--estimator", "wls")
-    code, answer = call_json(capsys, "identify", "two_link_elastic", plain, *wide)
+    code, answer = ask("identify", "two_link_elastic", plain, *wide)
     assert code == 1
-    assert [entry["code"] for entry in answer["errors"]] == ["identify.wrong"]
+    assert list_codes(answer, "errors") == ["identify.wrong"]
     (notice,) = (entry for entry in answer["warnings"] if entry["code"] == "elastic.negative-rotor")
     assert "IA2" in notice["text"]
-    code, answer = call_json(capsys, "identify", "two_link_elastic", plain)
-    assert code == 0
+    answer = do("identify", "two_link_elastic", plain)
     rotor = next(entry for entry in answer["result"]["parameters"] if entry["name"] == "IA2")
     assert rotor["value"] == pytest.approx(0.05, abs=3.0 * rotor["std"])
-    code, answer = call_json(capsys, "identify", "two_link_elastic", named)
+    code, answer = ask("identify", "two_link_elastic", named)
     assert code == 3
     assert {entry["code"] for entry in answer["errors"]} == {"log.missing-column", "log.one-side"}
     chosen = ("--set", "log.position.columns=link_position", "--set", "log.position.unit=rad")
-    code, answer = call_json(capsys, "identify", "two_link_elastic", named, *chosen)
-    assert code == 3
-    assert [entry["code"] for entry in answer["errors"]] == ["elastic.link-side"]
+    assert refuse("identify", "two_link_elastic", named, *chosen) == (3, ["elastic.link-side"])
 
 
-def test_a_robot_with_a_rigid_joint_has_springs_where_joints_are_elastic(capsys, experiment, tmp_path):
+def test_a_robot_with_a_rigid_joint_has_springs_where_joints_are_elastic(experiment, tmp_path):
     text = locate_robot_file("two_link_elastic").read_text(encoding="utf-8")
     first, last = text.rindex("[joint.elasticity]"), text.rindex("[joint.limits]")
     robot = tmp_path / "mixed.toml"
     robot.write_text(text[:first] + text[last:], encoding="utf-8")
-    code, answer = call_json(capsys, "identify", robot, experiment, "--method", "weighted")
+    code, answer = ask("identify", robot, experiment, "--method", "weighted")
     assert code in (0, 1)
     assert [entry["joint"] for entry in answer["result"]["springs"]] == ["shoulder"]
     # Its elbow gives, which the file denies.
@@ -419,6 +387,6 @@ def test_a_robot_with_a_rigid_joint_has_springs_where_joints_are_elastic(capsys,
     assert "[joint.elasticity]" in notice["text"]
     with np.load(experiment) as log:
         np.savez(tmp_path / "one.npz", t=log["t"], q=log["theta"], tau=log["tau"])
-    code, alone = call_json(capsys, "identify", robot, tmp_path / "one.npz")
+    code, alone = ask("identify", robot, tmp_path / "one.npz")
     assert code == 0
     assert "elastic.motor-side" in {entry["code"] for entry in alone["warnings"]}

@@ -1,34 +1,20 @@
 """`symid identify` with every estimator and kind of rows, and what does not go together."""
 
-import json
-
 import pytest
 
-from symid.cli.main import run
+from tests.calls import ask, do, refuse
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("estimators") / "log.npz"
-    assert run(["simulate", "two_link", "--seed", "1", "--duration", "10", "-o", str(path), "-q"]) == 0
+    do("simulate", "two_link", "--seed", "1", "--duration", "10", "-o", path)
     return path
 
 
-def call(capsys, *arguments):
-    capsys.readouterr()
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def find_codes(answer):
-    return {entry["code"] for entry in (*answer.get("errors", ()), *answer.get("warnings", ()))}
-
-
 @pytest.mark.parametrize("estimator", ["gls", "huber", "ridge", "consistent", "sequential"])
-def test_every_estimator_finds_the_stated_values(capsys, log, estimator):
-    code, answer = call(capsys, "identify", "two_link", log, "--estimator", estimator)
-    assert code == 0
-    result = answer["result"]
+def test_every_estimator_finds_the_stated_values(log, estimator):
+    result = do("identify", "two_link", log, "--estimator", estimator)["result"]
     assert result["estimator"] == estimator
     assert result["settings"]["fit"]
     for entry in result["parameters"]:
@@ -43,22 +29,18 @@ def test_every_estimator_finds_the_stated_values(capsys, log, estimator):
         ("--rows", "momentum", "--window", "0.2", "--overlap", "0.5"),
     ],
 )
-def test_every_kind_of_rows_finds_the_stated_values(capsys, log, options):
-    code, answer = call(capsys, "identify", "two_link", log, "--estimator", "wls", *options)
-    assert code == 0
+def test_every_kind_of_rows_finds_the_stated_values(log, options):
+    answer = do("identify", "two_link", log, "--estimator", "wls", *options)
     for entry in answer["result"]["parameters"]:
         assert abs(entry["value"] - entry["truth"]) < 0.05 * max(abs(entry["truth"]), 0.2)
     if "--overlap" in options:
         assert answer["result"]["settings"]["overlap"] == 0.5
 
 
-def test_an_estimate_is_a_prior(capsys, log, tmp_path):
+def test_an_estimate_is_a_prior(log, tmp_path):
     first = tmp_path / "first.json"
-    assert call(capsys, "identify", "two_link", log, "-o", first)[0] == 0
-    code, answer = call(
-        capsys, "identify", "two_link", log, "--estimator", "ridge", "--prior", first, "--prior-weight", "1"
-    )
-    assert code == 0
+    assert ask("identify", "two_link", log, "-o", first)[0] == 0
+    answer = do("identify", "two_link", log, "--estimator", "ridge", "--prior", first, "--prior-weight", "1")
     assert answer["result"]["settings"]["fit"]["prior_weight"] == 1.0
 
 
@@ -72,26 +54,22 @@ def test_an_estimate_is_a_prior(capsys, log, tmp_path):
         ("--rows", "filtered", "--overlap", "0.5"),
     ],
 )
-def test_options_of_others_are_refused(capsys, log, options):
-    code, answer = call(capsys, "identify", "two_link", log, *options)
-    assert code == 2
-    assert find_codes(answer) == {"usage.mixed-options"}
+def test_options_of_others_are_refused(log, options):
+    assert refuse("identify", "two_link", log, *options) == (2, ["usage.mixed-options"])
 
 
-def test_a_motion_that_does_not_repeat_tells_no_noise(capsys, log):
-    code, answer = call(capsys, "identify", "two_link", log, "--estimator", "gls", "--period", "0.37")
-    assert code == 2
-    assert find_codes(answer) == {"usage.period"}
+def test_a_motion_that_does_not_repeat_tells_no_noise(log):
+    assert refuse("identify", "two_link", log, "--estimator", "gls", "--period", "0.37") == (
+        2,
+        ["usage.period"],
+    )
 
 
-def test_the_studies_of_identification_answer(capsys, log):
-    code, answer = call(capsys, "study", "precision", "two_link", "--seeds", "3", "--jobs", "1")
-    assert code == 0
+def test_the_studies_of_identification_answer(log):
+    answer = do("study", "precision", "two_link", "--seeds", "3", "--jobs", "1")
     assert [entry["method"] for entry in answer["result"]["methods"]] == ["wls", "momentum", "consistent"]
-    code, answer = call(capsys, "study", "cutoff", "two_link", log)
+    code, answer = ask("study", "cutoff", "two_link", log)
     assert code == 0
     assert answer["result"]["lines"]
     for arguments in (("precision",), ("cutoff", "two_link"), ("elastic", "two_link")):
-        code, answer = call(capsys, "study", *arguments)
-        assert code == 2
-        assert find_codes(answer) == {"usage.call"}
+        assert refuse("study", *arguments) == (2, ["usage.call"])

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from symid.cli.main import run
+from tests.calls import ask, call, do, find_codes, refuse
 from tests.unit.identification.friction.cosine_rigs import PLAIN, STRIBECK, record
 
 LAW = ("--rows", "friction")
@@ -16,22 +16,6 @@ PLAIN_PROCESSING = (
     *("--set", "processing.filter_cutoff=none", "--decimate", "1"),
     *("--set", "processing.standstill=0", "--drop-first", "20", "--drop-last", "20"),
 )
-
-
-def call(capsys, *arguments):
-    capsys.readouterr()
-    code = run([*map(str, arguments)])
-    written = capsys.readouterr()
-    return code, written.out, written.err
-
-
-def call_json(capsys, *arguments):
-    code, out, _ = call(capsys, *arguments, "--json")
-    return code, json.loads(out)
-
-
-def find_codes(answer):
-    return {entry["code"] for entry in (*answer.get("errors", ()), *answer.get("warnings", ()))}
 
 
 def save(path, recording):
@@ -64,9 +48,9 @@ def arm_logs(tmp_path):
     return [save(tmp_path / f"log{k}.npz", entry) for k, entry in enumerate(recordings)]
 
 
-def test_a_law_is_chosen_and_its_parameters_told(capsys, axis_log, tmp_path):
+def test_a_law_is_chosen_and_its_parameters_told(axis_log, tmp_path):
     output, page = tmp_path / "friction.json", tmp_path / "friction.html"
-    code, out, err = call(capsys, "identify", "emps", axis_log, *AXIS_LAW, "-o", output)
+    code, out, err = call("identify", "emps", axis_log, *AXIS_LAW, "-o", output)
     assert code == 0
     assert "held out/%" in out
     assert "chosen" in out
@@ -75,7 +59,7 @@ def test_a_law_is_chosen_and_its_parameters_told(capsys, axis_log, tmp_path):
     assert "Traceback" not in err
     data = json.loads(output.read_text())
     assert (data["format"], data["kind"]) == ("symid fit", "friction")
-    code, answer = call_json(capsys, "report", output, "-o", page)
+    code, answer = ask("report", output, "-o", page)
     assert (code, answer["result"]["robot"]) == (0, "emps")
     text = page.read_text()
     assert "emps: identified friction" in text
@@ -86,23 +70,20 @@ def test_a_law_is_chosen_and_its_parameters_told(capsys, axis_log, tmp_path):
     v = 0.06 * np.sin(2.0 * np.pi * 0.4 * time)
     friction = (20.0 + 8.0 * np.exp(-((v / 0.008) ** 2))) * np.sign(v) + 200.0 * v - 3.0
     other = save_axis(tmp_path / "other.npz", v, friction)
-    code, answer = call_json(capsys, "validate", "emps", output, other, "--test", "20%:")
+    code, answer = ask("validate", "emps", output, other, "--test", "20%:")
     left = answer["result"]["mean_relative_percent"]
     held_out = ("--force", "--validation", other, "--test", "20%:")
-    code, answer = call_json(capsys, "report", output, "-o", page, *held_out)
-    assert code == 0, answer
-    assert answer["result"]["validations"] == [str(other)]
+    assert do("report", output, "-o", page, *held_out)["result"]["validations"] == [str(other)]
     text = page.read_text()
     assert f"<dt>of the torque unexplained in the held-out log</dt><dd>{left:.2g} %</dd>" in text
     assert f"{left:.3g} % of the torque is left unexplained in a held-out log" in text
     assert "Measured and predicted force of" in text
-    code, answer = call_json(capsys, "report", output, "-o", page, "--force", "--validation", axis_log)
+    code, answer = ask("report", output, "-o", page, "--force", "--validation", axis_log)
     assert "A log given for validation is one of the fit" in str(answer["result"]["verdict"]["details"])
 
 
-def test_a_named_law_gives_what_the_motion_had(capsys, axis_log):
-    code, answer = call_json(capsys, "identify", "emps", axis_log, *AXIS_LAW, "--model", "stribeck+offset")
-    assert code == 0
+def test_a_named_law_gives_what_the_motion_had(axis_log):
+    answer = do("identify", "emps", axis_log, *AXIS_LAW, "--model", "stribeck+offset")
     (joint,) = answer["result"]["joints"]
     assert (joint["law"], joint["selection"]) == ("stribeck+offset", None)
     values = {entry["name"]: entry["value"] for entry in joint["parameters"]}
@@ -117,7 +98,7 @@ def test_a_named_law_gives_what_the_motion_had(capsys, axis_log):
 
 
 @pytest.mark.parametrize("estimator", ["varpro", "nlp", "genetic", "annealing", "differential-evolution"])
-def test_every_estimator_can_be_named(capsys, axis_log, estimator):
+def test_every_estimator_can_be_named(axis_log, estimator):
     arguments = (
         "identify",
         "emps",
@@ -128,18 +109,16 @@ def test_every_estimator_can_be_named(capsys, axis_log, estimator):
         "--estimator",
         estimator,
     )
-    code, answer = call_json(capsys, *arguments, "--seed", 3)
-    assert code == 0
+    answer = do(*arguments, "--seed", 3)
     (joint,) = answer["result"]["joints"]
     assert joint["estimator"] == estimator
     # 5.9 to 7.5, by the processor and the estimator: the axis sticks, which amplifies the last bit.
     assert joint["residual"]["relative_percent"] < 8.0
 
 
-def test_slow_and_fast_logs_and_poses_of_an_arm(capsys, arm_logs):
+def test_slow_and_fast_logs_and_poses_of_an_arm(arm_logs):
     arguments = ("identify", "two_link", *arm_logs, *LAW, "--model", "stribeck+offset", *PLAIN_PROCESSING)
-    code, answer = call_json(capsys, *arguments)
-    assert code == 0
+    answer = do(*arguments)
     (joint,) = answer["result"]["joints"]
     for entry in joint["parameters"]:
         assert abs(entry["value"] - STRIBECK[entry["name"]]) < 5.0 * entry["std"]
@@ -149,19 +128,17 @@ def test_slow_and_fast_logs_and_poses_of_an_arm(capsys, arm_logs):
     assert " not " in poses["verdict"]
     assert [entry["joint"] for entry in answer["result"]["refused"]] == ["elbow"]
     assert "friction.joint-refused" in find_codes(answer)
-    _, out, _ = call(capsys, *arguments)
+    _, out, _ = call(*arguments)
     assert "pose 2, 95 %" in out
     assert "elbow: joint 'elbow'" in out
 
 
-def test_known_base_parameters_are_read_from_an_estimate(capsys, arm_logs, tmp_path):
+def test_known_base_parameters_are_read_from_an_estimate(arm_logs, tmp_path):
     output = tmp_path / "estimate.json"
     arguments = ("identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "--partial", "-o", output)
-    _, answer = call_json(capsys, *arguments)
-    assert "friction" in answer["result"]
+    assert "friction" in ask(*arguments)[1]["result"]
     arguments = ("identify", "two_link", arm_logs[1], *LAW, "--model", "coulomb-viscous-offset")
-    code, answer = call_json(capsys, *arguments, *PLAIN_PROCESSING, "--known", output)
-    assert code == 0
+    answer = do(*arguments, *PLAIN_PROCESSING, "--known", output)
     (joint,) = answer["result"]["joints"]
     assert "subtracted" in joint["rigid"]["text"]
     assert joint["rigid"]["parameters"] == []
@@ -169,10 +146,10 @@ def test_known_base_parameters_are_read_from_an_estimate(capsys, arm_logs, tmp_p
     assert values["fC"] == pytest.approx(PLAIN["fC"], rel=0.1)
 
 
-def test_constant_velocity_ends_with_sentences_and_no_number(capsys, tmp_path):
+def test_constant_velocity_ends_with_sentences_and_no_number(tmp_path):
     log = save_axis(tmp_path / "constant.npz", np.full(1500, 0.05), 28.0)
     for model in ("coulomb-viscous-offset", "stribeck+offset", "auto"):
-        code, answer = call_json(capsys, "identify", "emps", log, *AXIS_LAW, "--model", model)
+        code, answer = ask("identify", "emps", log, *AXIS_LAW, "--model", model)
         assert code == 4
         assert answer["ok"] is False
         assert "result" not in answer
@@ -181,27 +158,26 @@ def test_constant_velocity_ends_with_sentences_and_no_number(capsys, tmp_path):
         assert all("0.05 m/s" in text for text in texts)
 
 
-def test_one_direction_gets_numbers_for_what_it_shows_alone(capsys, tmp_path):
+def test_one_direction_gets_numbers_for_what_it_shows_alone(tmp_path):
     time = np.arange(3000) * 4e-3
     v = 0.06 + 0.05 * np.sin(2.0 * np.pi * 0.4 * time)
     log = save_axis(tmp_path / "forward.npz", v, 17.0 + 200.0 * v)
     arguments = ("identify", "emps", log, *AXIS_LAW, "--model", "coulomb-viscous-offset")
-    code, out, err = call(capsys, *arguments)
+    code, out, err = call(*arguments)
     assert code == 0
     assert "refused: fC: the joint moved in the positive direction only" in out
     assert "refused: offset" in out
     assert "one direction" in err
-    code, answer = call_json(capsys, *arguments)
+    code, answer = ask(*arguments)
     (joint,) = answer["result"]["joints"]
     assert [entry["name"] for entry in joint["parameters"]] == ["fV"]
     assert {entry["name"] for entry in joint["refused"]} == {"fC", "offset"}
     assert "friction.one-direction" in find_codes(answer)
 
 
-def test_no_low_velocities_get_no_stribeck_velocity(capsys, axis_log):
+def test_no_low_velocities_get_no_stribeck_velocity(axis_log):
     arguments = ("identify", "emps", axis_log, *AXIS_LAW, "--model", "stribeck+offset")
-    code, answer = call_json(capsys, *arguments, "--set", "processing.standstill=0.05")
-    assert code == 0
+    answer = do(*arguments, "--set", "processing.standstill=0.05")
     (joint,) = answer["result"]["joints"]
     assert {"vs", "fS"} <= {entry["name"] for entry in joint["refused"]}
     assert {"vs", "fS"}.isdisjoint(entry["name"] for entry in joint["parameters"])
@@ -221,71 +197,61 @@ def test_no_low_velocities_get_no_stribeck_velocity(capsys, axis_log):
         (("--estimator", "olz"), "usage.unknown-estimator", "ols"),
     ],
 )
-def test_wrong_options_say_what_is_meant(capsys, axis_log, options, code, hint):
-    exit_code, answer = call_json(capsys, "identify", "emps", axis_log, *options)
+def test_wrong_options_say_what_is_meant(axis_log, options, code, hint):
+    exit_code, answer = ask("identify", "emps", axis_log, *options)
     assert exit_code == 2
     (error,) = answer["errors"]
     assert error["code"] == code
     assert hint in error["text"]
 
 
-def test_options_without_a_part_in_the_result_are_told(capsys, axis_log):
+def test_options_without_a_part_in_the_result_are_told(axis_log):
     arguments = ("identify", "emps", axis_log, *AXIS_LAW, "--model", "coulomb-viscous-offset")
-    code, answer = call_json(capsys, *arguments, "--seed", 3, "--friction", "asymmetric")
-    assert code == 0
+    answer = do(*arguments, "--seed", 3, "--friction", "asymmetric")
     texts = [entry["text"] for entry in answer["warnings"] if entry["code"] == "friction.unused-option"]
     assert [text.split()[0] for text in texts] == ["--seed", "--friction"]
-    code, answer = call_json(capsys, *arguments)
+    answer = do(*arguments)
     assert "friction.unused-option" not in find_codes(answer)
-    code, answer = call_json(capsys, *arguments[:-1], "makkar", "--smoothing", "0.001")
-    assert (code, find_codes(answer)) == (2, {"usage.friction-smoothing"})
+    assert refuse(*arguments[:-1], "makkar", "--smoothing", "0.001") == (2, ["usage.friction-smoothing"])
 
 
-def test_a_wrong_period_is_refused_and_every_log_may_have_its_own(capsys, tmp_path):
+def test_a_wrong_period_is_refused_and_every_log_may_have_its_own(tmp_path):
     logs = [
         save(tmp_path / f"log{k}.npz", record(peak, law="coulomb-viscous-offset", periods=6.1))
         for k, peak in enumerate((np.pi / 3.0, np.pi / 6.0))
     ]
     arguments = ("identify", "two_link", *logs, *LAW, "--model", "coulomb-viscous-offset")
-    code, answer = call_json(capsys, *arguments, "--period", "3")
-    assert (code, find_codes(answer)) == (3, {"log.not-periodic"})
-    code, answer = call_json(capsys, *arguments, "--period", "3", "--period", "6")
-    assert code == 0
-    assert answer["result"]["settings"]["period"] == [3.0, 6.0]
-    code, answer = call_json(capsys, *arguments, *("--period", "3") * 3)
-    assert (code, find_codes(answer)) == (2, {"usage.friction-periods"})
+    assert refuse(*arguments, "--period", "3") == (3, ["log.not-periodic"])
+    assert do(*arguments, "--period", "3", "--period", "6")["result"]["settings"]["period"] == [3.0, 6.0]
+    assert refuse(*arguments, *("--period", "3") * 3) == (2, ["usage.friction-periods"])
 
 
-def test_a_pose_without_rows_is_left_out(capsys, tmp_path):
+def test_a_pose_without_rows_is_left_out(tmp_path):
     recordings = (record(1.0), record(0.08, pose=(0.3, 1.2), periods=1.0, seed=1))
     logs = [save(tmp_path / f"log{k}.npz", entry) for k, entry in enumerate(recordings)]
     arguments = ("identify", "two_link", *logs, *LAW, "--model", "coulomb-viscous-offset")
     arguments = (*arguments, *PLAIN_PROCESSING, "--set", "processing.standstill=0.1")
-    code, answer = call_json(capsys, *arguments)
-    assert code == 0
+    answer = do(*arguments)
     assert "friction.pose-skipped" in find_codes(answer)
     (skipped,) = answer["result"]["joints"][0]["poses"]["skipped"]
     assert "log1.npz" in skipped["sources"]
-    _, out, _ = call(capsys, *arguments)
+    _, out, _ = call(*arguments)
     assert "left out: " in out
 
 
-def test_elastic_robots_are_told_what_counts_as_friction(capsys, arm_logs):
+def test_elastic_robots_are_told_what_counts_as_friction(arm_logs):
     arguments = ("identify", "two_link_elastic", arm_logs[1], *LAW, "--model", "coulomb-viscous-offset")
-    code, answer = call_json(capsys, *arguments)
-    assert code == 0
-    assert "friction.elastic" in find_codes(answer)
+    assert "friction.elastic" in find_codes(do(*arguments))
 
 
-def test_files_that_exist_are_kept(capsys, axis_log, tmp_path):
+def test_files_that_exist_are_kept(axis_log, tmp_path):
     output = tmp_path / "friction.json"
     output.write_text("mine")
-    code, answer = call_json(capsys, "identify", "emps", axis_log, *AXIS_LAW, "-o", output)
-    assert (code, find_codes(answer)) == (3, {"output.exists"})
+    assert refuse("identify", "emps", axis_log, *AXIS_LAW, "-o", output) == (3, ["output.exists"])
     assert output.read_text() == "mine"
 
 
-def test_emps_takes_the_law_that_leaves_least(capsys, shared_data, tmp_path):
+def test_emps_takes_the_law_that_leaves_least(shared_data, tmp_path):
     log = shared_data / "emps" / "DATA_EMPS.mat"
     arguments = ("identify", "emps", log, *EMPS_LAW)
     for model, percent in (
@@ -294,18 +260,16 @@ def test_emps_takes_the_law_that_leaves_least(capsys, shared_data, tmp_path):
         ("asymmetric", 3.1117),
         ("asymmetric-stribeck", 2.9325),
     ):
-        code, answer = call_json(capsys, *arguments, "--model", model)
-        assert code == 0
+        answer = do(*arguments, "--model", model)
         (joint,) = answer["result"]["joints"]
         assert joint["residual"]["relative_percent"] == pytest.approx(percent, abs=5.1e-5)
     assert {entry["name"]: round(entry["value"], 4) for entry in joint["parameters"]}["vs"] == 0.0288
 
 
 @pytest.mark.slow
-def test_emps_chooses_the_richest_law_on_blocks_held_back(capsys, shared_data):
+def test_emps_chooses_the_richest_law_on_blocks_held_back(shared_data):
     log = shared_data / "emps" / "DATA_EMPS.mat"
-    code, answer = call_json(capsys, "identify", "emps", log, *EMPS_LAW)
-    assert code == 0
+    answer = do("identify", "emps", log, *EMPS_LAW)
     (joint,) = answer["result"]["joints"]
     assert joint["law"] == "asymmetric-stribeck"
     assert joint["selection"]["trials"][0]["squared_error_ratio"] < 0.52

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from symid.cli.main import run
+from tests.calls import ask, do, find_codes, find_texts, refuse, say
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -20,20 +20,6 @@ NAME = ("--estimator", "instrumental")
 HIGH = ("--set", "processing.filter_cutoff=60", "--set", "processing.decimation.factor=5")
 
 
-def call(capsys, *arguments):
-    capsys.readouterr()
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def find_codes(answer):
-    return {entry["code"] for entry in (*answer.get("errors", ()), *answer.get("warnings", ()))}
-
-
-def find_texts(answer):
-    return " ".join(entry["text"] for entry in (*answer.get("errors", ()), *answer.get("warnings", ())))
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, robots_folder):
     """Return a folder with a robot file that has a controller, two logs, and one with a noisy encoder."""
@@ -41,7 +27,7 @@ def folder(tmp_path_factory, robots_folder):
     (path / "arm.toml").write_text((robots_folder / "two_link.toml").read_text() + CONTROLLER)
     for seed in (1, 2):
         order = ["simulate", path / "arm.toml", "--duration", 10, "--seed", seed]
-        assert run([*map(str, order), "-o", str(path / f"log{seed}.npz"), "-q"]) == 0
+        do(*order, "-o", path / f"log{seed}.npz")
     with np.load(path / "log1.npz") as log:
         content = dict(log)
     rng = np.random.default_rng(0)
@@ -53,14 +39,13 @@ def folder(tmp_path_factory, robots_folder):
 @pytest.fixture(scope="module")
 def estimate(folder):
     order = ["identify", folder / "arm.toml", folder / "log1.npz", *NAME]
-    assert run([*map(str, order), "-o", str(folder / "estimate.json"), "-q"]) == 0
+    do(*order, "-o", folder / "estimate.json")
     return folder / "estimate.json"
 
 
-def test_a_good_log_gives_the_truth_and_clears_wls(capsys, folder):
+def test_a_good_log_gives_the_truth_and_clears_wls(folder):
     logs = (folder / "log1.npz", folder / "log2.npz")
-    code, answer = call(capsys, "identify", folder / "arm.toml", *logs, *NAME)
-    assert code == 0
+    answer = do("identify", folder / "arm.toml", *logs, *NAME)
     result = answer["result"]
     assert (result["estimator"], result["rows"]) == ("instrumental", "torque")
     assert not find_codes(answer) & {"identify.tracking", "identify.biased-wls", "identify.weak-instruments"}
@@ -80,9 +65,8 @@ def test_a_good_log_gives_the_truth_and_clears_wls(capsys, folder):
 
 def test_a_noisy_log_convicts_wls(capsys, folder):
     order = ("identify", folder / "arm.toml", folder / "noisy.npz", *HIGH)
-    _, usual = call(capsys, *order, "--estimator", "wls")
-    code, answer = call(capsys, *order, *NAME)
-    assert code == 0
+    _, usual = ask(*order, "--estimator", "wls")
+    answer = do(*order, *NAME)
     assert "identify.biased-wls" in find_codes(answer)
     assert answer["result"]["settings"]["fit"]["wls"]["biased"] is True
     found, biased = (
@@ -93,21 +77,19 @@ def test_a_noisy_log_convicts_wls(capsys, folder):
         assert abs(found[name]["value"] - truth) < 3.0 * found[name]["std"]
         assert abs(biased[name]["value"] - truth) > 5.0 * biased[name]["std"]
     capsys.readouterr()
-    assert run(list(map(str, (*order, *NAME)))) == 0
-    out = capsys.readouterr().out
+    out = say(*(*order, *NAME))
     assert "instruments along the references" in out
     assert ": ZZ" in out
 
 
 @pytest.mark.parametrize("estimator", ["instrumental", "output-error"])
-def test_parameters_that_are_hardly_known_are_said_so(capsys, folder, tmp_path, estimator):
+def test_parameters_that_are_hardly_known_are_said_so(folder, tmp_path, estimator):
     with np.load(folder / "log1.npz") as log:
         content = dict(log)
     content["tau"] = content["tau"] + 3.0 * np.random.default_rng(1).normal(size=content["tau"].shape)
     np.savez(tmp_path / "loud.npz", **content)
     order = ("identify", folder / "arm.toml", tmp_path / "loud.npz", "--estimator", estimator)
-    code, answer = call(capsys, *order, "--drop-first", "6000")
-    assert code == 0
+    answer = do(*order, "--drop-first", "6000")
     vague = [
         entry["name"] for entry in answer["result"]["parameters"] if entry["std"] > 0.3 * abs(entry["value"])
     ]
@@ -118,66 +100,64 @@ def test_parameters_that_are_hardly_known_are_said_so(capsys, folder, tmp_path, 
     assert f" 30 %): {', '.join(vague)}." in told
 
 
-def test_the_estimate_goes_on_to_validation_report_and_export(capsys, folder, estimate):
+def test_the_estimate_goes_on_to_validation_report_and_export(folder, estimate):
     arm, unseen = folder / "arm.toml", folder / "log2.npz"
-    code, answer = call(capsys, "validate", arm, estimate, unseen)
-    assert code == 0
-    assert answer["result"]["mean_relative_percent"] < 5.0
+    assert do("validate", arm, estimate, unseen)["result"]["mean_relative_percent"] < 5.0
     order = ("report", estimate, "--robot", arm, "--validation", unseen, "--diagnose")
-    code, _ = call(capsys, *order, "-o", folder / "report.html")
+    code, _ = ask(*order, "-o", folder / "report.html")
     assert code == 0
     assert "instrumental" in (folder / "report.html").read_text()
-    code, _ = call(capsys, "export", arm, estimate, "-o", folder / "found.urdf", "--force")
+    code, _ = ask("export", arm, estimate, "-o", folder / "found.urdf", "--force")
     assert code == 0
     assert "<robot" in (folder / "found.urdf").read_text()
 
 
-def test_an_estimate_is_a_start(capsys, folder, estimate):
+def test_an_estimate_is_a_start(folder, estimate):
     order = ("identify", folder / "arm.toml", folder / "log1.npz", *NAME, "--start", estimate)
-    code, answer = call(capsys, *order)
-    assert code == 0
+    answer = do(*order)
     assert answer["result"]["settings"]["fit"]["start"].endswith("estimate.json")
     stored = {entry["name"]: entry for entry in json.loads(estimate.read_text())["parameters"]}
     for entry in answer["result"]["parameters"]:
         assert abs(entry["value"] - stored[entry["name"]]["value"]) < entry["std"]
 
 
-def test_references_that_hardly_move_are_told_to_be_the_reason(capsys, folder, tmp_path):
+def test_references_that_hardly_move_are_told_to_be_the_reason(folder, tmp_path):
     """The log moves, and the simulated robot, which follows its reference, does not."""
     with np.load(folder / "log1.npz") as log:
         content = dict(log)
     content["q_ref"] = content["q_ref"] * 1e-3
     content["dq_ref"] = content["dq_ref"] * 1e-3
     np.savez(tmp_path / "still.npz", **content)
-    code, answer = call(capsys, "identify", folder / "arm.toml", tmp_path / "still.npz", *NAME)
+    code, answer = ask("identify", folder / "arm.toml", tmp_path / "still.npz", *NAME)
     assert code not in (0, 1)
     assert find_codes(answer) == {"identify.blind-instruments", "identify.poor-log"}
     assert "q_ref" in answer["errors"][0]["text"]
 
 
-def test_what_is_missing_is_told_at_once(capsys, folder, tmp_path):
+def test_what_is_missing_is_told_at_once(folder, tmp_path):
     with np.load(folder / "log1.npz") as log:
         np.savez(tmp_path / "bare.npz", t=log["t"], q=log["q"], tau=log["tau"])
-    code, answer = call(capsys, "identify", "two_link", tmp_path / "bare.npz", *NAME)
+    code, answer = ask("identify", "two_link", tmp_path / "bare.npz", *NAME)
     assert code == 2
     assert find_codes(answer) == {"usage.controlled-robot"}
     assert "no reference position" in find_texts(answer)
     assert "[controller]" in find_texts(answer)
 
 
-def test_a_robot_with_springs_is_refused(capsys, tmp_path):
+def test_a_robot_with_springs_is_refused(tmp_path):
     log = tmp_path / "log.npz"
-    assert run(["simulate", "two_link_elastic", "--duration", "2", "-o", str(log), "-q"]) == 0
+    do("simulate", "two_link_elastic", "--duration", "2", "-o", log)
     with np.load(log) as made:
         np.savez(tmp_path / "one.npz", t=made["t"], q=made["theta"], tau=made["tau"], q_ref=made["theta"])
     gains = ("--set", "controller.stiffness=[400, 60]", "--set", "controller.damping=[25, 3]")
-    code, answer = call(capsys, "identify", "two_link_elastic", tmp_path / "one.npz", *NAME, *gains)
+    code, answer = ask("identify", "two_link_elastic", tmp_path / "one.npz", *NAME, *gains)
     assert code == 2
     assert "rigid robots" in find_texts(answer)
 
 
 @pytest.mark.parametrize("options", [(*NAME, "--rows", "momentum"), (*NAME, "--prior", "robot")])
-def test_options_of_others_are_refused(capsys, folder, options):
-    code, answer = call(capsys, "identify", folder / "arm.toml", folder / "log1.npz", *options)
-    assert code == 2
-    assert find_codes(answer) == {"usage.mixed-options"}
+def test_options_of_others_are_refused(folder, options):
+    assert refuse("identify", folder / "arm.toml", folder / "log1.npz", *options) == (
+        2,
+        ["usage.mixed-options"],
+    )

@@ -1,15 +1,14 @@
 """Runs with a payload that is known, and runs without, tell the same robot in one fit."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
-from symid.cli.main import run
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
+from tests.calls import ask, do, list_codes
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -19,11 +18,6 @@ DISC = (
     "inertia = { xx = 0.002, yy = 0.002, zz = 0.003 } }\n"
 )
 ENDS = "drop_first = 300\ndrop_last = 300\n"
-
-
-def call_json(capsys, *arguments):
-    code = run([*map(str, arguments), "--json", "-q"])
-    return code, json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +34,7 @@ def folder(tmp_path_factory, robots_folder):
     (root / "loaded.toml").write_text(write_robot(loaded), encoding="utf-8")
     for name, source, seed in (("empty", "two_link", 1), ("with", root / "loaded.toml", 2)):
         motion = ("--duration", "10", "--seed", str(seed))
-        assert run(["simulate", str(source), *motion, "-o", str(root / f"{name}.npz"), "-q"]) == 0
+        do("simulate", source, *motion, "-o", root / f"{name}.npz")
     runs = f'[[run]]\nfile = "empty.npz"\n{ENDS}[[run]]\nfile = "with.npz"\n{ENDS}'
     (root / "both.toml").write_text(runs + DISC, encoding="utf-8")
     (root / "alone.toml").write_text(f'[[run]]\nfile = "with.npz"\n{ENDS}{DISC}', encoding="utf-8")
@@ -54,15 +48,14 @@ def measure(answer):
 
 
 @pytest.mark.parametrize("rows", ["torque", "momentum", "energy"])
-def test_both_runs_tell_the_robot_without_it(capsys, folder, rows):
+def test_both_runs_tell_the_robot_without_it(folder, rows):
     arguments = ("identify", "two_link", folder / "both.toml", "--rows", rows)
-    code, answer = call_json(capsys, *arguments, "--estimator", "wls" if rows != "energy" else "ols")
-    assert code == 0
+    answer = do(*arguments, "--estimator", "wls" if rows != "energy" else "ols")
     assert np.abs(measure(answer)).max() < 5.0
     (told,) = [entry for entry in answer["warnings"] if entry["code"] == "log.payload"]
     assert told["file"] == str(folder / "with.npz")
     assert "'disc'" in told["text"]
-    _, forgotten = call_json(capsys, "identify", "two_link", folder / "forgotten.toml", "--rows", rows)
+    _, forgotten = ask("identify", "two_link", folder / "forgotten.toml", "--rows", rows)
     errors = [
         np.abs([e["value"] - e["truth"] for e in found["result"]["parameters"]])
         for found in (answer, forgotten)
@@ -70,39 +63,34 @@ def test_both_runs_tell_the_robot_without_it(capsys, folder, rows):
     assert (errors[1] / np.maximum(errors[0], 1e-3)).max() > 10.0
 
 
-def test_the_run_with_it_alone_and_its_validation(capsys, folder, tmp_path):
+def test_the_run_with_it_alone_and_its_validation(folder, tmp_path):
     estimate = tmp_path / "estimate.json"
     arguments = ("identify", "two_link", folder / "alone.toml", "--estimator", "wls", "-o", estimate)
-    code, answer = call_json(capsys, *arguments)
-    assert code == 0
-    assert np.abs(measure(answer)).max() < 5.0
-    code, empty = call_json(capsys, "validate", "two_link", estimate, folder / "empty.npz")
-    _, told = call_json(capsys, "validate", "two_link", estimate, folder / "alone.toml")
-    _, untold = call_json(capsys, "validate", "two_link", estimate, folder / "with.npz")
+    assert np.abs(measure(do(*arguments))).max() < 5.0
+    code, empty = ask("validate", "two_link", estimate, folder / "empty.npz")
+    _, told = ask("validate", "two_link", estimate, folder / "alone.toml")
+    _, untold = ask("validate", "two_link", estimate, folder / "with.npz")
     means = [entry["result"]["mean_relative_percent"] for entry in (empty, told, untold)]
     assert code == 0
     assert max(means[:2]) < 0.2 * means[2]
     banded = [
-        call_json(capsys, "validate", "two_link", estimate, folder / name, "--band", "10")[1]
+        ask("validate", "two_link", estimate, folder / name, "--band", "10")[1]
         for name in ("alone.toml", "with.npz")
     ]
     left = [entry["result"]["mean_relative_percent"] for entry in banded]
     assert left[0] < 0.2 * left[1]
 
 
-def test_a_diagnosis_reads_the_runs_as_the_fit_did(capsys, folder, tmp_path):
+def test_a_diagnosis_reads_the_runs_as_the_fit_did(folder, tmp_path):
     estimate, page = tmp_path / "estimate.json", tmp_path / "page.html"
-    call_json(capsys, "identify", "two_link", folder / "both.toml", "--estimator", "wls", "-o", estimate)
-    code, answer = call_json(capsys, "report", estimate, "--diagnose", "-o", page)
-    assert code == 0
-    codes = [entry["code"] for entry in answer["warnings"]]
+    ask("identify", "two_link", folder / "both.toml", "--estimator", "wls", "-o", estimate)
+    answer = do("report", estimate, "--diagnose", "-o", page)
+    codes = list_codes(answer)
     assert "diagnosis.other-values" not in codes
 
 
-def test_check_knows_it(capsys, folder):
-    code, answer = call_json(capsys, "check", "two_link", folder / "alone.toml")
-    assert code == 0
-    assert "log.torque-sign" not in [entry["code"] for entry in answer["warnings"]]
+def test_check_knows_it(folder):
+    assert "log.torque-sign" not in list_codes(do("check", "two_link", folder / "alone.toml"))
 
 
 @pytest.mark.parametrize(
@@ -114,8 +102,8 @@ def test_check_knows_it(capsys, folder):
         ("two_link_elastic", (), "a robot with elastic joints"),
     ],
 )
-def test_what_cannot_take_it_into_account_refuses_it(capsys, folder, robot, options, what):
-    code, answer = call_json(capsys, "identify", robot, folder / "alone.toml", *options)
+def test_what_cannot_take_it_into_account_refuses_it(folder, robot, options, what):
+    code, answer = ask("identify", robot, folder / "alone.toml", *options)
     (error,) = answer["errors"]
     assert (code, error["code"]) == (3, "log.known-payload")
     assert f"which {what} does not support" in error["text"]
@@ -135,25 +123,25 @@ def test_what_cannot_take_it_into_account_refuses_it(capsys, folder, robot, opti
         ),
     ],
 )
-def test_mistakes_have_their_place(capsys, folder, payload, code, said):
+def test_mistakes_have_their_place(folder, payload, code, said):
     path = folder / "wrong.toml"
     path.write_text(f'[[run]]\nfile = "with.npz"\npayload = {payload}\n', encoding="utf-8")
-    status, answer = call_json(capsys, "identify", "two_link", path)
+    status, answer = ask("identify", "two_link", path)
     error = answer["errors"][0]
     assert (status, error["line"]) == (3, 3)
     assert error["code"].startswith(code)
     assert said in error["text"]
 
 
-def test_a_study_of_one_log_takes_a_run_and_no_two(capsys, folder):
-    code, answer = call_json(capsys, "study", "cutoff", "two_link", folder / "both.toml")
+def test_a_study_of_one_log_takes_a_run_and_no_two(folder):
+    code, answer = ask("study", "cutoff", "two_link", folder / "both.toml")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.one-log")
     assert "lists 2 runs" in answer["errors"][0]["text"]
 
 
-def test_what_is_assumed_of_a_payload_is_told(capsys, folder):
+def test_what_is_assumed_of_a_payload_is_told(folder):
     path = folder / "point.toml"
     path.write_text(f'[[run]]\nfile = "with.npz"\n{ENDS}payload = {{ mass = 0.5 }}\n', encoding="utf-8")
-    code, answer = call_json(capsys, "identify", "two_link", path)
+    code, answer = ask("identify", "two_link", path)
     (told,) = [entry for entry in answer["warnings"] if entry["code"] == "runs.point-mass"]
     assert (code, told["line"]) == (0, 5)

@@ -1,35 +1,15 @@
 """`--train` and `--test`: what is fitted and predicted is what files with these samples alone would give."""
 
-import json
-
 import numpy as np
 import pytest
 
 import symid
 from symid.cli.main import run
+from tests.calls import ask, do, fail, find_values, list_codes
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 SAMPLES, BOUND = 6001, 3601
 """Of logs of 6 s at 1 kHz, and the first sample behind 60 %."""
-
-
-def call_json(capsys, *arguments):
-    """Run a verb with --json; return its exit code and the object."""
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def find_codes(answer):
-    return [entry["code"] for entry in answer["warnings"]]
-
-
-def find_error(capsys, *arguments):
-    code, answer = call_json(capsys, *arguments)
-    return code, answer["errors"][0]["code"]
-
-
-def find_values(answer):
-    return {entry["name"]: entry["value"] for entry in answer["result"]["parameters"]}
 
 
 @pytest.fixture(scope="module")
@@ -55,48 +35,43 @@ def estimate(folder):
     return path
 
 
-def test_a_part_is_fitted_as_a_file_with_its_samples(capsys, folder):
-    _, alone = call_json(capsys, "identify", "two_link", folder / "head.npz")
+def test_a_part_is_fitted_as_a_file_with_its_samples(folder):
+    _, alone = ask("identify", "two_link", folder / "head.npz")
     for part in ("0:60%", ":60%", "0:3.601", "0s:60%"):
-        code, answer = call_json(capsys, "identify", "two_link", folder / "whole.npz", "--train", part)
-        assert code == 0
+        answer = do("identify", "two_link", folder / "whole.npz", "--train", part)
         assert find_values(answer) == find_values(alone)
-        assert "log.cut" in find_codes(answer)
+        assert "log.cut" in list_codes(answer)
 
 
-def test_each_log_may_have_its_own_part(capsys, folder):
+def test_each_log_may_have_its_own_part(folder):
     logs = (folder / "whole.npz", folder / "other.npz")
-    _, alone = call_json(capsys, "identify", "two_link", folder / "head.npz", logs[1])
-    code, answer = call_json(capsys, "identify", "two_link", *logs, "--train", "0:60%", "--train", "0:100%")
-    assert code == 0
+    _, alone = ask("identify", "two_link", folder / "head.npz", logs[1])
+    answer = do("identify", "two_link", *logs, "--train", "0:60%", "--train", "0:100%")
     assert find_values(answer) == find_values(alone)
     for count in (3, 4):
         parts = ("--train", "0:60%") * count
-        assert find_error(capsys, "identify", "two_link", *logs, *parts) == (2, "usage.log-part")
+        assert fail("identify", "two_link", *logs, *parts) == (2, "usage.log-part")
 
 
-def test_a_file_of_runs_states_parts(capsys, folder):
+def test_a_file_of_runs_states_parts(folder):
     runs = folder / "runs.toml"
     runs.write_text('[[run]]\nfile = "whole.npz"\ntrain = "0:60%"\n[[run]]\nfile = "other.npz"\n')
-    _, alone = call_json(capsys, "identify", "two_link", folder / "head.npz", folder / "other.npz")
-    code, answer = call_json(capsys, "identify", "two_link", runs)
-    assert code == 0
-    assert find_values(answer) == find_values(alone)
+    _, alone = ask("identify", "two_link", folder / "head.npz", folder / "other.npz")
+    assert find_values(do("identify", "two_link", runs)) == find_values(alone)
     call = ("identify", "two_link", runs, "--train", "0:50%")
-    assert find_error(capsys, *call) == (2, "usage.log-part")
+    assert fail(*call) == (2, "usage.log-part")
 
 
 @pytest.mark.parametrize("options", [(), ("--band", "20")])
-def test_the_rest_is_predicted_as_a_log_of_its_own(capsys, folder, estimate, options):
+def test_the_rest_is_predicted_as_a_log_of_its_own(folder, estimate, options):
     call = ("validate", "two_link", estimate)
-    _, alone = call_json(capsys, *call, folder / "tail.npz", *options)
+    _, alone = ask(*call, folder / "tail.npz", *options)
     for part in ("60%:", "60:", "3.601s:"):
-        code, answer = call_json(capsys, *call, folder / "whole.npz", "--test", part, *options)
-        assert code == 0
+        answer = do(*call, folder / "whole.npz", "--test", part, *options)
         assert answer["result"]["mean_relative_percent"] == pytest.approx(
             alone["result"]["mean_relative_percent"], rel=1e-9
         )
-        assert "validate.fitted-log" not in find_codes(answer)
+        assert "validate.fitted-log" not in list_codes(answer)
     if options:
         assert answer["result"]["band"]["stacked_percent"] == pytest.approx(
             alone["result"]["band"]["stacked_percent"], rel=1e-9
@@ -106,33 +81,32 @@ def test_the_rest_is_predicted_as_a_log_of_its_own(capsys, folder, estimate, opt
 @pytest.mark.parametrize(
     ("part", "words"), [((), "3.401 of the 5.801 s"), (("--test", "50%:"), "0.4 of the 2.8 s")]
 )
-def test_fitted_samples_are_no_test(capsys, folder, estimate, part, words):
+def test_fitted_samples_are_no_test(folder, estimate, part, words):
     """The robot file cuts 0.1 s off at either end of what is fitted, and of what is predicted."""
-    _, answer = call_json(capsys, "validate", "two_link", estimate, folder / "whole.npz", *part)
+    _, answer = ask("validate", "two_link", estimate, folder / "whole.npz", *part)
     (text,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "validate.fitted-log"]
     assert words in text
 
 
-def test_samples_that_processing_cut_off_are_a_test(capsys, folder, tmp_path):
+def test_samples_that_processing_cut_off_are_a_test(folder, tmp_path):
     """Both ends are cut by settings, once without and once with fitted samples in what is predicted."""
     found, log = tmp_path / "estimate.json", folder / "whole.npz"
     call = ("identify", "two_link", log, "--drop-first", 0, "--drop-last", 2000, "-o", found)
-    assert call_json(capsys, *call)[0] == 0
+    assert ask(*call)[0] == 0
     for first, fitted in ((4001, False), (3000, True)):
         ends = ("--set", f"processing.drop_first={first}", "--set", "processing.drop_last=0")
-        _, answer = call_json(capsys, "validate", "two_link", found, log, *ends)
-        assert ("validate.fitted-log" in find_codes(answer)) is fitted
+        _, answer = ask("validate", "two_link", found, log, *ends)
+        assert ("validate.fitted-log" in list_codes(answer)) is fitted
 
 
 def test_one_call_fits_and_predicts(capsys, folder, estimate):
     call = ("identify", "two_link", folder / "whole.npz")
-    _, alone = call_json(capsys, "validate", "two_link", estimate, folder / "whole.npz", "--test", "60%:")
+    _, alone = ask("validate", "two_link", estimate, folder / "whole.npz", "--test", "60%:")
     for parts in (("0:60%", "60:"), ("0:60", "60%:"), ("0:60%", "60%:100%")):
-        code, answer = call_json(capsys, *call, "--train", parts[0], "--test", parts[1])
-        assert code == 0
+        answer = do(*call, "--train", parts[0], "--test", parts[1])
         (found,) = answer["result"]["validations"]
         assert found["mean_relative_percent"] == alone["result"]["mean_relative_percent"]
-        assert "validate.fitted-log" not in find_codes(answer)
+        assert "validate.fitted-log" not in list_codes(answer)
     page = folder / "held_out.html"
     assert run([*map(str, call), "--train", "0:60%", "--test", "60%:", "--page", str(page)]) == 0
     left = alone["result"]["mean_relative_percent"]
@@ -155,47 +129,44 @@ def test_one_call_fits_and_predicts(capsys, folder, estimate):
         ("--train", "0:60%", "--test", "60%:", "--method", "stiffness"),
     ],
 )
-def test_parts_that_do_not_go_together_are_refused(capsys, folder, parts):
-    code, found = find_error(capsys, "identify", "two_link", folder / "whole.npz", *parts)
+def test_parts_that_do_not_go_together_are_refused(folder, parts):
+    code, found = fail("identify", "two_link", folder / "whole.npz", *parts)
     assert code == 2
     assert found in {"usage.log-part", "usage.mixed-options"}
 
 
-def test_parts_that_the_log_lacks_are_refused(capsys, folder, estimate):
+def test_parts_that_the_log_lacks_are_refused(folder, estimate):
     log = folder / "whole.npz"
-    assert find_error(capsys, "identify", "two_link", log, "--train", "20:") == (3, "log.part")
-    assert find_error(capsys, "validate", "two_link", estimate, log, "--test", "20s:") == (3, "log.part")
-    assert find_error(capsys, "validate", "two_link", estimate, log, "--test", "x") == (2, "usage.log-part")
+    assert fail("identify", "two_link", log, "--train", "20:") == (3, "log.part")
+    assert fail("validate", "two_link", estimate, log, "--test", "20s:") == (3, "log.part")
+    assert fail("validate", "two_link", estimate, log, "--test", "x") == (2, "usage.log-part")
 
 
-def test_a_page_and_its_diagnosis_follow_parts(capsys, folder, estimate, tmp_path):
+def test_a_page_and_its_diagnosis_follow_parts(folder, estimate, tmp_path):
     call = ("report", estimate, "-o", tmp_path / "page.html", "--force")
     log = ("--validation", folder / "whole.npz")
-    code, answer = call_json(capsys, *call, *log, "--test", "60%:", "--diagnose")
-    assert code == 0
-    assert "validate.fitted-log" not in find_codes(answer)
+    answer = do(*call, *log, "--test", "60%:", "--diagnose")
+    assert "validate.fitted-log" not in list_codes(answer)
     # The logs of the fit are read again with its parts.
     assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] <= 1e-12
-    _, answer = call_json(capsys, *call, *log)
-    assert "validate.fitted-log" in find_codes(answer)
-    assert find_error(capsys, *call, "--test", "60%:") == (2, "usage.no-validation")
+    assert "validate.fitted-log" in list_codes(ask(*call, *log)[1])
+    assert fail(*call, "--test", "60%:") == (2, "usage.no-validation")
 
 
-def test_friction_and_springs_take_parts_too(capsys, folder, tmp_path):
+def test_friction_and_springs_take_parts_too(folder, tmp_path):
     found, log = tmp_path / "law.json", folder / "whole.npz"
     law = ("--rows", "friction", "--model", "coulomb-viscous")
-    assert call_json(capsys, "identify", "two_link", log, *law, "--train", "0:60%", "-o", found)[0] == 0
+    assert ask("identify", "two_link", log, *law, "--train", "0:60%", "-o", found)[0] == 0
     for part, fitted in (("60:", False), ("40:", True)):
-        _, answer = call_json(capsys, "validate", "two_link", found, log, "--test", part)
-        assert ("validate.fitted-log" in find_codes(answer)) is fitted
+        _, answer = ask("validate", "two_link", found, log, "--test", part)
+        assert ("validate.fitted-log" in list_codes(answer)) is fitted
     springs, log = tmp_path / "springs.json", tmp_path / "elastic.npz"
-    assert run(["simulate", "two_link_elastic", "--duration", "6", "-o", str(log), "-q"]) == 0
-    capsys.readouterr()
+    do("simulate", "two_link_elastic", "--duration", "6", "-o", log)
     call = ("identify", "two_link_elastic", log, "--method", "linear-spring", "--train", "0:60%")
-    assert call_json(capsys, *call, "-o", springs)[0] in {0, 1}
+    assert ask(*call, "-o", springs)[0] in {0, 1}
     for part, fitted in (("60:", False), ("40:", True)):
-        _, answer = call_json(capsys, "validate", "two_link_elastic", springs, log, "--test", part)
-        assert ("validate.fitted-log" in find_codes(answer)) is fitted
+        _, answer = ask("validate", "two_link_elastic", springs, log, "--test", part)
+        assert ("validate.fitted-log" in list_codes(answer)) is fitted
 
 
 def test_logs_in_memory_have_parts():

@@ -1,15 +1,14 @@
 """MJCF models on the command line: read, converted, and written in place with identified values."""
 
 import dataclasses
-import json
 import re
 
 import numpy as np
 import pytest
 
-from symid.cli.main import run
 from symid.robot import read_robot
 from symid.robot.mjcf_reader import read_xml_robot
+from tests.calls import ask, do, find_codes, refuse, say
 from tests.estimates import store_estimate
 
 MODEL = """<mujoco model="arm">
@@ -32,11 +31,6 @@ MODEL = """<mujoco model="arm">
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
 
-def call(capsys, *arguments):
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
 @pytest.fixture
 def model(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -44,34 +38,26 @@ def model(tmp_path, monkeypatch):
     return tmp_path / "arm.xml"
 
 
-def test_models_are_checked_and_cut(capsys, model):
-    code, answer = call(capsys, "check", model)
-    assert code == 0
+def test_models_are_checked_and_cut(model):
+    answer = do("check", model)
     assert answer["result"]["convention"] == "mjcf"
-    assert {notice["code"] for notice in answer["warnings"]} == {"robot.mjcf-unused"}
-    _, part = call(capsys, "base", model, "--base", "upper")
+    assert find_codes(answer) == {"robot.mjcf-unused"}
+    _, part = ask("base", model, "--base", "upper")
     assert {entry["joint"] for entry in part["result"]["parameters"]} == {"elbow"}
-    assert run(["check", str(model), "-q"]) == 0
-    assert "arm, 2 joints, MJCF: no mistakes" in capsys.readouterr().out
+    assert "arm, 2 joints, MJCF: no mistakes" in say("check", model, "-q")
 
 
 @pytest.mark.parametrize("option", ["--from-mjcf", "--from-urdf"])
-def test_values_go_into_the_model_that_a_robot_file_was_made_from(capsys, model, tmp_path, option):
-    code, answer = call(capsys, "new", "arm.toml", option, "arm.xml")
-    assert code == 0, answer
+def test_values_go_into_the_model_that_a_robot_file_was_made_from(model, tmp_path, option):
+    do("new", "arm.toml", option, "arm.xml")
     robot = read_robot(tmp_path / "arm.toml")
     assert robot.made_from.file == str(model)
     store_estimate(robot, tmp_path / "estimate.json")
-    code, answer = call(capsys, "export", "arm.toml", "-o", "same.xml")
-    assert code == 0, answer
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "-o", "new.xml")
-    assert code == 0, answer
-    assert answer["result"]["format"] == "MJCF model"
-    code, answer = call(capsys, "export", "arm.xml", "estimate.json", "-o", "other.xml")
-    assert code == 0, answer
+    do("export", "arm.toml", "-o", "same.xml")
+    assert do("export", "arm.toml", "estimate.json", "-o", "new.xml")["result"]["format"] == "MJCF model"
+    do("export", "arm.xml", "estimate.json", "-o", "other.xml")
     assert model.read_text(encoding="utf-8") == MODEL
-    code, answer = call(capsys, "export", "arm.toml", "estimate.json", "--in-place")
-    assert code == 0, answer
+    do("export", "arm.toml", "estimate.json", "--in-place")
     text = model.read_text(encoding="utf-8")
     assert text == (tmp_path / "new.xml").read_text(encoding="utf-8")
     added = re.compile(r' (?:armature|damping|frictionloss)="[^"]*"|\s*<inertial pos[^>]*fullinertia[^>]*>')
@@ -83,7 +69,7 @@ def test_values_go_into_the_model_that_a_robot_file_was_made_from(capsys, model,
         assert np.isfinite(new.inertial).all()
 
 
-def test_a_new_model_is_written_where_the_old_one_has_no_place(capsys, model, tmp_path):
+def test_a_new_model_is_written_where_the_old_one_has_no_place(model, tmp_path):
     parts = MODEL.replace('model="arm"', "")
     (tmp_path / "parts.xml").write_text(parts, encoding="utf-8")
     model.write_text('<mujoco model="arm"><include file="parts.xml"/></mujoco>', encoding="utf-8")
@@ -93,11 +79,7 @@ def test_a_new_model_is_written_where_the_old_one_has_no_place(capsys, model, tm
         for joint in robot.joints
     )
     store_estimate(dataclasses.replace(robot, joints=joints), tmp_path / "estimate.json")
-    code, answer = call(capsys, "export", "arm.xml", "estimate.json", "-o", "new.xml")
-    assert code == 0, answer
-    assert "export.new-file" in {notice["code"] for notice in answer["warnings"]}
+    assert "export.new-file" in find_codes(do("export", "arm.xml", "estimate.json", "-o", "new.xml"))
     assert len(read_xml_robot(tmp_path / "new.xml").joints) == 2
-    code, answer = call(capsys, "export", "arm.xml", "estimate.json", "--in-place")
-    assert code == 3
-    assert {error["code"] for error in answer["errors"]} == {"robot.mjcf-include"}
+    assert refuse("export", "arm.xml", "estimate.json", "--in-place") == (3, ["robot.mjcf-include"])
     assert (tmp_path / "parts.xml").read_text(encoding="utf-8") == parts

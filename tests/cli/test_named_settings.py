@@ -1,19 +1,11 @@
 """Named settings of a robot file as a user calls them: `--settings NAME`, alone and with `--set`."""
 
-import json
-
 import numpy as np
 import pytest
 
-from symid.cli.main import run
+from tests.calls import ask, do, fail
 
 FORCE_FACTOR = 35.15065188
-
-
-def call_json(capsys, *arguments):
-    capsys.readouterr()
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
 
 
 def find_texts(answer, code):
@@ -32,10 +24,9 @@ def axis_log(tmp_path):
     return tmp_path / "axis.npz"
 
 
-def test_a_named_set_is_what_its_keys_say(capsys, axis_log):
+def test_a_named_set_is_what_its_keys_say(axis_log):
     arguments = ("identify", "emps", axis_log)
-    code, answer = call_json(capsys, *arguments, "--settings", "published")
-    assert code == 0
+    answer = do(*arguments, "--settings", "published")
     processing = answer["result"]["settings"]["processing"]
     assert (processing["filter_cutoff"], processing["drop_first"]) == (100.0, 49)
     assert (processing["decimation"]["factor"], processing["noise_freedom"]) == (10, "one")
@@ -46,58 +37,54 @@ def test_a_named_set_is_what_its_keys_say(capsys, axis_log):
         "decimation.factor=10",
     )
     single = [part for pair in pairs for part in ("--set", f"processing.{pair}")]
-    _, other = call_json(capsys, *arguments, *single)
+    _, other = ask(*arguments, *single)
     assert other["result"]["parameters"] == answer["result"]["parameters"]
     assert other["result"]["settings"]["processing"] == processing
 
 
-def test_single_settings_and_options_win(capsys, axis_log):
+def test_single_settings_and_options_win(axis_log):
     arguments = ("identify", "emps", axis_log, "--set", "processing.filter_cutoff=60")
-    _, answer = call_json(capsys, *arguments, "--settings", "published", "--decimate", "5")
+    _, answer = ask(*arguments, "--settings", "published", "--decimate", "5")
     processing = answer["result"]["settings"]["processing"]
     assert (processing["filter_cutoff"], processing["drop_first"]) == (60.0, 49)
     assert processing["decimation"]["factor"] == 5
 
 
-def test_a_fit_knows_the_set_again(capsys, axis_log, tmp_path):
+def test_a_fit_knows_the_set_again(axis_log, tmp_path):
     fit = tmp_path / "fit.json"
-    call_json(capsys, "identify", "emps", axis_log, "--settings", "published", "-o", fit)
-    _, answer = call_json(capsys, "validate", "emps", fit, axis_log)
+    ask("identify", "emps", axis_log, "--settings", "published", "-o", fit)
+    _, answer = ask("validate", "emps", fit, axis_log)
     assert find_texts(answer, "estimate.settings-differ") == [
         "the estimate has the settings 'published' of the robot file, and they are used"
     ]
-    _, named = call_json(capsys, "validate", "emps", fit, axis_log, "--settings", "published")
+    _, named = ask("validate", "emps", fit, axis_log, "--settings", "published")
     assert not find_texts(named, "estimate.settings-differ")
     assert named["result"]["mean_relative_percent"] == answer["result"]["mean_relative_percent"]
-    call_json(capsys, "identify", "emps", axis_log, "--cutoff", "60", "--decimate", "5", "-o", fit, "--force")
-    _, other = call_json(capsys, "validate", "emps", fit, axis_log, "--settings", "published")
+    ask("identify", "emps", axis_log, "--cutoff", "60", "--decimate", "5", "-o", fit, "--force")
+    _, other = ask("validate", "emps", fit, axis_log, "--settings", "published")
     assert other["result"]["samples"] == answer["result"]["samples"]
 
 
-def test_an_unknown_set_is_a_mistake_of_the_call(capsys, axis_log, tmp_path):
+def test_an_unknown_set_is_a_mistake_of_the_call(axis_log, tmp_path):
     for verb in (("check",), ("identify",), ("study", "cutoff")):
-        code, answer = call_json(capsys, *verb, "emps", axis_log, "--settings", "publsihed")
+        code, answer = ask(*verb, "emps", axis_log, "--settings", "publsihed")
         (error,) = answer["errors"]
         assert (code, error["code"]) == (2, "usage.unknown-settings")
         assert "it has published; did you mean published?" in error["text"]
         assert error["file"].endswith("emps.toml")
     fit, page = tmp_path / "fit.json", tmp_path / "page.html"
-    call_json(capsys, "identify", "emps", axis_log, "-o", fit)
-    code, answer = call_json(capsys, "validate", "emps", fit, axis_log, "--settings", "other")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.unknown-settings")
-    code, answer = call_json(capsys, "report", fit, "--settings", "published", "-o", page)
+    ask("identify", "emps", axis_log, "-o", fit)
+    assert fail("validate", "emps", fit, axis_log, "--settings", "other") == (2, "usage.unknown-settings")
+    code, answer = ask("report", fit, "--settings", "published", "-o", page)
     assert (code, answer["errors"][0]["code"]) == (2, "usage.no-validation")
     assert answer["errors"][0]["text"].startswith("--settings is of the logs")
-    code, answer = call_json(
-        capsys, "report", fit, "--validation", axis_log, "--settings", "published", "-o", page
-    )
-    assert code == 0
+    do("report", fit, "--validation", axis_log, "--settings", "published", "-o", page)
     assert page.is_file()
 
 
-def test_an_exported_robot_keeps_its_sets(capsys, axis_log, tmp_path):
+def test_an_exported_robot_keeps_its_sets(axis_log, tmp_path):
     fit, file = tmp_path / "fit.json", tmp_path / "axis.toml"
-    call_json(capsys, "identify", "emps", axis_log, "--settings", "published", "-o", fit)
-    assert call_json(capsys, "export", "emps", fit, "-o", file)[0] == 0
-    code, answer = call_json(capsys, "identify", file, axis_log, "--settings", "published")
+    ask("identify", "emps", axis_log, "--settings", "published", "-o", fit)
+    assert ask("export", "emps", fit, "-o", file)[0] == 0
+    code, answer = ask("identify", file, axis_log, "--settings", "published")
     assert (code, answer["result"]["settings"]["processing"]["drop_first"]) == (0, 49)

@@ -1,13 +1,11 @@
 """`symid new`: a robot file from a table, a URDF, or a robot at hand."""
 
-import json
-
 import numpy as np
 import pytest
 
-from symid.cli.main import run
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import read_urdf
+from tests.calls import ask, do, fail, find_codes, list_codes, say
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow,0,0.5,0,q\n"
 URDF = """<robot name="arm">
@@ -29,11 +27,6 @@ URDF = """<robot name="arm">
 """
 
 
-def call_json(capsys, *arguments):
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
 @pytest.fixture
 def table(tmp_path):
     path = tmp_path / "rows.csv"
@@ -41,66 +34,63 @@ def table(tmp_path):
     return path
 
 
-def test_a_table_becomes_a_robot_file(capsys, tmp_path, table):
+def test_a_table_becomes_a_robot_file(tmp_path, table):
     path = tmp_path / "arm.toml"
-    code, answer = call_json(capsys, "new", path, "--from-dh", table, "--convention", "standard")
-    assert code == 0
+    answer = do("new", path, "--from-dh", table, "--convention", "standard")
     assert answer["result"] == {
         "file": str(path),
         "robot": "rows",
         "joints": [{"name": "shoulder", "kind": "revolute"}, {"name": "elbow", "kind": "revolute"}],
         "notices": 1,
     }
-    assert [entry["code"] for entry in answer["warnings"]] == ["new.gravity"]
+    assert list_codes(answer) == ["new.gravity"]
     robot = read_robot(path)
     assert robot.convention == "standard"
     assert "# rotor_inertia = 1e-5" in path.read_text()
-    assert run(["check", str(path), "-q"]) == 0
+    do("check", path)
 
 
-def test_gravity_may_be_given(capsys, tmp_path, table):
+def test_gravity_may_be_given(tmp_path, table):
     path = tmp_path / "arm.toml"
     options = ("--convention", "modified", "--gravity", "0, -9.81, 0")
-    code, answer = call_json(capsys, "new", path, "--from-dh", table, *options)
+    code, answer = ask("new", path, "--from-dh", table, *options)
     assert (code, answer["warnings"]) == (0, [])
     assert [str(entry) for entry in read_robot(path).gravity] == ["0", "-981/100", "0"]
 
 
-def test_a_urdf_becomes_a_robot_file(capsys, tmp_path):
+def test_a_urdf_becomes_a_robot_file(tmp_path):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF)
     path = tmp_path / "arm.toml"
-    code, answer = call_json(capsys, "new", path, "--from-urdf", source, "--tip", "lower")
-    assert code == 0
+    answer = do("new", path, "--from-urdf", source, "--tip", "lower")
     assert [joint["name"] for joint in answer["result"]["joints"]] == ["shoulder", "elbow"]
     robot = read_robot(path)
     assert robot.joints[0].inertial[9] == 2.0
     assert robot.joints[1].limits.position == (-1.0, 1.0)
 
 
-def test_a_robot_at_hand_is_copied(capsys, tmp_path, robots_folder):
+def test_a_robot_at_hand_is_copied(tmp_path, robots_folder):
     path = tmp_path / "mine.toml"
-    code, answer = call_json(capsys, "new", path, "--from", "scara")
+    code, answer = ask("new", path, "--from", "scara")
     assert (code, answer["result"]["robot"]) == (0, "scara")
     assert path.read_text() == (robots_folder / "scara.toml").read_text()
 
 
-def test_a_file_that_exists_is_kept_without_force(capsys, tmp_path, table):
+def test_a_file_that_exists_is_kept_without_force(tmp_path, table):
     path = tmp_path / "arm.toml"
     path.write_text("mine")
     arguments = ("new", path, "--from-dh", table, "--convention", "modified")
-    code, answer = call_json(capsys, *arguments)
+    code, answer = ask(*arguments)
     assert (code, answer["errors"][0]["code"], path.read_text()) == (3, "output.exists", "mine")
-    code, _ = call_json(capsys, *arguments, "--force")
+    code, _ = ask(*arguments, "--force")
     assert code == 0
     assert read_robot(path).size == 2
 
 
-def test_a_wrong_table_writes_nothing(capsys, tmp_path, table):
+def test_a_wrong_table_writes_nothing(tmp_path, table):
     table.write_text("joint,alpha,a,d,theta\none,x y,0,0,q\n")
     path = tmp_path / "arm.toml"
-    code, answer = call_json(capsys, "new", path, "--from-dh", table, "--convention", "modified")
-    assert (code, answer["errors"][0]["code"]) == (3, "robot.bad-angle")
+    assert fail("new", path, "--from-dh", table, "--convention", "modified") == (3, "robot.bad-angle")
     assert not path.exists()
 
 
@@ -131,26 +121,25 @@ def test_a_wrong_table_writes_nothing(capsys, tmp_path, table):
         ),
     ],
 )
-def test_calls_that_do_not_fit_are_refused(capsys, table, monkeypatch, case):
+def test_calls_that_do_not_fit_are_refused(table, monkeypatch, case):
     arguments, code, words = case
     monkeypatch.chdir(table.parent)
-    exit_code, answer = call_json(capsys, "new", "arm.toml", *arguments)
+    exit_code, answer = ask("new", "arm.toml", *arguments)
     assert exit_code == 2
     assert answer["errors"][0]["code"] == code
     assert words in answer["errors"][0]["text"]
     assert not (table.parent / "arm.toml").exists()
 
 
-def test_base_gives_formulas_in_the_symbols_of_the_file(capsys):
-    _, answer = call_json(capsys, "base", "two_link_symbols")
+def test_base_gives_formulas_in_the_symbols_of_the_file():
+    _, answer = ask("base", "two_link_symbols")
     found = {entry["name"]: entry["form"] for entry in answer["result"]["parameters"]}
     assert found["ZZR1"] == "I1 + L1^2*m2 + lc1^2*m1"
     assert found["MY1"] is None
-    assert run(["base", "two_link_symbols", "-q"]) == 0
-    assert "\nMX2 = lc2*m2 = 0.4  [kg m]\n" in capsys.readouterr().out
+    assert "\nMX2 = lc2*m2 = 0.4  [kg m]\n" in say("base", "two_link_symbols", "-q")
 
 
-def test_what_is_new_is_filtered_by_itself(capsys, tmp_path, table):
+def test_what_is_new_is_filtered_by_itself(tmp_path, table):
     (tmp_path / "arm.urdf").write_text(URDF)
     sources = (
         ("--from-urdf", tmp_path / "arm.urdf"),
@@ -159,16 +148,16 @@ def test_what_is_new_is_filtered_by_itself(capsys, tmp_path, table):
     )
     for number, options in enumerate(sources):
         path = tmp_path / f"new{number}.toml"
-        assert call_json(capsys, "new", path, *options)[0] == 0
+        assert ask("new", path, *options)[0] == 0
         assert "[processing]" not in path.read_text()
         assert read_robot(path).processing.automatic
 
 
-def test_values_of_a_urdf_that_no_body_has_are_kept(capsys, tmp_path):
+def test_values_of_a_urdf_that_no_body_has_are_kept(tmp_path):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF.replace('ixx="0.01"', 'ixx="0.01" ').replace('iyy="0.02"', 'iyy="0.2"'))
     path = tmp_path / "arm.toml"
-    code, _ = call_json(capsys, "new", path, "--from-urdf", source)
+    code, _ = ask("new", path, "--from-urdf", source)
     assert code == 0
     wanted, found = read_urdf(source), read_robot(path)
     np.testing.assert_allclose(
@@ -178,38 +167,36 @@ def test_values_of_a_urdf_that_no_body_has_are_kept(capsys, tmp_path):
     assert found.joints[1].inertial == (0.0,) * 10
 
 
-def test_a_urdf_at_hand_is_converted(capsys, tmp_path):
+def test_a_urdf_at_hand_is_converted(tmp_path):
     source = tmp_path / "arm"
     source.write_text("\ufeff\n" + URDF, encoding="utf-8")
     path = tmp_path / "arm.toml"
-    assert call_json(capsys, "new", path, "--from", source)[0] == 0
+    assert ask("new", path, "--from", source)[0] == 0
     assert [joint.name for joint in read_robot(path).joints] == ["shoulder", "elbow"]
 
 
-def test_a_joint_called_base_is_renamed(capsys, tmp_path):
+def test_a_joint_called_base_is_renamed(tmp_path):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF.replace('name="shoulder"', 'name="base"'))
     path = tmp_path / "arm.toml"
-    code, answer = call_json(capsys, "new", path, "--from-urdf", source)
-    assert code == 0
-    assert "robot.renamed" in {entry["code"] for entry in answer["warnings"]}
+    assert "robot.renamed" in find_codes(do("new", path, "--from-urdf", source))
     assert read_robot(path).joints[0].name == "base_joint"
 
 
-def test_what_no_robot_file_can_say_is_told_of_the_source(capsys, tmp_path, monkeypatch):
+def test_what_no_robot_file_can_say_is_told_of_the_source(tmp_path, monkeypatch):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF)
     monkeypatch.setattr("symid.logs.draft.write_robot", lambda *_, **__: 'name = "arm"\n')
     path = tmp_path / "arm.toml"
-    code, answer = call_json(capsys, "new", path, "--from-urdf", source)
+    code, answer = ask("new", path, "--from-urdf", source)
     assert code == 3
     assert {(entry["code"], entry["file"]) for entry in answer["errors"]} == {("new.unwritable", str(source))}
     assert not path.exists()
 
 
-def test_a_robot_file_ends_in_toml(capsys, tmp_path):
+def test_a_robot_file_ends_in_toml(tmp_path):
     path = tmp_path / "mine.urdf"
-    code, answer = call_json(capsys, "new", path, "--from", "panda")
+    code, answer = ask("new", path, "--from", "panda")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
     assert "such as mine.toml" in answer["errors"][0]["text"]
     assert not path.exists()
@@ -224,11 +211,11 @@ def test_a_robot_file_ends_in_toml(capsys, tmp_path):
         ("coulomb-viscous", "", (0.5, 0.25)),
     ],
 )
-def test_the_friction_of_a_urdf_goes_into_another_law(capsys, tmp_path, law, code, values):
+def test_the_friction_of_a_urdf_goes_into_another_law(tmp_path, law, code, values):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF.replace("</joint>", '<dynamics damping="0.5" friction="0.25"/></joint>', 1))
     path = tmp_path / "arm.toml"
-    answer = call_json(capsys, "new", path, "--from-urdf", source, "--friction", law)[1]
+    answer = ask("new", path, "--from-urdf", source, "--friction", law)[1]
     codes = {entry["code"] for entry in (*answer["warnings"], *answer.get("notes", ()))}
     assert {entry for entry in codes if entry.startswith("new.friction-")} == ({code} if code else set())
     assert read_robot(path).joints[0].friction.values == values

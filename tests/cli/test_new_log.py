@@ -12,6 +12,7 @@ from symid.logs.headings import read_headings
 from symid.logs.reader import read_recording
 from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
+from tests.calls import ask, list_codes, say
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
 SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
@@ -35,13 +36,8 @@ def write_log(folder, heading, name="log.csv", separator=","):
     return np.array(moves).T
 
 
-def call_new(capsys, *arguments, source=SOURCE, log="log.csv"):
-    code = run(["new", "arm.toml", *source, "--log", log, *arguments, "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def list_codes(answer, key="warnings"):
-    return [entry["code"] for entry in answer[key]]
+def ask_new(*arguments, source=SOURCE, log="log.csv"):
+    return ask("new", "arm.toml", *source, "--log", log, *arguments)
 
 
 def find_only(answer):
@@ -49,9 +45,9 @@ def find_only(answer):
     return error
 
 
-def test_columns_are_known_by_names_of_joints_and_by_numbers(capsys, folder):
+def test_columns_are_known_by_names_of_joints_and_by_numbers(folder):
     values = write_log(folder, PLAIN)
-    code, answer = call_new(capsys, "--friction", "coulomb-viscous")
+    code, answer = ask_new("--friction", "coulomb-viscous")
     assert code == 0
     assert answer["result"]["log"] == {
         "file": "log.csv",
@@ -73,9 +69,9 @@ def test_columns_are_known_by_names_of_joints_and_by_numbers(capsys, folder):
     np.testing.assert_allclose(recording.torque, values[:, 3:], atol=1e-5)
 
 
-def test_what_was_assumed_stands_in_the_file(capsys, folder):
+def test_what_was_assumed_stands_in_the_file(folder):
     write_log(folder, PLAIN)
-    assert call_new(capsys, "--friction", "coulomb-viscous", "--gear", "50,-30,200", "--rotors")[0] == 0
+    assert ask_new("--friction", "coulomb-viscous", "--gear", "50,-30,200", "--rotors")[0] == 0
     text = " ".join((folder / "arm.toml").read_text().partition("name =")[0].replace("#", "").split())
     assert "0 is 'shoulder'" in text
     assert "positions and torques are assumed to be on the joint side" in text
@@ -89,9 +85,9 @@ def test_what_was_assumed_stands_in_the_file(capsys, folder):
     assert "[processing]" not in (folder / "arm.toml").read_text()
 
 
-def test_what_real_robots_have_is_asked_for(capsys, folder):
+def test_what_real_robots_have_is_asked_for(folder):
     write_log(folder, PLAIN)
-    code, answer = call_new(capsys, "--gear", "50")
+    code, answer = ask_new("--gear", "50")
     assert code == 0
     assert list_codes(answer) == [
         "new.no-friction",
@@ -101,10 +97,9 @@ def test_what_real_robots_have_is_asked_for(capsys, folder):
     ]
 
 
-def test_the_text_shows_the_columns_and_what_to_do_next(capsys, folder):
+def test_the_text_shows_the_columns_and_what_to_do_next(folder):
     write_log(folder, PLAIN)
-    assert run(["new", "arm.toml", *SOURCE, "--log", "log.csv", "-q"]) == 0
-    text = capsys.readouterr().out
+    text = say("new", "arm.toml", *SOURCE, "--log", "log.csv", "-q")
     assert "position  shoulder pos, elbow pos, slide pos  deg, deg, mm" in text
     assert text.endswith("next: symid check arm.toml log.csv\n")
 
@@ -115,15 +110,15 @@ def test_what_to_do_next_can_be_typed(capsys, folder):
     assert capsys.readouterr().out.endswith("next: symid check arm.toml 'my log.csv'\n")
 
 
-def test_currents_need_torque_constants(capsys, folder):
+def test_currents_need_torque_constants(folder):
     heading = "t [s],q1 [rad],q2 [rad],q3 [mm],motor current 1 [mA],motor current 2 [mA],motor current 3 [mA]"
     values = write_log(folder, heading)
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert code == 3
     assert find_only(answer)["code"] == "new.torque-constant"
     assert "give --torque-constant K1,K2,K3" in find_only(answer)["text"]
     assert not (folder / "arm.toml").exists()
-    code, answer = call_new(capsys, "--torque-constant", "0.1,0.2,0.05", "--gear", "1,1,400")
+    code, answer = ask_new("--torque-constant", "0.1,0.2,0.05", "--gear", "1,1,400")
     assert code == 0
     (gear,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "new.assumed-gear"]
     assert "'shoulder', 'elbow_joint'; give --gear" in gear
@@ -132,28 +127,28 @@ def test_currents_need_torque_constants(capsys, folder):
     np.testing.assert_allclose(recording.torque, values[:, 3:] * 1e-3 * [0.1, 0.2, 20.0], atol=1e-6)
 
 
-def test_options_name_columns_and_units(capsys, folder):
+def test_options_name_columns_and_units(folder):
     write_log(folder, "stamp [s],a,b,c,d [N m],e [N m],f [N],cmd position [deg]")
     options = ("--columns", "position=a,b,c", "--columns", "torque=d,e,f", "--units", "position=SI")
-    code, answer = call_new(capsys, *options)
+    code, answer = ask_new(*options)
     assert code == 0
     assert answer["result"]["log"]["columns"]["position"] == ["a", "b", "c"]
     assert answer["result"]["log"]["unused"] == ["cmd position"]
     assert "new.unused-columns" in list_codes(answer)
 
 
-def test_units_are_given_for_each_column(capsys, folder):
+def test_units_are_given_for_each_column(folder):
     values = write_log(folder, "time [s],q1,q2 [rad],q3,tau0 [N m],tau1 [N m],tau2 [N]")
-    code, answer = call_new(capsys, "--units", "position=deg,deg,mm")
+    code, answer = ask_new("--units", "position=deg,deg,mm")
     assert code == 0
     assert answer["result"]["log"]["units"]["position"] == "deg, deg, mm"
     recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
     np.testing.assert_allclose(recording.position, values[:, :3] * SI, atol=1e-6)
 
 
-def test_a_column_without_a_name_is_told_as_one(capsys, folder):
+def test_a_column_without_a_name_is_told_as_one(folder):
     write_log(folder, f"{PLAIN},")
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, answer["result"]["log"]["unused"]) == (0, [""])
     (unused,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "new.unused-columns"]
     assert "not used: ''; --columns" in unused
@@ -188,10 +183,10 @@ def test_a_column_without_a_name_is_told_as_one(capsys, folder):
         (PLAIN.replace("shoulder pos", "target shoulder pos"), "new.unknown-column", "of joint 'shoulder'"),
     ],
 )
-def test_what_is_not_certain_is_refused(capsys, folder, case):
+def test_what_is_not_certain_is_refused(folder, case):
     heading, code, words = case
     write_log(folder, heading)
-    exit_code, answer = call_new(capsys)
+    exit_code, answer = ask_new()
     assert exit_code == 3
     texts = {entry["text"] for entry in answer["errors"] if entry["code"] == code}
     assert any(words in text for text in texts), answer["errors"]
@@ -199,9 +194,9 @@ def test_what_is_not_certain_is_refused(capsys, folder, case):
     assert not (folder / "arm.toml").exists()
 
 
-def test_all_that_is_wrong_is_said_at_once(capsys, folder):
+def test_all_that_is_wrong_is_said_at_once(folder):
     write_log(folder, "x,q1,q2,q3,tau1 [N m],tau1b [N m],tau3 [N]")
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert code == 3
     assert list_codes(answer, "errors") == ["new.unknown-column", "new.no-unit", "new.unknown-column"]
 
@@ -233,10 +228,10 @@ def test_all_that_is_wrong_is_said_at_once(capsys, folder):
         (("--torque-constant", "1,2"), 2, "usage.completion", "--torque-constant: 2 numbers"),
     ],
 )
-def test_options_that_do_not_fit_are_refused(capsys, folder, case):
+def test_options_that_do_not_fit_are_refused(folder, case):
     options, exit_code, code, words = case
     write_log(folder, PLAIN)
-    found, answer = call_new(capsys, *options)
+    found, answer = ask_new(*options)
     assert found == exit_code
     assert code in list_codes(answer, "errors")
     assert any(words in entry["text"] for entry in answer["errors"]), answer["errors"]
@@ -255,19 +250,19 @@ def test_options_of_a_log_want_one(capsys, folder, options, words):
     assert find_only(json.loads(capsys.readouterr().out))["text"] == words
 
 
-def test_a_robot_file_is_copied_as_it_is(capsys, folder):
+def test_a_robot_file_is_copied_as_it_is(folder):
     write_log(folder, PLAIN)
-    code, answer = call_new(capsys, "--rotors", source=("--from", "scara"))
+    code, answer = ask_new("--rotors", source=("--from", "scara"))
     assert code == 2
     assert find_only(answer)["code"] == "usage.copied"
     assert find_only(answer)["text"].startswith("--log, --rotors: a robot file is copied")
     assert not (folder / "arm.toml").exists()
 
 
-def test_what_the_source_states_is_not_changed(capsys, folder, project):
+def test_what_the_source_states_is_not_changed(folder, project):
     source = ("--from-urdf", str(project / "docs" / "own_robot" / "arm.urdf"))
     log = str(project / "docs" / "own_robot" / "training.csv")
-    code, answer = call_new(capsys, "--gear", "100", source=source, log=log)
+    code, answer = ask_new("--gear", "100", source=source, log=log)
     assert code == 2
     assert find_only(answer)["code"] == "usage.completion"
     assert "joint 'elbow' has the gear 80 in its source, not 100" in find_only(answer)["text"]
@@ -302,7 +297,7 @@ PRESETS = {
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_logs_of_known_programs_are_known(capsys, folder, preset):
+def test_logs_of_known_programs_are_known(folder, preset):
     heading = ",".join(PRESETS[preset])
     write_log(folder, heading)
     text = (folder / "log.csv").read_text().splitlines()
@@ -312,7 +307,7 @@ def test_logs_of_known_programs_are_known(capsys, folder, preset):
         text[1:] = [",".join((f"{float(row[0]) * scale:.0f}", *row[1:])) for row in rows]
         (folder / "log.csv").write_text("\n".join(text) + "\n")
     constants = ("--torque-constant", "0.1,0.1,0.1") if preset == "ur-rtde" else ()
-    code, answer = call_new(capsys, *constants)
+    code, answer = ask_new(*constants)
     assert code == 0, answer
     assert answer["result"]["log"]["preset"] == preset
     robot = read_robot(folder / "arm.toml")
@@ -325,22 +320,22 @@ def test_logs_of_known_programs_are_known(capsys, folder, preset):
     ("unit", "codes"),
     [("foo", ["new.wrong-unit"] * 2), ("A", ["new.mixed-units", "new.torque-constant"])],
 )
-def test_names_of_symid_with_other_units_are_read_as_any_others(capsys, folder, unit, codes):
+def test_names_of_symid_with_other_units_are_read_as_any_others(folder, unit, codes):
     write_log(folder, ",".join(PRESETS["symid"]).replace("N m", unit))
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, list_codes(answer, "errors")) == (3, codes)
 
 
-def test_currents_of_a_known_program_need_torque_constants(capsys, folder):
+def test_currents_of_a_known_program_need_torque_constants(folder):
     write_log(folder, ",".join(PRESETS["ur-rtde"]))
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, list_codes(answer, "errors")) == (3, ["new.torque-constant"])
 
 
-def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(capsys, folder):
+def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(folder):
     heading = ",".join(name.replace("time", "time [s]").replace("2]", "2] [m]") for name in PRESETS["franka"])
     write_log(folder, heading)
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert code == 3
     assert "new.no-unit" in list_codes(answer, "errors")
     assert "for 'q[0]', 'q[1]'; " in answer["errors"][0]["text"]
@@ -392,26 +387,26 @@ def test_what_is_not_a_quantity_of_a_joint_is_none(heading, robots_folder):
     assert not found.quantity or found.number is None
 
 
-def test_arrays_and_single_joints_need_no_numbers(capsys, folder):
+def test_arrays_and_single_joints_need_no_numbers(folder):
     write_log(folder, PLAIN)
     time = np.arange(400) * 0.01
     moves = np.sin(time[:, None] * [1.0, 2.0, 3.0])
     units = np.array(["time [s]", "position [SI]", "effort [SI]"])
     np.savez(folder / "log.npz", time=time, position=moves, effort=moves, units=units)
-    code, answer = call_new(capsys, log="log.npz")
+    code, answer = ask_new(log="log.npz")
     assert (code, answer["result"]["log"]["columns"]["torque"]) == (0, ["effort"])
     (folder / "rows.csv").write_text("\n".join(TABLE.splitlines()[:2]) + "\n")
     write_log(folder, "time [s],angle [deg],torque [N m]")
     (folder / "arm.toml").unlink()
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["angle"])
 
 
-def test_a_wrong_unit_is_seen_at_once(capsys, folder, project):
+def test_a_wrong_unit_is_seen_at_once(folder, project):
     pages = project / "docs" / "own_robot"
     options = ("--units", "position=rad", "--torque-constant", "0.1")
-    code, answer = call_new(
-        capsys, *options, source=("--from-urdf", str(pages / "arm.urdf")), log=str(pages / "training.csv")
+    code, answer = ask_new(
+        *options, source=("--from-urdf", str(pages / "arm.urdf")), log=str(pages / "training.csv")
     )
     assert code == 0
     texts = [entry["text"] for entry in answer["warnings"] if "beyond its limits" in entry["text"]]
@@ -420,105 +415,105 @@ def test_a_wrong_unit_is_seen_at_once(capsys, folder, project):
 
 
 @pytest.mark.parametrize("rows", [0, 1])
-def test_a_log_without_enough_rows_is_refused(capsys, folder, rows):
+def test_a_log_without_enough_rows_is_refused(folder, rows):
     write_log(folder, PLAIN)
     lines = (folder / "log.csv").read_text().splitlines()
     (folder / "log.csv").write_text("\n".join(lines[: rows + 1]) + "\n")
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, list_codes(answer, "errors")) == (3, ["log.time-order"])
     assert not (folder / "arm.toml").exists()
 
 
-def test_columns_apart_by_spaces_are_refused(capsys, folder):
+def test_columns_apart_by_spaces_are_refused(folder):
     (folder / "log.csv").write_text("time [s] q1 [rad]\n0 1.5 2\n1 2.5 3\n")
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, list_codes(answer, "errors")) == (3, ["log.separator"])
     assert answer["errors"][0]["line"] == 1
 
 
-def test_an_order_is_told_once(capsys, folder):
+def test_an_order_is_told_once(folder):
     heading = "t [s],q1 [rad],q2 [rad],q3 [m],dq1 [rad/s],dq2 [rad/s],dq3 [m/s],i1 [A],i2 [A],i3 [A]"
     write_log(folder, heading)
-    code, answer = call_new(capsys, "--torque-constant", "0.1")
+    code, answer = ask_new("--torque-constant", "0.1")
     assert (code, list_codes(answer).count("new.assumed-order")) == (0, 1)
     assert list(answer["result"]["log"]["columns"]) == ["time", "position", "torque", "velocity"]
 
 
 @pytest.mark.parametrize("time", ["t [s]", "clock [s]"])
-def test_numbers_in_names_of_joints_that_are_out_of_order_are_refused(capsys, folder, time):
+def test_numbers_in_names_of_joints_that_are_out_of_order_are_refused(folder, time):
     rows = ["joint,alpha,a,d,theta", "axis_2,0,0,0,q", "axis_1,0,0.5,0,q", "axis_3,0,0.3,0,q"]
     (folder / "rows.csv").write_text("\n".join(rows) + "\n")
     write_log(folder, f"{time},q1 [rad],q2 [rad],q3 [rad],tau1 [Nm],tau2 [Nm],tau3 [Nm]")
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, list_codes(answer, "errors")) == (3, ["new.ambiguous-column"] * 2)
     assert "position of joint 'axis_2' could be 'q2' or 'q1'" in answer["errors"][0]["text"]
 
 
 @pytest.mark.parametrize("time", ["t [s]", "stamp [s]"])
-def test_numbers_at_the_end_of_longer_names_count_too(capsys, folder, time):
+def test_numbers_at_the_end_of_longer_names_count_too(folder, time):
     """Of joints wrist_j2 and wrist_j1, in this order, nobody can tell whose column q1 is."""
     rows = ["joint,alpha,a,d,theta", "wrist_j2,0,0,0,q", "wrist_j1,0,0.5,0,q"]
     (folder / "rows.csv").write_text("\n".join(rows) + "\n")
     write_log(folder, f"{time},q1 [rad],q2 [rad],tau1 [Nm],tau2 [Nm]")
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, list_codes(answer, "errors")) == (3, ["new.ambiguous-column"] * 2)
     assert "position of joint 'wrist_j2' could be 'q2' or 'q1'" in answer["errors"][0]["text"]
 
 
-def test_the_name_of_a_joint_is_no_unit(capsys, folder):
+def test_the_name_of_a_joint_is_no_unit(folder):
     """Torques of the joint A, in N m or whatever, were taken for its current in ampere."""
     (folder / "rows.csv").write_text("joint,alpha,a,d,theta\nA,0,0,0,q\n")
     write_log(folder, "stamp [s],pos_A [rad],tau_A")
-    code, answer = call_new(capsys, "--torque-constant", "0.1")
+    code, answer = ask_new("--torque-constant", "0.1")
     assert (code, list_codes(answer, "errors")) == (3, ["new.no-unit"])
-    code, answer = call_new(capsys, "--units", "torque=Nm")
+    code, answer = ask_new("--units", "torque=Nm")
     assert (code, answer["result"]["log"]["units"]["torque"]) == (0, "Nm")
 
 
-def test_numbers_of_columns_count_from_0_whatever_the_joints_are_called(capsys, folder):
+def test_numbers_of_columns_count_from_0_whatever_the_joints_are_called(folder):
     rows = ["joint,alpha,a,d,theta", "arm_j1,0,0,0,q", "arm_j2,0,0.5,0,q"]
     (folder / "rows.csv").write_text("\n".join(rows) + "\n")
     write_log(folder, "stamp [s],q0 [rad],q1 [rad],tau0 [Nm],tau1 [Nm]")
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["q0", "q1"])
     (order,) = (entry for entry in answer["warnings"] if entry["code"] == "new.assumed-order")
     assert order["text"].endswith("0 is 'arm_j1', 1 is 'arm_j2'")
 
 
-def test_numbers_in_names_of_joints_are_those_of_columns(capsys, folder):
+def test_numbers_in_names_of_joints_are_those_of_columns(folder):
     rows = ["joint,alpha,a,d,theta", "axis_2,0,0,0,q", "axis_3,0,0.5,0,q", "axis_4,0,0.3,0,q"]
     (folder / "rows.csv").write_text("\n".join(rows) + "\n")
     write_log(folder, "t [s],q4 [rad],q2 [rad],q3 [rad],tau2 [Nm],tau3 [Nm],tau4 [Nm]")
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["q2", "q3", "q4"])
     assert "new.assumed-order" not in list_codes(answer)
 
 
-def test_mixed_currents_are_refused(capsys, folder):
+def test_mixed_currents_are_refused(folder):
     write_log(folder, PLAIN.replace("tau0 [N m]", "tau0 [A]").replace("tau1 [N m]", "tau1 [mA]"))
-    code, answer = call_new(capsys, "--torque-constant", "0.1")
+    code, answer = ask_new("--torque-constant", "0.1")
     assert (code, list_codes(answer, "errors")) == (3, ["new.mixed-units"])
 
 
 @pytest.mark.parametrize("last", ["jointGripper", "joint3"])
-def test_columns_of_symid_are_known_whatever_the_joints_are_called(capsys, folder, last):
+def test_columns_of_symid_are_known_whatever_the_joints_are_called(folder, last):
     """The name of a gripper has no number, and its column has."""
     rows = ["joint,alpha,a,d,theta", "joint1,0,0,0,q", "joint2,0,0.5,0,q", f"{last},0,0.3,0,q"]
     (folder / "rows.csv").write_text("\n".join(rows) + "\n")
     write_log(folder, "t [s],q1 [rad],q2 [rad],q3 [rad],tau1 [N m],tau2 [N m],tau3 [N m]")
-    code, answer = call_new(capsys)
+    code, answer = ask_new()
     assert (code, answer["result"]["log"]["preset"]) == (0, "symid")
     assert answer["result"]["log"]["columns"]["position"] == ["q1", "q2", "q3"]
 
 
 @pytest.mark.parametrize(("size", "code"), [(3, 0), (4, 3)])
-def test_elements_of_arrays_count_from_0_and_name_no_joint(capsys, folder, size, code):
+def test_elements_of_arrays_count_from_0_and_name_no_joint(folder, size, code):
     """Of joints j1 to j3, tau_J[1] was read as that of j1."""
     rows = ["joint,alpha,a,d,theta", "j1,0,0,0,q", "j2,0,0.5,0,q", "j3,0,0.3,0,q"]
     (folder / "rows.csv").write_text("\n".join(rows) + "\n")
     names = [*(f"q[{k}] [rad]" for k in range(size)), *(f"tau_J[{k}] [N m]" for k in range(size))]
     write_log(folder, ",".join(("t [s]", *names)))
-    found, answer = call_new(capsys)
+    found, answer = ask_new()
     assert found == code
     if not code:
         assert answer["result"]["log"]["columns"]["torque"] == ["tau_J[0]", "tau_J[1]", "tau_J[2]"]

@@ -21,21 +21,13 @@ from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import list_processing
 from symid.robot.toml_writer import write_robot
+from tests.calls import ask, do, fail, list_codes, say
 from tests.chains import PUMA560, regress
 from tests.estimates import build_estimate, fill_robot, make_plain, store_estimate
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
 MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
-
-
-def call(capsys, *arguments):
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def find_codes(answer):
-    return [warning["code"] for warning in answer["warnings"]]
 
 
 def add_payload(robot):
@@ -77,10 +69,9 @@ def arm(tmp_path_factory):
     return folder, robot
 
 
-def test_two_estimates_give_the_payload(capsys, arm, tmp_path):
+def test_two_estimates_give_the_payload(arm, tmp_path):
     folder, _ = arm
-    code, answer = call(
-        capsys,
+    answer = do(
         "payload",
         folder / "arm.toml",
         folder / "loaded.json",
@@ -89,7 +80,6 @@ def test_two_estimates_give_the_payload(capsys, arm, tmp_path):
         "-o",
         tmp_path / "payload.json",
     )
-    assert code == 0, answer
     result = answer["result"]
     assert result["mass"] == pytest.approx(MASS, rel=1e-6)
     np.testing.assert_allclose(result["com"], CENTRE, atol=1e-7)
@@ -135,12 +125,9 @@ def test_what_noise_hides_is_refused_with_warnings(capsys, arm, tmp_path):
     for entry in stored["parameters"]:
         entry["value"] += changes.get(entry["name"], 0.0)
     loaded.write_text(json.dumps(stored), encoding="utf-8")
-    code, answer = call(
-        capsys, "payload", folder / "arm.toml", loaded, "--empty", tmp_path / "empty.json", "--mass", MASS
-    )
-    assert code == 0, answer
+    answer = do("payload", folder / "arm.toml", loaded, "--empty", tmp_path / "empty.json", "--mass", MASS)
     assert answer["result"]["inertia"]["xx"] is None
-    assert {"payload.refused", "payload.other-changes", "payload.friction-changed"} <= set(find_codes(answer))
+    assert {"payload.refused", "payload.other-changes", "payload.friction-changed"} <= set(list_codes(answer))
     assert answer["result"]["friction"][0]["name"] == "Fc1"
     assert answer["result"]["unexplained"][0]["name"] == "ZZR1"
     code = run(
@@ -160,7 +147,7 @@ def test_what_noise_hides_is_refused_with_warnings(capsys, arm, tmp_path):
     assert f" {answer['result']['scale']:.3g}, " in out
 
 
-def test_a_change_that_no_body_makes_is_said(capsys, arm, tmp_path):
+def test_a_change_that_no_body_makes_is_said(arm, tmp_path):
     folder, robot = arm
     impossible = list(add_payload(robot).joints[-1].inertial)
     impossible[0] -= 1.0
@@ -168,18 +155,17 @@ def test_a_change_that_no_body_makes_is_said(capsys, arm, tmp_path):
     last = dataclasses.replace(robot.joints[-1], inertial=tuple(impossible))
     changed = dataclasses.replace(robot, joints=(*robot.joints[:-1], last))
     loaded = store_estimate(changed, tmp_path / "loaded.json", covariance=find_covariance(robot, 0.02))
-    code, answer = call(capsys, "payload", folder / "arm.toml", loaded, "--empty", folder / "empty.json")
-    assert code == 0, answer
-    assert "payload.inconsistent" in find_codes(answer)
+    answer = do("payload", folder / "arm.toml", loaded, "--empty", folder / "empty.json")
+    assert "payload.inconsistent" in list_codes(answer)
     assert answer["result"]["moved"] > 3
 
 
-def test_the_other_way_round_there_is_no_payload(capsys, arm):
+def test_the_other_way_round_there_is_no_payload(arm):
     folder, _ = arm
-    code, answer = call(
-        capsys, "payload", folder / "arm.toml", folder / "empty.json", "--empty", folder / "loaded.json"
+    assert fail("payload", folder / "arm.toml", folder / "empty.json", "--empty", folder / "loaded.json") == (
+        4,
+        "payload.none",
     )
-    assert (code, answer["errors"][0]["code"]) == (4, "payload.none")
 
 
 @pytest.fixture(scope="module")
@@ -191,16 +177,15 @@ def logs(tmp_path_factory, robots_folder):
     for name, log in (("two_link", "empty"), (str(folder / "heavy.toml"), "loaded")):
         for seed in ("1", "2"):
             path = str(folder / f"{log}{seed}.npz")
-            assert run(["simulate", name, "--duration", "8", "--seed", seed, "-o", path, "-q"]) == 0
+            do("simulate", name, "--duration", "8", "--seed", seed, "-o", path)
     return folder
 
 
 @pytest.mark.parametrize(
     "options", [(), ("--rows", "momentum", "--estimator", "ols")], ids=["torque", "momentum"]
 )
-def test_logs_give_the_payload(capsys, logs, options):
-    code, answer = call(
-        capsys,
+def test_logs_give_the_payload(logs, options):
+    answer = do(
         "payload",
         "two_link",
         logs / "loaded1.npz",
@@ -211,39 +196,35 @@ def test_logs_give_the_payload(capsys, logs, options):
         logs / "empty2.npz",
         *options,
     )
-    assert code == 0, answer
     by_name = {entry["name"]: entry for entry in answer["result"]["quantities"]}
     truth = {"mass": MASS, "cx": CENTRE[0], "cy": CENTRE[1]}
     for name, value in truth.items():
         assert abs(by_name[name]["value"] - value) < 4 * by_name[name]["std"], name
         assert by_name[name]["std"] < 0.02
     assert by_name["cz"]["value"] is None
-    assert "payload.refused" in find_codes(answer)
+    assert "payload.refused" in list_codes(answer)
 
 
-def test_calls_that_cannot_be_answered(capsys, arm, logs, tmp_path):
+def test_calls_that_cannot_be_answered(arm, logs, tmp_path):
     folder, _ = arm
     robot, loaded, empty = folder / "arm.toml", folder / "loaded.json", folder / "empty.json"
-    code, answer = call(capsys, "payload", robot, loaded, logs / "loaded1.npz", "--empty", empty)
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.payload-inputs")
-    code, answer = call(capsys, "payload", robot, loaded, "--empty", loaded)
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.same-log")
-    code, answer = call(capsys, "payload", robot, loaded, "--empty", empty, "--joint", "hand")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.payload-joint")
-    code, answer = call(capsys, "payload", "two_link", loaded, "--empty", empty)
-    assert (code, answer["errors"][0]["code"]) == (3, "estimate.signature")
-    code, answer = call(
-        capsys, "payload", "two_link_elastic", logs / "loaded1.npz", "--empty", logs / "empty1.npz"
+    assert fail("payload", robot, loaded, logs / "loaded1.npz", "--empty", empty) == (
+        2,
+        "usage.payload-inputs",
     )
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.payload-elastic")
-    code, answer = call(capsys, "payload", robot, loaded, "--empty", empty, "-o", loaded, "--force")
-    assert (code, answer["errors"][0]["code"]) == (3, "output.is-input")
+    assert fail("payload", robot, loaded, "--empty", loaded) == (2, "usage.same-log")
+    assert fail("payload", robot, loaded, "--empty", empty, "--joint", "hand") == (2, "usage.payload-joint")
+    assert fail("payload", "two_link", loaded, "--empty", empty) == (3, "estimate.signature")
+    assert fail("payload", "two_link_elastic", logs / "loaded1.npz", "--empty", logs / "empty1.npz") == (
+        2,
+        "usage.payload-elastic",
+    )
+    assert fail("payload", robot, loaded, "--empty", empty, "-o", loaded, "--force") == (3, "output.is-input")
     unsure = json.loads(empty.read_text(encoding="utf-8"))
     for entry in unsure["parameters"]:
         entry["std"] = None
     (tmp_path / "unsure.json").write_text(json.dumps(unsure | {"covariance": []}), encoding="utf-8")
-    code, answer = call(capsys, "payload", robot, loaded, "--empty", tmp_path / "unsure.json")
-    assert (code, answer["errors"][0]["code"]) == (3, "payload.no-deviations")
+    assert fail("payload", robot, loaded, "--empty", tmp_path / "unsure.json") == (3, "payload.no-deviations")
 
 
 def build_elastic_estimate(robot):
@@ -276,48 +257,40 @@ def build_elastic_estimate(robot):
     )
 
 
-def test_estimates_of_elastic_joints_give_the_payload(capsys, tmp_path, robots_folder):
+def test_estimates_of_elastic_joints_give_the_payload(tmp_path, robots_folder):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
     empty = write_fit(build_elastic_estimate(robot), tmp_path / "empty.json")
     loaded = write_fit(build_elastic_estimate(add_payload(robot)), tmp_path / "loaded.json")
-    code, answer = call(capsys, "payload", "two_link_elastic", loaded, "--empty", empty)
-    assert code == 0, answer
+    answer = do("payload", "two_link_elastic", loaded, "--empty", empty)
     assert answer["result"]["mass"] == pytest.approx(MASS, rel=1e-6)
     np.testing.assert_allclose(answer["result"]["com"][:2], CENTRE[:2], atol=1e-7)
     rigid = store_estimate(build_rigid_variant(robot), tmp_path / "rigid.json")
-    code, answer = call(capsys, "payload", "two_link_elastic", loaded, "--empty", rigid)
-    assert (code, answer["errors"][0]["code"]) == (3, "payload.other-model")
+    assert fail("payload", "two_link_elastic", loaded, "--empty", rigid) == (3, "payload.other-model")
 
 
-def test_a_controller_gets_what_it_takes(capsys, arm, tmp_path):
+def test_a_controller_gets_what_it_takes(arm, tmp_path):
     folder, _ = arm
     call_it = ("payload", folder / "arm.toml", folder / "loaded.json", "--empty", folder / "empty.json")
     place = "0,0,0.1,0,0,1.5707963267948966"
-    code, answer = call(
-        capsys, *call_it, "--for", "ur", f"--frame={place}", "-o", tmp_path / "payload.json", "--mass", MASS
-    )
-    assert code == 0, answer
+    answer = do(*call_it, "--for", "ur", f"--frame={place}", "-o", tmp_path / "payload.json", "--mass", MASS)
     command = answer["result"]["controller"]
     np.testing.assert_allclose(command["com"], [CENTRE[1], -CENTRE[0], CENTRE[2] - 0.1], atol=1e-6)
     assert command["texts"]["URScript"].startswith("set_target_payload(1.5, [-0.02")
-    assert find_codes(answer) == ["payload.controller-scope"]
+    assert list_codes(answer) == ["payload.controller-scope"]
     assert (tmp_path / "payload.json").exists()
-    assert run([*map(str, call_it), "--for", "franka", "-q"]) == 0
-    assert "libfranka: robot.setLoad(1." in capsys.readouterr().out
-    code, answer = call(capsys, *call_it, "--frame", "flange")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.payload-frame")
+    assert "libfranka: robot.setLoad(1." in say(*call_it, "--for", "franka", "-q")
+    assert fail(*call_it, "--frame", "flange") == (2, "usage.payload-frame")
 
 
-def test_a_stored_payload_is_reported_as_it_was_found(capsys, arm, tmp_path):
+def test_a_stored_payload_is_reported_as_it_was_found(arm, tmp_path):
     folder, _ = arm
     order = ("payload", folder / "arm.toml", folder / "loaded.json", "--empty", folder / "empty.json")
     stored, first, second = (tmp_path / name for name in ("payload.json", "first.html", "second.html"))
-    code, answer = call(capsys, *order, "-o", stored, "--page", first)
-    assert code == 0
-    code, again = call(capsys, "report", stored, "-o", second)
+    answer = do(*order, "-o", stored, "--page", first)
+    code, again = ask("report", stored, "-o", second)
     assert code == 0, again
     assert second.read_bytes() == first.read_bytes()
-    assert find_codes(again) == find_codes(answer)
+    assert list_codes(again) == list_codes(answer)
     here = {"file": None, "page": None}
     assert again["result"] | here == answer["result"] | here
     found = symid.load_payload(stored, symid.load(folder / "arm.toml"))
@@ -327,15 +300,14 @@ def test_a_stored_payload_is_reported_as_it_was_found(capsys, arm, tmp_path):
         symid.load_payload(stored).for_controller("ur", "flange")
     with pytest.raises(EstimateError, match="not of 'two_link'"):
         symid.load_payload(stored, symid.load("two_link"))
-    code, answer = call(capsys, "report", stored, "--diagnose", "-o", tmp_path / "third.html")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-validation")
+    assert fail("report", stored, "--diagnose", "-o", tmp_path / "third.html") == (2, "usage.no-validation")
 
 
-def test_a_stored_payload_with_mistakes_is_refused(capsys, arm, tmp_path):
+def test_a_stored_payload_with_mistakes_is_refused(arm, tmp_path):
     folder, _ = arm
     order = ("payload", folder / "arm.toml", folder / "loaded.json", "--empty", folder / "empty.json")
     stored = tmp_path / "payload.json"
-    assert call(capsys, *order, "-o", stored)[0] == 0
+    assert ask(*order, "-o", stored)[0] == 0
     text = stored.read_text(encoding="utf-8")
     for place, value, said in (
         (("standard",), [1.0], "(10,) numbers"),
@@ -349,6 +321,6 @@ def test_a_stored_payload_with_mistakes_is_refused(capsys, arm, tmp_path):
             entry = entry[key]
         entry[place[-1]] = value
         stored.write_text(json.dumps(data), encoding="utf-8")
-        code, answer = call(capsys, "report", stored, "-o", tmp_path / "page.html")
+        code, answer = ask("report", stored, "-o", tmp_path / "page.html")
         assert code == 3
         assert said in answer["errors"][0]["text"]

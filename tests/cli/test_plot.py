@@ -1,17 +1,12 @@
 """`symid plot`, `--page` and `--open`: what is drawn, what is written, what is refused."""
 
-import json
 import webbrowser
 
 import pytest
 
 import symid
 from symid.cli.main import run
-
-
-def call(capsys, *arguments):
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
+from tests.calls import ask, do, refuse
 
 
 @pytest.fixture
@@ -21,23 +16,19 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_a_robot_and_a_log_are_drawn(here, capsys):
-    code, answer = call(capsys, "plot", "scara", "-o", "scara.svg", "--pose", "0.3,0.5,0.1,0")
-    assert code == 0
+def test_a_robot_and_a_log_are_drawn(here):
+    answer = do("plot", "scara", "-o", "scara.svg", "--pose", "0.3,0.5,0.1,0")
     assert "q = (0.3, 0.5, 0.1, 0)" in answer["result"]["figures"][0]
     assert (here / "scara.svg").read_text().startswith("<svg")
-    code, answer = call(capsys, "plot", "two_link", "log.npz", "-o", "log.html")
-    assert len(answer["result"]["figures"]) == 2
+    assert len(do("plot", "two_link", "log.npz", "-o", "log.html")["result"]["figures"]) == 2
 
 
 @pytest.mark.parametrize(("pose", "code"), [("0.3,x,0", "usage.pose"), ("0.3", "usage.pose")])
-def test_a_wrong_pose_is_refused(here, capsys, pose, code):
-    exit_code, answer = call(capsys, "plot", "scara", "-o", "scara.svg", "--pose", pose)
-    assert exit_code == 2
-    assert [error["code"] for error in answer["errors"]] == [code]
+def test_a_wrong_pose_is_refused(here, pose, code):
+    assert refuse("plot", "scara", "-o", "scara.svg", "--pose", pose) == (2, [code])
 
 
-def test_a_plot_opens_in_the_browser(here, capsys, monkeypatch):
+def test_a_plot_opens_in_the_browser(here, monkeypatch):
     opened = []
     monkeypatch.setattr(webbrowser, "open", opened.append)
     assert run(["plot", "two_link", "-o", "arm.html"]) == 0
@@ -46,14 +37,14 @@ def test_a_plot_opens_in_the_browser(here, capsys, monkeypatch):
     assert opened == [(here / "arm.html").resolve().as_uri()]
 
 
-def test_verbs_write_pages(here, capsys):
+def test_verbs_write_pages(here):
     for verb, *rest in (
         ("check", "log.npz"),
         ("excite", "--candidates", "10", "--starts", "1", "--harmonics", "2"),
         ("identify", "log.npz", "-o", "fit.json"),
         ("compare", "fit.json", "fit.json"),
     ):
-        code, answer = call(capsys, verb, "two_link", *rest, "--page", f"{verb}.html")
+        code, answer = ask(verb, "two_link", *rest, "--page", f"{verb}.html")
         if verb == "compare":
             # A file beside itself is refused; the page is not written.
             assert code == 2
@@ -62,5 +53,5 @@ def test_verbs_write_pages(here, capsys):
             assert code == 0
             assert answer["result"]["page"] == f"{verb}.html"
             assert '<section class="verdict' in (here / f"{verb}.html").read_text()
-    code, answer = call(capsys, "check", "two_link", "log.npz", "--page", "check.html")
+    code, answer = ask("check", "two_link", "log.npz", "--page", "check.html")
     assert [error["code"] for error in answer["errors"]] == ["output.exists"]

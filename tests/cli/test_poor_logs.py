@@ -1,18 +1,17 @@
 """Logs that are far too poor: refused with every reason, by `identify` and by `check`, with exit code 4."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
-from symid.cli.main import run
 from symid.codegen.cache import prepare_library
 from symid.dynamics.base_parameters import build_grouping, derive_base_parameters
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.notation import INERTIAL
 from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
+from tests.calls import ask
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -61,15 +60,14 @@ def log(robot, tmp_path_factory):
     return write
 
 
-def call(capsys, verb, *arguments):
-    code = run([verb, "panda", "--friction", FRICTION, "--json", "-q", *map(str, arguments)])
-    return code, json.loads(capsys.readouterr().out)
+def ask_of(verb, *arguments):
+    return ask(verb, "panda", "--friction", FRICTION, *arguments)
 
 
 @pytest.mark.parametrize("still", [(0, 1), (0, 2), (1, 4), (5, 6)])
-def test_two_joints_still(capsys, log, still):
+def test_two_joints_still(log, still):
     path = log(*still)
-    code, answer = call(capsys, "identify", path)
+    code, answer = ask_of("identify", path)
     assert (code, answer["ok"]) == (4, False)
     texts = [entry["text"] for entry in answer["errors"]]
     assert [entry["code"] for entry in answer["errors"][:3]] == [
@@ -86,32 +84,32 @@ def test_two_joints_still(capsys, log, still):
     assert {f"{what}{joint + 1}" for joint in still for what in ("Fv", "Fc", "offset")} <= set(named)
 
 
-def test_what_can_be_told_is_fitted_where_that_is_asked_for(capsys, log):
-    code, answer = call(capsys, "identify", log(1, 4), "--partial")
+def test_what_can_be_told_is_fitted_where_that_is_asked_for(log):
+    code, answer = ask_of("identify", log(1, 4), "--partial")
     assert (code, answer["ok"]) == (0, True)
     told = [entry["name"] for entry in answer["result"]["parameters"]]
     assert "Fv1" in told
     assert "Fv2" not in told
 
 
-def test_a_static_log(capsys, log):
-    code, answer = call(capsys, "identify", log(*range(7)))
+def test_a_static_log(log):
+    code, answer = ask_of("identify", log(*range(7)))
     assert code == 4
     assert [entry["code"] for entry in answer["errors"]] == ["identify.standstill"]
 
 
-def test_check_says_it_before(capsys, log):
-    code, answer = call(capsys, "check", log(1, 4))
+def test_check_says_it_before(log):
+    code, answer = ask_of("check", log(1, 4))
     assert code == 4
     assert [entry["code"] for entry in answer["errors"]] == ["check.poor"]
     assert "at rest: joint2, joint5" in next(
         entry["text"] for entry in answer["warnings"] if entry["code"] == "log.not-excited"
     )
-    assert call(capsys, "check", log())[0] == 0
+    assert ask_of("check", log())[0] == 0
 
 
-def test_a_log_that_moves_what_another_does_not(capsys, log):
-    code, answer = call(capsys, "identify", log(1, 4), log(6))
+def test_a_log_that_moves_what_another_does_not(log):
+    code, answer = ask_of("identify", log(1, 4), log(6))
     assert (code, answer["ok"]) == (0, True)
     assert [entry for entry in answer["warnings"] if entry["code"] == "identify.refused"] == []
     # Neither log can predict the other: stretches of both are held out, not whole logs.

@@ -1,6 +1,5 @@
 """`symid report` for estimates of elastic joints."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,14 +13,9 @@ from symid.identification.stored import write_fit
 from symid.ipopt import Ending
 from symid.robot.loading import load_robot
 from symid.robot.toml_settings import describe_settings
+from tests.calls import ask, do, find_codes
 
 ROBOT = "two_link_elastic"
-
-
-def call_json(capsys, *arguments):
-    capsys.readouterr()
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
 
 
 @pytest.fixture(scope="module")
@@ -89,20 +83,18 @@ def log(tmp_path):
     return path
 
 
-def test_a_page_without_logs_needs_no_robot(capsys, found, tmp_path):
+def test_a_page_without_logs_needs_no_robot(found, tmp_path):
     page = tmp_path / "page.html"
-    code, answer = call_json(capsys, "report", found, "-o", page)
-    assert code == 0
+    answer = do("report", found, "-o", page)
     assert answer["result"]["robot"] == ROBOT
     assert answer["result"]["validations"] == []
     assert "--validation" in page.read_text(encoding="utf-8")
 
 
-def test_a_page_with_a_log_has_its_loops(capsys, found, log, tmp_path):
+def test_a_page_with_a_log_has_its_loops(found, log, tmp_path):
     page = tmp_path / "page.html"
     # The log's torques are no arm's: the page says so, and is written.
-    code, answer = call_json(capsys, "report", found, "--validation", log, "-o", page, "--accept")
-    assert code == 0
+    answer = do("report", found, "--validation", log, "-o", page, "--accept")
     assert answer["warnings"][0]["code"] == "identify.wrong"
     assert answer["result"]["validations"] == [str(log)]
     text = page.read_text(encoding="utf-8")
@@ -112,43 +104,42 @@ def test_a_page_with_a_log_has_its_loops(capsys, found, log, tmp_path):
     assert "7.999 s at 1000 Hz" in text
 
 
-def test_an_estimate_of_another_model_is_refused(capsys, estimate, log, tmp_path):
+def test_an_estimate_of_another_model_is_refused(estimate, log, tmp_path):
     other = write_fit(replace(estimate, signature="0" * 64), tmp_path / "other.json")
-    code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
+    code, answer = ask("report", other, "--validation", log, "-o", tmp_path / "a.html")
     assert code != 0
     assert answer["errors"][0]["code"] == "estimate.signature"
     assert not (tmp_path / "a.html").exists()
 
 
-def test_an_unknown_robot_is_named_with_its_option(capsys, estimate, log, tmp_path):
+def test_an_unknown_robot_is_named_with_its_option(estimate, log, tmp_path):
     other = write_fit(replace(estimate, robot="nobody"), tmp_path / "other.json")
-    code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
+    code, answer = ask("report", other, "--validation", log, "-o", tmp_path / "a.html")
     assert code != 0
     assert "--robot FILE.toml" in answer["errors"][0]["text"]
 
 
-def test_a_log_of_one_encoder_is_refused(capsys, found, log, tmp_path):
+def test_a_log_of_one_encoder_is_refused(found, log, tmp_path):
     with np.load(log) as columns:
         kept = {name: columns[name] for name in ("t", "q", "tau")}
     one = tmp_path / "one.npz"
     np.savez(one, **kept)
-    code, answer = call_json(capsys, "report", found, "--validation", one, "-o", tmp_path / "a.html")
+    code, answer = ask("report", found, "--validation", one, "-o", tmp_path / "a.html")
     assert code != 0
     assert answer["errors"][0]["code"] == "log.one-encoder"
     assert not (tmp_path / "a.html").exists()
 
 
-def test_the_log_is_read_as_the_logs_of_the_fit_were(capsys, estimate, log, tmp_path):
+def test_the_log_is_read_as_the_logs_of_the_fit_were(estimate, log, tmp_path):
     settings = {**estimate.settings, "log": {"torque": {"columns": ["tau"], "unit": "mN m"}}}
     other = write_fit(replace(estimate, settings=settings), tmp_path / "other.json")
     page = tmp_path / "a.html"
-    code, answer = call_json(capsys, "report", other, "--validation", log, "-o", page, "--accept")
-    assert code == 0
+    answer = do("report", other, "--validation", log, "-o", page, "--accept")
     assert "was multiplied by 0.001" in page.read_text(encoding="utf-8")
-    assert "estimate.settings-differ" in {entry["code"] for entry in answer["warnings"]}
+    assert "estimate.settings-differ" in find_codes(answer)
 
 
-def test_what_the_motor_side_told_is_tried_as_rigid(capsys, log, tmp_path):
+def test_what_the_motor_side_told_is_tried_as_rigid(log, tmp_path):
     with np.load(log) as columns:
         kept = {"t": columns["t"], "q": columns["theta"], "tau": columns["tau"]}
     training, held_out, found = (tmp_path / name for name in ("one.npz", "two.npz", "found.json"))
@@ -157,7 +148,6 @@ def test_what_the_motor_side_told_is_tried_as_rigid(capsys, log, tmp_path):
     # A torque without inertia is no arm's: symid says so, and goes on where it is told to.
     assert run(["identify", ROBOT, str(training), "-o", str(found), "-q"]) == 1
     page = tmp_path / "a.html"
-    code, answer = call_json(capsys, "report", found, "--validation", held_out, "-o", page, "--accept")
-    assert code == 0
+    answer = do("report", found, "--validation", held_out, "-o", page, "--accept")
     assert answer["result"]["validations"] == [str(held_out)]
     assert "stiffness1" in (tmp_path / "a.html").read_text(encoding="utf-8")

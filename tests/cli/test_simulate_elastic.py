@@ -1,31 +1,23 @@
 """`symid simulate` of elastic robots: both encoders in the log, sensors as told, refusals."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 
-from symid.cli.main import run
 from symid.logs.reader import read_recording
 from symid.robot.toml_reader import read_robot
+from tests.calls import ask, do, fail
 
 
-def call_json(capsys, *arguments):
-    """Run a verb with --json; return its exit code and the object."""
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
-
-
-def simulate(capsys, path, *arguments, robot="two_link_elastic"):
-    code, answer = call_json(capsys, "simulate", robot, "-o", path, *arguments)
-    assert code == 0, answer
+def simulate(path, *arguments, robot="two_link_elastic"):
+    answer = do("simulate", robot, "-o", path, *arguments)
     return answer["result"]
 
 
-def test_the_log_holds_links_motors_and_torques(capsys, tmp_path, robots_folder):
+def test_the_log_holds_links_motors_and_torques(tmp_path, robots_folder):
     path = tmp_path / "run.npz"
-    result = simulate(capsys, path, "--trajectory", "tc", "--duration", "3", "--clean")
+    result = simulate(path, "--trajectory", "tc", "--duration", "3", "--clean")
     assert result["period"] == pytest.approx(2e-4)
     assert (result["noise"], result["relative_noise"]) == (0.0, 0.0)
     assert result["energy_gap"] < 1e-9
@@ -35,12 +27,12 @@ def test_the_log_holds_links_motors_and_torques(capsys, tmp_path, robots_folder)
     np.testing.assert_allclose(torsion, result["largest_torsion"], rtol=1e-12)
 
 
-def test_scale_delay_offset_and_noise(capsys, tmp_path):
+def test_scale_delay_offset_and_noise(tmp_path):
     arguments = ("--trajectory", "ta", "--duration", "3")
-    plain = simulate(capsys, tmp_path / "plain.npz", *arguments, "--clean")
-    simulate(capsys, tmp_path / "wide.npz", *arguments, "--clean", "--scale", "3")
-    simulate(capsys, tmp_path / "late.npz", *arguments, "--clean", "--delay", "0.001", "--offset", "0.02")
-    loud = simulate(capsys, tmp_path / "loud.npz", *arguments, "--noise", "1.5")
+    plain = simulate(tmp_path / "plain.npz", *arguments, "--clean")
+    simulate(tmp_path / "wide.npz", *arguments, "--clean", "--scale", "3")
+    simulate(tmp_path / "late.npz", *arguments, "--clean", "--delay", "0.001", "--offset", "0.02")
+    loud = simulate(tmp_path / "loud.npz", *arguments, "--noise", "1.5")
     base, wide, late = (np.load(tmp_path / f"{name}.npz") for name in ("plain", "wide", "late"))
     assert np.abs(wide["theta"]).max() == pytest.approx(3.0 * np.abs(base["theta"]).max(), rel=0.05)
     np.testing.assert_allclose(late["q"][5:], base["q"][:-5] + 0.02, atol=1e-12)
@@ -49,37 +41,37 @@ def test_scale_delay_offset_and_noise(capsys, tmp_path):
     assert (plain["delay"], plain["offset"]) == (0.0, 0.0)
 
 
-def test_elastic_logs_are_deterministic(capsys, tmp_path):
+def test_elastic_logs_are_deterministic(tmp_path):
     files = []
     for name in ("a.npz", "b.npz"):
-        simulate(capsys, tmp_path / name, "--duration", "1", "--seed", "4")
+        simulate(tmp_path / name, "--duration", "1", "--seed", "4")
         files.append((tmp_path / name).read_bytes())
     assert files[0] == files[1]
 
 
-def test_sensors_of_elastic_joints_are_refused_for_rigid_ones(capsys, tmp_path):
+def test_sensors_of_elastic_joints_are_refused_for_rigid_ones(tmp_path):
     for option in ("--delay", "--offset"):
-        code, answer = call_json(capsys, "simulate", "two_link", "-o", tmp_path / "a.npz", option, "0.01")
-        assert code == 2
-        assert answer["errors"][0]["code"] == "usage.rigid-sensors"
+        assert fail("simulate", "two_link", "-o", tmp_path / "a.npz", option, "0.01") == (
+            2,
+            "usage.rigid-sensors",
+        )
     assert not list(tmp_path.iterdir())
 
 
-def test_a_spring_without_values_is_refused_first(capsys, tmp_path, monkeypatch, robots_folder):
+def test_a_spring_without_values_is_refused_first(tmp_path, monkeypatch, robots_folder):
     monkeypatch.setattr("symid.codegen.cache.prepare_library", None)
     text = (robots_folder / "two_link_elastic.toml").read_text(encoding="utf-8")
     robot = tmp_path / "arm.toml"
     empty = re.sub(r"(?m)^stiffness = \d+", 'stiffness = "unknown"', text)
     robot.write_text(empty, encoding="utf-8")
-    code, answer = call_json(capsys, "simulate", robot, "-o", tmp_path / "a.npz")
+    code, answer = ask("simulate", robot, "-o", tmp_path / "a.npz")
     assert code == 3
     assert answer["errors"][0]["code"] == "robot.no-values"
     assert "the stiffness of [joint.elasticity]" in answer["errors"][0]["text"]
 
 
-def test_tc_moves_any_rigid_robot_too(capsys, tmp_path):
+def test_tc_moves_any_rigid_robot_too(tmp_path):
     result = simulate(
-        capsys,
         tmp_path / "a.npz",
         "--trajectory",
         "tc",

@@ -7,19 +7,14 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-
-
-def call_json(capsys, *arguments):
-    """Run a verb with --json; return its exit code and the object."""
-    code = run([*map(str, arguments), "--json"])
-    return code, json.loads(capsys.readouterr().out)
+from tests.calls import ask, do, fail, find_codes, list_codes, say
 
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     """Return a log of two_link with noisy sensors."""
     path = tmp_path_factory.mktemp("log") / "run.npz"
-    assert run(["simulate", "two_link", "-o", str(path), "--noise", "0.5", "--seed", "3", "-q"]) == 0
+    do("simulate", "two_link", "-o", path, "--noise", "0.5", "--seed", "3")
     return path
 
 
@@ -27,15 +22,13 @@ def log(tmp_path_factory):
 def estimate(log):
     """Return the estimate from the log."""
     path = log.parent / "estimate.json"
-    assert run(["identify", "two_link", str(log), "--drop-first", "2000", "-o", str(path), "-q"]) == 0
+    do("identify", "two_link", log, "--drop-first", "2000", "-o", path)
     return path
 
 
 @pytest.mark.parametrize(("robot", "count"), [("emps", 1), ("two_link", 6), ("puma560", 36), ("panda", 43)])
-def test_base(capsys, robot, count):
-    code, answer = call_json(capsys, "base", robot)
-    assert code == 0
-    result = answer["result"]
+def test_base(robot, count):
+    result = do("base", robot)["result"]
     assert result["count"] == len(result["parameters"]) == count
     for entry in result["parameters"]:
         assert entry["name"]
@@ -46,104 +39,86 @@ def test_base(capsys, robot, count):
     assert not names & {entry["name"] for entry in result["eliminated"]}
 
 
-def test_base_of_two_link_has_the_known_groupings(capsys):
-    _, answer = call_json(capsys, "base", "two_link")
+def test_base_of_two_link_has_the_known_groupings():
+    _, answer = ask("base", "two_link")
     found = {entry["name"]: entry["expression"] for entry in answer["result"]["parameters"]}
     assert found["ZZR1"] == "ZZ1 + 0.25*M2"
     assert found["MXR1"] == "MX1 + 0.5*M2"
 
 
-def test_check_reads_logs(capsys, log):
-    code, answer = call_json(capsys, "check", "two_link", log)
-    assert code == 0
+def test_check_reads_logs(log):
+    answer = do("check", "two_link", log)
     (entry,) = answer["result"]["logs"]
     assert entry["samples"] == 20001
     assert entry["period"] == pytest.approx(1e-3)
 
 
-def test_derive_shows_checked_steps(capsys):
-    code, answer = call_json(capsys, "derive", "two_link")
-    assert code == 0
-    steps = answer["result"]["steps"]
+def test_derive_shows_checked_steps():
+    steps = do("derive", "two_link")["result"]["steps"]
     assert len(steps) > 2
     assert any(step["check"] for step in steps)
 
 
 @pytest.mark.parametrize("target", ["c", "python"])
-def test_generate(capsys, tmp_path, target):
+def test_generate(tmp_path, target):
     folder = tmp_path / "code"
-    code, answer = call_json(capsys, "generate", "emps", "--target", target, "-o", folder)
-    assert code == 0
+    answer = do("generate", "emps", "--target", target, "-o", folder)
     result = answer["result"]
     assert result["operations"]["inverse_dynamics"].keys() == {"mul", "add", "trig"}
     assert {str(path) for path in folder.rglob("*") if path.is_file()} == set(result["files"])
     assert result["selftest"] == "passed" or answer["warnings"][-1]["code"] == "generate.selftest-not-run"
 
 
-def test_generate_says_when_there_is_no_compiler(capsys, tmp_path, monkeypatch):
+def test_generate_says_when_there_is_no_compiler(tmp_path, monkeypatch):
     monkeypatch.setattr("symid.codegen.generation.locate_compiler", lambda *_: None)
-    code, answer = call_json(capsys, "generate", "emps", "-o", tmp_path / "code")
-    assert code == 0
-    assert [entry["code"] for entry in answer["warnings"]] == ["generate.selftest-not-run"]
+    assert list_codes(do("generate", "emps", "-o", tmp_path / "code")) == ["generate.selftest-not-run"]
 
 
 @pytest.mark.parametrize("more", [(), ("--force",), ("--force", "--target", "python")])
-def test_generate_refuses_a_folder_of_others(capsys, tmp_path, more):
+def test_generate_refuses_a_folder_of_others(tmp_path, more):
     (tmp_path / "thesis.txt").write_text("mine")
-    code, answer = call_json(capsys, "generate", "emps", *more, "-o", tmp_path)
-    assert code == 3
-    assert answer["errors"][0]["code"] == "output.foreign-folder"
+    assert fail("generate", "emps", *more, "-o", tmp_path) == (3, "output.foreign-folder")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
     assert (tmp_path / "thesis.txt").read_text() == "mine"
 
 
-def test_simulate_is_deterministic(capsys, tmp_path):
+def test_simulate_is_deterministic(tmp_path):
     paths = [tmp_path / name for name in ("a.npz", "b.npz", "c.npz")]
     for path, seed in zip(paths, (5, 5, 6), strict=True):
-        code, answer = call_json(
-            capsys, "simulate", "two_link", "-o", path, "--seed", seed, "--duration", "1"
-        )
-        assert code == 0
+        answer = do("simulate", "two_link", "-o", path, "--seed", seed, "--duration", "1")
         assert answer["result"]["seed"] == seed
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert paths[0].read_bytes() != paths[2].read_bytes()
 
 
 @pytest.mark.parametrize("trajectory", ["ta", "tb"])
-def test_simulate_clean_closes_the_energy_balance(capsys, tmp_path, trajectory):
+def test_simulate_clean_closes_the_energy_balance(tmp_path, trajectory):
     arguments = ("--trajectory", trajectory, "--duration", "3", "--clean")
-    code, answer = call_json(capsys, "simulate", "two_link", "-o", tmp_path / "run.csv", *arguments)
-    assert code == 0
+    answer = do("simulate", "two_link", "-o", tmp_path / "run.csv", *arguments)
     assert answer["result"]["noise"] == 0.0
     assert answer["result"]["energy_gap"] < 1e-6
 
 
-def test_simulate_writes_over_nothing(capsys, log):
+def test_simulate_writes_over_nothing(log):
     before = log.read_bytes()
-    code, answer = call_json(capsys, "simulate", "two_link", "-o", log)
-    assert code == 3
-    assert answer["errors"][0]["code"] == "output.exists"
+    assert fail("simulate", "two_link", "-o", log) == (3, "output.exists")
     assert log.read_bytes() == before
 
 
-def test_simulate_ta_is_for_two_joints(capsys, tmp_path, monkeypatch):
+def test_simulate_ta_is_for_two_joints(tmp_path, monkeypatch):
     monkeypatch.setattr("symid.simulation.elastic_experiment.check_stated_values", lambda _: None)
-    code, answer = call_json(capsys, "simulate", "emps", "--trajectory", "ta", "-o", tmp_path / "a.npz")
+    code, answer = ask("simulate", "emps", "--trajectory", "ta", "-o", tmp_path / "a.npz")
     assert code == 2
     assert list(tmp_path.iterdir()) == []
     assert answer["errors"][0]["code"] == "usage.trajectory"
 
 
-def test_output_in_a_missing_folder_is_refused_first(capsys, tmp_path):
-    code, answer = call_json(capsys, "simulate", "two_link", "-o", tmp_path / "no" / "a.npz")
-    assert code == 3
-    assert answer["errors"][0]["code"] == "output.no-folder"
+def test_output_in_a_missing_folder_is_refused_first(tmp_path):
+    assert fail("simulate", "two_link", "-o", tmp_path / "no" / "a.npz") == (3, "output.no-folder")
 
 
-def test_identify_finds_the_truth(capsys, log):
-    code, answer = call_json(capsys, "identify", "two_link", log, "--drop-first", "2000")
-    assert code == 0
-    result = answer["result"]
+def test_identify_finds_the_truth(log):
+    result = do("identify", "two_link", log, "--drop-first", "2000")["result"]
     assert result["settings"]["processing"]["drop_first"] == 2000
     assert {"condition", "outcome", "residual", "parameters"} <= result.keys()
     for entry in result["parameters"]:
@@ -152,11 +127,11 @@ def test_identify_finds_the_truth(capsys, log):
         assert entry["relative_std_percent"] == pytest.approx(100 * entry["std"] / abs(entry["value"]))
 
 
-def test_set_and_named_options_are_the_same(capsys, log):
+def test_set_and_named_options_are_the_same(log):
     named = ("--cutoff", "40", "--decimate", "5")
     generic = ("--set", "processing.filter_cutoff=40", "--set", "processing.decimation.factor=5")
-    _, left = call_json(capsys, "identify", "two_link", log, *named)
-    _, right = call_json(capsys, "identify", "two_link", log, *generic)
+    _, left = ask("identify", "two_link", log, *named)
+    _, right = ask("identify", "two_link", log, *generic)
     assert left["result"] == right["result"]
     assert left["result"]["settings"]["processing"]["filter_cutoff"] == 40
 
@@ -170,7 +145,7 @@ def test_set_and_named_options_are_the_same(capsys, log):
         ({"q": lambda q: q[:, :1]}, "log."),
     ],
 )
-def test_a_wrong_log_is_refused_and_nothing_is_written(capsys, log, tmp_path, damage, expected):
+def test_a_wrong_log_is_refused_and_nothing_is_written(log, tmp_path, damage, expected):
     with np.load(log) as archive:
         arrays = dict(archive)
     for name, change in damage.items():
@@ -181,22 +156,21 @@ def test_a_wrong_log_is_refused_and_nothing_is_written(capsys, log, tmp_path, da
             arrays[key] = change(arrays[key])
     bad, output = tmp_path / "bad.npz", tmp_path / "estimate.json"
     np.savez(bad, **arrays)
-    code, answer = call_json(capsys, "identify", "two_link", bad, "-o", output)
+    code, answer = ask("identify", "two_link", bad, "-o", output)
     assert code == 3
     assert answer["errors"][0]["code"].startswith(expected)
     assert str(bad) in answer["errors"][0]["file"]
     assert not output.exists()
 
 
-def test_all_wrong_logs_are_told_at_once(capsys, tmp_path):
-    code, answer = call_json(capsys, "identify", "two_link", tmp_path / "a.npz", tmp_path / "b.mat")
+def test_all_wrong_logs_are_told_at_once(tmp_path):
+    code, answer = ask("identify", "two_link", tmp_path / "a.npz", tmp_path / "b.mat")
     assert code == 3
     assert len(answer["errors"]) == 2
 
 
-def test_a_unit_that_does_not_exist(capsys, log):
-    code, answer = call_json(
-        capsys,
+def test_a_unit_that_does_not_exist(log):
+    code, answer = ask(
         "identify",
         "two_link",
         log,
@@ -209,121 +183,89 @@ def test_a_unit_that_does_not_exist(capsys, log):
     assert "furlong" in answer["errors"][0]["text"]
 
 
-def test_validate_uses_the_settings_of_the_estimate(capsys, log, estimate):
-    code, answer = call_json(capsys, "validate", "two_link", estimate, log, "--gate", "20")
-    assert code == 0
+def test_validate_uses_the_settings_of_the_estimate(log, estimate):
+    answer = do("validate", "two_link", estimate, log, "--gate", "20")
     assert answer["result"]["accepted"] is True
     assert len(answer["result"]["residual"]) == 2
 
 
-def test_a_missed_gate_exits_1_and_keeps_the_result(capsys, log, estimate):
-    code, answer = call_json(capsys, "validate", "two_link", estimate, log, "--gate", "0.01")
+def test_a_missed_gate_exits_1_and_keeps_the_result(log, estimate):
+    code, answer = ask("validate", "two_link", estimate, log, "--gate", "0.01")
     assert code == 1
     assert answer["ok"] is False
     assert answer["errors"][0]["code"] == "validate.gate-missed"
     assert answer["result"]["mean_relative_percent"] > 0.01
 
 
-def test_validate_refuses_the_estimate_of_another_robot(capsys, log, estimate, tmp_path):
-    code, answer = call_json(capsys, "validate", "two_link", tmp_path / "none.json", log)
-    assert code == 3
+def test_validate_refuses_the_estimate_of_another_robot(log, estimate, tmp_path):
+    assert ask("validate", "two_link", tmp_path / "none.json", log)[0] == 3
     data = json.loads(estimate.read_text())
     data["settings"] = {}
     broken = tmp_path / "broken.json"
     broken.write_text(json.dumps(data))
-    code, answer = call_json(capsys, "validate", "two_link", broken, log)
-    assert code == 3
-    assert answer["errors"][0]["code"] == "estimate.settings"
+    assert fail("validate", "two_link", broken, log) == (3, "estimate.settings")
 
 
-def test_report_is_one_page(capsys, log, estimate, tmp_path):
+def test_report_is_one_page(log, estimate, tmp_path):
     page = tmp_path / "report.html"
-    code, answer = call_json(capsys, "report", estimate, "--validation", log, "-o", page)
-    assert code == 0
+    answer = do("report", estimate, "--validation", log, "-o", page)
     text = page.read_text()
     assert answer["result"]["validations"] == [str(log)]
     assert "ZZR1" in text
     assert "http" + "://" not in text.replace("http" + "://www.w3.org", "")
 
 
-def test_doctor(capsys):
-    code, answer = call_json(capsys, "doctor")
-    assert code == 0
+def test_doctor():
+    answer = do("doctor")
     names = {entry["name"] for entry in answer["result"]["findings"]}
     assert {"python", "sympy", "casadi", "C compiler", "cache", "robots", "templates"} <= names
     (calls,) = (entry for entry in answer["result"]["findings"] if entry["name"] == "calls of compiled code")
     assert re.match(r"Python's limited API|ctypes", calls["found"])
 
 
-def test_doctor_says_what_is_missing(capsys, monkeypatch):
+def test_doctor_says_what_is_missing(monkeypatch):
     monkeypatch.setattr("symid.api.first_steps._PACKAGES", ("click", "no-such-package-here"))
-    code, answer = call_json(capsys, "doctor")
+    code, answer = ask("doctor")
     assert code == 1
     assert answer["errors"][0]["code"] == "doctor.missing"
     assert "pip install" in answer["errors"][0]["text"]
 
 
 @pytest.mark.parametrize("rows", ["momentum", "energy"])
-def test_the_report_compares_rows_of_one_kind(capsys, log, tmp_path, rows):
+def test_the_report_compares_rows_of_one_kind(log, tmp_path, rows):
     other, found, page = (tmp_path / name for name in ("other.npz", "estimate.json", "report.html"))
-    assert (
-        run(
-            [
-                "simulate",
-                "two_link",
-                "-o",
-                str(other),
-                "--noise",
-                "0.5",
-                "--seed",
-                "4",
-                "--duration",
-                "5",
-                "-q",
-            ]
-        )
-        == 0
-    )
-    assert run(["identify", "two_link", str(log), "--rows", rows, "-o", str(found), "-q"]) == 0
-    assert run(["report", str(found), "--validation", str(other), "-o", str(page), "-q"]) == 0
-    capsys.readouterr()
+    do("simulate", "two_link", "-o", other, "--noise", "0.5", "--seed", "4", "--duration", "5")
+    do("identify", "two_link", log, "--rows", rows, "-o", found)
+    do("report", found, "--validation", other, "-o", page)
     text = page.read_text()
     assert "does not carry over" not in text
     assert "nothing about carrying over" not in text
 
 
-def test_the_log_of_the_fit_is_told_even_under_another_name(capsys, log, estimate, tmp_path):
+def test_the_log_of_the_fit_is_told_even_under_another_name(log, estimate, tmp_path):
     twin = tmp_path / "twin.npz"
     twin.write_bytes(log.read_bytes())
     for path in (log, twin):
-        code, answer = call_json(capsys, "validate", "two_link", estimate, path)
-        assert code == 0
-        assert "validate.fitted-log" in {entry["code"] for entry in answer["warnings"]}
+        assert "validate.fitted-log" in find_codes(do("validate", "two_link", estimate, path))
 
 
-def test_identify_takes_a_log_once(capsys, log, tmp_path):
+def test_identify_takes_a_log_once(log, tmp_path):
     twin = tmp_path / "twin.npz"
     twin.write_bytes(log.read_bytes())
     for path in (log, twin):
-        code, answer = call_json(capsys, "identify", "two_link", log, path)
-        assert code == 2
-        assert answer["errors"][0]["code"] == "usage.same-log"
+        assert fail("identify", "two_link", log, path) == (2, "usage.same-log")
 
 
-def test_simulate_says_first_what_the_file_lacks(capsys, tmp_path, monkeypatch):
+def test_simulate_says_first_what_the_file_lacks(tmp_path, monkeypatch):
     monkeypatch.setattr("symid.codegen.cache.prepare_library", None)
-    code, answer = call_json(capsys, "simulate", "emps", "-o", tmp_path / "a.npz")
-    assert code == 3
-    assert answer["errors"][0]["code"] == "robot.no-values"
-    code, answer = call_json(capsys, "simulate", "two_link", "-o", tmp_path / "a.txt")
-    assert code == 3
-    assert answer["errors"][0]["code"] == "output.unknown-suffix"
+    assert fail("simulate", "emps", "-o", tmp_path / "a.npz") == (3, "robot.no-values")
+    assert fail("simulate", "two_link", "-o", tmp_path / "a.txt") == (3, "output.unknown-suffix")
 
 
-def test_simulate_names_every_value_that_is_not_stated(capsys, tmp_path):
+def test_simulate_names_every_value_that_is_not_stated(tmp_path):
     robot = tmp_path / "lacking.toml"
     robot.write_text(LACKING)
-    code, answer = call_json(capsys, "simulate", robot, "-o", tmp_path / "a.npz")
+    code, answer = ask("simulate", robot, "-o", tmp_path / "a.npz")
     assert code == 3
     (error,) = answer["errors"]
     assert error["code"] == "robot.no-values"
@@ -382,28 +324,24 @@ friction = { model = "asymmetric" }
         ("check", "two_link", "--set", "processing.filter_cutoff=-5"),
     ],
 )
-def test_values_that_cannot_be_are_usage(capsys, arguments):
-    code, answer = call_json(capsys, *arguments)
+def test_values_that_cannot_be_are_usage(arguments):
+    code, answer = ask(*arguments)
     assert code == 2
     assert answer["ok"] is False
 
 
-def test_validate_and_report_restore_the_log_map(capsys, log, tmp_path):
+def test_validate_and_report_restore_the_log_map(log, tmp_path):
     found, page = tmp_path / "estimate.json", tmp_path / "report.html"
     units = ("log.torque.columns=tau", "log.torque.unit=mN m")
     settings = [part for text in units for part in ("--set", text)]
-    assert run(["identify", "two_link", str(log), *settings, "-o", str(found), "-q"]) == 0
-    capsys.readouterr()
-    _, fitted = call_json(capsys, "identify", "two_link", log, *settings)
-    code, answer = call_json(capsys, "validate", "two_link", found, log)
-    assert code == 0
+    do("identify", "two_link", log, *settings, "-o", found)
+    _, fitted = ask("identify", "two_link", log, *settings)
+    answer = do("validate", "two_link", found, log)
     mean = fitted["result"]["mean_relative_percent"]
     assert answer["result"]["mean_relative_percent"] == pytest.approx(mean, rel=0.05)
     told = [entry["text"] for entry in answer["warnings"] if entry["code"] == "estimate.settings-differ"]
     assert any(text.startswith("log.torque.unit: the estimate has mN m") for text in told)
-    code, answer = call_json(capsys, "report", found, "--validation", log, "-o", page)
-    assert code == 0
-    assert "estimate.settings-differ" in {entry["code"] for entry in answer["warnings"]}
+    assert "estimate.settings-differ" in find_codes(do("report", found, "--validation", log, "-o", page))
     assert "was multiplied by 0.001" in page.read_text()
 
 
@@ -419,18 +357,17 @@ def test_validate_and_report_restore_the_log_map(capsys, log, tmp_path):
         {"window": "long"},
     ],
 )
-def test_settings_of_an_estimate_are_checked(capsys, log, estimate, tmp_path, change):
+def test_settings_of_an_estimate_are_checked(log, estimate, tmp_path, change):
     data = json.loads(estimate.read_text())
     data["settings"] |= change
     broken = tmp_path / "broken.json"
     broken.write_text(json.dumps(data))
     page = tmp_path / "report.html"
-    code, answer = call_json(capsys, "report", broken, "--validation", log, "-o", page)
-    assert (code, answer["errors"][0]["code"]) == (3, "estimate.settings")
+    assert fail("report", broken, "--validation", log, "-o", page) == (3, "estimate.settings")
     assert not page.exists()
 
 
-def test_no_output_destroys_an_input(capsys, log, estimate, tmp_path):
+def test_no_output_destroys_an_input(log, estimate, tmp_path):
     mine = tmp_path / "mine.npz"
     mine.write_bytes(log.read_bytes())
     link = tmp_path / "link.npz"
@@ -445,17 +382,16 @@ def test_no_output_destroys_an_input(capsys, log, estimate, tmp_path):
         ("report", found, "--validation", mine, "-o", mine),
     ):
         for force in ((), ("--force",)):
-            code, answer = call_json(capsys, *arguments, *force)
-            assert (code, answer["errors"][0]["code"]) == (3, "output.is-input")
+            assert fail(*arguments, *force) == (3, "output.is-input")
     assert before == {path: path.read_bytes() for path in (mine, found)}
 
 
-def test_report_names_the_option_for_an_unknown_robot(capsys, log, estimate, tmp_path):
+def test_report_names_the_option_for_an_unknown_robot(log, estimate, tmp_path):
     data = json.loads(estimate.read_text())
     data["robot"] = "nowhere"
     other = tmp_path / "other.json"
     other.write_text(json.dumps(data))
-    code, answer = call_json(capsys, "report", other, "--validation", log, "-o", tmp_path / "a.html")
+    code, answer = ask("report", other, "--validation", log, "-o", tmp_path / "a.html")
     assert code == 2
     assert "--robot FILE.toml" in answer["errors"][0]["text"]
 
@@ -469,14 +405,13 @@ def test_what_is_only_worth_knowing_is_a_note(capsys, log):
     assert "norm  relative/%" in written.out
 
 
-def test_one_base_parameter_is_one(capsys):
-    assert run(["base", "emps", "-q"]) == 0
-    assert "1 base parameter of" in capsys.readouterr().out
+def test_one_base_parameter_is_one():
+    assert "1 base parameter of" in say("base", "emps", "-q")
 
 
-def test_options_of_a_robot_that_was_not_named_are_refused(capsys, estimate, tmp_path):
+def test_options_of_a_robot_that_was_not_named_are_refused(estimate, tmp_path):
     page = tmp_path / "page.html"
-    code, answer = call_json(capsys, "report", estimate, "-o", page, "--backend", "python", "--base", "x")
+    code, answer = ask("report", estimate, "-o", page, "--backend", "python", "--base", "x")
     assert (code, answer["errors"][0]["code"]) == (2, "usage.no-robot")
     assert answer["errors"][0]["text"].startswith("--base, --backend cannot be used without --robot")
     assert not page.exists()

@@ -8,18 +8,7 @@ import pytest
 import symid
 from symid.cli.call import Answer, answer_call, print_answer
 from symid.errors import Notice
-
-
-def call(capsys, *arguments):
-    capsys.readouterr()
-    code = answer_call([str(argument) for argument in arguments])
-    written = capsys.readouterr()
-    return code, written.out, written.err
-
-
-def call_json(capsys, *arguments):
-    code, out, _ = call(capsys, *arguments, "--json")
-    return code, json.loads(out)
+from tests.calls import ask, call, do, fail, refuse
 
 
 @pytest.fixture(scope="module")
@@ -45,29 +34,29 @@ def fits(logs, tmp_path_factory):
     return folder / "fit.json", folder / "wrong.json"
 
 
-def test_the_verdict_is_the_first_line_and_the_first_entry(capsys, logs, fits, tmp_path):
+def test_the_verdict_is_the_first_line_and_the_first_entry(logs, fits, tmp_path):
     for arguments in (
         ("identify", "two_link", logs[0]),
         ("validate", "two_link", fits[0], logs[1]),
         ("report", fits[0], "-o", tmp_path / "page.html", "--force"),
     ):
-        code, out, _ = call(capsys, *arguments)
+        code, out, _ = call(*arguments)
         assert code == 0
         assert out.startswith(("verdict: good - ", "verdict: usable - "))
-        code, answer = call_json(capsys, *arguments)
+        code, answer = ask(*arguments)
         assert next(iter(answer["result"])) == "verdict"
         assert {"level", "headline", "cause", "remedy", "details"} == set(answer["result"]["verdict"])
         assert out.startswith(f"verdict: {answer['result']['verdict']['level']} - ")
 
 
-def test_a_wrong_fit_exits_1_and_is_written(capsys, logs, fits):
-    code, out, err = call(capsys, "identify", "two_link", logs[2])
+def test_a_wrong_fit_exits_1_and_is_written(logs, fits):
+    code, out, err = call("identify", "two_link", logs[2])
     assert code == 1
     assert out.startswith("verdict: wrong - ")
     assert "\ncause: " in out
     assert "\nremedy: " in out
     assert err.splitlines()[-1].startswith("error: ")
-    code, answer = call_json(capsys, "identify", "two_link", logs[2])
+    code, answer = ask("identify", "two_link", logs[2])
     assert (code, answer["ok"]) == (1, False)
     assert [entry["code"] for entry in answer["errors"]] == ["identify.wrong"]
     stored = json.loads(fits[1].read_text(encoding="utf-8"))
@@ -75,44 +64,39 @@ def test_a_wrong_fit_exits_1_and_is_written(capsys, logs, fits):
     assert symid.load_fit(fits[1]).verdict.level == "wrong"
 
 
-def test_accept_lets_a_script_go_on(capsys, logs, fits, tmp_path):
-    code, answer = call_json(capsys, "identify", "two_link", logs[2], "--accept")
+def test_accept_lets_a_script_go_on(logs, fits, tmp_path):
+    code, answer = ask("identify", "two_link", logs[2], "--accept")
     assert (code, answer["ok"]) == (0, True)
     assert answer["warnings"][0]["code"] == "identify.wrong"
     page = tmp_path / "page.html"
-    assert call(capsys, "report", fits[1], "-o", page)[0] == 1
+    assert call("report", fits[1], "-o", page)[0] == 1
     assert 'class="verdict wrong"' in page.read_text(encoding="utf-8")
-    assert call(capsys, "report", fits[1], "-o", page, "--force", "--accept")[0] == 0
+    assert call("report", fits[1], "-o", page, "--force", "--accept")[0] == 0
 
 
-def test_the_export_of_a_wrong_fit_is_refused(capsys, fits, tmp_path):
+def test_the_export_of_a_wrong_fit_is_refused(fits, tmp_path):
     path = tmp_path / "arm.toml"
-    code, answer = call_json(capsys, "export", "two_link", fits[1], "-o", path)
+    code, answer = ask("export", "two_link", fits[1], "-o", path)
     assert code == 3
     assert [entry["code"] for entry in answer["errors"]] == ["export.wrong"]
     assert "--accept" in answer["errors"][0]["text"]
     assert not path.exists()
-    code, answer = call_json(capsys, "export", "two_link", fits[1], "-o", path, "--accept")
-    # Bodies that cannot have its values are another matter.
-    assert (code, answer["errors"][0]["code"]) == (3, "export.cost")
-    code, answer = call_json(capsys, "export", "two_link", fits[1], "-o", path, "--accept", "--limit", "1e6")
-    assert code == 0
+    assert fail("export", "two_link", fits[1], "-o", path, "--accept") == (3, "export.cost")
+    answer = do("export", "two_link", fits[1], "-o", path, "--accept", "--limit", "1e6")
     assert answer["warnings"][0]["code"] == "identify.wrong"
     assert path.exists()
 
 
-def test_a_log_that_is_not_predicted_exits_1_but_for_accept(capsys, logs, fits):
+def test_a_log_that_is_not_predicted_exits_1_but_for_accept(logs, fits):
     arguments = ("validate", "two_link", fits[0], logs[2])
-    code, answer = call_json(capsys, *arguments)
+    code, answer = ask(*arguments)
     assert code == 1
     assert [entry["code"] for entry in answer["errors"]] == ["validate.wrong"]
     assert answer["result"]["verdict"]["level"] == "wrong"
-    code, answer = call_json(capsys, *arguments, "--accept")
+    code, answer = ask(*arguments, "--accept")
     assert (code, answer["warnings"][0]["code"]) == (0, "validate.wrong")
     # A gate is the user's own; it is not a verdict.
-    code, answer = call_json(capsys, *arguments, "--accept", "--gate", "5")
-    assert code == 1
-    assert [entry["code"] for entry in answer["errors"]] == ["validate.gate-missed"]
+    assert refuse(*arguments, "--accept", "--gate", "5") == (1, ["validate.gate-missed"])
 
 
 def make_answer(count):
@@ -147,9 +131,9 @@ def test_three_warnings_then_notes_then_errors(capsys, monkeypatch):
     assert codes == ["log.torque-sign", *(f"export.k{k}" for k in range(4)), "log.converted"]
 
 
-def test_verbose_reaches_the_warnings_of_a_call(capsys, logs):
-    code, answer = call_json(capsys, "identify", "two_link", logs[2], "--accept")
+def test_verbose_reaches_the_warnings_of_a_call(logs):
+    code, answer = ask("identify", "two_link", logs[2], "--accept")
     warnings = [entry for entry in answer["warnings"] if entry["code"] not in symid.errors.NOTES]
-    _, _, err = call(capsys, "identify", "two_link", logs[2], "--accept", "-v")
+    _, _, err = call("identify", "two_link", logs[2], "--accept", "-v")
     assert code == 0
     assert err.count("warning:") == len(warnings)
