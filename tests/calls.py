@@ -41,6 +41,14 @@ def fail(*arguments):
     return code, answer["errors"][0]["code"]
 
 
+def hear(exit_code, error, *arguments):
+    """Return the text of the first error of a call that must fail with this exit code and code."""
+    code, answer = ask(*arguments)
+    first = answer["errors"][0]
+    assert (code, first["code"]) == (exit_code, error), answer
+    return first["text"]
+
+
 def refuse(*arguments):
     """Return exit code, and the codes of all errors, of a call that must fail."""
     code, answer = ask(*arguments)

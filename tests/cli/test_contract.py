@@ -155,17 +155,13 @@ def test_a_bug_is_told_without_a_traceback(monkeypatch):
     assert (code, out) == (70, "")
     assert "Traceback" not in err
     assert "ZeroDivisionError" in err
-    code, answer = ask("check", "two_link")
-    assert code == 70
-    assert answer["errors"][0]["code"] == "symid.bug"
+    assert fail("check", "two_link") == (70, "symid.bug")
     assert "Traceback" in call("check", "two_link", "-v")[2]
 
 
 def test_an_interruption_exits_130(monkeypatch):
     fail_with(monkeypatch, KeyboardInterrupt())
-    code, answer = ask("check", "two_link")
-    assert code == 130
-    assert answer["errors"][0]["code"] == "symid.interrupted"
+    assert fail("check", "two_link") == (130, "symid.interrupted")
 
 
 def test_ctrl_c_ends_a_running_process_with_130(project, tmp_path):

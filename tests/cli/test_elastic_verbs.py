@@ -10,7 +10,7 @@ from symid.cli.main import run
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.identification.stored import read_fit
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, fail, find_codes, list_codes, say
+from tests.calls import ask, fail, find_codes, hear, list_codes, say
 
 ROBOT = "two_link_elastic"
 SHORT = ("--duration", "6")
@@ -122,9 +122,7 @@ def test_settings_of_signals_are_followed_or_refused(folder, estimate, tmp_path)
 @pytest.mark.parametrize("options", [("--robot", ROBOT), ("--set", "processing.drop_first=3")])
 def test_a_report_without_logs_refuses_what_is_of_logs(estimate, tmp_path, options):
     page = tmp_path / "page.html"
-    code, answer = ask("report", estimate, "-o", page, *options)
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-validation")
-    assert options[0] in answer["errors"][0]["text"]
+    assert options[0] in hear(2, "usage.no-validation", "report", estimate, "-o", page, *options)
     assert not page.exists()
 
 

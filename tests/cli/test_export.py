@@ -10,7 +10,7 @@ from symid.dynamics.base_parameters import compute_parameter_values, derive_base
 from symid.dynamics.physical_consistency import build_identified_robot
 from symid.joint_models.hysteresis import Elasticity, Stop
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, do, fail, list_codes
+from tests.calls import ask, do, fail, hear, list_codes
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +54,8 @@ def test_values_of_no_bodies_are_said_and_the_nearest_are_written(identified, tm
     changed["covariance"] = []
     broken = tmp_path / "broken.json"
     broken.write_text(json.dumps(changed), encoding="utf-8")
-    code, answer = ask("export", "two_link", broken, "-o", tmp_path / "x.toml")
-    assert (code, answer["errors"][0]["code"]) == (3, "export.cost")
-    assert "of the torque of 'elbow' (limit 0.5 %)" in answer["errors"][0]["text"]
+    text = hear(3, "export.cost", "export", "two_link", broken, "-o", tmp_path / "x.toml")
+    assert "of the torque of 'elbow' (limit 0.5 %)" in text
     assert not (tmp_path / "x.toml").exists()
     code, answer = ask("export", "two_link", broken, "-o", tmp_path / "x.toml", "--limit", 1000)
     codes = list_codes(answer)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from tests.calls import ask, do, fail, list_codes, say
+from tests.calls import ask, do, fail, hear, list_codes, say
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -156,9 +156,7 @@ def test_settings_without_a_log_to_try_are_refused(estimate, tmp_path):
 
 
 def test_one_log_is_tried_at_a_time(folder, estimate, runs):
-    code, answer = ask("validate", folder / "arm.toml", estimate, runs)
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.one-log")
-    assert "lists 3 runs" in answer["errors"][0]["text"]
+    assert "lists 3 runs" in hear(2, "usage.one-log", "validate", folder / "arm.toml", estimate, runs)
 
 
 def test_a_page_of_momentum_rows_takes_a_coarse_log(capsys, folder, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
-from tests.calls import ask, do, fail, list_codes
+from tests.calls import ask, do, fail, hear, list_codes
 from tests.friction_forms import OLD_NAMES
 
 
@@ -144,9 +144,8 @@ def test_a_temperature_must_be_in_the_log(tmp_path):
     with np.load(log) as data:
         recorded = {name: data[name] for name in data.files if name != "temperature"}
     np.savez(log, **recorded)
-    code, answer = ask("identify", robot, log, "-o", tmp_path / "estimate.json")
-    assert (code, answer["errors"][0]["code"]) == (2, "friction.input")
-    assert "depends on the temperature of the joints" in answer["errors"][0]["text"]
+    text = hear(2, "friction.input", "identify", robot, log, "-o", tmp_path / "estimate.json")
+    assert "depends on the temperature of the joints" in text
 
 
 def test_laws_of_single_joints_are_given_by_name(tmp_path):
@@ -187,7 +186,6 @@ def test_what_is_written_has_the_name_of_today(tmp_path, name):
 
 
 def test_a_law_that_does_not_exist_is_refused_with_the_nearest():
-    code, answer = ask("base", "emps", "--friction", "viscous_coulom")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.unknown-friction-law")
-    assert "did you mean " in answer["errors"][0]["text"]
+    text = hear(2, "usage.unknown-friction-law", "base", "emps", "--friction", "viscous_coulom")
+    assert "did you mean " in text
     assert fail("base", "emps", "--friction", "stribeck") == (2, "usage.friction-shape")

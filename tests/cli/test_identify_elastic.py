@@ -12,7 +12,7 @@ import symid
 from symid.cli.main import run
 from symid.robot.loading import locate_robot_file
 from symid.serialization import write_json
-from tests.calls import ask, do, find_codes, list_codes, refuse, say
+from tests.calls import ask, do, find_codes, hear, list_codes, refuse, say
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kr300"
 MISSING = pytest.mark.skipif(not KR300.exists(), reason=f"the KR300's recordings are not at {KR300}")
@@ -124,10 +124,8 @@ def test_options_that_do_not_fit_are_refused(one_sided, robot, arguments, code):
 
 
 def test_rows_are_refused_where_both_encoders_are_there(two_sided):
-    status, answer = ask("identify", "two_link_elastic", two_sided, "--estimator", "wls")
-    assert status == 2
-    assert answer["errors"][0]["code"] == "usage.mixed-options"
-    assert "--estimator" in answer["errors"][0]["text"]
+    text = hear(2, "usage.mixed-options", "identify", "two_link_elastic", two_sided, "--estimator", "wls")
+    assert "--estimator" in text
 
 
 def test_logs_of_two_kinds_are_refused(one_sided, two_sided):

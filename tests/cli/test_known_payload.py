@@ -8,7 +8,7 @@ import pytest
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
-from tests.calls import ask, do, list_codes
+from tests.calls import ask, do, hear, list_codes
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -134,9 +134,7 @@ def test_mistakes_have_their_place(folder, payload, code, said):
 
 
 def test_a_study_of_one_log_takes_a_run_and_no_two(folder):
-    code, answer = ask("study", "cutoff", "two_link", folder / "both.toml")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.one-log")
-    assert "lists 2 runs" in answer["errors"][0]["text"]
+    assert "lists 2 runs" in hear(2, "usage.one-log", "study", "cutoff", "two_link", folder / "both.toml")
 
 
 def test_what_is_assumed_of_a_payload_is_told(folder):

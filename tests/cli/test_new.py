@@ -5,7 +5,7 @@ import pytest
 
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import read_urdf
-from tests.calls import ask, do, fail, find_codes, list_codes, say
+from tests.calls import ask, do, fail, find_codes, hear, list_codes, say
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow,0,0.5,0,q\n"
 URDF = """<robot name="arm">
@@ -124,10 +124,7 @@ def test_a_wrong_table_writes_nothing(tmp_path, table):
 def test_calls_that_do_not_fit_are_refused(table, monkeypatch, case):
     arguments, code, words = case
     monkeypatch.chdir(table.parent)
-    exit_code, answer = ask("new", "arm.toml", *arguments)
-    assert exit_code == 2
-    assert answer["errors"][0]["code"] == code
-    assert words in answer["errors"][0]["text"]
+    assert words in hear(2, code, "new", "arm.toml", *arguments)
     assert not (table.parent / "arm.toml").exists()
 
 
@@ -196,9 +193,7 @@ def test_what_no_robot_file_can_say_is_told_of_the_source(tmp_path, monkeypatch)
 
 def test_a_robot_file_ends_in_toml(tmp_path):
     path = tmp_path / "mine.urdf"
-    code, answer = ask("new", path, "--from", "panda")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.suffix")
-    assert "such as mine.toml" in answer["errors"][0]["text"]
+    assert "such as mine.toml" in hear(2, "usage.suffix", "new", path, "--from", "panda")
     assert not path.exists()
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from symid.logs.reader import read_recording
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, do, fail
+from tests.calls import do, fail, hear
 
 
 def simulate(path, *arguments, robot="two_link_elastic"):
@@ -64,10 +64,8 @@ def test_a_spring_without_values_is_refused_first(tmp_path, monkeypatch, robots_
     robot = tmp_path / "arm.toml"
     empty = re.sub(r"(?m)^stiffness = \d+", 'stiffness = "unknown"', text)
     robot.write_text(empty, encoding="utf-8")
-    code, answer = ask("simulate", robot, "-o", tmp_path / "a.npz")
-    assert code == 3
-    assert answer["errors"][0]["code"] == "robot.no-values"
-    assert "the stiffness of [joint.elasticity]" in answer["errors"][0]["text"]
+    text = hear(3, "robot.no-values", "simulate", robot, "-o", tmp_path / "a.npz")
+    assert "the stiffness of [joint.elasticity]" in text
 
 
 def test_tc_moves_any_rigid_robot_too(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from tests.calls import ask, do, fail, find_codes, list_codes, say
+from tests.calls import ask, do, fail, find_codes, hear, list_codes, say
 
 
 @pytest.fixture(scope="module")
@@ -225,10 +225,7 @@ def test_doctor():
 
 def test_doctor_says_what_is_missing(monkeypatch):
     monkeypatch.setattr("symid.api.first_steps._PACKAGES", ("click", "no-such-package-here"))
-    code, answer = ask("doctor")
-    assert code == 1
-    assert answer["errors"][0]["code"] == "doctor.missing"
-    assert "pip install" in answer["errors"][0]["text"]
+    assert "pip install" in hear(1, "doctor.missing", "doctor")
 
 
 @pytest.mark.parametrize("rows", ["momentum", "energy"])
@@ -411,7 +408,6 @@ def test_one_base_parameter_is_one():
 
 def test_options_of_a_robot_that_was_not_named_are_refused(estimate, tmp_path):
     page = tmp_path / "page.html"
-    code, answer = ask("report", estimate, "-o", page, "--backend", "python", "--base", "x")
-    assert (code, answer["errors"][0]["code"]) == (2, "usage.no-robot")
-    assert answer["errors"][0]["text"].startswith("--base, --backend cannot be used without --robot")
+    text = hear(2, "usage.no-robot", "report", estimate, "-o", page, "--backend", "python", "--base", "x")
+    assert text.startswith("--base, --backend cannot be used without --robot")
     assert not page.exists()
