@@ -55,7 +55,7 @@ def test_the_gate_is_of_the_band(logs, estimate):
     code, answer = ask(*call, "--gate", 0.99 * reached)
     assert code == 1
     assert answer["result"]["accepted"] is False
-    out = say("validate", "two_link", estimate, logs[1], "--band", "5", "-q")
+    out = say("validate", "two_link", estimate, logs[1], "--band", "5")
     assert f"within 5 Hz: mean relative residual {reached:.4f} %" in out
     assert "of range/%" in out
 
@@ -108,7 +108,7 @@ def test_a_diagnosis_in_words(logs, tmp_path):
     both = tmp_path / "both.json"
     fit = ["identify", "two_link", *map(str, logs), "--drop-first", "2000", "--rows", "momentum"]
     do(*fit, "--estimator", "wls", "-o", both)
-    out = say("report", both, "--diagnose", "-o", tmp_path / "page.html", "-q")
+    out = say("report", both, "--diagnose", "-o", tmp_path / "page.html")
     assert "(12 of 12)" in out
     assert "(> 2 sigma)" in out
     assert "of 12 parameters differ" in out

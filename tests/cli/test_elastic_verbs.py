@@ -163,7 +163,7 @@ def test_a_spring_that_was_refused_is_not_tried(folder, estimate, tmp_path):
     tables = answer["result"]["tables"]
     assert [len(table["residual"]) for table in tables] == [2, 1, 1]
     assert "validate.beyond-torsion" not in find_codes(answer)
-    out = say("validate", ROBOT, part, folder / "tc.npz", "-q")
+    out = say("validate", ROBOT, part, folder / "tc.npz")
     assert re.search(r"\bno\b.* spring .*\belbow\b", out)
     assert fail("validate", ROBOT, part, folder / "tc.npz", "--tracking") == (2, "usage.no-springs")
     page = tmp_path / "page.html"
@@ -188,7 +188,7 @@ def test_tracking_with_the_springs_is_better_than_without(folder, estimate):
 
 def test_tracking_of_a_random_motion_as_a_table(folder, estimate):
     log = str(folder / "tc.npz")
-    out = say("validate", ROBOT, estimate, log, "--tracking", "--seed", "3", "-q")
+    out = say("validate", ROBOT, estimate, log, "--tracking", "--seed", "3")
     rows = [line.split() for line in out.splitlines() if line.endswith("mrad")]
     assert [row[0] for row in rows] == ["shoulder", "shoulder", "elbow", "elbow"]
     assert [row[1] for row in rows] == ["rigid", "Case"] * 2

@@ -111,7 +111,7 @@ def test_an_elastic_robot_follows_a_file(tmp_path):
 def test_the_text_has_shares_and_clearances(tmp_path):
     space = tmp_path / "space.toml"
     space.write_text("[[plane]]\nnormal = [0, 0, 1]\noffset = -1\n", encoding="utf-8")
-    text = say("excite", "two_link", *QUICK, "--periods", "2", "--workspace", space, "-q")
+    text = say("excite", "two_link", *QUICK, "--periods", "2", "--workspace", space)
     assert "times smaller than the best" in text
     assert "least clearance/m" in text
     assert "plane 1, elbow" in text

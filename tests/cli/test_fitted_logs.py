@@ -56,7 +56,7 @@ def test_validation_filters_as_the_fit_did(capsys, folder, estimate):
     assert used == stored
     # The estimate does not differ from a robot file that leaves it open.
     assert "estimate.settings-differ" not in list_codes(answer)
-    out = say("validate", folder / "arm.toml", estimate, folder / "clean.npz", "-q")
+    out = say("validate", folder / "arm.toml", estimate, folder / "clean.npz")
     assert f"low-pass at {stored['filter_cutoff']:g} Hz" in out
     assert f" by {stored['decimation']['factor']} " in out
 
@@ -114,7 +114,7 @@ def test_a_diagnosis_reads_runs_as_the_fit_did(folder, runs, tmp_path, options):
     (used,) = answer["result"]["processing"]
     assert (used["filter_cutoff"], used["origin"]["filter_cutoff"]) == (20.0, "stated")
     assert used["origin"]["decimation.factor"] == "fit"
-    assert "noisy.npz: positions: low-pass at 20 Hz (as stated)" in say(*call, *held, "-q")
+    assert "noisy.npz: positions: low-pass at 20 Hz (as stated)" in say(*call, *held)
     data = json.loads(found.read_text())
     for entry in data["settings"]["runs"]:
         entry["offset"] = [0.0]

@@ -56,7 +56,7 @@ def test_nothing_is_done_where_nothing_has_changed(made):
     before = read_files(folder)
     assert do("generate", *order)["result"] == {**first, "unchanged": True}
     assert read_files(folder) == before
-    assert f"{folder}: nothing has changed, self-test passed with " in say("generate", *order, "-q")
+    assert f"{folder}: nothing has changed, self-test passed with " in say("generate", *order)
 
 
 def test_nothing_that_derives_is_loaded_then(made, project):

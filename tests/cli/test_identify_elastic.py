@@ -75,7 +75,7 @@ def test_kr300_delay_offsets_and_the_one_spring_that_can_be_told(tmp_path):
 
 @MISSING
 def test_kr300_as_a_table():
-    out = say("identify", "kr300", KR300 / "run_b.npz", "--method", "stiffness", "-q")
+    out = say("identify", "kr300", KR300 / "run_b.npz", "--method", "stiffness")
     assert re.search(r"\b2\.949 ms", out)
     # Each joint is there with its reason.
     assert re.findall(r"(?m)^(joint\d): ", out) == [f"joint{number}" for number in range(1, 7)]

@@ -133,7 +133,7 @@ def test_base_gives_formulas_in_the_symbols_of_the_file():
     found = {entry["name"]: entry["form"] for entry in answer["result"]["parameters"]}
     assert found["ZZR1"] == "I1 + L1^2*m2 + lc1^2*m1"
     assert found["MY1"] is None
-    assert "\nMX2 = lc2*m2 = 0.4  [kg m]\n" in say("base", "two_link_symbols", "-q")
+    assert "\nMX2 = lc2*m2 = 0.4  [kg m]\n" in say("base", "two_link_symbols")
 
 
 def test_what_is_new_is_filtered_by_itself(tmp_path, table):

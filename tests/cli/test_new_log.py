@@ -99,7 +99,7 @@ def test_what_real_robots_have_is_asked_for(folder):
 
 def test_the_text_shows_the_columns_and_what_to_do_next(folder):
     write_log(folder, PLAIN)
-    text = say("new", "arm.toml", *SOURCE, "--log", "log.csv", "-q")
+    text = say("new", "arm.toml", *SOURCE, "--log", "log.csv")
     assert "position  shoulder pos, elbow pos, slide pos  deg, deg, mm" in text
     assert text.endswith("next: symid check arm.toml log.csv\n")
 

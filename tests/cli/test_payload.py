@@ -278,7 +278,7 @@ def test_a_controller_gets_what_it_takes(arm, tmp_path):
     assert command["texts"]["URScript"].startswith("set_target_payload(1.5, [-0.02")
     assert list_codes(answer) == ["payload.controller-scope"]
     assert (tmp_path / "payload.json").exists()
-    assert "libfranka: robot.setLoad(1." in say(*call_it, "--for", "franka", "-q")
+    assert "libfranka: robot.setLoad(1." in say(*call_it, "--for", "franka")
     assert fail(*call_it, "--frame", "flange") == (2, "usage.payload-frame")
 
 

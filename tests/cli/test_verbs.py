@@ -403,7 +403,7 @@ def test_what_is_only_worth_knowing_is_a_note(capsys, log):
 
 
 def test_one_base_parameter_is_one():
-    assert "1 base parameter of" in say("base", "emps", "-q")
+    assert "1 base parameter of" in say("base", "emps")
 
 
 def test_options_of_a_robot_that_was_not_named_are_refused(estimate, tmp_path):

@@ -10,6 +10,7 @@ from symid.api.validation import compare_fit
 from symid.errors import EstimateError, Notice, UsageError
 from symid.identification.stored import write_fit
 from tests.estimates import STD, build_estimate
+from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +76,8 @@ def test_several_others_stand_one_by_one(robot, tmp_path):
     assert found.count_within(2.0) == first.count_within(2.0) == len(values)
     assert second.chi_square.value == pytest.approx(len(values) * 9 / 2)
     assert str(found) == f"{first}\n\n\n{second}"
-    with pytest.raises(UsageError, match="got 2") as error:
+    with raises(UsageError, "usage.several-others", match="got 2"):
         _ = found.chi_square
-    assert error.value.notices[0].code == "usage.several-others"
     read = compare_fit(robot, ours, [table], read_as={" Fv1 ": "Fv1 + Fv2"})
     assert {value.read_as for value in read.groups} == {"", "Fv1 + Fv2"}
 
@@ -86,13 +86,10 @@ def test_what_is_no_fit_is_refused(robot, tmp_path):
     ours = build_estimate(robot)
     with pytest.raises(TypeError, match="expected a fit or its file, got dict"):
         compare_fit(robot, ours, [{}])
-    with pytest.raises(UsageError, match="--value") as refused:
+    with raises(UsageError, "usage.no-table", match="--value"):
         compare_fit(robot, ours, [shift(ours)], value="ols")
-    assert refused.value.notices[0].code == "usage.no-table"
     file = write_fit(ours, tmp_path / "ours.json")
-    with pytest.raises(UsageError, match=r"ours\.json") as refused:
+    with raises(UsageError, "usage.same-file", match=r"ours\.json"):
         compare_fit(robot, symid.load_fit(file), [file])
-    assert refused.value.notices[0].code == "usage.same-file"
-    with pytest.raises(EstimateError, match="two_link") as refused:
+    with raises(EstimateError, "estimate.signature", match="two_link"):
         compare_fit(robot, dataclasses.replace(ours, signature="x"), [file])
-    assert refused.value.notices[0].code == "estimate.signature"

@@ -8,6 +8,7 @@ from symid.dynamics.base_parameters import compute_parameter_values, derive_base
 from symid.errors import UsageError
 from symid.identification.stored import write_fit
 from tests.estimates import build_estimate, fill_robot
+from tests.refusals import raises
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
@@ -40,9 +41,8 @@ def test_a_stated_robot_is_the_same_to_pinocchio(tmp_path):
     total = sum(joint.inertial[9] for joint in robot.joints)
     assert pin.computeTotalMass(model) == pytest.approx(total)
     assert found.to_dict()["outcome"] == "stated"
-    with pytest.raises(UsageError, match="float") as refused:
+    with raises(UsageError, "usage.export-precision", match="float"):
         robot.export(tmp_path / "arm.urdf", precision="float")
-    assert refused.value.notices[0].code == "usage.export-precision"
 
 
 def test_a_urdf_that_was_cut_is_written_whole(tmp_path):

@@ -9,7 +9,9 @@ import symid
 from symid.cli.main import run
 from symid.errors import EstimateError, LogError, UsageError
 from symid.notation import HYSTERESIS_MODELS
+from tests.calls import say
 from tests.hysteresis_truths import make_dahl, make_input, make_stops, measure
+from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
@@ -65,12 +67,10 @@ def test_without_time_no_model_depends_on_the_speed(recording):
 def test_a_fit_that_needs_time_asks_for_it(recording):
     t, x, y = recording
     found = symid.hysteresis.fit(x, y, t, model="lugre")
-    with pytest.raises(UsageError, match="give the time") as caught:
+    with raises(UsageError, "usage.hysteresis-time", match="give the time"):
         found.predict(x)
-    assert caught.value.notices[0].code == "usage.hysteresis-time"
-    with pytest.raises(UsageError, match="falls with the speed") as caught:
+    with raises(UsageError, "usage.no-inverse", match="falls with the speed"):
         found.invert(y, t)
-    assert caught.value.notices[0].code == "usage.no-inverse"
 
 
 @pytest.mark.parametrize(
@@ -86,9 +86,8 @@ def test_a_fit_that_needs_time_asks_for_it(recording):
 def test_what_is_no_recording_is_refused(recording, change, text):
     t, x, y = recording
     x, y, t = change(x, y, t)
-    with pytest.raises(UsageError, match=text) as caught:
+    with raises(UsageError, "usage.hysteresis-recording", match=text):
         symid.hysteresis.fit(x, y, t)
-    assert caught.value.notices[0].code == "usage.hysteresis-recording"
 
 
 def test_a_prediction_begins_with_the_memory_that_is_said(fit):
@@ -97,24 +96,21 @@ def test_a_prediction_begins_with_the_memory_that_is_said(fit):
     # Stops are at their upper bound where the input has come from below.
     assert below[0] > above[0]
     assert below[1] == pytest.approx(below[0], rel=1e-6)
-    with pytest.raises(UsageError, match="Known: zero, fresh, below, above") as caught:
+    with raises(UsageError, "usage.unknown-start", match="Known: zero, fresh, below, above"):
         fit.predict(x, np.arange(3.0), start="middle")
-    assert caught.value.notices[0].code == "usage.unknown-start"
 
 
 def test_an_unknown_model_lists_all(recording):
     t, x, y = recording
-    with pytest.raises(UsageError, match="Known: auto, prandtl-ishlinskii") as caught:
+    with raises(UsageError, "usage.unknown-hysteresis", match="Known: auto, prandtl-ishlinskii") as caught:
         symid.hysteresis.fit(x, y, t, model="preisach")
-    assert caught.value.notices[0].code == "usage.unknown-hysteresis"
     assert HYSTERESIS_MODELS[0] in str(caught.value)
 
 
 def test_a_loop_that_gives_work_has_no_passive_lugre(recording):
     t, x, _ = recording
-    with pytest.raises(UsageError, match="no passive") as caught:
+    with raises(UsageError, "usage.no-hysteresis", match="no passive"):
         symid.hysteresis.fit(x, -make_dahl(t, x) + 3.0 * np.gradient(x, t), t, model="lugre", passive=True)
-    assert caught.value.notices[0].code == "usage.no-hysteresis"
 
 
 @pytest.fixture(scope="module")
@@ -131,15 +127,13 @@ def test_columns_are_read_by_name(file, tmp_path):
     again = symid.hysteresis.read_columns(archive, x="data[0]", y="data[1]")
     np.testing.assert_array_equal(again.x, columns.x)
     assert again.t is None
-    with pytest.raises(LogError, match=r"no column 'phj'; did you mean phi") as caught:
+    with raises(LogError, *["log.no-column"] * 2, match=r"no column 'phj'; did you mean phi"):
         symid.hysteresis.read_columns(file, x="phj", y="nonsense", t="t")
-    assert [notice.code for notice in caught.value.notices] == ["log.no-column"] * 2
 
 
 def test_the_verb_prints_what_the_fit_says(file, capsys):
     options = ["--input", "phi", "--output", "tau", "--time", "t", "--model", "maxwell-slip"]
-    assert run(["hysteresis", str(file), *options, "--validate", str(file)]) == 0
-    text = capsys.readouterr().out
+    text = say("hysteresis", file, *options, "--validate", file)
     assert text.startswith("verdict: good - maxwell-slip")
     assert text.count("verdict: ") == 2
     assert run(["hysteresis", str(file), *options, "--passive", "--json"]) == 0
@@ -232,9 +226,8 @@ def test_cycles_lose_what_closed_loops_enclose():
 def test_an_inverse_that_goes_too_far_is_refused(recording):
     t, x, y = recording
     found = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
-    with pytest.raises(UsageError, match="need inputs from") as caught:
+    with raises(UsageError, "usage.inverse-beyond", match="need inputs from"):
         found.invert(20.0 * y)
-    assert caught.value.notices[0].code == "usage.inverse-beyond"
     assert np.ptp(found.invert(20.0 * y, beyond=True)) > np.ptp(x)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import symid
+from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
@@ -27,9 +28,8 @@ def test_a_log_says_what_it_holds(log):
 
 def test_all_that_is_wrong_with_arrays_is_said_at_once(robot):
     time = np.array([0.0, 0.1, 0.1])
-    with pytest.raises(symid.LogError) as caught:
+    with raises(symid.LogError, *["log.arrays"] * 3) as caught:
         symid.build_log(robot, time=time, q=np.zeros((3, 3)), tau=np.full((3, 2), np.inf))
-    assert [notice.code for notice in caught.value.notices] == ["log.arrays"] * 3
     assert "(3, 3), expected (3, 2)" in str(caught.value)
 
 
@@ -41,9 +41,8 @@ def test_a_file_of_runs_is_several_logs(robot, tmp_path):
     first, second = symid.read_logs(runs, robot)
     assert second.recording.run.weight == 2.0
     assert not np.array_equal(first.q, second.q)
-    with pytest.raises(symid.LogError) as caught:
+    with raises(symid.LogError, "log.runs"):
         symid.read_log(runs, robot)
-    assert caught.value.notices[0].code == "log.runs"
 
 
 def test_an_experiment_stands_for_its_log(robot):

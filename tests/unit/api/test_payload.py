@@ -10,6 +10,7 @@ import symid
 from symid.errors import UsageError
 from symid.robot.inertia import compute_standard_parameters
 from tests.estimates import build_estimate
+from tests.refusals import raises
 
 MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
 
@@ -59,6 +60,5 @@ def test_logs_that_were_read_give_the_payload(robot):
     sides = [[model.simulate(duration=4, seed=seed).log for seed in (1, 2)] for model in (heavy, robot)]
     found = robot.payload(*sides)
     assert abs(found.mass - MASS) < 4 * found["mass"].std < 0.1
-    with pytest.raises(UsageError) as refused:
+    with raises(UsageError, "usage.payload-inputs"):
         robot.payload([*sides[0], build_estimate(robot.description)], sides[1])
-    assert refused.value.notices[0].code == "usage.payload-inputs"
