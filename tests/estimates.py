@@ -7,9 +7,12 @@ import numpy as np
 
 from symid.codegen.functions import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
+from symid.identification.elastic.estimate import ElasticEstimate
 from symid.identification.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
 from symid.identification.stored import write_fit
+from symid.ipopt import Ending
 from symid.joint_models import list_value_names
+from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_settings import list_processing
 from tests.chains import draw_parameters
 
@@ -89,3 +92,41 @@ def make_plain(value):
 def store_estimate(robot, path: Path, **fields) -> Path:
     """Write the estimate of `build_estimate` to a file."""
     return write_fit(build_estimate(robot, **fields), path)
+
+
+def build_elastic_estimate(robot, *, shift=0.0, sources=("log.npz",)) -> ElasticEstimate:
+    """Return an estimate of elastic joints without springs: the values of the robot file plus `shift`."""
+    card = build_model_card(robot, derive_base_parameters(robot), ())
+    cards = (*card.beta, *card.rotors, *card.friction)
+    residual = tuple(
+        Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=100, unit="N m")
+        for joint in card.joints
+    )
+    return ElasticEstimate(
+        robot=robot.name,
+        signature=card.signature,
+        method="elimination",
+        reason="for the test",
+        parameters=tuple(
+            ParameterEstimate(name=entry.name, value=entry.value + shift, std=STD, unit=entry.unit)
+            for entry in cards
+        ),
+        springs=(),
+        residual=residual,
+        energy=residual[0],
+        condition=1.0,
+        outcome=Ending.SOLVED,
+        history=(),
+        trials=(),
+        sources=sources,
+        settings={"processing": make_plain(list_processing(robot.processing))},
+        covariance=tuple(tuple(map(float, row)) for row in STD**2 * np.eye(len(cards))),
+    )
+
+
+def add_payload(robot, mass, centre, inertia):
+    """Return the robot with a body in its last link frame."""
+    last = robot.joints[-1]
+    pairs = zip(last.inertial, compute_standard_parameters(mass, centre, inertia), strict=True)
+    loaded = dataclasses.replace(last, inertial=tuple(a + b for a, b in pairs))
+    return dataclasses.replace(robot, joints=(*robot.joints[:-1], loaded))

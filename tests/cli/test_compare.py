@@ -7,20 +7,15 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.codegen.functions import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.identification.elastic.estimate import ElasticEstimate
 from symid.identification.elastic.routing import build_rigid_variant
-from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.identification.stored import write_fit
-from symid.ipopt import Ending
 from symid.joint_models import FrictionValues
 from symid.robot.toml_reader import read_robot
-from symid.robot.toml_settings import list_processing
 from symid.robot.toml_writer import write_robot
 from tests.calls import ask, do, list_codes, refuse, say
 from tests.chains import PUMA560
-from tests.estimates import STD, build_estimate, fill_robot, make_plain, store_estimate
+from tests.estimates import STD, build_elastic_estimate, build_estimate, fill_robot, store_estimate
 
 HEAD = "Izz1 + 1.0*Ia1 + Iyy2 + Iyy3 + 0.07*mz3 + 0.05185*m3 + 0.05185*m4 + 0.05185*m5 + 0.05185*m6"
 
@@ -162,16 +157,6 @@ def test_the_text_has_the_table_and_the_words(capsys, wrist, tmp_path):
     assert "probability below 1e-12; " in first.out
     assert "largest differences\n  Fv" in first.out
     assert first.out.splitlines()[-1].endswith(", exactly")
-
-
-def test_the_same_call_gives_the_same_bytes(capsys, wrist, tmp_path):
-    _, ours, values = wrist
-    table = plant_coupling(values, tmp_path / "table.csv")
-    texts = []
-    for _ in range(2):
-        run(["compare", "tx40", str(ours), str(table), "--json"])
-        texts.append(capsys.readouterr().out)
-    assert texts[0] == texts[1]
 
 
 def test_all_mistakes_of_a_table_are_told_at_once(wrist, tmp_path):
@@ -411,35 +396,8 @@ def test_an_estimate_without_covariance_says_so(arm, tmp_path):
 
 
 def store_elastic(robot, path, shift=0.0):
-    """Write an estimate of elastic joints with the values of the robot file, rotors among them."""
-    card = build_model_card(robot, derive_base_parameters(robot), ())
-    cards = (*card.beta, *card.rotors, *card.friction)
-    parameters = tuple(
-        ParameterEstimate(name=entry.name, value=entry.value + shift, std=STD, unit=entry.unit)
-        for entry in cards
-    )
-    residual = tuple(
-        Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=10, unit="N m")
-        for joint in card.joints
-    )
-    estimate = ElasticEstimate(
-        robot=robot.name,
-        signature=card.signature,
-        method="elimination",
-        reason="for the test",
-        parameters=parameters,
-        springs=(),
-        residual=residual,
-        energy=residual[0],
-        condition=1.0,
-        outcome=Ending.SOLVED,
-        history=(),
-        trials=(),
-        sources=(f"{path.stem}.npz",),
-        settings={"processing": make_plain(list_processing(robot.processing))},
-        covariance=tuple(tuple(map(float, row)) for row in STD**2 * np.eye(len(cards))),
-    )
-    return write_fit(estimate, path)
+    sources = (f"{path.stem}.npz",)
+    return write_fit(build_elastic_estimate(robot, shift=shift, sources=sources), path)
 
 
 def test_estimates_of_elastic_joints_are_compared_without_their_springs(robots_folder, tmp_path):

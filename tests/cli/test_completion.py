@@ -61,12 +61,6 @@ def test_a_shell_gets_them_without_anything_heavy():
     assert heavy == "[]"
 
 
-def test_help_imports_nothing_heavy():
-    found, heavy = ask("--help")
-    assert "identify" in found
-    assert heavy == "[]"
-
-
 class Terminal:
     """A shell that believes it has a terminal."""
 

@@ -284,17 +284,6 @@ def test_the_json_has_values_bodies_and_what_was_identified(wrist, tmp_path):
     assert found["drives"][6]["turns_with"] == {"joint5": 1.0, "joint6": 1.0}
 
 
-def test_the_same_estimate_gives_the_same_bytes(wrist, tmp_path):
-    _, folder = wrist
-    for suffix in ("urdf", "xml", "h", "json", "toml"):
-        texts = []
-        for turn in ("a", "b"):
-            file = tmp_path / f"{turn}.{suffix}"
-            assert ask("export", "tx40", folder / "estimate.json", "-o", file)[0] == 0
-            texts.append(file.read_bytes())
-        assert texts[0] == texts[1]
-
-
 def test_a_robot_file_is_exported_without_an_estimate(tmp_path):
     for suffix in ("urdf", "xml", "h", "json", "toml"):
         file = tmp_path / f"arm.{suffix}"

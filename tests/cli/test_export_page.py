@@ -1,6 +1,5 @@
 """The page on export and payloads: its commands run, its program compiles, its payload comes out."""
 
-import dataclasses
 import re
 import shlex
 import subprocess
@@ -8,10 +7,10 @@ import subprocess
 import pytest
 
 from symid.cli.main import run
-from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
 from tests.calls import do
+from tests.estimates import add_payload
 
 
 @pytest.fixture(scope="module")
@@ -35,11 +34,8 @@ def folder(page, tmp_path_factory, robots_folder):
         patch.chdir(root)
         run_lines(list_blocks(page, "sh")[0])
         robot = read_robot(robots_folder / "two_link.toml")
-        added = compute_standard_parameters(0.8, (0.1, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.003))
-        last = robot.joints[-1]
-        total = tuple(a + b for a, b in zip(last.inertial, added, strict=True))
-        joints = (*robot.joints[:-1], dataclasses.replace(last, inertial=total))
-        loaded = write_robot(dataclasses.replace(robot, joints=joints))
+        body = (0.8, (0.1, 0.02, 0.0), (0.002, 0.0, 0.0, 0.002, 0.0, 0.003))
+        loaded = write_robot(add_payload(robot, *body))
         (root / "loaded.toml").write_text(loaded, encoding="utf-8")
         run_lines("symid simulate loaded.toml -o loaded.npz")
     return root

@@ -45,7 +45,7 @@ def validate(folder, log, *options):
     return do("validate", folder / "arm.toml", folder / "estimate.json", folder / log, *options)
 
 
-def test_validation_filters_as_the_fit_did(capsys, folder, estimate):
+def test_validation_filters_as_the_fit_did(folder, estimate):
     stored = json.loads(estimate.read_text())["settings"]["processing"]
     call = ("identify", folder / "arm.toml", folder / "clean.npz")
     assert ask(*call, "-o", folder / "clean.json")[0] == 0
@@ -61,7 +61,7 @@ def test_validation_filters_as_the_fit_did(capsys, folder, estimate):
     assert f" by {stored['decimation']['factor']} " in out
 
 
-def test_a_log_at_another_rate_has_filters_of_its_own(capsys, folder, estimate):
+def test_a_log_at_another_rate_has_filters_of_its_own(folder, estimate):
     stored = json.loads(estimate.read_text())["settings"]["processing"]
     for options in ((), ("--band", "5")):
         answer = validate(folder, "slow.npz", *options)
@@ -75,7 +75,7 @@ def test_a_log_at_another_rate_has_filters_of_its_own(capsys, folder, estimate):
     "case",
     [("filter_cutoff=33", 33.0, None), ("decimation.factor=1", None, 1), ("decimation.factor=3", None, 3)],
 )
-def test_settings_of_the_call_win(capsys, folder, estimate, case):
+def test_settings_of_the_call_win(folder, estimate, case):
     setting, cutoff, factor = case
     stored = json.loads(estimate.read_text())["settings"]["processing"]
     used = validate(folder, "clean.npz", "--set", f"processing.{setting}")["result"]["processing"]

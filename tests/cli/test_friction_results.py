@@ -247,11 +247,6 @@ def test_files_of_another_kind_say_what_they_are(identify, axis_log, tmp_path):
     assert json.loads(result.read_text())["kind"] == "friction"
 
 
-def test_help_says_who_reads_the_result():
-    _, out, _ = call("identify", "--help")
-    assert "for `validate`, `report` and `export`" in " ".join(out.split())
-
-
 @pytest.mark.parametrize(("model", "percent"), [("asymmetric", 5.3649), ("coulomb-viscous-offset", 5.9824)])
 def test_emps_foretells_its_pulses(shared_data, tmp_path, model, percent):
     folder, result = shared_data / "emps", tmp_path / "friction.json"

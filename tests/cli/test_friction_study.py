@@ -7,23 +7,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from symid.cli.call import answer_call
 from symid.identification.friction.estimators import ESTIMATORS
+from tests.calls import call, hear, refuse, say
 
 
 @pytest.fixture(scope="module")
 def answer(tmp_path_factory):
     """Return exit code, the two streams, and the page of a run with few draws."""
-    import contextlib
-    import io
-
     page = tmp_path_factory.mktemp("study") / "tables.html"
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = answer_call(
-            ["study", "friction-tables", "--seeds", "2", "--jobs", "1", "-o", str(page), "--json", "-q"]
-        )
-    return code, out.getvalue(), err.getvalue(), page
+    order = ("study", "friction-tables", "--seeds", "2", "--jobs", "1", "-o", page, "--json", "-q")
+    return *call(*order), page
 
 
 def test_the_answer_is_one_object_with_all_tables(answer):
@@ -108,21 +101,16 @@ def test_people_read_the_paper_next_to_ours(monkeypatch):
         ("tracking", "--times"),
     ],
 )
-def test_options_that_a_study_does_not_read_are_refused(capsys, arguments):
-    assert answer_call(["study", *arguments, "--json"]) == 2
-    (error,) = json.loads(capsys.readouterr().out)["errors"]
-    assert error["code"] == "usage.call"
-    assert f"Try 'symid study {arguments[0]} --help'." in error["text"]
+def test_options_that_a_study_does_not_read_are_refused(arguments):
+    assert f"Try 'symid study {arguments[0]} --help'." in hear(2, "usage.call", "study", *arguments)
 
 
-def test_every_study_has_help_of_its_own(capsys):
-    assert answer_call(["study", "--help"]) == 0
-    names = re.findall(r"^  ([a-z-]+)  ", capsys.readouterr().out.partition("Commands:")[2], re.MULTILINE)
+def test_every_study_has_help_of_its_own():
+    names = re.findall(r"^  ([a-z-]+)  ", say("study", "--help").partition("Commands:")[2], re.MULTILINE)
     assert names == ["cutoff", "elastic", "foreign", "friction-tables", "precision", "six-joints", "tracking"]
     takes = {}
     for name in names:
-        assert answer_call(["study", name, "--help"]) == 0
-        text = capsys.readouterr().out
+        text = say("study", name, "--help")
         assert "--json" in text
         takes[name] = {option for option in ("--times", "--output", "--seeds") if option in text}
     assert takes["friction-tables"] == {"--times", "--output", "--seeds"}
@@ -131,35 +119,23 @@ def test_every_study_has_help_of_its_own(capsys):
 
 
 @pytest.mark.parametrize("flags", [("--json",), ("-q", "--json"), ("-vq", "--json")])
-def test_common_flags_stand_before_a_study_or_behind_it(capsys, flags):
+def test_common_flags_stand_before_a_study_or_behind_it(flags):
     arguments = ("friction-tables", "--seeds", "1")
-    assert answer_call(["study", *arguments, *flags]) == 2
-    behind = capsys.readouterr()
-    assert answer_call(["study", *flags, *arguments]) == 2
-    assert capsys.readouterr() == behind
-    assert json.loads(behind.out)["errors"][0]["code"] == "usage.friction-draws"
+    behind = call("study", *arguments, *flags)
+    assert call("study", *flags, *arguments) == behind
+    # One draw is refused.
+    assert (behind[0], json.loads(behind[1])["errors"][0]["code"]) == (2, "usage.friction-draws")
 
 
-def test_a_study_must_be_named(capsys):
-    assert answer_call(["study", "--json"]) == 2
-    (error,) = json.loads(capsys.readouterr().out)["errors"]
-    assert error["code"] == "usage.call"
-    assert "one of elastic, tracking" in error["text"]
-    assert answer_call(["study"]) == 2
-    assert "friction-tables" in capsys.readouterr().err
+def test_a_study_must_be_named():
+    assert "one of elastic, tracking" in hear(2, "usage.call", "study")
+    code, _, err = call("study")
+    assert (code, "friction-tables" in err) == (2, True)
 
 
-def test_one_draw_is_refused(capsys):
-    assert answer_call(["study", "friction-tables", "--seeds", "1", "--json"]) == 2
-    (error,) = json.loads(capsys.readouterr().out)["errors"]
-    assert error["code"] == "usage.friction-draws"
-
-
-def test_a_page_that_cannot_be_written_is_refused_before_the_work(capsys, tmp_path):
+def test_a_page_that_cannot_be_written_is_refused_before_the_work(tmp_path):
     page = tmp_path / "page.html"
     page.write_text("mine", encoding="utf-8")
     for target, code in ((page, "output.exists"), (tmp_path / "none" / "page.html", "output.no-folder")):
-        assert answer_call(["study", "friction-tables", "-o", str(target), "--json", "-q"]) == 3
-        (error,) = json.loads(capsys.readouterr().out)["errors"]
-        assert error["code"] == code
+        assert refuse("study", "friction-tables", "-o", target) == (3, [code])
     assert page.read_text(encoding="utf-8") == "mine"

@@ -68,8 +68,6 @@ def test_a_motion_that_does_not_repeat_tells_no_noise(log):
 def test_the_studies_of_identification_answer(log):
     answer = do("study", "precision", "two_link", "--seeds", "3", "--jobs", "1")
     assert [entry["method"] for entry in answer["result"]["methods"]] == ["wls", "momentum", "consistent"]
-    code, answer = ask("study", "cutoff", "two_link", log)
-    assert code == 0
-    assert answer["result"]["lines"]
+    assert do("study", "cutoff", "two_link", log)["result"]["lines"]
     for arguments in (("precision",), ("cutoff", "two_link"), ("elastic", "two_link")):
         assert refuse("study", *arguments) == (2, ["usage.call"])

@@ -1,14 +1,12 @@
 """Runs with a payload that is known, and runs without, tell the same robot in one fit."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
 from tests.calls import ask, do, hear, list_codes
+from tests.estimates import add_payload
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -25,12 +23,7 @@ def folder(tmp_path_factory, robots_folder):
     """Return a folder with logs of the robot without and with the payload, which another robot file has."""
     root = tmp_path_factory.mktemp("loaded")
     robot = read_robot(robots_folder / "two_link.toml")
-    added = compute_standard_parameters(MASS, CENTRE, INERTIA)
-    last = robot.joints[-1]
-    total = tuple(a + b for a, b in zip(last.inertial, added, strict=True))
-    loaded = dataclasses.replace(
-        robot, joints=(*robot.joints[:-1], dataclasses.replace(last, inertial=total))
-    )
+    loaded = add_payload(robot, MASS, CENTRE, INERTIA)
     (root / "loaded.toml").write_text(write_robot(loaded), encoding="utf-8")
     for name, source, seed in (("empty", "two_link", 1), ("with", root / "loaded.toml", 2)):
         motion = ("--duration", "10", "--seed", str(seed))

@@ -1,18 +1,15 @@
 """`symid new --log`: which column is what, what was taken for granted, and what is refused."""
 
-import json
-
 import numpy as np
 import pytest
 
 import symid
-from symid.cli.main import run
 from symid.logs.files import RawLog
 from symid.logs.headings import read_headings
 from symid.logs.reader import read_recording
 from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, list_codes, say
+from tests.calls import ask, call, hear, list_codes, refuse, say
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
 SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
@@ -104,10 +101,10 @@ def test_the_text_shows_the_columns_and_what_to_do_next(folder):
     assert text.endswith("next: symid check arm.toml log.csv\n")
 
 
-def test_what_to_do_next_can_be_typed(capsys, folder):
+def test_what_to_do_next_can_be_typed(folder):
     write_log(folder, PLAIN, "my log.csv")
-    assert run(["new", "arm.toml", *SOURCE, "--log", "my log.csv", "-q"]) == 0
-    assert capsys.readouterr().out.endswith("next: symid check arm.toml 'my log.csv'\n")
+    out = say("new", "arm.toml", *SOURCE, "--log", "my log.csv")
+    assert out.endswith("next: symid check arm.toml 'my log.csv'\n")
 
 
 def test_currents_need_torque_constants(folder):
@@ -245,9 +242,8 @@ def test_options_that_do_not_fit_are_refused(folder, case):
         (("--units", "time=s"), "--units belongs to --log LOG"),
     ],
 )
-def test_options_of_a_log_want_one(capsys, folder, options, words):
-    assert run(["new", str(folder / "arm.toml"), *SOURCE, *options, "--json"]) == 2
-    assert find_only(json.loads(capsys.readouterr().out))["text"] == words
+def test_options_of_a_log_want_one(folder, options, words):
+    assert hear(2, "usage.call", "new", folder / "arm.toml", *SOURCE, *options) == words
 
 
 def test_a_robot_file_is_copied_as_it_is(folder):
@@ -268,20 +264,19 @@ def test_what_the_source_states_is_not_changed(folder, project):
     assert "joint 'elbow' has the gear 80 in its source, not 100" in find_only(answer)["text"]
 
 
-def test_a_rotor_of_the_source_wants_its_own_gear(capsys, folder):
+def test_a_rotor_of_the_source_wants_its_own_gear(folder):
     text = """<robot name="arm"><link name="base"/><link name="upper"/>
     <joint name="turn" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/></joint>
     <transmission name="drive"><joint name="turn"/><actuator name="motor">
     <motorInertia>0.001</motorInertia></actuator></transmission></robot>"""
     (folder / "arm.urdf").write_text(text)
-    assert run(["new", "arm.toml", "--from-urdf", "arm.urdf", "--gear", "50", "--json"]) == 2
-    assert "has a rotor inertia in its source, but no gear" in capsys.readouterr().out
+    code, out, _ = call("new", "arm.toml", "--from-urdf", "arm.urdf", "--gear", "50", "--json")
+    assert (code, "has a rotor inertia in its source, but no gear" in out) == (2, True)
 
 
-def test_the_log_is_an_input(capsys, folder):
+def test_the_log_is_an_input(folder):
     (folder / "log.toml").write_text("")
-    code = run(["new", "log.toml", *SOURCE, "--log", "log.toml", "--force", "--json"])
-    assert (code, find_only(json.loads(capsys.readouterr().out))["code"]) == (3, "output.is-input")
+    assert refuse("new", "log.toml", *SOURCE, "--log", "log.toml", "--force") == (3, ["output.is-input"])
 
 
 PRESETS = {
@@ -519,13 +514,12 @@ def test_elements_of_arrays_count_from_0_and_name_no_joint(folder, size, code):
         assert answer["result"]["log"]["columns"]["torque"] == ["tau_J[0]", "tau_J[1]", "tau_J[2]"]
 
 
-def test_a_urdf_reads_the_columns_that_a_new_file_would(capsys, folder, project):
+def test_a_urdf_reads_the_columns_that_a_new_file_would(folder, project):
     pages = project / "docs" / "own_robot"
     text = (pages / "training.csv").read_text().replace("current [A]", "torque [N m]")
     (folder / "log.csv").write_text(text)
     log = symid.read_log("log.csv", symid.load(pages / "arm.urdf"))
     assert log.q.shape[1] == 3
     assert "new.assumed-side" in {notice.code for notice in log.notices}
-    assert run(["check", str(pages / "arm.urdf"), str(pages / "training.csv"), "--json"]) == 3
-    answer = json.loads(capsys.readouterr().out)
-    assert list_codes(answer, "errors") == ["new.torque-constant", "log.no-map"]
+    found = refuse("check", pages / "arm.urdf", pages / "training.csv")
+    assert found == (3, ["new.torque-constant", "log.no-map"])

@@ -7,35 +7,20 @@ import numpy as np
 import pytest
 
 import symid
-from symid.cli.main import run
-from symid.codegen.functions import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.errors import EstimateError, UsageError
-from symid.identification.elastic.estimate import ElasticEstimate
 from symid.identification.elastic.routing import build_rigid_variant
-from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.identification.stored import write_fit
-from symid.ipopt import Ending
 from symid.joint_models import FrictionValues
-from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
-from symid.robot.toml_settings import list_processing
 from symid.robot.toml_writer import write_robot
-from tests.calls import ask, do, fail, list_codes, say
+from tests.calls import ask, do, fail, hear, list_codes, say
 from tests.chains import PUMA560, regress
-from tests.estimates import build_estimate, fill_robot, make_plain, store_estimate
+from tests.estimates import add_payload, build_elastic_estimate, build_estimate, fill_robot, store_estimate
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
-MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
-
-
-def add_payload(robot):
-    """Return the robot with the payload in its last link frame."""
-    body = compute_standard_parameters(MASS, CENTRE, INERTIA)
-    last = robot.joints[-1]
-    total = tuple(a + b for a, b in zip(last.inertial, body, strict=True))
-    return dataclasses.replace(robot, joints=(*robot.joints[:-1], dataclasses.replace(last, inertial=total)))
+BODY = MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
 
 
 def find_covariance(robot, scale):
@@ -53,6 +38,11 @@ def find_covariance(robot, scale):
     return scale**2 * np.linalg.inv(rows.T @ rows)
 
 
+def order(folder, loaded="loaded.json", empty="empty.json"):
+    """Return the call for two estimates of a folder; what has a folder of its own stands as it is."""
+    return ("payload", folder / "arm.toml", folder / loaded, "--empty", folder / empty)
+
+
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
     """Return a folder with a robot file and estimates of it, loaded and empty, and the robot."""
@@ -65,21 +55,13 @@ def arm(tmp_path_factory):
     robot = read_robot(folder / "arm.toml")
     covariance = find_covariance(robot, 0.02)
     store_estimate(robot, folder / "empty.json", covariance=covariance)
-    store_estimate(add_payload(robot), folder / "loaded.json", covariance=covariance)
+    store_estimate(add_payload(robot, *BODY), folder / "loaded.json", covariance=covariance)
     return folder, robot
 
 
 def test_two_estimates_give_the_payload(arm, tmp_path):
     folder, _ = arm
-    answer = do(
-        "payload",
-        folder / "arm.toml",
-        folder / "loaded.json",
-        "--empty",
-        folder / "empty.json",
-        "-o",
-        tmp_path / "payload.json",
-    )
+    answer = do(*order(folder), "-o", tmp_path / "payload.json")
     result = answer["result"]
     assert result["mass"] == pytest.approx(MASS, rel=1e-6)
     np.testing.assert_allclose(result["com"], CENTRE, atol=1e-7)
@@ -95,77 +77,49 @@ def test_two_estimates_give_the_payload(arm, tmp_path):
     assert answer["warnings"] == []
 
 
-def test_the_text_has_values_with_deviations(capsys, arm):
-    folder, _ = arm
-    code = run(
-        [
-            "payload",
-            str(folder / "arm.toml"),
-            str(folder / "loaded.json"),
-            "--empty",
-            str(folder / "empty.json"),
-            "--mass",
-            "1.5",
-        ]
-    )
-    assert code == 0
-    out = capsys.readouterr().out
-    assert out.startswith("puma560: ")
-    assert "'joint6'" in out.splitlines()[0]
-    assert out.splitlines()[5].split()[0] == "mass"
+def test_the_text_has_values_with_deviations(arm):
+    lines = say(*order(arm[0]), "--mass", "1.5").splitlines()
+    assert lines[0].startswith("puma560: ")
+    assert "'joint6'" in lines[0]
+    assert lines[5].split()[0] == "mass"
 
 
-def test_what_noise_hides_is_refused_with_warnings(capsys, arm, tmp_path):
+def test_what_noise_hides_is_refused_with_warnings(arm, tmp_path):
     folder, robot = arm
     covariance = find_covariance(robot, 1.0)
     store_estimate(robot, tmp_path / "empty.json", covariance=covariance)
-    loaded = store_estimate(add_payload(robot), tmp_path / "loaded.json", covariance=covariance)
+    loaded = store_estimate(add_payload(robot, *BODY), tmp_path / "loaded.json", covariance=covariance)
     stored = json.loads(loaded.read_text(encoding="utf-8"))
     changes = {"Fc1": 100.0, "ZZR1": 100.0}
     for entry in stored["parameters"]:
         entry["value"] += changes.get(entry["name"], 0.0)
     loaded.write_text(json.dumps(stored), encoding="utf-8")
-    answer = do("payload", folder / "arm.toml", loaded, "--empty", tmp_path / "empty.json", "--mass", MASS)
+    call = (*order(folder, loaded, tmp_path / "empty.json"), "--mass", MASS)
+    answer = do(*call)
     assert answer["result"]["inertia"]["xx"] is None
     assert {"payload.refused", "payload.other-changes", "payload.friction-changed"} <= set(list_codes(answer))
     assert answer["result"]["friction"][0]["name"] == "Fc1"
     assert answer["result"]["unexplained"][0]["name"] == "ZZR1"
-    code = run(
-        [
-            "payload",
-            str(folder / "arm.toml"),
-            str(loaded),
-            "--empty",
-            str(tmp_path / "empty.json"),
-            "--mass",
-            "1.5",
-        ]
-    )
-    out = capsys.readouterr().out
-    assert code == 0
+    out = say(*call)
     assert "refused: Jxx: " in out
     assert f" {answer['result']['scale']:.3g}, " in out
 
 
 def test_a_change_that_no_body_makes_is_said(arm, tmp_path):
     folder, robot = arm
-    impossible = list(add_payload(robot).joints[-1].inertial)
+    impossible = list(add_payload(robot, *BODY).joints[-1].inertial)
     impossible[0] -= 1.0
     impossible[3] -= 1.0
     last = dataclasses.replace(robot.joints[-1], inertial=tuple(impossible))
     changed = dataclasses.replace(robot, joints=(*robot.joints[:-1], last))
     loaded = store_estimate(changed, tmp_path / "loaded.json", covariance=find_covariance(robot, 0.02))
-    answer = do("payload", folder / "arm.toml", loaded, "--empty", folder / "empty.json")
+    answer = do(*order(folder, loaded))
     assert "payload.inconsistent" in list_codes(answer)
     assert answer["result"]["moved"] > 3
 
 
 def test_the_other_way_round_there_is_no_payload(arm):
-    folder, _ = arm
-    assert fail("payload", folder / "arm.toml", folder / "empty.json", "--empty", folder / "loaded.json") == (
-        4,
-        "payload.none",
-    )
+    assert fail(*order(arm[0], "empty.json", "loaded.json")) == (4, "payload.none")
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +127,7 @@ def logs(tmp_path_factory, robots_folder):
     """Return a folder with logs of a planar arm, loaded and empty."""
     folder = tmp_path_factory.mktemp("payload-logs")
     robot = read_robot(robots_folder / "two_link.toml")
-    (folder / "heavy.toml").write_text(write_robot(add_payload(robot)), encoding="utf-8")
+    (folder / "heavy.toml").write_text(write_robot(add_payload(robot, *BODY)), encoding="utf-8")
     for name, log in (("two_link", "empty"), (str(folder / "heavy.toml"), "loaded")):
         for seed in ("1", "2"):
             path = str(folder / f"{log}{seed}.npz")
@@ -185,17 +139,9 @@ def logs(tmp_path_factory, robots_folder):
     "options", [(), ("--rows", "momentum", "--estimator", "ols")], ids=["torque", "momentum"]
 )
 def test_logs_give_the_payload(logs, options):
-    answer = do(
-        "payload",
-        "two_link",
-        logs / "loaded1.npz",
-        logs / "loaded2.npz",
-        "--empty",
-        logs / "empty1.npz",
-        "--empty",
-        logs / "empty2.npz",
-        *options,
-    )
+    sides = (logs / "loaded1.npz", logs / "loaded2.npz")
+    sides += ("--empty", logs / "empty1.npz", "--empty", logs / "empty2.npz")
+    answer = do("payload", "two_link", *sides, *options)
     by_name = {entry["name"]: entry for entry in answer["result"]["quantities"]}
     truth = {"mass": MASS, "cx": CENTRE[0], "cy": CENTRE[1]}
     for name, value in truth.items():
@@ -208,18 +154,16 @@ def test_logs_give_the_payload(logs, options):
 def test_calls_that_cannot_be_answered(arm, logs, tmp_path):
     folder, _ = arm
     robot, loaded, empty = folder / "arm.toml", folder / "loaded.json", folder / "empty.json"
-    assert fail("payload", robot, loaded, logs / "loaded1.npz", "--empty", empty) == (
-        2,
-        "usage.payload-inputs",
-    )
-    assert fail("payload", robot, loaded, "--empty", loaded) == (2, "usage.same-log")
-    assert fail("payload", robot, loaded, "--empty", empty, "--joint", "hand") == (2, "usage.payload-joint")
-    assert fail("payload", "two_link", loaded, "--empty", empty) == (3, "estimate.signature")
-    assert fail("payload", "two_link_elastic", logs / "loaded1.npz", "--empty", logs / "empty1.npz") == (
-        2,
-        "usage.payload-elastic",
-    )
-    assert fail("payload", robot, loaded, "--empty", empty, "-o", loaded, "--force") == (3, "output.is-input")
+    log, other = logs / "loaded1.npz", logs / "empty1.npz"
+    for exit_code, code, *call in (
+        (2, "usage.payload-inputs", robot, loaded, log, "--empty", empty),
+        (2, "usage.same-log", robot, loaded, "--empty", loaded),
+        (2, "usage.payload-joint", robot, loaded, "--empty", empty, "--joint", "hand"),
+        (3, "estimate.signature", "two_link", loaded, "--empty", empty),
+        (2, "usage.payload-elastic", "two_link_elastic", log, "--empty", other),
+        (3, "output.is-input", robot, loaded, "--empty", empty, "-o", loaded, "--force"),
+    ):
+        assert fail("payload", *call) == (exit_code, code)
     unsure = json.loads(empty.read_text(encoding="utf-8"))
     for entry in unsure["parameters"]:
         entry["std"] = None
@@ -227,40 +171,10 @@ def test_calls_that_cannot_be_answered(arm, logs, tmp_path):
     assert fail("payload", robot, loaded, "--empty", tmp_path / "unsure.json") == (3, "payload.no-deviations")
 
 
-def build_elastic_estimate(robot):
-    """Return an estimate of elastic joints with the values of the robot file, and one spring refused."""
-    card = build_model_card(robot, derive_base_parameters(robot), ())
-    cards = (*card.beta, *card.rotors, *card.friction)
-    parameters = tuple(
-        ParameterEstimate(name=entry.name, value=entry.value, std=1e-4, unit=entry.unit) for entry in cards
-    )
-    residual = tuple(
-        Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=10, unit="N m")
-        for joint in card.joints
-    )
-    return ElasticEstimate(
-        robot=robot.name,
-        signature=card.signature,
-        method="elimination",
-        reason="for the test",
-        parameters=parameters,
-        springs=(),
-        residual=residual,
-        energy=residual[0],
-        condition=1.0,
-        outcome=Ending.SOLVED,
-        history=(),
-        trials=(),
-        sources=("log.npz",),
-        settings={"processing": make_plain(list_processing(robot.processing))},
-        covariance=tuple(tuple(map(float, row)) for row in 1e-8 * np.eye(len(cards))),
-    )
-
-
 def test_estimates_of_elastic_joints_give_the_payload(tmp_path, robots_folder):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
     empty = write_fit(build_elastic_estimate(robot), tmp_path / "empty.json")
-    loaded = write_fit(build_elastic_estimate(add_payload(robot)), tmp_path / "loaded.json")
+    loaded = write_fit(build_elastic_estimate(add_payload(robot, *BODY)), tmp_path / "loaded.json")
     answer = do("payload", "two_link_elastic", loaded, "--empty", empty)
     assert answer["result"]["mass"] == pytest.approx(MASS, rel=1e-6)
     np.testing.assert_allclose(answer["result"]["com"][:2], CENTRE[:2], atol=1e-7)
@@ -270,25 +184,24 @@ def test_estimates_of_elastic_joints_give_the_payload(tmp_path, robots_folder):
 
 def test_a_controller_gets_what_it_takes(arm, tmp_path):
     folder, _ = arm
-    call_it = ("payload", folder / "arm.toml", folder / "loaded.json", "--empty", folder / "empty.json")
     place = "0,0,0.1,0,0,1.5707963267948966"
-    answer = do(*call_it, "--for", "ur", f"--frame={place}", "-o", tmp_path / "payload.json", "--mass", MASS)
+    answer = do(
+        *order(folder), "--for", "ur", f"--frame={place}", "-o", tmp_path / "payload.json", "--mass", MASS
+    )
     command = answer["result"]["controller"]
     np.testing.assert_allclose(command["com"], [CENTRE[1], -CENTRE[0], CENTRE[2] - 0.1], atol=1e-6)
     assert command["texts"]["URScript"].startswith("set_target_payload(1.5, [-0.02")
     assert list_codes(answer) == ["payload.controller-scope"]
     assert (tmp_path / "payload.json").exists()
-    assert "libfranka: robot.setLoad(1." in say(*call_it, "--for", "franka")
-    assert fail(*call_it, "--frame", "flange") == (2, "usage.payload-frame")
+    assert "libfranka: robot.setLoad(1." in say(*order(folder), "--for", "franka")
+    assert fail(*order(folder), "--frame", "flange") == (2, "usage.payload-frame")
 
 
 def test_a_stored_payload_is_reported_as_it_was_found(arm, tmp_path):
     folder, _ = arm
-    order = ("payload", folder / "arm.toml", folder / "loaded.json", "--empty", folder / "empty.json")
     stored, first, second = (tmp_path / name for name in ("payload.json", "first.html", "second.html"))
-    answer = do(*order, "-o", stored, "--page", first)
-    code, again = ask("report", stored, "-o", second)
-    assert code == 0, again
+    answer = do(*order(folder), "-o", stored, "--page", first)
+    again = do("report", stored, "-o", second)
     assert second.read_bytes() == first.read_bytes()
     assert list_codes(again) == list_codes(answer)
     here = {"file": None, "page": None}
@@ -305,9 +218,8 @@ def test_a_stored_payload_is_reported_as_it_was_found(arm, tmp_path):
 
 def test_a_stored_payload_with_mistakes_is_refused(arm, tmp_path):
     folder, _ = arm
-    order = ("payload", folder / "arm.toml", folder / "loaded.json", "--empty", folder / "empty.json")
     stored = tmp_path / "payload.json"
-    assert ask(*order, "-o", stored)[0] == 0
+    assert ask(*order(folder), "-o", stored)[0] == 0
     text = stored.read_text(encoding="utf-8")
     for place, value, said in (
         (("standard",), [1.0], "(10,) numbers"),
@@ -321,6 +233,4 @@ def test_a_stored_payload_with_mistakes_is_refused(arm, tmp_path):
             entry = entry[key]
         entry[place[-1]] = value
         stored.write_text(json.dumps(data), encoding="utf-8")
-        code, answer = ask("report", stored, "-o", tmp_path / "page.html")
-        assert code == 3
-        assert said in answer["errors"][0]["text"]
+        assert said in hear(3, "estimate.format", "report", stored, "-o", tmp_path / "page.html")

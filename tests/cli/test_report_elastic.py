@@ -7,13 +7,12 @@ import pytest
 
 from symid.cli.main import run
 from symid.codegen.cache import prepare_library
-from symid.identification.elastic.estimate import ElasticEstimate, SpringEstimate
-from symid.identification.estimators.estimate import ParameterEstimate, Residual
+from symid.identification.elastic.estimate import SpringEstimate
 from symid.identification.stored import write_fit
-from symid.ipopt import Ending
 from symid.robot.loading import load_robot
 from symid.robot.toml_settings import describe_settings
 from tests.calls import ask, do, find_codes
+from tests.estimates import build_elastic_estimate
 
 ROBOT = "two_link_elastic"
 
@@ -23,13 +22,6 @@ def estimate():
     """Return an estimate that says the truth of the robot file."""
     robot = load_robot(ROBOT)
     card = prepare_library(robot).card
-    entries = (*card.beta, *card.rotors, *card.friction)
-    residuals = tuple(
-        Residual(
-            joint=joint.name, norm=1.0, relative_percent=0.5, std=0.01, samples=100, unit=joint.torque_unit
-        )
-        for joint in card.joints
-    )
     springs = tuple(
         SpringEstimate(
             joint=joint.name,
@@ -43,27 +35,10 @@ def estimate():
         )
         for joint, spring in zip(card.joints, card.elasticity, strict=True)
     )
-    return ElasticEstimate(
-        robot=card.robot,
-        signature=card.signature,
-        method="elimination",
-        reason="the method was asked for",
-        parameters=tuple(
-            ParameterEstimate(
-                name=entry.name, value=entry.value, std=0.01, unit=entry.unit, truth=entry.value
-            )
-            for entry in entries
-        ),
-        springs=springs,
-        residual=residuals,
-        energy=replace(residuals[0], joint="all joints", unit="J"),
-        condition=20.0,
-        outcome=Ending.SOLVED,
-        history=(),
-        trials=(),
-        sources=("training.npz",),
-        settings={**describe_settings(robot), "stops": 8, "rate": 60.0, "cutoff": None},
-    )
+    settings = {**describe_settings(robot), "stops": 8, "rate": 60.0, "cutoff": None}
+    plain = build_elastic_estimate(robot, sources=("training.npz",))
+    parameters = tuple(replace(entry, std=0.01, truth=entry.value) for entry in plain.parameters)
+    return replace(plain, parameters=parameters, springs=springs, settings=settings, covariance=())
 
 
 @pytest.fixture

@@ -47,6 +47,7 @@ CALLS = {
     "identify-elastic": "identify two_link_elastic elastic.npz --method nlp -o elastic.json",
     "identify-friction": "identify two_link log.npz --rows friction --model stribeck -o friction.json",
     "validate": "validate two_link ols.json held.csv",
+    "compare": "compare two_link ols.json wls.json",
     "report": "report momentum.json --diagnose --validation held.csv -o page.html",
     "report-elastic": "report elastic.json -o elastic.html",
     "report-friction": "report friction.json -o friction.html",

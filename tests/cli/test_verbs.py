@@ -39,26 +39,6 @@ def test_base(robot, count):
     assert not names & {entry["name"] for entry in result["eliminated"]}
 
 
-def test_base_of_two_link_has_the_known_groupings():
-    _, answer = ask("base", "two_link")
-    found = {entry["name"]: entry["expression"] for entry in answer["result"]["parameters"]}
-    assert found["ZZR1"] == "ZZ1 + 0.25*M2"
-    assert found["MXR1"] == "MX1 + 0.5*M2"
-
-
-def test_check_reads_logs(log):
-    answer = do("check", "two_link", log)
-    (entry,) = answer["result"]["logs"]
-    assert entry["samples"] == 20001
-    assert entry["period"] == pytest.approx(1e-3)
-
-
-def test_derive_shows_checked_steps():
-    steps = do("derive", "two_link")["result"]["steps"]
-    assert len(steps) > 2
-    assert any(step["check"] for step in steps)
-
-
 @pytest.mark.parametrize("target", ["c", "python"])
 def test_generate(tmp_path, target):
     folder = tmp_path / "code"
@@ -80,15 +60,6 @@ def test_generate_refuses_a_folder_of_others(tmp_path, more):
     assert fail("generate", "emps", *more, "-o", tmp_path) == (3, "output.foreign-folder")
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
     assert (tmp_path / "thesis.txt").read_text() == "mine"
-
-
-def test_simulate_is_deterministic(tmp_path):
-    paths = [tmp_path / name for name in ("a.npz", "b.npz", "c.npz")]
-    for path, seed in zip(paths, (5, 5, 6), strict=True):
-        answer = do("simulate", "two_link", "-o", path, "--seed", seed, "--duration", "1")
-        assert answer["result"]["seed"] == seed
-    assert paths[0].read_bytes() == paths[1].read_bytes()
-    assert paths[0].read_bytes() != paths[2].read_bytes()
 
 
 @pytest.mark.parametrize("trajectory", ["ta", "tb"])
@@ -221,11 +192,6 @@ def test_doctor():
     assert {"python", "sympy", "casadi", "C compiler", "cache", "robots", "templates"} <= names
     (calls,) = (entry for entry in answer["result"]["findings"] if entry["name"] == "calls of compiled code")
     assert re.match(r"Python's limited API|ctypes", calls["found"])
-
-
-def test_doctor_says_what_is_missing(monkeypatch):
-    monkeypatch.setattr("symid.api.first_steps._PACKAGES", ("click", "no-such-package-here"))
-    assert "pip install" in hear(1, "doctor.missing", "doctor")
 
 
 @pytest.mark.parametrize("rows", ["momentum", "energy"])

@@ -8,11 +8,10 @@ import pytest
 
 import symid
 from symid.errors import UsageError
-from symid.robot.inertia import compute_standard_parameters
-from tests.estimates import build_estimate
+from tests.estimates import add_payload, build_estimate
 from tests.refusals import raises
 
-MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
+BODY = MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
 
 
 @pytest.fixture(scope="module")
@@ -20,16 +19,8 @@ def robot():
     return symid.load("two_link")
 
 
-def carry(robot):
-    """Return the description of the robot with the payload in its last link frame."""
-    body = compute_standard_parameters(MASS, CENTRE, INERTIA)
-    last = robot.joints[-1]
-    total = tuple(a + b for a, b in zip(last.inertial, body, strict=True))
-    return dataclasses.replace(robot, joints=(*robot.joints[:-1], dataclasses.replace(last, inertial=total)))
-
-
 def test_two_fits_in_memory_give_the_payload(robot, tmp_path):
-    loaded, empty = build_estimate(carry(robot.description)), build_estimate(robot.description)
+    loaded, empty = build_estimate(add_payload(robot.description, *BODY)), build_estimate(robot.description)
     found = robot.payload(loaded, empty)
     assert (found.joint, found.mass) == ("elbow", pytest.approx(MASS))
     # A planar arm shows neither where a body is along its axes nor its inertia about the others.
@@ -49,14 +40,14 @@ def test_two_fits_in_memory_give_the_payload(robot, tmp_path):
 
 
 def test_a_known_mass_is_taken(robot):
-    loaded, empty = build_estimate(carry(robot.description)), build_estimate(robot.description)
+    loaded, empty = build_estimate(add_payload(robot.description, *BODY)), build_estimate(robot.description)
     found = robot.payload(loaded, empty, mass=MASS, joint="elbow")
     assert found.mass == pytest.approx(MASS, rel=1e-14)
     assert found["cx"].std < robot.payload(loaded, empty)["cx"].std
 
 
 def test_logs_that_were_read_give_the_payload(robot):
-    heavy = dataclasses.replace(robot, description=carry(robot.description), backend="python")
+    heavy = dataclasses.replace(robot, description=add_payload(robot.description, *BODY), backend="python")
     sides = [[model.simulate(duration=4, seed=seed).log for seed in (1, 2)] for model in (heavy, robot)]
     found = robot.payload(*sides)
     assert abs(found.mass - MASS) < 4 * found["mass"].std < 0.1
