@@ -4,6 +4,8 @@ import json
 from contextlib import redirect_stderr, redirect_stdout
 from io import StringIO
 
+import numpy as np
+
 from symid.cli.main import run
 
 
@@ -74,3 +76,20 @@ def find_texts(answer, code=""):
 def find_values(answer):
     """Return the values of a fit by the names of its parameters."""
     return {entry["name"]: entry["value"] for entry in answer["result"]["parameters"]}
+
+
+def change_log(source, target, *, only=None, **changes):
+    """Write the columns of a log to another file, `only` some, each after its change; return the path."""
+    with np.load(source) as log:
+        columns = {name: log[name] for name in only or log.files}
+    np.savez(target, **columns | {name: change(columns[name]) for name, change in changes.items()})
+    return target
+
+
+def change_json(path, change, target=None):
+    """Write what a JSON file holds, after a change, to `target` or back; return that path."""
+    data = json.loads(path.read_text(encoding="utf-8"))
+    change(data)
+    target = target or path
+    target.write_text(json.dumps(data), encoding="utf-8")
+    return target
