@@ -31,7 +31,7 @@ from fractions import Fraction
 from functools import cache
 from typing import Literal, TypeAlias
 
-from sympy import QQ, Add, Expr, Matrix, Mul, Rational
+from sympy import QQ, Add, Matrix, Mul, Rational
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid.dynamics import ExactAlgebra
@@ -82,11 +82,8 @@ class _Choice:
     algebra: ExactAlgebra
 
 
-@dataclass(frozen=True, slots=True)
-class AngleSums:
-    """The chains of parallel axes of a robot, each with all its choices of sums."""
-
-    chains: tuple[tuple[_Choice, ...], ...]
+AngleSums: TypeAlias = tuple[tuple[_Choice, ...], ...]
+"""The chains of parallel axes of a robot, each with all its choices of sums."""
 
 
 def list_chains(robot: Robot) -> tuple[Angle, ...]:
@@ -118,7 +115,7 @@ def list_chains(robot: Robot) -> tuple[Angle, ...]:
 
 def build_angle_sums(robot: Robot) -> AngleSums:
     """Return the chains of a robot with their choices of sums."""
-    return AngleSums(tuple(tuple(_list_choices(chain)) for chain in list_chains(robot)))
+    return tuple(tuple(_list_choices(chain)) for chain in list_chains(robot))
 
 
 def _list_choices(chain: Angle) -> Iterator[_Choice]:
@@ -176,38 +173,29 @@ def _read_letter(name: str) -> Letter:
     return (kind, ((int(number), 1),)) if kind in "sc" and number.isdigit() else name
 
 
-def list_terms(value: PolyElement, senses: Mapping[str, Letter] | None = None) -> Terms:
+def list_terms(value: PolyElement) -> Terms:
     """Return the terms of a polynomial, roots of two and three as letters of their own."""
-    domain = value.ring.domain
-    names = [(senses or {}).get(str(x)) or _read_letter(str(x)) for x in value.ring.symbols]
+    names = [_read_letter(str(x)) for x in value.ring.symbols]
     result: Terms = {}
     for exponents, coefficient in value.terms():
         letters = {names[k]: power for k, power in enumerate(exponents) if power}
-        for number, root in _split_number(domain.to_sympy(coefficient)):
-            key = _sort({**letters, **({("root", root): 1} if root > 1 else {})})
+        # A number of Q(sqrt 2, sqrt 3): rational multiples of square roots.
+        for term in Add.make_args(value.ring.domain.to_sympy(coefficient)):
+            number, root = Fraction(1), 1
+            for factor in Mul.make_args(term):
+                if isinstance(factor, Rational):
+                    number *= Fraction(int(factor.p), int(factor.q))
+                else:
+                    root *= int(factor**2)
+            key = _sort(letters | ({("root", root): 1} if root > 1 else {}))
             result[key] = result.get(key, Fraction(0)) + number
     return result
 
 
-def _split_number(value: Expr) -> Iterator[tuple[Fraction, int]]:
-    """Yield a number of Q(sqrt 2, sqrt 3) as rational multiples of square roots."""
-    for term in Add.make_args(value):
-        number, root = Fraction(1), 1
-        for factor in Mul.make_args(term):
-            if isinstance(factor, Rational):
-                number *= Fraction(int(factor.p), int(factor.q))
-            else:
-                root *= int(factor**2)
-        yield number, root
-
-
-def write_sum(value: PolyElement, sums: AngleSums, senses: Mapping[str, Letter] | None = None) -> Sum:
-    """Return a polynomial as a textbook writes it.
-
-    `senses` has the letters of generators that are not read by their names, (s1, c1: sine and cosine).
-    """
+def write_sum(value: PolyElement, sums: AngleSums) -> Sum:
+    """Return a polynomial as a textbook writes it."""
     groups: dict[Monomial, Terms] = {}
-    for monomial, number in list_terms(value, senses).items():
+    for monomial, number in list_terms(value).items():
         plain = tuple(item for item in monomial if not _is_angle(item[0]))
         waves = tuple(item for item in monomial if _is_angle(item[0]))
         groups.setdefault(plain, {})[waves] = number
@@ -215,7 +203,7 @@ def write_sum(value: PolyElement, sums: AngleSums, senses: Mapping[str, Letter] 
     for plain, share in groups.items():
         # Sines and cosines go into the sums of angles that give them the fewest terms.
         joined = share
-        for choices in sums.chains:
+        for choices in sums:
             own = choices[0].images
             if any(letter in own for monomial in joined for letter, _ in monomial):
                 forms = (_complete_squares(_substitute(joined, choice), choice.angles) for choice in choices)
@@ -340,40 +328,34 @@ def _count_waves(total: Sum | None) -> int:
     )
 
 
-def expand_sum(total: Sum, algebra: ExactAlgebra, names: Mapping[Letter, str] | None = None) -> PolyElement:
-    """Return a sum as the polynomial of `algebra` that it stands for; `names` undoes the senses."""
+def expand_sum(total: Sum, algebra: ExactAlgebra) -> PolyElement:
+    """Return a sum as the polynomial of `algebra` that it stands for."""
     known, ring, result = algebra.generators, algebra.ring, algebra.zero
     for product in total.products:
         number = QQ(product.number.numerator, product.number.denominator)
         value = algebra.one * ring.domain.convert(number)
         for letter, power in product.letters:
-            named = (names or {}).get(letter, letter)
-            if isinstance(named, str):
-                factor = known[named]
-            elif isinstance(named[1], int):
-                factor = ring.ground_new(ring.domain.from_sympy(Rational(named[1]) ** Rational(1, 2)))
+            if isinstance(letter, str):
+                factor = known[letter]
+            elif isinstance(letter[1], int):
+                factor = ring.ground_new(ring.domain.from_sympy(Rational(letter[1]) ** Rational(1, 2)))
             else:
                 sine, cosine = algebra.zero, algebra.one
-                for joint, sign in named[1]:
+                for joint, sign in letter[1]:
                     s, c = known[f"s{joint}"] * sign, known[f"c{joint}"]
-                    sine, cosine = (
-                        algebra.reduce(sine * c + cosine * s),
-                        algebra.reduce(cosine * c - sine * s),
-                    )
-                factor = sine if named[0] == "s" else cosine
+                    turned = sine * c + cosine * s, cosine * c - sine * s
+                    sine, cosine = map(algebra.reduce, turned)
+                factor = sine if letter[0] == "s" else cosine
             for _ in range(power):
                 value = algebra.mul(value, factor)
         if product.inner is not None:
-            value = algebra.mul(value, expand_sum(product.inner, algebra, names))
+            value = algebra.mul(value, expand_sum(product.inner, algebra))
         result += value
     return result
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Style:
-    """How letters are written: `write` in LaTeX, with its power."""
-
-    write: Callable[[Letter, int], str]
+Style: TypeAlias = Callable[[Letter, int], str]
+"""How a letter with its power is written in LaTeX."""
 
 
 def write_latex(total: Sum, style: Style) -> str:
@@ -388,7 +370,7 @@ def write_latex(total: Sum, style: Style) -> str:
         number, inner = abs(product.number), product.inner
         alone = inner is None and not product.letters
         parts = [] if number == 1 and not alone else [write_number(number)]
-        letters = [style.write(letter, power) for letter, power in product.letters]
+        letters = [style(letter, power) for letter, power in product.letters]
         if inner is not None:
             # A bracket without sines stands before the sines: (m1 lc1 + m2 l1) g c1.
             early = (isinstance(x, str) and sort_letter(x)[0] != 5 for x, _ in product.letters)
@@ -641,4 +623,4 @@ def build_style(book: Book, slides: frozenset[int] = frozenset()) -> Style:
         below = ("," if comma else "").join(numbers)
         return f"{book.sine if kind == 's' else book.cosine}_{{{below}}}{above}"
 
-    return Style(write=write)
+    return write
