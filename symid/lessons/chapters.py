@@ -7,8 +7,10 @@ a `code` has a value at the posture that the reader chooses, from the formula it
 Supported: robots of the exact algebra. Not supported: more than one tool; loops.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from sympy.polys.rings import PolyElement
@@ -42,6 +44,7 @@ from symid.robot import Exact, Robot
 
 WRITTEN_OUT = 3
 """Joints up to which a lesson writes everything out."""
+Writer: TypeAlias = Callable[[str], str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +108,16 @@ class Lesson:
     beta: tuple[float, ...]
     stand_ins: bool
     tips: tuple[tuple[float, float, float], ...]
+
+
+_MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")
+
+
+def write_marked(text: str, plain: Writer, formula: Writer, code: Writer) -> str:
+    """Return a text by what its plain parts, its $formulas$ and its `code` become."""
+    write = {"$": formula, "`": code}
+    parts = enumerate(_MARKED.split(text))
+    return "".join(write[part[0]](part[1:-1]) if k % 2 else plain(part) for k, part in parts)
 
 
 def list_items(items: Sequence[Item]) -> Iterator[Item]:

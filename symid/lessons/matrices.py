@@ -15,12 +15,15 @@ masses, centres of mass and central inertias.
 Not supported: names for lengths of placements that are no Denavit-Hartenberg row (their numbers stay).
 """
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import compress, product
 from typing import Any, Literal, TypeAlias
 
-from sympy import Expr, Symbol, preorder_traversal
+from sympy import Expr, S, Symbol, preorder_traversal
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid.dynamics import (
@@ -79,28 +82,16 @@ class LessonModel:
     sums: AngleSums
 
 
-def _name_value(value: Exact, name: str, lengths: dict[str, float]) -> Exact:
-    """Return the symbol `name` for a number that is not zero; other values stay."""
-    if not value or not value.is_number:
-        return value
-    lengths[name] = value.to_float()
-    return Exact.symbol(name)
-
-
 def _name_row(joint: Joint, number: int, taken: Sequence[str], lengths: dict[str, float]) -> Joint:
     """Return a joint with a_i and d_i for the lengths of a row of a Denavit-Hartenberg table."""
     rotation, (x, y, z) = joint.placement.rotation, joint.placement.translation
-    axis = (rotation[0][2], rotation[1][2], rotation[2][2])
-    if (
-        axis[0]
-        or not all(value.is_number for value in (x, y, z))
-        or {f"a{number}", f"d{number}"} & set(taken)
-    ):
-        return joint
+    axis, names = [row[2] for row in rotation], (f"a{number}", f"d{number}")
     along = axis[1] * y + axis[2] * z
-    if (axis[1] * along, axis[2] * along) != (y, z):
+    numbers = all(value.is_number for value in (x, y, z)) and not set(names) & set(taken)
+    if axis[0] or not numbers or (axis[1] * along, axis[2] * along) != (y, z):
         return joint
-    a, d = _name_value(x, f"a{number}", lengths), _name_value(along, f"d{number}", lengths)
+    lengths |= {name: value.to_float() for name, value in zip(names, (x, along), strict=True) if value}
+    a, d = (Exact.symbol(name) if name in lengths else Exact.of(0) for name in names)
     placement = Placement(rotation=rotation, translation=(a, axis[1] * d, axis[2] * d))
     return replace(joint, placement=placement)
 
@@ -120,15 +111,8 @@ def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
         sign = Exact.of(1 if pulls[0].to_float() > 0 else -1)
         x, y, z = (sign * Exact.symbol("g") if value else value for value in gravity)
         gravity = (x, y, z)
-    named = replace(
-        robot,
-        joints=tuple(joints),
-        gravity=gravity,
-        symbols=(
-            *robot.symbols,
-            *((name, abs(value) if name == "g" else value) for name, value in lengths.items()),
-        ),
-    )
+    symbols = (*robot.symbols, *lengths.items())
+    named = replace(robot, joints=tuple(joints), gravity=gravity, symbols=symbols)
     if derive_base_parameters(named).keys != derive_base_parameters(robot).keys:
         return robot, {}
     return named, lengths
@@ -147,32 +131,24 @@ def build_model(
     named, lengths = name_lengths(robot)
     base = derive_base_parameters(named)
     formulas = _list_formulas(robot, named, base, form)
-    form = form if form == "bodies" else "symbols" if formulas else "base"
     exact = build_exact_algebra(named)
     own = [str(symbol) for symbol in exact.ring.symbols]
     letters = [entry.name for entry in base.parameters if entry.name not in formulas]
     found = {
         x.name for value in formulas.values() for x in preorder_traversal(value) if isinstance(x, Symbol)
     }
-    letters += sorted(found - set(own) - set(letters))
-    names = [*letters, *further, *own]
-    start = len(letters) + len(further)
-    sines = tuple((s + start, c + start) for s, c in exact.sines)
-    algebra = ExactAlgebra(PolyRing(names, exact.ring.domain), sines)
-    known = algebra.generators
-    parameters = {
-        entry.label: algebra.ring.from_expr(formulas[entry.name])
-        if entry.name in formulas
-        else known[entry.name]
-        for entry in base.parameters
-    }
+    before = [*letters, *sorted(found - set(own) - set(letters)), *further]
+    sines = tuple((s + len(before), c + len(before)) for s, c in exact.sines)
+    algebra = ExactAlgebra(PolyRing([*before, *own], exact.ring.domain), sines)
+    values = {name: algebra.ring.from_expr(value) for name, value in formulas.items()}
+    known = algebra.generators | values
     return LessonModel(
         robot=named,
         lengths=lengths,
         base=base,
         algebra=algebra,
-        parameters=parameters,
-        form=form,
+        parameters={entry.label: known[entry.name] for entry in base.parameters},
+        form=form if form == "bodies" else "symbols" if formulas else "base",
         sums=build_angle_sums(named),
     )
 
@@ -190,9 +166,7 @@ def _list_formulas(
             for name, value in zip(INERTIAL, write_body(joint, link + 1), strict=True)
         }
         return {
-            entry.name: sum(
-                (share * standard[label] for label, share in entry.terms), Symbol("zero") * 0
-            ).expand()
+            entry.name: sum((share * standard[label] for label, share in entry.terms), S.Zero).expand()
             for entry in base.parameters
             if all(label in standard for label, _ in entry.terms)
         }
@@ -201,17 +175,15 @@ def _list_formulas(
         return {}
     if not all(value.as_numer_denom()[1].is_number for value in found.values()):
         return {}
-    for entry in base.parameters:
-        # The file states that these are zero.
-        bodies = [
-            robot.joints[link].inertial if name in INERTIAL else None for (link, name), _ in entry.terms
-        ]
-        pairs = zip(bodies, entry.terms, strict=True)
-        if entry.name not in found and all(
-            body is not None and not body[INERTIAL.index(label[1])] for body, (label, _) in pairs
-        ):
-            found[entry.name] = Symbol("zero") * 0
-    return found
+    # The file states that these are zero.
+    zero = {
+        (link, name)
+        for link, joint in enumerate(robot.joints)
+        for name, value in zip(INERTIAL, joint.inertial or (1.0,) * 10, strict=True)
+        if not value
+    }
+    lost = (entry.name for entry in base.parameters if {label for label, _ in entry.terms} <= zero)
+    return dict.fromkeys(lost, S.Zero) | found
 
 
 def write_body(joint: Joint, number: int) -> tuple[Expr, ...]:
@@ -220,27 +192,16 @@ def write_body(joint: Joint, number: int) -> tuple[Expr, ...]:
     Coordinates of the centre of mass and products of inertia that the file states as zero are left out.
     """
     given = joint.inertial or (1.0,) * 10
-    mass = Symbol(f"m{number}")
-    x, y, z = (
-        Symbol(f"{axis}{number}") if given[6 + k] else Symbol("zero") * 0
-        for k, axis in enumerate(("lx", "ly", "lz"))
-    )
-    tensor = {}
-    for k, (name, u, v) in enumerate(zip(INERTIAL[:6], "xxxyyz", "xyzyzz", strict=True)):
-        known = bool(given[k]) or u == v
-        tensor[name] = Symbol(f"I{number}{u}{v}") if known else Symbol("zero") * 0
-    return (
-        tensor["XX"] + mass * (y**2 + z**2),
-        tensor["XY"] - mass * x * y,
-        tensor["XZ"] - mass * x * z,
-        tensor["YY"] + mass * (x**2 + z**2),
-        tensor["YZ"] - mass * y * z,
-        tensor["ZZ"] + mass * (x**2 + y**2),
-        mass * x,
-        mass * y,
-        mass * z,
-        mass,
-    )
+    mass, pairs = Symbol(f"m{number}"), [(i, j) for i in range(3) for j in range(i, 3)]
+    c = [Symbol(f"l{axis}{number}") if given[6 + k] else S.Zero for k, axis in enumerate("xyz")]
+    central = [
+        Symbol(f"I{number}{'xyz'[i]}{'xyz'[j]}") if given[k] or i == j else S.Zero
+        for k, (i, j) in enumerate(pairs)
+    ]
+    # Of the point mass at the centre: m (c c I - c c').
+    square = sum((x**2 for x in c), S.Zero)
+    shift = [mass * ((square if i == j else S.Zero) - c[i] * c[j]) for i, j in pairs]
+    return (*(a + b for a, b in zip(central, shift, strict=True)), *(mass * x for x in c), mass)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -257,15 +218,13 @@ class Equations:
     @property
     def coriolis(self) -> PolynomialMatrix:
         """Return C(q, dq) of Christoffel symbols."""
-        algebra, size = self.model.algebra, self.model.robot.freedom
-        rates = list_rates(self.model)
-        return tuple(
-            tuple(
-                algebra.sum_values(algebra.mul(self.christoffel[i, j, k], rates[k]) for k in range(size))
-                for j in range(size)
-            )
-            for i in range(size)
-        )
+        algebra, size = self.model.algebra, range(self.model.robot.freedom)
+        pairs = list(enumerate(list_rates(self.model)))
+
+        def add(i: int, j: int) -> PolyElement:
+            return algebra.sum_values(algebra.mul(self.christoffel[i, j, k], rate) for k, rate in pairs)
+
+        return tuple(tuple(add(i, j) for j in size) for i in size)
 
 
 def list_rates(model: LessonModel, letter: str = "dq") -> list[PolyElement]:
@@ -294,11 +253,8 @@ def derive_energies(model: LessonModel) -> tuple[PolyElement, PolyElement]:
             kinetic += algebra.mul(value, moving)
             potential += algebra.mul(value, resting)
     # Terms that no coordinate takes part in are left out.
-    letters = [str(symbol) for symbol in algebra.ring.symbols]
-    moving = [
-        k for k, x in enumerate(letters) if x.rstrip("0123456789") in ("s", "c", "q") and x[-1].isdigit()
-    ]
-    terms = {key: n for key, n in potential.items() if any(key[k] for k in moving)}
+    moving = [re.fullmatch(r"[scq]\d+", str(symbol)) for symbol in algebra.ring.symbols]
+    terms = {key: n for key, n in potential.items() if any(compress(key, moving))}
     return kinetic, algebra.ring.from_dict(terms)
 
 
@@ -309,21 +265,13 @@ def derive_equations(model: LessonModel) -> Equations:
     mass = fold_matrix(robot, algebra, compute_mass_matrix(recursion, model.parameters))
     kinetic, potential = derive_energies(model)
     size, joints = robot.freedom, robot.coordinates
+    # M is symmetric: M_ij where i <= j.
     slopes = {
-        (i, j, k): differentiate(robot, algebra, mass[i][j], joints[k])
-        for i in range(size)
-        for j in range(i, size)
-        for k in range(size)
+        (i, j, k): differentiate(robot, algebra, mass[min(i, j)][max(i, j)], joints[k])
+        for i, j, k in product(range(size), repeat=3)
     }
-
-    def slope(i: int, j: int, k: int) -> PolyElement:
-        return slopes[min(i, j), max(i, j), k]
-
     symbols = {
-        (i, j, k): algebra.half(slope(i, j, k) + slope(i, k, j) - slope(j, k, i))
-        for i in range(size)
-        for j in range(size)
-        for k in range(size)
+        (i, j, k): algebra.half(slopes[i, j, k] + slopes[i, k, j] - slopes[j, k, i]) for i, j, k in slopes
     }
     gravity = tuple(differentiate(robot, algebra, potential, joint) for joint in joints)
     return Equations(
@@ -344,21 +292,16 @@ def differentiate_by_time(model: LessonModel, value: PolyElement) -> PolyElement
 
 def check_mass_is_curvature(equations: Equations) -> bool:
     """Return whether M of composite bodies is the second derivative of T by the rates."""
-    rates, mass = list_rates(equations.model), equations.mass
-    return all(
-        equations.kinetic.diff(a).diff(b) == mass[i][j]
-        for i, a in enumerate(rates)
-        for j, b in enumerate(rates)
-    )
+    rates = list_rates(equations.model)
+    curvature = tuple(tuple(equations.kinetic.diff(a).diff(b) for b in rates) for a in rates)
+    return curvature == equations.mass
 
 
 def check_skew(equations: Equations) -> bool:
     """Return whether dM/dt - 2 C is skew: the sum with its transpose is zero."""
-    model, coriolis = equations.model, equations.coriolis
-    size = range(model.robot.freedom)
-    rest = [
-        [differentiate_by_time(model, equations.mass[i][j]) - 2 * coriolis[i][j] for j in size] for i in size
-    ]
+    mass, coriolis, size = equations.mass, equations.coriolis, range(equations.model.robot.freedom)
+    rates = [[differentiate_by_time(equations.model, value) for value in row] for row in mass]
+    rest = [[rates[i][j] - 2 * coriolis[i][j] for j in size] for i in size]
     return all(rest[i][j] + rest[j][i] == 0 for i in size for j in size)
 
 
@@ -434,7 +377,7 @@ _SHORT = 6
 def derive_composites(robot: Robot) -> Composites:
     """Return M and g of a robot in composite bodies and their momenta (Walker and Orin 1982), all named."""
     named, _ = name_lengths(robot)
-    joints, size, further = named.joints, named.size, []
+    joints, size, further = named.joints, named.size, list[str]()
     for number, one in enumerate(joints, start=1):
         further += [*(f"{label}c{number}" for label in INERTIAL), *(f"G{number}{axis}" for axis in "xyz")]
         parent = one.parent
@@ -520,14 +463,10 @@ def _list_letters(value: PolyElement) -> list[str]:
 def evaluate_polynomial(value: PolyElement, point: Mapping[str, Any]) -> Any:  # noqa: ANN401
     """Return the exact number that a polynomial is at a point, which names the generators in use."""
     names = [str(symbol) for symbol in value.ring.symbols]
-    total = value.ring.domain.zero
-    for exponents, coefficient in value.terms():
-        term = coefficient
-        for k, power in enumerate(exponents):
-            if power:
-                term *= point[names[k]] ** power
-        total += term
-    return total
+    return value.ring.domain.zero + sum(
+        coefficient * math.prod(point[name] ** n for name, n in zip(names, powers, strict=True) if n)
+        for powers, coefficient in value.terms()
+    )
 
 
 def check_composites(composites: Composites) -> bool:
@@ -544,16 +483,10 @@ def check_composites(composites: Composites) -> bool:
     mass = compute_mass_matrix(recursion, values)
     springs = {label: value for label, value in values.items() if label[1] not in ("KS", "KR")}
     torques = compute_inverse_dynamics(recursion, springs)
-    size = range(robot.size)
-    same = all(
-        evaluate_polynomial(composites.mass[i, j], point) == mass[i][j]
-        if (i, j) in composites.mass
-        else mass[i][j] == 0
-        for i in size
-        for j in size
-        if j >= i
-    )
-    return same and all(
-        evaluate_polynomial(value, point) == torque
-        for value, torque in zip(composites.gravity, torques, strict=True)
-    )
+    pairs = [
+        (composites.mass.get((i, j), model.algebra.zero), mass[i][j])
+        for i in range(robot.size)
+        for j in range(i, robot.size)
+    ]
+    pairs += zip(composites.gravity, torques, strict=True)
+    return all(evaluate_polynomial(value, point) == number for value, number in pairs)
