@@ -26,33 +26,7 @@ from typing import Any, Literal, TypeAlias
 from sympy import Expr, S, Symbol, preorder_traversal
 from sympy.polys.rings import PolyElement, PolyRing
 
-from symid.dynamics import (
-    BaseParameters,
-    ExactAlgebra,
-    Label,
-    PointAlgebra,
-    Recursion,
-    Vector,
-    Wrench,
-    add_bodies,
-    build_exact_algebra,
-    build_recursion,
-    build_state,
-    choose_domain,
-    compute_body_energy,
-    compute_drive_energy,
-    compute_inverse_dynamics,
-    compute_mass_matrix,
-    derive_base_parameters,
-    derive_parameter_formulas,
-    differentiate,
-    fold_matrix,
-    fold_vector,
-    gather_body,
-    rotate_to_link,
-    transform_body,
-    transform_wrench,
-)
+from symid import dynamics
 from symid.lessons.textbook import AngleSums, build_angle_sums, write_sum
 from symid.notation import INERTIAL
 from symid.robot import Exact, Joint, Placement, Robot
@@ -75,9 +49,9 @@ class LessonModel:
 
     robot: Robot
     lengths: Mapping[str, float]
-    base: BaseParameters
-    algebra: ExactAlgebra
-    parameters: Mapping[Label, PolyElement]
+    base: dynamics.BaseParameters
+    algebra: dynamics.ExactAlgebra
+    parameters: Mapping[dynamics.Label, PolyElement]
     form: Parameterisation
     sums: AngleSums
 
@@ -113,7 +87,7 @@ def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
         gravity = (x, y, z)
     symbols = (*robot.symbols, *lengths.items())
     named = replace(robot, joints=tuple(joints), gravity=gravity, symbols=symbols)
-    if derive_base_parameters(named).keys != derive_base_parameters(robot).keys:
+    if dynamics.derive_base_parameters(named).keys != dynamics.derive_base_parameters(robot).keys:
         return robot, {}
     return named, lengths
 
@@ -129,9 +103,9 @@ def build_model(
         further: names of generators that the ring is to have besides.
     """
     named, lengths = name_lengths(robot)
-    base = derive_base_parameters(named)
+    base = dynamics.derive_base_parameters(named)
     formulas = _list_formulas(robot, named, base, form)
-    exact = build_exact_algebra(named)
+    exact = dynamics.build_exact_algebra(named)
     own = [str(symbol) for symbol in exact.ring.symbols]
     letters = [entry.name for entry in base.parameters if entry.name not in formulas]
     found = {
@@ -139,7 +113,7 @@ def build_model(
     }
     before = [*letters, *sorted(found - set(own) - set(letters)), *further]
     sines = tuple((s + len(before), c + len(before)) for s, c in exact.sines)
-    algebra = ExactAlgebra(PolyRing([*before, *own], exact.ring.domain), sines)
+    algebra = dynamics.ExactAlgebra(PolyRing([*before, *own], exact.ring.domain), sines)
     values = {name: algebra.ring.from_expr(value) for name, value in formulas.items()}
     known = algebra.generators | values
     return LessonModel(
@@ -154,7 +128,7 @@ def build_model(
 
 
 def _list_formulas(
-    robot: Robot, named: Robot, base: BaseParameters, form: Parameterisation | None
+    robot: Robot, named: Robot, base: dynamics.BaseParameters, form: Parameterisation | None
 ) -> dict[str, Expr]:
     """Return formulas of the base parameters in the letters of `form`; none where they are letters."""
     if form == "base":
@@ -170,7 +144,7 @@ def _list_formulas(
             for entry in base.parameters
             if all(label in standard for label, _ in entry.terms)
         }
-    found = {name: value.expand() for name, value in derive_parameter_formulas(robot, base).items()}
+    found = {name: value.expand() for name, value in dynamics.derive_parameter_formulas(robot, base).items()}
     if not found or any(joint.form is None for joint in robot.joints):
         return {}
     if not all(value.as_numer_denom()[1].is_number for value in found.values()):
@@ -233,10 +207,10 @@ def list_rates(model: LessonModel, letter: str = "dq") -> list[PolyElement]:
     return [known[f"{letter}{joint + 1}"] for joint in model.robot.coordinates]
 
 
-def build_model_recursion(model: LessonModel) -> Recursion[PolyElement]:
+def build_model_recursion(model: LessonModel) -> dynamics.Recursion[PolyElement]:
     """Return frames and motions of all links as polynomials."""
-    state = build_state(model.robot, model.algebra, model.algebra.generators)
-    return build_recursion(model.robot, model.algebra, state)
+    state = dynamics.build_state(model.robot, model.algebra, model.algebra.generators)
+    return dynamics.build_recursion(model.robot, model.algebra, state)
 
 
 def derive_energies(model: LessonModel) -> tuple[PolyElement, PolyElement]:
@@ -244,12 +218,12 @@ def derive_energies(model: LessonModel) -> tuple[PolyElement, PolyElement]:
     algebra, recursion = model.algebra, build_model_recursion(model)
     kinetic, potential = algebra.zero, algebra.zero
     for link, motion in enumerate(recursion.motions):
-        body = gather_body(algebra, model.parameters, link)
-        moving, resting = compute_body_energy(algebra, body, motion)
+        body = dynamics.gather_body(algebra, model.parameters, link)
+        moving, resting = dynamics.compute_body_energy(algebra, body, motion)
         kinetic, potential = kinetic + moving, potential + resting
     for key, value in model.parameters.items():
         if key[1] not in INERTIAL:
-            moving, resting = compute_drive_energy(recursion, key)
+            moving, resting = dynamics.compute_drive_energy(recursion, key)
             kinetic += algebra.mul(value, moving)
             potential += algebra.mul(value, resting)
     # Terms that no coordinate takes part in are left out.
@@ -262,18 +236,18 @@ def derive_equations(model: LessonModel) -> Equations:
     """Return M by composite bodies, C from its slopes, g from the potential."""
     robot, algebra = model.robot, model.algebra
     recursion = build_model_recursion(model)
-    mass = fold_matrix(robot, algebra, compute_mass_matrix(recursion, model.parameters))
+    mass = dynamics.fold_matrix(robot, algebra, dynamics.compute_mass_matrix(recursion, model.parameters))
     kinetic, potential = derive_energies(model)
     size, joints = robot.freedom, robot.coordinates
     # M is symmetric: M_ij where i <= j.
     slopes = {
-        (i, j, k): differentiate(robot, algebra, mass[min(i, j)][max(i, j)], joints[k])
+        (i, j, k): dynamics.differentiate(robot, algebra, mass[min(i, j)][max(i, j)], joints[k])
         for i, j, k in product(range(size), repeat=3)
     }
     symbols = {
         (i, j, k): algebra.half(slopes[i, j, k] + slopes[i, k, j] - slopes[j, k, i]) for i, j, k in slopes
     }
-    gravity = tuple(differentiate(robot, algebra, potential, joint) for joint in joints)
+    gravity = tuple(dynamics.differentiate(robot, algebra, potential, joint) for joint in joints)
     return Equations(
         model=model, mass=mass, christoffel=symbols, gravity=gravity, kinetic=kinetic, potential=potential
     )
@@ -285,7 +259,7 @@ def differentiate_by_time(model: LessonModel, value: PolyElement) -> PolyElement
     total = algebra.zero
     pairs = zip(robot.coordinates, list_rates(model), list_rates(model, "ddq"), strict=True)
     for joint, rate, acceleration in pairs:
-        total += algebra.mul(differentiate(robot, algebra, value, joint), rate)
+        total += algebra.mul(dynamics.differentiate(robot, algebra, value, joint), rate)
         total += algebra.mul(value.diff(rate), acceleration)
     return total
 
@@ -321,8 +295,8 @@ def compute_torques(equations: Equations) -> Polynomials:
 def check_newton_euler(equations: Equations) -> bool:
     """Return whether M ddq + C dq + g is what Newton and Euler give, as polynomials."""
     model = equations.model
-    torques = compute_inverse_dynamics(build_model_recursion(model), model.parameters)
-    return fold_vector(model.robot, model.algebra, torques) == compute_torques(equations)
+    torques = dynamics.compute_inverse_dynamics(build_model_recursion(model), model.parameters)
+    return dynamics.fold_vector(model.robot, model.algebra, torques) == compute_torques(equations)
 
 
 def check_power(equations: Equations) -> bool:
@@ -334,14 +308,14 @@ def check_power(equations: Equations) -> bool:
     return bool(change == power)
 
 
-def build_exact_point(robot: Robot, algebra: ExactAlgebra) -> dict[str, Any]:
+def build_exact_point(robot: Robot, algebra: dynamics.ExactAlgebra) -> dict[str, Any]:
     """Return a fixed number for every generator, with s^2 + c^2 = 1."""
     values = {str(x): Fraction(3 + k % 5, 7 + k % 3) for k, x in enumerate(algebra.ring.symbols)}
     for k in range(1, robot.size + 1):
         t = Fraction(2 * k + 1, 3 * k + 5)
         values |= {f"s{k}": 2 * t / (1 + t * t), f"c{k}": (1 - t * t) / (1 + t * t), f"q{k}": Fraction(k, 5)}
         values |= {f"dq{k}": Fraction(7 - 2 * k, 3), f"ddq{k}": Fraction(5 * k - 11, 4)}
-    convert = choose_domain(robot).convert
+    convert = dynamics.choose_domain(robot).convert
     return {name: convert(value.numerator) / convert(value.denominator) for name, value in values.items()}
 
 
@@ -396,12 +370,14 @@ def derive_composites(robot: Robot) -> Composites:
         definitions.append(Definition(name=letter, kind=kind, value=value))
         return known[letter]
 
-    def name_vector(vector: Vector[PolyElement], head: str, kind: str) -> Vector[PolyElement]:
+    def name_vector(
+        vector: dynamics.Vector[PolyElement], head: str, kind: str
+    ) -> dynamics.Vector[PolyElement]:
         x, y, z = (name(value, f"{head}{axis}", kind) for value, axis in zip(vector, "xyz", strict=True))
         return x, y, z
 
     # Composite bodies from the tip to the base, in the frame of their own link.
-    bodies: list[Any] = [gather_body(algebra, model.parameters, link) for link in range(size)]
+    bodies: list[Any] = [dynamics.gather_body(algebra, model.parameters, link) for link in range(size)]
     for joint in reversed(range(size)):
         tensor, moments, mass = bodies[joint]
         entries = [tensor[i][j] for i in range(3) for j in range(i, 3)] + [*moments, mass]
@@ -412,14 +388,14 @@ def derive_composites(robot: Robot) -> Composites:
         bodies[joint] = (((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (mx, my, mz), m)
         parent = joints[joint].parent
         if parent >= 0:
-            moved = transform_body(algebra, frames[joint], bodies[joint])
-            bodies[parent] = add_bodies(algebra, bodies[parent], moved)
+            moved = dynamics.transform_body(algebra, frames[joint], bodies[joint])
+            bodies[parent] = dynamics.add_bodies(algebra, bodies[parent], moved)
     # Gravity in every link's frame, from the base outwards.
     x, y, z = map(algebra.constant, named.gravity)
-    pulls: list[Vector[PolyElement]] = []
+    pulls: list[dynamics.Vector[PolyElement]] = []
     for index, (one, frame) in enumerate(zip(joints, frames, strict=True)):
         before = pulls[one.parent] if one.parent >= 0 else (x, y, z)
-        pulls.append(name_vector(rotate_to_link(algebra, frame, before), f"G{index + 1}", "gravity"))
+        pulls.append(name_vector(dynamics.rotate_to_link(algebra, frame, before), f"G{index + 1}", "gravity"))
     # Rows of M: the momentum of the composite body of a joint at every joint below it.
     elements: dict[tuple[int, int], PolyElement] = {}
     weights = []
@@ -427,20 +403,23 @@ def derive_composites(robot: Robot) -> Composites:
         (xx, xy, xz), (mx, my, _), total = bodies[joint][0][2], bodies[joint][1], bodies[joint][2]
         x, y, z = pulls[joint]
         if frames[joint].revolute:
-            wrench = Wrench(force=(-my, mx, zero), moment=(xx, xy, xz))
+            wrench = dynamics.Wrench(force=(-my, mx, zero), moment=(xx, xy, xz))
             weights.append(algebra.mul(my, x) - algebra.mul(mx, y))
         else:
-            wrench = Wrench(force=(zero, zero, total), moment=(my, -mx, zero))
+            wrench = dynamics.Wrench(force=(zero, zero, total), moment=(my, -mx, zero))
             weights.append(-algebra.mul(total, z))
         below = joint
         while below >= 0:
             elements[below, joint] = wrench.moment[2] if frames[below].revolute else wrench.force[2]
             parent = joints[below].parent
             if parent >= 0:
-                pushed, place = transform_wrench(algebra, frames[below], wrench), f"{joint + 1}_{parent + 1}"
+                pushed, place = (
+                    dynamics.transform_wrench(algebra, frames[below], wrench),
+                    f"{joint + 1}_{parent + 1}",
+                )
                 force = name_vector(pushed.force, f"F{place}", "momentum")
                 moment = name_vector(pushed.moment, f"N{place}", "momentum")
-                wrench = Wrench(force=force, moment=moment)
+                wrench = dynamics.Wrench(force=force, moment=moment)
             below = parent
     for (index, parameter), value in model.parameters.items():
         if parameter == "IA" and index < size:
@@ -476,13 +455,13 @@ def check_composites(composites: Composites) -> bool:
     point = build_exact_point(robot, model.algebra)
     for entry in composites.definitions:
         point[entry.name] = evaluate_polynomial(entry.value, point)
-    algebra = PointAlgebra(domain, point)
+    algebra = dynamics.PointAlgebra(domain, point)
     still = {name: domain.zero if name.startswith(("dq", "ddq")) else value for name, value in point.items()}
-    recursion = build_recursion(robot, algebra, build_state(robot, algebra, still))
+    recursion = dynamics.build_recursion(robot, algebra, dynamics.build_state(robot, algebra, still))
     values = {entry.label: point[entry.name] for entry in model.base.parameters}
-    mass = compute_mass_matrix(recursion, values)
+    mass = dynamics.compute_mass_matrix(recursion, values)
     springs = {label: value for label, value in values.items() if label[1] not in ("KS", "KR")}
-    torques = compute_inverse_dynamics(recursion, springs)
+    torques = dynamics.compute_inverse_dynamics(recursion, springs)
     pairs = [
         (composites.mass.get((i, j), model.algebra.zero), mass[i][j])
         for i in range(robot.size)

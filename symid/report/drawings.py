@@ -24,17 +24,8 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
+from symid.report import figures
 from symid.report.blocks import Drawing
-from symid.report.figures import (
-    STYLES,
-    ArmJoint,
-    FigureData,
-    Line,
-    Mark,
-    build_arm_figure,
-    build_line_figure,
-    build_mark_figure,
-)
 from symid.report.pages import format_percent
 from symid.robot import Placement, Robot
 
@@ -112,7 +103,7 @@ def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
                 labels[other], labels[index] = f"{labels[other]}, {labels[index]}", ""
                 break
     joints = [
-        ArmJoint(frame[:3, 3], frame[:3, 2], label, "second" if joint.prismatic else "first", radius)
+        figures.ArmJoint(frame[:3, 3], frame[:3, 2], label, "second" if joint.prismatic else "first", radius)
         for joint, label, frame, radius in zip(robot.joints, labels, frames, radii.tolist(), strict=True)
     ]
     slides = sum(joint.prismatic for joint in robot.joints)
@@ -127,7 +118,7 @@ def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
     used = {name for entry in robot.joints for name in _list_symbols(entry.placement)}
     unknown = sorted(used - dict(robot.symbols).keys())
     caption += f" {', '.join(unknown)}: no value, drawn as {_HALF_METRE} m." if unknown else ""
-    return build_arm_figure(caption, links, joints, frames=frames)
+    return figures.build_arm_figure(caption, links, joints, frames=frames)
 
 
 def draw_log(log: "Recording", robot: Robot, checked: "CheckedLog | None" = None) -> tuple[Drawing, ...]:
@@ -172,17 +163,17 @@ def _draw_channels(
     time, values, marked = course
     for prismatic, unit in enumerate(_UNITS[name]):
         rows = [k for k, joint in enumerate(robot.axes) if joint.prismatic == bool(prismatic)]
-        for start in range(0, len(rows), len(STYLES)):
-            group = rows[start : start + len(STYLES)]
+        for start in range(0, len(rows), len(figures.STYLES)):
+            group = rows[start : start + len(figures.STYLES)]
             lines = [
-                Line(robot.axes[k].name, style, time, values[:, k])
-                for k, style in zip(group, STYLES, strict=False)
+                figures.Line(robot.axes[k].name, style, time, values[:, k])
+                for k, style in zip(group, figures.STYLES, strict=False)
             ]
             spots = [] if marked is None else [(time[marked[:, k]], values[marked[:, k], k]) for k in group]
             if sum(len(x) for x, _ in spots):
                 x, y = (np.concatenate(part) for part in zip(*spots, strict=True))
-                lines.append(Line("found by the check", "found", x, y, joined=False))
-            yield build_line_figure(caption, ("time (s)", f"{name} ({unit})"), lines)
+                lines.append(figures.Line("found by the check", "found", x, y, joined=False))
+            yield figures.build_line_figure(caption, ("time (s)", f"{name} ({unit})"), lines)
 
 
 def draw_motion(motion: "ReferenceMotion", robot: Robot) -> tuple[Drawing, ...]:
@@ -219,11 +210,14 @@ def draw_shares(shares: Sequence[tuple[str, float]]) -> tuple[Drawing, ...]:
         return ()
     name, most = max(shares, key=lambda entry: entry[1])
     marks = [
-        Mark(text, 100.0 * share, format_percent(100.0 * share), chosen=share > 1.0) for text, share in shares
+        figures.Mark(text, 100.0 * share, format_percent(100.0 * share), chosen=share > 1.0)
+        for text, share in shares
     ]
     caption = f"Does it keep its limits? {'Yes' if most <= 1.0 else 'No'}: {name} uses {100.0 * most:.3g} %."
     return (
-        build_mark_figure(caption, "used part of the limit (%)", marks, dense=len(marks) > 8, limit=100.0),
+        figures.build_mark_figure(
+            caption, "used part of the limit (%)", marks, dense=len(marks) > 8, limit=100.0
+        ),
     )
 
 
@@ -270,7 +264,7 @@ def draw_into(axes: object, drawings: Sequence[Drawing]) -> None:
     Raises:
         UsageError: `axes` are none of matplotlib.
     """
-    shown = (entry.data for entry in drawings if isinstance(entry.data, FigureData))
+    shown = (entry.data for entry in drawings if isinstance(entry.data, figures.FigureData))
     for ax, data in zip(list_axes(axes), shown, strict=False):
         known = set[str]()
         for line in data.lines:

@@ -31,6 +31,7 @@ from symid.joint_models import (
     needs_time,
     run_element,
 )
+from symid.report import pages
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.figures import (
     STYLES,
@@ -42,19 +43,6 @@ from symid.report.figures import (
     list_lines,
 )
 from symid.report.fit_text import show_effects, show_residual
-from symid.report.pages import (
-    UNTESTED,
-    Page,
-    build_fit_page,
-    count_significant,
-    draw_certainty,
-    format_error,
-    format_percent,
-    show_refused,
-    tabulate_groupings,
-    tabulate_parameters,
-    write_minus,
-)
 from symid.report.verdict import compute_spring_share, judge_elastic
 
 if TYPE_CHECKING:
@@ -80,7 +68,7 @@ def build_elastic_page(
     iterated: ElasticEstimate | None = None,
     tracking: "Sequence[TrackingRun]" = (),
     **options: Any,  # noqa: ANN401  fields of the page
-) -> Page:
+) -> pages.Page:
     """Return all that the page shows.
 
     `trials` are what the estimate predicts of logs, held out or not; iterations of `iterated`, from the same
@@ -104,11 +92,11 @@ def build_elastic_page(
         *_show_trials(trials),
         *(("== Springs ==",) if springs else ()),
         *(block for entry in springs for block in show_spring(entry)),
-        *("== Parameters ==", tabulate_parameters(kept)),
-        *(*draw_certainty(kept), *show_refused(estimate.refused)),
+        *("== Parameters ==", pages.tabulate_parameters(kept)),
+        *(*pages.draw_certainty(kept), *pages.show_refused(estimate.refused)),
         *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
         *(_show_tracking(estimate, tracking) if tracking else ()),
-        *(() if trials else ("== Held-out logs ==", UNTESTED)),
+        *(() if trials else ("== Held-out logs ==", pages.UNTESTED)),
     )
     more = (
         *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
@@ -119,12 +107,12 @@ def build_elastic_page(
         show_residual(estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."),
         show_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
         "== What each parameter groups ==",
-        tabulate_groupings(kept),
+        pages.tabulate_groupings(kept),
     )
     # The loops of the first joint in a held-out log lead, or else its identified spring.
     led = [trial.joints[0] for trial in trials if not trial.fitted and trial.joints]
     lead = draw_loops(led[0]) if led else draw_branches(springs[0]) if springs else None
-    return build_fit_page(
+    return pages.build_fit_page(
         estimate,
         subject="identified dynamics and springs",
         verdict=judge_elastic(estimate, trials),
@@ -155,12 +143,12 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     else:
         dynamics, where = max(entry.relative_percent for entry in estimate.residual), _IN_FIT
         springs = []
-    numbers.append((format_percent(dynamics), f"of a motor's torque unexplained at most, {where}"))
+    numbers.append((pages.format_percent(dynamics), f"of a motor's torque unexplained at most, {where}"))
     if springs and all(share is not None for share in springs):
         worst = max(share for share in springs if share is not None)
-        numbers.append((format_percent(worst), "of a joint's torque left by its spring, at most"))
+        numbers.append((pages.format_percent(worst), "of a joint's torque left by its spring, at most"))
     if estimate.covariance:
-        numbers.append(count_significant(estimate.parameters))
+        numbers.append(pages.count_significant(estimate.parameters))
     return numbers
 
 
@@ -243,7 +231,7 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
         yield f"True stops from {first} on never slipped: their stiffness is a part of k0 here."
     far = [knee.threshold for knee in estimate.elasticity.knees if abs(knee.threshold) > estimate.torque]
     if far:
-        names = ", ".join(write_minus(f"{value:.3g}") for value in far)
+        names = ", ".join(pages.write_minus(f"{value:.3g}") for value in far)
         yield f"The torque never reached the knees at {names} {unit}: the slope beyond is not identifiable."
     if not (estimate.elasticity.stops or estimate.elasticity.branches):
         yield "No stop has any stiffness: the identified spring has no hysteresis."
@@ -291,7 +279,7 @@ def _list_knees(spring: Elasticity) -> tuple[tuple[str, str], ...]:
         for knee in sorted(knees, key=lambda knee: knee.threshold * side):
             slope += knee.slope
             result.append((knee.threshold, slope))
-    return tuple((write_minus(f"{torque:.4g}"), f"{slope:.4g}") for torque, slope in sorted(result))
+    return tuple((pages.write_minus(f"{torque:.4g}"), f"{slope:.4g}") for torque, slope in sorted(result))
 
 
 def _choose_amplitude(estimate: SpringEstimate) -> float:
@@ -317,7 +305,7 @@ def _tabulate_spring(estimate: SpringEstimate) -> Table:
     rows: list[tuple[object, ...]] = []
     for index, (name, unit) in enumerate(names):
         value = found[index]
-        beside = () if known is None else (f"{known[index]:.4g}", format_error(value, known[index]))
+        beside = () if known is None else (f"{known[index]:.4g}", pages.format_error(value, known[index]))
         rows.append((name, f"{value:.4g}", *beside, unit))
     extra = (
         ("cubic stiffness", estimate.elasticity.cubic, f"{stiffness}\N{SUPERSCRIPT THREE}"),

@@ -24,22 +24,11 @@ import numpy as np
 
 from symid.errors import SEVERE, Notice, merge_notices
 from symid.identification.estimators import ParameterEstimate
+from symid.report import pages
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import Line, Mark, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
-from symid.report.pages import (
-    Page,
-    count_significant,
-    draw_certainty,
-    format_digits,
-    format_pair,
-    format_percent,
-    show_refused,
-    tabulate_parameters,
-    write_page,
-    write_unit,
-)
 from symid.report.robot_text import (
     describe_gain,
     show_excitation,
@@ -76,11 +65,11 @@ def _build_page(
     blocks: Sequence[Block],
     notices: Sequence[Notice] = (),
     **options: Any,  # noqa: ANN401  fields of the page
-) -> Page:
+) -> pages.Page:
     """Return a page whose first figure stands beside its verdict, the others before the tables."""
     rest = figures[1:]
     options.setdefault("settings", (("robot", robot),))
-    return Page(
+    return pages.Page(
         robot=robot,
         subject=subject,
         verdict=verdict,
@@ -132,10 +121,10 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
         good, values = len(found.list_names("identifiable")), np.array(found.singular)
         numbers = [
             (f"{good} of {len(found.parameters)}", "parameters identifiable"),
-            (format_digits(found.condition), "condition number (column-scaled)"),
+            (pages.format_digits(found.condition), "condition number (column-scaled)"),
         ]
         rows = [
-            (entry.name, entry.verdict, format_percent(entry.relative_std_percent), entry.reason)
+            (entry.name, entry.verdict, pages.format_percent(entry.relative_std_percent), entry.reason)
             for entry in found.parameters
         ]
         title = "What a fit to all these logs would identify."
@@ -168,7 +157,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
         next_step=(shlex.join(command), "Identify the parameters") if checked.logs else None,
         settings=(("robot", summarise_robot(robot)), ("file", str(robot.path))),
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)
 
 
 def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation") -> Path:
@@ -196,7 +185,7 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
         draw_excitation(found, robot),
         numbers=(
             (f"{found.condition:.4g}", "condition number (column-scaled)"),
-            (format_percent(100.0 * most), f"of a limit used at most: {name}"),
+            (pages.format_percent(100.0 * most), f"of a limit used at most: {name}"),
             (f"{found.trajectory.duration:g} s", "period"),
         ),
         blocks=("== Limits and condition ==", *show_excitation(found)),
@@ -207,7 +196,7 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
             "Simulate a log of it, or run it on the robot",
         ),
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)
 
 
 def judge_payload(found: "Payload") -> FitVerdict:
@@ -236,22 +225,22 @@ def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequen
     lost = [(entry.name, entry.reason) for entry in found.quantities if entry.value is None]
     mass = [entry for entry in known if entry.name == "mass"]
     places = [entry.value for entry in known if entry.name in {"cx", "cy", "cz"}]
-    numbers = [(f"{format_pair(one.value, one.std)} kg", "mass") for one in mass]
+    numbers = [(f"{pages.format_pair(one.value, one.std)} kg", "mass") for one in mass]
     if len(places) == len("xyz"):
         numbers.append((f"{math.hypot(*places):.3g} m", "from the link frame to the centre of mass"))
-    numbers.append(count_significant(known))
+    numbers.append(pages.count_significant(known))
     page = _build_page(
         robot,
         f"payload on the link of joint {found.joint}",
         judge_payload(found),
-        draw_certainty(known),
+        pages.draw_certainty(known),
         numbers=numbers,
-        blocks=("== Payload ==", tabulate_parameters(known), *show_refused(lost)),
+        blocks=("== Payload ==", pages.tabulate_parameters(known), *pages.show_refused(lost)),
         notices=notices,
         next_step=("symid payload ... --for ur", "Print it as a controller takes it (ur, franka)"),
         conventions="in the frame that the robot file gives to the link; inertia about the centre of mass",
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)
 
 
 def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequence[Notice]) -> Path:
@@ -262,17 +251,22 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
     headline = f"The stiffness of {len(told)} of {len(known)} joints is identified."
     alignment, details = found.alignment, tuple(f"{entry.joint}: {entry.reason}." for entry in found.joints)
     marks = [
-        Mark(f"{entry.joint} ({write_unit(entry.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}")
+        Mark(
+            f"{entry.joint} ({pages.write_unit(entry.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}"
+        )
         for entry, value, (low, high) in told
     ]
     caption = "How stiff is each joint? Values with 95 % intervals."
     numbers = [
         (f"{len(told)} of {len(known)}", "joints with a stiffness"),
-        (f"{format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)} ms", "link encoders after motors"),
+        (
+            f"{pages.format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)} ms",
+            "link encoders after motors",
+        ),
     ]
     if told:
         widest = max(0.5 * (high - low) / value for _, value, (low, high) in told)
-        numbers.append((f"\N{PLUS-MINUS SIGN}{format_percent(100.0 * widest)}", "widest 95 % interval"))
+        numbers.append((f"\N{PLUS-MINUS SIGN}{pages.format_percent(100.0 * widest)}", "widest 95 % interval"))
     page = _build_page(
         found.robot,
         "stiffness of joints",
@@ -283,7 +277,7 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
         notices=notices,
         conventions="torsion is motor minus link position; a delay is positive where link encoders are late",
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)
 
 
 def judge_comparison(found: "Sequence[Compared]") -> FitVerdict:
@@ -320,7 +314,7 @@ def write_comparison_page(
     largest = max(entry.comparison.largest for entry in found)
     numbers = [
         (f"{within} of {judged}", "groups within two standard deviations"),
-        (format_digits(largest), "standard deviations: the largest difference"),
+        (pages.format_digits(largest), "standard deviations: the largest difference"),
     ]
     total = found[0].comparison.chi_square if len(found) == 1 else None
     if total is not None:
@@ -353,4 +347,4 @@ def write_comparison_page(
         notices=notices,
         settings=(("ours", str(ours.source)), ("others", ", ".join(str(e.other.source) for e in found))),
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)

@@ -8,18 +8,9 @@ from typing import TYPE_CHECKING
 from symid.environment import show_path
 from symid.errors import Notice
 from symid.identification import AnyValidation, ElasticValidation, FrictionValidation, RigidValidation
+from symid.report import fit_text
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.elastic_page import draw_loops
-from symid.report.fit_text import (
-    describe_alignment,
-    describe_band,
-    describe_band_metric,
-    describe_validation,
-    show_all_rows,
-    show_band,
-    show_motion,
-    show_residual,
-)
 from symid.report.identification_page import describe_essential, describe_rank, draw_prediction
 from symid.robot import Robot
 from symid.serialization import describe_record
@@ -38,11 +29,11 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
     match found:
         case RigidValidation():
             kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
-            limit, table = found.validation.scoring, show_residual(found.residual)
-            metric = show_all_rows(found.validation)
+            limit, table = found.validation.scoring, fit_text.show_residual(found.residual)
+            metric = fit_text.show_all_rows(found.validation)
             if found.band is not None:
-                limit, table, motion = found.band.band, show_band(found.band), ()
-                metric = describe_band_metric(found.band)
+                limit, table, motion = found.band.band, fit_text.show_band(found.band), ()
+                metric = fit_text.describe_band_metric(found.band)
             within = f" within {limit:.3g} Hz" if limit else ""
             more = "".join(f"\n{text}" for text in (found.settled.describe(), metric) if text)
         case FrictionValidation(laws=laws):
@@ -56,7 +47,7 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
         f"{found.robot.name}{kind} on {found.validation.source}{within}: mean relative residual "
         f"{found.mean_relative_percent:.4f} %"
     )
-    return (f"{headline}{more}", table, *show_motion(motion))
+    return (f"{headline}{more}", table, *fit_text.show_motion(motion))
 
 
 def describe_trial(found: AnyValidation) -> dict[str, object]:
@@ -64,14 +55,14 @@ def describe_trial(found: AnyValidation) -> dict[str, object]:
     match found:
         case RigidValidation():
             return {
-                **describe_validation(found.validation),
+                **fit_text.describe_validation(found.validation),
                 "mean_relative_percent": found.mean_relative_percent,
                 "residual": [describe_record(entry) for entry in found.residual],
-                **({} if found.band is None else {"band": describe_band(found.band)}),
+                **({} if found.band is None else {"band": fit_text.describe_band(found.band)}),
                 "processing": {**asdict(found.settled.processing), "origin": dict(found.settled.origin)},
             }
         case FrictionValidation():
-            return {**describe_validation(found.validation), "laws": dict(found.laws)}
+            return {**fit_text.describe_validation(found.validation), "laws": dict(found.laws)}
         case ElasticValidation():
             return _describe_elastic(found)
 
@@ -93,7 +84,7 @@ def _show_elastic_trial(found: ElasticValidation) -> tuple[Block, ...]:
         head += f"; with the springs {max(trial.means[1:]):.4f} %"
     blocks: list[Block] = [head]
     for caption, entries in trial.residuals:
-        blocks += [caption, show_residual(entries)]
+        blocks += [caption, fit_text.show_residual(entries)]
     lacking = [joint.joint for joint in trial.joints if joint.final is None]
     if lacking:
         blocks.append(
@@ -141,7 +132,7 @@ def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
         "residual": tables[0]["residual"],
         "mean_relative_percent": trial.mean_relative_percent,
         "tables": tables,
-        "alignment": None if found.alignment is None else describe_alignment(found.alignment, names),
+        "alignment": None if found.alignment is None else fit_text.describe_alignment(found.alignment, names),
         "tracking": None
         if tracking is None
         else {
