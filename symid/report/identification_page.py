@@ -20,6 +20,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -82,87 +83,74 @@ _TRIALS = (
 def build_identification_page(
     estimate: Estimate,
     validations: Sequence[Validation] = (),
-    notices: Sequence[Notice] = (),
-    origin: Sequence[str] = (),
     *,
     diagnosis: Diagnosis | None = None,
-    **options: Any,  # noqa: ANN401  fields of the page
+    **options: Any,  # noqa: ANN401  of `build_fit_page`
 ) -> pages.Page:
     """Return all that the page shows.
 
     Args:
         estimate: of base parameters.
         validations: what it explains of logs.
-        notices: what else a reader should know: of the robot, its library, and the recordings.
-        origin: what the page was made from, in short texts.
         diagnosis: of the fit and its own logs.
-        options: further fields of the page.
+        options: notices, origin and further fields of the page, as of `build_fit_page`.
     """
-    settings = {
-        "rows": estimate.rows,
-        "estimator": estimate.estimator,
-        "friction": estimate.friction,
-        "rows fitted": estimate.samples,
-        "condition number (column-scaled)": f"{estimate.condition:.4g}",
-        "outcome": estimate.outcome.value,
-    }
-    blocks = (
-        *chain.from_iterable(map(_show_log, validations)),
-        "== Parameters ==",
-        pages.tabulate_parameters(estimate.parameters),
-        *pages.draw_certainty(estimate.parameters),
-        *pages.show_refused(estimate.refused),
-        *(("== Friction laws ==", *fit_text.tabulate_laws(estimate.laws)) if estimate.laws else ()),
-        *(block for entry in estimate.laws for block in _show_law(entry)),
-        *(() if validations else ("== Held-out logs ==", pages.UNTESTED)),
-    )
-    more = (
-        "== What each parameter groups ==",
-        pages.tabulate_groupings(estimate.parameters),
-        "== Residual of the fit ==",
-        fit_text.show_residual(
-            estimate.residual, "What the model leaves unexplained of the logs of the fit."
-        ),
-        *_show_choice(estimate),
-        *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
-        *chain.from_iterable(map(_show_errors, validations)),
-    )
     return pages.build_fit_page(
         estimate,
         subject="identified parameters",
         verdict=judge_identification(estimate, validations),
         numbers=_list_numbers(estimate, validations),
         lead=_draw_lead(estimate, validations),
-        blocks=blocks,
-        more=more,
-        settings=settings,
-        notices=notices,
-        origin=origin,
+        blocks=(
+            *chain.from_iterable(map(_show_log, validations)),
+            *("== Parameters ==", pages.tabulate_parameters(estimate.parameters)),
+            *pages.draw_certainty(estimate.parameters),
+            *pages.show_refused(estimate.refused),
+            *(("== Friction laws ==", *fit_text.tabulate_laws(estimate.laws)) if estimate.laws else ()),
+            *(block for entry in estimate.laws for block in _show_law(entry)),
+            *(() if validations else ("== Held-out logs ==", pages.UNTESTED)),
+        ),
+        more=(
+            *("== What each parameter groups ==", pages.tabulate_groupings(estimate.parameters)),
+            "== Residual of the fit ==",
+            fit_text.show_residual(
+                estimate.residual, "What the model leaves unexplained of the logs of the fit."
+            ),
+            *_show_choice(estimate),
+            *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
+            *chain.from_iterable(map(_show_errors, validations)),
+        ),
+        settings={
+            "rows": estimate.rows,
+            "estimator": estimate.estimator,
+            "friction": estimate.friction,
+            "rows fitted": estimate.samples,
+            "condition number (column-scaled)": f"{estimate.condition:.4g}",
+            "outcome": estimate.outcome.value,
+        },
         **options,
     )
 
 
 def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> list[tuple[str, str]]:
     """Return the numbers that matter: what is left of held-out motions, where most, what is significant."""
-    worst, evidence, numbers = _find_worst(validations), estimate.evidence, []
+    worst, known = _find_worst(validations), pages.count_significant(estimate.parameters)
     if worst is not None:
-        numbers += _list_tried(worst)
-    elif evidence is not None:
-        part = max(evidence.joints, key=lambda entry: entry.held_out)
-        numbers += [
-            (
-                pages.format_percent(evidence.unexplained),
-                "of the torque unexplained in stretches held out in turn",
-            ),
-            (pages.format_percent(part.held_out), f"of it at most, at {part.joint}"),
-        ]
-    else:
-        joint = max(estimate.residual, key=lambda entry: entry.relative_percent)
-        text = "of the torque unexplained, in the logs of the fit alone"
-        numbers.append((pages.format_percent(estimate.mean_relative_percent), text))
-        numbers.append((pages.format_percent(joint.relative_percent), f"of it at most, at {joint.joint}"))
-    numbers.append(pages.count_significant(estimate.parameters))
-    return numbers
+        return [*_list_tried(worst), known]
+    text, whole = "of the torque unexplained, in the logs of the fit alone", estimate.mean_relative_percent
+    if estimate.evidence is not None:
+        text = "of the torque unexplained in stretches held out in turn"
+        whole = estimate.evidence.unexplained
+    joint, most = max(_list_shares(estimate), key=itemgetter(1))
+    where = f"of it at most, at {joint}"
+    return [(pages.format_percent(whole), text), (pages.format_percent(most), where), known]
+
+
+def _list_shares(estimate: Estimate) -> list[tuple[str, float]]:
+    """Return what is left of the torque of each joint, percent: in held-out stretches, else in the fit."""
+    if estimate.evidence is not None:
+        return [(entry.joint, entry.held_out) for entry in estimate.evidence.joints]
+    return [(entry.joint, entry.relative_percent) for entry in estimate.residual]
 
 
 def _find_worst(validations: Sequence[Validation]) -> Validation | None:
@@ -193,15 +181,11 @@ def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing
     worst = _find_worst(validations)
     if worst is not None and worst.series:
         return _draw_worst(worst)
-    evidence = estimate.evidence
-    if evidence is not None:
-        pairs = [(entry.joint, entry.held_out) for entry in evidence.joints]
-        caption = "How much does it miss, joint by joint? Torque left in stretches that were held out."
-    else:
-        pairs = [(entry.joint, entry.relative_percent) for entry in estimate.residual]
-        caption = "How much does it miss, joint by joint? Torque left in the logs of the fit."
-    worst_joint = max(pairs, key=lambda pair: pair[1])[0]
-    marks = [Mark(name, value, pages.format_percent(value), name == worst_joint) for name, value in pairs]
+    where = "the logs of the fit" if estimate.evidence is None else "stretches that were held out"
+    pairs = _list_shares(estimate)
+    most, _ = max(pairs, key=itemgetter(1))
+    marks = [Mark(name, value, pages.format_percent(value), name == most) for name, value in pairs]
+    caption = f"How much does it miss, joint by joint? Torque left in {where}."
     return build_mark_figure(caption, "unexplained (% of the joint's torque)", marks)
 
 
@@ -271,12 +255,7 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
     columns = (bootstrap.deviations, bootstrap.low, bootstrap.high)
     scatter = [
         (
-            *(
-                name,
-                stated[name].value,
-                pages.format_digits(stated[name].std),
-                pages.format_digits(deviation),
-            ),
+            *(name, stated[name].value, *map(pages.format_digits, (stated[name].std, deviation))),
             *(f"{low:.4g}", f"{high:.4g}", name not in dropped),
         )
         for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True)
@@ -475,15 +454,12 @@ def build_friction_figure(joint: JointFriction) -> Drawing:
 def build_friction_page(
     found: FrictionIdentification,
     validations: Sequence[Validation] = (),
-    notices: Sequence[Notice] = (),
-    origin: Sequence[str] = (),
-    **options: Any,  # noqa: ANN401  fields of the page
+    **options: Any,  # noqa: ANN401  of `build_fit_page`
 ) -> pages.Page:
     """Return all that the page shows; `validations` are what laws and rigid part predict of logs.
 
     The other arguments are those of `build_identification_page`.
     """
-    left_out = "\n".join(f"{name}: {reason}" for name, reason in found.refused)
     # What each law leaves: of held-out blocks where laws were compared, else of the fit.
     left = []
     for entry in found.joints:
@@ -494,10 +470,10 @@ def build_friction_page(
                 part = (trial.held_percent, trial.held_rms, "held-out blocks", entry)
                 break
         left.append(part)
-    percent, rms, where, first = max(left, key=lambda part: part[0])
+    percent, rms, where, first = max(left, key=itemgetter(0))
     tried = _find_worst(validations)
-    lead = build_friction_figure(first) if tried is None else _draw_worst(tried)
     blocks: list[Block] = [*chain.from_iterable(map(_show_log, validations))]
+    title = "Residual of law and rigid part in the logs of the fit."
     for entry in found.joints:
         blocks += [
             f"== {entry.joint}: {entry.estimate.law} ==",
@@ -505,37 +481,29 @@ def build_friction_page(
             *(() if entry is first and tried is None else (build_friction_figure(entry),)),
             pages.tabulate_parameters(entry.estimate.parameters, formulas=False),
             *pages.show_refused(entry.estimate.refused),
-            fit_text.show_residual(
-                (entry.residual,), "Residual of law and rigid part in the logs of the fit."
-            ),
+            fit_text.show_residual((entry.residual,), title),
             *(() if entry.selection is None else (entry.selection.verdict,)),
         ]
-    blocks += ["== Joints without a law ==", left_out] if left_out else []
-    more = (
-        *(block for entry in found.joints for block in _show_search(entry)),
-        *chain.from_iterable(map(_show_errors, validations)),
-    )
-    numbers = [] if tried is None else _list_tried(tried)
-    if tried is None:
-        text = f"of the torque unexplained in {where}, at {first.joint}, the joint with most left"
-        numbers.append((pages.format_percent(percent), text))
-        size = [] if rms is None else [f"{pages.format_digits(rms)} {pages.write_unit(first.unit)}"]
-        numbers += [(text, "RMS of it") for text in size]
-    numbers.append(
-        pages.count_significant([one for entry in found.joints for one in entry.estimate.parameters])
-    )
-    settings = {"requested law": found.model, "estimator": found.estimator}
+    left_out = "\n".join(f"{name}: {reason}" for name, reason in found.refused)
+    text = f"of the torque unexplained in {where}, at {first.joint}, the joint with most left"
+    numbers = [(pages.format_percent(percent), text)]
+    if tried is not None:
+        numbers = _list_tried(tried)
+    elif rms is not None:
+        numbers.append((f"{pages.format_digits(rms)} {pages.write_unit(first.unit)}", "RMS of it"))
+    parameters = [one for entry in found.joints for one in entry.estimate.parameters]
     return pages.build_fit_page(
         found,
         subject="identified friction",
         verdict=judge_friction(found, validations),
-        numbers=numbers,
-        lead=lead,
-        blocks=blocks,
-        more=more,
-        settings=settings,
-        notices=notices,
-        origin=origin,
+        numbers=[*numbers, pages.count_significant(parameters)],
+        lead=build_friction_figure(first) if tried is None else _draw_worst(tried),
+        blocks=(*blocks, *(["== Joints without a law ==", left_out] if left_out else [])),
+        more=(
+            *(block for entry in found.joints for block in _show_search(entry)),
+            *chain.from_iterable(map(_show_errors, validations)),
+        ),
+        settings={"requested law": found.model, "estimator": found.estimator},
         **options,
     )
 
@@ -715,13 +683,14 @@ def write_fit_page(
                 ]
                 validations = [entry.validation for entry in tried if isinstance(entry, FrictionValidation)]
                 notices = tuple(dict.fromkeys(notice for entry in tried for notice in entry.notices))
+    told: Any = {"notices": notices, "origin": origin}
     match estimate:
         case Estimate():
-            page = build_identification_page(estimate, validations, notices, origin, diagnosis=diagnosis)
+            page = build_identification_page(estimate, validations, diagnosis=diagnosis, **told)
         case elastic.ElasticEstimate():
-            page = build_elastic_page(estimate, trials, notices, origin)
+            page = build_elastic_page(estimate, trials, **told)
         case FrictionIdentification():
-            page = build_friction_page(estimate, validations, notices)
+            page = build_friction_page(estimate, validations, **told)
     tests: tuple[Validation | elastic.ElasticTrial, ...] = (*validations, *trials)
     name = estimate.robot if estimate.robot in list_robots() else "ROBOT"
     name = name if known is None else name_for_commands(known[0])

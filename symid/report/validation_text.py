@@ -12,7 +12,6 @@ from symid.report import fit_text
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.elastic_page import draw_loops
 from symid.report.identification_page import describe_essential, describe_rank, draw_prediction
-from symid.robot import Robot
 from symid.serialization import describe_record
 
 if TYPE_CHECKING:
@@ -36,10 +35,10 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
                 metric = fit_text.describe_band_metric(found.band)
             within = f" within {limit:.3g} Hz" if limit else ""
             more = "".join(f"\n{text}" for text in (found.settled.describe(), metric) if text)
-        case FrictionValidation(laws=laws):
+        case FrictionValidation():
             kind = ", friction and rigid part"
             rows = [
-                (e.joint, laws[e.joint], f"{e.relative_percent:.4f}", e.std, e.unit, e.samples)
+                (e.joint, found.laws[e.joint], f"{e.relative_percent:.4f}", e.std, e.unit, e.samples)
                 for e in found.validation.residual
             ]
             table = Table(("joint", "law", "relative/%", "RMS", "unit", "rows"), rows, (0, 1, 4))
@@ -94,34 +93,27 @@ def _show_elastic_trial(found: ElasticValidation) -> tuple[Block, ...]:
     if tracking is None:
         return tuple(blocks)
     rows = [
-        [joint, run.name, 1e3 * float(run.rms[index]), 1e3 * float(run.peak[index]), f"m{unit}"]
-        for index, (joint, unit) in enumerate(_list_joints(found.robot))
+        [
+            joint.name,
+            run.name,
+            1e3 * float(run.rms[k]),
+            1e3 * float(run.peak[k]),
+            f"m{_UNITS[joint.prismatic]}",
+        ]
+        for k, joint in enumerate(found.robot.axes)
         for run in tracking.runs
     ]
-    blocks += [
-        (
-            f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
-            "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
-        ),
-        Table(("joint", "feed-forward", "rms", "peak", "unit"), rows, left=(0, 1, 4)),
-    ]
-    return tuple(blocks)
-
-
-def _list_joints(robot: Robot) -> list[tuple[str, str]]:
-    """Return the names of the joints, and the units of their positions."""
-    return [(joint.name, "m" if joint.kind.value == "prismatic" else "rad") for joint in robot.axes]
+    text = (
+        f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
+        "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
+    )
+    return (*blocks, text, Table(("joint", "feed-forward", "rms", "peak", "unit"), rows, left=(0, 1, 4)))
 
 
 def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
-    trial, tracking, joints = found.trial, found.tracking, _list_joints(found.robot)
-    names = [name for name, _ in joints]
+    trial, tracking, joints = found.trial, found.tracking, found.robot.axes
     tables = [
-        {
-            "caption": caption,
-            "residual": [describe_record(entry) for entry in entries],
-            "mean_relative_percent": mean,
-        }
+        {"caption": caption, "residual": list(map(describe_record, entries)), "mean_relative_percent": mean}
         for (caption, entries), mean in zip(trial.residuals, trial.means, strict=True)
     ]
     return {
@@ -132,10 +124,10 @@ def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
         "residual": tables[0]["residual"],
         "mean_relative_percent": trial.mean_relative_percent,
         "tables": tables,
-        "alignment": None if found.alignment is None else fit_text.describe_alignment(found.alignment, names),
-        "tracking": None
-        if tracking is None
-        else {
+        "alignment": found.alignment
+        and fit_text.describe_alignment(found.alignment, [joint.name for joint in joints]),
+        "tracking": tracking
+        and {
             "trajectory": tracking.trajectory.source,
             "duration": tracking.trajectory.duration,
             "seed": tracking.seed,
@@ -144,10 +136,8 @@ def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
                     "feed_forward": run.name,
                     "method": tracking.methods.get(run.name),
                     "joints": [
-                        {"joint": joint, "rms": rms, "peak": peak, "unit": unit}
-                        for (joint, unit), rms, peak in zip(
-                            joints, run.rms.tolist(), run.peak.tolist(), strict=True
-                        )
+                        {"joint": joint.name, "rms": rms, "peak": peak, "unit": _UNITS[joint.prismatic]}
+                        for joint, rms, peak in zip(joints, run.rms.tolist(), run.peak.tolist(), strict=True)
                     ],
                 }
                 for run in tracking.runs
@@ -198,6 +188,8 @@ def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
     return ("\n".join(lines), *([Table(header, rows, (0, 1, 4))] if rows else []))
 
 
+_UNITS = ("rad", "m")
+"""Of the positions of joints that turn, and that slide."""
 _SAME_FIT = 0.05
 """Standard deviations of a parameter below which a refit is the same."""
 _WIDTH = 44
@@ -219,12 +211,10 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     columns = "" if other.columns is None else f", column {other.columns.value!r}"
     read = any(entry.read_as for entry in found.groups)
     rows = [
-        [
-            value.group,
-            *(value.theirs, value.theirs_std, value.ours, value.ours_std),
-            _format_deviations(value.deviations, "+", 2),
-            *([value.read_as] if read else []),
-        ]
+        (
+            *(value.group, value.theirs, value.theirs_std, value.ours, value.ours_std),
+            *(_format_deviations(value.deviations, "+", 2), *([value.read_as] if read else [])),
+        )
         for value in found.values
     ]
     header = ["group", "other", "std", "ours", "std", "in std", *(["read as"] if read else [])]
@@ -313,10 +303,7 @@ def _describe_compared(found: "Compared") -> dict[str, object]:
         "within": {f"{limit:g}": comparison.count_within(limit) for limit, _ in _LIMITS},
         "largest": comparison.largest,
         "chi_square": total and {"value": total.value, "freedom": total.freedom, "probability": chance},
-        "absent": found.absent,
-        "neither": found.neither,
-        "lacking": found.lacking,
-        "not_ours": found.not_ours,
+        **{name: getattr(found, name) for name in ("absent", "neither", "lacking", "not_ours")},
         "other_model": other.strange,
         "shared_logs": other.shared,
         "readings": [

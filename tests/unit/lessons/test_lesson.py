@@ -58,7 +58,7 @@ def test_groups_counts_and_long_sums_are_written_properly():
 
 @pytest.mark.parametrize("robot", [TWO_LINK, PANDA], ids=lambda r: r.name)
 def test_a_contradiction_is_never_printed_as_a_result(monkeypatch, robot):
-    original = lesson.compute_torque_columns
+    original = lesson.dynamics.compute_torque_columns
 
     def wrong(recursion, keys):
         columns = dict(original(recursion, keys))
