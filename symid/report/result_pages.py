@@ -32,6 +32,7 @@ from symid.report.fit_text import show_stiffness
 from symid.report.robot_text import (
     describe_gain,
     show_excitation,
+    show_identifiable,
     show_joints,
     show_robot_check,
     summarise_robot,
@@ -61,7 +62,6 @@ def _build_page(
     verdict: FitVerdict,
     figures: Sequence[Drawing],
     *,
-    numbers: Sequence[tuple[str, str]],
     blocks: Sequence[Block],
     notices: Sequence[Notice] = (),
     **options: Any,  # noqa: ANN401  fields of the page
@@ -73,7 +73,6 @@ def _build_page(
         robot=robot,
         subject=subject,
         verdict=verdict,
-        numbers=numbers,
         lead=figures[0] if figures else None,
         blocks=(*(["== Figures =="] if rest else ()), *rest, *blocks),
         notices=tuple(map(str, merge_notices(notices))),
@@ -86,24 +85,24 @@ def judge_check(checked: "LogsCheck") -> FitVerdict:
     severe = [entry for entry in checked.notices if entry.code in SEVERE]
     found = checked.excitation
     poor = () if found is None else found.list_names("poorly identifiable", "not identifiable", "refused")
-    details = [str(entry) for entry in (*checked.errors, *severe)]
+    level, details = "usable", list(map(str, (*checked.errors, *severe)))
     if not checked.logs:
-        headline = "The robot file has no mistakes."
-        return FitVerdict(level="good", headline=headline, details=("No log was given.",))
-    if checked.errors:
-        headline = "The logs are not enough for a model of this robot."
-        return FitVerdict(level="wrong", headline=headline, details=tuple(details))
-    if severe:
-        headline = f"{len(severe)} finding{'s'[: len(severe) > 1]} would make values wrong: {severe[0].text}."
-        return FitVerdict(level="doubtful", headline=headline, details=tuple(details))
-    if found is None:
+        level, headline, details = "good", "The robot file has no mistakes.", ["No log was given."]
+    elif checked.errors:
+        level, headline = "wrong", "The logs are not enough for a model of this robot."
+    elif severe:
+        count = f"{len(severe)} finding{'s'[: len(severe) > 1]}"
+        level, headline = "doubtful", f"{count} would make values wrong: {severe[0].text}."
+    elif found is None:
         headline = "Nothing odd was found in the log; what is identifiable was not analysed."
-        return FitVerdict(level="usable", headline=headline, details=("Elastic joints, or no log.",))
-    if poor:
+        details = ["Elastic joints, or no log."]
+    elif poor:
         headline = f"{len(poor)} of {len(found.parameters)} parameters are poorly or not identifiable."
-        return FitVerdict(level="usable", headline=headline, details=(f"They are {', '.join(poor)}.",))
-    headline = f"All {len(found.parameters)} parameters are identifiable, and nothing odd was found."
-    return FitVerdict(level="good", headline=headline, details=(f"Condition number {found.condition:.3g}.",))
+        details = [f"They are {', '.join(poor)}."]
+    else:
+        headline = f"All {len(found.parameters)} parameters are identifiable, and nothing odd was found."
+        level, details = "good", [f"Condition number {found.condition:.3g}."]
+    return FitVerdict(level=level, headline=headline, details=tuple(details))
 
 
 def draw_check(robot: Robot, checked: "LogsCheck") -> tuple[Drawing, ...]:
@@ -115,7 +114,7 @@ def draw_check(robot: Robot, checked: "LogsCheck") -> tuple[Drawing, ...]:
 def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
     """Write the page of a robot file and its logs, checked; OutputError where it cannot be written."""
     numbers: list[tuple[str, str]] = []
-    found = checked.excitation
+    found, several = checked.excitation, "s"[: len(checked.logs) > 1]
     blocks: tuple[Block, ...] = show_robot_check(robot, checked)
     if found is not None:
         good, values = len(found.list_names("identifiable")), np.array(found.singular)
@@ -123,14 +122,9 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
             (f"{good} of {len(found.parameters)}", "parameters identifiable"),
             (pages.format_digits(found.condition), "condition number (column-scaled)"),
         ]
-        rows = [
-            (entry.name, entry.verdict, pages.format_percent(entry.relative_std_percent), entry.reason)
-            for entry in found.parameters
-        ]
         title = "What a fit to all these logs would identify."
         blocks = (
-            "== Identifiability ==",
-            Table(("parameter", "verdict", "expected std", "why"), rows, (0, 1, 3), title),
+            *("== Identifiability ==", show_identifiable(found, "expected std", pages.format_percent, title)),
             build_line_figure(
                 "How well are the parameters separated? Singular values of the scaled regressor; "
                 f"the rank is {found.rank} of {len(found.singular)}.",
@@ -143,7 +137,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
             *(show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
         )
     length = sum(entry.timing.duration for entry in checked.logs)
-    numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{'s'[: len(checked.logs) > 1]}"))
+    numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{several}"))
     sources = (entry.recording.source for entry in checked.logs)
     command = ("symid", "identify", name_for_commands(robot), *sources)
     page = _build_page(
@@ -202,17 +196,19 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
 def judge_payload(found: "Payload") -> FitVerdict:
     """Return what an identified payload is worth."""
     lost = [entry.name for entry in found.quantities if entry.value is None]
+    friction = [entry.name for entry in found.friction]
+    changed = found.moved > _FAR or bool(found.unexplained and found.doubtful)
     known = len(found.quantities) - len(lost)
     headline = f"{known} of {len(found.quantities)} quantities of the payload are identified."
-    changed = found.moved > _FAR or bool(found.unexplained and found.doubtful)
-    details = [f"chi-square {found.chi2:.3g} over {found.freedom} degrees of freedom."]
-    details += [f"Not identifiable: {', '.join(lost)}."] if lost else []
-    friction = ", ".join(entry.name for entry in found.friction)
-    details += [f"Friction changed: {friction}."] if friction else []
-    if changed:
-        headline += " But something else than a payload changed between the logs."
-    level = "doubtful" if changed else "usable" if lost else "good"
-    return FitVerdict(level=level, headline=headline, details=tuple(details))
+    lists = (("Not identifiable", lost), ("Friction changed", friction))
+    return FitVerdict(
+        level="doubtful" if changed else "usable" if lost else "good",
+        headline=headline + " But something else than a payload changed between the logs." * changed,
+        details=(
+            f"chi-square {found.chi2:.3g} over {found.freedom} degrees of freedom.",
+            *(f"{what}: {', '.join(names)}." for what, names in lists if names),
+        ),
+    )
 
 
 def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequence[Notice]) -> Path:
@@ -285,23 +281,23 @@ def judge_comparison(found: "Sequence[Compared]") -> FitVerdict:
     details, levels = [], set[str]()
     for entry in found:
         comparison, name = entry.comparison, entry.other.source.name
-        within = f"{comparison.count_within(2.0)} of {comparison.judged} groups within two deviations"
         if not comparison.judged:
             levels.add("usable")
             details.append(f"{name}: no deviations are stated, so agreement cannot be judged.")
             continue
+        within = f"{comparison.count_within(2.0)} of {comparison.judged} groups within two deviations"
         bound = max(3.0, NormalDist().inv_cdf(1.0 - 0.5 * _CHANCE / comparison.judged))
         total = comparison.chi_square
         agrees = comparison.largest <= bound and (total is None or total.chance >= _CHANCE)
         levels.add("good" if agrees else "doubtful")
         chance = "" if total is None else f"; chi-square {total.value:.4g} over {total.freedom}"
         details.append(f"{name}: {within}, the largest difference {comparison.largest:.3g}{chance}.")
-    level = next(entry for entry in ("doubtful", "usable", "good") if entry in levels)
-    headline = {
-        "good": "The values agree within their standard deviations.",
-        "usable": "The values cannot be compared in standard deviations.",
+    headlines = {
         "doubtful": "The values differ by more than their standard deviations explain.",
-    }[level]
+        "usable": "The values cannot be compared in standard deviations.",
+        "good": "The values agree within their standard deviations.",
+    }
+    level, headline = next(entry for entry in headlines.items() if entry[0] in levels)
     return FitVerdict(level=level, headline=headline, details=tuple(details))
 
 

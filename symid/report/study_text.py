@@ -161,7 +161,7 @@ def _list_second(study: studies.Recovery) -> Table:
     )
     table = _transpose(study, "published", lines, f"A second truth: {study.joint}, law {study.law}", note)
     shares = (f"{100.0 * entry.bound / abs(entry.truth):.2g}" for entry in study.parameters)
-    known = ("identifiable", *(entry.identifiable for entry in study.parameters))
+    known = ("identifiable", *(("no", "yes")[entry.identifiable] for entry in study.parameters))
     rows = (*table.rows[:4], ("Cramer-Rao, % of value", *shares), *table.rows[4:], known)
     return replace(table, rows=rows)
 
