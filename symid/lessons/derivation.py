@@ -23,7 +23,7 @@ from symid.lessons.matrices import (
     check_skew,
     derive_equations,
 )
-from symid.lessons.textbook import build_style, get_book, write_latex, write_sum, write_text
+from symid.lessons.textbook import Product, Sum, build_style, get_book, write_latex, write_sum, write_text
 from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
@@ -48,16 +48,10 @@ class Step:
     check: str = ""
 
 
-def _build_formula(left: str, value: PolyElement) -> Formula:
-    text, formula = dynamics.write_polynomial(value)
-    return Formula(left=left, text=text, latex=formula, left_latex=dynamics.write_name_latex(left))
-
-
-def _build_sentence(left: str, text: str) -> Formula:
-    """Return a formula that is a sentence."""
-    return Formula(
-        left=left, text=text, latex=rf"\text{{{text}}}", left_latex=dynamics.write_name_latex(left)
-    )
+def _write_formula(left: str, text: str, latex: str = "") -> Formula:
+    """Return left = text, without `latex` a sentence."""
+    right = latex or rf"\text{{{text}}}"
+    return Formula(left=left, text=text, latex=right, left_latex=dynamics.write_name_latex(left))
 
 
 def _describe_frames(robot: Robot) -> Step:
@@ -73,10 +67,10 @@ def _describe_frames(robot: Robot) -> Step:
             master = joint.mimic.master + 1
             share = _write_sum([(joint.mimic.multiplier, f"q{master}")])
             text += f"; it follows joint {master}: q{number} = {share}"
-        formulas.append(_build_sentence(f"joint {number} ({joint.name})", text))
+        formulas.append(_write_formula(f"joint {number} ({joint.name})", text))
     for drive in robot.couplings:
         speed = _write_sum([(factor, f"dq{index + 1}") for index, factor in drive.terms])
-        formulas.append(_build_sentence(f"drive {drive.name}", speed))
+        formulas.append(_write_formula(f"drive {drive.name}", speed))
     gravity = ", ".join(str(value) for value in robot.gravity)
     return Step(
         title="Frames",
@@ -88,20 +82,16 @@ def _describe_frames(robot: Robot) -> Step:
 
 def _write_sum(terms: Sequence[tuple[Fraction, str]]) -> str:
     """Return a sum of multiples such as `q1 - 63/100*q2`."""
-    parts = []
-    for factor, name in terms:
-        multiple = name if abs(factor) == 1 else f"{abs(factor)}*{name}"
-        parts.append(f"{'-' if factor < 0 else '+'} {multiple}")
-    text = " ".join(parts)
-    return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
+    return write_text(Sum(tuple(Product(factor, ((name, 1),)) for factor, name in terms)))
 
 
 def _describe_energy(energy: dynamics.ExactEnergy, base: dynamics.BaseParameters) -> Step:
-    formulas = []
-    for parameter in base.parameters:
-        for letter, part in (("T", energy.kinetic), ("V", energy.potential)):
-            if part[parameter.label]:
-                formulas.append(_build_formula(f"d{letter}/d{parameter.name}", part[parameter.label]))
+    formulas = [
+        _write_formula(f"d{letter}/d{parameter.name}", *dynamics.write_polynomial(part[parameter.label]))
+        for parameter in base.parameters
+        for letter, part in (("T", energy.kinetic), ("V", energy.potential))
+        if part[parameter.label]
+    ]
     # The grouping is checked, h pi = h_b K pi, coefficient by coefficient.
     rest = dict(energy.kinetic), dict(energy.potential)
     for parameter in base.parameters:
@@ -121,14 +111,14 @@ def _describe_energy(energy: dynamics.ExactEnergy, base: dynamics.BaseParameters
         if any(function != constant for function in dynamics.split_polynomial(basis, value))
     ]
     require(not lost, f"the grouping loses {lost}")
-    check = "verified exactly: energy per standard parameter = energy per base parameter times the grouping"
     return Step(
         title="Energy",
         sentence="Both energies are linear in the parameters of links, rotors and springs: T = hT beta, "
         "V = hV beta (Gautier and Khalil 1988). These are the entries of the base parameters; those that are "
         "not listed are zero.",
         formulas=tuple(formulas),
-        check=check,
+        check="verified exactly: energy per standard parameter = energy per base parameter times the "
+        "grouping",
     )
 
 
@@ -190,7 +180,10 @@ def _describe_torques(robot: Robot, energy: dynamics.ExactEnergy, base: dynamics
         return Step(title="Torques", sentence=sentence, check=check)
     columns = dynamics.derive_torque_columns(energy, base.keys)
     formulas = [
-        _build_formula(f"dtau{joint + 1}/d{parameter.name}", columns[parameter.label][position])
+        _write_formula(
+            f"dtau{joint + 1}/d{parameter.name}",
+            *dynamics.write_polynomial(columns[parameter.label][position]),
+        )
         for position, joint in enumerate(robot.coordinates)
         for parameter in base.parameters
         if columns[parameter.label][position]
@@ -263,20 +256,20 @@ def derive_lesson(robot: Robot) -> tuple[Step, ...]:
     """
     base, energy = dynamics.derive_base_parameters(robot), dynamics.derive_energy(robot)
     state = dynamics.build_state(robot, energy.algebra, energy.algebra.generators)
-    velocities: list[Formula] = []
-    for number, motion in enumerate(dynamics.build_recursion(robot, energy.algebra, state).motions, start=1):
-        for letter, vector in (("w", motion.angular), ("v", motion.linear)):
-            entries = zip("xyz", vector, strict=True)
-            velocities += [
-                _build_formula(f"{letter}{number}{axis}", entry) for axis, entry in entries if entry
-            ]
+    motions = dynamics.build_recursion(robot, energy.algebra, state).motions
+    velocities = [
+        _write_formula(f"{letter}{number}{axis}", *dynamics.write_polynomial(entry))
+        for number, motion in enumerate(motions, start=1)
+        for letter, vector in (("w", motion.angular), ("v", motion.linear))
+        for axis, entry in zip("xyz", vector, strict=True)
+        if entry
+    ]
     groups = []
     for parameter in base.parameters:
         # In its own order.
         products = [factor * Symbol(dynamics.write_label(robot, label)) for label, factor in parameter.terms]
-        formula, left = str(latex(Add(*products, evaluate=False), order="none")), parameter.name
-        text, name = parameter.expression, dynamics.write_name_latex(left)
-        groups.append(Formula(left=left, text=text, latex=formula, left_latex=name))
+        formula = str(latex(Add(*products, evaluate=False), order="none"))
+        groups.append(_write_formula(parameter.name, parameter.expression, formula))
     total = sum(name in (*INERTIAL, *dynamics.DRIVE_PARAMETERS) for _, name in base.labels)
     friction = describe_friction(robot)
     return (

@@ -10,9 +10,9 @@ joint's RMS. The motion is the same for all seeds, and all methods use the same 
 
 Robot, seeds -> `TrackingStudy`: how links follow TC in closed loop with feed-forward of each model.
 
-    identified   from 10 x TA + TB with the noise of the seed, by the automatic choice          (Case 1)
-    independent  from the same logs, by the procedures that identify dynamics and hysteresis apart (Case 2)
-    rigid        dynamics of Case 1, springs left out
+    Case 1  from 10 x TA + TB with the noise of the seed, by the automatic choice
+    Case 2  from the same logs, by the procedures that identify dynamics and hysteresis apart
+    rigid   dynamics of Case 1, springs left out
 
 Robot, library, seed -> `ManyJointsResult`, of any number of joints: the torque that elimination and momentum
 rows leave unexplained. Two random motions within the robot's limits are identified together, a third
@@ -24,7 +24,6 @@ Not supported: noise in the control loop; robots with other than two joints, or 
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -56,6 +55,7 @@ from symid.study.monte_carlo import (
     Spread,
     compute_paired_difference,
     compute_spread,
+    count_words,
     run_tasks,
 )
 
@@ -360,13 +360,13 @@ def _summarise(results: Sequence[tuple[MethodRun, ...]], *, timed: bool) -> tupl
     return tuple(
         MethodErrors(
             method=runs[0].method,
-            parameter=compute_spread(np.array([run.parameter_error for run in runs])),
-            hysteresis=compute_spread(np.array([run.hysteresis_error for run in runs])),
-            excited=compute_spread(np.array([run.excited_error for run in runs])),
+            parameter=compute_spread([run.parameter_error for run in runs]),
+            hysteresis=compute_spread([run.hysteresis_error for run in runs]),
+            excited=compute_spread([run.excited_error for run in runs]),
             seconds=float(np.median([run.seconds for run in runs])) if timed else math.nan,
             iterations=max(run.iterations for run in runs),
-            outcomes=tuple(sorted(Counter(run.outcome for run in runs).items())),
-            choices=tuple(sorted(Counter(run.chosen for run in runs if run.chosen).items())),
+            outcomes=count_words(run.outcome for run in runs),
+            choices=count_words(run.chosen for run in runs),
         )
         for runs in zip(*results, strict=True)
     )
