@@ -31,6 +31,7 @@ from symid.report.fit_text import write_number
 from symid.report.pages import Page
 from symid.report.verdict import FitVerdict
 from symid.robot import read_robot
+from symid.study import friction_protocols as paper
 
 _WIDTH = 110
 _MARK = "*"
@@ -39,7 +40,7 @@ _UNITS = {"vs": "rad/s", "dq0": "rad/s", "fV": "N m s/rad", "gamma": "1"}
 _OTHER_LAWS = ("Coulomb + viscous", "original Stribeck")
 
 
-def list_tables(study: studies.FrictionStudy) -> tuple[Table, ...]:
+def list_tables(study: paper.FrictionStudy) -> tuple[Table, ...]:
     """Return all tables, the paper's in the order of their numbers."""
     return (
         _list_methods(study.agreement[0], study.seeds[0]),
@@ -53,7 +54,7 @@ def list_tables(study: studies.FrictionStudy) -> tuple[Table, ...]:
     )
 
 
-def write_check_outcome(check: studies.FrictionCheck) -> str:
+def write_check_outcome(check: paper.FrictionCheck) -> str:
     """Return whether a claim is met, in a word."""
     return "reported" if check.met is None else "met" if check.met else "MISSED"
 
@@ -62,9 +63,9 @@ def _name_columns(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name} ({_UNITS.get(name, 'N m')})" for name in names)
 
 
-def _list_methods(study: studies.AgreementStudy, seed: int) -> Table:
+def _list_methods(study: paper.AgreementStudy, seed: int) -> Table:
     lines = (
-        *((f"paper, {row.name}", row.values, ".5g", f"{row.objective:.0f}") for row in studies.TABLE_1),
+        *((f"paper, {row.name}", row.values, ".5g", f"{row.objective:.0f}") for row in paper.TABLE_1),
         *((f"ours, {row.estimator}", row.values, ".5g", f"{row.objective:.4f}") for row in study.rows),
         ("ours, truth", study.truth, ".5g", f"{study.expected:.1f}"),
         ("ours, Cramer-Rao", study.bound, ".2g", ""),
@@ -80,7 +81,7 @@ def _list_methods(study: studies.AgreementStudy, seed: int) -> Table:
     return Table(("method", *_name_columns(study.names), "sum of squares"), rows, title=title, note=note)
 
 
-def _list_agreement(found: Sequence[studies.AgreementStudy]) -> Table:
+def _list_agreement(found: Sequence[paper.AgreementStudy]) -> Table:
     rows = [
         (
             *(f"{study.sweep.peak:g} rad/s, {study.sweep.samples}", row.estimator, f"{row.excess:.1e}"),
@@ -93,14 +94,14 @@ def _list_agreement(found: Sequence[studies.AgreementStudy]) -> Table:
     header = ("peak, samples", "estimator", "worst excess", "draws within", "farthest", "beyond 3")
     title = f"Agreement of all estimators, {found[0].draws} draws of three motions each"
     note = (
-        f"Excess: sum of squares over the least one of the draw, less one. Within: {studies.AGREEMENT:g} for "
-        f"deterministic estimators, {studies.NEARNESS:g} for {', '.join(sorted(friction.STOCHASTIC))}. "
+        f"Excess: sum of squares over the least one of the draw, less one. Within: {paper.AGREEMENT:g} for "
+        f"deterministic estimators, {paper.NEARNESS:g} for {', '.join(sorted(friction.STOCHASTIC))}. "
         "Farthest: the largest error of a parameter in Cramer-Rao deviations."
     )
     return Table(header, rows, (0, 1), title, note)
 
 
-def _list_races(races: Sequence[studies.SearchRace]) -> Table:
+def _list_races(races: Sequence[paper.SearchRace]) -> Table:
     rows = [
         (
             *(race.title, cost.estimator, cost.population, f"{cost.generations:.1f}"),
@@ -116,7 +117,7 @@ def _list_races(races: Sequence[studies.SearchRace]) -> Table:
         "The paper: a generation of the hybrid takes longer, but far fewer are needed, so that it is more "
         f"efficient. Ours, hybrid against genetic:\n{findings}\n"
         "Both end where the candidates' objectives differ by 1e-6; near: the best is within "
-        f"{100.0 * studies.NEARNESS:g} % of the least sum of squares. A generation of the hybrid evaluates "
+        f"{100.0 * paper.NEARNESS:g} % of the least sum of squares. A generation of the hybrid evaluates "
         "every candidate twice. The paper prints neither its algorithms nor its numbers of generations: both "
         "algorithms are our own designs, with their defaults."
     )
@@ -124,7 +125,7 @@ def _list_races(races: Sequence[studies.SearchRace]) -> Table:
 
 
 def _transpose(
-    study: studies.Recovery, truth: str, lines: Sequence[tuple[str, str, str]], title: str, note: str
+    study: paper.Recovery, truth: str, lines: Sequence[tuple[str, str, str]], title: str, note: str
 ) -> Table:
     """Return a table with a column for each parameter, and a row for each name, field and format."""
     shared = (
@@ -141,9 +142,9 @@ def _transpose(
     return Table((f"{study.draws} draws", *columns), rows, title=title, note=note)
 
 
-def _list_recovery(study: studies.Recovery) -> Table:
+def _list_recovery(study: paper.Recovery) -> Table:
     lines = (("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f"))
-    peaks = " and ".join(f"{peak:g}" for peak in studies.RECOVERY_PEAKS)
+    peaks = " and ".join(f"{peak:g}" for peak in paper.RECOVERY_PEAKS)
     note = (
         f"Cosines with peaks {peaks} rad/s, {study.samples} samples in all, {study.slow} of them within dq0, "
         f"noise {study.noise:g} N m, exponent 2. At most {study.solves} linear problems a fit."
@@ -152,12 +153,12 @@ def _list_recovery(study: studies.Recovery) -> Table:
     return _transpose(study, "paper", lines, title, note)
 
 
-def _list_second(study: studies.Recovery) -> Table:
+def _list_second(study: paper.Recovery) -> Table:
     lines = (("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", ""))
     note = (
         f"Cosines with peaks 3 vs and 1 rad/s, {study.samples} samples in all, {study.slow} of them slower "
         f"than vs, noise {study.noise:.3g} N m = 0.02 fC; identifiable: the bound is at most "
-        f"{100.0 * studies.NOT_IDENTIFIABLE:g} % of the value."
+        f"{100.0 * paper.NOT_IDENTIFIABLE:g} % of the value."
     )
     table = _transpose(study, "published", lines, f"A second truth: {study.joint}, law {study.law}", note)
     shares = (f"{100.0 * entry.bound / abs(entry.truth):.2g}" for entry in study.parameters)
@@ -166,7 +167,7 @@ def _list_second(study: studies.Recovery) -> Table:
     return replace(table, rows=rows)
 
 
-def _list_sums(found: Sequence[studies.GainStudy]) -> Table:
+def _list_sums(found: Sequence[paper.GainStudy]) -> Table:
     sources = ("paper", "ours, scaled", "ours, mean")
     rows = [
         (f"joint {study.joint}, {who}", *(f"{value:.0f}" for value in values))
@@ -174,34 +175,34 @@ def _list_sums(found: Sequence[studies.GainStudy]) -> Table:
         for who, values in zip(sources, (study.paper, study.scaled, study.sums), strict=True)
     ]
     note = (
-        f"Ours: one cosine, peak {studies.PEAK:g} rad/s, {found[0].samples} samples, {found[0].draws} draws; "
+        f"Ours: one cosine, peak {paper.PEAK:g} rad/s, {found[0].samples} samples, {found[0].draws} draws; "
         "scaled: one factor a joint, so that the improved law has the paper's sum (the paper does not state "
-        f"the number of samples).\n{studies.CALIBRATION}"
+        f"the number of samples).\n{paper.CALIBRATION}"
     )
     title = "Table 4: sums of squared errors, (N m)^2"
     header = ("joint", "Coulomb + viscous, calibrated", "original Stribeck, prediction", "improved Stribeck")
     return Table(header, rows, title=title, note=note)
 
 
-def _list_gains(found: Sequence[studies.GainStudy]) -> Table:
+def _list_gains(found: Sequence[paper.GainStudy]) -> Table:
     rows = []
     for column, name in enumerate(_OTHER_LAWS):
         for study in found:
             gain = (study.viscous, study.stribeck)[column]
-            paper = 100.0 * (1.0 - math.sqrt(study.paper[-1] / study.paper[column]))
-            values = (gain.paper, gain.mean, gain.deviation, gain.miss, gain.held_out, gain.rms, paper)
+            printed = 100.0 * (1.0 - math.sqrt(study.paper[-1] / study.paper[column]))
+            values = (gain.paper, gain.mean, gain.deviation, gain.miss, gain.held_out, gain.rms, printed)
             forms = (".1f", ".1f", ".1f", "+.1f", ".1f", ".1f", ".1f")
             rows.append((f"{study.joint}, {name}", gain.role, *map(format, values, forms)))
     misses = "; ".join(f"joint {study.joint}: {study.stribeck.describe_miss()}" for study in found)
     # The gain by the bias alone, joint by joint.
-    place = [entry.name for entry in get_law(studies.TABLE_3[0].law).physical].index("fP")
+    place = [entry.name for entry in get_law(paper.TABLE_3[0].law).physical].index("fP")
     pairs = [
         (row.values[place] ** 2, other.noise**2)
-        for row, other in zip(studies.TABLE_3, studies.TABLE_4, strict=True)
+        for row, other in zip(paper.TABLE_3, paper.TABLE_4, strict=True)
     ]
     floors = ", ".join(f"{100.0 * bias / (bias + noise):.1f}" for bias, noise in pairs)
     note = (
-        f"{studies.CALIBRATION} The noise is {', '.join(f'{row.noise:g}' for row in studies.TABLE_4)} N m.\n"
+        f"{paper.CALIBRATION} The noise is {', '.join(f'{row.noise:g}' for row in paper.TABLE_4)} N m.\n"
         f"The predictions miss by: {misses}.\n"
         "Reading H1 adds fP at all velocities, which no law without a bias can follow: in a motion that is "
         "the same in both directions it alone gives a gain of fP^2 / (fP^2 + sigma^2), "
@@ -213,7 +214,7 @@ def _list_gains(found: Sequence[studies.GainStudy]) -> Table:
     return Table((*header, "paper in RMS"), rows, (0, 1), title, note)
 
 
-def _list_contest(contest: studies.EstimatorComparison) -> Table:
+def _list_contest(contest: paper.EstimatorComparison) -> Table:
     timed = any(math.isfinite(run.seconds) for run in contest.runs)
     rows = [
         (
@@ -235,7 +236,7 @@ def _list_contest(contest: studies.EstimatorComparison) -> Table:
     return Table((*header, *([f"ms{_MARK}"] if timed else [])), rows, title=title, note="\n".join(note))
 
 
-def show_friction_tables(study: studies.FrictionStudy) -> tuple[Block, ...]:
+def show_friction_tables(study: paper.FrictionStudy) -> tuple[Block, ...]:
     """Return the tables of joint friction, the paper's and ours, and the claims on ours."""
     checks = [
         textwrap.fill(
@@ -399,14 +400,14 @@ def show_many_joints(result: "studies.ManyJointsResult") -> Table:
 
 _VELOCITY = "velocity (rad/s)"
 _POINTS = 1201
-_STYLES = dict(zip(studies.LAWS, ("fourth", "third", "predicted"), strict=True))
+_STYLES = dict(zip(paper.LAWS, ("fourth", "third", "predicted"), strict=True))
 
 
-def build_friction_study_page(study: studies.FrictionStudy) -> Page:
+def build_friction_study_page(study: paper.FrictionStudy) -> Page:
     """Return all that the page shows."""
     seed, last = study.seeds
-    one = studies.draw_samples(studies.build_sweep_scene(studies.SWEEPS[0]), np.random.default_rng(seed))
-    two = studies.draw_samples(studies.build_recovery_scene(0), np.random.default_rng(seed))
+    one = paper.draw_samples(paper.build_sweep_scene(paper.SWEEPS[0]), np.random.default_rng(seed))
+    two = paper.draw_samples(paper.build_recovery_scene(0), np.random.default_rng(seed))
     counterparts = (
         ("1", _draw_improved()),
         ("2", _draw_stribeck()),
@@ -419,8 +420,8 @@ def build_friction_study_page(study: studies.FrictionStudy) -> Page:
         ("10", _draw_two_fit(two, near=False)),
         ("10, near standstill", _draw_two_fit(two, near=True)),
         *(
-            (f"11, joint {studies.build_gain_scene(k).joint}", _draw_torque(k, seed))
-            for k in range(len(studies.TABLE_3))
+            (f"11, joint {paper.build_gain_scene(k).joint}", _draw_torque(k, seed))
+            for k in range(len(paper.TABLE_3))
         ),
     )
     drawn = [
@@ -458,7 +459,7 @@ def build_friction_study_page(study: studies.FrictionStudy) -> Page:
                 "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
                 "are not public."
             ),
-            "Table 4: " + studies.CALIBRATION,
+            "Table 4: " + paper.CALIBRATION,
             "== Claims ==",
             checks,
             "== Tables ==",
@@ -490,7 +491,7 @@ def _compute_curve(law: FrictionLaw, values: Sequence[float], velocity: FloatArr
 
 
 def _draw_improved() -> Drawing:
-    values = studies.TABLE_3[0].values
+    values = paper.TABLE_3[0].values
     velocity = np.linspace(-0.12, 0.12, _POINTS)
     readings = (
         ("H1: bias, straight line within dq0", "improved-stribeck", values, "predicted"),
@@ -511,10 +512,10 @@ def _draw_improved() -> Drawing:
 
 def _draw_stribeck() -> Drawing:
     law, velocity = get_law("stribeck"), np.linspace(1e-6, 0.5, _POINTS)
-    coulomb, static, stribeck, viscous = studies.TABLE_1[-1].values
+    coulomb, static, stribeck, viscous = paper.TABLE_1[-1].values
     lines = [
         figures.Line(row.name, style, velocity, _compute_curve(law, row.values, velocity))
-        for row, style in zip(studies.TABLE_1, figures.STYLES, strict=False)
+        for row, style in zip(paper.TABLE_1, figures.STYLES, strict=False)
     ]
     lines += figures.list_lines(
         velocity,
@@ -613,7 +614,7 @@ def _draw_platform() -> Drawing:
     links, frames = place_arm(robot, _POSE)
     joints = []
     for number, (link, frame, radius) in enumerate(zip(links, frames, _RADII, strict=True), 1):
-        style = "second" if number <= len(studies.TABLE_3) else "first"
+        style = "second" if number <= len(paper.TABLE_3) else "first"
         # A joint stands amid what lies along its axis.
         joints.append(figures.ArmJoint(0.5 * (link[1] + link[2]), frame[:3, 2], str(number), style, radius))
     caption = (
@@ -645,7 +646,7 @@ def _build_band(found: friction.FrictionEstimate, velocity: FloatArray) -> figur
     )
 
 
-def _draw_one_fit(samples: friction.FrictionSamples, study: studies.FrictionStudy) -> Drawing:
+def _draw_one_fit(samples: friction.FrictionSamples, study: paper.FrictionStudy) -> Drawing:
     law = get_law("stribeck")
     velocity = np.linspace(0.0, float(np.max(samples.velocity)), _POINTS)[1:]
     curves = {run.estimator: _compute_curve(law, run.values, velocity) for run in study.contests[0].runs}
@@ -660,7 +661,7 @@ def _draw_one_fit(samples: friction.FrictionSamples, study: studies.FrictionStud
     return _draw(caption, [band, _list_samples(samples.velocity, samples.torque), *lines])
 
 
-def _draw_convergence(contest: studies.EstimatorComparison) -> Drawing:
+def _draw_convergence(contest: paper.EstimatorComparison) -> Drawing:
     least = min(run.objective for run in contest.runs if not run.reason)
     names = {"genetic": ("genetic algorithm", "first"), "annealing": ("hybrid with annealing", "second")}
     lines = [
@@ -684,7 +685,7 @@ def _draw_two_fit(samples: friction.FrictionSamples, *, near: bool) -> Drawing:
     velocity = np.linspace(-reach, reach, _POINTS)
     shown = np.abs(samples.velocity) <= reach
     lines, sums = [], []
-    for name in studies.LAWS:
+    for name in paper.LAWS:
         law = get_law(name)
         found = friction.fit_friction(samples, law)
         y = compute_friction_torque(law, {"velocity": velocity}, found.linear, found.shape)
@@ -699,10 +700,10 @@ def _draw_two_fit(samples: friction.FrictionSamples, *, near: bool) -> Drawing:
 
 
 def _draw_torque(index: int, seed: int) -> Drawing:
-    scene = studies.build_gain_scene(index)
-    samples = studies.draw_samples(scene, np.random.default_rng(seed))
+    scene = paper.build_gain_scene(index)
+    samples = paper.draw_samples(scene, np.random.default_rng(seed))
     sums, lines = [], [_list_samples(samples.time, samples.torque)]
-    for name in studies.LAWS:
+    for name in paper.LAWS:
         found = friction.fit_friction(samples, get_law(name))
         torque = compute_friction_torque(get_law(name), samples.inputs, found.linear, found.shape)
         lines.append(figures.Line(name, _STYLES[name], samples.time, torque))
