@@ -258,13 +258,10 @@ def write_lesson(
         size = len(text.encode())
         return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
     if suffix == ".ipynb":
-        made = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
+        text, done = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
+        size = len(text.encode())
         return WrittenLesson(
-            robot=robot,
-            path=write_file(file, made.text),
-            size=len(made.text.encode()),
-            notation=notation,
-            executed=made.executed,
+            robot=robot, path=write_file(file, text), size=size, notation=notation, executed=done
         )
     sheet_file = file.with_suffix(".exercises.txt")
     if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):

@@ -352,8 +352,8 @@ def demo(
     page = report.build_elastic_page(
         best,
         tuple(elastic.evaluate_elastic(best, library, log, initial=initial) for log in held_out),
-        (*robot.notices, *library.notices),
-        report.describe_origin(robot.description, library, [log.recording for log in logs.values()]),
+        notices=(*robot.notices, *library.notices),
+        origin=report.describe_origin(robot.description, library, [log.recording for log in logs.values()]),
         iterated=fits["two-step"].estimate,
         tracking=tracking,
     )

@@ -17,11 +17,14 @@ Not supported: sines of numbers or lengths, powers that are not whole.
 """
 
 import math
+import operator
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, NoReturn, TypeAlias
+from functools import reduce
+from itertools import repeat
+from typing import Any, NoReturn, TypeAlias, cast
 
 import numpy as np
 from sympy import Rational
@@ -40,6 +43,7 @@ _LONGEST = 1200
 _DEEPEST = 60
 _HIGHEST = 20
 _LARGEST_EXPONENT = 99
+_NO_ROOT = "sqrt takes a number whose root stands in the formulas of this robot"
 _POINTS = (1, 2, 3)
 """Seeds of exact points."""
 _ONE_DIGIT = 10
@@ -154,29 +158,27 @@ def evaluate_number(node: Expression, values: Mapping[str, float]) -> float:
     Raises:
         InputError: a letter has no value, or there is no such number.
     """
+    if node.kind == "letter":
+        if node.text not in values:
+            _refuse(f'"{node.text}" has no value in this lesson')
+        return values[node.text]
     parts = [evaluate_number(part, values) for part in node.parts]
     try:
-        match node.kind:
-            case "number":
-                return float(node.text)
-            case "letter" if node.text in values:
-                return values[node.text]
-            case "letter":
-                _refuse(f'"{node.text}" has no value in this lesson')
-            case "+":
-                return parts[0] + parts[1]
-            case "-":
-                return parts[0] - parts[1]
-            case "*":
-                return parts[0] * parts[1]
-            case "/":
-                return parts[0] / parts[1]
-            case "^":
-                return math.pow(parts[0], parts[1])
-        functions: dict[str, Callable[[float], float]] = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt}
-        return functions[node.kind](parts[0])
+        return float(node.text if node.kind == "number" else _OPERATIONS[node.kind](*parts))
     except (ArithmeticError, ValueError):
         _refuse("the formula has no finite value")
+
+
+_OPERATIONS: Mapping[str, Callable[..., Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "^": math.pow,
+    "sin": math.sin,
+    "cos": math.cos,
+    "sqrt": math.sqrt,
+}
 
 
 Ratio: TypeAlias = tuple[Any, Any]
@@ -194,27 +196,34 @@ class _Field:
 
     def evaluate(self, node: Expression) -> Ratio:
         """Return the value of a formula."""
-        mul = self.algebra.mul
+        mul, one = self.algebra.mul, self.algebra.one
         if node.kind in _FUNCTIONS:
-            return self._call(node), self.algebra.one
+            return self._call(node), one
         match node.kind:
             case "number":
                 value, domain = Fraction(node.text), self._get_domain()
                 number = domain.convert(value.numerator) / domain.convert(value.denominator)
-                return self.algebra.one * number, self.algebra.one
+                return one * number, one
             case "letter":
                 name = node.text
                 if name in self.letters:
-                    return self.letters[name], self.algebra.one
+                    return self.letters[name], one
                 if match := _WAVE.fullmatch(name):
                     joints = list(match[2]) if self.size < _ONE_DIGIT else [match[2]]
                     wave = self._expand_wave(match[1].lower(), [(int(joint), 1) for joint in joints])
-                    return wave, self.algebra.one
+                    return wave, one
                 if name in self.formulas:
                     return self.evaluate(self.formulas[name])
                 _refuse(f'"{name}" is no letter of this lesson')
             case "^":
-                return self._raise(node)
+                (a, b), power = self.evaluate(node.parts[0]), read_rational(node.parts[1])
+                if power is None or power.denominator > 1 or abs(power) > _HIGHEST:
+                    _refuse(f"a power is a whole number up to {_HIGHEST}; use sqrt for roots")
+                a, b = (b, a) if power < 0 else (a, b)
+                if not b:
+                    _refuse("the formula divides by zero")
+                factors = repeat((a, b), abs(int(power)))
+                return reduce(lambda x, y: (mul(x[0], y[0]), mul(x[1], y[1])), factors, (one, one))
         (a, b), (c, d) = map(self.evaluate, node.parts)
         match node.kind:
             case "*":
@@ -229,19 +238,6 @@ class _Field:
     def _get_domain(self) -> Any:  # noqa: ANN401  a domain of SymPy
         return self.algebra.domain if isinstance(self.algebra, PointAlgebra) else self.algebra.ring.domain
 
-    def _raise(self, node: Expression) -> Ratio:
-        base, power = self.evaluate(node.parts[0]), read_rational(node.parts[1])
-        if power is None or power.denominator > 1 or abs(power) > _HIGHEST:
-            _refuse(f"a power is a whole number up to {_HIGHEST}; use sqrt for roots")
-        if power < 0:
-            base = (base[1], base[0])
-        if not base[1]:
-            _refuse("the formula divides by zero")
-        result = self.algebra.one, self.algebra.one
-        for _ in range(abs(int(power))):
-            result = self.algebra.mul(result[0], base[0]), self.algebra.mul(result[1], base[1])
-        return result
-
     def _call(self, node: Expression) -> Any:  # noqa: ANN401  an element of the algebra
         (inner,) = node.parts
         if node.kind != "sqrt":
@@ -249,12 +245,12 @@ class _Field:
             return self._expand_wave(node.kind[0], list(angle.items()))
         value = read_rational(inner)
         if value is None or value < 0:
-            _refuse("sqrt takes a number whose root stands in the formulas of this robot")
+            _refuse(_NO_ROOT)
         try:
             root = Rational(value.numerator, value.denominator) ** Rational(1, 2)
             return self.algebra.one * self._get_domain().from_sympy(root)
         except CoercionFailed:
-            _refuse("sqrt takes a number whose root stands in the formulas of this robot")
+            _refuse(_NO_ROOT)
 
     def _read_angle(self, node: Expression) -> dict[int, int]:
         """Return a sum of joint angles by number and multiple."""
@@ -296,17 +292,9 @@ def read_rational(node: Expression) -> Fraction | None:
     if node.kind == "number":
         return Fraction(node.text)
     parts = [read_rational(part) for part in node.parts]
-    if node.kind not in ("+", "-", "*", "/") or parts[0] is None or parts[1] is None:
+    if node.kind not in ("+", "-", "*", "/") or None in parts or (node.kind == "/" and not parts[1]):
         return None
-    left, right = parts[0], parts[1]
-    match node.kind:
-        case "+":
-            return left + right
-        case "-":
-            return left - right
-        case "*":
-            return left * right
-    return left / right if right else None
+    return cast("Fraction", _OPERATIONS[node.kind](*parts))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,41 +7,24 @@ a `code` has a value at the posture that the reader chooses, from the formula it
 Supported: robots of the exact algebra. Not supported: more than one tool; loops.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from sympy.polys.rings import PolyElement
 
-from symid.dynamics import (
-    BaseParameter,
-    build_grouping,
-    compute_jacobian,
-    compute_parameter_values,
-    compute_poses,
-    derive_base_parameters,
-    fold_vector,
-    get_label_unit,
-    write_label,
-)
+from symid import dynamics
 from symid.errors import Notice, SymidError
+from symid.lessons import textbook
 from symid.lessons.matrices import LessonModel, build_model_recursion
-from symid.lessons.textbook import (
-    Book,
-    Style,
-    Sum,
-    expand_sum,
-    write_code,
-    write_latex,
-    write_number,
-    write_sum,
-    write_symbol,
-)
 from symid.notation import INERTIAL
 from symid.robot import Exact, Robot
 
 WRITTEN_OUT = 3
 """Joints up to which a lesson writes everything out."""
+Writer: TypeAlias = Callable[[str], str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +82,22 @@ class Lesson:
 
     robot: Robot
     model: LessonModel
-    book: Book
+    book: textbook.Book
     chapters: tuple[Chapter, ...]
     values: Mapping[str, float]
     beta: tuple[float, ...]
     stand_ins: bool
     tips: tuple[tuple[float, float, float], ...]
+
+
+_MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")
+
+
+def write_marked(text: str, plain: Writer, formula: Writer, code: Writer) -> str:
+    """Return a text by what its plain parts, its $formulas$ and its `code` become."""
+    write = {"$": formula, "`": code}
+    parts = enumerate(_MARKED.split(text))
+    return "".join(write[part[0]](part[1:-1]) if k % 2 else plain(part) for k, part in parts)
 
 
 def list_items(items: Sequence[Item]) -> Iterator[Item]:
@@ -126,34 +119,34 @@ class ChapterWriter:
     """Writes polynomials of a model in the letters of a book; every formula is read back and compared."""
 
     model: LessonModel
-    book: Book
-    style: Style
+    book: textbook.Book
+    style: textbook.Style
 
-    def write(self, value: PolyElement) -> Sum:
+    def write(self, value: PolyElement) -> textbook.Sum:
         """Return a polynomial as a textbook writes it."""
-        total = write_sum(value, self.model.sums)
-        require(expand_sum(total, self.model.algebra) == value, "a formula is not what was derived")
+        total = textbook.write_sum(value, self.model.sums)
+        require(textbook.expand_sum(total, self.model.algebra) == value, "a formula is not what was derived")
         return total
 
     def latex(self, value: PolyElement) -> str:
         """Return the same in LaTeX."""
-        return write_latex(self.write(value), self.style)
+        return textbook.write_latex(self.write(value), self.style)
 
     def formula(self, left: str, value: PolyElement, name: str = "", unit: str = "") -> Item:
         """Return left = value with its value by `name`, and the right side for SymPy."""
         total = self.write(value)
         return Item(
             "formula",
-            latex=f"{left} = {write_latex(total, self.style)}",
+            latex=f"{left} = {textbook.write_latex(total, self.style)}",
             name=name,
-            code=write_code(total, "v") if name else "",
-            sympy=write_code(total),
+            code=textbook.write_code(total, "v") if name else "",
+            sympy=textbook.write_code(total),
             unit=unit.replace("^2", "²"),
         )
 
     def symbol(self, name: str) -> str:
         """Return a symbol in LaTeX."""
-        return write_symbol(name, self.book, list_slides(self.model.robot))
+        return textbook.write_symbol(name, self.book, list_slides(self.model.robot))
 
     def coordinate(self, joint: int, dots: str = "") -> str:
         """Return the coordinate of a joint, `dots` d for its rate, in LaTeX."""
@@ -172,14 +165,14 @@ def build_values(robot: Robot, model: LessonModel) -> tuple[dict[str, float], tu
     the way to the next joint: what a page needs to move, and says that it made up.
     """
     bodies = [joint.inertial or _make_body(robot, index) for index, joint in enumerate(robot.joints)]
-    base = derive_base_parameters(robot)
-    known = compute_parameter_values(robot, base)
+    base = dynamics.derive_base_parameters(robot)
+    known = dynamics.compute_parameter_values(robot, base)
     missing = [entry for entry in base.parameters if entry.name not in known]
     numbers = {
         (link, name): x for link, body in enumerate(bodies) for name, x in zip(INERTIAL, body, strict=True)
     }
     defaults = {"IA": 0.1, "KS": 10.0, "KR": 0.0}
-    grouping = build_grouping(robot, base)
+    grouping = dynamics.build_grouping(robot, base)
     standard = np.array([numbers.get(label, defaults.get(label[1], 0.0)) for label in grouping.labels])
     made = dict(
         zip((p.name for p in grouping.parameters), map(float, grouping.matrix @ standard), strict=True)
@@ -289,7 +282,7 @@ def write_frames(writer: ChapterWriter, robot: Robot) -> Chapter:
         items.append(Item("table", rows=(("letter", "value", "unit"), *named)))
     followers = [
         rf"joint {k} follows joint {joint.mimic.master + 1}: ${writer.coordinate(k - 1)} = "
-        rf"{write_number(abs(joint.mimic.multiplier))}\,{writer.coordinate(joint.mimic.master)}$"
+        rf"{textbook.write_number(abs(joint.mimic.multiplier))}\,{writer.coordinate(joint.mimic.master)}$"
         + (" with the other sign" if joint.mimic.multiplier < 0 else "")
         for k, joint in enumerate(robot.joints, start=1)
         if joint.mimic is not None
@@ -369,10 +362,10 @@ def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
         ),
     )
     if robot.size <= WRITTEN_OUT + 1:
-        folded = (fold_vector(robot, algebra, row) for row in compute_jacobian(recursion))
+        folded = (dynamics.fold_vector(robot, algebra, row) for row in dynamics.compute_jacobian(recursion))
         items += (write_matrix("J", [list(map(writer.latex, row)) for row in folded]),)
     else:
-        for k, pose in enumerate(compute_poses(recursion)[:3], start=1):
+        for k, pose in enumerate(dynamics.compute_poses(recursion)[:3], start=1):
             axis, origin = [row[2] for row in pose.rotation], pose.origin
             items += (write_matrix(rf"z_{{{k}}}", [[writer.latex(x)] for x in axis]),)
             items += (write_matrix(rf"p_{{{k}}}", [[writer.latex(x)] for x in origin]),)
@@ -404,7 +397,7 @@ def write_base(writer: ChapterWriter) -> Chapter:
         rows.append((f"${writer.symbol(entry.name)}$", f"${terms}$", entry.reason, shown))
     gone: dict[str, list[str]] = {}
     for lost in base.eliminated:
-        gone.setdefault(lost.reason, []).append(f"${writer.symbol(write_label(robot, lost.label))}$")
+        gone.setdefault(lost.reason, []).append(f"${writer.symbol(dynamics.write_label(robot, lost.label))}$")
     lost_rows = (("eliminated", "why"), *((", ".join(names), reason) for reason, names in gone.items()))
     items = [
         say(
@@ -427,23 +420,23 @@ def write_base(writer: ChapterWriter) -> Chapter:
                 writer.symbol(entry.name),
                 model.parameters[entry.label],
                 f"beta_{entry.name}",
-                get_label_unit(robot, entry.label),
+                dynamics.get_label_unit(robot, entry.label),
             )
             for entry in base.parameters
         ]
     return Chapter("Base parameters", "base", tuple(items))
 
 
-def _write_group(writer: ChapterWriter, entry: BaseParameter) -> str:
+def _write_group(writer: ChapterWriter, entry: dynamics.BaseParameter) -> str:
     """Return a group as a sum of standard parameters with factors in lengths."""
     text = ""
     for label, factor in entry.terms:
-        symbol = writer.symbol(write_label(writer.model.robot, label))
+        symbol = writer.symbol(dynamics.write_label(writer.model.robot, label))
         try:
             share = writer.write(writer.model.algebra.ring.from_expr(factor))
         except (ValueError, TypeError):
             return rf"\text{{{entry.expression}}}"
-        written = write_latex(share, writer.style)
+        written = textbook.write_latex(share, writer.style)
         negative = len(share.products) == 1 and written.startswith("-")
         written = written.removeprefix("-") if negative else written
         bracket = f"({written})" if len(share.products) > 1 else written

@@ -14,35 +14,7 @@ import numpy as np
 from sympy import Add, Symbol, latex
 from sympy.polys.rings import PolyElement
 
-from symid.dynamics import (
-    DRIVE_PARAMETERS,
-    BaseParameters,
-    ExactEnergy,
-    PointAlgebra,
-    build_basis,
-    build_field,
-    build_power_function,
-    build_recursion,
-    build_state,
-    compute_torque_columns,
-    derive_base_parameters,
-    derive_energy,
-    derive_torque_columns,
-    evaluate_torque_columns,
-    fold_vector,
-    split_polynomial,
-    write_label,
-    write_name_latex,
-    write_polynomial,
-)
-from symid.joint_models import (
-    advance_memory,
-    build_float_carrier,
-    compute_friction_torque,
-    count_states,
-    get_friction_law,
-    list_memory_values,
-)
+from symid import dynamics, joint_models
 from symid.lessons.chapters import WRITTEN_OUT, require
 from symid.lessons.matrices import (
     build_exact_point,
@@ -51,7 +23,7 @@ from symid.lessons.matrices import (
     check_skew,
     derive_equations,
 )
-from symid.lessons.textbook import build_style, get_book, write_latex, write_sum, write_text
+from symid.lessons.textbook import Product, Sum, build_style, get_book, write_latex, write_sum, write_text
 from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
@@ -76,14 +48,10 @@ class Step:
     check: str = ""
 
 
-def _build_formula(left: str, value: PolyElement) -> Formula:
-    text, formula = write_polynomial(value)
-    return Formula(left=left, text=text, latex=formula, left_latex=write_name_latex(left))
-
-
-def _build_sentence(left: str, text: str) -> Formula:
-    """Return a formula that is a sentence."""
-    return Formula(left=left, text=text, latex=rf"\text{{{text}}}", left_latex=write_name_latex(left))
+def _write_formula(left: str, text: str, latex: str = "") -> Formula:
+    """Return left = text, without `latex` a sentence."""
+    right = latex or rf"\text{{{text}}}"
+    return Formula(left=left, text=text, latex=right, left_latex=dynamics.write_name_latex(left))
 
 
 def _describe_frames(robot: Robot) -> Step:
@@ -99,10 +67,10 @@ def _describe_frames(robot: Robot) -> Step:
             master = joint.mimic.master + 1
             share = _write_sum([(joint.mimic.multiplier, f"q{master}")])
             text += f"; it follows joint {master}: q{number} = {share}"
-        formulas.append(_build_sentence(f"joint {number} ({joint.name})", text))
+        formulas.append(_write_formula(f"joint {number} ({joint.name})", text))
     for drive in robot.couplings:
         speed = _write_sum([(factor, f"dq{index + 1}") for index, factor in drive.terms])
-        formulas.append(_build_sentence(f"drive {drive.name}", speed))
+        formulas.append(_write_formula(f"drive {drive.name}", speed))
     gravity = ", ".join(str(value) for value in robot.gravity)
     return Step(
         title="Frames",
@@ -114,20 +82,16 @@ def _describe_frames(robot: Robot) -> Step:
 
 def _write_sum(terms: Sequence[tuple[Fraction, str]]) -> str:
     """Return a sum of multiples such as `q1 - 63/100*q2`."""
-    parts = []
-    for factor, name in terms:
-        multiple = name if abs(factor) == 1 else f"{abs(factor)}*{name}"
-        parts.append(f"{'-' if factor < 0 else '+'} {multiple}")
-    text = " ".join(parts)
-    return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
+    return write_text(Sum(tuple(Product(factor, ((name, 1),)) for factor, name in terms)))
 
 
-def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
-    formulas = []
-    for parameter in base.parameters:
-        for letter, part in (("T", energy.kinetic), ("V", energy.potential)):
-            if part[parameter.label]:
-                formulas.append(_build_formula(f"d{letter}/d{parameter.name}", part[parameter.label]))
+def _describe_energy(energy: dynamics.ExactEnergy, base: dynamics.BaseParameters) -> Step:
+    formulas = [
+        _write_formula(f"d{letter}/d{parameter.name}", *dynamics.write_polynomial(part[parameter.label]))
+        for parameter in base.parameters
+        for letter, part in (("T", energy.kinetic), ("V", energy.potential))
+        if part[parameter.label]
+    ]
     # The grouping is checked, h pi = h_b K pi, coefficient by coefficient.
     rest = dict(energy.kinetic), dict(energy.potential)
     for parameter in base.parameters:
@@ -138,23 +102,23 @@ def _describe_energy(energy: ExactEnergy, base: BaseParameters) -> Step:
             for left, whole in zip(rest, (energy.kinetic, energy.potential), strict=True):
                 left[label] -= energy.algebra.mul(factor, whole[parameter.label])
     # A potential that no coordinate changes, as of a link that stays up, is no information.
-    basis = build_basis(energy.robot, energy.algebra, build_field(energy.robot))
-    constant = build_power_function(basis)
+    basis = dynamics.build_basis(energy.robot, energy.algebra, dynamics.build_field(energy.robot))
+    constant = dynamics.build_power_function(basis)
     lost = [
         label
         for left in rest
         for label, value in left.items()
-        if any(function != constant for function in split_polynomial(basis, value))
+        if any(function != constant for function in dynamics.split_polynomial(basis, value))
     ]
     require(not lost, f"the grouping loses {lost}")
-    check = "verified exactly: energy per standard parameter = energy per base parameter times the grouping"
     return Step(
         title="Energy",
         sentence="Both energies are linear in the parameters of links, rotors and springs: T = hT beta, "
         "V = hV beta (Gautier and Khalil 1988). These are the entries of the base parameters; those that are "
         "not listed are zero.",
         formulas=tuple(formulas),
-        check=check,
+        check="verified exactly: energy per standard parameter = energy per base parameter times the "
+        "grouping",
     )
 
 
@@ -197,31 +161,36 @@ def _describe_matrices(robot: Robot) -> list[Step]:
     ]
 
 
-def _describe_torques(robot: Robot, energy: ExactEnergy, base: BaseParameters) -> Step:
+def _describe_torques(robot: Robot, energy: dynamics.ExactEnergy, base: dynamics.BaseParameters) -> Step:
     algebra = energy.algebra
     sentence = "Lagrange: tau = d/dt(dT/ddq) - dT/dq + dV/dq, per base parameter, from the energy alone."
     if robot.freedom > WRITTEN_OUT:
         sentence += " The expressions are too long to print; generated code evaluates them."
         values = build_exact_point(robot, algebra)
-        from_energy = evaluate_torque_columns(energy, base.keys, values)
-        numbers = PointAlgebra(algebra.ring.domain, values)
-        recursion = build_recursion(robot, numbers, build_state(robot, numbers, values))
-        by_recursion = compute_torque_columns(recursion, base.keys)
-        pairs = ((fold_vector(robot, numbers, by_recursion[key]), from_energy[key]) for key in base.keys)
+        from_energy = dynamics.evaluate_torque_columns(energy, base.keys, values)
+        numbers = dynamics.PointAlgebra(algebra.ring.domain, values)
+        recursion = dynamics.build_recursion(robot, numbers, dynamics.build_state(robot, numbers, values))
+        by_recursion = dynamics.compute_torque_columns(recursion, base.keys)
+        pairs = (
+            (dynamics.fold_vector(robot, numbers, by_recursion[key]), from_energy[key]) for key in base.keys
+        )
         same = all(found == tuple(wanted) for found, wanted in pairs)
         require(same, "Lagrange and Newton-Euler differ at a rational point")
         check = "verified exactly at a rational point: equal to the Newton-Euler recursion"
         return Step(title="Torques", sentence=sentence, check=check)
-    columns = derive_torque_columns(energy, base.keys)
+    columns = dynamics.derive_torque_columns(energy, base.keys)
     formulas = [
-        _build_formula(f"dtau{joint + 1}/d{parameter.name}", columns[parameter.label][position])
+        _write_formula(
+            f"dtau{joint + 1}/d{parameter.name}",
+            *dynamics.write_polynomial(columns[parameter.label][position]),
+        )
         for position, joint in enumerate(robot.coordinates)
         for parameter in base.parameters
         if columns[parameter.label][position]
     ]
-    state = build_state(robot, algebra, algebra.generators)
-    other = compute_torque_columns(build_recursion(robot, algebra, state), base.keys)
-    same = all(fold_vector(robot, algebra, other[key]) == tuple(columns[key]) for key in base.keys)
+    state = dynamics.build_state(robot, algebra, algebra.generators)
+    other = dynamics.compute_torque_columns(dynamics.build_recursion(robot, algebra, state), base.keys)
+    same = all(dynamics.fold_vector(robot, algebra, other[key]) == tuple(columns[key]) for key in base.keys)
     require(same, "Lagrange and Newton-Euler give different polynomials")
     check = "verified exactly: the same polynomials as by the Newton-Euler recursion"
     return Step(title="Torques", sentence=sentence, formulas=tuple(formulas), check=check)
@@ -243,7 +212,7 @@ def describe_friction(robot: Robot) -> Step | None:
     """Return the friction laws of all joints with their sources; None without any."""
     formulas, sentences, checked = [], [], ""
     for number, joint in enumerate(robot.joints, start=1):
-        law = get_friction_law(joint.friction)
+        law = joint_models.get_friction_law(joint.friction)
         if law is None:
             continue
         sentences.append(f"{joint.name}: {law.name} ({law.source})")
@@ -256,10 +225,14 @@ def describe_friction(robot: Robot) -> Step | None:
             # At numbers of its own the state of the law ends at its curve.
             linear = [0.5 + 0.25 * k for k in range(len(law.linear))]
             values = dict(zip((entry.name for entry in law.linear), linear, strict=True))
-            values |= list_memory_values(law, joint.friction)
-            still = (0.0,) * count_states(law, joint.friction)
-            torque, _ = advance_memory(build_float_carrier(), values, 0.3, _LONG_WAY, still)
-            curve = compute_friction_torque(law, {"velocity": np.array([0.3])}, linear, joint.friction.shape)
+            values |= joint_models.list_memory_values(law, joint.friction)
+            still = (0.0,) * joint_models.count_states(law, joint.friction)
+            torque, _ = joint_models.advance_memory(
+                joint_models.build_float_carrier(), values, 0.3, _LONG_WAY, still
+            )
+            curve = joint_models.compute_friction_torque(
+                law, {"velocity": np.array([0.3])}, linear, joint.friction.shape
+            )
             same = abs(torque - float(curve[0])) <= _AGREEMENT * abs(torque)
             require(same, "bristles do not end at the curve of steady sliding")
             checked = "verified at a speed: after a long way bristles give the curve of steady sliding"
@@ -281,23 +254,23 @@ def derive_lesson(robot: Robot) -> tuple[Step, ...]:
     Raises:
         SymidError: two derivations that must agree do not.
     """
-    base, energy = derive_base_parameters(robot), derive_energy(robot)
-    state = build_state(robot, energy.algebra, energy.algebra.generators)
-    velocities: list[Formula] = []
-    for number, motion in enumerate(build_recursion(robot, energy.algebra, state).motions, start=1):
-        for letter, vector in (("w", motion.angular), ("v", motion.linear)):
-            entries = zip("xyz", vector, strict=True)
-            velocities += [
-                _build_formula(f"{letter}{number}{axis}", entry) for axis, entry in entries if entry
-            ]
+    base, energy = dynamics.derive_base_parameters(robot), dynamics.derive_energy(robot)
+    state = dynamics.build_state(robot, energy.algebra, energy.algebra.generators)
+    motions = dynamics.build_recursion(robot, energy.algebra, state).motions
+    velocities = [
+        _write_formula(f"{letter}{number}{axis}", *dynamics.write_polynomial(entry))
+        for number, motion in enumerate(motions, start=1)
+        for letter, vector in (("w", motion.angular), ("v", motion.linear))
+        for axis, entry in zip("xyz", vector, strict=True)
+        if entry
+    ]
     groups = []
     for parameter in base.parameters:
         # In its own order.
-        products = [factor * Symbol(write_label(robot, label)) for label, factor in parameter.terms]
-        formula, left = str(latex(Add(*products, evaluate=False), order="none")), parameter.name
-        text, name = parameter.expression, write_name_latex(left)
-        groups.append(Formula(left=left, text=text, latex=formula, left_latex=name))
-    total = sum(name in (*INERTIAL, *DRIVE_PARAMETERS) for _, name in base.labels)
+        products = [factor * Symbol(dynamics.write_label(robot, label)) for label, factor in parameter.terms]
+        formula = str(latex(Add(*products, evaluate=False), order="none"))
+        groups.append(_write_formula(parameter.name, parameter.expression, formula))
+    total = sum(name in (*INERTIAL, *dynamics.DRIVE_PARAMETERS) for _, name in base.labels)
     friction = describe_friction(robot)
     return (
         _describe_frames(robot),

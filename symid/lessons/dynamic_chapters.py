@@ -21,6 +21,7 @@ from sympy.polys.rings import PolyElement
 
 from symid.dynamics import compute_torque_columns, fold_vector
 from symid.joint_models import Elasticity
+from symid.lessons import matrices
 from symid.lessons.chapters import (
     WRITTEN_OUT,
     Chapter,
@@ -39,20 +40,6 @@ from symid.lessons.chapters import (
     write_matrix,
 )
 from symid.lessons.derivation import describe_friction
-from symid.lessons.matrices import (
-    Composites,
-    Equations,
-    Parameterisation,
-    build_model,
-    build_model_recursion,
-    check_composites,
-    check_mass_is_curvature,
-    check_newton_euler,
-    check_power,
-    check_skew,
-    derive_composites,
-    derive_equations,
-)
 from symid.lessons.textbook import Book, build_style, write_code, write_sum
 from symid.robot import Robot
 
@@ -60,7 +47,7 @@ _MOST_TERMS = 24
 """Products of the longest element of M with which four joints are written out too."""
 
 
-def build_lesson(robot: Robot, book: Book, form: Parameterisation | None = None) -> Lesson:
+def build_lesson(robot: Robot, book: Book, form: matrices.Parameterisation | None = None) -> Lesson:
     """Return the lesson on `robot` in the letters of `book`.
 
     Raises:
@@ -72,13 +59,19 @@ def build_lesson(robot: Robot, book: Book, form: Parameterisation | None = None)
         form = None if has_symbols else "bodies"
     equations, composites = None, None
     if robot.freedom <= WRITTEN_OUT + 1:
-        equations = derive_equations(build_model(robot, form))
+        equations = matrices.derive_equations(matrices.build_model(robot, form))
         elements = (write_sum(value, equations.model.sums) for row in equations.mass for value in row)
         if robot.freedom > WRITTEN_OUT and any(one.count_terms() > _MOST_TERMS for one in elements):
             equations = None
     if equations is None:
-        composites = derive_composites(robot)
-    model = equations.model if equations else composites.model if composites else build_model(robot, form)
+        composites = matrices.derive_composites(robot)
+    model = (
+        equations.model
+        if equations
+        else composites.model
+        if composites
+        else matrices.build_model(robot, form)
+    )
     writer = ChapterWriter(model=model, book=book, style=build_style(book, list_slides(robot)))
     values, beta, stand_ins = build_values(robot, model)
     chapters = [write_frames(writer, robot), *write_kinematics(writer)]
@@ -111,7 +104,7 @@ def _write_slopes(writer: ChapterWriter, slopes: Iterable[tuple[str, str, PolyEl
 
 
 def _list_energy_slopes(
-    writer: ChapterWriter, equations: Equations
+    writer: ChapterWriter, equations: matrices.Equations
 ) -> Iterator[tuple[str, str, PolyElement]]:
     """Yield both energies per unit of each letter that all parameters are linear in: masses and inertias."""
     model, book = writer.model, writer.book
@@ -128,7 +121,7 @@ def _list_energy_slopes(
         yield book.potential, name, equations.potential.diff(letter)
 
 
-def _write_short(writer: ChapterWriter, equations: Equations) -> Iterator[Chapter]:
+def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterator[Chapter]:
     model, book, q = writer.model, writer.book, writer.book.coordinates
     M, C, T, V = book.mass, book.coriolis, book.kinetic, book.potential
     yield Chapter(
@@ -155,7 +148,9 @@ def _write_short(writer: ChapterWriter, equations: Equations) -> Iterator[Chapte
         ),
     )
     yield write_base(writer)
-    require(check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy")
+    require(
+        matrices.check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy"
+    )
     texts = [[writer.latex(value) for value in row] for row in equations.mass]
     mass = []
     if len(texts) <= 2 and _is_small(texts, 120):
@@ -191,9 +186,9 @@ def _write_short(writer: ChapterWriter, equations: Equations) -> Iterator[Chapte
         "gravity",
         (say(text), *_write_gravity(writer, equations.gravity), Item("widget", "gravity")),
     )
-    require(check_newton_euler(equations), "Lagrange and Newton-Euler differ")
-    require(check_power(equations), "the power of the torques is not the change of the energy")
-    columns = compute_torque_columns(build_model_recursion(model), model.base.keys)
+    require(matrices.check_newton_euler(equations), "Lagrange and Newton-Euler differ")
+    require(matrices.check_power(equations), "the power of the torques is not the change of the energy")
+    columns = compute_torque_columns(matrices.build_model_recursion(model), model.base.keys)
     slopes = (
         (f"{book.torque}_{{{k}}}", entry.name, value)
         for entry in model.base.parameters
@@ -249,8 +244,8 @@ def _find_ratio(value: PolyElement, known: PolyElement) -> PolyElement | None:
     return value.ring.ground_new(ratio) if known.mul_ground(ratio) == value else None
 
 
-def _write_coriolis(writer: ChapterWriter, equations: Equations) -> Chapter:
-    require(check_skew(equations), "dM/dt - 2C is not skew")
+def _write_coriolis(writer: ChapterWriter, equations: matrices.Equations) -> Chapter:
+    require(matrices.check_skew(equations), "dM/dt - 2C is not skew")
     M, C, q = writer.book.mass, writer.book.coriolis, writer.book.coordinates
     # Christoffel symbols that differ by more than a sign and a number have letters: h, or h with a number.
     found: list[PolyElement] = []
@@ -283,7 +278,7 @@ def _write_coriolis(writer: ChapterWriter, equations: Equations) -> Chapter:
 
 
 def _write_products(
-    writer: ChapterWriter, equations: Equations, named: Sequence[tuple[str, str, PolyElement]]
+    writer: ChapterWriter, equations: matrices.Equations, named: Sequence[tuple[str, str, PolyElement]]
 ) -> list[Item]:
     """Return C in the letters of its Christoffel symbols: a matrix where it is short, else its elements."""
     C, joints = writer.book.coriolis, writer.model.robot.coordinates
@@ -348,8 +343,8 @@ _KINDS = {
 }
 
 
-def _write_long(writer: ChapterWriter, composites: Composites) -> Iterator[Chapter]:
-    require(check_composites(composites), "the named quantities do not give the matrices")
+def _write_long(writer: ChapterWriter, composites: matrices.Composites) -> Iterator[Chapter]:
+    require(matrices.check_composites(composites), "the named quantities do not give the matrices")
     book, robot, q = writer.book, writer.model.robot, writer.book.coordinates
     yield write_base(writer)
     bodies = [

@@ -18,16 +18,7 @@ from typing import cast
 
 import numpy as np
 
-from symid.dynamics import (
-    OperatorAlgebra,
-    build_recursion,
-    build_state,
-    compute_inverse_dynamics,
-    derive_base_parameters,
-    fold_vector,
-    spread_coordinates,
-    write_label,
-)
+from symid import dynamics
 from symid.errors import InputError, Notice
 from symid.lessons.answers import build_comparison, evaluate_number, read_answer
 from symid.lessons.chapters import Lesson, list_items
@@ -88,7 +79,7 @@ def _ask_group(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
     ring, terms = lesson.model.algebra.ring, []
     for label, factor in entry.terms:
         share = write_sum(ring.from_expr(factor), lesson.model.sums)
-        terms.append((write_label(robot, label), write_code(share, "v"), write_code(share)))
+        terms.append((dynamics.write_label(robot, label), write_code(share, "v"), write_code(share)))
     code = " + ".join(f"({share})*v.{name}" for name, share, _ in terms)
     text = " + ".join(name if share == "1" else f"({share})*{name}" for name, _, share in terms)
     prompt = f"Which standard parameters does ${symbol}$ stand for? Write the sum, as XX8 + a9*MX9."
@@ -101,12 +92,12 @@ def _ask_torque(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
     # Torques at rest, springs included, by the Newton-Euler recursion in doubles.
     algebra = _FloatAlgebra(dict(robot.symbols))
     values: dict[str, float] = {}
-    for number, angle in enumerate(spread_coordinates(robot, algebra, q)[: robot.size], start=1):
+    for number, angle in enumerate(dynamics.spread_coordinates(robot, algebra, q)[: robot.size], start=1):
         values |= {f"s{number}": math.sin(angle), f"c{number}": math.cos(angle), f"q{number}": angle}
-    recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
-    keys = derive_base_parameters(robot).keys
-    loads = compute_inverse_dynamics(recursion, dict(zip(keys, lesson.beta, strict=True)))
-    torques = fold_vector(robot, algebra, loads)
+    recursion = dynamics.build_recursion(robot, algebra, dynamics.build_state(robot, algebra, values))
+    keys = dynamics.derive_base_parameters(robot).keys
+    loads = dynamics.compute_inverse_dynamics(recursion, dict(zip(keys, lesson.beta, strict=True)))
+    torques = dynamics.fold_vector(robot, algebra, loads)
     joint = int(rng.integers(robot.freedom))
     if abs(torques[joint]) < _SMALL_TORQUE:
         return None
@@ -128,7 +119,7 @@ def _ask_effect(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
     lost = gone[int(rng.integers(len(gone)))]
     others = [kept[int(k)] for k in rng.choice(len(kept), _OTHERS, replace=False)]
     labels = [lost.label, *(entry.label for entry in others)]
-    names = [(write_label(robot, label), label == lost.label) for label in labels]
+    names = [(dynamics.write_label(robot, label), label == lost.label) for label in labels]
     options = tuple((f"${write_symbol(name, lesson.book)}$", right) for name, right in sorted(names))
     prompt = "Which of these parameters can no motion of this robot show"
     prompt += f", and why? ({', '.join(name for name, _ in sorted(names))})"
@@ -136,7 +127,7 @@ def _ask_effect(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
 
 
 @dataclass(frozen=True, slots=True)
-class _FloatAlgebra(OperatorAlgebra):
+class _FloatAlgebra(dynamics.OperatorAlgebra):
     """Doubles; `symbols` has the values of symbolic lengths in m."""
 
     symbols: dict[str, float]

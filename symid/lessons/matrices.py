@@ -15,41 +15,18 @@ masses, centres of mass and central inertias.
 Not supported: names for lengths of placements that are no Denavit-Hartenberg row (their numbers stay).
 """
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import compress, product
 from typing import Any, Literal, TypeAlias
 
-from sympy import Expr, Symbol, preorder_traversal
+from sympy import Expr, S, Symbol, preorder_traversal
 from sympy.polys.rings import PolyElement, PolyRing
 
-from symid.dynamics import (
-    BaseParameters,
-    ExactAlgebra,
-    Label,
-    PointAlgebra,
-    Recursion,
-    Vector,
-    Wrench,
-    add_bodies,
-    build_exact_algebra,
-    build_recursion,
-    build_state,
-    choose_domain,
-    compute_body_energy,
-    compute_drive_energy,
-    compute_inverse_dynamics,
-    compute_mass_matrix,
-    derive_base_parameters,
-    derive_parameter_formulas,
-    differentiate,
-    fold_matrix,
-    fold_vector,
-    gather_body,
-    rotate_to_link,
-    transform_body,
-    transform_wrench,
-)
+from symid import dynamics
 from symid.lessons.textbook import AngleSums, build_angle_sums, write_sum
 from symid.notation import INERTIAL
 from symid.robot import Exact, Joint, Placement, Robot
@@ -72,35 +49,23 @@ class LessonModel:
 
     robot: Robot
     lengths: Mapping[str, float]
-    base: BaseParameters
-    algebra: ExactAlgebra
-    parameters: Mapping[Label, PolyElement]
+    base: dynamics.BaseParameters
+    algebra: dynamics.ExactAlgebra
+    parameters: Mapping[dynamics.Label, PolyElement]
     form: Parameterisation
     sums: AngleSums
-
-
-def _name_value(value: Exact, name: str, lengths: dict[str, float]) -> Exact:
-    """Return the symbol `name` for a number that is not zero; other values stay."""
-    if not value or not value.is_number:
-        return value
-    lengths[name] = value.to_float()
-    return Exact.symbol(name)
 
 
 def _name_row(joint: Joint, number: int, taken: Sequence[str], lengths: dict[str, float]) -> Joint:
     """Return a joint with a_i and d_i for the lengths of a row of a Denavit-Hartenberg table."""
     rotation, (x, y, z) = joint.placement.rotation, joint.placement.translation
-    axis = (rotation[0][2], rotation[1][2], rotation[2][2])
-    if (
-        axis[0]
-        or not all(value.is_number for value in (x, y, z))
-        or {f"a{number}", f"d{number}"} & set(taken)
-    ):
-        return joint
+    axis, names = [row[2] for row in rotation], (f"a{number}", f"d{number}")
     along = axis[1] * y + axis[2] * z
-    if (axis[1] * along, axis[2] * along) != (y, z):
+    numbers = all(value.is_number for value in (x, y, z)) and not set(names) & set(taken)
+    if axis[0] or not numbers or (axis[1] * along, axis[2] * along) != (y, z):
         return joint
-    a, d = _name_value(x, f"a{number}", lengths), _name_value(along, f"d{number}", lengths)
+    lengths |= {name: value.to_float() for name, value in zip(names, (x, along), strict=True) if value}
+    a, d = (Exact.symbol(name) if name in lengths else Exact.of(0) for name in names)
     placement = Placement(rotation=rotation, translation=(a, axis[1] * d, axis[2] * d))
     return replace(joint, placement=placement)
 
@@ -120,16 +85,9 @@ def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
         sign = Exact.of(1 if pulls[0].to_float() > 0 else -1)
         x, y, z = (sign * Exact.symbol("g") if value else value for value in gravity)
         gravity = (x, y, z)
-    named = replace(
-        robot,
-        joints=tuple(joints),
-        gravity=gravity,
-        symbols=(
-            *robot.symbols,
-            *((name, abs(value) if name == "g" else value) for name, value in lengths.items()),
-        ),
-    )
-    if derive_base_parameters(named).keys != derive_base_parameters(robot).keys:
+    symbols = (*robot.symbols, *lengths.items())
+    named = replace(robot, joints=tuple(joints), gravity=gravity, symbols=symbols)
+    if dynamics.derive_base_parameters(named).keys != dynamics.derive_base_parameters(robot).keys:
         return robot, {}
     return named, lengths
 
@@ -145,40 +103,32 @@ def build_model(
         further: names of generators that the ring is to have besides.
     """
     named, lengths = name_lengths(robot)
-    base = derive_base_parameters(named)
+    base = dynamics.derive_base_parameters(named)
     formulas = _list_formulas(robot, named, base, form)
-    form = form if form == "bodies" else "symbols" if formulas else "base"
-    exact = build_exact_algebra(named)
+    exact = dynamics.build_exact_algebra(named)
     own = [str(symbol) for symbol in exact.ring.symbols]
     letters = [entry.name for entry in base.parameters if entry.name not in formulas]
     found = {
         x.name for value in formulas.values() for x in preorder_traversal(value) if isinstance(x, Symbol)
     }
-    letters += sorted(found - set(own) - set(letters))
-    names = [*letters, *further, *own]
-    start = len(letters) + len(further)
-    sines = tuple((s + start, c + start) for s, c in exact.sines)
-    algebra = ExactAlgebra(PolyRing(names, exact.ring.domain), sines)
-    known = algebra.generators
-    parameters = {
-        entry.label: algebra.ring.from_expr(formulas[entry.name])
-        if entry.name in formulas
-        else known[entry.name]
-        for entry in base.parameters
-    }
+    before = [*letters, *sorted(found - set(own) - set(letters)), *further]
+    sines = tuple((s + len(before), c + len(before)) for s, c in exact.sines)
+    algebra = dynamics.ExactAlgebra(PolyRing([*before, *own], exact.ring.domain), sines)
+    values = {name: algebra.ring.from_expr(value) for name, value in formulas.items()}
+    known = algebra.generators | values
     return LessonModel(
         robot=named,
         lengths=lengths,
         base=base,
         algebra=algebra,
-        parameters=parameters,
-        form=form,
+        parameters={entry.label: known[entry.name] for entry in base.parameters},
+        form=form if form == "bodies" else "symbols" if formulas else "base",
         sums=build_angle_sums(named),
     )
 
 
 def _list_formulas(
-    robot: Robot, named: Robot, base: BaseParameters, form: Parameterisation | None
+    robot: Robot, named: Robot, base: dynamics.BaseParameters, form: Parameterisation | None
 ) -> dict[str, Expr]:
     """Return formulas of the base parameters in the letters of `form`; none where they are letters."""
     if form == "base":
@@ -190,28 +140,24 @@ def _list_formulas(
             for name, value in zip(INERTIAL, write_body(joint, link + 1), strict=True)
         }
         return {
-            entry.name: sum(
-                (share * standard[label] for label, share in entry.terms), Symbol("zero") * 0
-            ).expand()
+            entry.name: sum((share * standard[label] for label, share in entry.terms), S.Zero).expand()
             for entry in base.parameters
             if all(label in standard for label, _ in entry.terms)
         }
-    found = {name: value.expand() for name, value in derive_parameter_formulas(robot, base).items()}
+    found = {name: value.expand() for name, value in dynamics.derive_parameter_formulas(robot, base).items()}
     if not found or any(joint.form is None for joint in robot.joints):
         return {}
     if not all(value.as_numer_denom()[1].is_number for value in found.values()):
         return {}
-    for entry in base.parameters:
-        # The file states that these are zero.
-        bodies = [
-            robot.joints[link].inertial if name in INERTIAL else None for (link, name), _ in entry.terms
-        ]
-        pairs = zip(bodies, entry.terms, strict=True)
-        if entry.name not in found and all(
-            body is not None and not body[INERTIAL.index(label[1])] for body, (label, _) in pairs
-        ):
-            found[entry.name] = Symbol("zero") * 0
-    return found
+    # The file states that these are zero.
+    zero = {
+        (link, name)
+        for link, joint in enumerate(robot.joints)
+        for name, value in zip(INERTIAL, joint.inertial or (1.0,) * 10, strict=True)
+        if not value
+    }
+    lost = (entry.name for entry in base.parameters if {label for label, _ in entry.terms} <= zero)
+    return dict.fromkeys(lost, S.Zero) | found
 
 
 def write_body(joint: Joint, number: int) -> tuple[Expr, ...]:
@@ -220,27 +166,16 @@ def write_body(joint: Joint, number: int) -> tuple[Expr, ...]:
     Coordinates of the centre of mass and products of inertia that the file states as zero are left out.
     """
     given = joint.inertial or (1.0,) * 10
-    mass = Symbol(f"m{number}")
-    x, y, z = (
-        Symbol(f"{axis}{number}") if given[6 + k] else Symbol("zero") * 0
-        for k, axis in enumerate(("lx", "ly", "lz"))
-    )
-    tensor = {}
-    for k, (name, u, v) in enumerate(zip(INERTIAL[:6], "xxxyyz", "xyzyzz", strict=True)):
-        known = bool(given[k]) or u == v
-        tensor[name] = Symbol(f"I{number}{u}{v}") if known else Symbol("zero") * 0
-    return (
-        tensor["XX"] + mass * (y**2 + z**2),
-        tensor["XY"] - mass * x * y,
-        tensor["XZ"] - mass * x * z,
-        tensor["YY"] + mass * (x**2 + z**2),
-        tensor["YZ"] - mass * y * z,
-        tensor["ZZ"] + mass * (x**2 + y**2),
-        mass * x,
-        mass * y,
-        mass * z,
-        mass,
-    )
+    mass, pairs = Symbol(f"m{number}"), [(i, j) for i in range(3) for j in range(i, 3)]
+    c = [Symbol(f"l{axis}{number}") if given[6 + k] else S.Zero for k, axis in enumerate("xyz")]
+    central = [
+        Symbol(f"I{number}{'xyz'[i]}{'xyz'[j]}") if given[k] or i == j else S.Zero
+        for k, (i, j) in enumerate(pairs)
+    ]
+    # Of the point mass at the centre: m (c c I - c c').
+    square = sum((x**2 for x in c), S.Zero)
+    shift = [mass * ((square if i == j else S.Zero) - c[i] * c[j]) for i, j in pairs]
+    return (*(a + b for a, b in zip(central, shift, strict=True)), *(mass * x for x in c), mass)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -257,15 +192,13 @@ class Equations:
     @property
     def coriolis(self) -> PolynomialMatrix:
         """Return C(q, dq) of Christoffel symbols."""
-        algebra, size = self.model.algebra, self.model.robot.freedom
-        rates = list_rates(self.model)
-        return tuple(
-            tuple(
-                algebra.sum_values(algebra.mul(self.christoffel[i, j, k], rates[k]) for k in range(size))
-                for j in range(size)
-            )
-            for i in range(size)
-        )
+        algebra, size = self.model.algebra, range(self.model.robot.freedom)
+        pairs = list(enumerate(list_rates(self.model)))
+
+        def add(i: int, j: int) -> PolyElement:
+            return algebra.sum_values(algebra.mul(self.christoffel[i, j, k], rate) for k, rate in pairs)
+
+        return tuple(tuple(add(i, j) for j in size) for i in size)
 
 
 def list_rates(model: LessonModel, letter: str = "dq") -> list[PolyElement]:
@@ -274,10 +207,10 @@ def list_rates(model: LessonModel, letter: str = "dq") -> list[PolyElement]:
     return [known[f"{letter}{joint + 1}"] for joint in model.robot.coordinates]
 
 
-def build_model_recursion(model: LessonModel) -> Recursion[PolyElement]:
+def build_model_recursion(model: LessonModel) -> dynamics.Recursion[PolyElement]:
     """Return frames and motions of all links as polynomials."""
-    state = build_state(model.robot, model.algebra, model.algebra.generators)
-    return build_recursion(model.robot, model.algebra, state)
+    state = dynamics.build_state(model.robot, model.algebra, model.algebra.generators)
+    return dynamics.build_recursion(model.robot, model.algebra, state)
 
 
 def derive_energies(model: LessonModel) -> tuple[PolyElement, PolyElement]:
@@ -285,20 +218,17 @@ def derive_energies(model: LessonModel) -> tuple[PolyElement, PolyElement]:
     algebra, recursion = model.algebra, build_model_recursion(model)
     kinetic, potential = algebra.zero, algebra.zero
     for link, motion in enumerate(recursion.motions):
-        body = gather_body(algebra, model.parameters, link)
-        moving, resting = compute_body_energy(algebra, body, motion)
+        body = dynamics.gather_body(algebra, model.parameters, link)
+        moving, resting = dynamics.compute_body_energy(algebra, body, motion)
         kinetic, potential = kinetic + moving, potential + resting
     for key, value in model.parameters.items():
         if key[1] not in INERTIAL:
-            moving, resting = compute_drive_energy(recursion, key)
+            moving, resting = dynamics.compute_drive_energy(recursion, key)
             kinetic += algebra.mul(value, moving)
             potential += algebra.mul(value, resting)
     # Terms that no coordinate takes part in are left out.
-    letters = [str(symbol) for symbol in algebra.ring.symbols]
-    moving = [
-        k for k, x in enumerate(letters) if x.rstrip("0123456789") in ("s", "c", "q") and x[-1].isdigit()
-    ]
-    terms = {key: n for key, n in potential.items() if any(key[k] for k in moving)}
+    moving = [re.fullmatch(r"[scq]\d+", str(symbol)) for symbol in algebra.ring.symbols]
+    terms = {key: n for key, n in potential.items() if any(compress(key, moving))}
     return kinetic, algebra.ring.from_dict(terms)
 
 
@@ -306,26 +236,18 @@ def derive_equations(model: LessonModel) -> Equations:
     """Return M by composite bodies, C from its slopes, g from the potential."""
     robot, algebra = model.robot, model.algebra
     recursion = build_model_recursion(model)
-    mass = fold_matrix(robot, algebra, compute_mass_matrix(recursion, model.parameters))
+    mass = dynamics.fold_matrix(robot, algebra, dynamics.compute_mass_matrix(recursion, model.parameters))
     kinetic, potential = derive_energies(model)
     size, joints = robot.freedom, robot.coordinates
+    # M is symmetric: M_ij where i <= j.
     slopes = {
-        (i, j, k): differentiate(robot, algebra, mass[i][j], joints[k])
-        for i in range(size)
-        for j in range(i, size)
-        for k in range(size)
+        (i, j, k): dynamics.differentiate(robot, algebra, mass[min(i, j)][max(i, j)], joints[k])
+        for i, j, k in product(range(size), repeat=3)
     }
-
-    def slope(i: int, j: int, k: int) -> PolyElement:
-        return slopes[min(i, j), max(i, j), k]
-
     symbols = {
-        (i, j, k): algebra.half(slope(i, j, k) + slope(i, k, j) - slope(j, k, i))
-        for i in range(size)
-        for j in range(size)
-        for k in range(size)
+        (i, j, k): algebra.half(slopes[i, j, k] + slopes[i, k, j] - slopes[j, k, i]) for i, j, k in slopes
     }
-    gravity = tuple(differentiate(robot, algebra, potential, joint) for joint in joints)
+    gravity = tuple(dynamics.differentiate(robot, algebra, potential, joint) for joint in joints)
     return Equations(
         model=model, mass=mass, christoffel=symbols, gravity=gravity, kinetic=kinetic, potential=potential
     )
@@ -337,28 +259,23 @@ def differentiate_by_time(model: LessonModel, value: PolyElement) -> PolyElement
     total = algebra.zero
     pairs = zip(robot.coordinates, list_rates(model), list_rates(model, "ddq"), strict=True)
     for joint, rate, acceleration in pairs:
-        total += algebra.mul(differentiate(robot, algebra, value, joint), rate)
+        total += algebra.mul(dynamics.differentiate(robot, algebra, value, joint), rate)
         total += algebra.mul(value.diff(rate), acceleration)
     return total
 
 
 def check_mass_is_curvature(equations: Equations) -> bool:
     """Return whether M of composite bodies is the second derivative of T by the rates."""
-    rates, mass = list_rates(equations.model), equations.mass
-    return all(
-        equations.kinetic.diff(a).diff(b) == mass[i][j]
-        for i, a in enumerate(rates)
-        for j, b in enumerate(rates)
-    )
+    rates = list_rates(equations.model)
+    curvature = tuple(tuple(equations.kinetic.diff(a).diff(b) for b in rates) for a in rates)
+    return curvature == equations.mass
 
 
 def check_skew(equations: Equations) -> bool:
     """Return whether dM/dt - 2 C is skew: the sum with its transpose is zero."""
-    model, coriolis = equations.model, equations.coriolis
-    size = range(model.robot.freedom)
-    rest = [
-        [differentiate_by_time(model, equations.mass[i][j]) - 2 * coriolis[i][j] for j in size] for i in size
-    ]
+    mass, coriolis, size = equations.mass, equations.coriolis, range(equations.model.robot.freedom)
+    rates = [[differentiate_by_time(equations.model, value) for value in row] for row in mass]
+    rest = [[rates[i][j] - 2 * coriolis[i][j] for j in size] for i in size]
     return all(rest[i][j] + rest[j][i] == 0 for i in size for j in size)
 
 
@@ -378,8 +295,8 @@ def compute_torques(equations: Equations) -> Polynomials:
 def check_newton_euler(equations: Equations) -> bool:
     """Return whether M ddq + C dq + g is what Newton and Euler give, as polynomials."""
     model = equations.model
-    torques = compute_inverse_dynamics(build_model_recursion(model), model.parameters)
-    return fold_vector(model.robot, model.algebra, torques) == compute_torques(equations)
+    torques = dynamics.compute_inverse_dynamics(build_model_recursion(model), model.parameters)
+    return dynamics.fold_vector(model.robot, model.algebra, torques) == compute_torques(equations)
 
 
 def check_power(equations: Equations) -> bool:
@@ -391,14 +308,14 @@ def check_power(equations: Equations) -> bool:
     return bool(change == power)
 
 
-def build_exact_point(robot: Robot, algebra: ExactAlgebra) -> dict[str, Any]:
+def build_exact_point(robot: Robot, algebra: dynamics.ExactAlgebra) -> dict[str, Any]:
     """Return a fixed number for every generator, with s^2 + c^2 = 1."""
     values = {str(x): Fraction(3 + k % 5, 7 + k % 3) for k, x in enumerate(algebra.ring.symbols)}
     for k in range(1, robot.size + 1):
         t = Fraction(2 * k + 1, 3 * k + 5)
         values |= {f"s{k}": 2 * t / (1 + t * t), f"c{k}": (1 - t * t) / (1 + t * t), f"q{k}": Fraction(k, 5)}
         values |= {f"dq{k}": Fraction(7 - 2 * k, 3), f"ddq{k}": Fraction(5 * k - 11, 4)}
-    convert = choose_domain(robot).convert
+    convert = dynamics.choose_domain(robot).convert
     return {name: convert(value.numerator) / convert(value.denominator) for name, value in values.items()}
 
 
@@ -434,7 +351,7 @@ _SHORT = 6
 def derive_composites(robot: Robot) -> Composites:
     """Return M and g of a robot in composite bodies and their momenta (Walker and Orin 1982), all named."""
     named, _ = name_lengths(robot)
-    joints, size, further = named.joints, named.size, []
+    joints, size, further = named.joints, named.size, list[str]()
     for number, one in enumerate(joints, start=1):
         further += [*(f"{label}c{number}" for label in INERTIAL), *(f"G{number}{axis}" for axis in "xyz")]
         parent = one.parent
@@ -453,12 +370,14 @@ def derive_composites(robot: Robot) -> Composites:
         definitions.append(Definition(name=letter, kind=kind, value=value))
         return known[letter]
 
-    def name_vector(vector: Vector[PolyElement], head: str, kind: str) -> Vector[PolyElement]:
+    def name_vector(
+        vector: dynamics.Vector[PolyElement], head: str, kind: str
+    ) -> dynamics.Vector[PolyElement]:
         x, y, z = (name(value, f"{head}{axis}", kind) for value, axis in zip(vector, "xyz", strict=True))
         return x, y, z
 
     # Composite bodies from the tip to the base, in the frame of their own link.
-    bodies: list[Any] = [gather_body(algebra, model.parameters, link) for link in range(size)]
+    bodies: list[Any] = [dynamics.gather_body(algebra, model.parameters, link) for link in range(size)]
     for joint in reversed(range(size)):
         tensor, moments, mass = bodies[joint]
         entries = [tensor[i][j] for i in range(3) for j in range(i, 3)] + [*moments, mass]
@@ -469,14 +388,14 @@ def derive_composites(robot: Robot) -> Composites:
         bodies[joint] = (((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (mx, my, mz), m)
         parent = joints[joint].parent
         if parent >= 0:
-            moved = transform_body(algebra, frames[joint], bodies[joint])
-            bodies[parent] = add_bodies(algebra, bodies[parent], moved)
+            moved = dynamics.transform_body(algebra, frames[joint], bodies[joint])
+            bodies[parent] = dynamics.add_bodies(algebra, bodies[parent], moved)
     # Gravity in every link's frame, from the base outwards.
     x, y, z = map(algebra.constant, named.gravity)
-    pulls: list[Vector[PolyElement]] = []
+    pulls: list[dynamics.Vector[PolyElement]] = []
     for index, (one, frame) in enumerate(zip(joints, frames, strict=True)):
         before = pulls[one.parent] if one.parent >= 0 else (x, y, z)
-        pulls.append(name_vector(rotate_to_link(algebra, frame, before), f"G{index + 1}", "gravity"))
+        pulls.append(name_vector(dynamics.rotate_to_link(algebra, frame, before), f"G{index + 1}", "gravity"))
     # Rows of M: the momentum of the composite body of a joint at every joint below it.
     elements: dict[tuple[int, int], PolyElement] = {}
     weights = []
@@ -484,20 +403,23 @@ def derive_composites(robot: Robot) -> Composites:
         (xx, xy, xz), (mx, my, _), total = bodies[joint][0][2], bodies[joint][1], bodies[joint][2]
         x, y, z = pulls[joint]
         if frames[joint].revolute:
-            wrench = Wrench(force=(-my, mx, zero), moment=(xx, xy, xz))
+            wrench = dynamics.Wrench(force=(-my, mx, zero), moment=(xx, xy, xz))
             weights.append(algebra.mul(my, x) - algebra.mul(mx, y))
         else:
-            wrench = Wrench(force=(zero, zero, total), moment=(my, -mx, zero))
+            wrench = dynamics.Wrench(force=(zero, zero, total), moment=(my, -mx, zero))
             weights.append(-algebra.mul(total, z))
         below = joint
         while below >= 0:
             elements[below, joint] = wrench.moment[2] if frames[below].revolute else wrench.force[2]
             parent = joints[below].parent
             if parent >= 0:
-                pushed, place = transform_wrench(algebra, frames[below], wrench), f"{joint + 1}_{parent + 1}"
+                pushed, place = (
+                    dynamics.transform_wrench(algebra, frames[below], wrench),
+                    f"{joint + 1}_{parent + 1}",
+                )
                 force = name_vector(pushed.force, f"F{place}", "momentum")
                 moment = name_vector(pushed.moment, f"N{place}", "momentum")
-                wrench = Wrench(force=force, moment=moment)
+                wrench = dynamics.Wrench(force=force, moment=moment)
             below = parent
     for (index, parameter), value in model.parameters.items():
         if parameter == "IA" and index < size:
@@ -520,14 +442,10 @@ def _list_letters(value: PolyElement) -> list[str]:
 def evaluate_polynomial(value: PolyElement, point: Mapping[str, Any]) -> Any:  # noqa: ANN401
     """Return the exact number that a polynomial is at a point, which names the generators in use."""
     names = [str(symbol) for symbol in value.ring.symbols]
-    total = value.ring.domain.zero
-    for exponents, coefficient in value.terms():
-        term = coefficient
-        for k, power in enumerate(exponents):
-            if power:
-                term *= point[names[k]] ** power
-        total += term
-    return total
+    return value.ring.domain.zero + sum(
+        coefficient * math.prod(point[name] ** n for name, n in zip(names, powers, strict=True) if n)
+        for powers, coefficient in value.terms()
+    )
 
 
 def check_composites(composites: Composites) -> bool:
@@ -537,23 +455,17 @@ def check_composites(composites: Composites) -> bool:
     point = build_exact_point(robot, model.algebra)
     for entry in composites.definitions:
         point[entry.name] = evaluate_polynomial(entry.value, point)
-    algebra = PointAlgebra(domain, point)
+    algebra = dynamics.PointAlgebra(domain, point)
     still = {name: domain.zero if name.startswith(("dq", "ddq")) else value for name, value in point.items()}
-    recursion = build_recursion(robot, algebra, build_state(robot, algebra, still))
+    recursion = dynamics.build_recursion(robot, algebra, dynamics.build_state(robot, algebra, still))
     values = {entry.label: point[entry.name] for entry in model.base.parameters}
-    mass = compute_mass_matrix(recursion, values)
+    mass = dynamics.compute_mass_matrix(recursion, values)
     springs = {label: value for label, value in values.items() if label[1] not in ("KS", "KR")}
-    torques = compute_inverse_dynamics(recursion, springs)
-    size = range(robot.size)
-    same = all(
-        evaluate_polynomial(composites.mass[i, j], point) == mass[i][j]
-        if (i, j) in composites.mass
-        else mass[i][j] == 0
-        for i in size
-        for j in size
-        if j >= i
-    )
-    return same and all(
-        evaluate_polynomial(value, point) == torque
-        for value, torque in zip(composites.gravity, torques, strict=True)
-    )
+    torques = dynamics.compute_inverse_dynamics(recursion, springs)
+    pairs = [
+        (composites.mass.get((i, j), model.algebra.zero), mass[i][j])
+        for i in range(robot.size)
+        for j in range(i, robot.size)
+    ]
+    pairs += zip(composites.gravity, torques, strict=True)
+    return all(evaluate_polynomial(value, point) == number for value, number in pairs)

@@ -12,14 +12,13 @@ Supported: all robots of the lesson. Not supported: what only moves on the page.
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from symid import __version__
 from symid.environment import locate_resource_folder
 from symid.errors import GenerationError, Notice
-from symid.lessons.chapters import WRITTEN_OUT, Item, Lesson
+from symid.lessons.chapters import WRITTEN_OUT, Item, Lesson, write_marked
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import Book
@@ -27,22 +26,13 @@ from symid.robot import Robot
 
 _LONGEST_LINE = 66
 """Letters of a formula in a line, without its commands."""
-_MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")
 _SECONDS = 600
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LessonNotebook:
-    """A notebook as JSON, and whether its cells were executed."""
-
-    text: str
-    executed: bool
 
 
 def write_lesson_notebook(
     robot: Robot, book: Book, form: Parameterisation | None, folder: Path
-) -> LessonNotebook:
-    """Return the lesson on `robot` as a notebook, executed in `folder` where that is possible.
+) -> tuple[str, bool]:
+    """Return the lesson on `robot` as a notebook in JSON, and whether it was executed, in `folder`.
 
     Raises:
         SymidError: two derivations that must agree do not.
@@ -81,7 +71,7 @@ def write_lesson_notebook(
     }
     done = _execute(notebook, folder)
     text = json.dumps(done or notebook, indent=1, sort_keys=True, ensure_ascii=False)
-    return LessonNotebook(text=f"{text}\n", executed=done is not None)
+    return f"{text}\n", done is not None
 
 
 def _execute(notebook: dict[str, Any], folder: Path) -> dict[str, Any] | None:
@@ -115,9 +105,11 @@ def _execute(notebook: dict[str, Any], folder: Path) -> dict[str, Any] | None:
 
 def _write_text(text: str, bar: str = "|") -> str:
     """Return a text in Markdown, its $formulas$ and `code` as they are but for `bar` in place of |."""
-    return "".join(
-        part.replace("|", bar) if k % 2 else re.sub(r"([*_<>\[\]|])", r"\\\1", part)
-        for k, part in enumerate(_MARKED.split(text))
+    return write_marked(
+        text,
+        lambda plain: re.sub(r"([*_<>\[\]|])", r"\\\1", plain),
+        lambda formula: f"${formula.replace('|', bar)}$",
+        lambda code: f"`{code.replace('|', bar)}`",
     )
 
 

@@ -30,7 +30,7 @@ from symid.codegen import (
 )
 from symid.dynamics import derive_base_parameters, get_label_unit, write_label
 from symid.environment import locate_resource_folder
-from symid.lessons.chapters import Chapter, Item, Lesson, list_items, list_slides, say, show
+from symid.lessons.chapters import Chapter, Item, Lesson, list_items, list_slides, say, show, write_marked
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.exercises import Exercise, draw_exercises, write_sheet
 from symid.lessons.matrices import Parameterisation
@@ -51,7 +51,6 @@ _SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
 _TICK = '<span class="tick" aria-hidden="true">\N{CHECK MARK}</span>'
 _LONG_CELL = 40
 _REGION = 'class="scroll" tabindex="0" role="region" aria-label="Table"'
-_MARKED = re.compile(r"\$([^$]+)\$|`([^`]+)`")
 
 
 MOTION_RATE = 50.0
@@ -182,13 +181,12 @@ def _write_json(value: object) -> str:
 
 def _write_inline(text: str) -> str:
     """Return a text with its $formulas$ and `code` marked, all else escaped."""
-    result, place = "", 0
-    for match in _MARKED.finditer(text):
-        result += escape(text[place : match.start()])
-        formula, code = match.groups()
-        result += f'<span class="tex">{escape(formula)}</span>' if formula else f"<code>{escape(code)}</code>"
-        place = match.end()
-    return result + escape(text[place:])
+    return write_marked(
+        text,
+        escape,
+        lambda formula: f'<span class="tex">{escape(formula)}</span>',
+        lambda code: f"<code>{escape(code)}</code>",
+    )
 
 
 def _write_item(item: Item, numbers: Iterator[int]) -> str:
@@ -242,9 +240,9 @@ def _describe(lesson: Lesson) -> dict[str, object]:
     """Return geometry, values, letters and springs for the page."""
     robot, book = lesson.robot, lesson.book
     symbols, slides = dict(robot.symbols), list_slides(robot)
-    joints = []
-    for index, joint in enumerate(robot.joints):
-        joints.append(
+    return {
+        "robot": robot.name,
+        "joints": [
             {
                 "name": joint.name,
                 "parent": joint.parent,
@@ -257,14 +255,8 @@ def _describe(lesson: Lesson) -> dict[str, object]:
                 "tip": list(lesson.tips[index]),
                 "latex": write_symbol(f"q{index + 1}", book, slides),
             }
-        )
-    springs = [
-        {"name": card.name, "value": 0.0 if card.value is None else card.value, "unit": card.unit}
-        for card in list_spring_parameters(robot)
-    ]
-    return {
-        "robot": robot.name,
-        "joints": joints,
+            for index, joint in enumerate(robot.joints)
+        ],
         "coordinates": list(robot.coordinates),
         "standard": dict.fromkeys((write_label(robot, label) for label in lesson.model.base.labels), 0.0),
         "gravity": [value.to_float(symbols) for value in robot.gravity],
@@ -279,7 +271,10 @@ def _describe(lesson: Lesson) -> dict[str, object]:
             }
             for entry in lesson.model.base.parameters
         ],
-        "springs": springs,
+        "springs": [
+            {"name": card.name, "value": card.value or 0.0, "unit": card.unit}
+            for card in list_spring_parameters(robot)
+        ],
         "letters": {
             name: getattr(book, name)
             for name in ("mass", "gravity", "kinetic", "potential", "torque", "coriolis")
@@ -357,9 +352,11 @@ _TEX_HEAD = r"""\documentclass[11pt,a4paper]{article}
 \newcommand{\checked}[1]{\textbf{Checked}, #1.\par}
 \begin{document}
 """
-_TEX_MARKS = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-_TEX_MARKS |= {mark: rf"\{mark}" for mark in "&%#_{}$"}
-_TEX_MARKS |= {"\N{SUPERSCRIPT TWO}": "$^2$", "\N{MINUS SIGN}": "-"}
+_TEX_MARKS = str.maketrans(
+    {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    | {mark: rf"\{mark}" for mark in "&%#_{}$"}
+    | {"\N{SUPERSCRIPT TWO}": "$^2$", "\N{MINUS SIGN}": "-"}
+)
 
 
 def write_lesson_tex(robot: Robot, book: Book, form: Parameterisation | None = None) -> str:
@@ -380,13 +377,12 @@ def write_lesson_tex(robot: Robot, book: Book, form: Parameterisation | None = N
 
 def _write_tex(text: str) -> str:
     """Return a text in LaTeX, its $formulas$ as they are."""
-    result, place = "", 0
-    for match in _MARKED.finditer(text):
-        result += "".join(_TEX_MARKS.get(letter, letter) for letter in text[place : match.start()])
-        code = "".join(_TEX_MARKS.get(letter, letter) for letter in match[2] or "")
-        result += f"${match[1]}$" if match[1] else rf"\texttt{{{code}}}"
-        place = match.end()
-    return result + "".join(_TEX_MARKS.get(letter, letter) for letter in text[place:])
+    return write_marked(
+        text,
+        lambda plain: plain.translate(_TEX_MARKS),
+        lambda formula: f"${formula}$",
+        lambda code: rf"\texttt{{{code.translate(_TEX_MARKS)}}}",
+    )
 
 
 def _write_tex_item(item: Item) -> str:

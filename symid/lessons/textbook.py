@@ -28,10 +28,9 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cache
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
-from sympy import QQ, Add, Expr, Matrix, Mul, Rational
+from sympy import QQ, Add, Matrix, Mul, Rational
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid.dynamics import ExactAlgebra
@@ -82,11 +81,8 @@ class _Choice:
     algebra: ExactAlgebra
 
 
-@dataclass(frozen=True, slots=True)
-class AngleSums:
-    """The chains of parallel axes of a robot, each with all its choices of sums."""
-
-    chains: tuple[tuple[_Choice, ...], ...]
+AngleSums: TypeAlias = tuple[tuple[_Choice, ...], ...]
+"""The chains of parallel axes of a robot, each with all its choices of sums."""
 
 
 def list_chains(robot: Robot) -> tuple[Angle, ...]:
@@ -118,7 +114,7 @@ def list_chains(robot: Robot) -> tuple[Angle, ...]:
 
 def build_angle_sums(robot: Robot) -> AngleSums:
     """Return the chains of a robot with their choices of sums."""
-    return AngleSums(tuple(tuple(_list_choices(chain)) for chain in list_chains(robot)))
+    return tuple(tuple(_list_choices(chain)) for chain in list_chains(robot))
 
 
 def _list_choices(chain: Angle) -> Iterator[_Choice]:
@@ -170,64 +166,50 @@ def _sort(monomial: Mapping[Letter, int]) -> Monomial:
     return tuple(sorted(((k, n) for k, n in monomial.items() if n), key=lambda item: sort_letter(item[0])))
 
 
-@cache
-def _read_letter(name: str) -> Letter:
-    kind, number = name[:1], name[1:]
-    return (kind, ((int(number), 1),)) if kind in "sc" and number.isdigit() else name
-
-
-def list_terms(value: PolyElement, senses: Mapping[str, Letter] | None = None) -> Terms:
+def list_terms(value: PolyElement) -> Terms:
     """Return the terms of a polynomial, roots of two and three as letters of their own."""
-    domain = value.ring.domain
-    names = [(senses or {}).get(str(x)) or _read_letter(str(x)) for x in value.ring.symbols]
+    plain = map(str, value.ring.symbols)
+    names = [(x[0], ((int(x[1:]), 1),)) if x[0] in "sc" and x[1:].isdigit() else x for x in plain]
     result: Terms = {}
     for exponents, coefficient in value.terms():
         letters = {names[k]: power for k, power in enumerate(exponents) if power}
-        for number, root in _split_number(domain.to_sympy(coefficient)):
-            key = _sort({**letters, **({("root", root): 1} if root > 1 else {})})
+        # A number of Q(sqrt 2, sqrt 3): rational multiples of square roots.
+        for term in Add.make_args(value.ring.domain.to_sympy(coefficient)):
+            number, root = Fraction(1), 1
+            for factor in Mul.make_args(term):
+                if isinstance(factor, Rational):
+                    number *= Fraction(int(factor.p), int(factor.q))
+                else:
+                    root *= int(factor**2)
+            key = _sort(letters | ({("root", root): 1} if root > 1 else {}))
             result[key] = result.get(key, Fraction(0)) + number
     return result
 
 
-def _split_number(value: Expr) -> Iterator[tuple[Fraction, int]]:
-    """Yield a number of Q(sqrt 2, sqrt 3) as rational multiples of square roots."""
-    for term in Add.make_args(value):
-        number, root = Fraction(1), 1
-        for factor in Mul.make_args(term):
-            if isinstance(factor, Rational):
-                number *= Fraction(int(factor.p), int(factor.q))
-            else:
-                root *= int(factor**2)
-        yield number, root
-
-
-def write_sum(value: PolyElement, sums: AngleSums, senses: Mapping[str, Letter] | None = None) -> Sum:
-    """Return a polynomial as a textbook writes it.
-
-    `senses` has the letters of generators that are not read by their names, (s1, c1: sine and cosine).
-    """
+def write_sum(value: PolyElement, sums: AngleSums) -> Sum:
+    """Return a polynomial as a textbook writes it."""
     groups: dict[Monomial, Terms] = {}
-    for monomial, number in list_terms(value, senses).items():
+    for monomial, number in list_terms(value).items():
         plain = tuple(item for item in monomial if not _is_angle(item[0]))
         waves = tuple(item for item in monomial if _is_angle(item[0]))
         groups.setdefault(plain, {})[waves] = number
+
+    def measure(form: Terms) -> tuple[int, int]:
+        items = [(letter[1], power) for key in form for letter, power in key]
+        return len(form), sum(power * (3 + len(angle)) for angle, power in items if isinstance(angle, tuple))
+
     terms: Terms = {}
     for plain, share in groups.items():
         # Sines and cosines go into the sums of angles that give them the fewest terms.
         joined = share
-        for choices in sums.chains:
+        for choices in sums:
             own = choices[0].images
             if any(letter in own for monomial in joined for letter, _ in monomial):
                 forms = (_complete_squares(_substitute(joined, choice), choice.angles) for choice in choices)
-                joined = min(forms, key=lambda form: (len(form), _measure_waves(form)))
+                joined = min(forms, key=measure)
         for monomial, number in joined.items():
             terms[_sort({**dict(plain), **dict(monomial)})] = number
     return _collect(terms)
-
-
-def _measure_waves(terms: Terms) -> int:
-    items = [(letter[1], power) for key in terms for letter, power in key]
-    return sum(power * (3 + len(angle)) for angle, power in items if isinstance(angle, tuple))
 
 
 def _is_angle(letter: Letter) -> bool:
@@ -327,10 +309,9 @@ def _divides(divisor: Mapping[Letter, int], monomial: Mapping[Letter, int]) -> b
 def _sort_product(product: Product) -> tuple[object, ...]:
     """Return the order of products in a sum: without sines first, then by letters."""
     waves = sum(_is_angle(letter) for letter, _ in product.letters)
-    inner = 0 if product.inner is None else 1
-    hidden = _count_waves(product.inner)
     keys = tuple((sort_letter(letter), -power) for letter, power in product.letters)
-    return (min(waves + hidden, 1), inner, waves, len(keys) == 0, str(keys))
+    some = min(waves + _count_waves(product.inner), 1)
+    return (some, product.inner is not None, waves, not keys, str(keys))
 
 
 def _count_waves(total: Sum | None) -> int:
@@ -340,40 +321,34 @@ def _count_waves(total: Sum | None) -> int:
     )
 
 
-def expand_sum(total: Sum, algebra: ExactAlgebra, names: Mapping[Letter, str] | None = None) -> PolyElement:
-    """Return a sum as the polynomial of `algebra` that it stands for; `names` undoes the senses."""
+def expand_sum(total: Sum, algebra: ExactAlgebra) -> PolyElement:
+    """Return a sum as the polynomial of `algebra` that it stands for."""
     known, ring, result = algebra.generators, algebra.ring, algebra.zero
     for product in total.products:
         number = QQ(product.number.numerator, product.number.denominator)
         value = algebra.one * ring.domain.convert(number)
         for letter, power in product.letters:
-            named = (names or {}).get(letter, letter)
-            if isinstance(named, str):
-                factor = known[named]
-            elif isinstance(named[1], int):
-                factor = ring.ground_new(ring.domain.from_sympy(Rational(named[1]) ** Rational(1, 2)))
+            if isinstance(letter, str):
+                factor = known[letter]
+            elif isinstance(letter[1], int):
+                factor = ring.ground_new(ring.domain.from_sympy(Rational(letter[1]) ** Rational(1, 2)))
             else:
                 sine, cosine = algebra.zero, algebra.one
-                for joint, sign in named[1]:
+                for joint, sign in letter[1]:
                     s, c = known[f"s{joint}"] * sign, known[f"c{joint}"]
-                    sine, cosine = (
-                        algebra.reduce(sine * c + cosine * s),
-                        algebra.reduce(cosine * c - sine * s),
-                    )
-                factor = sine if named[0] == "s" else cosine
+                    turned = sine * c + cosine * s, cosine * c - sine * s
+                    sine, cosine = map(algebra.reduce, turned)
+                factor = sine if letter[0] == "s" else cosine
             for _ in range(power):
                 value = algebra.mul(value, factor)
         if product.inner is not None:
-            value = algebra.mul(value, expand_sum(product.inner, algebra, names))
+            value = algebra.mul(value, expand_sum(product.inner, algebra))
         result += value
     return result
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Style:
-    """How letters are written: `write` in LaTeX, with its power."""
-
-    write: Callable[[Letter, int], str]
+Style: TypeAlias = Callable[[Letter, int], str]
+"""How a letter with its power is written in LaTeX."""
 
 
 def write_latex(total: Sum, style: Style) -> str:
@@ -388,7 +363,7 @@ def write_latex(total: Sum, style: Style) -> str:
         number, inner = abs(product.number), product.inner
         alone = inner is None and not product.letters
         parts = [] if number == 1 and not alone else [write_number(number)]
-        letters = [style.write(letter, power) for letter, power in product.letters]
+        letters = [style(letter, power) for letter, power in product.letters]
         if inner is not None:
             # A bracket without sines stands before the sines: (m1 lc1 + m2 l1) g c1.
             early = (isinstance(x, str) and sort_letter(x)[0] != 5 for x, _ in product.letters)
@@ -467,8 +442,6 @@ def write_code(total: Sum, values: str = "") -> str:
 
 # The letters of books.
 
-BookName: TypeAlias = Literal["symid", "siciliano", "craig", "khalil"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Book:
@@ -482,7 +455,7 @@ class Book:
             length is more than that of its row. long: write cos(q1 + q2) in place of c12.
     """
 
-    name: BookName
+    name: str
     title: str = ""
     mass: str = "M"
     coriolis: str = "C"
@@ -502,45 +475,46 @@ class Book:
     long: bool = False
 
 
-_SICILIANO = Book(
-    name="siciliano",
-    title="Siciliano, Sciavicco, Villani, Oriolo: Robotics - Modelling, Planning and Control (2009)",
-    mass="B",
-    kinetic=r"\mathcal T",
-    potential=r"\mathcal U",
-    angle=r"\vartheta",
-    slide="d",
-    shift=-1,
+_BOOKS = (
+    Book(name="symid"),
+    Book(
+        name="siciliano",
+        title="Siciliano, Sciavicco, Villani, Oriolo: Robotics - Modelling, Planning and Control (2009)",
+        mass="B",
+        kinetic=r"\mathcal T",
+        potential=r"\mathcal U",
+        angle=r"\vartheta",
+        slide="d",
+        shift=-1,
+    ),
+    Book(
+        name="craig",
+        title="Craig: Introduction to Robotics - Mechanics and Control (3rd edition, 2005)",
+        gravity="G",
+        kinetic="k",
+        potential="u",
+        angle=r"\theta",
+        slide="d",
+        coordinates=r"\Theta",
+        shift=-1,
+    ),
+    Book(
+        name="khalil",
+        title="Khalil, Dombre: Modeling, Identification and Control of Robots (2002)",
+        mass="A",
+        gravity="Q",
+        torque=r"\Gamma",
+        kinetic="E",
+        potential="U",
+        slide="r",
+        sine="S",
+        cosine="C",
+        length="d",
+        offset="r",
+        grouped="{name}_{{\\mathrm R{number}}}",
+    ),
 )
-_CRAIG = Book(
-    name="craig",
-    title="Craig: Introduction to Robotics - Mechanics and Control (3rd edition, 2005)",
-    coriolis="C",
-    gravity="G",
-    kinetic="k",
-    potential="u",
-    angle=r"\theta",
-    slide="d",
-    coordinates=r"\Theta",
-    shift=-1,
-)
-_KHALIL = Book(
-    name="khalil",
-    title="Khalil, Dombre: Modeling, Identification and Control of Robots (2002)",
-    mass="A",
-    gravity="Q",
-    torque=r"\Gamma",
-    kinetic="E",
-    potential="U",
-    slide="r",
-    sine="S",
-    cosine="C",
-    length="d",
-    offset="r",
-    grouped="{name}_{{\\mathrm R{number}}}",
-)
-_BOOKS = {book.name: book for book in (Book(name="symid"), _SICILIANO, _CRAIG, _KHALIL)}
-BOOK_NAMES: tuple[BookName, ...] = ("symid", "siciliano", "craig", "khalil")
+BOOK_NAMES = tuple(book.name for book in _BOOKS)
 
 
 def get_book(name: str, *, angle: str | None = None, long: bool = False) -> Book:
@@ -554,22 +528,26 @@ def get_book(name: str, *, angle: str | None = None, long: bool = False) -> Book
     Raises:
         UsageError: there is no such book.
     """
-    if name not in _BOOKS:
+    if name not in BOOK_NAMES:
         text = f"there is no notation {name!r}; it is one of {', '.join(BOOK_NAMES)}"
         raise UsageError(Notice(code="usage.notation", text=text))
-    book = replace(_BOOKS[name], long=long)
-    letters = {"q": "q", "theta": r"\theta"}
-    return replace(book, angle=letters[angle], coordinates=letters[angle]) if angle else book
+    book = next(replace(book, long=long) for book in _BOOKS if book.name == name)
+    letter = {"q": "q", "theta": r"\theta"}.get(angle or "")
+    return replace(book, angle=letter, coordinates=letter) if letter else book
 
 
-_COMPOSITE = re.compile(r"^(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M)c(\d+)$")
-_PULL = re.compile(r"^G(\d+)([xyz])$")
-_MOMENTUM = re.compile(r"^([FN])(\d+)_(\d+)([xyz])$")
+_FORMS = (
+    (r"(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M)c(\d+)", r"\overline{{\mathit{{{0}}}}}_{{{1}}}"),
+    (r"G(\d+)([xyz])", r"{{}}^{{{0}}}g_{{{1}}}"),
+    (r"F(\d+)_(\d+)([xyz])", r"{{}}^{{{1}}}p^{{({0})}}_{{{2}}}"),
+    (r"N(\d+)_(\d+)([xyz])", r"{{}}^{{{1}}}h^{{({0})}}_{{{2}}}"),
+    (r"l([xyz])(\d+)", r"\ell_{{{1}{0}}}"),
+    (r"I(\d+)([xyz]{2})", r"I_{{{0},{1}}}"),
+)
+"""Letters of all books alike: composite bodies, gravity, momenta; centres and inertias of links."""
 _ROW = re.compile(r"^([ad])(\d+)$")
 _RATE = re.compile(r"^(d{0,2})q(\d+)$")
 _KHALIL_NAME = re.compile(r"^(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|IA|KS|KR)(R?)(\d+)$")
-_CENTRE = re.compile(r"^l([xyz])(\d+)$")
-_CENTRAL = re.compile(r"^I(\d+)([xyz]{2})$")
 _PLAIN = re.compile(r"^([A-Za-z])([A-Za-z]*)_?(\d*)$")
 _GREEK = "alpha beta gamma delta epsilon zeta eta theta kappa lambda mu nu xi rho sigma tau phi chi psi omega"
 
@@ -580,13 +558,9 @@ def write_symbol(name: str, book: Book, slides: frozenset[int] = frozenset()) ->
         letter = book.slide if int(match[2]) in slides else book.angle
         dots = {"": "", "d": r"\dot ", "dd": r"\ddot "}[match[1]]
         return f"{dots}{{{letter}}}_{{{match[2]}}}" if dots else f"{letter}_{{{match[2]}}}"
-    if match := _COMPOSITE.match(name):
-        return rf"\overline{{\mathit{{{match[1]}}}}}_{{{match[2]}}}"
-    if match := _PULL.match(name):
-        return rf"{{}}^{{{match[1]}}}g_{{{match[2]}}}"
-    if match := _MOMENTUM.match(name):
-        letter = "p" if match[1] == "F" else "h"
-        return rf"{{}}^{{{match[3]}}}{letter}^{{({match[2]})}}_{{{match[4]}}}"
+    for pattern, form in _FORMS:
+        if match := re.fullmatch(pattern, name):
+            return form.format(*match.groups())
     if match := _ROW.match(name):
         shift = book.shift if match[1] == "a" else 0
         letter = book.length if match[1] == "a" else book.offset
@@ -596,10 +570,6 @@ def write_symbol(name: str, book: Book, slides: frozenset[int] = frozenset()) ->
         if match[2]:
             return book.grouped.format(name=letters, number=match[3])
         return f"{letters}_{{{match[3]}}}"
-    if match := _CENTRE.match(name):
-        return f"\\ell_{{{match[2]}{match[1]}}}"
-    if match := _CENTRAL.match(name):
-        return f"I_{{{match[1]},{match[2]}}}"
     head = name.rstrip("0123456789_")
     if head.lower() in _GREEK.split():
         number = name[len(head) :].strip("_")
@@ -610,12 +580,6 @@ def write_symbol(name: str, book: Book, slides: frozenset[int] = frozenset()) ->
         return f"{match[1]}_{{{below}}}" if below else match[1]
     escaped = name.replace("_", r"\_")
     return rf"\mathit{{{escaped}}}"
-
-
-def write_angle(angle: Angle, book: Book) -> str:
-    """Return a sum of joint angles."""
-    text = "".join(f" {'+' if sign > 0 else '-'} {book.angle}_{{{number}}}" for number, sign in angle)
-    return text.removeprefix(" + ")
 
 
 def build_style(book: Book, slides: frozenset[int] = frozenset()) -> Style:
@@ -634,11 +598,12 @@ def build_style(book: Book, slides: frozenset[int] = frozenset()) -> Style:
             return rf"\sqrt{{{what}}}"
         above = f"^{{{power}}}" if power > 1 else ""
         if book.long:
-            name, inner = r"\sin" if kind == "s" else r"\cos", write_angle(what, book)
+            terms = (f" {'+' if sign > 0 else '-'} {book.angle}_{{{number}}}" for number, sign in what)
+            name, inner = r"\sin" if kind == "s" else r"\cos", "".join(terms).removeprefix(" + ")
             return rf"{name}{above} {inner}" if len(what) == 1 else rf"{name}{above}({inner})"
         numbers = [f"{'' if sign > 0 else '-'}{number}" for number, sign in what]
         comma = all(sign > 0 for _, sign in what) and any(number > 9 for number, _ in what)
         below = ("," if comma else "").join(numbers)
         return f"{book.sine if kind == 's' else book.cosine}_{{{below}}}{above}"
 
-    return Style(write=write)
+    return write

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
-from itertools import count, groupby, zip_longest
+from itertools import chain, count, groupby, zip_longest
 from typing import Any
 
 from symid.environment import locate_resource_folder
@@ -73,16 +73,16 @@ class Table:
 
     def __str__(self) -> str:
         """Return the table as it stands in a terminal."""
-        cells = [self.header]
-        for row in self.rows:
-            texts, fold = [_format_cell(cell) for cell in row], self.fold
-            if not fold or all(len(text) <= fold for text in texts):
-                cells.append(texts)
-                continue
-            # A long cell has several lines.
-            parts = [textwrap.wrap(e, fold, break_long_words=False, break_on_hyphens=False) for e in texts]
+        cells, fold = [self.header], self.fold
+        for texts in ([_format_cell(cell) for cell in row] for row in self.rows):
+            parts = [[text] for text in texts]
+            if fold and any(len(text) > fold for text in texts):
+                # A long cell has several lines.
+                parts = [
+                    textwrap.wrap(e, fold, break_long_words=False, break_on_hyphens=False) for e in texts
+                ]
             cells += [list(line) for line in zip_longest(*parts, fillvalue="")]
-        widths = [max(len(row[k]) for row in cells) for k in range(len(self.header))]
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
         lines = [
             "  ".join(
                 text.ljust(width) if k in self.left else text.rjust(width)
@@ -102,14 +102,14 @@ class Table:
             if any(len(_format_cell(row[k])) > _LONG for row in self.rows):
                 kinds[k] = "text long"
         head = "".join(
-            f'<th scope="col"{_write_class(kind)}>{html.escape(name)}</th>'
+            _write_tag('th scope="col"', kind, html.escape(name))
             for name, kind in zip(self.header, kinds, strict=True)
         )
         rows = []
         for number, row in enumerate(self.rows):
             tags = ('th scope="row"', *("td" for _ in row[1:]))
             inner = "".join(map(_write_cell, row, kinds, tags))
-            rows.append(f"<tr{_write_class('picked' * (number == self.picked))}>{inner}</tr>")
+            rows.append(_write_tag("tr", "picked" * (number == self.picked), inner))
         caption = f"<caption>{html.escape(self.title)}</caption>" if self.title else ""
         note = f"<p>{html.escape(self.note)}</p>" if self.note else ""
         return (
@@ -119,18 +119,19 @@ class Table:
         )
 
 
-def _write_class(names: str) -> str:
-    return f' class="{names}"' if names else ""
+def _write_tag(tag: str, names: str, inner: str) -> str:
+    """Return an element of HTML, its classes by `names`."""
+    classes = f' class="{names}"' if names else ""
+    return f"<{tag}{classes}>{inner}</{tag.partition(' ')[0]}>"
 
 
 def _write_cell(cell: object, kind: str, tag: str) -> str:
     """Return a cell with its tag; "no" stands out."""
-    kind = f"{kind} no".strip() if _to_plain(cell) is False else kind
     formula, line_break, words = _format_cell(cell).partition("\n")
     text = html.escape(formula)
     if line_break:
         text = f"{f'<code>{text}</code>' if text else ''}<span>{html.escape(words)}</span>"
-    return f"<{tag}{_write_class(kind)}>{text}</{tag.partition(' ')[0]}>"
+    return _write_tag(tag, f"{kind} no".strip() if _to_plain(cell) is False else kind, text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,11 +211,10 @@ def split_sections(blocks: Sequence[Block], taken: Iterable[str] = ()) -> tuple[
         else:
             found[-1][1].append(block)
     used, sections = set(taken), []
-    for title, inner in found:
-        if not title and not inner:
-            continue
+    for title, inner in (part for part in found if any(part)):
         plain = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "begin"
-        anchor = next(name for k in count(1) if (name := plain if k == 1 else f"{plain}-{k}") not in used)
+        names = chain([plain], (f"{plain}-{k}" for k in count(2)))
+        anchor = next(name for name in names if name not in used)
         used.add(anchor)
         sections.append(PageSection(title, anchor, write_elements(inner)))
     return tuple(sections)
@@ -237,14 +237,9 @@ def _write_element(block: Block) -> str:
 def write_svg(drawings: Sequence[Drawing]) -> str:
     """Return figures below one another as one SVG file."""
     top, width, parts = 0.0, 0.0, []
-    for drawing in drawings:
-        size = _SIZE.search(drawing.svg)
-        if size is None:
-            continue
-        across, height = float(size[1]), float(size[2])
-        parts.append(
-            drawing.svg.replace("<svg ", f'<svg y="{top:g}" width="{across:g}" height="{height:g}" ', 1)
-        )
+    for svg, size in ((drawing.svg, _SIZE.search(drawing.svg)) for drawing in drawings):
+        across, height = map(float, size.groups()) if size else (0.0, 0.0)
+        parts.append(svg.replace("<svg ", f'<svg y="{top:g}" width="{across:g}" height="{height:g}" ', 1))
         top, width = top + height, max(width, across)
     head = f'<svg class="symid" xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {top:g}">'
     return f"{head}{_load_style()}{''.join(parts)}</svg>\n"

@@ -16,6 +16,7 @@ skeletons, flow charts and histograms, which have no such data.
 
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
+from itertools import combinations
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -24,17 +25,8 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
+from symid.report import figures
 from symid.report.blocks import Drawing
-from symid.report.figures import (
-    STYLES,
-    ArmJoint,
-    FigureData,
-    Line,
-    Mark,
-    build_arm_figure,
-    build_line_figure,
-    build_mark_figure,
-)
 from symid.report.pages import format_percent
 from symid.robot import Placement, Robot
 
@@ -104,30 +96,26 @@ def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
     extent = float(np.max(np.ptp(np.vstack(links), axis=0))) or 1.0
     radii = extent * np.linspace(_THICKEST, _THINNEST, len(frames))
     # Joints that are near to one another share the label of the first.
-    labels = [joint.name for joint in robot.joints]
-    for index, frame in enumerate(frames):
-        for other in range(index):
-            away = float(np.linalg.norm(frame[:3, 3] - frames[other][:3, 3]))
-            if labels[other] and away < radii[-1]:
-                labels[other], labels[index] = f"{labels[other]}, {labels[index]}", ""
-                break
+    labels, places = [joint.name for joint in robot.joints], [frame[:3, 3] for frame in frames]
+    for index, other in combinations(range(len(frames)), 2):
+        if labels[index] and labels[other] and np.linalg.norm(places[other] - places[index]) < radii[-1]:
+            labels[index], labels[other] = f"{labels[index]}, {labels[other]}", ""
     joints = [
-        ArmJoint(frame[:3, 3], frame[:3, 2], label, "second" if joint.prismatic else "first", radius)
+        figures.ArmJoint(frame[:3, 3], frame[:3, 2], label, "second" if joint.prismatic else "first", radius)
         for joint, label, frame, radius in zip(robot.joints, labels, frames, radii.tolist(), strict=True)
     ]
     slides = sum(joint.prismatic for joint in robot.joints)
     counts = ((len(robot.joints) - slides, "revolute"), (slides, "prismatic"))
     moves = " and ".join(f"{count} {name}" for count, name in counts if count)
     place = ", ".join(f"{value:.3g}" for value in pose)
+    used = {name for entry in robot.joints for name in _list_symbols(entry.placement)}
+    unknown = ", ".join(sorted(used - dict(robot.symbols).keys()))
     caption = (
         f"Where are the joints of {robot.name}? {moves} joints at q = ({place}); z of each frame, blue, "
-        "is the axis of its joint."
+        f"is the axis of its joint.{' Prismatic joints are orange.' if slides else ''}"
+        f"{f' {unknown}: no value, drawn as {_HALF_METRE} m.' if unknown else ''}"
     )
-    caption += " Prismatic joints are orange." if slides else ""
-    used = {name for entry in robot.joints for name in _list_symbols(entry.placement)}
-    unknown = sorted(used - dict(robot.symbols).keys())
-    caption += f" {', '.join(unknown)}: no value, drawn as {_HALF_METRE} m." if unknown else ""
-    return build_arm_figure(caption, links, joints, frames=frames)
+    return figures.build_arm_figure(caption, links, joints, frames=frames)
 
 
 def draw_log(log: "Recording", robot: Robot, checked: "CheckedLog | None" = None) -> tuple[Drawing, ...]:
@@ -172,25 +160,24 @@ def _draw_channels(
     time, values, marked = course
     for prismatic, unit in enumerate(_UNITS[name]):
         rows = [k for k, joint in enumerate(robot.axes) if joint.prismatic == bool(prismatic)]
-        for start in range(0, len(rows), len(STYLES)):
-            group = rows[start : start + len(STYLES)]
+        for start in range(0, len(rows), len(figures.STYLES)):
+            group = rows[start : start + len(figures.STYLES)]
             lines = [
-                Line(robot.axes[k].name, style, time, values[:, k])
-                for k, style in zip(group, STYLES, strict=False)
+                figures.Line(robot.axes[k].name, style, time, values[:, k])
+                for k, style in zip(group, figures.STYLES, strict=False)
             ]
             spots = [] if marked is None else [(time[marked[:, k]], values[marked[:, k], k]) for k in group]
             if sum(len(x) for x, _ in spots):
                 x, y = (np.concatenate(part) for part in zip(*spots, strict=True))
-                lines.append(Line("found by the check", "found", x, y, joined=False))
-            yield build_line_figure(caption, ("time (s)", f"{name} ({unit})"), lines)
+                lines.append(figures.Line("found by the check", "found", x, y, joined=False))
+            yield figures.build_line_figure(caption, ("time (s)", f"{name} ({unit})"), lines)
 
 
 def draw_motion(motion: "ReferenceMotion", robot: Robot) -> tuple[Drawing, ...]:
     """Return positions and velocities of a trajectory over time, and the used part of each stated limit."""
-    time = np.linspace(0.0, motion.duration, _SAMPLES)
-    q, dq, ddq = motion.evaluate(time)
     shares: list[tuple[str, float]] = []
-    for joint, x, v, a in zip(robot.axes, q.T, dq.T, ddq.T, strict=True):
+    courses = motion.evaluate(np.linspace(0.0, motion.duration, _SAMPLES))
+    for joint, x, v, a in zip(robot.axes, *(course.T for course in courses), strict=True):
         limits = joint.limits
         if limits.position is not None:
             low, high = limits.position
@@ -218,13 +205,10 @@ def draw_shares(shares: Sequence[tuple[str, float]]) -> tuple[Drawing, ...]:
     if not shares:
         return ()
     name, most = max(shares, key=lambda entry: entry[1])
-    marks = [
-        Mark(text, 100.0 * share, format_percent(100.0 * share), chosen=share > 1.0) for text, share in shares
-    ]
+    marks = [figures.Mark(text, 100.0 * x, format_percent(100.0 * x), chosen=x > 1.0) for text, x in shares]
     caption = f"Does it keep its limits? {'Yes' if most <= 1.0 else 'No'}: {name} uses {100.0 * most:.3g} %."
-    return (
-        build_mark_figure(caption, "used part of the limit (%)", marks, dense=len(marks) > 8, limit=100.0),
-    )
+    label, dense = "used part of the limit (%)", len(marks) > 8
+    return (figures.build_mark_figure(caption, label, marks, dense=dense, limit=100.0),)
 
 
 def draw_excitation(found: "OptimisedExcitation", robot: Robot) -> tuple[Drawing, ...]:
@@ -246,7 +230,14 @@ def list_axes(given: object) -> list[Any]:
     Raises:
         UsageError: something else was given; the message says what to install where matplotlib is missing.
     """
-    axes = list(_flatten(given))
+    axes, waiting = list[Any](), [given]
+    while waiting:
+        entry: Any = waiting.pop(0)
+        inner = getattr(entry, "flat", entry)
+        if inner is not entry or (isinstance(inner, Sequence) and not isinstance(inner, str)):
+            waiting = [*inner, *waiting]
+        else:
+            axes.append(entry)
     if axes and all(hasattr(entry, name) for entry in axes for name in _NEEDED):
         return axes
     text = "expected axes of matplotlib, as `matplotlib.pyplot.subplots()` returns them"
@@ -255,22 +246,13 @@ def list_axes(given: object) -> list[Any]:
     raise UsageError(Notice(code="usage.axes", text=f"ax: {text}"))
 
 
-def _flatten(given: object) -> Iterator[object]:
-    inner = getattr(given, "flat", given)
-    if inner is not given or (isinstance(inner, Sequence) and not isinstance(inner, str)):
-        for entry in inner:  # type: ignore[attr-defined]  # an array's iterator
-            yield from _flatten(entry)
-    else:
-        yield given
-
-
 def draw_into(axes: object, drawings: Sequence[Drawing]) -> None:
     """Draw the first figures that have data into axes, one into each; axes that are left over stay empty.
 
     Raises:
         UsageError: `axes` are none of matplotlib.
     """
-    shown = (entry.data for entry in drawings if isinstance(entry.data, FigureData))
+    shown = (entry.data for entry in drawings if isinstance(entry.data, figures.FigureData))
     for ax, data in zip(list_axes(axes), shown, strict=False):
         known = set[str]()
         for line in data.lines:

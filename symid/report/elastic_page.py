@@ -9,14 +9,13 @@ Not supported: uncertainties of single stops: they are strongly correlated with 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
 
 from symid.arrays import FloatArray
-from symid.errors import Notice
 from symid.identification.elastic import (
     ElasticEstimate,
     ElasticTrial,
@@ -31,6 +30,7 @@ from symid.joint_models import (
     needs_time,
     run_element,
 )
+from symid.report import pages
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.figures import (
     STYLES,
@@ -42,19 +42,6 @@ from symid.report.figures import (
     list_lines,
 )
 from symid.report.fit_text import show_effects, show_residual
-from symid.report.pages import (
-    UNTESTED,
-    Page,
-    build_fit_page,
-    count_significant,
-    draw_certainty,
-    format_error,
-    format_percent,
-    show_refused,
-    tabulate_groupings,
-    tabulate_parameters,
-    write_minus,
-)
 from symid.report.verdict import compute_spring_share, judge_elastic
 
 if TYPE_CHECKING:
@@ -74,67 +61,57 @@ _TURNS = (0.6, -0.3, 0.45, -0.1, 0.3)
 def build_elastic_page(
     estimate: ElasticEstimate,
     trials: Sequence[ElasticTrial] = (),
-    notices: Sequence[Notice] = (),
-    origin: Sequence[str] = (),
     *,
     iterated: ElasticEstimate | None = None,
     tracking: "Sequence[TrackingRun]" = (),
-    **options: Any,  # noqa: ANN401  fields of the page
-) -> Page:
+    **options: Any,  # noqa: ANN401  of `build_fit_page`
+) -> pages.Page:
     """Return all that the page shows.
 
     `trials` are what the estimate predicts of logs, held out or not; iterations of `iterated`, from the same
-    logs, are shown where the result has none; `tracking` are motions with several feed-forwards. `notices`
-    and `origin` are those of `build_identification_page`, `options` further fields of the page.
+    logs, are shown where the result has none; `tracking` are motions with several feed-forwards. `options`
+    are notices, origin and further fields of the page, as of `build_fit_page`.
     """
     refused = {name for name, _ in estimate.refused}
     kept = [entry for entry in estimate.parameters if entry.name not in refused]
     if not estimate.covariance:
         kept = [replace(entry, std=math.inf) for entry in kept]
     springs = [entry for entry in estimate.springs if entry.identifiable]
-    # A result without iterations shows those of another method.
-    course = iterated if iterated is not None and len(estimate.history) < 2 else estimate
-    settings = {
-        "method of the result": estimate.method,
-        "outcome": estimate.outcome.value,
-        "rows fitted": sum(entry.samples for entry in estimate.residual),
-        "condition number (column-scaled)": f"{estimate.condition:.4g}",
-    }
-    blocks = (
-        *_show_trials(trials),
-        *(("== Springs ==",) if springs else ()),
-        *(block for entry in springs for block in show_spring(entry)),
-        *("== Parameters ==", tabulate_parameters(kept)),
-        *(*draw_certainty(kept), *show_refused(estimate.refused)),
-        *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
-        *(_show_tracking(estimate, tracking) if tracking else ()),
-        *(() if trials else ("== Held-out logs ==", UNTESTED)),
-    )
-    more = (
-        *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
-        *_compare_methods(estimate),
-        *_show_convergence(course),
-        *_show_errors(trials),
-        "== Residual of the fit ==",
-        show_residual(estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."),
-        show_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
-        "== What each parameter groups ==",
-        tabulate_groupings(kept),
-    )
     # The loops of the first joint in a held-out log lead, or else its identified spring.
     led = [trial.joints[0] for trial in trials if not trial.fitted and trial.joints]
-    lead = draw_loops(led[0]) if led else draw_branches(springs[0]) if springs else None
-    return build_fit_page(
+    return pages.build_fit_page(
         estimate,
         subject="identified dynamics and springs",
         verdict=judge_elastic(estimate, trials),
         numbers=_list_numbers(estimate, trials),
-        lead=lead,
-        blocks=blocks,
-        more=more,
-        settings=settings,
-        notices=notices,
-        origin=origin,
+        lead=draw_loops(led[0]) if led else draw_branches(springs[0]) if springs else None,
+        blocks=(
+            *_show_trials(trials),
+            *(("== Springs ==",) if springs else ()),
+            *(block for entry in springs for block in show_spring(entry)),
+            *("== Parameters ==", pages.tabulate_parameters(kept)),
+            *(*pages.draw_certainty(kept), *pages.show_refused(estimate.refused)),
+            *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
+            *(_show_tracking(estimate, tracking) if tracking else ()),
+            *(() if trials else ("== Held-out logs ==", pages.UNTESTED)),
+        ),
+        more=(
+            *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
+            *_compare_methods(estimate),
+            # A result without iterations shows those of another method.
+            *_show_convergence(iterated if iterated and len(estimate.history) < 2 else estimate),
+            *_show_errors(trials),
+            "== Residual of the fit ==",
+            show_residual(estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."),
+            show_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
+            *("== What each parameter groups ==", pages.tabulate_groupings(kept)),
+        ),
+        settings={
+            "method of the result": estimate.method,
+            "outcome": estimate.outcome.value,
+            "rows fitted": sum(entry.samples for entry in estimate.residual),
+            "condition number (column-scaled)": f"{estimate.condition:.4g}",
+        },
         conventions="torsion is motor minus link position; torques and inertias are on the joint side",
         **options,
     )
@@ -155,12 +132,12 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     else:
         dynamics, where = max(entry.relative_percent for entry in estimate.residual), _IN_FIT
         springs = []
-    numbers.append((format_percent(dynamics), f"of a motor's torque unexplained at most, {where}"))
+    numbers.append((pages.format_percent(dynamics), f"of a motor's torque unexplained at most, {where}"))
     if springs and all(share is not None for share in springs):
         worst = max(share for share in springs if share is not None)
-        numbers.append((format_percent(worst), "of a joint's torque left by its spring, at most"))
+        numbers.append((pages.format_percent(worst), "of a joint's torque left by its spring, at most"))
     if estimate.covariance:
-        numbers.append(count_significant(estimate.parameters))
+        numbers.append(pages.count_significant(estimate.parameters))
     return numbers
 
 
@@ -182,13 +159,14 @@ def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
     """Yield what springs leave of joint torques over time."""
     for trial in trials:
         yield f"== Residual of {trial.source} =="
-        for joint in trial.joints:
-            if joint.final is not None:
-                label, linear = _get_linear_torque(joint)
-                first = (label, "initial", joint.motor - linear)
-                errors = list_lines(joint.time, first, ("identified", "final", joint.motor - joint.final))
-                caption = f"When does the spring miss? Joint torque of {joint.joint} less that of the spring."
-                yield build_line_figure(caption, ("time (s)", f"difference ({joint.unit})"), errors)
+        for joint in (joint for joint in trial.joints if joint.final is not None):
+            label, linear = _get_linear_torque(joint)
+            curves = ((label, "initial", linear), ("identified", "final", joint.final))
+            errors = [
+                Line(name, style, joint.time, joint.motor - y) for name, style, y in curves if y is not None
+            ]
+            caption = f"When does the spring miss? Joint torque of {joint.joint} less that of the spring."
+            yield build_line_figure(caption, ("time (s)", f"difference ({joint.unit})"), errors)
 
 
 def draw_loops(entry: JointTrial, *, opened: bool = False) -> Drawing:
@@ -243,7 +221,7 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
         yield f"True stops from {first} on never slipped: their stiffness is a part of k0 here."
     far = [knee.threshold for knee in estimate.elasticity.knees if abs(knee.threshold) > estimate.torque]
     if far:
-        names = ", ".join(write_minus(f"{value:.3g}") for value in far)
+        names = ", ".join(pages.write_minus(f"{value:.3g}") for value in far)
         yield f"The torque never reached the knees at {names} {unit}: the slope beyond is not identifiable."
     if not (estimate.elasticity.stops or estimate.elasticity.branches):
         yield "No stop has any stiffness: the identified spring has no hysteresis."
@@ -275,11 +253,8 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
 
 def _list_stops(spring: Elasticity) -> tuple[tuple[str, str, str], ...]:
     """Return threshold, stiffness, and torque at which it slips, of every stop."""
-    return tuple(
-        (f"{1e3 * stop.threshold:.4g}", f"{stop.stiffness:.4g}", f"{stop.stiffness * stop.threshold:.3g}")
-        for stop in spring.stops
-        if stop.stiffness is not None
-    )
+    known = [(stop.threshold, stop.stiffness) for stop in spring.stops if stop.stiffness is not None]
+    return tuple((f"{1e3 * place:.4g}", f"{k:.4g}", f"{k * place:.3g}") for place, k in known)
 
 
 def _list_knees(spring: Elasticity) -> tuple[tuple[str, str], ...]:
@@ -287,11 +262,11 @@ def _list_knees(spring: Elasticity) -> tuple[tuple[str, str], ...]:
     result = []
     for side in (-1.0, 1.0):
         slope = 1.0
-        knees = [knee for knee in spring.knees if knee.threshold * side > 0.0]
-        for knee in sorted(knees, key=lambda knee: knee.threshold * side):
-            slope += knee.slope
-            result.append((knee.threshold, slope))
-    return tuple((write_minus(f"{torque:.4g}"), f"{slope:.4g}") for torque, slope in sorted(result))
+        for knee in sorted(spring.knees, key=lambda knee: knee.threshold * side):
+            if knee.threshold * side > 0.0:
+                slope += knee.slope
+                result.append((knee.threshold, slope))
+    return tuple((pages.write_minus(f"{torque:.4g}"), f"{slope:.4g}") for torque, slope in sorted(result))
 
 
 def _choose_amplitude(estimate: SpringEstimate) -> float:
@@ -302,11 +277,10 @@ def _choose_amplitude(estimate: SpringEstimate) -> float:
 
 def _tabulate_spring(estimate: SpringEstimate) -> Table:
     """Return quantities that can be compared between springs with different thresholds."""
-    amplitude = _choose_amplitude(estimate)
+    amplitude, spring, true = _choose_amplitude(estimate), estimate.elasticity, _get_traceable(estimate)
     stiffness = f"{estimate.torque_unit}/{estimate.position_unit}"
-    found = _measure_spring(estimate.elasticity, amplitude)
-    true = _get_traceable(estimate)
-    known = None if true is None else _measure_spring(true, amplitude)
+    found = _measure_spring(spring, amplitude)
+    known = () if true is None else _measure_spring(true, amplitude)
     reach = f"\N{PLUS-MINUS SIGN}{1e3 * amplitude:.4g} m{estimate.position_unit}"
     names = (
         ("stiffness k0 once all stops slip", stiffness),
@@ -316,16 +290,14 @@ def _tabulate_spring(estimate: SpringEstimate) -> Table:
     )
     rows: list[tuple[object, ...]] = []
     for index, (name, unit) in enumerate(names):
-        value = found[index]
-        beside = () if known is None else (f"{known[index]:.4g}", format_error(value, known[index]))
-        rows.append((name, f"{value:.4g}", *beside, unit))
+        beside = [(f"{one:.4g}", pages.format_error(found[index], one)) for one in known[index : index + 1]]
+        rows.append((name, f"{found[index]:.4g}", *chain(*beside), unit))
     extra = (
-        ("cubic stiffness", estimate.elasticity.cubic, f"{stiffness}\N{SUPERSCRIPT THREE}"),
-        ("damping", estimate.elasticity.damping, f"{estimate.torque_unit} s/{estimate.position_unit}"),
+        ("cubic stiffness", spring.cubic, f"{stiffness}\N{SUPERSCRIPT THREE}"),
+        ("damping", spring.damping, f"{estimate.torque_unit} s/{estimate.position_unit}"),
     )
-    empty = () if known is None else ("", "")
-    rows += [(name, f"{value:.4g}", *empty, unit) for name, value, unit in extra if value]
-    header = ("quantity", "value", *(() if known is None else ("truth", "error")), "unit")
+    rows += [(name, f"{x:.4g}", *(("", "") if known else ()), unit) for name, x, unit in extra if x]
+    header = ("quantity", "value", *(("truth", "error") if known else ()), "unit")
     return Table(header, rows, (0, len(header) - 1), "Values that do not depend on the chosen thresholds.")
 
 
@@ -387,24 +359,19 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
         return
     truth = [entry.truth for entry in estimate.parameters]
     measures = {"prediction error (noise = 1)": [trial.error for trial in trials]}
-    whole = all(len(trial.values) == len(truth) for trial in trials)
-    known = [place for place, true in enumerate(truth) if true and whole]
-    if known:
+    known = [place for place, true in enumerate(truth) if true]
+    if known and all(len(trial.values) == len(truth) for trial in trials):
         values = np.array([trial.values for trial in trials])[:, known]
         true = np.array([truth[place] for place in known], dtype=np.float64)
         errors = 100.0 * np.max(np.abs(values / true - 1.0), axis=1)
         measures["largest error of a parameter (%)"] = errors.tolist()
     chosen = [trial.method == estimate.method for trial in trials]
-    names = [
-        f"{trial.method} (chosen)" if mine else trial.method
-        for trial, mine in zip(trials, chosen, strict=True)
-    ]
-    columns = [[_format_score(score) for score in scores] for scores in measures.values()]
-    outcomes = [trial.outcome.value for trial in trials]
+    names = [f"{trial.method}{' (chosen)' * (trial.method == estimate.method)}" for trial in trials]
+    columns = [map(_format_score, scores) for scores in measures.values()]
     yield _PREDICTION
     yield Table(
         ("method", *measures, "outcome"),
-        tuple(zip(names, *columns, outcomes, strict=True)),
+        tuple(zip(names, *columns, (trial.outcome.value for trial in trials), strict=True)),
         (0, len(measures) + 1),
         "Methods on the same logs. Less is better.",
         picked=chosen.index(True) if any(chosen) else None,
@@ -437,27 +404,30 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
     yield "== Convergence =="
     yield f"{len(history)} iterations of {estimate.method}, {estimate.outcome.value}."
     number = np.arange(1.0, len(finite) + 1.0)
-    course = list_lines(
-        number,
-        ("merit", "first", np.array([entry.merit for entry in finite])),
-        ("relative change of the parameters", "second", np.array([entry.change for entry in finite])),
-        markers=True,
-    )
-    lines = [line for line in course if np.any(line.y > 0.0)]
-    if lines:
-        caption = "Merit and relative change of the parameters, by iteration."
-        labels = ("iteration", "merit, change (1)")
-        yield build_line_figure(caption, labels, lines, logarithmic=True, whole=True)
-    # Relative to their first values, so that units do not matter.
+    # Norms relative to their first values, so that units do not matter.
     norms = np.array([entry.norms[: len(heads)] for entry in finite])
-    lines = [
-        Line(head, STYLES[index % len(STYLES)], number, norms[:, index] / norms[0, index], markers=True)
-        for index, head in enumerate(heads)
-        if norms[0, index] > 0.0
-    ]
-    if lines:
-        caption = "Norms of the residuals relative to the first iteration."
-        yield build_line_figure(caption, ("iteration", "norm / first norm"), lines, whole=True)
+    figures = (
+        (
+            "Merit and relative change of the parameters, by iteration.",
+            "merit, change (1)",
+            {"merit": [entry.merit for entry in finite]}
+            | {"relative change of the parameters": [entry.change for entry in finite]},
+        ),
+        (
+            "Norms of the residuals relative to the first iteration.",
+            "norm / first norm",
+            {head: y / y[0] for head, y in zip(heads, norms.T, strict=True) if y[0] > 0.0},
+        ),
+    )
+    for place, (caption, label, curves) in enumerate(figures):
+        lines = [
+            Line(name, STYLES[k % len(STYLES)], number, np.array(y), markers=True)
+            for k, (name, y) in enumerate(curves.items())
+            if np.any(np.array(y) > 0.0)
+        ]
+        if lines:
+            labels = ("iteration", label)
+            yield build_line_figure(caption, labels, lines, logarithmic=not place, whole=True)
     rows = [
         (
             *(place, f"{entry.merit:.6g}", f"{entry.change:.2e}", f"{entry.damping:g}"),

@@ -3,34 +3,25 @@
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from symid.report.blocks import Block, Table, describe_outcome
 from symid.serialization import describe_record, write_plain
 
 if TYPE_CHECKING:
+    from symid.arrays import FloatArray
+    from symid.identification import estimators
     from symid.identification.diagnostics import BandResidual
     from symid.identification.elastic import DriveEffect, ElasticEstimate, StiffnessEstimate
-    from symid.identification.estimators import (
-        Estimate,
-        Evidence,
-        FittedLaw,
-        LawSelection,
-        MotionResidual,
-        ParameterEstimate,
-        Residual,
-        Validation,
-    )
     from symid.identification.friction import FrictionIdentification, JointFriction, PoseTest
     from symid.logs import Alignment
 
 
-def _describe_parameter(entry: "ParameterEstimate") -> dict[str, Any]:
+def _describe_parameter(entry: "estimators.ParameterEstimate") -> dict[str, Any]:
     return {**describe_record(entry), "relative_std_percent": entry.relative_std_percent}
 
 
-def describe_estimate(estimate: "Estimate") -> dict[str, object]:
+def describe_estimate(estimate: "estimators.Estimate") -> dict[str, object]:
     """Return the estimate as `symid identify --json` gives it."""
     found = describe_record(estimate)
     found["parameters"] = [_describe_parameter(entry) for entry in estimate.parameters]
@@ -48,19 +39,17 @@ def describe_estimate(estimate: "Estimate") -> dict[str, object]:
     }
 
 
-def tabulate_laws(laws: "Sequence[FittedLaw]") -> tuple[Block, ...]:
+def tabulate_laws(laws: "Sequence[estimators.FittedLaw]") -> tuple[Block, ...]:
     """Return what was found of the friction laws of all joints; nothing where none were searched."""
     if not laws:
         return ()
-
     rows = []
     for entry in laws:
-        trials = entry.selection.trials if entry.selection is not None else ()
+        trials = () if entry.selection is None else entry.selection.trials
         held = {trial.law: write_number(trial.held_percent, ".3g") for trial in reversed(trials)}
-        other = next((one.law for one in trials if one.law != entry.law and not one.reason), None)
-        best = "" if other is None else f"{other} {held[other]}"
+        others = (f"{one.law} {held[one.law]}" for one in trials if one.law != entry.law and not one.reason)
         own, plain = held.get(entry.law, ""), held.get("coulomb-viscous-offset", "")
-        rows.append((entry.joint, entry.law, own, plain, best))
+        rows.append((entry.joint, entry.law, own, plain, next(others, "")))
     title = (
         "Friction laws: what each leaves of the torque of held-out windows in motion; plain is "
         "coulomb-viscous-offset."
@@ -73,7 +62,7 @@ def _describe_refused(refused: "Sequence[tuple[str, str]]", key: str = "name") -
     return [{key: name, "reason": reason} for name, reason in refused]
 
 
-def describe_validation(validation: "Validation") -> dict[str, object]:
+def describe_validation(validation: "estimators.Validation") -> dict[str, object]:
     """Return the validation as `symid validate --json` gives it."""
     return {
         **describe_record(validation),
@@ -83,7 +72,7 @@ def describe_validation(validation: "Validation") -> dict[str, object]:
     }
 
 
-def _describe_motion_parts(motion: "MotionResidual") -> dict[str, object]:
+def _describe_motion_parts(motion: "estimators.MotionResidual") -> dict[str, object]:
     """Return one joint's residual by the phases of motion."""
     parts = zip(("motion", "reversal", "rest"), motion.rms, motion.rows, strict=True)
     return {
@@ -95,7 +84,7 @@ def _describe_motion_parts(motion: "MotionResidual") -> dict[str, object]:
     }
 
 
-def show_all_rows(validation: "Validation") -> str:
+def show_all_rows(validation: "estimators.Validation") -> str:
     """Return the residual of all rows in a line, where others count; empty where they do."""
     if not validation.scoring:
         return ""
@@ -106,19 +95,15 @@ def show_all_rows(validation: "Validation") -> str:
     )
 
 
-def show_estimate(estimate: "Estimate") -> tuple[Block, ...]:
+def show_estimate(estimate: "estimators.Estimate") -> tuple[Block, ...]:
     """Return a headline, the tables, how a simulation went, and what is not identifiable."""
     headline = (
         f"{estimate.robot}: {estimate.rows} rows, {estimate.estimator}, {estimate.samples} equations, "
         f"condition {estimate.condition:.3g}: {estimate.outcome.value}"
     )
-    known = any(entry.truth is not None for entry in estimate.parameters)
-    rows = [
-        [entry.name, entry.value, entry.std, f"{entry.relative_std_percent:.3g}", entry.unit]
-        + ([entry.truth, entry.near_truth] if known else [])
-        for entry in estimate.parameters
-    ]
-    table = Table((*_PARAMETER, *(("robot file", "within 3 std") if known else ())), rows, (0, 4))
+    table = _show_parameters(
+        estimate.parameters, ".3g", {"robot file": "truth", "within 3 std": "near_truth"}
+    )
     lines = []
     fit: Any = estimate.settings.get("fit")
     if isinstance(fit, Mapping) and "tracking" in fit:
@@ -142,10 +127,23 @@ def show_estimate(estimate: "Estimate") -> tuple[Block, ...]:
     return (headline, table, *laws, show_residual(estimate.residual), *held_out, *texts)
 
 
-_PARAMETER = ("parameter", "value", "std", "std/%", "unit")
+def _show_parameters(
+    parameters: "Sequence[estimators.ParameterEstimate]", form: str, beside: Mapping[str, str]
+) -> Table:
+    """Return values with deviations, percent in a format; where any truth is known, fields `beside` them."""
+    known = beside if any(entry.truth is not None for entry in parameters) else {}
+    rows = [
+        (
+            *(entry.name, entry.value, entry.std),
+            *(format(entry.relative_std_percent, form) if form else entry.relative_std_percent, entry.unit),
+            *(getattr(entry, field) for field in known.values()),
+        )
+        for entry in parameters
+    ]
+    return Table(("parameter", "value", "std", "std/%", "unit", *known), rows, (0, 4))
 
 
-def show_residual(residual: Sequence["Residual"], title: str = "") -> Table:
+def show_residual(residual: Sequence["estimators.Residual"], title: str = "") -> Table:
     """Return the table of residuals."""
     rows = [
         (entry.joint, entry.norm, f"{entry.relative_percent:.4f}", entry.std, entry.unit, entry.samples)
@@ -154,7 +152,7 @@ def show_residual(residual: Sequence["Residual"], title: str = "") -> Table:
     return Table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, (0, 4), title)
 
 
-def show_evidence(evidence: "Evidence") -> Table:
+def show_evidence(evidence: "estimators.Evidence") -> Table:
     """Return the table of what is left of held-out stretches, joint by joint."""
 
     def write(value: float) -> str:
@@ -175,11 +173,10 @@ def show_evidence(evidence: "Evidence") -> Table:
     return Table((*header, "torque rms"), rows, title=title)
 
 
-def show_motion(motion: Sequence["MotionResidual"]) -> tuple[Table, ...]:
+def show_motion(motion: Sequence["estimators.MotionResidual"]) -> tuple[Table, ...]:
     """Return the table of residuals in motion, at reversal and at rest; nothing of rows without phases."""
     if not motion:
         return ()
-
     left_out = any(entry.left_out for entry in motion)
     header = ("joint", "in motion", "at reversal", "at rest", "unit")
     rows = [
@@ -198,15 +195,14 @@ def show_motion(motion: Sequence["MotionResidual"]) -> tuple[Table, ...]:
     return (Table((*header, *(("left out", "all rows") if left_out else ())), rows, (0, 4), title),)
 
 
-def describe_motion(motion: "MotionResidual") -> str:
+def describe_motion(motion: "estimators.MotionResidual") -> str:
     """Return the residual of one joint in motion, at reversal and at rest in a sentence."""
     words = zip(("in motion", "at reversal", "at rest"), motion.rms, motion.rows, strict=True)
-    parts = [
+    text = ", ".join(
         f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the rows)"
         for name, rms, rows in words
         if rms is not None
-    ]
-    text = ", ".join(parts)
+    )
     if motion.left_out:
         whole = f"{motion.whole:.4g} {motion.unit}"
         text += f"; {motion.left_out} of these rows were left out above, all of them have {whole}"
@@ -245,21 +241,17 @@ def show_band(residual: "BandResidual") -> Table:
 
 def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[str, object]:
     """Return delay and offsets: one object a run, one entry a joint; null where they are not identifiable."""
+
+    def name(values: "FloatArray") -> dict[str, float]:
+        return dict(zip(joints, values.tolist(), strict=True))
+
+    runs = zip(alignment.sources, alignment.offsets, alignment.offset_stds, strict=True)
     return {
         "delay_ms": 1e3 * alignment.delay,
         "delay_std_ms": 1e3 * alignment.delay_std,
-        "joint_delays_ms": dict(zip(joints, (1e3 * alignment.delays).tolist(), strict=True)),
-        "delay_explains": dict(zip(joints, alignment.explained.tolist(), strict=True)),
-        "offsets": [
-            {
-                "log": source,
-                "offsets": dict(zip(joints, values.tolist(), strict=True)),
-                "std": dict(zip(joints, stds.tolist(), strict=True)),
-            }
-            for source, values, stds in zip(
-                alignment.sources, alignment.offsets, alignment.offset_stds, strict=True
-            )
-        ],
+        "joint_delays_ms": name(1e3 * alignment.delays),
+        "delay_explains": name(alignment.explained),
+        "offsets": [{"log": log, "offsets": name(values), "std": name(stds)} for log, values, stds in runs],
     }
 
 
@@ -293,11 +285,10 @@ def show_stiffness(found: "StiffnessEstimate") -> tuple[Block, ...]:
     if alignment.late:
         verb = "lag" if alignment.delay > 0.0 else "lead"
         text = f"link encoders {verb} motor encoders by {delay:.3f} ms (standard deviation {std:.3f} ms)"
+    runs = zip(alignment.sources, alignment.offsets, alignment.offset_stds, strict=True)
     rows = [
         (entry.joint, source, values[index], stds[index], 100.0 * alignment.explained[index])
-        for source, values, stds in zip(
-            alignment.sources, alignment.offsets, alignment.offset_stds, strict=True
-        )
+        for source, values, stds in runs
         for index, entry in enumerate(found.joints)
         if alignment.present[index]
     ]
@@ -355,13 +346,7 @@ def show_elastic(estimate: "ElasticEstimate") -> tuple[Block, ...]:
 
 def show_elastic_parameters(estimate: "ElasticEstimate") -> Table:
     """Return the table of dynamic parameters, with the truth beside them where it is known."""
-    known = any(entry.truth is not None for entry in estimate.parameters)
-    rows = [
-        [entry.name, entry.value, entry.std, entry.relative_std_percent, entry.unit]
-        + ([entry.truth, entry.error_percent] if known else [])
-        for entry in estimate.parameters
-    ]
-    return Table((*_PARAMETER, *(("true", "error/%") if known else ())), rows, (0, 4))
+    return _show_parameters(estimate.parameters, "", {"true": "truth", "error/%": "error_percent"})
 
 
 def show_springs(estimate: "ElasticEstimate") -> Table:
@@ -381,38 +366,30 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
         slipped = () if branched else (entry.excited,)
         start = (entry.joint, spring.stiffness, slope, entry.slope_std, unit)
         rows.append((*start, *names, entry.torsion, *slipped, entry.torque, entry.torque_std))
-    last = ("torque", "torque std")
+    steepest, middle = "k0 + stops", ("stops", "knees", "torsion", "slipped to")
     if branched:
-        header = ("joint", "k0", "at most", "slope std", "unit", "branches", "torsion", *last)
-        return Table(header, rows, (0, 4, 5))
-    first = ("joint", "k0", "k0 + stops", "slope std", "unit", "stops", "knees", "torsion", "slipped to")
-    return Table((*first, *last), rows, (0, 4))
+        steepest, middle = "at most", ("branches", "torsion")
+    header = ("joint", "k0", steepest, "slope std", "unit", *middle, "torque", "torque std")
+    return Table(header, rows, (0, 4, 5) if branched else (0, 4))
 
 
 _EFFECTS = {
-    "torque-lag": "torque acts late",
-    "link-friction": "viscous friction of the link",
-    "torque-ripple": "torque ripple",
-    "kinematic-error": "kinematic error of the gear",
-    "link-eccentricity": "eccentricity of the link's encoder",
-    "torsion-offset": "zero of the torsion",
+    "torque-lag": ("torque acts late", "s"),
+    "link-friction": ("viscous friction of the link", "{torque} s/{position}"),
+    "torque-ripple": ("torque ripple", "{torque}"),
+    "kinematic-error": ("kinematic error of the gear", "{position}"),
+    "link-eccentricity": ("eccentricity of the link's encoder", "{position}"),
+    "torsion-offset": ("zero of the torsion", "{position}"),
 }
+"""What they are called, and their units."""
 
 
 def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict[str, object]:
     """Return an effect in plain types, with its joint and unit."""
     torque = estimate.residual[max(effect.joint, 0)].unit
-    position = "m" if torque == "N" else "rad"
-    units = {
-        "torque-lag": "s",
-        "link-friction": f"{torque} s/{position}",
-        "torque-ripple": torque,
-        "kinematic-error": position,
-        "link-eccentricity": position,
-        "torsion-offset": position,
-    }
+    unit = _EFFECTS[effect.kind][1].format(torque=torque, position="m" if torque == "N" else "rad")
     joint = "all" if effect.joint < 0 else estimate.residual[effect.joint].joint
-    return {**describe_record(effect), "joint": joint, "unit": units[effect.kind]}
+    return {**describe_record(effect), "joint": joint, "unit": unit}
 
 
 def show_effects(estimate: "ElasticEstimate") -> Table:
@@ -423,7 +400,7 @@ def show_effects(estimate: "ElasticEstimate") -> Table:
         size = math.hypot(*effect.values)
         order = f"{effect.order:.6g}" if effect.order else ""
         values = (f"{size if effect.order else effect.values[0]:.4g}", f"{effect.deviations[0]:.2g}")
-        rows.append((plain["joint"], _EFFECTS[effect.kind], order, *values, plain["unit"]))
+        rows.append((plain["joint"], _EFFECTS[effect.kind][0], order, *values, plain["unit"]))
     title = "Taken off before the fit; an order N is of waves cos(N theta), theta on the joint side."
     return Table(("joint", "effect", "order", "value", "std", "unit"), rows, (0, 1, 5), title)
 
@@ -442,19 +419,15 @@ def describe_friction(found: "FrictionIdentification") -> dict[str, object]:
 
 def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
     estimate, poses = entry.estimate, entry.poses
-
-    def describe(parameters: "Sequence[ParameterEstimate]") -> list[dict[str, object]]:
-        found = [_describe_parameter(value) for value in parameters]
-        for value in found:
-            del value["truth"]
-            value["meaning"], value["remark"] = value.pop("expression"), value.pop("reason")
-        return found
-
+    own, rigid = (list(map(_describe_parameter, part)) for part in (estimate.parameters, estimate.extra))
+    for value in (*own, *rigid):
+        del value["truth"]
+        value["meaning"], value["remark"] = value.pop("expression"), value.pop("reason")
     return {
         **describe_record(estimate),
         **describe_record(entry),
-        "parameters": describe(estimate.parameters),
-        "rigid": {"text": entry.rigid, "parameters": describe(estimate.extra)},
+        "parameters": own,
+        "rigid": {"text": entry.rigid, "parameters": rigid},
         "refused": _describe_refused(estimate.refused),
         "motion": None if entry.motion is None else _describe_motion_parts(entry.motion),
         "outcome": describe_outcome(estimate.outcome),
@@ -473,9 +446,11 @@ def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
 def show_friction(found: "FrictionIdentification") -> tuple[Block, ...]:
     """Return all that is found of a robot, joint by joint, and why it is not of the others."""
     size = len(found.joints) + len(found.refused)
-    head = f"{found.robot}: friction of {len(found.joints)} of {size} joint{'s'[: size > 1]}"
-    refused = "\n".join(_wrap(f"{name}: {reason}") for name, reason in found.refused)
-    return (head, *chain.from_iterable(map(_show_joint_friction, found.joints)), *filter(None, (refused,)))
+    blocks: list[Block] = [f"{found.robot}: friction of {len(found.joints)} of {size} joint{'s'[: size > 1]}"]
+    for entry in found.joints:
+        blocks += _show_joint_friction(entry)
+    refused = [_wrap(f"{name}: {reason}") for name, reason in found.refused]
+    return (*blocks, *(["\n".join(refused)] if refused else []))
 
 
 def _show_joint_friction(entry: "JointFriction") -> list[Block]:
@@ -487,15 +462,11 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
     # Beyond J, a and b they are groups whose values say nothing by themselves.
     rigid = estimate.extra if len(estimate.extra) <= _SHOWN else ()
     shown = (*estimate.parameters, *rigid)
-    rows = [
-        (
-            *(line.name, line.value, line.std, f"{line.relative_std_percent:.3g}", line.unit),
-            "rigid part" if line in rigid else line.reason or line.expression,
-        )
-        for line in shown
-    ]
+    table = _show_parameters(shown, ".3g", {})
+    meanings = ("rigid part" if line in rigid else line.reason or line.expression for line in shown)
+    rows = [(*row, meaning) for row, meaning in zip(table.rows, meanings, strict=True)]
     parts += [
-        Table((*_PARAMETER, "meaning"), rows, (0, 4, 5)) if shown else "no parameter is identifiable",
+        Table((*table.header, "meaning"), rows, (0, 4, 5)) if shown else "no parameter is identifiable",
         _wrap(
             f"{entry.rigid}; residual {residual.relative_percent:.4f} % of the torque, {residual.std:.4g} "
             f"{residual.unit} RMS over {residual.samples} rows"
@@ -510,7 +481,7 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
     return parts
 
 
-def show_law_trials(selection: "LawSelection", title: str = "") -> Table:
+def show_law_trials(selection: "estimators.LawSelection", title: str = "") -> Table:
     """Return the table of the laws that were compared, by torques held back."""
     rows = [
         (

@@ -32,6 +32,7 @@ from symid.report.pages import Page, format_percent, write_page
 from symid.report.verdict import FitVerdict, rate_output
 from symid.serialization import describe_record
 
+_SKIPPED = "The first {} samples do not count: no memory at the start explains them like the rest."
 _POOR = 0.5
 """Of its value: a deviation beyond it leaves not even the first digit."""
 _NORMAL = 1.96
@@ -40,50 +41,45 @@ _NORMAL = 1.96
 def judge_element(record: HysteresisRecord) -> FitVerdict:
     """Return what an element is worth, from what it predicts of samples that were left out."""
     level = rate_output(record.held_out)
-    headline = (
-        f"{record.model} with {record.candidates[0].count} parameters leaves {record.held_out:.3g} % of the "
-        "output unexplained, held out."
+    untimed = "No time was given: models that depend on the speed were not tried."
+    return FitVerdict(
+        level=level,
+        headline=(
+            f"{record.model} with {record.candidates[0].count} parameters leaves {record.held_out:.3g} % of "
+            "the output unexplained, held out."
+        ),
+        details=(
+            f"Held out: every eighth of the recording in turn; the fit itself leaves {record.fitted:.3g} %.",
+            *([_SKIPPED.format(record.skipped)] if record.skipped else []),
+            *([] if record.timed else [untimed]),
+        ),
+        remedy=""
+        if level in {"good", "usable"}
+        else "Plot output against input, and check columns, signs and units.",
     )
-    details = [
-        f"Held out: every eighth of the recording in turn; the fit itself leaves {record.fitted:.3g} %."
-    ]
-    details += _describe_skipped(record.skipped)
-    if not record.timed:
-        details.append("No time was given: models that depend on the speed were not tried.")
-    remedy = "Plot output against input, and check columns, signs and units."
-    remedy = "" if level in {"good", "usable"} else remedy
-    return FitVerdict(level=level, headline=headline, details=tuple(details), remedy=remedy)
 
 
 def judge_element_trial(trial: HysteresisTrial) -> FitVerdict:
     """Return what an element predicts of another recording."""
     headline = f"{trial.error:.3g} % of the output of this recording is left unexplained, means removed."
-    details = _describe_skipped(trial.skipped)
+    details = [_SKIPPED.format(trial.skipped)] if trial.skipped else []
     if trial.beyond > 0.0:
-        text = (
-            f"{100.0 * trial.beyond:.3g} % of its samples lie beyond the input of the fit, where the element"
-        )
-        details.append(f"{text} extrapolates.")
+        share = f"{100.0 * trial.beyond:.3g} % of its samples"
+        details.append(f"{share} lie beyond the input of the fit, where the element extrapolates.")
     if trial.inverse is not None:
         details.append(f"The inverse of the measured output misses the input by {trial.inverse:.3g} % of it.")
     return FitVerdict(level=rate_output(trial.error), headline=headline, details=tuple(details))
 
 
-def _describe_skipped(count: int) -> list[str]:
-    text = f"The first {count} samples do not count: no memory at the start explains them like the rest."
-    return [text] if count else []
-
-
 def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
     """Return the tables and sentences on an element."""
     shown = [entry for entry in record.parameters if not entry.name.endswith("least")]
-    known = [entry for entry in shown if 0.0 < entry.deviation <= _POOR * abs(entry.value)]
-    rows = [
-        (entry.name, f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}")
-        for entry in known
-        for low, high in [(entry.value - _NORMAL * entry.deviation, entry.value + _NORMAL * entry.deviation)]
-    ]
     poor = [entry.name for entry in shown if entry.deviation > _POOR * abs(entry.value)]
+    rows = []
+    for entry in (one for one in shown if one.deviation > 0.0 and one.name not in poor):
+        low, high = (entry.value + side * _NORMAL * entry.deviation for side in (-1.0, 1.0))
+        digits = (f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}")
+        rows.append((entry.name, *digits))
     fixed = [f"{entry.name} = {entry.value:g}" for entry in shown if not entry.deviation and entry.value]
     lists = (("Poorly identifiable, not shown", poor), ("Fixed", fixed))
     note = "\n".join(f"{head}: {', '.join(names)}." for head, names in lists if names)
@@ -94,7 +90,7 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
         header=("model", "form", "parameters", "passive", "fitted %", "held out %", "+-"),
         rows=[
             (
-                *(entry.model, entry.form, entry.count, "yes" if entry.passive else "no"),
+                *(entry.model, entry.form, entry.count, ("no", "yes")[entry.passive]),
                 *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}", f"{entry.spread:.2g}"),
             )
             for entry in record.candidates
@@ -106,8 +102,9 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
     reason = describe_inversion(record)
     inverse = f"There is none: {reason}." if reason else "It exists, for every output."
     passive = "no motion gets" if record.passive else "some motions may get"
-    passive += " work out of the element."
-    facts = f"Inverse: {inverse}\nPassivity: {passive}\nStart: {_STARTS[record.start]}."
+    facts = (
+        f"Inverse: {inverse}\nPassivity: {passive} work out of the element.\nStart: {_STARTS[record.start]}."
+    )
     return (table, tried, facts)
 
 
@@ -117,24 +114,33 @@ _LABELS = ("input (unit of the file)", "output (unit of the file)")
 def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
     """Return the figures of an element: loops, time, residuals, energy of cycles, branches."""
     trace = record.trace
-    shared = (("measured", "cloud", trace.measured), ("predicted", "predicted", trace.predicted))
-    loops = [Line(name, style, trace.position, y, joined=name == "predicted") for name, style, y in shared]
     curves = (("measured", trace.measured), ("predicted", trace.predicted))
+    loops = [
+        Line(name, style, trace.position, y, joined=name == "predicted")
+        for (name, y), style in zip(curves, ("cloud", "predicted"), strict=True)
+    ]
     over_time = [Line(name, name, trace.time, y) for name, y in curves]
     error = trace.measured - trace.predicted
-    time = "time (s)" if record.timed else "sample"
-    worst = int(np.argmax(np.abs(error)))
+    time, worst = "time (s)" if record.timed else "sample", int(np.argmax(np.abs(error)))
     time_of_worst = f"{trace.time[worst]:.4g} s" if record.timed else f"sample {trace.time[worst]:.0f}"
     first, last = (float(np.mean(part)) for part in np.array_split(error, 2))
     size = float(np.sqrt(np.mean(error**2)))
     drift = 100.0 * abs(last - first) / size if size else 0.0
     moved = f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms."
-    rest = [
-        build_curve_figure(
+    caption = f"Output against input: does {record.model} follow the loops? It leaves "
+    caption += f"{format_percent(record.fitted)} of the output."
+
+    def draw_cloud(caption: str, label: str, x: FloatArray) -> Drawing:
+        line = Line("residual", "cloud", x, error, joined=False)
+        return build_curve_figure(caption, (label, "residual"), [line], height=260.0)
+
+    drawn = [
+        build_curve_figure(caption, _LABELS, loops),
+        build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, _LABELS[1]), over_time),
+        draw_cloud(
             f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}.",
-            (_LABELS[0], "residual"),
-            [Line("residual", "cloud", trace.position, error, joined=False)],
-            height=260.0,
+            _LABELS[0],
+            trace.position,
         ),
         build_line_figure(moved, (time, "residual"), [Line("residual", "final", trace.time, error)]),
     ]
@@ -143,23 +149,9 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
         fast = np.abs(rate) > np.median(np.abs(rate))
         slow = float(np.mean(np.abs(error[~fast])))
         ratio = float(np.mean(np.abs(error[fast]))) / slow if fast.any() and slow else 1.0
-        rest.append(
-            build_curve_figure(
-                f"Does it depend on the speed? Fast samples miss {ratio:.2g} times as much as slow ones.",
-                ("rate of the input (unit of the file / s)", "residual"),
-                [Line("residual", "cloud", rate, error, joined=False)],
-                height=260.0,
-            )
-        )
-    caption = f"Output against input: does {record.model} follow the loops? It leaves "
-    caption += f"{format_percent(record.fitted)} of the output."
-    return (
-        build_curve_figure(caption, _LABELS, loops),
-        build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, _LABELS[1]), over_time),
-        *rest,
-        *_draw_cycles(trace),
-        *_draw_branches(trace),
-    )
+        text = f"Does it depend on the speed? Fast samples miss {ratio:.2g} times as much as slow ones."
+        drawn.append(draw_cloud(text, "rate of the input (unit of the file / s)", rate))
+    return (*drawn, *_draw_cycles(trace), *_draw_branches(trace))
 
 
 def compute_cycles(trace: ElementTrace) -> FloatArray:
@@ -168,16 +160,11 @@ def compute_cycles(trace: ElementTrace) -> FloatArray:
     rows = []
     for (low, _), (_, high) in pairwise(strokes):
         part = slice(max(low - 1, 0), high)
-        x = trace.position[part]
-        work = [float(scipy.integrate.trapezoid(y[part], x)) for y in (trace.measured, trace.predicted)]
+        x, curves = trace.position[part], np.stack((trace.measured[part], trace.predicted[part]))
         # What the ends leave open is no loop: closed by the straight line between them.
-        gap = float(x[0] - x[-1])
-        work = [
-            value + 0.5 * gap * float(y[part][0] + y[part][-1])
-            for value, y in zip(work, (trace.measured, trace.predicted), strict=True)
-        ]
-        rows.append((float(np.ptp(x)), *work))
-    return np.array(rows).reshape(-1, 3)
+        gap = 0.5 * (x[0] - x[-1]) * (curves[:, 0] + curves[:, -1])
+        rows.append((np.ptp(x), *(scipy.integrate.trapezoid(curves, x) + gap)))
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
 def _draw_cycles(trace: ElementTrace) -> Iterator[Drawing]:

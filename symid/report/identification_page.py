@@ -20,6 +20,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -27,18 +28,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
-from symid.identification import FrictionValidation, TaskContext, diagnose_fit, validate_fit
-from symid.identification.elastic import (
-    ElasticEstimate,
-    ElasticTrial,
-    build_rigid_estimate,
-    build_rigid_variant,
-    check_settings,
-    cut_logs,
-    evaluate_elastic,
-    get_stated_cutoff,
-    prepare_aligned,
-)
+from symid.identification import FrictionValidation, TaskContext, diagnose_fit, elastic, validate_fit
 from symid.identification.estimators import Estimate, FittedLaw, Series, Validation, check_model
 from symid.identification.friction import (
     CONFIDENCE,
@@ -55,6 +45,7 @@ from symid.identification.rigid import (
 )
 from symid.joint_models import compute_friction_torque, get_law
 from symid.logs import LogPart, Recording, check_recording, read_recordings, take_parts
+from symid.report import fit_text, pages
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.elastic_page import build_elastic_page, draw_branches
 from symid.report.figures import (
@@ -64,31 +55,6 @@ from symid.report.figures import (
     build_histogram,
     build_line_figure,
     build_mark_figure,
-)
-from symid.report.fit_text import (
-    show_all_rows,
-    show_evidence,
-    show_law_trials,
-    show_motion,
-    show_poses,
-    show_residual,
-    tabulate_laws,
-    write_number,
-)
-from symid.report.pages import (
-    UNTESTED,
-    Page,
-    build_fit_page,
-    count_significant,
-    describe_origin,
-    draw_certainty,
-    format_digits,
-    format_percent,
-    show_refused,
-    tabulate_groupings,
-    tabulate_parameters,
-    write_page,
-    write_unit,
 )
 from symid.report.verdict import (
     QUANTITIES,
@@ -117,82 +83,74 @@ _TRIALS = (
 def build_identification_page(
     estimate: Estimate,
     validations: Sequence[Validation] = (),
-    notices: Sequence[Notice] = (),
-    origin: Sequence[str] = (),
     *,
     diagnosis: Diagnosis | None = None,
-    **options: Any,  # noqa: ANN401  fields of the page
-) -> Page:
+    **options: Any,  # noqa: ANN401  of `build_fit_page`
+) -> pages.Page:
     """Return all that the page shows.
 
     Args:
         estimate: of base parameters.
         validations: what it explains of logs.
-        notices: what else a reader should know: of the robot, its library, and the recordings.
-        origin: what the page was made from, in short texts.
         diagnosis: of the fit and its own logs.
-        options: further fields of the page.
+        options: notices, origin and further fields of the page, as of `build_fit_page`.
     """
-    settings = {
-        "rows": estimate.rows,
-        "estimator": estimate.estimator,
-        "friction": estimate.friction,
-        "rows fitted": estimate.samples,
-        "condition number (column-scaled)": f"{estimate.condition:.4g}",
-        "outcome": estimate.outcome.value,
-    }
-    blocks = (
-        *chain.from_iterable(map(_show_log, validations)),
-        "== Parameters ==",
-        tabulate_parameters(estimate.parameters),
-        *draw_certainty(estimate.parameters),
-        *show_refused(estimate.refused),
-        *(("== Friction laws ==", *tabulate_laws(estimate.laws)) if estimate.laws else ()),
-        *(block for entry in estimate.laws for block in _show_law(entry)),
-        *(() if validations else ("== Held-out logs ==", UNTESTED)),
-    )
-    more = (
-        "== What each parameter groups ==",
-        tabulate_groupings(estimate.parameters),
-        "== Residual of the fit ==",
-        show_residual(estimate.residual, "What the model leaves unexplained of the logs of the fit."),
-        *_show_choice(estimate),
-        *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
-        *chain.from_iterable(map(_show_errors, validations)),
-    )
-    return build_fit_page(
+    return pages.build_fit_page(
         estimate,
         subject="identified parameters",
         verdict=judge_identification(estimate, validations),
         numbers=_list_numbers(estimate, validations),
         lead=_draw_lead(estimate, validations),
-        blocks=blocks,
-        more=more,
-        settings=settings,
-        notices=notices,
-        origin=origin,
+        blocks=(
+            *chain.from_iterable(map(_show_log, validations)),
+            *("== Parameters ==", pages.tabulate_parameters(estimate.parameters)),
+            *pages.draw_certainty(estimate.parameters),
+            *pages.show_refused(estimate.refused),
+            *(("== Friction laws ==", *fit_text.tabulate_laws(estimate.laws)) if estimate.laws else ()),
+            *(block for entry in estimate.laws for block in _show_law(entry)),
+            *(() if validations else ("== Held-out logs ==", pages.UNTESTED)),
+        ),
+        more=(
+            *("== What each parameter groups ==", pages.tabulate_groupings(estimate.parameters)),
+            "== Residual of the fit ==",
+            fit_text.show_residual(
+                estimate.residual, "What the model leaves unexplained of the logs of the fit."
+            ),
+            *_show_choice(estimate),
+            *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
+            *chain.from_iterable(map(_show_errors, validations)),
+        ),
+        settings={
+            "rows": estimate.rows,
+            "estimator": estimate.estimator,
+            "friction": estimate.friction,
+            "rows fitted": estimate.samples,
+            "condition number (column-scaled)": f"{estimate.condition:.4g}",
+            "outcome": estimate.outcome.value,
+        },
         **options,
     )
 
 
 def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> list[tuple[str, str]]:
     """Return the numbers that matter: what is left of held-out motions, where most, what is significant."""
-    worst, evidence, numbers = _find_worst(validations), estimate.evidence, []
+    worst, known = _find_worst(validations), pages.count_significant(estimate.parameters)
     if worst is not None:
-        numbers += _list_tried(worst)
-    elif evidence is not None:
-        part = max(evidence.joints, key=lambda entry: entry.held_out)
-        numbers += [
-            (format_percent(evidence.unexplained), "of the torque unexplained in stretches held out in turn"),
-            (format_percent(part.held_out), f"of it at most, at {part.joint}"),
-        ]
-    else:
-        joint = max(estimate.residual, key=lambda entry: entry.relative_percent)
-        text = "of the torque unexplained, in the logs of the fit alone"
-        numbers.append((format_percent(estimate.mean_relative_percent), text))
-        numbers.append((format_percent(joint.relative_percent), f"of it at most, at {joint.joint}"))
-    numbers.append(count_significant(estimate.parameters))
-    return numbers
+        return [*_list_tried(worst), known]
+    text, whole = "of the torque unexplained, in the logs of the fit alone", estimate.mean_relative_percent
+    if estimate.evidence is not None:
+        text = "of the torque unexplained in stretches held out in turn"
+        whole = estimate.evidence.unexplained
+    joint, most = max(_list_shares(estimate), key=itemgetter(1))
+    where = f"of it at most, at {joint}"
+    return [(pages.format_percent(whole), text), (pages.format_percent(most), where), known]
+
+
+def _list_shares(estimate: Estimate) -> list[tuple[str, float]]:
+    """Return what is left of the torque of each joint, percent: in held-out stretches, else in the fit."""
+    if estimate.evidence is not None:
+        return [(entry.joint, entry.held_out) for entry in estimate.evidence.joints]
+    return [(entry.joint, entry.relative_percent) for entry in estimate.residual]
 
 
 def _find_worst(validations: Sequence[Validation]) -> Validation | None:
@@ -204,10 +162,10 @@ def _find_worst(validations: Sequence[Validation]) -> Validation | None:
 def _list_tried(worst: Validation) -> list[tuple[str, str]]:
     joint = max(worst.residual, key=lambda entry: entry.relative_percent)
     what = f"of the {QUANTITIES[worst.rows]} unexplained in the held-out log"
-    found = [(format_percent(worst.mean_relative_percent), what)]
+    found = [(pages.format_percent(worst.mean_relative_percent), what)]
     if len(worst.residual) == 1:
-        return [*found, (f"{format_digits(joint.std)} {write_unit(joint.unit)}", "RMS of it")]
-    return [*found, (format_percent(joint.relative_percent), f"of it at most, at {joint.joint}")]
+        return [*found, (f"{pages.format_digits(joint.std)} {pages.write_unit(joint.unit)}", "RMS of it")]
+    return [*found, (pages.format_percent(joint.relative_percent), f"of it at most, at {joint.joint}")]
 
 
 def _draw_worst(worst: Validation) -> Drawing:
@@ -223,15 +181,11 @@ def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing
     worst = _find_worst(validations)
     if worst is not None and worst.series:
         return _draw_worst(worst)
-    evidence = estimate.evidence
-    if evidence is not None:
-        pairs = [(entry.joint, entry.held_out) for entry in evidence.joints]
-        caption = "How much does it miss, joint by joint? Torque left in stretches that were held out."
-    else:
-        pairs = [(entry.joint, entry.relative_percent) for entry in estimate.residual]
-        caption = "How much does it miss, joint by joint? Torque left in the logs of the fit."
-    worst_joint = max(pairs, key=lambda pair: pair[1])[0]
-    marks = [Mark(name, value, format_percent(value), name == worst_joint) for name, value in pairs]
+    where = "the logs of the fit" if estimate.evidence is None else "stretches that were held out"
+    pairs = _list_shares(estimate)
+    most, _ = max(pairs, key=itemgetter(1))
+    marks = [Mark(name, value, pages.format_percent(value), name == most) for name, value in pairs]
+    caption = f"How much does it miss, joint by joint? Torque left in {where}."
     return build_mark_figure(caption, "unexplained (% of the joint's torque)", marks)
 
 
@@ -240,7 +194,7 @@ def _show_law(entry: FittedLaw) -> tuple[Block, ...]:
     chosen = entry.selection
     if chosen is None or len(chosen.trials) < 2:
         return ()
-    return (f"=== {entry.joint}: {entry.law} ===", chosen.verdict, show_law_trials(chosen))
+    return (f"=== {entry.joint}: {entry.law} ===", chosen.verdict, fit_text.show_law_trials(chosen))
 
 
 def _show_choice(estimate: Estimate) -> Iterator[Block]:
@@ -248,16 +202,16 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
     evidence, choice = estimate.evidence, estimate.choice
     if evidence is not None:
         yield "== Held-out stretches =="
-        yield show_evidence(evidence)
+        yield fit_text.show_evidence(evidence)
     if choice is not None:
         yield "== Choice of the settings =="
         order = sorted(choice.candidates, key=lambda entry: (entry.behind, entry.held_out[-1]))
         first = [choice.chosen, *(entry for entry in order if entry is not choice.chosen)]
         rows = [
             (
-                *(write_number(value, ".3g") for value in (entry.band, entry.instruments)),
+                *(fit_text.write_number(value, ".3g") for value in (entry.band, entry.instruments)),
                 *(f"{100.0 * entry.standstill:.3g}", entry.states, f"{entry.held_out[-1]:.3g}"),
-                *(write_number(value, ".2g") for value in (entry.behind, entry.movement)),
+                *(fit_text.write_number(value, ".2g") for value in (entry.behind, entry.movement)),
                 "taken" if entry is choice.chosen else "" if entry.still else "moves",
             )
             for entry in first[:_CANDIDATES]
@@ -301,7 +255,7 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
     columns = (bootstrap.deviations, bootstrap.low, bootstrap.high)
     scatter = [
         (
-            *(name, stated[name].value, format_digits(stated[name].std), format_digits(deviation)),
+            *(name, stated[name].value, *map(pages.format_digits, (stated[name].std, deviation))),
             *(f"{low:.4g}", f"{high:.4g}", name not in dropped),
         )
         for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True)
@@ -387,7 +341,7 @@ def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
     for entry in drift.changed:
         if len(entry.values) == len(drift.runs):
             pairs = zip(entry.values, entry.deviations, strict=True)
-            rows.append((entry.name, *(f"{value:.4g} ± {format_digits(std)}" for value, std in pairs)))
+            rows.append((entry.name, *(f"{value:.4g} ± {pages.format_digits(std)}" for value, std in pairs)))
     if rows:
         header = ("name", *(Path(estimate.sources[run]).name for run in drift.runs))
         yield Table(header, rows, title="Estimates from each log alone, value ± std.")
@@ -398,7 +352,7 @@ def _show_log(validation: Validation) -> Iterator[Block]:
     mean = f"Mean over joints of the relative residual: {validation.mean_relative_percent:.4f} %"
     name = Path(validation.source).name
     yield f"== {'Log of the fit' if validation.fitted else 'Held-out log'} {name} =="
-    yield show_residual(validation.residual, f"{validation.source}. {caption} {mean}")
+    yield fit_text.show_residual(validation.residual, f"{validation.source}. {caption} {mean}")
     # The figure of one joint leads the page.
     shown = validation.series if len(validation.series) > 1 or validation.fitted else ()
     yield from (draw_prediction(series, validation.rows) for series in shown)
@@ -407,9 +361,9 @@ def _show_log(validation: Validation) -> Iterator[Block]:
 def _show_errors(validation: Validation) -> Iterator[Block]:
     """Yield the residual of a log: by phases of motion, over time, and its distribution."""
     yield f"== Residual of {Path(validation.source).name} =="
-    yield from show_motion(validation.motion)
+    yield from fit_text.show_motion(validation.motion)
     if validation.scoring:
-        yield f"{_capitalise(show_all_rows(validation))}."
+        yield f"{_capitalise(fit_text.show_all_rows(validation))}."
     for series in validation.series:
         error, joint, unit = series.measured - series.predicted, series.joint, series.unit
         quantity = _name_quantity(series, validation.rows)
@@ -500,15 +454,12 @@ def build_friction_figure(joint: JointFriction) -> Drawing:
 def build_friction_page(
     found: FrictionIdentification,
     validations: Sequence[Validation] = (),
-    notices: Sequence[Notice] = (),
-    origin: Sequence[str] = (),
-    **options: Any,  # noqa: ANN401  fields of the page
-) -> Page:
+    **options: Any,  # noqa: ANN401  of `build_fit_page`
+) -> pages.Page:
     """Return all that the page shows; `validations` are what laws and rigid part predict of logs.
 
     The other arguments are those of `build_identification_page`.
     """
-    left_out = "\n".join(f"{name}: {reason}" for name, reason in found.refused)
     # What each law leaves: of held-out blocks where laws were compared, else of the fit.
     left = []
     for entry in found.joints:
@@ -519,44 +470,40 @@ def build_friction_page(
                 part = (trial.held_percent, trial.held_rms, "held-out blocks", entry)
                 break
         left.append(part)
-    percent, rms, where, first = max(left, key=lambda part: part[0])
+    percent, rms, where, first = max(left, key=itemgetter(0))
     tried = _find_worst(validations)
-    lead = build_friction_figure(first) if tried is None else _draw_worst(tried)
     blocks: list[Block] = [*chain.from_iterable(map(_show_log, validations))]
+    title = "Residual of law and rigid part in the logs of the fit."
     for entry in found.joints:
         blocks += [
             f"== {entry.joint}: {entry.estimate.law} ==",
             f"    {entry.formula}",
             *(() if entry is first and tried is None else (build_friction_figure(entry),)),
-            tabulate_parameters(entry.estimate.parameters, formulas=False),
-            *show_refused(entry.estimate.refused),
-            show_residual((entry.residual,), "Residual of law and rigid part in the logs of the fit."),
+            pages.tabulate_parameters(entry.estimate.parameters, formulas=False),
+            *pages.show_refused(entry.estimate.refused),
+            fit_text.show_residual((entry.residual,), title),
             *(() if entry.selection is None else (entry.selection.verdict,)),
         ]
-    blocks += ["== Joints without a law ==", left_out] if left_out else []
-    more = (
-        *(block for entry in found.joints for block in _show_search(entry)),
-        *chain.from_iterable(map(_show_errors, validations)),
-    )
-    numbers = [] if tried is None else _list_tried(tried)
-    if tried is None:
-        text = f"of the torque unexplained in {where}, at {first.joint}, the joint with most left"
-        numbers.append((format_percent(percent), text))
-        size = [] if rms is None else [f"{format_digits(rms)} {write_unit(first.unit)}"]
-        numbers += [(text, "RMS of it") for text in size]
-    numbers.append(count_significant([one for entry in found.joints for one in entry.estimate.parameters]))
-    settings = {"requested law": found.model, "estimator": found.estimator}
-    return build_fit_page(
+    left_out = "\n".join(f"{name}: {reason}" for name, reason in found.refused)
+    text = f"of the torque unexplained in {where}, at {first.joint}, the joint with most left"
+    numbers = [(pages.format_percent(percent), text)]
+    if tried is not None:
+        numbers = _list_tried(tried)
+    elif rms is not None:
+        numbers.append((f"{pages.format_digits(rms)} {pages.write_unit(first.unit)}", "RMS of it"))
+    parameters = [one for entry in found.joints for one in entry.estimate.parameters]
+    return pages.build_fit_page(
         found,
         subject="identified friction",
         verdict=judge_friction(found, validations),
-        numbers=numbers,
-        lead=lead,
-        blocks=blocks,
-        more=more,
-        settings=settings,
-        notices=notices,
-        origin=origin,
+        numbers=[*numbers, pages.count_significant(parameters)],
+        lead=build_friction_figure(first) if tried is None else _draw_worst(tried),
+        blocks=(*blocks, *(["== Joints without a law ==", left_out] if left_out else [])),
+        more=(
+            *(block for entry in found.joints for block in _show_search(entry)),
+            *chain.from_iterable(map(_show_errors, validations)),
+        ),
+        settings={"requested law": found.model, "estimator": found.estimator},
         **options,
     )
 
@@ -565,7 +512,7 @@ def _show_search(entry: JointFriction) -> Iterator[Block]:
     """Yield how the law of a joint was found: phases of motion, rigid part, choice, poses, the search."""
     estimate = entry.estimate
     yield f"== {entry.joint}: how it was found =="
-    yield from show_motion((entry.motion,) if entry.motion is not None else ())
+    yield from fit_text.show_motion((entry.motion,) if entry.motion is not None else ())
     yield f"{_capitalise(entry.rigid)}."
     yield (
         f"{_capitalise(estimate.outcome.value)}: {estimate.ended}; evaluations of the objective: "
@@ -573,12 +520,12 @@ def _show_search(entry: JointFriction) -> Iterator[Block]:
     )
     yield f"AICc {estimate.aicc:.5g}, BIC {estimate.bic:.5g}, condition number {estimate.condition:.3g}."
     if estimate.extra:
-        yield from ("=== Rigid part ===", tabulate_parameters(estimate.extra, formulas=False))
+        yield from ("=== Rigid part ===", pages.tabulate_parameters(estimate.extra, formulas=False))
     if entry.selection is not None:
-        yield from ("=== Choice of the law ===", show_law_trials(entry.selection, _TRIALS))
+        yield from ("=== Choice of the law ===", fit_text.show_law_trials(entry.selection, _TRIALS))
     if entry.poses is not None:
         yield from ("=== Poses of the other joints ===", f"{_capitalise(entry.poses.verdict)}.")
-        yield from show_poses(entry.poses)
+        yield from fit_text.show_poses(entry.poses)
     history = [value for value in estimate.history if value > 0.0]
     if len(history) >= 3 and max(history) > _FLAT * min(history):
         number, markers = np.arange(float(len(history))), len(history) < 40
@@ -601,7 +548,7 @@ def judge_fit(estimate: AnyEstimate) -> FitVerdict:
     match estimate:
         case Estimate():
             return judge_identification(estimate, ())
-        case ElasticEstimate():
+        case elastic.ElasticEstimate():
             return judge_elastic(estimate, ())
         case FrictionIdentification():
             return judge_friction(estimate)
@@ -610,14 +557,14 @@ def judge_fit(estimate: AnyEstimate) -> FitVerdict:
 def draw_fit(estimate: AnyEstimate) -> tuple[Drawing, ...]:
     """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
     match estimate:
-        case ElasticEstimate():
+        case elastic.ElasticEstimate():
             return tuple(draw_branches(entry) for entry in estimate.springs if entry.identifiable)
         case FrictionIdentification():
             return tuple(map(build_friction_figure, estimate.joints))
     known = [entry for entry in estimate.parameters if 0.0 < entry.relative_std_percent < math.inf]
     least = sorted(known, key=lambda entry: -entry.relative_std_percent)[:_MOST_PARAMETERS]
     marks = [
-        Mark(entry.name, entry.relative_std_percent, format_percent(entry.relative_std_percent))
+        Mark(entry.name, entry.relative_std_percent, pages.format_percent(entry.relative_std_percent))
         for entry in least
     ]
     caption = f"{estimate.robot}: least certain parameters, standard deviation in percent of the value."
@@ -684,23 +631,26 @@ def write_fit_page(
     if diagnose and not isinstance(estimate, Estimate):
         text = "--diagnose needs an estimate of base parameters; leave it out"
         raise UsageError(Notice(code="usage.no-diagnosis", text=text, file=file))
-    validations, trials = list[Validation](), tuple[ElasticTrial, ...]()
+    validations, trials = list[Validation](), tuple[elastic.ElasticTrial, ...]()
     diagnosis, notices, origin = None, tuple[Notice, ...](), tuple[str, ...]()
-    if isinstance(estimate, ElasticEstimate):
-        check_settings(pairs, "elastic")
+    if isinstance(estimate, elastic.ElasticEstimate):
+        elastic.check_settings(pairs, "elastic")
     if known is not None and (logs or diagnose):
         robot, context = known
         described = restore_robot(robot, estimate, pairs)
         if isinstance(estimate, Estimate):
             # What was identified as rigid is tried as rigid, whatever the robot file says of its joints.
-            described, rigid = build_rigid_variant(described), build_rigid_estimate(estimate, described)
+            described, rigid = (
+                elastic.build_rigid_variant(described),
+                elastic.build_rigid_estimate(estimate, described),
+            )
         recordings = take_parts(read_recordings(logs, described), test, "--test")
         if not isinstance(estimate, FrictionIdentification):
             library = context.prepare(described)
             notices = (*described.notices, *library.notices)
             for recording in recordings:
                 notices += (*recording.notices, *check_recording(recording, described))
-            origin = describe_origin(described, library, recordings)
+            origin = pages.describe_origin(described, library, recordings)
         match estimate:
             case Estimate():
                 check_model(rigid, library.card, file)
@@ -716,29 +666,32 @@ def write_fit_page(
                     diagnosis = diagnose_fit(robot, estimate, context)
                     notices += diagnosis.notices
                 notices += tuple(notice for entry in validations for notice in entry.notices)
-            case ElasticEstimate():
+            case elastic.ElasticEstimate():
                 check_model(estimate, library.card, file)
                 context.progress(f"trying the model on {len(recordings)} log{'s'[: len(recordings) > 1]}")
-                kept = cut_logs(recordings, described.processing)
-                moved, _, aligned = prepare_aligned(library, kept)
+                kept = elastic.cut_logs(recordings, described.processing)
+                moved, _, aligned = elastic.prepare_aligned(library, kept)
                 cut = (notice for entry in kept for notice in entry.notices if notice.code == "log.cut")
                 notices += (*aligned, *(notice for notice in cut if notice not in notices))
-                cutoff = get_stated_cutoff(described, pairs)
-                trials = tuple(evaluate_elastic(estimate, library, entry, cutoff=cutoff) for entry in moved)
+                cutoff = elastic.get_stated_cutoff(described, pairs)
+                trials = tuple(
+                    elastic.evaluate_elastic(estimate, library, entry, cutoff=cutoff) for entry in moved
+                )
             case FrictionIdentification():
                 tried = [
                     validate_fit(robot, estimate, e, context, pairs=pairs, file=file) for e in recordings
                 ]
                 validations = [entry.validation for entry in tried if isinstance(entry, FrictionValidation)]
                 notices = tuple(dict.fromkeys(notice for entry in tried for notice in entry.notices))
+    told: Any = {"notices": notices, "origin": origin}
     match estimate:
         case Estimate():
-            page = build_identification_page(estimate, validations, notices, origin, diagnosis=diagnosis)
-        case ElasticEstimate():
-            page = build_elastic_page(estimate, trials, notices, origin)
+            page = build_identification_page(estimate, validations, diagnosis=diagnosis, **told)
+        case elastic.ElasticEstimate():
+            page = build_elastic_page(estimate, trials, **told)
         case FrictionIdentification():
-            page = build_friction_page(estimate, validations, notices)
-    tests: tuple[Validation | ElasticTrial, ...] = (*validations, *trials)
+            page = build_friction_page(estimate, validations, **told)
+    tests: tuple[Validation | elastic.ElasticTrial, ...] = (*validations, *trials)
     name = estimate.robot if estimate.robot in list_robots() else "ROBOT"
     name = name if known is None else name_for_commands(known[0])
     # The command that an expert would type after this verdict, and what for.
@@ -756,7 +709,7 @@ def write_fit_page(
     settled = [(entry.source, entry.processing) for entry in validations if is_rigid and entry.processing]
     processing = tuple({**asdict(entry.processing), "origin": dict(entry.origin)} for _, entry in settled)
     return WrittenPage(
-        file=write_page(path, page),
+        file=pages.write_page(path, page),
         robot=page.robot,
         verdict=page.verdict,
         sources=tuple(entry.source for entry in tests),

@@ -98,13 +98,14 @@ def build_fit_page(
 
 def _list_settings(value: object, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Yield every setting of nested tables with its dotted name."""
-    if isinstance(value, Mapping):
-        for key, entry in value.items():
-            yield from _list_settings(entry, f"{prefix}.{key}" if prefix else str(key))
-    elif isinstance(value, list | tuple):
-        yield prefix, ", ".join(map(str, value))
-    else:
-        yield prefix, "none" if value is None else str(value)
+    match value:
+        case Mapping():
+            for key, entry in value.items():
+                yield from _list_settings(entry, f"{prefix}.{key}" if prefix else str(key))
+        case list() | tuple():
+            yield prefix, ", ".join(map(str, value))
+        case _:
+            yield prefix, "none" if value is None else str(value)
 
 
 def write_page(path: Path, page: Page) -> Path:
@@ -177,19 +178,17 @@ def tabulate_parameters(parameters: Sequence[ParameterEstimate], *, formulas: bo
     rows = list[list[object]]()
     for entry in parameters:
         certain = math.isfinite(entry.std)
-        relative = f"> {100.0 / SIGNIFICANT:.0f} %" if certain and not entry.significant else "-"
+        relative = f"> {100.0 / SIGNIFICANT:.0f} %" if certain else "-"
         if certain and entry.significant:
             relative = format_percent(entry.relative_std_percent)
         row = [entry.name, format_pair(entry.value, entry.std), write_unit(entry.unit), relative]
         true = (entry.truth, format_error(entry.value, entry.truth), entry.near_truth if certain else None)
         meaning = "\n" + "; ".join(filter(None, (entry.expression, entry.reason)))
         rows.append([*row, *(true if known else ()), *(() if formulas else (meaning,))])
-    title = "With standard deviations"
-    if known:
-        title += f"; {_SIGMA}: the true value lies within three of them"
-    if formulas:
-        return Table(header, rows, (0, 2), f"{title}.")
-    return Table([*header, "meaning"], rows, (0, 2, len(header)), f"{title}.")
+    told = f"; {_SIGMA}: the true value lies within three of them" if known else ""
+    header += [] if formulas else ["meaning"]
+    left = (0, 2) if formulas else (0, 2, len(header) - 1)
+    return Table(header, rows, left, f"With standard deviations{told}.")
 
 
 def count_significant(parameters: Sequence[ParameterEstimate]) -> tuple[str, str]:
@@ -209,17 +208,16 @@ def tabulate_groupings(parameters: Sequence[ParameterEstimate]) -> Table:
 
 def draw_certainty(parameters: Sequence[ParameterEstimate]) -> tuple[Drawing, ...]:
     """Return the figure of how significant each parameter is; nothing where no deviation is known."""
-    known = [entry for entry in parameters if 0.0 < entry.std < math.inf and entry.value]
-    if not known:
-        return ()
-    significant = [entry.significant for entry in known]
     marks = [
-        Mark(entry.name, abs(entry.value) / entry.std, chosen=not sure)
-        for entry, sure in zip(known, significant, strict=True)
+        Mark(entry.name, abs(entry.value) / entry.std, chosen=not entry.significant)
+        for entry in parameters
+        if 0.0 < entry.std < math.inf and entry.value
     ]
+    if not marks:
+        return ()
     caption = (
-        f"Which parameters are significant? {sum(significant)} of {len(known)} are larger than two standard "
-        "deviations, the dashed line."
+        f"Which parameters are significant? {sum(not mark.chosen for mark in marks)} of {len(marks)} are "
+        "larger than two standard deviations, the dashed line."
     )
     return (build_mark_figure(caption, "size, in standard deviations", marks, dense=True, limit=SIGNIFICANT),)
 

@@ -24,25 +24,15 @@ import numpy as np
 
 from symid.errors import SEVERE, Notice, merge_notices
 from symid.identification.estimators import ParameterEstimate
+from symid.report import pages
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import Line, Mark, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
-from symid.report.pages import (
-    Page,
-    count_significant,
-    draw_certainty,
-    format_digits,
-    format_pair,
-    format_percent,
-    show_refused,
-    tabulate_parameters,
-    write_page,
-    write_unit,
-)
 from symid.report.robot_text import (
     describe_gain,
     show_excitation,
+    show_identifiable,
     show_joints,
     show_robot_check,
     summarise_robot,
@@ -72,19 +62,17 @@ def _build_page(
     verdict: FitVerdict,
     figures: Sequence[Drawing],
     *,
-    numbers: Sequence[tuple[str, str]],
     blocks: Sequence[Block],
     notices: Sequence[Notice] = (),
     **options: Any,  # noqa: ANN401  fields of the page
-) -> Page:
+) -> pages.Page:
     """Return a page whose first figure stands beside its verdict, the others before the tables."""
     rest = figures[1:]
     options.setdefault("settings", (("robot", robot),))
-    return Page(
+    return pages.Page(
         robot=robot,
         subject=subject,
         verdict=verdict,
-        numbers=numbers,
         lead=figures[0] if figures else None,
         blocks=(*(["== Figures =="] if rest else ()), *rest, *blocks),
         notices=tuple(map(str, merge_notices(notices))),
@@ -97,24 +85,24 @@ def judge_check(checked: "LogsCheck") -> FitVerdict:
     severe = [entry for entry in checked.notices if entry.code in SEVERE]
     found = checked.excitation
     poor = () if found is None else found.list_names("poorly identifiable", "not identifiable", "refused")
-    details = [str(entry) for entry in (*checked.errors, *severe)]
+    level, details = "usable", list(map(str, (*checked.errors, *severe)))
     if not checked.logs:
-        headline = "The robot file has no mistakes."
-        return FitVerdict(level="good", headline=headline, details=("No log was given.",))
-    if checked.errors:
-        headline = "The logs are not enough for a model of this robot."
-        return FitVerdict(level="wrong", headline=headline, details=tuple(details))
-    if severe:
-        headline = f"{len(severe)} finding{'s'[: len(severe) > 1]} would make values wrong: {severe[0].text}."
-        return FitVerdict(level="doubtful", headline=headline, details=tuple(details))
-    if found is None:
+        level, headline, details = "good", "The robot file has no mistakes.", ["No log was given."]
+    elif checked.errors:
+        level, headline = "wrong", "The logs are not enough for a model of this robot."
+    elif severe:
+        count = f"{len(severe)} finding{'s'[: len(severe) > 1]}"
+        level, headline = "doubtful", f"{count} would make values wrong: {severe[0].text}."
+    elif found is None:
         headline = "Nothing odd was found in the log; what is identifiable was not analysed."
-        return FitVerdict(level="usable", headline=headline, details=("Elastic joints, or no log.",))
-    if poor:
+        details = ["Elastic joints, or no log."]
+    elif poor:
         headline = f"{len(poor)} of {len(found.parameters)} parameters are poorly or not identifiable."
-        return FitVerdict(level="usable", headline=headline, details=(f"They are {', '.join(poor)}.",))
-    headline = f"All {len(found.parameters)} parameters are identifiable, and nothing odd was found."
-    return FitVerdict(level="good", headline=headline, details=(f"Condition number {found.condition:.3g}.",))
+        details = [f"They are {', '.join(poor)}."]
+    else:
+        headline = f"All {len(found.parameters)} parameters are identifiable, and nothing odd was found."
+        level, details = "good", [f"Condition number {found.condition:.3g}."]
+    return FitVerdict(level=level, headline=headline, details=tuple(details))
 
 
 def draw_check(robot: Robot, checked: "LogsCheck") -> tuple[Drawing, ...]:
@@ -126,22 +114,17 @@ def draw_check(robot: Robot, checked: "LogsCheck") -> tuple[Drawing, ...]:
 def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
     """Write the page of a robot file and its logs, checked; OutputError where it cannot be written."""
     numbers: list[tuple[str, str]] = []
-    found = checked.excitation
+    found, several = checked.excitation, "s"[: len(checked.logs) > 1]
     blocks: tuple[Block, ...] = show_robot_check(robot, checked)
     if found is not None:
         good, values = len(found.list_names("identifiable")), np.array(found.singular)
         numbers = [
             (f"{good} of {len(found.parameters)}", "parameters identifiable"),
-            (format_digits(found.condition), "condition number (column-scaled)"),
-        ]
-        rows = [
-            (entry.name, entry.verdict, format_percent(entry.relative_std_percent), entry.reason)
-            for entry in found.parameters
+            (pages.format_digits(found.condition), "condition number (column-scaled)"),
         ]
         title = "What a fit to all these logs would identify."
         blocks = (
-            "== Identifiability ==",
-            Table(("parameter", "verdict", "expected std", "why"), rows, (0, 1, 3), title),
+            *("== Identifiability ==", show_identifiable(found, "expected std", pages.format_percent, title)),
             build_line_figure(
                 "How well are the parameters separated? Singular values of the scaled regressor; "
                 f"the rank is {found.rank} of {len(found.singular)}.",
@@ -154,7 +137,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
             *(show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
         )
     length = sum(entry.timing.duration for entry in checked.logs)
-    numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{'s'[: len(checked.logs) > 1]}"))
+    numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{several}"))
     sources = (entry.recording.source for entry in checked.logs)
     command = ("symid", "identify", name_for_commands(robot), *sources)
     page = _build_page(
@@ -168,7 +151,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
         next_step=(shlex.join(command), "Identify the parameters") if checked.logs else None,
         settings=(("robot", summarise_robot(robot)), ("file", str(robot.path))),
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)
 
 
 def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation") -> Path:
@@ -196,7 +179,7 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
         draw_excitation(found, robot),
         numbers=(
             (f"{found.condition:.4g}", "condition number (column-scaled)"),
-            (format_percent(100.0 * most), f"of a limit used at most: {name}"),
+            (pages.format_percent(100.0 * most), f"of a limit used at most: {name}"),
             (f"{found.trajectory.duration:g} s", "period"),
         ),
         blocks=("== Limits and condition ==", *show_excitation(found)),
@@ -207,23 +190,25 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
             "Simulate a log of it, or run it on the robot",
         ),
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)
 
 
 def judge_payload(found: "Payload") -> FitVerdict:
     """Return what an identified payload is worth."""
     lost = [entry.name for entry in found.quantities if entry.value is None]
+    friction = [entry.name for entry in found.friction]
+    changed = found.moved > _FAR or bool(found.unexplained and found.doubtful)
     known = len(found.quantities) - len(lost)
     headline = f"{known} of {len(found.quantities)} quantities of the payload are identified."
-    changed = found.moved > _FAR or bool(found.unexplained and found.doubtful)
-    details = [f"chi-square {found.chi2:.3g} over {found.freedom} degrees of freedom."]
-    details += [f"Not identifiable: {', '.join(lost)}."] if lost else []
-    friction = ", ".join(entry.name for entry in found.friction)
-    details += [f"Friction changed: {friction}."] if friction else []
-    if changed:
-        headline += " But something else than a payload changed between the logs."
-    level = "doubtful" if changed else "usable" if lost else "good"
-    return FitVerdict(level=level, headline=headline, details=tuple(details))
+    lists = (("Not identifiable", lost), ("Friction changed", friction))
+    return FitVerdict(
+        level="doubtful" if changed else "usable" if lost else "good",
+        headline=headline + " But something else than a payload changed between the logs." * changed,
+        details=(
+            f"chi-square {found.chi2:.3g} over {found.freedom} degrees of freedom.",
+            *(f"{what}: {', '.join(names)}." for what, names in lists if names),
+        ),
+    )
 
 
 def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequence[Notice]) -> Path:
@@ -236,22 +221,22 @@ def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequen
     lost = [(entry.name, entry.reason) for entry in found.quantities if entry.value is None]
     mass = [entry for entry in known if entry.name == "mass"]
     places = [entry.value for entry in known if entry.name in {"cx", "cy", "cz"}]
-    numbers = [(f"{format_pair(one.value, one.std)} kg", "mass") for one in mass]
+    numbers = [(f"{pages.format_pair(one.value, one.std)} kg", "mass") for one in mass]
     if len(places) == len("xyz"):
         numbers.append((f"{math.hypot(*places):.3g} m", "from the link frame to the centre of mass"))
-    numbers.append(count_significant(known))
+    numbers.append(pages.count_significant(known))
     page = _build_page(
         robot,
         f"payload on the link of joint {found.joint}",
         judge_payload(found),
-        draw_certainty(known),
+        pages.draw_certainty(known),
         numbers=numbers,
-        blocks=("== Payload ==", tabulate_parameters(known), *show_refused(lost)),
+        blocks=("== Payload ==", pages.tabulate_parameters(known), *pages.show_refused(lost)),
         notices=notices,
         next_step=("symid payload ... --for ur", "Print it as a controller takes it (ur, franka)"),
         conventions="in the frame that the robot file gives to the link; inertia about the centre of mass",
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)
 
 
 def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequence[Notice]) -> Path:
@@ -262,17 +247,22 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
     headline = f"The stiffness of {len(told)} of {len(known)} joints is identified."
     alignment, details = found.alignment, tuple(f"{entry.joint}: {entry.reason}." for entry in found.joints)
     marks = [
-        Mark(f"{entry.joint} ({write_unit(entry.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}")
+        Mark(
+            f"{entry.joint} ({pages.write_unit(entry.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}"
+        )
         for entry, value, (low, high) in told
     ]
     caption = "How stiff is each joint? Values with 95 % intervals."
     numbers = [
         (f"{len(told)} of {len(known)}", "joints with a stiffness"),
-        (f"{format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)} ms", "link encoders after motors"),
+        (
+            f"{pages.format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)} ms",
+            "link encoders after motors",
+        ),
     ]
     if told:
         widest = max(0.5 * (high - low) / value for _, value, (low, high) in told)
-        numbers.append((f"\N{PLUS-MINUS SIGN}{format_percent(100.0 * widest)}", "widest 95 % interval"))
+        numbers.append((f"\N{PLUS-MINUS SIGN}{pages.format_percent(100.0 * widest)}", "widest 95 % interval"))
     page = _build_page(
         found.robot,
         "stiffness of joints",
@@ -283,7 +273,7 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
         notices=notices,
         conventions="torsion is motor minus link position; a delay is positive where link encoders are late",
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)
 
 
 def judge_comparison(found: "Sequence[Compared]") -> FitVerdict:
@@ -291,23 +281,23 @@ def judge_comparison(found: "Sequence[Compared]") -> FitVerdict:
     details, levels = [], set[str]()
     for entry in found:
         comparison, name = entry.comparison, entry.other.source.name
-        within = f"{comparison.count_within(2.0)} of {comparison.judged} groups within two deviations"
         if not comparison.judged:
             levels.add("usable")
             details.append(f"{name}: no deviations are stated, so agreement cannot be judged.")
             continue
+        within = f"{comparison.count_within(2.0)} of {comparison.judged} groups within two deviations"
         bound = max(3.0, NormalDist().inv_cdf(1.0 - 0.5 * _CHANCE / comparison.judged))
         total = comparison.chi_square
         agrees = comparison.largest <= bound and (total is None or total.chance >= _CHANCE)
         levels.add("good" if agrees else "doubtful")
         chance = "" if total is None else f"; chi-square {total.value:.4g} over {total.freedom}"
         details.append(f"{name}: {within}, the largest difference {comparison.largest:.3g}{chance}.")
-    level = next(entry for entry in ("doubtful", "usable", "good") if entry in levels)
-    headline = {
-        "good": "The values agree within their standard deviations.",
-        "usable": "The values cannot be compared in standard deviations.",
+    headlines = {
         "doubtful": "The values differ by more than their standard deviations explain.",
-    }[level]
+        "usable": "The values cannot be compared in standard deviations.",
+        "good": "The values agree within their standard deviations.",
+    }
+    level, headline = next(entry for entry in headlines.items() if entry[0] in levels)
     return FitVerdict(level=level, headline=headline, details=tuple(details))
 
 
@@ -320,7 +310,7 @@ def write_comparison_page(
     largest = max(entry.comparison.largest for entry in found)
     numbers = [
         (f"{within} of {judged}", "groups within two standard deviations"),
-        (format_digits(largest), "standard deviations: the largest difference"),
+        (pages.format_digits(largest), "standard deviations: the largest difference"),
     ]
     total = found[0].comparison.chi_square if len(found) == 1 else None
     if total is not None:
@@ -353,4 +343,4 @@ def write_comparison_page(
         notices=notices,
         settings=(("ours", str(ours.source)), ("others", ", ".join(str(e.other.source) for e in found))),
     )
-    return write_page(path, page)
+    return pages.write_page(path, page)

@@ -6,7 +6,7 @@ trajectories, payloads -> blocks, plain types, notices.
 
 import html
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from symid.environment import show_path
@@ -19,52 +19,55 @@ from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.codegen import GeneratedFolder, RouteCount
-    from symid.dynamics import BaseParameter, BaseParameters, ParameterChange, Payload
+    from symid.dynamics import BaseParameters, ParameterChange, Payload
     from symid.excitation import OptimisedExcitation
     from symid.identification import FileExport
-    from symid.identification.diagnostics import LogsCheck
+    from symid.identification.diagnostics import LogExcitation, LogsCheck
     from symid.lessons import Step
     from symid.logs import Draft, JointSummary, LogTiming, Recording
-    from symid.robot import Robot
 
 
 _WIDTH = 100
 
 
-def show_base(robot: "Robot", base: "BaseParameters") -> tuple[Block, ...]:
+def show_base(robot: Robot, base: "BaseParameters") -> tuple[Block, ...]:
     """Return a headline with the counts, every parameter with its reason, and what was eliminated."""
+    head, eliminated = _summarise_base(robot, base)
     parameters, friction = _describe_parameters(robot, base)
-    eliminated = [f"{names}\n{_wrap_reason(reason)}" for names, reason in _gather_eliminated(base)]
+    gone = [f"{names}\n{_wrap_reason(reason)}" for names, reason in eliminated]
     return (
-        _summarise_base(robot, base),
-        *map(_show_parameter, parameters),
+        *(head, *map(_show_parameter, parameters)),
         *(("friction parameters", *map(_show_parameter, friction)) if friction else ()),
-        *(("eliminated", *eliminated) if eliminated else ()),
+        *(("eliminated", *gone) if gone else ()),
     )
 
 
-def tabulate_base(robot: "Robot", base: "BaseParameters") -> tuple[Block, ...]:
+def tabulate_base(robot: Robot, base: "BaseParameters") -> tuple[Block, ...]:
     """Return the same as tables, for pages wider than a terminal."""
+    head, eliminated = _summarise_base(robot, base)
     parameters, friction = _describe_parameters(robot, base)
     rows = [
         (entry["name"], entry["expression"], entry["form"] or entry["value"], entry["unit"], entry["reason"])
         for entry in (*parameters, *friction)
     ]
     header = ("parameter", "groups", "value", "unit", "why")
-    gone = [Table(("eliminated", "why"), _gather_eliminated(base), left=(0, 1))] if base.eliminated else []
-    return (_summarise_base(robot, base), Table(header, rows, left=(0, 1, 3, 4)), *gone)
+    gone = [Table(("eliminated", "why"), eliminated, left=(0, 1))] if eliminated else []
+    return (head, Table(header, rows, left=(0, 1, 3, 4)), *gone)
 
 
-def _summarise_base(robot: "Robot", base: "BaseParameters") -> str:
+def _summarise_base(robot: Robot, base: "BaseParameters") -> tuple[str, list[tuple[str, str]]]:
+    """Return the counts; what was eliminated, with reasons: parameters of one reason together."""
     from symid.dynamics import DRIVE_PARAMETERS
-    from symid.notation import INERTIAL
 
-    inertial = (*INERTIAL, *DRIVE_PARAMETERS)
-    whole = base.count + sum(entry.label[1] in inertial for entry in base.eliminated)
-    return f"{robot.name}: {base.count} base parameter{'s' if base.count != 1 else ''} of {whole}"
+    whole = base.count + sum(e.label[1] in (*INERTIAL, *DRIVE_PARAMETERS) for e in base.eliminated)
+    names: dict[str, list[str]] = {}
+    for entry in base.eliminated:
+        names.setdefault(entry.reason, []).append(entry.name)
+    head = f"{robot.name}: {base.count} base parameter{'s'[: base.count != 1]} of {whole}"
+    return head, [(", ".join(group), reason) for reason, group in names.items()]
 
 
-def describe_base(robot: "Robot", base: "BaseParameters") -> dict[str, object]:
+def describe_base(robot: Robot, base: "BaseParameters") -> dict[str, object]:
     """Return the base parameters as `symid base --json` gives them."""
     from symid.dynamics import write_label
 
@@ -83,7 +86,7 @@ def describe_base(robot: "Robot", base: "BaseParameters") -> dict[str, object]:
     }
 
 
-def write_base_latex(robot: "Robot", base: "BaseParameters") -> str:
+def write_base_latex(robot: Robot, base: "BaseParameters") -> str:
     """Return every parameter with what it groups as aligned formulas."""
     from sympy import Add, Symbol, latex
 
@@ -99,15 +102,14 @@ def write_base_latex(robot: "Robot", base: "BaseParameters") -> str:
 
 
 def _describe_parameters(
-    robot: "Robot", base: "BaseParameters"
+    robot: Robot, base: "BaseParameters"
 ) -> tuple[list[dict[str, object]], list[dict[str, object]]]:
     from symid.dynamics import compute_parameter_values, derive_parameter_formulas, get_label_unit, get_owner
 
     values = compute_parameter_values(robot, base)
     forms = derive_parameter_formulas(robot, base)
-
-    def describe(entry: "BaseParameter") -> dict[str, object]:
-        return {
+    found: list[dict[str, object]] = [
+        {
             "name": entry.name,
             "expression": entry.expression,
             "reason": entry.reason,
@@ -116,28 +118,17 @@ def _describe_parameters(
             "value": values.get(entry.name),
             "form": str(forms[entry.name]).replace("**", "^") if entry.name in forms else None,
         }
-
-    return [describe(entry) for entry in base.parameters], [describe(entry) for entry in base.friction]
+        for entry in (*base.parameters, *base.friction)
+    ]
+    return found[: len(base.parameters)], found[len(base.parameters) :]
 
 
 def _show_parameter(entry: Mapping[str, object]) -> str:
     """Return a parameter in two lines: what it groups, and why."""
-    parts = [str(entry["name"])]
-    if entry["expression"] != entry["name"]:
-        parts.append(str(entry["expression"]))
-    if entry["form"] is not None:
-        parts.append(str(entry["form"]))
-    if entry["value"] is not None:
-        parts.append(f"{entry['value']:.6g}")
-    return f"{' = '.join(parts)}  [{entry['unit']}]\n{_wrap_reason(str(entry['reason']))}"
-
-
-def _gather_eliminated(base: "BaseParameters") -> list[tuple[str, str]]:
-    """Return the eliminated parameters with their reasons, those with one reason together, in their order."""
-    names: dict[str, list[str]] = {}
-    for entry in base.eliminated:
-        names.setdefault(entry.reason, []).append(entry.name)
-    return [(", ".join(group), reason) for reason, group in names.items()]
+    value = None if entry["value"] is None else f"{entry['value']:.6g}"
+    parts = dict.fromkeys((entry["name"], entry["expression"]))
+    text = " = ".join(str(part) for part in (*parts, entry["form"], value) if part is not None)
+    return f"{text}  [{entry['unit']}]\n{_wrap_reason(str(entry['reason']))}"
 
 
 def _wrap_reason(text: str) -> str:
@@ -161,11 +152,9 @@ def show_derivation(
     paragraphs = []
     for number, step in enumerate(steps, start=1):
         lines = [f"{number}. {step.title}", "", f"   {step.sentence}"]
-        for entry in step.formulas:
-            left, right = (entry.left_latex, entry.latex) if latex else (entry.left, entry.text)
-            lines.append(f"     {left} = {right}")
-        if step.check:
-            lines += ["", f"   Checked: {step.check}"]
+        sides = ((e.left_latex, e.latex) if latex else (e.left, e.text) for e in step.formulas)
+        lines += [f"     {left} = {right}" for left, right in sides]
+        lines += ["", f"   Checked: {step.check}"] if step.check else []
         paragraphs.append("\n".join(lines))
     return (*paragraphs, _show_counts(counts))
 
@@ -193,13 +182,14 @@ def write_derivation_html(steps: Sequence["Step"], counts: Sequence["RouteCount"
 
 def _show_counts(counts: Sequence["RouteCount"]) -> Table:
     """Return the operations of the chosen routes as a table, the worst of the others beside them."""
-    rows = []
+    most: dict[str, int] = {}
     for entry in counts:
-        if entry.chosen:
-            all_routes = [other.operations for other in counts if other.function == entry.function]
-            most = max(other.mul + other.add for other in all_routes)
-            own = entry.operations
-            rows.append((entry.function, own.mul, own.add, own.trig, most, entry.route))
+        size = entry.operations.mul + entry.operations.add
+        most[entry.function] = max(size, most.get(entry.function, 0))
+    rows = [
+        (one.function, own.mul, own.add, own.trig, most[one.function], one.route)
+        for one, own in ((entry, entry.operations) for entry in counts if entry.chosen)
+    ]
     title = (
         "Operations of generated functions: products with squares and divisions, sums, sines and cosines.\n"
         "The route with the fewest operations is written; 'most' has products and sums of the worst one."
@@ -224,11 +214,14 @@ def show_code(made: "GeneratedFolder") -> tuple[Block, ...]:
         (name, *(counts[key] for key in counted), *(sizes[name][key] for key in measured if name in sizes))
         for name, counts in made.operations.items()
     ]
-    units = ("code and stack in bytes; batches in manifest.json",) if sizes else ()
-    springs = tuple(f"spring: {summarise_code(spring)}" for spring in made.springs)
     text = "next: README.md says how to use it; symid export ROBOT -o FILE.h writes its parameters"
-    after = (text,) if made.manifest["target"] == "c" else ()
-    return (summarise_code(made), Table(("function", *counted, *measured), rows), *units, *springs, *after)
+    return (
+        summarise_code(made),
+        Table(("function", *counted, *measured), rows),
+        *(["code and stack in bytes; batches in manifest.json"] if sizes else []),
+        *(f"spring: {summarise_code(spring)}" for spring in made.springs),
+        *([text] if made.manifest["target"] == "c" else []),
+    )
 
 
 def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
@@ -249,22 +242,21 @@ def describe_code(robot: str, made: "GeneratedFolder") -> dict[str, object]:
     }
 
 
-def summarise_draft(robot: "Robot") -> str:
+def summarise_draft(robot: Robot) -> str:
     """Return name and number of joints."""
     return f"{robot.name}, {len(robot.joints)} joint{'s'[: len(robot.joints) != 1]}"
 
 
 def show_draft(draft: "Draft") -> tuple[Block, ...]:
     """Return the robot, and the columns and units of its log."""
-    part = draft.log
+    head, part = summarise_draft(draft.robot), draft.log
     if part is None:
-        return (summarise_draft(draft.robot),)
+        return (head,)
     preset = "" if part.robot.log.preset is None else f" (columns of {part.robot.log.preset})"
     rows = [
         (name, ", ".join(entry.columns), ", ".join(part.units[name])) for name, entry in part.read.items()
     ]
-    table = Table(("quantity", "columns", "unit"), rows, (0, 1, 2), f"log: {part.file}{preset}")
-    return (summarise_draft(draft.robot), table)
+    return (head, Table(("quantity", "columns", "unit"), rows, (0, 1, 2), f"log: {part.file}{preset}"))
 
 
 def describe_draft(draft: "Draft") -> dict[str, object]:
@@ -338,14 +330,14 @@ _SHOWN = 12
 _VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused")
 
 
-def summarise_robot(robot: "Robot") -> str:
+def summarise_robot(robot: Robot) -> str:
     """Return name, joints and convention."""
     others = {"urdf": "URDF", "mjcf": "MJCF", "origin": "frames by origin"}
     convention = others.get(robot.convention, f"{robot.convention} DH")
     return f"{robot.name}, {robot.size} joint{'s'[: robot.size != 1]}, {convention}"
 
 
-def show_robot_check(robot: "Robot", checked: "LogsCheck") -> tuple[Block, ...]:
+def show_robot_check(robot: Robot, checked: "LogsCheck") -> tuple[Block, ...]:
     """Return what was read, the joints of every log, and which parameters are identifiable."""
     head = f"{robot.path}: {summarise_robot(robot)}: no mistakes"
     if not checked.logs:
@@ -373,19 +365,26 @@ def show_robot_check(robot: "Robot", checked: "LogsCheck") -> tuple[Block, ...]:
         first = max(0, found.rank - _SHOWN // 2)
         shown = [f"{value:.2g}" for value in found.singular[first : first + _SHOWN]]
         shown.insert(found.rank - first, "|")
-        rows = [(e.name, e.verdict, e.relative_std_percent, e.reason) for e in found.parameters]
         blocks += [
             (
                 f"Identifiability: {counts}; condition {found.condition:.3g}\n"
                 f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
                 f"{'... ' if first else ''}{' '.join(shown)}"
             ),
-            Table(("parameter", "verdict", "std/%", "why"), rows, (0, 1, 3)),
+            show_identifiable(found, "std/%"),
         ]
     return tuple(blocks)
 
 
-def describe_robot_check(robot: "Robot", checked: "LogsCheck") -> dict[str, object]:
+def show_identifiable(
+    found: "LogExcitation", name: str, write: Callable[[float], object] = float, title: str = ""
+) -> Table:
+    """Return the verdict on every parameter, with the deviation to expect, called `name`, and the reason."""
+    rows = [(e.name, e.verdict, write(e.relative_std_percent), e.reason) for e in found.parameters]
+    return Table(("parameter", "verdict", name, "why"), rows, (0, 1, 3), title)
+
+
+def describe_robot_check(robot: Robot, checked: "LogsCheck") -> dict[str, object]:
     """Return what was found as `symid check --json` gives it."""
     found: dict[str, object] = {
         "robot": robot.name,
@@ -446,7 +445,7 @@ def show_joints(source: str, joints: "tuple[JointSummary, ...]") -> Table:
     return Table((*header, "at peak/%"), rows, (0, 4), source)
 
 
-def list_remarks(robot: "Robot", found: "OptimisedExcitation", seed: int) -> tuple[str, ...]:
+def list_remarks(robot: Robot, found: "OptimisedExcitation", seed: int) -> tuple[str, ...]:
     """Return what stands at the head of a trajectory's file."""
     return (
         f"{robot.name}: {found.trajectory.source}, seed {seed}",
@@ -458,7 +457,7 @@ def list_remarks(robot: "Robot", found: "OptimisedExcitation", seed: int) -> tup
     )
 
 
-def describe_excitation(robot: "Robot", found: "OptimisedExcitation", seed: int) -> dict[str, object]:
+def describe_excitation(robot: Robot, found: "OptimisedExcitation", seed: int) -> dict[str, object]:
     """Return the trajectory as `symid excite --json` gives it."""
     harmonics = (found.coefficients.shape[1] - 1) // 2
     return {

@@ -14,77 +14,24 @@ recordings.
 
 import math
 import textwrap
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from symid import study as studies
 from symid.arrays import FloatArray
 from symid.environment import locate_resource_folder
-from symid.identification.friction import (
-    STOCHASTIC,
-    FrictionEstimate,
-    FrictionOptions,
-    FrictionSamples,
-    compute_law_sensitivities,
-    fit_friction,
-)
+from symid.identification import friction
 from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
+from symid.report import figures
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import place_arm
-from symid.report.figures import (
-    STYLES,
-    ArmJoint,
-    Arrow,
-    Box,
-    Line,
-    build_arm_figure,
-    build_curve_figure,
-    build_flow_chart,
-    build_line_figure,
-    list_lines,
-)
 from symid.report.fit_text import write_number
 from symid.report.pages import Page
 from symid.report.verdict import FitVerdict
 from symid.robot import read_robot
-from symid.study import (
-    AGREEMENT,
-    CALIBRATION,
-    LAWS,
-    NEARNESS,
-    NOT_IDENTIFIABLE,
-    PEAK,
-    RECOVERY_PEAKS,
-    SWEEPS,
-    TABLE_1,
-    TABLE_3,
-    TABLE_4,
-    AgreementStudy,
-    EstimatorComparison,
-    FrictionCheck,
-    FrictionStudy,
-    GainStudy,
-    Recovery,
-    SearchRace,
-    build_gain_scene,
-    build_recovery_scene,
-    build_sweep_scene,
-    draw_samples,
-)
-
-if TYPE_CHECKING:
-    from symid.study import (
-        CutoffStudy,
-        DatasetStudy,
-        ElasticStudy,
-        ForeignStudy,
-        ManyJointsResult,
-        PrecisionStudy,
-        RecoveredParameter,
-        TrackingStudy,
-    )
-
+from symid.study import friction_protocols as paper
 
 _WIDTH = 110
 _MARK = "*"
@@ -93,7 +40,7 @@ _UNITS = {"vs": "rad/s", "dq0": "rad/s", "fV": "N m s/rad", "gamma": "1"}
 _OTHER_LAWS = ("Coulomb + viscous", "original Stribeck")
 
 
-def list_tables(study: FrictionStudy) -> tuple[Table, ...]:
+def list_tables(study: paper.FrictionStudy) -> tuple[Table, ...]:
     """Return all tables, the paper's in the order of their numbers."""
     return (
         _list_methods(study.agreement[0], study.seeds[0]),
@@ -107,7 +54,7 @@ def list_tables(study: FrictionStudy) -> tuple[Table, ...]:
     )
 
 
-def write_check_outcome(check: FrictionCheck) -> str:
+def write_check_outcome(check: paper.FrictionCheck) -> str:
     """Return whether a claim is met, in a word."""
     return "reported" if check.met is None else "met" if check.met else "MISSED"
 
@@ -116,9 +63,9 @@ def _name_columns(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{name} ({_UNITS.get(name, 'N m')})" for name in names)
 
 
-def _list_methods(study: AgreementStudy, seed: int) -> Table:
+def _list_methods(study: paper.AgreementStudy, seed: int) -> Table:
     lines = (
-        *((f"paper, {row.method}", row.values, ".5g", f"{row.objective:.0f}") for row in TABLE_1),
+        *((f"paper, {row.name}", row.values, ".5g", f"{row.objective:.0f}") for row in paper.TABLE_1),
         *((f"ours, {row.estimator}", row.values, ".5g", f"{row.objective:.4f}") for row in study.rows),
         ("ours, truth", study.truth, ".5g", f"{study.expected:.1f}"),
         ("ours, Cramer-Rao", study.bound, ".2g", ""),
@@ -134,27 +81,27 @@ def _list_methods(study: AgreementStudy, seed: int) -> Table:
     return Table(("method", *_name_columns(study.names), "sum of squares"), rows, title=title, note=note)
 
 
-def _list_agreement(studies: Sequence[AgreementStudy]) -> Table:
+def _list_agreement(found: Sequence[paper.AgreementStudy]) -> Table:
     rows = [
         (
             *(f"{study.sweep.peak:g} rad/s, {study.sweep.samples}", row.estimator, f"{row.excess:.1e}"),
             *(f"{row.agreed} of {row.draws}", f"{row.error:.2f}"),
             f"{row.outside} of {row.draws * len(study.truth)}",
         )
-        for study in studies
+        for study in found
         for row in study.rows
     ]
     header = ("peak, samples", "estimator", "worst excess", "draws within", "farthest", "beyond 3")
-    title = f"Agreement of all estimators, {studies[0].draws} draws of three motions each"
+    title = f"Agreement of all estimators, {found[0].draws} draws of three motions each"
     note = (
-        f"Excess: sum of squares over the least one of the draw, less one. Within: {AGREEMENT:g} for "
-        f"deterministic estimators, {NEARNESS:g} for {', '.join(sorted(STOCHASTIC))}. Farthest: the largest "
-        "error of a parameter in Cramer-Rao deviations."
+        f"Excess: sum of squares over the least one of the draw, less one. Within: {paper.AGREEMENT:g} for "
+        f"deterministic estimators, {paper.NEARNESS:g} for {', '.join(sorted(friction.STOCHASTIC))}. "
+        "Farthest: the largest error of a parameter in Cramer-Rao deviations."
     )
     return Table(header, rows, (0, 1), title, note)
 
 
-def _list_races(races: Sequence[SearchRace]) -> Table:
+def _list_races(races: Sequence[paper.SearchRace]) -> Table:
     rows = [
         (
             *(race.title, cost.estimator, cost.population, f"{cost.generations:.1f}"),
@@ -170,92 +117,92 @@ def _list_races(races: Sequence[SearchRace]) -> Table:
         "The paper: a generation of the hybrid takes longer, but far fewer are needed, so that it is more "
         f"efficient. Ours, hybrid against genetic:\n{findings}\n"
         "Both end where the candidates' objectives differ by 1e-6; near: the best is within "
-        f"{100.0 * NEARNESS:g} % of the least sum of squares. A generation of the hybrid evaluates every "
-        "candidate twice. The paper prints neither its algorithms nor its numbers of generations: both "
+        f"{100.0 * paper.NEARNESS:g} % of the least sum of squares. A generation of the hybrid evaluates "
+        "every candidate twice. The paper prints neither its algorithms nor its numbers of generations: both "
         "algorithms are our own designs, with their defaults."
     )
     return Table(header, rows, (0, 1), title, note)
 
 
 def _transpose(
-    study: Recovery, lines: "dict[str, Callable[[RecoveredParameter], str]]", title: str, note: str
+    study: paper.Recovery, truth: str, lines: Sequence[tuple[str, str, str]], title: str, note: str
 ) -> Table:
-    """Return a table with a column for each parameter and a row for each of `lines`."""
+    """Return a table with a column for each parameter, and a row for each name, field and format."""
+    shared = (
+        (f"{truth} = truth", "truth", ".5g"),
+        ("ours, mean", "mean", ".5g"),
+        ("ours, deviation", "deviation", ".3g"),
+        ("Cramer-Rao", "bound", ".3g"),
+    )
+    rows = [
+        (name, *(format(getattr(entry, field), form) for entry in study.parameters))
+        for name, field, form in (*shared, *lines)
+    ]
     columns = _name_columns([entry.name for entry in study.parameters])
-    rows = [(name, *map(write, study.parameters)) for name, write in lines.items()]
     return Table((f"{study.draws} draws", *columns), rows, title=title, note=note)
 
 
-def _list_recovery(study: Recovery) -> Table:
-    lines: dict[str, Callable[[RecoveredParameter], str]] = {
-        "paper = truth": lambda entry: f"{entry.truth:.5g}",
-        "ours, mean": lambda entry: f"{entry.mean:.5g}",
-        "ours, deviation": lambda entry: f"{entry.deviation:.3g}",
-        "Cramer-Rao": lambda entry: f"{entry.bound:.3g}",
-        "deviation / Cramer-Rao": lambda entry: f"{entry.ratio:.3f}",
-        "bias / deviation": lambda entry: f"{entry.bias:+.3f}",
-    }
+def _list_recovery(study: paper.Recovery) -> Table:
+    lines = (("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f"))
+    peaks = " and ".join(f"{peak:g}" for peak in paper.RECOVERY_PEAKS)
     note = (
-        f"Cosines with peaks {' and '.join(f'{peak:g}' for peak in RECOVERY_PEAKS)} rad/s, {study.samples} "
-        f"samples in all, {study.slow} of them within dq0, noise {study.noise:g} N m, exponent 2. At most "
-        f"{study.solves} linear problems a fit."
+        f"Cosines with peaks {peaks} rad/s, {study.samples} samples in all, {study.slow} of them within dq0, "
+        f"noise {study.noise:g} N m, exponent 2. At most {study.solves} linear problems a fit."
     )
     title = f"Table 3: joint {study.joint}, two trajectories, improved Stribeck law"
-    return _transpose(study, lines, title, note)
+    return _transpose(study, "paper", lines, title, note)
 
 
-def _list_second(study: Recovery) -> Table:
-    lines: dict[str, Callable[[RecoveredParameter], str]] = {
-        "published = truth": lambda entry: f"{entry.truth:.5g}",
-        "ours, mean": lambda entry: f"{entry.mean:.5g}",
-        "ours, deviation": lambda entry: f"{entry.deviation:.3g}",
-        "Cramer-Rao": lambda entry: f"{entry.bound:.3g}",
-        "Cramer-Rao, % of value": lambda entry: f"{100.0 * entry.bound / abs(entry.truth):.2g}",
-        "farthest, in Cramer-Rao": lambda entry: f"{entry.error:.2f}",
-        "draws within 3": lambda entry: str(entry.inside),
-        "identifiable": lambda entry: "yes" if entry.identifiable else "no",
-    }
+def _list_second(study: paper.Recovery) -> Table:
+    lines = (("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", ""))
     note = (
         f"Cosines with peaks 3 vs and 1 rad/s, {study.samples} samples in all, {study.slow} of them slower "
         f"than vs, noise {study.noise:.3g} N m = 0.02 fC; identifiable: the bound is at most "
-        f"{100.0 * NOT_IDENTIFIABLE:g} % of the value."
+        f"{100.0 * paper.NOT_IDENTIFIABLE:g} % of the value."
     )
-    return _transpose(study, lines, f"A second truth: {study.joint}, law {study.law}", note)
+    table = _transpose(study, "published", lines, f"A second truth: {study.joint}, law {study.law}", note)
+    shares = (f"{100.0 * entry.bound / abs(entry.truth):.2g}" for entry in study.parameters)
+    known = ("identifiable", *(("no", "yes")[entry.identifiable] for entry in study.parameters))
+    rows = (*table.rows[:4], ("Cramer-Rao, % of value", *shares), *table.rows[4:], known)
+    return replace(table, rows=rows)
 
 
-def _list_sums(studies: Sequence[GainStudy]) -> Table:
+def _list_sums(found: Sequence[paper.GainStudy]) -> Table:
     sources = ("paper", "ours, scaled", "ours, mean")
     rows = [
         (f"joint {study.joint}, {who}", *(f"{value:.0f}" for value in values))
-        for study in studies
+        for study in found
         for who, values in zip(sources, (study.paper, study.scaled, study.sums), strict=True)
     ]
     note = (
-        f"Ours: one cosine, peak {PEAK:g} rad/s, {studies[0].samples} samples, {studies[0].draws} draws; "
+        f"Ours: one cosine, peak {paper.PEAK:g} rad/s, {found[0].samples} samples, {found[0].draws} draws; "
         "scaled: one factor a joint, so that the improved law has the paper's sum (the paper does not state "
-        f"the number of samples).\n{CALIBRATION}"
+        f"the number of samples).\n{paper.CALIBRATION}"
     )
     title = "Table 4: sums of squared errors, (N m)^2"
     header = ("joint", "Coulomb + viscous, calibrated", "original Stribeck, prediction", "improved Stribeck")
     return Table(header, rows, title=title, note=note)
 
 
-def _list_gains(studies: Sequence[GainStudy]) -> Table:
+def _list_gains(found: Sequence[paper.GainStudy]) -> Table:
     rows = []
     for column, name in enumerate(_OTHER_LAWS):
-        for study in studies:
+        for study in found:
             gain = (study.viscous, study.stribeck)[column]
-            paper = 100.0 * (1.0 - math.sqrt(study.paper[-1] / study.paper[column]))
-            values = (gain.paper, gain.mean, gain.deviation, gain.miss, gain.held_out, gain.rms, paper)
+            printed = 100.0 * (1.0 - math.sqrt(study.paper[-1] / study.paper[column]))
+            values = (gain.paper, gain.mean, gain.deviation, gain.miss, gain.held_out, gain.rms, printed)
             forms = (".1f", ".1f", ".1f", "+.1f", ".1f", ".1f", ".1f")
             rows.append((f"{study.joint}, {name}", gain.role, *map(format, values, forms)))
-    misses = "; ".join(f"joint {study.joint}: {study.stribeck.describe_miss()}" for study in studies)
+    misses = "; ".join(f"joint {study.joint}: {study.stribeck.describe_miss()}" for study in found)
     # The gain by the bias alone, joint by joint.
-    place = [entry.name for entry in get_law(TABLE_3[0].law).physical].index("fP")
-    pairs = [(row.values[place] ** 2, other.noise**2) for row, other in zip(TABLE_3, TABLE_4, strict=True)]
+    place = [entry.name for entry in get_law(paper.TABLE_3[0].law).physical].index("fP")
+    pairs = [
+        (row.values[place] ** 2, other.noise**2)
+        for row, other in zip(paper.TABLE_3, paper.TABLE_4, strict=True)
+    ]
     floors = ", ".join(f"{100.0 * bias / (bias + noise):.1f}" for bias, noise in pairs)
     note = (
-        f"{CALIBRATION} The noise is {', '.join(f'{row.noise:g}' for row in TABLE_4)} N m.\n"
+        f"{paper.CALIBRATION} The noise is {', '.join(f'{row.noise:g}' for row in paper.TABLE_4)} N m.\n"
         f"The predictions miss by: {misses}.\n"
         "Reading H1 adds fP at all velocities, which no law without a bias can follow: in a motion that is "
         "the same in both directions it alone gives a gain of fP^2 / (fP^2 + sigma^2), "
@@ -267,7 +214,7 @@ def _list_gains(studies: Sequence[GainStudy]) -> Table:
     return Table((*header, "paper in RMS"), rows, (0, 1), title, note)
 
 
-def _list_contest(contest: EstimatorComparison) -> Table:
+def _list_contest(contest: paper.EstimatorComparison) -> Table:
     timed = any(math.isfinite(run.seconds) for run in contest.runs)
     rows = [
         (
@@ -289,7 +236,7 @@ def _list_contest(contest: EstimatorComparison) -> Table:
     return Table((*header, *([f"ms{_MARK}"] if timed else [])), rows, title=title, note="\n".join(note))
 
 
-def show_friction_tables(study: FrictionStudy) -> tuple[Block, ...]:
+def show_friction_tables(study: paper.FrictionStudy) -> tuple[Block, ...]:
     """Return the tables of joint friction, the paper's and ours, and the claims on ours."""
     checks = [
         textwrap.fill(
@@ -302,7 +249,7 @@ def show_friction_tables(study: FrictionStudy) -> tuple[Block, ...]:
     return (*list_tables(study), "\n".join(("claims and results", *checks)))
 
 
-def show_precision(study: "PrecisionStudy") -> tuple[Block, ...]:
+def show_precision(study: "studies.PrecisionStudy") -> tuple[Block, ...]:
     """Return the errors of every method over the Cramer-Rao bound."""
     header = ("method", "mean", "worst", "of", "95 % held, %", "price at most, %", "least eigenvalue")
     rows = [
@@ -322,7 +269,7 @@ def show_precision(study: "PrecisionStudy") -> tuple[Block, ...]:
     return (Table(header, rows, (0, 3), title),)
 
 
-def show_cutoff(study: "CutoffStudy") -> tuple[Block, ...]:
+def show_cutoff(study: "studies.CutoffStudy") -> tuple[Block, ...]:
     """Return the residuals, on the rest of the log, of fits with different cut-offs."""
     header = ("cut-off, Hz", f"torque, 1 in {study.factor}", "torque, all", "momentum")
     rows = [
@@ -336,7 +283,7 @@ def show_cutoff(study: "CutoffStudy") -> tuple[Block, ...]:
     return (Table(header, rows, title=title),)
 
 
-def show_elastic_study(study: "ElasticStudy") -> tuple[Block, ...]:
+def show_elastic_study(study: "studies.ElasticStudy") -> tuple[Block, ...]:
     """Return the errors of every method, a table for each set of logs."""
     head = (
         f"{study.robot}: errors in percent, median and 90th percentile. param: largest of all dynamic "
@@ -346,7 +293,7 @@ def show_elastic_study(study: "ElasticStudy") -> tuple[Block, ...]:
     return (head, *map(_show_dataset, study.studies))
 
 
-def _show_dataset(entry: "DatasetStudy") -> Table:
+def _show_dataset(entry: "studies.DatasetStudy") -> Table:
     plural = "s" if entry.seeds > 1 else ""
     title = f"{entry.dataset}, {entry.condition.value}, {entry.seeds} run{plural}"
     if entry.bound == entry.bound:
@@ -371,7 +318,7 @@ def _join_counts(counts: Sequence[tuple[str, int]]) -> str:
     return ", ".join(word if len(counts) == 1 else f"{word} {count}" for word, count in counts)
 
 
-def show_foreign(study: "ForeignStudy") -> tuple[Block, ...]:
+def show_foreign(study: "studies.ForeignStudy") -> tuple[Block, ...]:
     """Return the automatic choice on every truth, then the errors of all methods."""
 
     def write(value: float) -> str:
@@ -411,7 +358,7 @@ def show_foreign(study: "ForeignStudy") -> tuple[Block, ...]:
     return (Table(header, chosen, left=(0, 4, 5, 6), title=title, note=note), *tables)
 
 
-def show_tracking(study: "TrackingStudy") -> tuple[Block, ...]:
+def show_tracking(study: "studies.TrackingStudy") -> tuple[Block, ...]:
     """Return the tracking errors with every model, and which differences are significant."""
     heading = ["case", *(f"{name} rms/mrad" for name in study.joints)]
     rows = [[case, *(f"{1e3 * spread.median:.4g}" for spread in spreads)] for case, spreads in study.rms]
@@ -433,7 +380,7 @@ def show_tracking(study: "TrackingStudy") -> tuple[Block, ...]:
     )
 
 
-def show_many_joints(result: "ManyJointsResult") -> Table:
+def show_many_joints(result: "studies.ManyJointsResult") -> Table:
     """Return the residuals of each method on a held-out motion, next to those of the true parameters."""
     rows = [
         [f"{entry.method}{suffix}", *(f"{value:.4f}" for value in values)]
@@ -453,15 +400,15 @@ def show_many_joints(result: "ManyJointsResult") -> Table:
 
 _VELOCITY = "velocity (rad/s)"
 _POINTS = 1201
-_STYLES = dict(zip(LAWS, ("fourth", "third", "predicted"), strict=True))
+_STYLES = dict(zip(paper.LAWS, ("fourth", "third", "predicted"), strict=True))
 
 
-def build_friction_study_page(study: FrictionStudy) -> Page:
+def build_friction_study_page(study: paper.FrictionStudy) -> Page:
     """Return all that the page shows."""
     seed, last = study.seeds
-    one = draw_samples(build_sweep_scene(SWEEPS[0]), np.random.default_rng(seed))
-    two = draw_samples(build_recovery_scene(0), np.random.default_rng(seed))
-    figures = (
+    one = paper.draw_samples(paper.build_sweep_scene(paper.SWEEPS[0]), np.random.default_rng(seed))
+    two = paper.draw_samples(paper.build_recovery_scene(0), np.random.default_rng(seed))
+    counterparts = (
         ("1", _draw_improved()),
         ("2", _draw_stribeck()),
         ("3", _draw_hybrid()),
@@ -472,9 +419,14 @@ def build_friction_study_page(study: FrictionStudy) -> Page:
         ("9", _draw_scatter(two, "two trajectories")),
         ("10", _draw_two_fit(two, near=False)),
         ("10, near standstill", _draw_two_fit(two, near=True)),
-        *((f"11, joint {build_gain_scene(k).joint}", _draw_torque(k, seed)) for k in range(len(TABLE_3))),
+        *(
+            (f"11, joint {paper.build_gain_scene(k).joint}", _draw_torque(k, seed))
+            for k in range(len(paper.TABLE_3))
+        ),
     )
-    drawn = [block for name, figure in figures for block in (f"=== Counterpart of Figure {name} ===", figure)]
+    drawn = [
+        block for name, figure in counterparts for block in (f"=== Counterpart of Figure {name} ===", figure)
+    ]
     rows = [(check.name, check.bar, check.found, write_check_outcome(check)) for check in study.checks]
     title = "Claims and results. Reported: no requirement, or too few draws to judge."
     checks = Table(("claim", "required", "result", "outcome"), rows, (0, 1, 2, 3), title)
@@ -507,7 +459,7 @@ def build_friction_study_page(study: FrictionStudy) -> Page:
                 "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
                 "are not public."
             ),
-            "Table 4: " + CALIBRATION,
+            "Table 4: " + paper.CALIBRATION,
             "== Claims ==",
             checks,
             "== Tables ==",
@@ -525,12 +477,12 @@ def build_friction_study_page(study: FrictionStudy) -> Page:
     )
 
 
-def _draw(caption: str, lines: Sequence[Line], across: str = _VELOCITY) -> Drawing:
-    return build_curve_figure(caption, (across, "friction torque (N m)"), lines, height=330.0)
+def _draw(caption: str, lines: Sequence[figures.Line], across: str = _VELOCITY) -> Drawing:
+    return figures.build_curve_figure(caption, (across, "friction torque (N m)"), lines, height=330.0)
 
 
-def _list_samples(x: FloatArray, y: FloatArray) -> Line:
-    return Line("samples", "cloud", x, y, joined=False)
+def _list_samples(x: FloatArray, y: FloatArray) -> figures.Line:
+    return figures.Line("samples", "cloud", x, y, joined=False)
 
 
 def _compute_curve(law: FrictionLaw, values: Sequence[float], velocity: FloatArray) -> FloatArray:
@@ -539,7 +491,7 @@ def _compute_curve(law: FrictionLaw, values: Sequence[float], velocity: FloatArr
 
 
 def _draw_improved() -> Drawing:
-    values = TABLE_3[0].values
+    values = paper.TABLE_3[0].values
     velocity = np.linspace(-0.12, 0.12, _POINTS)
     readings = (
         ("H1: bias, straight line within dq0", "improved-stribeck", values, "predicted"),
@@ -548,7 +500,7 @@ def _draw_improved() -> Drawing:
         ("H4: origin at dq0", "improved-stribeck-h4", values, "fourth"),
     )
     lines = [
-        Line(label, style, velocity, _compute_curve(get_law(name), given, velocity))
+        figures.Line(label, style, velocity, _compute_curve(get_law(name), given, velocity))
         for label, name, given, style in readings
     ]
     caption = (
@@ -560,12 +512,12 @@ def _draw_improved() -> Drawing:
 
 def _draw_stribeck() -> Drawing:
     law, velocity = get_law("stribeck"), np.linspace(1e-6, 0.5, _POINTS)
-    coulomb, static, stribeck, viscous = TABLE_1[-1].values
+    coulomb, static, stribeck, viscous = paper.TABLE_1[-1].values
     lines = [
-        Line(row.method, style, velocity, _compute_curve(law, row.values, velocity))
-        for row, style in zip(TABLE_1, STYLES, strict=False)
+        figures.Line(row.name, style, velocity, _compute_curve(law, row.values, velocity))
+        for row, style in zip(paper.TABLE_1, figures.STYLES, strict=False)
     ]
-    lines += list_lines(
+    lines += figures.list_lines(
         velocity,
         ("Coulomb part", "minor", np.full(_POINTS, coulomb)),
         ("Stribeck part", "virgin", (static - coulomb) * np.exp(-((velocity / stribeck) ** 2))),
@@ -586,7 +538,7 @@ _HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
 
 def _draw_hybrid() -> Drawing:
     """Return our hybrid algorithm as a flow chart, with its default options."""
-    options = FrictionOptions().annealing
+    options = friction.FrictionOptions().annealing
     plain = (
         ("end", f"{options.population} candidates an unknown,", "at random between the bounds"),
         ("step", "J of every candidate;", "temperature T = worst J \N{MINUS SIGN} best J"),
@@ -611,10 +563,11 @@ def _draw_hybrid() -> Drawing:
         ("end", "the best candidate"),
     )
     boxes = [
-        Box((_LEFT, y), tuple(text), "first", kind) for y, (kind, *text) in zip(_ROWS, plain, strict=False)
+        figures.Box((_LEFT, y), tuple(text), "first", kind)
+        for y, (kind, *text) in zip(_ROWS, plain, strict=False)
     ]
     boxes += [
-        Box((_RIGHT, y), tuple(text), "second" if y < _ROWS[4] else "first", kind)
+        figures.Box((_RIGHT, y), tuple(text), "second" if y < _ROWS[4] else "first", kind)
         for y, (kind, *text) in zip(_ROWS, annealing, strict=True)
     ]
     titles = (
@@ -630,8 +583,8 @@ def _draw_hybrid() -> Drawing:
     # The ways between the steps: down both columns, across, and back.
     answers, low, end = {1: "yes", 4: "yes"}, _ROWS[5] - 5.0, _ACROSS - _OUTSIDE
 
-    def lead_down(x: float, row: int, label: str = "") -> Arrow:
-        return Arrow(((x, _ROWS[row] + _HALF), (x, _ROWS[row + 1] - _HALF)), label)
+    def lead_down(x: float, row: int, label: str = "") -> figures.Arrow:
+        return figures.Arrow(((x, _ROWS[row] + _HALF), (x, _ROWS[row + 1] - _HALF)), label)
 
     first, last = (_LEFT + _EDGE, _ROWS[4]), (_RIGHT - _EDGE, _ROWS[0])
     across = (first, (_GUTTER, _ROWS[4]), (_GUTTER, _ROWS[0]), last)
@@ -644,9 +597,9 @@ def _draw_hybrid() -> Drawing:
     arrows = [
         *(lead_down(_LEFT, row) for row in range(4)),
         *(lead_down(_RIGHT, row, answers.get(row, "")) for row in range(5)),
-        *(Arrow(across), Arrow(kept, "no"), Arrow(back, "no")),
+        *(figures.Arrow(across), figures.Arrow(kept, "no"), figures.Arrow(back, "no")),
     ]
-    return build_flow_chart(caption, boxes, arrows, titles, _ROWS[5] + 40.0, width=_ACROSS)
+    return figures.build_flow_chart(caption, boxes, arrows, titles, _ROWS[5] + 40.0, width=_ACROSS)
 
 
 _PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
@@ -661,31 +614,31 @@ def _draw_platform() -> Drawing:
     links, frames = place_arm(robot, _POSE)
     joints = []
     for number, (link, frame, radius) in enumerate(zip(links, frames, _RADII, strict=True), 1):
-        style = "second" if number <= len(TABLE_3) else "first"
+        style = "second" if number <= len(paper.TABLE_3) else "first"
         # A joint stands amid what lies along its axis.
-        joints.append(ArmJoint(0.5 * (link[1] + link[2]), frame[:3, 2], str(number), style, radius))
+        joints.append(figures.ArmJoint(0.5 * (link[1] + link[2]), frame[:3, 2], str(number), style, radius))
     caption = (
         "A serial robot with several joints is all that is public of the paper's platform: neither its maker "
         f"nor its dimensions. Drawn is an arm of this kind, with the kinematics of robots/{_PLATFORM} "
         f"({robot.description.partition(' on ')[0]}); joints 1 to 3, whose friction the tables have, are "
         "orange. No number of this page depends on it."
     )
-    return build_arm_figure(caption, links, joints)
+    return figures.build_arm_figure(caption, links, joints)
 
 
-def _draw_scatter(samples: FrictionSamples, what: str) -> Drawing:
+def _draw_scatter(samples: friction.FrictionSamples, what: str) -> Drawing:
     caption = f"Joint 1, {what}: {samples.count} synthetic samples."
     return _draw(caption, [_list_samples(samples.velocity, samples.torque)])
 
 
-def _build_band(found: FrictionEstimate, velocity: FloatArray) -> Line:
+def _build_band(found: friction.FrictionEstimate, velocity: FloatArray) -> figures.Line:
     """Return where 95 percent of samples lie by the fit: noise, and uncertainty of the curve."""
     law, inputs = get_law(found.law), {"velocity": velocity}
-    design = compute_law_sensitivities(law, inputs, found.linear, found.shape)
+    design = friction.compute_law_sensitivities(law, inputs, found.linear, found.shape)
     uncertainty = np.einsum("ni,ij,nj->n", design, np.array(found.covariance), design)
     torque = compute_friction_torque(law, inputs, found.linear, found.shape)
     half = 2.0 * np.sqrt(found.sigma**2 + uncertainty)
-    return Line(
+    return figures.Line(
         label="band of two deviations",
         style="area",
         x=np.concatenate([velocity, velocity[::-1]]),
@@ -693,26 +646,28 @@ def _build_band(found: FrictionEstimate, velocity: FloatArray) -> Line:
     )
 
 
-def _draw_one_fit(samples: FrictionSamples, study: FrictionStudy) -> Drawing:
+def _draw_one_fit(samples: friction.FrictionSamples, study: paper.FrictionStudy) -> Drawing:
     law = get_law("stribeck")
     velocity = np.linspace(0.0, float(np.max(samples.velocity)), _POINTS)[1:]
     curves = {run.estimator: _compute_curve(law, run.values, velocity) for run in study.contests[0].runs}
     styles = {"varpro": "predicted", "genetic": "third", "annealing": "virgin"}
-    lines = [Line(name, style, velocity, curves[name]) for name, style in styles.items()]
+    lines = [figures.Line(name, style, velocity, curves[name]) for name, style in styles.items()]
     apart = max(float(np.max(np.abs(curve - curves["varpro"]))) for curve in curves.values())
     caption = (
         "Samples of joint 1 with the fitted curves of three estimators. All estimators' curves differ by at "
         f"most {apart:.2g} N m; the band holds 95 % of the samples."
     )
-    band = _build_band(fit_friction(samples, law), velocity)
+    band = _build_band(friction.fit_friction(samples, law), velocity)
     return _draw(caption, [band, _list_samples(samples.velocity, samples.torque), *lines])
 
 
-def _draw_convergence(contest: EstimatorComparison) -> Drawing:
+def _draw_convergence(contest: paper.EstimatorComparison) -> Drawing:
     least = min(run.objective for run in contest.runs if not run.reason)
     names = {"genetic": ("genetic algorithm", "first"), "annealing": ("hybrid with annealing", "second")}
     lines = [
-        Line(*names[run.estimator], np.arange(float(len(run.history))), np.array(run.history) / least - 1.0)
+        figures.Line(
+            *names[run.estimator], np.arange(float(len(run.history))), np.array(run.history) / least - 1.0
+        )
         for run in contest.runs
         if run.estimator in names
     ]
@@ -721,20 +676,20 @@ def _draw_convergence(contest: EstimatorComparison) -> Drawing:
         "A generation of the hybrid costs two evaluations a candidate."
     )
     labels = ("generation", "J / least J - 1")
-    return build_line_figure(caption, labels, lines, logarithmic=True, whole=True)
+    return figures.build_line_figure(caption, labels, lines, logarithmic=True, whole=True)
 
 
-def _draw_two_fit(samples: FrictionSamples, *, near: bool) -> Drawing:
+def _draw_two_fit(samples: friction.FrictionSamples, *, near: bool) -> Drawing:
     """Return fits of all laws to two trajectories: all of it, or what lies near standstill."""
     reach = 0.06 if near else 1.0
     velocity = np.linspace(-reach, reach, _POINTS)
     shown = np.abs(samples.velocity) <= reach
     lines, sums = [], []
-    for name in LAWS:
+    for name in paper.LAWS:
         law = get_law(name)
-        found = fit_friction(samples, law)
+        found = friction.fit_friction(samples, law)
         y = compute_friction_torque(law, {"velocity": velocity}, found.linear, found.shape)
-        lines.append(Line(name, _STYLES[name], velocity, y))
+        lines.append(figures.Line(name, _STYLES[name], velocity, y))
         sums.append(f"{name} {found.objective:.0f}")
     cloud = _list_samples(samples.velocity[shown], samples.torque[shown])
     caption = (
@@ -745,13 +700,13 @@ def _draw_two_fit(samples: FrictionSamples, *, near: bool) -> Drawing:
 
 
 def _draw_torque(index: int, seed: int) -> Drawing:
-    scene = build_gain_scene(index)
-    samples = draw_samples(scene, np.random.default_rng(seed))
+    scene = paper.build_gain_scene(index)
+    samples = paper.draw_samples(scene, np.random.default_rng(seed))
     sums, lines = [], [_list_samples(samples.time, samples.torque)]
-    for name in LAWS:
-        found = fit_friction(samples, get_law(name))
+    for name in paper.LAWS:
+        found = friction.fit_friction(samples, get_law(name))
         torque = compute_friction_torque(get_law(name), samples.inputs, found.linear, found.shape)
-        lines.append(Line(name, _STYLES[name], samples.time, torque))
+        lines.append(figures.Line(name, _STYLES[name], samples.time, torque))
         sums.append(found.objective)
     caption = (
         f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves "

@@ -8,20 +8,10 @@ from typing import TYPE_CHECKING
 from symid.environment import show_path
 from symid.errors import Notice
 from symid.identification import AnyValidation, ElasticValidation, FrictionValidation, RigidValidation
+from symid.report import fit_text
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.elastic_page import draw_loops
-from symid.report.fit_text import (
-    describe_alignment,
-    describe_band,
-    describe_band_metric,
-    describe_validation,
-    show_all_rows,
-    show_band,
-    show_motion,
-    show_residual,
-)
 from symid.report.identification_page import describe_essential, describe_rank, draw_prediction
-from symid.robot import Robot
 from symid.serialization import describe_record
 
 if TYPE_CHECKING:
@@ -38,17 +28,17 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
     match found:
         case RigidValidation():
             kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
-            limit, table = found.validation.scoring, show_residual(found.residual)
-            metric = show_all_rows(found.validation)
+            limit, table = found.validation.scoring, fit_text.show_residual(found.residual)
+            metric = fit_text.show_all_rows(found.validation)
             if found.band is not None:
-                limit, table, motion = found.band.band, show_band(found.band), ()
-                metric = describe_band_metric(found.band)
+                limit, table, motion = found.band.band, fit_text.show_band(found.band), ()
+                metric = fit_text.describe_band_metric(found.band)
             within = f" within {limit:.3g} Hz" if limit else ""
             more = "".join(f"\n{text}" for text in (found.settled.describe(), metric) if text)
-        case FrictionValidation(laws=laws):
+        case FrictionValidation():
             kind = ", friction and rigid part"
             rows = [
-                (e.joint, laws[e.joint], f"{e.relative_percent:.4f}", e.std, e.unit, e.samples)
+                (e.joint, found.laws[e.joint], f"{e.relative_percent:.4f}", e.std, e.unit, e.samples)
                 for e in found.validation.residual
             ]
             table = Table(("joint", "law", "relative/%", "RMS", "unit", "rows"), rows, (0, 1, 4))
@@ -56,7 +46,7 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
         f"{found.robot.name}{kind} on {found.validation.source}{within}: mean relative residual "
         f"{found.mean_relative_percent:.4f} %"
     )
-    return (f"{headline}{more}", table, *show_motion(motion))
+    return (f"{headline}{more}", table, *fit_text.show_motion(motion))
 
 
 def describe_trial(found: AnyValidation) -> dict[str, object]:
@@ -64,14 +54,14 @@ def describe_trial(found: AnyValidation) -> dict[str, object]:
     match found:
         case RigidValidation():
             return {
-                **describe_validation(found.validation),
+                **fit_text.describe_validation(found.validation),
                 "mean_relative_percent": found.mean_relative_percent,
                 "residual": [describe_record(entry) for entry in found.residual],
-                **({} if found.band is None else {"band": describe_band(found.band)}),
+                **({} if found.band is None else {"band": fit_text.describe_band(found.band)}),
                 "processing": {**asdict(found.settled.processing), "origin": dict(found.settled.origin)},
             }
         case FrictionValidation():
-            return {**describe_validation(found.validation), "laws": dict(found.laws)}
+            return {**fit_text.describe_validation(found.validation), "laws": dict(found.laws)}
         case ElasticValidation():
             return _describe_elastic(found)
 
@@ -93,7 +83,7 @@ def _show_elastic_trial(found: ElasticValidation) -> tuple[Block, ...]:
         head += f"; with the springs {max(trial.means[1:]):.4f} %"
     blocks: list[Block] = [head]
     for caption, entries in trial.residuals:
-        blocks += [caption, show_residual(entries)]
+        blocks += [caption, fit_text.show_residual(entries)]
     lacking = [joint.joint for joint in trial.joints if joint.final is None]
     if lacking:
         blocks.append(
@@ -103,34 +93,27 @@ def _show_elastic_trial(found: ElasticValidation) -> tuple[Block, ...]:
     if tracking is None:
         return tuple(blocks)
     rows = [
-        [joint, run.name, 1e3 * float(run.rms[index]), 1e3 * float(run.peak[index]), f"m{unit}"]
-        for index, (joint, unit) in enumerate(_list_joints(found.robot))
+        [
+            joint.name,
+            run.name,
+            1e3 * float(run.rms[k]),
+            1e3 * float(run.peak[k]),
+            f"m{_UNITS[joint.prismatic]}",
+        ]
+        for k, joint in enumerate(found.robot.axes)
         for run in tracking.runs
     ]
-    blocks += [
-        (
-            f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
-            "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
-        ),
-        Table(("joint", "feed-forward", "rms", "peak", "unit"), rows, left=(0, 1, 4)),
-    ]
-    return tuple(blocks)
-
-
-def _list_joints(robot: Robot) -> list[tuple[str, str]]:
-    """Return the names of the joints, and the units of their positions."""
-    return [(joint.name, "m" if joint.kind.value == "prismatic" else "rad") for joint in robot.axes]
+    text = (
+        f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
+        "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
+    )
+    return (*blocks, text, Table(("joint", "feed-forward", "rms", "peak", "unit"), rows, left=(0, 1, 4)))
 
 
 def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
-    trial, tracking, joints = found.trial, found.tracking, _list_joints(found.robot)
-    names = [name for name, _ in joints]
+    trial, tracking, joints = found.trial, found.tracking, found.robot.axes
     tables = [
-        {
-            "caption": caption,
-            "residual": [describe_record(entry) for entry in entries],
-            "mean_relative_percent": mean,
-        }
+        {"caption": caption, "residual": list(map(describe_record, entries)), "mean_relative_percent": mean}
         for (caption, entries), mean in zip(trial.residuals, trial.means, strict=True)
     ]
     return {
@@ -141,10 +124,10 @@ def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
         "residual": tables[0]["residual"],
         "mean_relative_percent": trial.mean_relative_percent,
         "tables": tables,
-        "alignment": None if found.alignment is None else describe_alignment(found.alignment, names),
-        "tracking": None
-        if tracking is None
-        else {
+        "alignment": found.alignment
+        and fit_text.describe_alignment(found.alignment, [joint.name for joint in joints]),
+        "tracking": tracking
+        and {
             "trajectory": tracking.trajectory.source,
             "duration": tracking.trajectory.duration,
             "seed": tracking.seed,
@@ -153,10 +136,8 @@ def _describe_elastic(found: ElasticValidation) -> dict[str, object]:
                     "feed_forward": run.name,
                     "method": tracking.methods.get(run.name),
                     "joints": [
-                        {"joint": joint, "rms": rms, "peak": peak, "unit": unit}
-                        for (joint, unit), rms, peak in zip(
-                            joints, run.rms.tolist(), run.peak.tolist(), strict=True
-                        )
+                        {"joint": joint.name, "rms": rms, "peak": peak, "unit": _UNITS[joint.prismatic]}
+                        for joint, rms, peak in zip(joints, run.rms.tolist(), run.peak.tolist(), strict=True)
                     ],
                 }
                 for run in tracking.runs
@@ -207,6 +188,8 @@ def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
     return ("\n".join(lines), *([Table(header, rows, (0, 1, 4))] if rows else []))
 
 
+_UNITS = ("rad", "m")
+"""Of the positions of joints that turn, and that slide."""
 _SAME_FIT = 0.05
 """Standard deviations of a parameter below which a refit is the same."""
 _WIDTH = 44
@@ -228,12 +211,10 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     columns = "" if other.columns is None else f", column {other.columns.value!r}"
     read = any(entry.read_as for entry in found.groups)
     rows = [
-        [
-            value.group,
-            *(value.theirs, value.theirs_std, value.ours, value.ours_std),
-            _format_deviations(value.deviations, "+", 2),
-            *([value.read_as] if read else []),
-        ]
+        (
+            *(value.group, value.theirs, value.theirs_std, value.ours, value.ours_std),
+            *(_format_deviations(value.deviations, "+", 2), *([value.read_as] if read else [])),
+        )
         for value in found.values
     ]
     header = ["group", "other", "std", "ours", "std", "in std", *(["read as"] if read else [])]
@@ -322,10 +303,7 @@ def _describe_compared(found: "Compared") -> dict[str, object]:
         "within": {f"{limit:g}": comparison.count_within(limit) for limit, _ in _LIMITS},
         "largest": comparison.largest,
         "chi_square": total and {"value": total.value, "freedom": total.freedom, "probability": chance},
-        "absent": found.absent,
-        "neither": found.neither,
-        "lacking": found.lacking,
-        "not_ours": found.not_ours,
+        **{name: getattr(found, name) for name in ("absent", "neither", "lacking", "not_ours")},
         "other_model": other.strange,
         "shared_logs": other.shared,
         "readings": [

@@ -109,15 +109,13 @@ def list_verdict_notices(verdict: FitVerdict, file: str = "", *, tried: bool = F
 
     `file` is what was judged; `tried` marks the verdict on a held-out log.
     """
-    verb = "validate" if tried else "identify"
-    what = "prediction" if tried else "fit"
-    if verdict.level == "wrong":
-        text = f"the {what} is wrong, as its verdict says: do not use it; --accept lets a script go on"
-        return (Notice(code=f"{verb}.wrong", text=text, file=file),)
-    if verdict.level == "doubtful":
-        text = f"the {what} is doubtful, as its verdict says: test it on another motion before you use it"
-        return (Notice(code=f"{verb}.doubtful", text=text, file=file),)
-    return ()
+    verb, what = ("validate", "prediction") if tried else ("identify", "fit")
+    advice = {
+        "wrong": "do not use it; --accept lets a script go on",
+        "doubtful": "test it on another motion before you use it",
+    }.get(verdict.level)
+    text = f"the {what} is {verdict.level}, as its verdict says: {advice}"
+    return (Notice(code=f"{verb}.{verdict.level}", text=text, file=file),) if advice else ()
 
 
 def _limit(level: str, headline: str, details: Sequence[str], caps: Caps) -> FitVerdict:
@@ -225,14 +223,11 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     held_out = [validation for validation in validations if not validation.fitted]
     evidence = estimate.evidence
     logs = "one log" if len(estimate.sources) == 1 else f"{len(estimate.sources)} logs"
-    details = [
-        (
-            f"Fitted to {logs}, {estimate.samples} {estimate.rows} rows: "
-            f"{estimate.mean_relative_percent:.3g} % is left unexplained there, on the mean of the joints."
-        )
-    ]
-    if len(held_out) < len(validations):
-        details.append(_FITTED)
+    text = (
+        f"Fitted to {logs}, {estimate.samples} {estimate.rows} rows: "
+        f"{estimate.mean_relative_percent:.3g} % is left unexplained there, on the mean of the joints."
+    )
+    details = [text, *([_FITTED] if len(held_out) < len(validations) else [])]
     # Small parameters of a large robot are uncertain in any log; their deviations say so.
     words, more = _judge_parameters(
         estimate.parameters, estimate.refused, small=evidence is not None, drawn=estimate.drawn
@@ -392,17 +387,13 @@ def _find_uncertain(parameters: Sequence[ParameterEstimate]) -> tuple[list[str],
 def _list_missed(known: Sequence[ParameterEstimate], tolerance: float) -> list[str]:
     """Return who lies beyond 3 std of the truth, if one so far or so many are less likely than 1 %."""
     # A spring on a grid is a model, and what it lacks is no noise: hence the tolerance.
-    off = []
-    for entry in known:
-        error = entry.error_percent
-        if entry.truth is not None and (error is None or not abs(error) <= tolerance):
-            off.append((entry, entry.truth))
-    far = [entry.name for entry, _ in off if not entry.near_truth]
+    off = [e for e in known if e.error_percent is None or not abs(e.error_percent) <= tolerance]
+    far = [entry.name for entry in off if not entry.near_truth]
     if not far:
         return []
     whole = len(known)
     bound = max(3.0, NormalDist().inv_cdf(1.0 - 0.5 * _CHANCE / whole))
-    beyond = any(not abs(entry.value - truth) <= bound * entry.std for entry, truth in off)
+    beyond = any(not abs(entry.value - (entry.truth or 0.0)) <= bound * entry.std for entry in off)
     share = 2.0 * NormalDist().cdf(-3.0)
     fewer = sum(math.comb(whole, k) * share**k * (1.0 - share) ** (whole - k) for k in range(len(far)))
     return far if beyond or 1.0 - fewer < _CHANCE else []
@@ -416,9 +407,7 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         f"Method {estimate.method} ({estimate.outcome.value}): at most {worst:.3g} % of a motor's torque is "
         "left unexplained in the logs of the fit."
     )
-    details = [text]
-    if len(held_out) < len(trials):
-        details.append(_FITTED)
+    details = [text, *([_FITTED] if len(held_out) < len(trials) else [])]
     caps: Caps = _find_lost(estimate.residual, _OWN)
     for trial in held_out:
         caps += _find_lost(trial.residuals[0][1], f"the held-out log {trial.source}")

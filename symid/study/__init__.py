@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.study import friction_protocols as friction_protocols
     from symid.study.elastic_methods import (
         DatasetStudy as DatasetStudy,
         ElasticStudy as ElasticStudy,
@@ -26,29 +27,7 @@ if TYPE_CHECKING:
         try_foreign as try_foreign,
     )
     from symid.study.friction_protocols import (
-        AGREEMENT as AGREEMENT,
-        CALIBRATION as CALIBRATION,
-        LAWS as LAWS,
-        NEARNESS as NEARNESS,
-        NOT_IDENTIFIABLE as NOT_IDENTIFIABLE,
-        PEAK as PEAK,
-        RECOVERY_PEAKS as RECOVERY_PEAKS,
-        SWEEPS as SWEEPS,
-        TABLE_1 as TABLE_1,
-        TABLE_3 as TABLE_3,
-        TABLE_4 as TABLE_4,
-        AgreementStudy as AgreementStudy,
-        EstimatorComparison as EstimatorComparison,
-        FrictionCheck as FrictionCheck,
         FrictionStudy as FrictionStudy,
-        GainStudy as GainStudy,
-        RecoveredParameter as RecoveredParameter,
-        Recovery as Recovery,
-        SearchRace as SearchRace,
-        build_gain_scene as build_gain_scene,
-        build_recovery_scene as build_recovery_scene,
-        build_sweep_scene as build_sweep_scene,
-        draw_samples as draw_samples,
         study_friction as study_friction,
     )
     from symid.study.rigid_methods import (

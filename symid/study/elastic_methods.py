@@ -10,9 +10,9 @@ joint's RMS. The motion is the same for all seeds, and all methods use the same 
 
 Robot, seeds -> `TrackingStudy`: how links follow TC in closed loop with feed-forward of each model.
 
-    identified   from 10 x TA + TB with the noise of the seed, by the automatic choice          (Case 1)
-    independent  from the same logs, by the procedures that identify dynamics and hysteresis apart (Case 2)
-    rigid        dynamics of Case 1, springs left out
+    Case 1  from 10 x TA + TB with the noise of the seed, by the automatic choice
+    Case 2  from the same logs, by the procedures that identify dynamics and hysteresis apart
+    rigid   dynamics of Case 1, springs left out
 
 Robot, library, seed -> `ManyJointsResult`, of any number of joints: the torque that elimination and momentum
 rows leave unexplained. Two random motions within the robot's limits are identified together, a third
@@ -24,7 +24,6 @@ Not supported: noise in the control loop; robots with other than two joints, or 
 
 import math
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -33,35 +32,11 @@ from operator import attrgetter
 
 import numpy as np
 
+from symid import excitation
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard, prepare_library
 from symid.errors import Notice, UsageError
-from symid.excitation import (
-    FourierOptions,
-    Trajectory,
-    build_random_fourier,
-    build_ta,
-    build_tb,
-    build_tc,
-    scale_trajectory,
-)
-from symid.identification.elastic import (
-    RIGID,
-    ElasticOptions,
-    ElasticSignals,
-    MethodFit,
-    build_elastic_equations,
-    build_elastic_problem,
-    choose_fit,
-    compute_elimination_bound,
-    compute_spring_bound,
-    fit_elimination,
-    fit_independent,
-    fit_method,
-    fit_momentum,
-    prepare_elastic_signals,
-    simulate_tracking,
-)
+from symid.identification import elastic
 from symid.identification.regression import warn_of_energy
 from symid.joint_models import Elasticity, compute_hysteresis_torque
 from symid.logs import Recording
@@ -80,6 +55,7 @@ from symid.study.monte_carlo import (
     Spread,
     compute_paired_difference,
     compute_spread,
+    count_words,
     run_tasks,
 )
 
@@ -100,12 +76,12 @@ class SensorCondition(Enum):
 TRAINING = "10 x TA + TB"
 DATASETS = {"TA": ("TA",), "10 x TA": ("TA10",), "TB": ("TB1", "TB2"), TRAINING: ("TA10", "TB1", "TB2")}
 """Runs that are identified together."""
-_TRAJECTORIES: Mapping[str, Callable[[], Trajectory]] = {
-    "TA": build_ta,
-    "TA10": lambda: scale_trajectory(build_ta(), 10.0),
-    "TB1": lambda: build_tb(0),
-    "TB2": lambda: build_tb(1),
-    "TC": build_tc,
+_TRAJECTORIES: Mapping[str, Callable[[], excitation.Trajectory]] = {
+    "TA": excitation.build_ta,
+    "TA10": lambda: excitation.scale_trajectory(excitation.build_ta(), 10.0),
+    "TB1": lambda: excitation.build_tb(0),
+    "TB2": lambda: excitation.build_tb(1),
+    "TC": excitation.build_tc,
 }
 """TA excites both joints for 20 s, TB1 and TB2 one of them for 50 s; TC, 20 s, is held out."""
 
@@ -157,13 +133,13 @@ def get_true_parameters(card: ModelCard) -> FloatArray:
     return np.array([values[name] for name in names], dtype=np.float64)
 
 
-def compute_parameter_error(fit: MethodFit, truth: FloatArray) -> float:
+def compute_parameter_error(fit: elastic.MethodFit, truth: FloatArray) -> float:
     """Return the parameter error of a fit in percent; `truth` (p + n + pf,)."""
     known = truth != 0.0
     return float(100.0 * np.max(np.abs(fit.chi[known] / truth[known] - 1.0)))
 
 
-def compute_hysteresis_errors(fit: MethodFit, phi: FloatArray, torque: FloatArray) -> FloatArray:
+def compute_hysteresis_errors(fit: elastic.MethodFit, phi: FloatArray, torque: FloatArray) -> FloatArray:
     """Return the hysteresis error of each joint in percent (n,), nan where the method gives no spring.
 
     `torque` (N, n) is the true one, N m or N, of the torsion `phi` (N, n), rad or m.
@@ -227,28 +203,33 @@ def prepare_elastic_scene(robot: Robot, condition: SensorCondition, backend: str
 
 
 def fit_all_methods(
-    library: Library, recordings: tuple[Recording, ...], options: ElasticOptions, methods: Sequence[str]
-) -> tuple[dict[str, MethodFit], dict[str, float]]:
+    library: Library,
+    recordings: tuple[Recording, ...],
+    options: elastic.ElasticOptions,
+    methods: Sequence[str],
+) -> tuple[dict[str, elastic.MethodFit], dict[str, float]]:
     """Return the fits of all `methods` to the same recordings, and their seconds of processor time.
 
     The equations that all share are included. Under `AUTOMATIC` stands the automatic choice among those that
     are no rivals, if one could be made.
     """
     begin = time.process_time()
-    work = build_elastic_equations(library, recordings, options)
+    work = elastic.build_elastic_equations(library, recordings, options)
     shared = time.process_time() - begin
-    fits: dict[str, MethodFit] = {}
+    fits: dict[str, elastic.MethodFit] = {}
     seconds: dict[str, float] = {}
     for method in methods:
         begin = time.process_time()
         fits[method] = (
-            fit_independent(work.problem, encoder=True) if method == _ENCODER else fit_method(work, method)
+            elastic.fit_independent(work.problem, encoder=True)
+            if method == _ENCODER
+            else elastic.fit_method(work, method)
         )
         seconds[method] = shared + time.process_time() - begin
     begin = time.process_time()
     usable = [fit for name, fit in fits.items() if name not in _RIVALS and fit.outcome.usable]
     if usable:
-        fits[AUTOMATIC] = choose_fit(work, usable).fit
+        fits[AUTOMATIC] = elastic.choose_fit(work, usable).fit
         own = sum(seconds[fit.method] - shared for fit in usable)
         seconds[AUTOMATIC] = shared + own + time.process_time() - begin
     return fits, seconds
@@ -264,14 +245,14 @@ def run_study_task(
     robot, backend, methods, runs, condition, seed = task
     scene = prepare_elastic_scene(robot, condition, backend)
     recordings = observe_runs(scene.runs, runs, condition, seed)
-    fits, seconds = fit_all_methods(scene.library, recordings, ElasticOptions(), methods)
+    fits, seconds = fit_all_methods(scene.library, recordings, elastic.ElasticOptions(), methods)
     held_out = scene.runs["TC"]
     reach = np.max([np.abs(scene.runs[name].phi).max(axis=0) for name in runs], axis=0)
     excited = held_out.phi * np.minimum(1.0, reach / np.abs(held_out.phi).max(axis=0))
     springs = [spring for spring in scene.library.card.elasticity if spring is not None]
     torque = _compute_torques(springs, excited)
 
-    def choose_worst(fit: MethodFit, phi: FloatArray, torque: FloatArray) -> float:
+    def choose_worst(fit: elastic.MethodFit, phi: FloatArray, torque: FloatArray) -> float:
         return float(np.max(compute_hysteresis_errors(fit, phi, torque))) if fit.outcome.usable else math.nan
 
     return tuple(
@@ -379,13 +360,13 @@ def _summarise(results: Sequence[tuple[MethodRun, ...]], *, timed: bool) -> tupl
     return tuple(
         MethodErrors(
             method=runs[0].method,
-            parameter=compute_spread(np.array([run.parameter_error for run in runs])),
-            hysteresis=compute_spread(np.array([run.hysteresis_error for run in runs])),
-            excited=compute_spread(np.array([run.excited_error for run in runs])),
+            parameter=compute_spread([run.parameter_error for run in runs]),
+            hysteresis=compute_spread([run.hysteresis_error for run in runs]),
+            excited=compute_spread([run.excited_error for run in runs]),
             seconds=float(np.median([run.seconds for run in runs])) if timed else math.nan,
             iterations=max(run.iterations for run in runs),
-            outcomes=tuple(sorted(Counter(run.outcome for run in runs).items())),
-            choices=tuple(sorted(Counter(run.chosen for run in runs if run.chosen).items())),
+            outcomes=count_words(run.outcome for run in runs),
+            choices=count_words(run.chosen for run in runs),
         )
         for runs in zip(*results, strict=True)
     )
@@ -397,12 +378,12 @@ def _compute_bounds(scene: ElasticScene, runs: Sequence[str]) -> tuple[float, fl
     for run in (scene.runs[name] for name in runs):
         exact = {name: getattr(run, name) for name in states}
         period = run.recording.period
-        signals.append(ElasticSignals(**exact, tau=run.torque, period=period, settled=0, hold="zero"))
+        signals.append(elastic.ElasticSignals(**exact, tau=run.torque, period=period, settled=0, hold="zero"))
         noise.append(0.02 * np.sqrt(np.mean(run.torque**2, axis=0)))
     known = scene.truth != 0.0
     without, springs = (
         np.sqrt(np.diag(compute(scene.library, signals, noise)))[known] / np.abs(scene.truth[known])
-        for compute in (compute_elimination_bound, compute_spring_bound)
+        for compute in (elastic.compute_elimination_bound, elastic.compute_spring_bound)
     )
     return 100.0 * float(np.max(without)), 100.0 * float(np.max(springs))
 
@@ -412,7 +393,7 @@ _METHODS = {
     "Case 2: identified apart, motor side": "independent",
     "Case 2 with link encoder": "independent, link encoder",
 }
-CASES = (*_METHODS, RIGID)
+CASES = (*_METHODS, elastic.RIGID)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -447,9 +428,11 @@ def _run_seed(task: tuple[Robot, str, int]) -> dict[str, tuple[float, ...]]:
     robot, backend, seed = task
     scene = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
     recordings = observe_runs(scene.runs, DATASETS[TRAINING], SensorCondition.NOISY, seed)
-    fits, _ = fit_all_methods(scene.library, recordings, ElasticOptions(), STUDY_METHODS)
+    fits, _ = fit_all_methods(scene.library, recordings, elastic.ElasticOptions(), STUDY_METHODS)
     models = {case: fits[method] for case, method in _METHODS.items()}
-    runs = simulate_tracking(robot, scene.library, models, build_tc(), build_noisy_options())
+    runs = elastic.simulate_tracking(
+        robot, scene.library, models, excitation.build_tc(), build_noisy_options()
+    )
     return {run.name: tuple(run.rms.tolist()) for run in runs}
 
 
@@ -533,17 +516,17 @@ def study_many_joints(
     """
     truth = get_true_parameters(library.card)
     rng = np.random.default_rng(seed)
-    motion = FourierOptions(duration=duration)
-    trajectories = [build_random_fourier(robot, rng, motion) for _ in range(3)]
+    motion = excitation.FourierOptions(duration=duration)
+    trajectories = [excitation.build_random_fourier(robot, rng, motion) for _ in range(3)]
     recordings = [
         simulate_elastic(robot, library, trajectory, condition.build_options(), rng).recording
         for trajectory in trajectories
     ]
     # The springs are not looked at: the coarsest will do.
-    options = ElasticOptions(refine=False, knees=0)
-    signals = [prepare_elastic_signals(recording, options) for recording in recordings]
-    problem = build_elastic_problem(library, signals[:-1], options)
-    test = build_elastic_problem(library, signals[-1:], options)
+    options = elastic.ElasticOptions(refine=False, knees=0)
+    signals = [elastic.prepare_elastic_signals(recording, options) for recording in recordings]
+    problem = elastic.build_elastic_problem(library, signals[:-1], options)
+    test = elastic.build_elastic_problem(library, signals[-1:], options)
     design, torque = test.stack_filtered()
 
     def compute_shares(chi: FloatArray) -> tuple[float, ...]:
@@ -558,7 +541,7 @@ def study_many_joints(
         parameters=len(truth),
         methods=tuple(
             HeldOut(method=fit.method, residual=compute_shares(fit.chi), floor=compute_shares(truth))
-            for fit in (fit_elimination(problem), fit_momentum(problem))
+            for fit in (elastic.fit_elimination(problem), elastic.fit_momentum(problem))
         ),
         condition_elimination=_compute_condition(rows),
         condition_energy=_compute_condition(problem.design),

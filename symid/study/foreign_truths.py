@@ -15,7 +15,6 @@ Not supported: robots other than the two arms of this file; a score of friction,
 """
 
 import math
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -41,7 +40,7 @@ from symid.study.foreign_plant import (
     HiddenRun,
     simulate_plant_runs,
 )
-from symid.study.monte_carlo import Spread, compute_spread, run_tasks
+from symid.study.monte_carlo import Spread, compute_spread, count_words, run_tasks
 
 ARMS = {
     "2r": Arm(
@@ -77,13 +76,8 @@ def write_arm(arm: Arm, *, truth: bool = False) -> Robot:
     lines = [f'name = "{arm.name}"', 'convention = "modified"', f"gravity = [{arm.gravity}, 0, 0]"]
     for k in range(arm.size):
         turn = {-1: "-pi/2", 0: "0 deg", 1: "pi/2"}[round(2.0 * arm.turn[k] / math.pi)]
-        lines += [
-            "[[joint]]",
-            f'name = "joint{k + 1}"',
-            'kind = "revolute"',
-            f'alpha = "{turn}"',
-            f"a = {arm.shift[k]}",
-        ]
+        lines += ["[[joint]]", f'name = "joint{k + 1}"', 'kind = "revolute"']
+        lines += [f'alpha = "{turn}"', f"a = {arm.shift[k]}"]
         if truth:
             xx, yy, zz = arm.inertia[k]
             lines += ["[joint.link]", f"mass = {arm.mass[k]}", f"com = [{arm.centre[k]}, 0, 0]"]
@@ -98,11 +92,9 @@ def write_arm(arm: Arm, *, truth: bool = False) -> Robot:
 def _build_family(arm: Arm, share: float = 0.4) -> dict[str, FloatArray]:
     """Return the values of stops and knees, `share` of the stiffness in the stops, and plain friction."""
     zero, one = np.zeros(arm.size), np.ones(arm.size)
-    values = dict.fromkeys(HiddenJoints.__dataclass_fields__, zero)
-    stops = np.outer(arm.stiffness, share * np.array([0.4, 0.35, 0.25]))
-    return values | {
+    return dict.fromkeys(HiddenJoints.__dataclass_fields__, zero) | {
         "linear": (1.0 - share) * arm.stiffness,
-        "stops": stops,
+        "stops": np.outer(arm.stiffness, share * np.array([0.4, 0.35, 0.25])),
         "thresholds": np.outer(one, [0.5e-3, 1.2e-3, 2.5e-3]),
         "knee": 4.0 * arm.coulomb,
         "slope": 0.3 * one,
@@ -434,12 +426,12 @@ def _summarise(truth: str, size: float, results: Sequence[tuple[ForeignRun, ...]
     cells = tuple(
         ForeignCell(
             method=runs[0].method,
-            worst=compute_spread(np.array([run.worst for run in runs])),
-            spring=compute_spread(np.array([run.spring for run in runs])),
+            worst=compute_spread([run.worst for run in runs]),
+            spring=compute_spread([run.spring for run in runs]),
             z_rms=float(np.median([run.z_rms for run in runs])),
             z_most=float(np.fmax.reduce([run.z_most for run in runs])),
-            verdicts=tuple(sorted(Counter(run.verdict for run in runs).items())),
-            choices=tuple(sorted(Counter(run.chosen for run in runs if run.chosen).items())),
+            verdicts=count_words(run.verdict for run in runs),
+            choices=count_words(run.chosen for run in runs),
         )
         for runs in zip(*results, strict=True)
     )

@@ -32,43 +32,27 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
-from symid.identification.friction import (
-    ESTIMATORS,
-    STOCHASTIC,
-    FrictionOptions,
-    FrictionSamples,
-    VariableProjectionOptions,
-    build_problem,
-    compute_cramer_rao,
-    fit_friction,
-    search_friction,
-)
+from symid.identification import friction
 from symid.joint_models import compute_friction_torque, get_law
 from symid.study.monte_carlo import run_tasks
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PublishedMethod:
-    """A row of Table 1: fC, fS in N m, vs in rad/s, fV in N m s/rad, sum of squared errors in (N m)^2."""
+class PublishedLaw(NamedTuple):
+    """Parameters in the order of the law's `physical`, SI units, by joint, or by method in Table 1.
 
-    method: str
-    values: tuple[float, ...]
-    objective: float
+    `objective` is the sum of squared errors in (N m)^2, where it is printed.
+    """
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PublishedJoint:
-    """Parameters of a joint, in the order of the law's `physical`, SI units."""
-
-    joint: str
+    name: str
     law: str
     values: tuple[float, ...]
+    objective: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,20 +81,20 @@ class Sweep:
 
 
 TABLE_1 = (
-    PublishedMethod(method="LS", values=(10.76, 19.66, 0.0385, 24.03), objective=251.0),
-    PublishedMethod(method="GA", values=(10.75, 19.73, 0.0384, 24.05), objective=252.0),
-    PublishedMethod(method="hybrid GA", values=(10.76, 19.68, 0.0385, 24.04), objective=251.0),
+    # fC, fS in N m, vs in rad/s, fV in N m s/rad.
+    PublishedLaw("LS", "stribeck", (10.76, 19.66, 0.0385, 24.03), 251.0),
+    PublishedLaw("GA", "stribeck", (10.75, 19.73, 0.0384, 24.05), 252.0),
+    PublishedLaw("hybrid GA", "stribeck", (10.76, 19.68, 0.0385, 24.04), 251.0),
 )
-TRUTH_1 = TABLE_1[-1]
 SWEEPS = (Sweep(peak=0.5, samples=500), Sweep(peak=0.1, samples=500), Sweep(peak=0.3, samples=1000))
 """Of protocol S1; the paper says neither peak nor samples. The first one is shown in full."""
 
 _IMPROVED = "improved-stribeck"
 TABLE_3 = (
     # fC, fS, vs, fV, fP, dq0; the exponent is 2 in all rows.
-    PublishedJoint(joint="1", law=_IMPROVED, values=(11.64, 23.19, 0.02767, 27.88, 0.47, 0.010)),
-    PublishedJoint(joint="2", law=_IMPROVED, values=(39.93, 73.24, 0.01292, 89.24, -3.34, 0.005)),
-    PublishedJoint(joint="3", law=_IMPROVED, values=(38.53, 53.78, 0.01557, 89.49, -4.74, 0.010)),
+    PublishedLaw("1", _IMPROVED, (11.64, 23.19, 0.02767, 27.88, 0.47, 0.010)),
+    PublishedLaw("2", _IMPROVED, (39.93, 73.24, 0.01292, 89.24, -3.34, 0.005)),
+    PublishedLaw("3", _IMPROVED, (38.53, 53.78, 0.01557, 89.49, -4.74, 0.010)),
 )
 RECOVERY_NOISE = (1.0, 5.0, 2.0)
 """Of protocol S2, joint by joint, N m."""
@@ -125,10 +109,10 @@ TABLE_4 = (
 
 RV_2SQ = (
     # Mitsubishi RV-2SQ: fC, fS, vs, fV; the exponent is part of the law.
-    PublishedJoint(joint="RV-2SQ 1", law="stribeck-2.09", values=(2.8503, 4.78, 0.025, 4.7618)),
-    PublishedJoint(joint="RV-2SQ 2", law="stribeck-2.78", values=(7.7407, 7.97, 0.05, 13.4593)),
-    PublishedJoint(joint="RV-2SQ 3", law="stribeck-2.72", values=(3.3459, 5.81, 0.05, 4.1019)),
-    PublishedJoint(joint="RV-2SQ 4", law="stribeck-1.6", values=(1.6581, 2.15, 0.05, 1.3165)),
+    PublishedLaw("RV-2SQ 1", "stribeck-2.09", (2.8503, 4.78, 0.025, 4.7618)),
+    PublishedLaw("RV-2SQ 2", "stribeck-2.78", (7.7407, 7.97, 0.05, 13.4593)),
+    PublishedLaw("RV-2SQ 3", "stribeck-2.72", (3.3459, 5.81, 0.05, 4.1019)),
+    PublishedLaw("RV-2SQ 4", "stribeck-1.6", (1.6581, 2.15, 0.05, 1.3165)),
 )
 """A second truth with published values."""
 
@@ -169,10 +153,10 @@ def build_whole_cosines(peaks: Sequence[float], samples: int) -> FloatArray:
     return np.concatenate([peak * wave for peak in peaks])
 
 
-def draw_samples(scene: FrictionScene, generator: np.random.Generator) -> FrictionSamples:
+def draw_samples(scene: FrictionScene, generator: np.random.Generator) -> friction.FrictionSamples:
     """Return the scene with noise."""
     count = len(scene.velocity)
-    return FrictionSamples(
+    return friction.FrictionSamples(
         joint=scene.joint,
         # One period in 1 s; friction without a memory does not depend on it.
         time=(np.arange(count) + 0.5) / count,
@@ -187,7 +171,6 @@ AGREEMENT = 1e-6
 NEARNESS = 4e-3
 """The same for searches by chance: the paper's own sums are 251 and 252."""
 _BOUNDS = 3.0
-_AGREEMENT_LAW = "stribeck"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,24 +204,8 @@ class EstimatorComparison:
     runs: tuple[EstimatorRun, ...]
 
 
-class DrawnFit(NamedTuple):
-    """A fit to one draw of the noise: parameters and J; of a search by population, what it took.
-
-    Generations and evaluations of J until it ended, and until its best J was within `NEARNESS` of the least
-    of all estimators.
-    """
-
-    values: tuple[float, ...]
-    objective: float
-    population: int = 0
-    generations: int = 0
-    evaluations: int = 0
-    near_generations: int = 0
-    near_evaluations: int = 0
-
-
-AgreementDraw = tuple[DrawnFit, ...]
-"""One draw of the noise: the fits of all estimators, in their order."""
+Draw: TypeAlias = tuple[friction.FrictionEstimate, ...]
+"""One draw of the noise: the fits of several estimators."""
 RACERS = ("genetic", "annealing")
 """The genetic algorithm and its hybrid with simulated annealing, of Table 2."""
 
@@ -290,68 +257,39 @@ class AgreementStudy:
 
 def build_sweep_scene(sweep: Sweep) -> FrictionScene:
     """Return joint 1 of Table 1; its noise is that which leaves the paper's sum of squares."""
-    noise = math.sqrt(TABLE_1[-1].objective / sweep.samples)
-    velocity = build_half_cosine(sweep.peak, sweep.samples)
-    return FrictionScene("1", _AGREEMENT_LAW, TRUTH_1.values, velocity, noise)
+    row, velocity = TABLE_1[-1], build_half_cosine(sweep.peak, sweep.samples)
+    return FrictionScene("1", row.law, row.values, velocity, math.sqrt(row.objective / sweep.samples))
 
 
-def fit_all_estimators(task: tuple[Sweep, int]) -> AgreementDraw:
-    """Return what every estimator finds for one motion and one seed."""
-    sweep, seed = task
-    return _fit_each(build_sweep_scene(sweep), seed, ESTIMATORS)
-
-
-def race_searches(task: tuple[FrictionScene, int]) -> AgreementDraw:
-    """Return what `RACERS`, and variable projection behind them, find for a seed's draw of a scene."""
-    scene, seed = task
-    return _fit_each(scene, seed, (*RACERS, "varpro"))
-
-
-def _fit_each(scene: FrictionScene, seed: int, estimators: Sequence[str]) -> AgreementDraw:
+def fit_estimators(scene: FrictionScene, seed: int, estimators: Sequence[str] = friction.ESTIMATORS) -> Draw:
+    """Return what estimators find for a seed's draw of a scene."""
     samples, law = draw_samples(scene, np.random.default_rng(seed)), get_law(scene.law)
     # A search shares no number with the noise of the same seed.
-    fits = [
-        fit_friction(samples, law, estimator=estimator, generator=np.random.default_rng((seed, 1)))
-        for estimator in estimators
-    ]
-    enough, drawn = (1.0 + NEARNESS) * min(found.objective for found in fits), list[DrawnFit]()
-    for found in fits:
-        fit = DrawnFit(law.to_physical(found.linear, found.shape), found.objective)
-        if found.estimator in RACERS:
-            size = int(dict(found.settings)["population"])
-            near = next(k for k, best in enumerate(found.history) if best <= enough or k == found.iterations)
-            cost = (found.evaluations - size) // found.iterations
-            near_evaluations = size + near * cost
-            fit = fit._replace(
-                population=size,
-                generations=found.iterations,
-                evaluations=found.evaluations,
-                near_generations=near,
-                near_evaluations=near_evaluations,
-            )
-        drawn.append(fit)
-    return tuple(drawn)
+    return tuple(
+        friction.fit_friction(samples, law, estimator=name, generator=np.random.default_rng((seed, 1)))
+        for name in estimators
+    )
 
 
-def summarise_agreement(sweep: Sweep, draws: Sequence[AgreementDraw]) -> AgreementStudy:
+def summarise_agreement(sweep: Sweep, draws: Sequence[Draw]) -> AgreementStudy:
     """Return what the draws say together."""
-    scene, law = build_sweep_scene(sweep), get_law(_AGREEMENT_LAW)
+    scene, law = build_sweep_scene(sweep), get_law(TABLE_1[-1].law)
     samples = draw_samples(scene, np.random.default_rng(0))
-    bound = compute_cramer_rao(samples, law, scene.physical, scene.noise)
+    bound = friction.compute_cramer_rao(samples, law, scene.physical, scene.noise)
     objectives = np.array([[found.objective for found in draw] for draw in draws])
     every_excess = objectives / np.min(objectives, axis=1, keepdims=True) - 1.0
     rows = []
-    for place, estimator in enumerate(ESTIMATORS):
+    for place, estimator in enumerate(friction.ESTIMATORS):
         excess = every_excess[:, place]
-        errors = np.abs(np.array([draw[place].values for draw in draws]) - np.array(scene.physical)) / bound
-        by_chance = estimator in STOCHASTIC
-        values, objective = draws[0][place][:2]
+        values = [law.to_physical(draw[place].linear, draw[place].shape) for draw in draws]
+        errors = np.abs(np.array(values) - np.array(scene.physical)) / bound
+        by_chance = estimator in friction.STOCHASTIC
         rows.append(
             AgreementRow(
                 estimator=estimator,
                 by_chance=by_chance,
-                values=values,
-                objective=objective,
+                values=values[0],
+                objective=draws[0][place].objective,
                 mean_objective=float(np.mean(objectives[:, place])),
                 excess=float(np.max(excess)),
                 agreed=int(np.sum(excess <= (NEARNESS if by_chance else AGREEMENT))),
@@ -372,9 +310,12 @@ def summarise_agreement(sweep: Sweep, draws: Sequence[AgreementDraw]) -> Agreeme
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class SearchCost:
-    """What a search by population took, means over the draws: fields as in `DrawnFit`."""
+    """What a search by population took, means over the draws: generations and evaluations of J.
+
+    Until it ended, and until its best J was within `NEARNESS` of the least of all estimators.
+    """
 
     estimator: str
     population: int
@@ -403,20 +344,20 @@ class SearchRace:
     finding: str
 
 
-def summarise_race(title: str, draws: Sequence[AgreementDraw], names: Sequence[str]) -> SearchRace:
-    """Return what the draws, of estimators `names`, say of the two searches."""
-    pairs = [tuple(draw[names.index(name)] for name in RACERS) for draw in draws]
-    kinds = ("generations", "evaluations", "near_generations", "near_evaluations")
-    plain, hybrid = (
-        SearchCost(
-            estimator=name,
-            population=pairs[0][place].population,
-            **{kind: float(np.mean([getattr(pair[place], kind) for pair in pairs])) for kind in kinds},
-        )
-        for place, name in enumerate(RACERS)
-    )
-    fewer = sum(two.generations < one.generations for one, two in pairs)
-    cheaper = sum(two.evaluations < one.evaluations for one, two in pairs)
+def summarise_race(title: str, draws: Sequence[Draw]) -> SearchRace:
+    """Return what the draws say of the two searches."""
+    sizes, counts = dict[str, int](), np.zeros((len(draws), len(RACERS), 4))
+    for number, draw in enumerate(draws):
+        enough = (1.0 + NEARNESS) * min(found.objective for found in draw)
+        for found in (one for one in draw if one.estimator in RACERS):
+            size = sizes[found.estimator] = int(dict(found.settings)["population"])
+            near = next(k for k, best in enumerate(found.history) if best <= enough or k == found.iterations)
+            cost = (found.evaluations - size) // found.iterations
+            row = found.iterations, found.evaluations, near, size + near * cost
+            counts[number, RACERS.index(found.estimator)] = row
+    means = counts.mean(axis=0).tolist()
+    plain, hybrid = (SearchCost(name, sizes[name], *row) for name, row in zip(RACERS, means, strict=True))
+    fewer, cheaper = np.sum(counts[:, 1, :2] < counts[:, 0, :2], axis=0).tolist()
     generations = _compare_means("generations", plain.generations, hybrid.generations)
     evaluations = _compare_means("evaluations", plain.evaluations, hybrid.evaluations)
     return SearchRace(
@@ -434,8 +375,7 @@ def conclude_races(races: Sequence[SearchRace]) -> str:
     texts = []
     for kind in ("generations", "evaluations"):
         sizes = [[getattr(cost, kind) for cost in race.costs] for race in races]
-        changes = sorted(100.0 * (hybrid / plain - 1.0) for plain, hybrid in sizes)
-        low, high = changes[0], changes[-1]
+        low, *_, high = 2 * sorted(100.0 * (hybrid / plain - 1.0) for plain, hybrid in sizes)
         text = f"{-low:.0f} % fewer to {high:.0f} % more"
         if low > 0.0 or high < 0.0:
             near, far = sorted(map(abs, (low, high)))
@@ -460,13 +400,13 @@ def compare_estimators(
     """
     samples, law = draw_samples(scene, np.random.default_rng(seed)), get_law(scene.law)
     runs = []
-    for estimator in ESTIMATORS:
+    for estimator in friction.ESTIMATORS:
         seconds = math.inf
         try:
             # The first run loads packages, and any may be disturbed: the least is what it takes.
             for _ in range(3 if timed else 1):
                 begin = time.perf_counter()
-                found = fit_friction(
+                found = friction.fit_friction(
                     samples, law, estimator=estimator, generator=np.random.default_rng((seed, 1))
                 )
                 seconds = min(seconds, time.perf_counter() - begin)
@@ -500,9 +440,6 @@ RECOVERY_SAMPLES = 1000
 """Of each cosine."""
 NOT_IDENTIFIABLE = 0.5
 """Cramer-Rao deviation over value from which on a parameter counts as not identifiable."""
-
-FittedDraw = tuple[tuple[float, ...], int]
-"""Fitted parameters in the order of the law's `physical`, and how many linear problems that took."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -549,34 +486,23 @@ class Recovery:
 
 def build_recovery_scene(index: int) -> FrictionScene:
     """Return joint `index` of Table 3, counted from zero, along two cosines."""
-    row = TABLE_3[index]
     velocity = build_whole_cosines(RECOVERY_PEAKS, RECOVERY_SAMPLES)
-    return FrictionScene(row.joint, row.law, row.values, velocity, RECOVERY_NOISE[index])
+    return FrictionScene(*TABLE_3[index][:3], velocity, RECOVERY_NOISE[index])
 
 
 def build_second_scene(index: int) -> FrictionScene:
     """Return joint `index` of the RV-2SQ, counted from zero: peaks 3 vs and 1 rad/s, noise 0.02 fC."""
-    row = RV_2SQ[index]
-    coulomb, _, stribeck, _ = row.values
-    velocity = build_whole_cosines((3.0 * stribeck, 1.0), RECOVERY_SAMPLES)
-    return FrictionScene(row.joint, row.law, row.values, velocity, 0.02 * coulomb)
+    name, law, values, _ = RV_2SQ[index]
+    velocity = build_whole_cosines((3.0 * values[2], 1.0), RECOVERY_SAMPLES)
+    return FrictionScene(name, law, values, velocity, 0.02 * values[0])
 
 
-def fit_draw(task: tuple[FrictionScene, int]) -> FittedDraw:
-    """Return the fit of a seed's draw of a scene."""
-    scene, seed = task
-    law, options = get_law(scene.law), FrictionOptions()
-    samples = draw_samples(scene, np.random.default_rng(seed))
-    search = search_friction(build_problem(samples, law, options), estimator="varpro", options=options)
-    return law.to_physical(list(search.linear), list(search.shape)), search.solves
-
-
-def summarise_recovery(scene: FrictionScene, found: Sequence[FittedDraw]) -> Recovery:
-    """Return what the draws of `fit_draw`, at least two, say together."""
+def summarise_recovery(scene: FrictionScene, found: Sequence[Draw]) -> Recovery:
+    """Return what the draws, at least two, of the first estimator say together."""
     law = get_law(scene.law)
     samples = draw_samples(scene, np.random.default_rng(0))
-    bounds = compute_cramer_rao(samples, law, scene.physical, scene.noise)
-    values = np.array([entry for entry, _ in found])
+    bounds = friction.compute_cramer_rao(samples, law, scene.physical, scene.noise)
+    values = np.array([law.to_physical(fit.linear, fit.shape) for fit, *_ in found])
     truth = np.array(scene.physical)
     errors = np.abs(values - truth) / bounds
     means, deviations = np.mean(values, axis=0), np.std(values, axis=0, ddof=1)
@@ -600,7 +526,7 @@ def summarise_recovery(scene: FrictionScene, found: Sequence[FittedDraw]) -> Rec
         samples=len(scene.velocity),
         slow=int(np.sum(np.abs(scene.velocity) < edge)),
         draws=len(found),
-        solves=max(solves for _, solves in found),
+        solves=max(fit.solves for fit, *_ in found),
         parameters=tuple(
             RecoveredParameter(
                 name=entry.name,
@@ -682,23 +608,19 @@ class GainStudy:
 
 def build_gain_scene(index: int) -> FrictionScene:
     """Return joint `index` of Table 3, counted from zero, along one slow cosine."""
-    row = TABLE_3[index]
     velocity = build_whole_cosines((PEAK,), GAIN_SAMPLES)
-    return FrictionScene(row.joint, row.law, row.values, velocity, TABLE_4[index].noise)
+    return FrictionScene(*TABLE_3[index][:3], velocity, TABLE_4[index].noise)
 
 
-def fit_laws(task: tuple[FrictionScene, int]) -> GainDraw:
+def fit_laws(scene: FrictionScene, seed: int) -> GainDraw:
     """Return the sums of squares of all laws for a seed's draw of a scene."""
-    scene, seed = task
-    options = FrictionOptions()
     samples = draw_samples(scene, np.random.default_rng(seed))
     other = draw_samples(scene, np.random.default_rng((seed, 2))).torque
     fitted, held_out = [], []
-    for name in LAWS:
-        law = get_law(name)
-        search = search_friction(build_problem(samples, law, options), estimator="varpro", options=options)
-        torque = compute_friction_torque(law, samples.inputs, list(search.linear), list(search.shape))
-        fitted.append(search.objective)
+    for law in map(get_law, LAWS):
+        found = friction.fit_friction(samples, law)
+        torque = compute_friction_torque(law, samples.inputs, found.linear, found.shape)
+        fitted.append(found.objective)
         held_out.append(float(np.sum((other - torque) ** 2)))
     return tuple(fitted), tuple(held_out)
 
@@ -839,7 +761,7 @@ def list_checks(
         for entry in gains
     ]
     checks += [_check_second(entry) for entry in second]
-    limit = VariableProjectionOptions().solves
+    limit = friction.VariableProjectionOptions().solves
     for contest in contests:
         run = next(entry for entry in contest.runs if entry.estimator == _DEFAULT)
         check = FrictionCheck(
@@ -922,16 +844,17 @@ def study_friction(
     wanted = [build_recovery_scene(index) for index in range(len(TABLE_3))]
     second = [build_second_scene(index) for index in range(len(RV_2SQ))]
     gains = [build_gain_scene(index) for index in range(len(TABLE_3))]
-    groups: list[tuple[Callable[[Any], Any], object, Sequence[int]]] = [
-        *((fit_draw, scene, seeds) for scene in wanted),
-        *((fit_draw, scene, seeds[:_OTHER_DRAWS]) for scene in second),
-        *((fit_laws, scene, seeds[:_OTHER_DRAWS]) for scene in gains),
-        *((fit_all_estimators, sweep, seeds[:_AGREEMENT_DRAWS]) for sweep in SWEEPS),
-        (race_searches, wanted[0], seeds[:_AGREEMENT_DRAWS]),
+    few, most, one = seeds[:_AGREEMENT_DRAWS], seeds[:_OTHER_DRAWS], ((_DEFAULT,),)
+    groups: list[tuple[Callable[..., Any], FrictionScene, Sequence[int], tuple[tuple[str, ...], ...]]] = [
+        *((fit_estimators, scene, seeds, one) for scene in wanted),
+        *((fit_estimators, scene, most, one) for scene in second),
+        *((fit_laws, scene, most, ()) for scene in gains),
+        *((fit_estimators, build_sweep_scene(sweep), few, ()) for sweep in SWEEPS),
+        (fit_estimators, wanted[0], few, ((*RACERS, _DEFAULT),)),
     ]
-    tasks = [(function, (what, seed)) for function, what, numbers in groups for seed in numbers]
+    tasks = [(function, scene, seed, *more) for function, scene, numbers, more in groups for seed in numbers]
     results = iter(run_tasks(_run_draw, tasks, jobs=jobs, batch=_BATCH, progress=progress))
-    found = iter([[next(results) for _ in numbers] for _, _, numbers in groups])
+    found = iter([[next(results) for _ in numbers] for _, _, numbers, _ in groups])
     parts: dict[str, Any] = {
         "contests": contests,
         "recovery": tuple(summarise_recovery(scene, next(found)) for scene in wanted),
@@ -940,14 +863,13 @@ def study_friction(
     }
     swept = [(sweep, next(found)) for sweep in SWEEPS]
     parts["agreement"] = tuple(summarise_agreement(sweep, draws) for sweep, draws in swept)
-    races: list[tuple[str, list[Any], tuple[str, ...]]]
-    races = [(f"one direction, {sweep.peak:g} rad/s", draws, ESTIMATORS) for sweep, draws in swept]
-    races.append(("two directions, Table 3", next(found), RACERS))
+    races = [(f"one direction, {sweep.peak:g} rad/s", draws) for sweep, draws in swept]
+    races.append(("two directions, Table 3", next(found)))
     parts["races"] = tuple(summarise_race(*race) for race in races)
     return FrictionStudy(seeds=(seeds[0], seeds[-1]), checks=list_checks(**parts), **parts)
 
 
-def _run_draw(task: tuple[Callable[[Any], Any], Any]) -> Any:  # noqa: ANN401  as the function has it
-    """Return what a protocol finds for one scene or motion and one seed."""
-    function, argument = task
-    return function(argument)
+def _run_draw(task: tuple[Any, ...]) -> Any:  # noqa: ANN401  as the function has it
+    """Return what a protocol finds for one scene and one seed."""
+    function, *arguments = task
+    return function(*arguments)

@@ -14,7 +14,8 @@ import math
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -60,13 +61,12 @@ def run_tasks(
     results: list[B] = []
     if not tasks:
         return ()
-    most = math.ceil(len(tasks) / batch)
     # A process that is forked from one with threads may hang; a fresh one costs half a second.
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
     # Ctrl-C, which the terminal sends to all processes, ends a worker without a traceback of its own.
     quiet = (signal.SIGINT, signal.SIG_DFL)
-    with ProcessPoolExecutor(min(jobs, most), context, signal.signal, quiet) as pool:
+    with ProcessPoolExecutor(min(jobs, math.ceil(len(tasks) / batch)), context, signal.signal, quiet) as pool:
         try:
             # A worker may load NumPy before it comes to any line of ours, with the caller's own script: the
             # threads must be in the environment that it is born with. All start here.
@@ -132,7 +132,12 @@ class PairedDifference:
         return "higher" if self.low > 0.0 else "no difference"
 
 
-def compute_spread(values: FloatArray) -> Spread:
+def count_words(words: Iterable[str]) -> tuple[tuple[str, int], ...]:
+    """Return how often each word stands there, empty ones left out, in the order of the alphabet."""
+    return tuple(sorted(Counter(filter(None, words)).items()))
+
+
+def compute_spread(values: Sequence[float] | FloatArray) -> Spread:
     """Return median and 90th percentile of `values` (runs,); nan counts as infinite.
 
     They are interpolated linearly, infinite where one of their neighbours is.

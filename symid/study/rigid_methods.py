@@ -22,22 +22,9 @@ from symid.arrays import FloatArray, compute_triangle, freeze
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError
 from symid.excitation import FourierOptions, build_random_fourier
+from symid.identification import regression
 from symid.identification.diagnostics import compute_band_residual, predict_torques
 from symid.identification.estimators import Bodies, build_bodies, fit_condensed, solve_consistent
-from symid.identification.regression import (
-    Condensed,
-    Rows,
-    build_rows,
-    choose_filters,
-    choose_window,
-    choose_windows,
-    compute_spectrum,
-    compute_square_sums,
-    condense_rows,
-    integrate_windows,
-    stack_condensed,
-    stack_rows,
-)
 from symid.identification.rigid import identify_parameters
 from symid.logs import Recording, Signals
 from symid.robot import Decimation, Processing, Robot, build_pseudo_inertias
@@ -68,7 +55,7 @@ class PrecisionScene:
         samples: of one excitation.
     """
 
-    rows: dict[str, Rows]
+    rows: dict[str, regression.Rows]
     truth: FloatArray
     bodies: Bodies
     deviations: FloatArray
@@ -106,15 +93,15 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
         truth = values + bodies.bounded @ np.ones(bodies.bounded.shape[1])
     time = freeze(_PERIOD * np.arange(round(DURATION / _PERIOD) + 1))
     plain = Processing()
-    parts: dict[str, list[Rows]] = {"torque": [], "momentum": []}
+    parts: dict[str, list[regression.Rows]] = {"torque": [], "momentum": []}
     for seed in range(EXCITATIONS):
         options = FourierOptions(duration=DURATION, base_frequency=1.0 / DURATION, ramp=0.0)
         trajectory = build_random_fourier(robot, np.random.default_rng(seed), options)
         q, dq, ddq = trajectory.evaluate(time)
         still = Signals(time=time, q=q, dq=dq, ddq=ddq, tau=np.zeros_like(q), period=_PERIOD)
         for kind, found in parts.items():
-            found.append(build_rows(kind, library, still, plain, window=_WINDOW))
-    rows = {kind: stack_rows(found) for kind, found in parts.items()}
+            found.append(regression.build_rows(kind, library, still, plain, window=_WINDOW))
+    rows = {kind: regression.stack_rows(found) for kind, found in parts.items()}
     torque = rows["torque"].matrix @ truth
     groups = [rows["torque"].group == joint for joint in range(library.card.size)]
     deviations = np.array([NOISE * np.sqrt(np.mean(torque[members] ** 2)) for members in groups])
@@ -199,7 +186,9 @@ def study_precision(
     found = run_tasks(_fit_seed, tasks, jobs=jobs, batch=_BATCH, progress=progress)
     scene = _load_scene(robot, backend)
     rows = scene.rows["torque"]
-    spectrum = compute_spectrum(condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))).singular
+    spectrum = regression.compute_spectrum(
+        regression.condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))
+    ).singular
     methods = []
     for name in found[0]:
         draws = [draw[name] for draw in found]
@@ -239,14 +228,14 @@ def _fit_seed(task: tuple[Robot, str, int]) -> dict[str, _SeedErrors]:
     shape = (excitations, scene.samples, len(scene.deviations))
     noise = rng.normal(size=shape) * scene.deviations
     torque = _condense_with_noise(scene, "torque", noise.transpose(2, 0, 1).ravel())
-    windows = choose_windows(scene.samples, _PERIOD, _WINDOW)
-    integrals = np.stack([integrate_windows(part, windows) for part in noise])
+    windows = regression.choose_windows(scene.samples, _PERIOD, _WINDOW)
+    integrals = np.stack([regression.integrate_windows(part, windows) for part in noise])
     momentum = _condense_with_noise(scene, "momentum", integrals.transpose(2, 0, 1).ravel())
     identity = np.eye(len(scene.truth))
     weighted = fit_condensed(torque, identity)
-    triangle = stack_condensed(torque, weighted.weights) / np.sqrt(weighted.variance)
+    triangle = regression.stack_condensed(torque, weighted.weights) / np.sqrt(weighted.variance)
     consistent = solve_consistent(triangle, weighted.values, scene.bodies)
-    whole = float(compute_square_sums(torque, consistent.values) @ weighted.weights**2)
+    whole = float(regression.compute_square_sums(torque, consistent.values) @ weighted.weights**2)
     best = float(weighted.squares @ weighted.weights**2)
     price = 100.0 * (float(np.sqrt(whole / best)) - 1.0)
     errors = {
@@ -258,14 +247,14 @@ def _fit_seed(task: tuple[Robot, str, int]) -> dict[str, _SeedErrors]:
     return {**errors, "consistent": found}
 
 
-def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) -> Condensed:
+def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) -> regression.Condensed:
     """Return the triangles of the equations with noise (m,) on their values.
 
     With F' F = A' A a column c = F x + F'^-1 A' noise has the right products with the others, and what is
     left of the noise stands below it.
     """
     rows = scene.rows[kind]
-    plain = condense_rows(rows)
+    plain = regression.condense_rows(rows)
     factors = np.zeros_like(plain.factors)
     for group, factor in enumerate(plain.factors):
         members = rows.group == group
@@ -277,7 +266,7 @@ def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) ->
         factors[group, :size, live] = triangle.T
         factors[group, :size, -1] = triangle @ scene.truth[live] + inner
         factors[group, size, -1] = np.sqrt(max(float(part @ part - inner @ inner), 0.0))
-    return Condensed(factors=factors, counts=plain.counts, independent=plain.independent)
+    return regression.Condensed(factors=factors, counts=plain.counts, independent=plain.independent)
 
 
 CUTOFFS = (10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
@@ -321,10 +310,10 @@ def study_cutoff(
     The states of the rest pass the log's own filter throughout, so that only the fit differs. `processing` is
     that of the robot file, its cut-off replaced; `progress` is called with how many are done, of how many.
     """
-    settled = choose_filters(processing, [recording]).processing
+    settled = regression.choose_filters(processing, [recording]).processing
     if settled.filter_cutoff is None:
-        settled = choose_filters(replace(settled, automatic=True), [recording]).processing
-    window = choose_window("momentum", settled, recording.period)
+        settled = regression.choose_filters(replace(settled, automatic=True), [recording]).processing
+    window = regression.choose_window("momentum", settled, recording.period)
     count = len(recording.time)
     middle = round(0.6 * count)
     rest = replace(settled, drop_first=max(settled.drop_first, middle))

@@ -58,14 +58,14 @@ def test_groups_counts_and_long_sums_are_written_properly():
 
 @pytest.mark.parametrize("robot", [TWO_LINK, PANDA], ids=lambda r: r.name)
 def test_a_contradiction_is_never_printed_as_a_result(monkeypatch, robot):
-    original = lesson.compute_torque_columns
+    original = lesson.dynamics.compute_torque_columns
 
     def wrong(recursion, keys):
         columns = dict(original(recursion, keys))
         columns[keys[0]] = [entry + recursion.algebra.one for entry in columns[keys[0]]]
         return columns
 
-    monkeypatch.setattr(lesson, "compute_torque_columns", wrong)
+    monkeypatch.setattr(lesson.dynamics, "compute_torque_columns", wrong)
     with raises(SymidError, "dynamics.contradiction", match="contradicts itself") as caught:
         derive_lesson(robot)
     assert caught.value.exit_code == 70
@@ -132,6 +132,6 @@ def test_friction_with_a_state_has_its_equations_source_and_steady_curve(name):
 
 
 def test_bristles_that_end_elsewhere_contradict_the_lesson(monkeypatch):
-    monkeypatch.setattr(lesson, "advance_memory", lambda *_: (1.0, (0.0,)))
+    monkeypatch.setattr(lesson.joint_models, "advance_memory", lambda *_: (1.0, (0.0,)))
     with raises(SymidError, "dynamics.contradiction", match="do not end at the curve of steady sliding"):
         derive_lesson(parse_robot(FRICTION.format(friction=write_table("dahl"))))

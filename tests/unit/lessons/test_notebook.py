@@ -53,10 +53,10 @@ def test_it_is_executed_and_shows_formulas_with_the_letters_of_the_book(executed
 @pytest.mark.parametrize("name", ["ppr", "scara", "two_link_elastic"])
 @pytest.mark.usefixtures("unexecuted")
 def test_cells_of_every_kind_of_robot_run(name, tmp_path):
-    made = write(name, tmp_path)
-    assert not made.executed
+    text, done = write(name, tmp_path)
+    assert not done
     names = {}
-    for cell in list_code(made.text):
+    for cell in list_code(text):
         exec(compile(cell, "cell", "exec"), names)  # noqa: S102  what a kernel does
     assert "skew" in names
 

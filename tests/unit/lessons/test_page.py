@@ -108,7 +108,7 @@ def test_texts_of_the_file_are_escaped_in_pages_and_documents():
 
 
 def test_a_contradiction_is_never_a_page(monkeypatch):
-    monkeypatch.setattr(dynamic_chapters, "check_skew", lambda _: False)
+    monkeypatch.setattr(dynamic_chapters.matrices, "check_skew", lambda _: False)
     with pytest.raises(SymidError, match="dM/dt - 2C is not skew"):
         write_lesson_page(load_robot("two_link"), get_book("symid"))
 

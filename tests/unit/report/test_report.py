@@ -72,7 +72,7 @@ def test_names_are_escaped_origin_is_told_and_tables_scroll(result):
     assert "<log 7>" not in text
     notices = (Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz"),)
     text = render_page(
-        build_identification_page(estimate, (validation,), notices, ("robot arm of arm.toml",))
+        build_identification_page(estimate, (validation,), notices=notices, origin=("robot arm of arm.toml",))
     )
     assert "a.npz: torque: multiplied by 2" in text
     assert f"Written by symid {__version__}; robot arm of arm.toml." in text

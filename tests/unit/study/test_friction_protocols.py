@@ -1,9 +1,12 @@
 """Protocols S1 to S3 and the second robot: data, agreement, parameters that come back, gains."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from symid.identification.friction.estimators import ESTIMATORS, STOCHASTIC
+from symid.joint_models import get_law
 from symid.study.friction_protocols import (
     AGREEMENT,
     LAWS,
@@ -14,7 +17,6 @@ from symid.study.friction_protocols import (
     TABLE_1,
     TABLE_3,
     TABLE_4,
-    DrawnFit,
     FrictionScene,
     Sweep,
     build_gain_scene,
@@ -26,17 +28,22 @@ from symid.study.friction_protocols import (
     compare_estimators,
     conclude_races,
     draw_samples,
-    fit_all_estimators,
-    fit_draw,
+    fit_estimators,
     fit_laws,
-    race_searches,
     summarise_agreement,
     summarise_gains,
     summarise_race,
     summarise_recovery,
 )
 
+SHORT = build_sweep_scene(Sweep(peak=0.5, samples=200))
 PHYSICAL = (11.64, 23.19, 0.02767, 27.88, 0.47, 0.010)
+
+
+def build_fit(law, values, **fields):
+    """Return what summaries read of a fit, with parameters as the law prints them."""
+    linear, shape = get_law(law).from_physical(values)
+    return SimpleNamespace(linear=linear, shape=shape, **fields)
 
 
 def test_cosines_move_in_one_direction_or_in_both():
@@ -91,8 +98,8 @@ PRINTED = ((0.094, 0.223, 0.0012, 0.254), (0.46, 0.12, 0.0010, 5.0), (0.057, 0.0
 @pytest.mark.parametrize(("sweep", "printed"), list(zip(SWEEPS, PRINTED, strict=True)))
 def test_the_cramer_rao_bound_of_each_motion(sweep, printed):
     scene = build_sweep_scene(sweep)
-    draw = tuple(DrawnFit(scene.physical, 1.0) for _ in ESTIMATORS)
-    study = summarise_agreement(sweep, [draw])
+    fit = build_fit("stribeck", scene.physical, objective=1.0)
+    study = summarise_agreement(sweep, [[fit] * len(ESTIMATORS)])
     assert study.bound == pytest.approx(find_bound(scene), rel=1e-9)
     assert study.bound == pytest.approx(printed, rel=0.06)
     assert study.expected == pytest.approx(251.0 * (sweep.samples - 4) / sweep.samples)
@@ -102,8 +109,8 @@ def test_excess_and_distance_are_the_worst_over_all_draws():
     bound = find_bound(build_sweep_scene(SWEEPS[0]))
     draws = []
     for excess, distance in ((0.0, 1.0), (1e-3, 3.5)):
-        away = DrawnFit(tuple(TRUTH + distance * bound), 200.0 * (1.0 + excess))
-        draws.append((DrawnFit(tuple(TRUTH), 200.0), *[away] * len(ESTIMATORS[1:])))
+        away = build_fit("stribeck", TRUTH + distance * bound, objective=200.0 * (1.0 + excess))
+        draws.append((build_fit("stribeck", TRUTH, objective=200.0), *[away] * len(ESTIMATORS[1:])))
     first, *others = summarise_agreement(SWEEPS[0], draws).rows
     assert (first.excess, first.error, first.outside, first.agreed) == (0.0, 0.0, 0, 2)
     for row in others:
@@ -116,16 +123,14 @@ def test_excess_and_distance_are_the_worst_over_all_draws():
 
 
 def test_all_estimators_reach_one_optimum():
-    draw = fit_all_estimators((Sweep(peak=0.5, samples=200), 7))
-    objectives = dict(zip(ESTIMATORS, (found.objective for found in draw), strict=True))
+    objectives = {found.estimator: found.objective for found in fit_estimators(SHORT, 7)}
+    assert tuple(objectives) == ESTIMATORS
     least = min(objectives.values())
     for name, objective in objectives.items():
         assert objective <= least * (1.0 + (NEARNESS if name in STOCHASTIC else AGREEMENT))
 
 
 def test_a_contest_names_who_could_not_take_part():
-    from symid.study.friction_protocols import FrictionScene, build_whole_cosines
-
     scene = FrictionScene("1", "stribeck", TRUTH, build_whole_cosines((0.5,), 100), 0.7)
     runs = {run.estimator: run for run in compare_estimators("both directions", scene, 0, timed=True).runs}
     assert tuple(runs) == ESTIMATORS
@@ -142,15 +147,16 @@ def test_a_contest_names_who_could_not_take_part():
 
 
 def test_a_race_counts_what_the_searches_took():
-    scene = build_sweep_scene(Sweep(peak=0.5, samples=200))
-    draw = race_searches((scene, 3))
-    assert [fit.population for fit in draw] == [64, 48, 0]
+    draw = fit_estimators(SHORT, 3, (*RACERS, "varpro"))
+    costs = summarise_race("a motion", [draw]).costs
+    assert [cost.population for cost in costs] == [64, 48]
     # All candidates once at the start; in a generation of the hybrid children, and neighbours of survivors.
-    for fit, visits in zip(draw, (1, 2), strict=False):
-        assert fit.evaluations == fit.population * (1 + visits * fit.generations)
-        assert fit.near_evaluations == fit.population * (1 + visits * fit.near_generations)
-        assert 0 < fit.near_generations < fit.generations
-    again = fit_all_estimators((Sweep(peak=0.5, samples=200), 3))
+    for cost, fit, visits in zip(costs, draw, (1, 2), strict=False):
+        assert (cost.generations, cost.evaluations) == (fit.iterations, fit.evaluations)
+        assert cost.evaluations == cost.population * (1 + visits * cost.generations)
+        assert cost.near_evaluations == cost.population * (1 + visits * cost.near_generations)
+        assert 0 < cost.near_generations < cost.generations
+    again = fit_estimators(SHORT, 3)
     assert tuple(again[ESTIMATORS.index(name)] for name in RACERS) == draw[:2]
 
 
@@ -170,15 +176,21 @@ def test_a_race_counts_what_the_searches_took():
     ],
 )
 def test_a_race_is_said_whichever_way_it_went(hybrid, finding, conclusion):
-    def fit(generations, evaluations):
-        return DrawnFit((1.0,), 1.0, 8, generations, evaluations, 1, 16)
+    def fit(estimator, generations, evaluations):
+        counts = {"iterations": generations, "evaluations": evaluations, "settings": (("population", 8),)}
+        return SimpleNamespace(estimator=estimator, objective=1.0, history=(1.0,), **counts)
 
     generations, evaluations = hybrid
     draws = [
-        (fit(70, 400), fit(generations - 5, evaluations + 100 if evaluations > 500 else 200)),
-        (fit(90, 600), fit(generations + 5, evaluations - 100 if evaluations > 500 else 300)),
+        (
+            fit("genetic", 80 + 10 * side, 500 + 100 * side),
+            fit(
+                "annealing", generations + 5 * side, evaluations + side * (-100 if evaluations > 500 else 50)
+            ),
+        )
+        for side in (-1, 1)
     ]
-    race = summarise_race("a motion", draws, RACERS)
+    race = summarise_race("a motion", draws)
     assert race.finding == f"{generations} against 80 generations, {', '.join(finding)}"
     assert conclude_races([race]) == conclusion
     assert [cost.estimator for cost in race.costs] == list(RACERS)
@@ -215,7 +227,10 @@ def find_improved_bound(scene):
 def test_bounds_of_the_three_joints_and_draws_near_the_truth(index):
     scene = build_recovery_scene(index)
     truth = TABLE_3[index].values
-    found = summarise_recovery(scene, [(truth, 10), (tuple(1.01 * value for value in truth), 12)])
+    pairs = ((1.0, 10), (1.01, 12))
+    found = summarise_recovery(
+        scene, [[build_fit(scene.law, np.array(truth) * by, solves=count)] for by, count in pairs]
+    )
     bounds, slow = PRINTED_BOUNDS[index]
     assert [entry.bound for entry in found.parameters] == pytest.approx(find_improved_bound(scene), rel=1e-5)
     # vs and dq0 are printed with one digit.
@@ -223,9 +238,7 @@ def test_bounds_of_the_three_joints_and_draws_near_the_truth(index):
         assert entry.bound == pytest.approx(printed, rel=0.04 if printed > 1e-3 else 0.3)
     assert found.slow == slow
     assert (found.draws, found.solves) == (2, 12)
-    found = summarise_recovery(
-        build_recovery_scene(index), [fit_draw((build_recovery_scene(index), seed)) for seed in range(4)]
-    )
+    found = summarise_recovery(scene, [fit_estimators(scene, seed, ("varpro",)) for seed in range(4)])
     assert all(entry.error < 5.0 for entry in found.parameters)
     assert found.solves <= 150
 
@@ -233,7 +246,9 @@ def test_bounds_of_the_three_joints_and_draws_near_the_truth(index):
 def test_mean_deviation_and_bias_are_those_of_the_draws():
     scene = build_recovery_scene(0)
     truth = np.array(scene.physical)
-    found = summarise_recovery(scene, [(tuple(truth * factor), 1) for factor in (0.9, 1.0, 1.2)])
+    found = summarise_recovery(
+        scene, [[build_fit(scene.law, truth * factor, solves=1)] for factor in (0.9, 1.0, 1.2)]
+    )
     for entry, value in zip(found.parameters, truth, strict=True):
         assert entry.mean == pytest.approx(value * 3.1 / 3.0)
         assert entry.deviation == pytest.approx(abs(value) * np.std([0.9, 1.0, 1.2], ddof=1))
@@ -248,7 +263,7 @@ def test_the_second_robot_comes_back(index):
     scene = build_second_scene(index)
     assert scene.noise == pytest.approx(0.02 * RV_2SQ[index].values[0])
     assert np.max(np.abs(scene.velocity[:1000])) == pytest.approx(3.0 * RV_2SQ[index].values[2], rel=1e-4)
-    found = summarise_recovery(scene, [fit_draw((scene, seed)) for seed in range(3)])
+    found = summarise_recovery(scene, [fit_estimators(scene, seed, ("varpro",)) for seed in range(3)])
     assert found.law == RV_2SQ[index].law
     assert all(entry.identifiable and entry.error < 5.0 for entry in found.parameters)
 
@@ -258,15 +273,10 @@ def test_what_the_bound_forbids_is_not_told():
     scene = FrictionScene(
         "1", "stribeck", (10.0, 10.01, 0.03, 20.0), build_whole_cosines((0.1, 1.0), 500), 1.0
     )
-    found = summarise_recovery(
-        scene, [(scene.physical, 1)] * 2 + [(tuple(1.1 * v for v in scene.physical), 1)]
-    )
-    assert {entry.name: entry.identifiable for entry in found.parameters} == {
-        "fC": True,
-        "fS": True,
-        "vs": False,
-        "fV": True,
-    }
+    truth = np.array(scene.physical)
+    fits = [[build_fit(scene.law, truth * factor, solves=1)] for factor in (1.0, 1.0, 1.1)]
+    found = summarise_recovery(scene, fits)
+    assert [entry.name for entry in found.parameters if not entry.identifiable] == ["vs"]
 
 
 @pytest.mark.parametrize("index", range(3))
@@ -277,7 +287,7 @@ def test_the_noise_gives_the_printed_gain_and_richer_laws_leave_less(index):
     ratio = 1.0 / (1.0 - row.printed[0] / 100.0)
     assert row.noise == pytest.approx(np.sqrt(np.mean(rest**2) / (ratio - 1.0)), rel=0.02)
     assert scene.noise == row.noise
-    draws = [fit_laws((build_gain_scene(index), seed)) for seed in range(4)]
+    draws = [fit_laws(scene, seed) for seed in range(4)]
     for fitted, held_out in draws:
         viscous, stribeck, improved = fitted
         assert len(fitted) == len(LAWS)
