@@ -31,18 +31,16 @@ from symid.dynamics import (
     derive_base_parameters,
     estimate_payload,
 )
-from symid.environment import write_file
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Estimate
 from symid.identification.friction_search import identify_loaded
 from symid.identification.identified import Identified, build_identified
 from symid.identification.identify import TaskContext
 from symid.identification.rigid import identify_parameters
-from symid.identification.stored import GivenResult, is_fit, name_format, read_dynamics, read_format, read_one
+from symid.identification.stored import GivenResult, is_fit, read_dynamics, read_result_file
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
 from symid.options import PayloadOptions
 from symid.robot import Placement, Robot, describe_settings, suggest_names
-from symid.serialization import write_json
 
 GivenSide = Sequence[GivenResult | Recording]
 """One estimate, or logs: each itself, or its file."""
@@ -87,45 +85,25 @@ def identify_payload(
     return PayloadFinding(robot=first.robot.name, payload=found, notices=(*first.notices, *second.notices))
 
 
-_FORMAT = "symid payload"
-
-
-def write_payload(found: PayloadFinding, path: Path, described: Mapping[str, object]) -> Path:
-    """Write a payload to `path` as JSON and return the path.
-
-    `described` is written for readers of the file, beside the record that `read_payload` reads.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    data = {"format": _FORMAT, "version": 1, **described, "record": found}
-    return write_file(path, write_json(data) + "\n")
-
-
-def is_payload(path: Path) -> bool:
-    """Return whether `path` holds a payload that symid wrote, with mistakes or without."""
-    return name_format(path) == _FORMAT
-
-
 def read_payload(path: Path) -> PayloadFinding:
     """Return the payload stored at `path`.
 
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
     """
-    found = read_one(PayloadFinding, path, read_format(path, _FORMAT, "payload").get("record"))
+    return read_result_file(PayloadFinding, "payload", path, _list_mistakes)
+
+
+def _list_mistakes(found: PayloadFinding) -> list[str]:
     names, shape = tuple(entry.name for entry in found.payload.quantities), found.payload.standard.shape
     wrong = [] if shape == (10,) else [f"standard: expected (10,) numbers, got {shape}"]
     if names != PAYLOAD_QUANTITIES:
         wrong.append(f"quantities: expected {', '.join(PAYLOAD_QUANTITIES)}, got {', '.join(names):.80}")
-    wrong += [
+    return wrong + [
         f"{entry.name:.20}: a value needs a deviation that is not negative"
         for entry in found.payload.quantities
         if entry.value is not None and (entry.std is None or entry.std < 0.0)
     ]
-    if wrong:
-        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in wrong))
-    return found
 
 
 def _read_side(

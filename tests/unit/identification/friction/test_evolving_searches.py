@@ -13,10 +13,7 @@ from symid.identification.friction.problem import (
 )
 from symid.identification.friction.searches import (
     UnitBoxProblem,
-    choose_survivors,
-    compute_spread,
     draw_children,
-    draw_winners,
     search_by_evolution,
     search_by_population,
     search_by_projection,
@@ -88,13 +85,3 @@ def test_candidates_stay_in_the_box():
     np.testing.assert_allclose(np.cov(children.T), np.cov(genes.T), rtol=0.05)
 
 
-def test_winners_and_survivors_are_the_better_ones():
-    rng = np.random.default_rng(0)
-    values = np.arange(100.0)
-    assert np.mean(values[draw_winners(values, rng)]) < 45.0
-    first, second = np.array([3.0, 1.0]), np.array([2.0, 4.0])
-    genes, kept = choose_survivors(np.ones((2, 1)), first, np.zeros((2, 1)), second)
-    assert kept.tolist() == [1.0, 2.0]
-    assert genes.ravel().tolist() == [1.0, 0.0]
-    assert compute_spread(np.array([2.0, 3.0])) == 0.5
-    assert compute_spread(np.zeros(2)) == 0.0
