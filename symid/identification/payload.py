@@ -22,6 +22,7 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.dynamics import (
@@ -34,13 +35,13 @@ from symid.dynamics import (
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Estimate
 from symid.identification.friction_search import identify_loaded
-from symid.identification.identified import Identified, build_identified
+from symid.identification.identified import Identified, build_frame, build_identified
 from symid.identification.identify import TaskContext
 from symid.identification.rigid import identify_parameters
 from symid.identification.stored import GivenResult, is_fit, read_dynamics, read_result_file
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
 from symid.options import PayloadOptions
-from symid.robot import Placement, Robot, describe_settings, suggest_names
+from symid.robot import Robot, describe_settings, suggest_names
 
 GivenSide = Sequence[GivenResult | Recording]
 """One estimate, or logs: each itself, or its file."""
@@ -307,15 +308,8 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
                 f"--frame {frame}: expected the name of a link, or six numbers x,y,z,roll,pitch,yaw (m, rad)"
             )
             raise UsageError(Notice(code="usage.payload-frame", text=text))
-        (cr, cp, cy), (sr, sp, sy) = np.cos(numbers[3:]), np.sin(numbers[3:])
         # Rot(z, yaw) Rot(y, pitch) Rot(x, roll).
-        rotation = np.array(
-            [
-                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-                [-sp, cp * sr, cp * cr],
-            ]
-        )
+        rotation = scipy.spatial.transform.Rotation.from_euler("xyz", numbers[3:]).as_matrix()
         listed = ", ".join(f"{number:g}" for number in numbers)
         words = f"the frame at x, y, z, roll, pitch, yaw {listed} of the link frame of joint {joint!r}"
         return rotation, np.array(numbers[:3]), words
@@ -337,15 +331,9 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
         known = f"a link on joint {joint!r} ({', '.join(fixed)})" if fixed else "no link of this file"
         text += f"; --frame takes {known}, or x,y,z,roll,pitch,yaw in its link frame (m, rad)"
         raise UsageError(Notice(code="usage.payload-frame", text=text))
-    symbols = dict(robot.symbols)
-    inner, inner_origin = _to_arrays(robot.joints[link.joint].frame, symbols)
-    outer, outer_origin = _to_arrays(link.placement, symbols)
-    return inner.T @ outer, inner.T @ (outer_origin - inner_origin), f"the frame of the link {link.name!r}"
-
-
-def _to_arrays(place: Placement, symbols: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-    rotation = np.array([[entry.to_float() for entry in row] for row in place.rotation])
-    return rotation, np.array([entry.to_float(symbols) for entry in place.translation])
+    inner, outer = build_frame(robot.joints[link.joint].frame, robot), build_frame(link.placement, robot)
+    turn, gap = inner[:3, :3].T, outer[:3, 3] - inner[:3, 3]
+    return turn @ outer[:3, :3], turn @ gap, f"the frame of the link {link.name!r}"
 
 
 def _write_number(value: float) -> str:

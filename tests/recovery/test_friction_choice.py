@@ -10,8 +10,6 @@ from symid.errors import UsageError
 from symid.identification.regression import fill_loads
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.friction_choice import choose_laws
-from symid.identification.rigid.friction_tables import TangentLaw
-from symid.joint_models import compute_column_derivatives, compute_columns, get_law
 from symid.logs.recording import Recording
 from symid.robot.description import Processing
 from tests.recovery import flexible_arm
@@ -97,23 +95,6 @@ def test_a_joint_at_rest_keeps_plain_friction():
     found = choose_laws(build_two_link(), [moved], CUT, gears=(1.0, 1.0))
     assert found.joints[1].friction.law == "coulomb-viscous-offset"
     assert found.joints[1].selection is None
-
-
-@pytest.mark.parametrize("name", ["stribeck", "load-dependent-stribeck", "improved-stribeck", "makkar"])
-def test_a_tangent_law_is_the_law_and_its_slope(name):
-    law, rng = get_law(name), np.random.default_rng(2)
-    inputs = {"velocity": rng.normal(size=60), "load": rng.normal(size=60)}
-    shape = [{"vs": 0.4, "dq0": 0.1, "g2": 9.0, "g3": 2.0, "g5": 7.0}[entry.name] for entry in law.shape]
-    values = rng.uniform(0.5, 2.0, len(law.linear))
-    tangent = TangentLaw.build(law, shape, values.tolist())
-    columns = np.column_stack(tangent.columns(None, inputs, ()))
-    step = 1e-6 * np.array(shape)
-    for k in range(len(shape)):
-        moved = [value + step[k] * (j == k) for j, value in enumerate(shape)]
-        slope = (compute_columns(law, inputs, moved) - compute_columns(law, inputs, shape)) @ values / step[k]
-        assert_allclose(columns[:, len(values) + k], slope, atol=2e-4 * np.abs(slope).max())
-    exact = np.einsum("nps,p->ns", compute_column_derivatives(law, inputs, shape), values)
-    assert_allclose(columns[:, len(values) :], exact)
 
 
 @pytest.fixture(scope="module")

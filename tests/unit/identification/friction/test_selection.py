@@ -158,20 +158,6 @@ def draw_long_samples(law, physical, *, one_sided=False, seed=9):
     )
 
 
-@pytest.mark.parametrize("one_sided", [False, True])
-def test_a_sketch_predicts_columns_of_every_law_behind_the_filter(one_sided):
-    law = get_law("stribeck+offset")
-    samples = draw_long_samples(law, (1.0, 1.5, 0.1, 0.8, 0.1), one_sided=one_sided)
-    speeds, spread = selection_module._spread_speeds(samples)
-    for name in ("stribeck+offset", "stribeck-exponent+offset", "lorentzian", "power-law", "makkar", "cubic"):
-        law = get_law(name)
-        for scale in (0.05, 0.4):
-            exact = compute_columns(law, samples.inputs, [scale] * len(law.shape))
-            sketched = spread @ compute_columns(law, {"velocity": speeds}, [scale] * len(law.shape))
-            moving = np.abs(samples.velocity) > 1e-3
-            np.testing.assert_allclose(sketched[moving], exact[moving], atol=2e-5)
-
-
 LINEAR, RISE, KINKS = "coulomb-viscous-offset", "stribeck+offset", "improved-stribeck"
 SEVERAL = (LINEAR, RISE, "lorentzian+offset", "power-law+offset", "tustin+offset")
 
