@@ -184,7 +184,9 @@ def read_stiffness(path: Path) -> StiffnessEstimate:
 
 def _list_shape_mistakes(found: StiffnessEstimate) -> list[str]:
     alignment, runs, joints = found.alignment, len(found.alignment.sources), len(found.joints)
-    wanted = dict.fromkeys(("delays", "delay_stds", "explained", "residual", "present"), (joints,))
+    wanted: dict[str, tuple[int, ...]] = dict.fromkeys(
+        ("delays", "delay_stds", "explained", "residual", "present"), (joints,)
+    )
     wanted |= dict.fromkeys(("offsets", "offset_stds"), (runs, joints))
     shapes = [(name, getattr(alignment, name).shape, shape) for name, shape in wanted.items()]
     shapes += [

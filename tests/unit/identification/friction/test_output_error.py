@@ -28,6 +28,7 @@ from symid.identification.friction.selection import compute_relative_residual
 from symid.joint_models.friction_catalogue import get_law
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
+from tests.refusals import raises
 
 PERIOD = 2e-3
 PLAIN = AxisModel(law=get_law("coulomb-viscous-offset"))
@@ -137,9 +138,8 @@ def test_the_fewest_values_within_one_standard_error_are_taken():
     [(np.zeros(50), np.zeros(49)), (np.zeros(10), np.zeros(10)), (np.full(50, np.nan), np.zeros(50))],
 )
 def test_runs_that_cannot_be(position, force):
-    with pytest.raises(LogError) as caught:
+    with raises(LogError, "friction.axis-run"):
         AxisRun(position=position, force=force, period=PERIOD)
-    assert caught.value.notices[0].code == "friction.axis-run"
     # Windows that are too short.
     with pytest.raises(LogError, match="40 samples"):
         fit_output_error(PLAIN, build_run(PLAIN, 1.0), [Window(first=0, last=30)], [TRUTH[PLAIN.name]])
@@ -193,6 +193,5 @@ def test_a_run_is_the_recording_of_one_joint():
     assert (run.period, run.begin) == (pytest.approx(1e-3), 2.0)
     two = build_recording(0.0, joints=2)
     for build in (build_axis_run, lambda entry: build_axis_samples(entry, PROCESSING)):
-        with pytest.raises(LogError, match=r"\b2 joints.* 1$") as caught:
+        with raises(LogError, "log.joints", match=r"\b2 joints.* 1$"):
             build(two)
-        assert caught.value.notices[0].code == "log.joints"
