@@ -169,7 +169,7 @@ class ElementFit(JudgedResult, PagedResult):
         Raises:
             OutputError: the file cannot be written.
         """
-        return identification.write_element(
+        return identification.write_fit(
             self.record, Path(fspath(path)), verdict=describe_record(self.verdict)
         )
 
@@ -335,4 +335,4 @@ def is_saved(path: str | PathLike[str]) -> bool:
         >>> symid.hysteresis.is_saved("no_such_file.json")
         False
     """
-    return identification.is_element(Path(fspath(path)))
+    return identification.is_kind(Path(fspath(path)), "element")

@@ -69,7 +69,7 @@ class Stiffness(PagedResult):
             OutputError: the file cannot be written.
         """
         file = Path(fspath(path))
-        return identification.write_stiffness(self.estimate, file, {**self.to_dict(), "file": file})
+        return identification.write_result("stiffness", self.estimate, file, {**self.to_dict(), "file": file})
 
     def _write_page(self, file: Path) -> Path:
         return report.write_stiffness_page(file, self.estimate, self.notices)
@@ -115,9 +115,9 @@ def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | Elemen
         EstimateError: it is one of them with mistakes; all are named.
     """
     file = Path(fspath(path))
-    if identification.is_stiffness(file):
+    if identification.is_kind(file, "stiffness"):
         return load_stiffness(file)
-    if identification.is_payload(file):
+    if identification.is_kind(file, "payload"):
         return load_payload(file)
     return hysteresis.load(file) if hysteresis.is_saved(file) else None
 
@@ -226,7 +226,7 @@ class PayloadResult(PagedResult):
         Raises:
             OutputError: the file cannot be written.
         """
-        return identification.write_payload(self.product, Path(path), self.to_dict())
+        return identification.write_result("payload", self.product, Path(path), self.to_dict())
 
 
 def load_payload(path: str | PathLike[str], robot: "RobotDynamics | None" = None) -> PayloadResult:

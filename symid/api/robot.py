@@ -373,11 +373,8 @@ class RobotModel(RobotDynamics):
             starts=starts,
             seed=seed,
         )
-        search, rng = (
-            excitation.build_excitation_options(order, self.description),
-            np.random.default_rng(order.seed),
-        )
-        found = excitation.optimise_excitation(self.description, search, rng=rng, progress=self.progress)
+        rng = np.random.default_rng(order.seed)
+        found = excitation.optimise_excitation(self.description, order, rng=rng, progress=self.progress)
         return ExcitedTrajectory(robot=self.description, product=found, seed=order.seed)
 
     def simulate(

@@ -4,9 +4,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.excitation.optimise import (
-        ExcitationOptions as ExcitationOptions,
         OptimisedExcitation as OptimisedExcitation,
-        build_excitation_options as build_excitation_options,
         optimise_excitation as optimise_excitation,
     )
     from symid.excitation.problem import Margin as Margin

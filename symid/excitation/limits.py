@@ -23,6 +23,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, RobotError
 from symid.joint_models import NO_FRICTION, FrictionValues, get_friction_law, name_values
+from symid.options import ExciteOptions
 from symid.robot import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -88,54 +89,24 @@ class InPlaceFunction:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class WorkspacePoint:
-    """A ball of radius `size` (m) about `place` (m) in the frame of the link of joint `joint` (an index)."""
-
-    joint: int
-    place: Vector
-    size: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class WorkspaceRegion:
-    """One demand on some points.
+    """One demand on balls of radius `size` (m) about `place` (m) in the frames of some links.
 
     Args:
         kind: "out" or "in" of a sphere, or "plane".
         anchor: centre of the sphere in m, or unit normal of the plane.
         extent: radius of the sphere, or offset of the plane, m.
-        points: what is kept there.
+        joints: indices of those whose links are kept there.
         label: how messages call it.
     """
 
     kind: str
     anchor: Vector
     extent: float
-    points: tuple[WorkspacePoint, ...]
+    joints: tuple[int, ...]
+    place: Vector
+    size: float
     label: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LimitOptions:
-    """How far the limits are used, what holds where a robot file states none, and what else is limited.
-
-    Args:
-        share: of every limit that a motion may use.
-        sweep: rad or m either side of zero. speed: rad/s or m/s. acceleration: rad/s^2 or m/s^2.
-        jerk: rad/s^3 or m/s^3; None for none.
-        workspace: where links may be.
-        torsion: rad or m that an elastic joint may give; None for any.
-        stiffness: (n,) N m/rad or N/m in place of the robot file's.
-    """
-
-    share: float = 0.95
-    sweep: float = 1.0
-    speed: float = 2.0
-    acceleration: float = 10.0
-    jerk: float | None = None
-    workspace: tuple[WorkspaceRegion, ...] = ()
-    torsion: float | None = None
-    stiffness: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -164,9 +135,8 @@ class MotionLimits(FrozenArrays):
         return np.array([self.half, self.velocity, self.acceleration, self.jerk])
 
 
-def get_motion_limits(robot: Robot, options: LimitOptions | None = None) -> MotionLimits:
+def get_motion_limits(robot: Robot, options: ExciteOptions) -> MotionLimits:
     """Return the limits of the robot's joints; those that its file does not state are the options'."""
-    options = options or LimitOptions()
     assumed: list[str] = []
     centre, half = np.zeros(robot.freedom), np.full(robot.freedom, options.sweep)
     for place, joint in enumerate(robot.axes):
@@ -191,7 +161,7 @@ def get_motion_limits(robot: Robot, options: LimitOptions | None = None) -> Moti
     return MotionLimits(
         centre=centre,
         half=half,
-        velocity=get("velocity", options.speed, "/s"),
+        velocity=get("velocity", options.velocity, "/s"),
         acceleration=get("acceleration", options.acceleration, "/s^2"),
         jerk=get("jerk", options.jerk, "/s^3"),
         torque=get("torque", None, ""),
@@ -237,41 +207,40 @@ def read_workspace(path: Path, robot: Robot) -> tuple[WorkspaceRegion, ...]:
 
 
 def _read_region(section: Section, kind: str, robot: Robot) -> WorkspaceRegion | None:
-    points = _read_points(section, robot)
+    names = [joint.name for joint in robot.joints]
+    wanted: object = section.values.get("links", names[-1:])
+    if not isinstance(wanted, list) or not wanted or any(name not in names for name in wanted):
+        text = f"expected a list of joint names, got {section.show('links')}; allowed are {', '.join(names)}"
+        section.refuse("robot.bad-choice", "links", text)
+        wanted = []
+    place = _read_vector(section, "point") if "point" in section.values else (0.0, 0.0, 0.0)
+    size = section.read_float("size", "m", NOT_NEGATIVE) or 0.0
     if kind == "plane":
         anchor = _read_vector(section, "normal")
         extent = section.read_float("offset", "m") if section.require("offset", _LENGTH) else None
         length = math.hypot(*anchor) if anchor else 1.0
         if not length:
             section.refuse("robot.out-of-range", "normal", "a normal of length zero has no direction")
-        if anchor is None or extent is None or not length:
-            return None
-        anchor = (anchor[0] / length, anchor[1] / length, anchor[2] / length)
+        elif anchor is not None:
+            anchor = (anchor[0] / length, anchor[1] / length, anchor[2] / length)
     else:
         kind = section.read_choice("keep", ("out", "in")) or "out"
         anchor = _read_vector(section, "centre")
         extent = section.read_float("radius", "m", POSITIVE) if section.require("radius", _LENGTH) else None
-        if anchor is None or extent is None:
-            return None
-        if kind == "in" and any(point.size >= extent for point in points):
+        if kind == "in" and extent is not None and size >= extent:
             text = f"a ball of this size does not fit within {extent:g} m"
             section.refuse("robot.out-of-range", "size", text)
-    return WorkspaceRegion(kind=kind, anchor=anchor, extent=extent, points=points, label=section.label)
-
-
-def _read_points(section: Section, robot: Robot) -> tuple[WorkspacePoint, ...]:
-    names = [joint.name for joint in robot.joints]
-    wanted: object = section.values.get("links", names[-1:])
-    if not isinstance(wanted, list) or not wanted or any(name not in names for name in wanted):
-        text = f"expected a list of joint names, got {section.show('links')}; allowed are {', '.join(names)}"
-        section.refuse("robot.bad-choice", "links", text)
-        return ()
-    place = _read_vector(section, "point") if "point" in section.values else (0.0, 0.0, 0.0)
-    size = section.read_float("size", "m", NOT_NEGATIVE) or 0.0
-    if place is None:
-        return ()
-    joints = map(names.index, dict.fromkeys(wanted))
-    return tuple(WorkspacePoint(joint=joint, place=place, size=size) for joint in joints)
+    if anchor is None or extent is None or place is None:
+        return None
+    return WorkspaceRegion(
+        kind=kind,
+        anchor=anchor,
+        extent=extent,
+        joints=tuple(map(names.index, dict.fromkeys(wanted))),
+        place=place,
+        size=size,
+        label=section.label,
+    )
 
 
 def _read_vector(section: Section, key: str) -> Vector | None:
@@ -317,36 +286,33 @@ class StateLimits:
     notices: tuple[Notice, ...] = ()
 
 
-def build_state_limits(
-    robot: Robot, limits: MotionLimits, options: LimitOptions | None = None
-) -> StateLimits:
-    """Return the limits that depend on the whole state, or raise a RobotError if values are missing."""
-    import casadi as ca
+def build_state_limits(robot: Robot, limits: MotionLimits, options: ExciteOptions) -> StateLimits:
+    """Return the limits that depend on the whole state, or raise a RobotError if values are missing.
 
-    options = options or LimitOptions()
-    size = robot.freedom
-    states = [ca.SX.sym(name, size) for name in ("q", "dq", "ddq")]
-    entries, notices = _list_loads(robot, limits, options, states)
+    The workspace is read from its file; a RobotError has all its mistakes.
+    """
     import casadi as ca
 
     from symid.codegen import build_functions
 
-    if options.workspace:
+    states = [ca.SX.sym(name, robot.freedom) for name in ("q", "dq", "ddq")]
+    entries, notices = _list_loads(robot, limits, options, states)
+    if options.workspace is not None:
+        regions = read_workspace(Path(options.workspace), robot)
         turns, origins = build_functions(robot, names=("forward_kinematics",)).functions[0](states[0])
-        for region in options.workspace:
+        for region, joint in [(entry, joint) for entry in regions for joint in entry.joints]:
             anchor = ca.DM(list(region.anchor))
-            for point in region.points:
-                turn = ca.reshape(turns[point.joint, :], 3, 3).T
-                place = origins[point.joint, :].T + turn @ ca.DM(list(point.place))
-                if region.kind == "plane":
-                    limit = 1.0
-                    expression = 1.0 - (ca.dot(anchor, place) - region.extent - point.size)
-                else:
-                    limit = region.extent + (point.size if region.kind == "out" else -point.size)
-                    squared = ca.sumsqr(place - anchor) / limit**2
-                    expression = 2.0 - squared if region.kind == "out" else squared
-                name = f"{region.label}, {robot.joints[point.joint].name}"
-                entries.append(StateLimit(name=name, kind=region.kind, limit=limit, expression=expression))
+            turn = ca.reshape(turns[joint, :], 3, 3).T
+            place = origins[joint, :].T + turn @ ca.DM(list(region.place))
+            if region.kind == "plane":
+                limit = 1.0
+                expression = 1.0 - (ca.dot(anchor, place) - region.extent - region.size)
+            else:
+                limit = region.extent + (region.size if region.kind == "out" else -region.size)
+                squared = ca.sumsqr(place - anchor) / limit**2
+                expression = 2.0 - squared if region.kind == "out" else squared
+            name = f"{region.label}, {robot.joints[joint].name}"
+            entries.append(StateLimit(name=name, kind=region.kind, limit=limit, expression=expression))
     if not entries:
         return StateLimits(notices=notices)
     state = ca.vertcat(*states)
@@ -361,7 +327,7 @@ def build_state_limits(
 
 
 def _list_loads(
-    robot: Robot, limits: MotionLimits, options: LimitOptions, states: Sequence[Any]
+    robot: Robot, limits: MotionLimits, options: ExciteOptions, states: Sequence[Any]
 ) -> tuple[list[StateLimit], tuple[Notice, ...]]:
     """Return limits of torque and torsion, and a notice where they cannot be kept."""
     if not np.any(np.isfinite(limits.torque)) and options.torsion is None:
@@ -374,21 +340,6 @@ def _list_loads(
     made = build_functions(smooth, names=("inverse_dynamics",))
     card = made.card
     if any(entry.value is None for entry in (*card.beta, *card.friction, *card.rotors)):
-        found = None
-    else:
-        link = made.functions[0](*states, ca.DM([entry.value or 0.0 for entry in card.beta]))
-        motor = ca.SX(link)
-        if card.friction:
-            friction = build_functions(smooth, names=("friction",)).functions[0]
-            # Only positions are read here besides velocities: see `smooth_friction`.
-            values = ca.DM([entry.value or 0.0 for entry in card.friction])
-            motor = motor + friction(states[1], *states[: len(card.friction_inputs)], values)
-        names = [joint.name for joint in robot.axes]
-        for entry in card.rotors:
-            place = names.index(entry.joint)
-            motor[place] += (entry.value or 0.0) * states[2][place]
-        found = link, motor
-    if found is None:
         if options.torsion is not None:
             text = "a limit of the torsion needs all masses, inertias, springs and friction; state them"
             raise RobotError(Notice(code="excitation.no-values", text=text, file=robot.path))
@@ -397,7 +348,17 @@ def _list_loads(
             "first, and design again with the values"
         )
         return [], (Notice(code="excitation.no-torque", text=text),)
-    link, motor = found
+    link = made.functions[0](*states, ca.DM([entry.value or 0.0 for entry in card.beta]))
+    motor = ca.SX(link)
+    if card.friction:
+        friction = build_functions(smooth, names=("friction",)).functions[0]
+        # Only positions are read here besides velocities: see `smooth_friction`.
+        values = ca.DM([entry.value or 0.0 for entry in card.friction])
+        motor = motor + friction(states[1], *states[: len(card.friction_inputs)], values)
+    names = [joint.name for joint in robot.axes]
+    for entry in card.rotors:
+        place = names.index(entry.joint)
+        motor[place] += (entry.value or 0.0) * states[2][place]
     # By joint: what the limit is of, and the factor from it to the largest torque.
     loads = [("torque", motor, limits.share * limits.torque, np.ones(robot.freedom))]
     if options.torsion is not None:

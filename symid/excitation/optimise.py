@@ -1,6 +1,6 @@
 """Optimal excitation: many starts, Ipopt, limits checked on a fine grid.
 
-Robot, ExcitationOptions, random generator -> OptimisedExcitation.
+Robot, ExciteOptions, random generator -> OptimisedExcitation.
 
     random feasible series -> the best of them as starts -> Ipopt on a smooth criterion, ever nearer to the
     condition number, on ever fewer of them -> the best, its limits checked -> OptimisedExcitation
@@ -17,24 +17,21 @@ Not supported: a limit of time; narrow workspaces, which a random pose hardly ev
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from pathlib import Path
 
 import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SolverError, UsageError
-from symid.excitation.limits import LimitOptions, compute_coefficient_scales, read_workspace
+from symid.excitation.limits import compute_coefficient_scales
 from symid.excitation.problem import (
-    CRITERIA,
     Criterion,
     ExcitationProblem,
     Margin,
-    ProblemOptions,
     build_problem,
     compute_margins,
     scale_gram,
 )
-from symid.excitation.trajectories import SeriesOptions, Trajectory
+from symid.excitation.trajectories import Trajectory
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
 from symid.options import ExciteOptions
 from symid.robot import Robot
@@ -124,31 +121,12 @@ _ROUNDS = 5
 _SLACK = 1e-6
 _TOLERANCE = 1e-4
 """Of Ipopt."""
+_REFINED, _ITERATIONS = 4, 150
+"""Starts that are taken further; iterations of Ipopt in one run."""
 _JUDGED = 20
 """Best random series whose stated figures are computed."""
 _REPAIRS = 6
 """Times that limits are tightened before the search fails."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExcitationOptions:
-    """What is minimised, and the effort of the search.
-
-    Args:
-        problem: series, limits, deviations.
-        criterion: one of `CRITERIA`.
-        weight: of the mean logarithm of the information, beside that of the condition number.
-        candidates: random feasible series. starts: how many of them are optimised.
-        refined: how many of these are taken further. iterations: of Ipopt, in one run.
-    """
-
-    problem: ProblemOptions = field(default_factory=ProblemOptions)
-    criterion: str = "condition"
-    weight: float = 0.1
-    candidates: int = 1000
-    starts: int = 10
-    refined: int = 4
-    iterations: int = 150
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -197,15 +175,15 @@ class OptimisedExcitation:
 
 def optimise_excitation(
     robot: Robot,
-    options: ExcitationOptions | None = None,
+    options: ExciteOptions | None = None,
     *,
     rng: np.random.Generator,
     progress: Callable[[str], None] | None = None,
 ) -> OptimisedExcitation:
     """Return the best trajectory found.
 
-    The values of the robot count only for limits of torque and torsion; `rng` is that of the random series;
-    `progress` receives a line for each step.
+    The values of the robot count only for limits of torque and torsion; `rng` is that of the random series,
+    of which no more are optimised than drawn; `progress` receives a line for each step.
 
     Raises:
         UsageError: options out of range, or that do not fit the robot.
@@ -213,28 +191,14 @@ def optimise_excitation(
         IdentifiabilityError: the observation matrix of this family has no full column rank.
         SolverError: no feasible series was found, or none whose limits hold at all times.
     """
-    options = options or ExcitationOptions()
-    problems = [
-        f"{name}: must be at least 1, got {getattr(options, name)}"
-        for name in ("candidates", "starts", "refined", "iterations")
-        if getattr(options, name) < 1
-    ]
-    if options.criterion not in CRITERIA:
-        problems.append(f"criterion: expected {' or '.join(CRITERIA)}, got {options.criterion!r}")
-    if not 0.0 <= options.weight < np.inf:
-        problems.append(f"weight: must be finite and not negative, got {options.weight:g}")
-    limits = options.problem.limits
-    if limits.stiffness and limits.torsion is None:
-        problems.append("--stiffness needs --torsion, the largest torsion; give both")
-    if options.starts > options.candidates:
-        problems.append(f"{options.starts} starts need at least as many candidates, got {options.candidates}")
-    if not 0.0 < limits.share <= 1.0:
-        problems.append(f"share: must be above 0 and at most 1, got {limits.share:g}")
-    if problems:
-        raise UsageError(*(Notice(code="usage.excitation", text=text) for text in problems))
+    options = options or ExciteOptions()
+    if options.stiffness and options.torsion is None:
+        text = "--stiffness needs --torsion, the largest torsion; give both"
+        raise UsageError(Notice(code="usage.excitation", text=text))
+    options = replace(options, starts=min(options.starts, options.candidates))
     report = progress or (lambda _: None)
     report(f"deriving the regressor of {robot.name}")
-    problem = build_problem(robot, options.problem)
+    problem = build_problem(robot, options)
     report(f"drawing {options.candidates} random trajectories within the limits")
     candidates, conditions = draw_candidates(problem, options.candidates, rng)
     if not np.isfinite(conditions[0]):
@@ -272,10 +236,9 @@ def optimise_excitation(
     if problem.limits.assumed:
         text = f"the robot file does not state all limits; assumed: {'; '.join(problem.limits.assumed)}"
         notices = (*notices, Notice(code="excitation.assumed-limits", text=text))
-    series = options.problem.series
     source = (
-        f"optimised finite Fourier series ({options.criterion}), {series.harmonics} harmonics of "
-        f"{1.0 / series.period:g} Hz"
+        f"optimised finite Fourier series ({options.criterion}), {options.harmonics} harmonics of "
+        f"{1.0 / options.period:g} Hz"
     )
     return OptimisedExcitation(
         trajectory=problem.space.build_trajectory(unknowns.reshape(problem.space.shape), source),
@@ -292,41 +255,9 @@ def optimise_excitation(
     )
 
 
-def build_excitation_options(options: ExciteOptions, robot: Robot) -> ExcitationOptions:
-    """Return the search that the options of a call stand for.
-
-    Raises:
-        RobotError: the file of the workspace has mistakes; all are listed.
-    """
-    series = SeriesOptions(
-        harmonics=options.harmonics,
-        period=options.period,
-        rest=not options.moving,
-        start=None if options.start is None else tuple(map(float, options.start)),
-    )
-    limits = LimitOptions(
-        share=options.share,
-        sweep=options.sweep,
-        speed=options.velocity,
-        acceleration=options.acceleration,
-        jerk=options.jerk,
-        workspace=() if options.workspace is None else read_workspace(Path(options.workspace), robot),
-        torsion=options.torsion,
-        stiffness=None if options.stiffness is None else tuple(map(float, options.stiffness)),
-    )
-    deviations = None if options.deviations is None else tuple(map(float, options.deviations))
-    return ExcitationOptions(
-        problem=ProblemOptions(series=series, limits=limits, deviations=deviations),
-        criterion=options.criterion,
-        weight=options.weight,
-        candidates=options.candidates,
-        starts=min(options.starts, options.candidates),
-    )
-
-
-def _list_search_stages(options: ExcitationOptions) -> list[tuple[int, Criterion, IpoptOptions]]:
+def _list_search_stages(options: ExciteOptions) -> list[tuple[int, Criterion, IpoptOptions]]:
     """Return how many series take part in each round, its criterion, and options of Ipopt."""
-    many, few, full = options.starts, min(options.refined, options.starts), options.iterations
+    many, few, full = options.starts, min(_REFINED, options.starts), _ITERATIONS
     # Power of the criterion, series that take part, barrier of Ipopt, iterations.
     plan = [(4.0, many, 1e-2, min(60, full)), (16.0, few, 1e-3, full), (40.0, min(2, few), 1e-4, full)]
     criterion = Criterion(weight=options.weight)
@@ -390,7 +321,7 @@ def _advance_run(
 
 
 def _enforce_limits(
-    problem: ExcitationProblem, names: tuple[str, ...], run: OptimisationRun, options: ExcitationOptions
+    problem: ExcitationProblem, names: tuple[str, ...], run: OptimisationRun, options: ExciteOptions
 ) -> tuple[FloatArray, tuple[Margin, ...]]:
     """Return unknowns whose limits hold on the fine grid, and these limits."""
     _, criterion, ipopt = _list_search_stages(options)[-1]

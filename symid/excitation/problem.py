@@ -1,6 +1,6 @@
 """The problem of an exciting trajectory: what is minimised, under which limits, and how near a motion comes.
 
-Robot, ProblemOptions -> ExcitationProblem, functions of the unknowns z of a `SeriesSpace` with exact first
+Robot, ExciteOptions -> ExcitationProblem, functions of the unknowns z of a `SeriesSpace` with exact first
 derivatives. Unknowns -> one Margin a limit and the stated figures, on a far finer grid.
 
     minimise f(G(z)),  G = A'A / N   over N equal steps of the period
@@ -39,7 +39,6 @@ from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, UsageError
 from symid.excitation.limits import (
     InPlaceFunction,
-    LimitOptions,
     MotionLimits,
     StateLimits,
     StateValues,
@@ -48,9 +47,10 @@ from symid.excitation.limits import (
     get_motion_limits,
     smooth_friction,
 )
-from symid.excitation.trajectories import SeriesOptions, SeriesSpace, build_grid_basis, build_series_space
+from symid.excitation.trajectories import SeriesSpace, build_grid_basis, build_series_space
 from symid.ipopt import Constraints
 from symid.joint_models import NO_FRICTION
+from symid.options import ExciteOptions
 from symid.robot import Robot
 from symid.serialization import HIDDEN
 
@@ -60,18 +60,8 @@ _FIGURE_SAMPLES = 400
 """The same for the figures that are stated."""
 _FINE, _COARSE = 20, 8
 """Grid points per harmonic: limits of motion lose 1.2 and 7.6 % between them."""
-CRITERIA = ("condition", "d-optimal")
 _FLOOR = 1e-13
 """Least eigenvalue of a scaled Gram matrix that is not rounding."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProblemOptions:
-    """The problem; `deviations` (n,) are those of the torque noise, N m or N, None for equal ones."""
-
-    series: SeriesOptions = field(default_factory=SeriesOptions)
-    limits: LimitOptions = field(default_factory=LimitOptions)
-    deviations: tuple[float, ...] | None = None
 
 
 def _build_columns(robot: Robot) -> tuple[tuple[str, ...], Any, Any]:
@@ -133,7 +123,7 @@ class Observation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Criterion:
-    """What is minimised: one of `CRITERIA`; power p and weight of the information belong to "condition"."""
+    """What is minimised: "d-optimal", or "condition" with its power p and weight of the information."""
 
     name: str = "condition"
     power: float = 8.0
@@ -317,27 +307,26 @@ class ExcitationProblem:
         return self.space.compute_states(unknowns.reshape(self.space.shape), basis)
 
 
-def build_problem(robot: Robot, options: ProblemOptions | None = None) -> ExcitationProblem:
+def build_problem(robot: Robot, options: ExciteOptions) -> ExcitationProblem:
     """Return the problem of a robot, or raise a UsageError or RobotError if options or values do not fit."""
-    options = options or ProblemOptions()
-    series, limits = options.series, get_motion_limits(robot, options.limits)
-    weights = np.ones(robot.freedom)
+    limits, weights = get_motion_limits(robot, options), np.ones(robot.freedom)
     if options.deviations is not None:
         given = options.deviations
         if len(given) != robot.freedom or not all(0.0 < value < np.inf for value in given):
             text = f"deviations: expected {robot.freedom} positive numbers, one a joint, got {list(given)}"
             raise UsageError(Notice(code="usage.excitation", text=text))
         weights = 1.0 / np.array(given)
-    if series.start is not None and len(series.start) == robot.freedom:
-        outside = np.abs(np.array(series.start) - limits.centre) > limits.share * limits.half
+    if options.start is not None and len(options.start) == robot.freedom:
+        outside = np.abs(np.array(options.start) - limits.centre) > limits.share * limits.half
         if np.any(outside):
             which = ", ".join(str(place + 1) for place in np.flatnonzero(outside))
             text = f"the start is outside {limits.share:.0%} of the position limits of joint {which}"
             raise UsageError(Notice(code="usage.excitation", text=text))
-    scales = compute_coefficient_scales(limits, series.harmonics, series.period)
-    space = build_series_space(series, limits.centre, scales)
-    observation = Observation(smooth_friction(robot), _GRAM_SAMPLES * series.harmonics, weights)
-    return ExcitationProblem(space, limits, observation, build_state_limits(robot, limits, options.limits))
+    scales = compute_coefficient_scales(limits, options.harmonics, options.period)
+    space = build_series_space(options, limits.centre, scales)
+    state_limits = build_state_limits(robot, limits, options)
+    observation = Observation(smooth_friction(robot), _GRAM_SAMPLES * options.harmonics, weights)
+    return ExcitationProblem(space, limits, observation, state_limits)
 
 
 _POINTS = 400

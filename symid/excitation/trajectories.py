@@ -20,7 +20,8 @@ import numpy as np
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
-from symid.excitation.limits import LimitOptions, get_motion_limits
+from symid.excitation.limits import get_motion_limits
+from symid.options import ExciteOptions
 from symid.robot import Robot
 
 _LIMIT_SHARE = 0.9
@@ -138,7 +139,7 @@ def build_random_fourier(
 ) -> Trajectory:
     """Return a random Fourier series as large as the robot's limits allow, on 50 points per shortest period.
 
-    Limits of position and velocity are those of the robot file, others those of `LimitOptions`.
+    Limits of position and velocity are those of the robot file, others those of `ExciteOptions`.
     """
     options = options or FourierOptions()
     shape = (robot.freedom, options.harmonics)
@@ -152,11 +153,12 @@ def build_random_fourier(
         duration=options.duration,
         ramp=options.ramp,
     )
-    limits, fallback = get_motion_limits(robot), LimitOptions()
+    usual = ExciteOptions()
+    limits = get_motion_limits(robot, usual)
     steps = math.ceil(50 * options.duration * options.harmonics * options.base_frequency) + 2
     states = draft.evaluate(np.linspace(0.0, options.duration, steps))
     peaks = np.array([np.abs(state).max(axis=0) for state in states])
-    bounds = np.array([limits.half, limits.velocity, np.full(robot.freedom, fallback.acceleration)])
+    bounds = np.array([limits.half, limits.velocity, np.full(robot.freedom, usual.acceleration)])
     scale = _LIMIT_SHARE * np.min(bounds / np.maximum(peaks, np.finfo(np.float64).tiny), axis=0)
     return replace(
         draft,
@@ -233,23 +235,6 @@ def scale_trajectory(trajectory: Trajectory, scale: float) -> Trajectory:
         return trajectory
     source = f"{trajectory.source}, amplitudes times {scale:g}"
     return replace(trajectory, amplitude=scale * trajectory.amplitude, source=source)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SeriesOptions:
-    """The family of series.
-
-    Args:
-        harmonics: h of each joint.
-        period: s; the length of the trajectory.
-        rest: whether it starts and ends with neither velocity nor acceleration.
-        start: (n,) rad or m, the pose in which it starts and ends; None for any.
-    """
-
-    harmonics: int = 5
-    period: float = 10.0
-    rest: bool = True
-    start: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -337,17 +322,14 @@ def build_grid_basis(space: SeriesSpace, count: int, orders: int) -> FloatArray:
     return build_basis(space.harmonics, space.period, times, orders)
 
 
-def build_series_space(options: SeriesOptions, centre: FloatArray, scales: FloatArray) -> SeriesSpace:
+def build_series_space(options: ExciteOptions, centre: FloatArray, scales: FloatArray) -> SeriesSpace:
     """Return the space of the series that meet the options.
 
     `centre` (n,) of the series with all unknowns zero, `scales` (n, 2h + 1) of the coefficients, rad or m.
     """
-    size, problems, least = len(centre), [], 2 if options.rest else 1
-    if options.harmonics < least:
-        why = " to start and end at rest" if options.rest else ""
-        problems.append(f"harmonics: must be at least {least}{why}, got {options.harmonics}")
-    if not 0.0 < options.period < np.inf:
-        problems.append(f"the period must be positive and finite, got {options.period:g} s")
+    size, problems = len(centre), []
+    if options.harmonics < 2 and not options.moving:
+        problems.append(f"harmonics: must be at least 2 to start and end at rest, got {options.harmonics}")
     if options.start is not None and len(options.start) != size:
         problems.append(f"the start has {len(options.start)} positions, the robot {size} joints")
     if options.start is not None and not np.all(np.isfinite(options.start)):
@@ -356,7 +338,7 @@ def build_series_space(options: SeriesOptions, centre: FloatArray, scales: Float
         raise UsageError(*(Notice(code="usage.excitation", text=text) for text in problems))
     # Velocity and acceleration at the start, by w and w^2, and position: (m, 2h + 1).
     basis = build_basis(options.harmonics, 2.0 * np.pi, np.zeros(1), 3)[:, 0]
-    kept = ([1, 2] if options.rest else []) + ([0] if options.start is not None else [])
+    kept = ([] if options.moving else [1, 2]) + ([0] if options.start is not None else [])
     # Sines and cosines of multiples of a right angle are not quite what they are.
     demands = np.round(basis[kept], 9)
     maps, offsets = [], []

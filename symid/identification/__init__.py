@@ -50,22 +50,18 @@ if TYPE_CHECKING:
         PayloadFinding as PayloadFinding,
         build_payload_command as build_payload_command,
         identify_payload as identify_payload,
-        is_payload as is_payload,
         read_payload as read_payload,
-        write_payload as write_payload,
     )
     from symid.identification.stored import (
         GivenResult as GivenResult,
-        is_element as is_element,
-        is_stiffness as is_stiffness,
+        is_kind as is_kind,
         read_dynamics as read_dynamics,
         read_element as read_element,
         read_fit as read_fit,
         read_result as read_result,
         read_stiffness as read_stiffness,
-        write_element as write_element,
         write_fit as write_fit,
-        write_stiffness as write_stiffness,
+        write_result as write_result,
     )
     from symid.identification.validate import (
         AnyValidation as AnyValidation,

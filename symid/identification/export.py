@@ -23,7 +23,6 @@ from symid.identification.estimators import ParameterEstimate, check_model
 from symid.identification.friction import (
     FrictionIdentification,
     build_robot_friction,
-    describe_obstacle,
     set_identified_friction,
 )
 from symid.identification.identified import (
@@ -76,10 +75,6 @@ KINDS = {
 }
 """Kinds of files, by the end of their name."""
 
-# Of a file that a robot was made from: no model of MuJoCo, or one.
-_SOURCES = (KINDS[".urdf"], KINDS[".xml"])
-
-
 _SIMULATED = (".xml", ".mjcf", ".usda")
 _SHOWN = 3
 
@@ -99,6 +94,7 @@ class FileExport:
 
     Args:
         file: its path; robot: as it was written.
+        format: what the file is, in words.
         outcome: how bodies were computed; "stated" where the robot file's own were taken, "friction" where
             only friction was identified.
         left_out: what the format cannot express.
@@ -106,27 +102,21 @@ class FileExport:
         standard: the bodies, None where none were computed.
         costs: what these bodies cost joint by joint, where they are not those identified.
         rewritten: the file of which all else was kept, empty where the file is new.
-        kind: what the file is, where its name does not say so.
         friction: what was written where only friction was identified.
         notices: what a user of the file must know.
     """
 
     file: Path
     robot: Robot
+    format: str
     outcome: str
     left_out: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     standard: StandardSet | None = None
     costs: tuple[JointCost, ...] = ()
     rewritten: str = ""
-    kind: str = ""
     friction: WrittenFriction | None = None
     notices: tuple[Notice, ...] = ()
-
-    @property
-    def format(self) -> str:
-        """Return what the file is, in words."""
-        return self.kind or KINDS[self.file.suffix.lower()]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,13 +129,6 @@ class _Content:
     sources: tuple[str, ...] = ()
     found: tuple[ParameterEstimate, ...] = ()
     precision: str = "double"
-
-    @property
-    def comment(self) -> str:
-        """Return the first line of the file."""
-        if not self.sources:
-            return f"{self.robot.name} with the values of its robot file."
-        return f"{self.robot.name} with values identified from {', '.join(self.sources)}."
 
 
 def check_format(path: Path, precision: str = "double", *, friction: bool = False) -> str:
@@ -209,7 +192,7 @@ def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> File
             )
             raise RobotError(Notice(code="export.impossible-body", text=text, file=robot.path))
     content = _Content(robot=robot, base=base, outcome="stated", precision=precision)
-    return _store(content, path, _write(content, path), robot.notices)
+    return _write_file(content, path, robot.notices)
 
 
 def write_identified(
@@ -224,7 +207,7 @@ def write_identified(
         EstimateError: such a file cannot have these values, or the bodies cost too much.
         OutputError: the file cannot be written.
     """
-    suffix = check_format(path, precision)
+    check_format(path, precision)
     # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
     rotorless, costs = _choose_kind(found.robot, path) == "URDF", tuple[JointCost, ...]()
     identified = build_robot(found, grouped=not rotorless)
@@ -258,9 +241,7 @@ def write_identified(
         found=found.values,
         precision=precision,
     )
-    written = _write(content, path)
-    _read_back(written.text, suffix, source, robot.made_from if written.rewritten else None)
-    stored = _store(content, path, written, list_warnings(identified, found, source))
+    stored = _write_file(content, path, list_warnings(identified, found, source), source)
     return replace(stored, missing=found.missing, standard=identified.standard, costs=costs)
 
 
@@ -298,44 +279,6 @@ def _read_back(text: str, suffix: str, source: Path, made: SourceFile | None = N
         raise EstimateError(Notice(code="export.impossible", text=text, file=str(source))) from error
 
 
-def _store(content: _Content, path: Path, written: "_Written", first: Sequence[Notice]) -> FileExport:
-    """Write a file; return it, with notices that come `first` and what the format cannot express."""
-    write_file(path, written.text)
-    kind = written.kind or KINDS[path.suffix.lower()]
-    commented = not written.rewritten
-    left_out: tuple[str, ...] = ()
-    if kind == "URDF":
-        # A file that was kept has its own gravity, and may have been cut at a tilted link.
-        left_out = tuple(list_urdf_omissions(content.robot, gravity=commented))
-    elif kind == "MJCF model":
-        left_out = tuple((list_mjcf_omissions if commented else list_rewritten_mjcf_omissions)(content.robot))
-    elif kind == "USD stage":
-        left_out = tuple(list_usd_omissions(content.robot))
-    more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
-    where = ", which is in comments" if commented else ""
-    text = f"the format cannot express this{where}: {'; '.join(left_out[:_SHOWN])}{more}"
-    warnings = (Notice(code="export.left-out", text=text, file=str(path)),) if left_out else ()
-    return FileExport(
-        file=path,
-        robot=content.robot,
-        outcome=content.outcome,
-        left_out=left_out,
-        rewritten=written.rewritten,
-        kind=written.kind,
-        notices=(*first, *written.notices, *warnings),
-    )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Written:
-    """The text of a file, the file of which all else was kept, and what a user must know."""
-
-    text: str
-    rewritten: str = ""
-    kind: str = ""
-    notices: tuple[Notice, ...] = ()
-
-
 def _choose_kind(robot: Robot, path: Path) -> str:
     """Return what the file at `path` is to be: in place, what it is."""
     made = robot.made_from
@@ -347,36 +290,66 @@ def _choose_kind(robot: Robot, path: Path) -> str:
 def _name_source(made: SourceFile) -> str:
     """Return what a robot was made from, by its content, or by its name where it is gone."""
     file = Path(made.file)
-    named = KINDS.get(file.suffix.lower(), "URDF")
-    return _SOURCES[is_mjcf(file)] if file.exists() else named
+    if file.exists():
+        return KINDS[".xml" if is_mjcf(file) else ".urdf"]
+    return KINDS.get(file.suffix.lower(), KINDS[".urdf"])
 
 
-def _write(content: _Content, path: Path) -> _Written:
-    """Return the text of the file at `path`: that which the robot was made from, where it is of its kind."""
-    suffix, made = path.suffix.lower(), content.robot.made_from
-    in_place = made is not None and path.resolve() == Path(made.file).resolve()
-    kind = _choose_kind(content.robot, path)
-    if made is None or kind != _name_source(made):
-        return _Written(text=_WRITERS[suffix](content, path))
-    try:
-        text, robot, notices = place_in_source(content.robot, made, in_place=in_place)
-        found = (rewrite_mjcf if robot.convention == "mjcf" else rewrite_urdf)(text, robot)
-    except RobotError as error:
-        if in_place:
-            raise
-        reason = "; ".join(map(str, error.notices))
-        text = (
-            f"a new {kind} was written, since the one that the robot was made from was not usable: {reason}"
-        )
-        notice = Notice(code="export.new-file", text=text, file=str(path))
-        return _Written(text=_WRITERS[suffix](content, path), notices=(notice,))
-    for link, carried in found.shared.items():
-        text = (
-            f"the values of link {link!r} were identified together with those of {', '.join(carried)}, which "
-            "hang on it; the change was spread over them"
-        )
-        notices.append(Notice(code="export.shared-links", text=text, file=str(path)))
-    return _Written(text=found.text, rewritten=made.file, kind=kind, notices=tuple(notices))
+def _write_file(
+    content: _Content, path: Path, notices: Sequence[Notice], source: Path | None = None
+) -> FileExport:
+    """Write a file, into that which the robot was made from where it is of its kind; see `_read_back`."""
+    robot, made, suffix = content.robot, content.robot.made_from, path.suffix.lower()
+    kind, told, text = _choose_kind(robot, path), [*notices], ""
+    if made is not None and kind == _name_source(made):
+        in_place = path.resolve() == Path(made.file).resolve()
+        try:
+            old, placed, further = place_in_source(robot, made, in_place=in_place)
+            found = (rewrite_mjcf if placed.convention == "mjcf" else rewrite_urdf)(old, placed)
+        except RobotError as error:
+            if in_place:
+                raise
+            reason = "; ".join(map(str, error.notices))
+            said = (
+                f"a new {kind} was written, since the one that the robot was made from was not usable: "
+                f"{reason}"
+            )
+            told.append(Notice(code="export.new-file", text=said, file=str(path)))
+        else:
+            text, told = found.text, [*told, *further]
+            for link, carried in found.shared.items():
+                said = (
+                    f"the values of link {link!r} were identified together with those of "
+                    f"{', '.join(carried)}, which hang on it; the change was spread over them"
+                )
+                told.append(Notice(code="export.shared-links", text=said, file=str(path)))
+    rewritten = made.file if made is not None and text else ""
+    text = text or _write_new(content, suffix, path.parent)
+    if source is not None:
+        _read_back(text, suffix, source, made if rewritten else None)
+    write_file(path, text)
+    left_out: tuple[str, ...] = ()
+    if kind == "URDF":
+        # A file that was kept has its own gravity, and may have been cut at a tilted link.
+        left_out = tuple(list_urdf_omissions(robot, gravity=not rewritten))
+    elif kind == "MJCF model":
+        left_out = tuple((list_rewritten_mjcf_omissions if rewritten else list_mjcf_omissions)(robot))
+    elif kind == "USD stage":
+        left_out = tuple(list_usd_omissions(robot))
+    if left_out:
+        more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
+        where = "" if rewritten else ", which is in comments"
+        said = f"the format cannot express this{where}: {'; '.join(left_out[:_SHOWN])}{more}"
+        told.append(Notice(code="export.left-out", text=said, file=str(path)))
+    return FileExport(
+        file=path,
+        robot=robot,
+        format=kind,
+        outcome=content.outcome,
+        left_out=left_out,
+        rewritten=rewritten,
+        notices=tuple(told),
+    )
 
 
 def place_in_source(robot: Robot, made: SourceFile, *, in_place: bool) -> tuple[str, Robot, list[Notice]]:
@@ -418,24 +391,23 @@ def place_in_source(robot: Robot, made: SourceFile, *, in_place: bool) -> tuple[
     return source.text, replace(before, joints=joints, couplings=couplings), notices
 
 
-_WRITERS: dict[str, Callable[[_Content, Path], str]] = {
-    ".toml": lambda content, path: write_robot(content.robot, comment=content.comment, folder=path.parent),
-    ".urdf": lambda content, _: write_urdf(content.robot, comments=(content.comment,)),
-    ".xml": lambda content, _: write_mjcf(content.robot, comments=(content.comment,)),
-    ".mjcf": lambda content, _: write_mjcf(content.robot, comments=(content.comment,)),
-    ".usda": lambda content, _: write_usd(content.robot, comments=(content.comment,)),
-    ".h": lambda content, _: write_c_values(
-        _build_values(content), comments=(clean_text(content.comment),), precision=content.precision
-    ),
-    ".json": lambda content, _: (
-        write_json(
-            build_json_values(
-                content.robot, _build_values(content), outcome=content.outcome, sources=content.sources
+def _write_new(content: _Content, suffix: str, folder: Path) -> str:
+    """Return the text of a new file in a folder."""
+    robot, whence = content.robot, f"values identified from {', '.join(content.sources)}"
+    comment = f"{robot.name} with {whence if content.sources else 'the values of its robot file'}."
+    match suffix:
+        case ".toml":
+            return write_robot(robot, comment=comment, folder=folder)
+        case ".h":
+            values, comments = _build_values(content), (clean_text(comment),)
+            return write_c_values(values, comments=comments, precision=content.precision)
+        case ".json":
+            values, outcome = _build_values(content), content.outcome
+            return (
+                write_json(build_json_values(robot, values, outcome=outcome, sources=content.sources)) + "\n"
             )
-        )
-        + "\n"
-    ),
-}
+    write = {".urdf": write_urdf, ".usda": write_usd}.get(suffix, write_mjcf)
+    return write(robot, comments=(comment,))
 
 
 def _build_values(content: _Content) -> RobotValues:
@@ -486,13 +458,13 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
     check_model(found, build_model_card(variant, derive_base_parameters(variant), ()), str(source))
     logs = ", ".join(Path(entry).name for entry in found.sources)
     before = f"; before: {robot.source}" if robot.source else ""
-    written, reasons = {}, dict(found.refused)
+    written, reasons = dict[str, FrictionValues](), dict(found.refused)
     for entry in found.joints:
-        reason = describe_obstacle(entry)
-        if reason:
-            reasons[entry.joint] = reason
+        friction = build_robot_friction(entry)
+        if isinstance(friction, str):
+            reasons[entry.joint] = friction
         else:
-            written[entry.joint] = build_robot_friction(entry)
+            written[entry.joint] = friction
     kept = {joint.name: reasons[joint.name] for joint in robot.axes if joint.name in reasons}
     changed = replace(
         robot,
@@ -527,6 +499,7 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
     return FileExport(
         file=path,
         robot=changed,
+        format=KINDS[".toml"],
         outcome="friction",
         friction=WrittenFriction(laws=laws, values=written, kept=kept),
         notices=tuple(notices),

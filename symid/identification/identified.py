@@ -34,7 +34,7 @@ from symid.identification.options import Described
 from symid.identification.rigid import restore_robot
 from symid.identification.stored import GivenResult, read_fit, read_rigid, take_given
 from symid.joint_models import Elasticity
-from symid.robot import Joint, Robot, load_robot, move_parameters
+from symid.robot import Joint, Placement, Robot, load_robot, move_parameters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -386,15 +386,18 @@ def list_turns(known: Robot, robot: Robot) -> list[FloatArray]:
     turns: list[FloatArray] = []
     for other, joint in zip(known.joints, robot.joints, strict=True):
         before = turns[joint.parent] if joint.parent >= 0 else np.eye(4)
-        turn = np.linalg.solve(_build_frame(other, known), before @ _build_frame(joint, robot))
+        turn = np.linalg.solve(
+            build_frame(other.placement, known), before @ build_frame(joint.placement, robot)
+        )
         turns.append(np.asarray(turn, dtype=np.float64))
     return turns
 
 
-def _build_frame(joint: Joint, robot: Robot) -> FloatArray:
+def build_frame(place: Placement, robot: Robot) -> FloatArray:
+    """Return a placement in a robot as (4, 4), with its lengths in m."""
     symbols, frame = dict(robot.symbols), np.eye(4)
-    frame[:3, :3] = [[entry.to_float(symbols) for entry in row] for row in joint.placement.rotation]
-    frame[:3, 3] = [entry.to_float(symbols) for entry in joint.placement.translation]
+    frame[:3, :3] = [[entry.to_float(symbols) for entry in row] for row in place.rotation]
+    frame[:3, 3] = [entry.to_float(symbols) for entry in place.translation]
     return frame
 
 

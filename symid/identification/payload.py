@@ -22,6 +22,7 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.dynamics import (
@@ -31,18 +32,16 @@ from symid.dynamics import (
     derive_base_parameters,
     estimate_payload,
 )
-from symid.environment import write_file
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Estimate
 from symid.identification.friction_search import identify_loaded
-from symid.identification.identified import Identified, build_identified
+from symid.identification.identified import Identified, build_frame, build_identified
 from symid.identification.identify import TaskContext
 from symid.identification.rigid import identify_parameters
-from symid.identification.stored import GivenResult, is_fit, name_format, read_dynamics, read_format, read_one
+from symid.identification.stored import GivenResult, is_fit, read_dynamics, read_result_file
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
 from symid.options import PayloadOptions
-from symid.robot import Placement, Robot, describe_settings, suggest_names
-from symid.serialization import write_json
+from symid.robot import Robot, describe_settings, suggest_names
 
 GivenSide = Sequence[GivenResult | Recording]
 """One estimate, or logs: each itself, or its file."""
@@ -87,45 +86,25 @@ def identify_payload(
     return PayloadFinding(robot=first.robot.name, payload=found, notices=(*first.notices, *second.notices))
 
 
-_FORMAT = "symid payload"
-
-
-def write_payload(found: PayloadFinding, path: Path, described: Mapping[str, object]) -> Path:
-    """Write a payload to `path` as JSON and return the path.
-
-    `described` is written for readers of the file, beside the record that `read_payload` reads.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    data = {"format": _FORMAT, "version": 1, **described, "record": found}
-    return write_file(path, write_json(data) + "\n")
-
-
-def is_payload(path: Path) -> bool:
-    """Return whether `path` holds a payload that symid wrote, with mistakes or without."""
-    return name_format(path) == _FORMAT
-
-
 def read_payload(path: Path) -> PayloadFinding:
     """Return the payload stored at `path`.
 
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
     """
-    found = read_one(PayloadFinding, path, read_format(path, _FORMAT, "payload").get("record"))
+    return read_result_file(PayloadFinding, "payload", path, _list_mistakes)
+
+
+def _list_mistakes(found: PayloadFinding) -> list[str]:
     names, shape = tuple(entry.name for entry in found.payload.quantities), found.payload.standard.shape
     wrong = [] if shape == (10,) else [f"standard: expected (10,) numbers, got {shape}"]
     if names != PAYLOAD_QUANTITIES:
         wrong.append(f"quantities: expected {', '.join(PAYLOAD_QUANTITIES)}, got {', '.join(names):.80}")
-    wrong += [
+    return wrong + [
         f"{entry.name:.20}: a value needs a deviation that is not negative"
         for entry in found.payload.quantities
         if entry.value is not None and (entry.std is None or entry.std < 0.0)
     ]
-    if wrong:
-        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in wrong))
-    return found
 
 
 def _read_side(
@@ -329,15 +308,8 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
                 f"--frame {frame}: expected the name of a link, or six numbers x,y,z,roll,pitch,yaw (m, rad)"
             )
             raise UsageError(Notice(code="usage.payload-frame", text=text))
-        (cr, cp, cy), (sr, sp, sy) = np.cos(numbers[3:]), np.sin(numbers[3:])
         # Rot(z, yaw) Rot(y, pitch) Rot(x, roll).
-        rotation = np.array(
-            [
-                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-                [-sp, cp * sr, cp * cr],
-            ]
-        )
+        rotation = scipy.spatial.transform.Rotation.from_euler("xyz", numbers[3:]).as_matrix()
         listed = ", ".join(f"{number:g}" for number in numbers)
         words = f"the frame at x, y, z, roll, pitch, yaw {listed} of the link frame of joint {joint!r}"
         return rotation, np.array(numbers[:3]), words
@@ -359,15 +331,9 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
         known = f"a link on joint {joint!r} ({', '.join(fixed)})" if fixed else "no link of this file"
         text += f"; --frame takes {known}, or x,y,z,roll,pitch,yaw in its link frame (m, rad)"
         raise UsageError(Notice(code="usage.payload-frame", text=text))
-    symbols = dict(robot.symbols)
-    inner, inner_origin = _to_arrays(robot.joints[link.joint].frame, symbols)
-    outer, outer_origin = _to_arrays(link.placement, symbols)
-    return inner.T @ outer, inner.T @ (outer_origin - inner_origin), f"the frame of the link {link.name!r}"
-
-
-def _to_arrays(place: Placement, symbols: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-    rotation = np.array([[entry.to_float() for entry in row] for row in place.rotation])
-    return rotation, np.array([entry.to_float(symbols) for entry in place.translation])
+    inner, outer = build_frame(robot.joints[link.joint].frame, robot), build_frame(link.placement, robot)
+    turn, gap = inner[:3, :3].T, outer[:3, 3] - inner[:3, 3]
+    return turn @ outer[:3, :3], turn @ gap, f"the frame of the link {link.name!r}"
 
 
 def _write_number(value: float) -> str:

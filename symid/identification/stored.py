@@ -7,7 +7,7 @@ a format for each kind, is still read, with defaults for fields that it did not 
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import islice
 from os import PathLike
 from pathlib import Path
@@ -24,7 +24,7 @@ from symid.serialization import list_unusable, read_record, write_json, write_pl
 
 Record = TypeVar("Record")
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
-_FORMAT = "symid fit"
+_FORMAT, _ELEMENT = "symid fit", "symid element"
 _VERSION, _READ = 5, (2, 3, 4, 5)
 """The version that is written, and those that are read: 2 has no friction laws of its own, 3 no evidence and
 no deviations of springs, 4 no motion."""
@@ -61,18 +61,35 @@ GivenResult = StoredResult | Fitted | str | PathLike[str]
 """What was identified: itself, as a result of the API, or its file."""
 
 
-def write_fit(record: FitRecord, path: Path, *, verdict: Mapping[str, object] | None = None) -> Path:
-    """Write the record to `path` as JSON and return the path.
+def write_fit(
+    record: FitRecord | HysteresisRecord, path: Path, *, verdict: Mapping[str, object] | None = None
+) -> Path:
+    """Write the record, of a robot or of an element, to `path` as JSON and return the path.
 
-    `verdict` is written for readers of the file; `read_fit` leaves it out, because it follows from the rest.
+    `verdict` is written for readers of the file, which is left out when it is read: it follows from the rest.
 
     Raises:
         OutputError: the file cannot be written.
     """
     body: Any = write_plain(record)
-    said = {} if verdict is None else {"verdict": write_plain(verdict)}
-    data = {"format": _FORMAT, "version": _VERSION, "kind": record.kind, **said, **body}
-    return write_file(path, json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
+    head: dict[str, object] = {"format": _ELEMENT, "version": 1}
+    if isinstance(record, FitRecord):
+        head = {"format": _FORMAT, "version": _VERSION, "kind": record.kind}
+    head |= {} if verdict is None else {"verdict": write_plain(verdict)}
+    text = json.dumps(head | body, indent=1, allow_nan=False, ensure_ascii=False)
+    return write_file(path, text + "\n")
+
+
+def write_result(what: str, found: object, path: Path, described: Mapping[str, object]) -> Path:
+    """Write what was found, a "stiffness" or a "payload", to `path` as JSON and return the path.
+
+    `described` is written for readers of the file, beside the record that is read.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    data = {"format": f"symid {what}", "version": 1, **described, "record": found}
+    return write_file(path, write_json(data) + "\n")
 
 
 def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
@@ -106,111 +123,81 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
         entries = given if isinstance(given, list) else []
         names = [str(entry.get("name")) for entry in entries if isinstance(entry, dict)]
         body["friction"] = list(name_friction(names))
-    mistakes = list(islice(list_unusable(body), _MOST))
-    if not mistakes:
-        try:
-            record = read_record(_KINDS[kind], body, complete=version == _VERSION)
-            mistakes = record.list_mistakes()
-        except SymidError as error:
-            mistakes = [notice.text for notice in error.notices]
-    if mistakes:
-        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in mistakes))
+    record = _build_record(
+        _KINDS[kind], path, body, lambda record: record.list_mistakes(), complete=version == _VERSION
+    )
     if card is not None:
         check_model(record, card, str(path))
     return record
 
 
-_ELEMENT, _STIFFNESS = "symid element", "symid stiffness"
-
-
-def write_element(
-    record: HysteresisRecord, path: Path, *, verdict: Mapping[str, object] | None = None
-) -> Path:
-    """Write an element that was identified to `path` as JSON and return the path; see `write_fit`."""
-    body: Any = write_plain(record)
-    said = {} if verdict is None else {"verdict": write_plain(verdict)}
-    data = {"format": _ELEMENT, "version": 1, **said, **body}
-    return write_file(path, json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
-
-
-def read_element(path: Path) -> HysteresisRecord:
-    """Return the element stored at `path`.
-
-    Raises:
-        EstimateError: there is no such file, or it holds something else; it names all mistakes.
-    """
-    return read_one(HysteresisRecord, path, read_format(path, _ELEMENT, "element"))
-
-
-def read_format(path: Path, name: str, what: str) -> dict[str, Any]:
-    """Return the entries of a file of a format of one kind.
-
-    Raises:
-        EstimateError: there is no such file, or it is of another format.
-    """
-    data = _read_json(path)
-    if not isinstance(data, dict) or data.get("format") != name or data.get("version") != 1:
-        raise _refuse(path, f"this is JSON, but no {what} written by this symid")
-    return {key: value for key, value in data.items() if key not in _ABOUT}
-
-
-def read_one(kind: type[Record], path: Path, body: object) -> Record:
-    """Return a record of a kind from its entries.
-
-    Raises:
-        EstimateError: entries are missing or unusable; it names all mistakes.
-    """
+def _build_record(
+    kind: type[Record],
+    path: Path,
+    body: object,
+    list_mistakes: Callable[[Record], list[str]],
+    *,
+    complete: bool = True,
+) -> Record:
+    """Return a record of its entries; raise EstimateError with all that is missing, unusable or mistaken."""
     mistakes = list(islice(list_unusable(body), _MOST))
     if not mistakes:
         try:
-            return read_record(kind, body, complete=True)
+            record = read_record(kind, body, complete=complete)
+            mistakes = list_mistakes(record)
         except SymidError as error:
             mistakes = [notice.text for notice in error.notices]
-    raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in mistakes))
+    if mistakes:
+        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in mistakes))
+    return record
 
 
-def write_stiffness(found: StiffnessEstimate, path: Path, described: Mapping[str, object]) -> Path:
-    """Write the stiffness of joints to `path` as JSON and return the path.
+def read_result_file(
+    kind: type[Record],
+    what: str,
+    path: Path,
+    list_mistakes: Callable[[Record], list[str]] = lambda _: [],
+) -> Record:
+    """Return the record of a file of one kind: a "stiffness", a "payload" or an "element".
 
-    `described` is written for readers of the file, beside the record that `read_stiffness` reads.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    data = {"format": _STIFFNESS, "version": 1, **described, "record": found}
-    return write_file(path, write_json(data) + "\n")
-
-
-def read_stiffness(path: Path) -> StiffnessEstimate:
-    """Return the stiffness of joints stored at `path`.
+    `list_mistakes` says what is wrong with a record whose entries are right one by one.
 
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
     """
-    found = read_one(StiffnessEstimate, path, read_format(path, _STIFFNESS, "stiffness").get("record"))
+    data = _read_json(path)
+    if not isinstance(data, dict) or data.get("format") != f"symid {what}" or data.get("version") != 1:
+        raise _refuse(path, f"this is JSON, but no {what} written by this symid")
+    body = {key: value for key, value in data.items() if key not in _ABOUT}
+    return _build_record(kind, path, body if what == "element" else body.get("record"), list_mistakes)
+
+
+def read_element(path: Path) -> HysteresisRecord:
+    """Return the element stored at `path`; errors as for `read_result_file`."""
+    return read_result_file(HysteresisRecord, "element", path)
+
+
+def read_stiffness(path: Path) -> StiffnessEstimate:
+    """Return the stiffness of joints stored at `path`; errors as for `read_result_file`."""
+    return read_result_file(StiffnessEstimate, "stiffness", path, _list_shape_mistakes)
+
+
+def _list_shape_mistakes(found: StiffnessEstimate) -> list[str]:
     alignment, runs, joints = found.alignment, len(found.alignment.sources), len(found.joints)
-    vectors = ("delays", "delay_stds", "explained", "residual", "present")
-    shapes: list[tuple[str, object, object]] = [
-        (name, getattr(alignment, name).shape, (joints,)) for name in vectors
-    ]
-    shapes += [(name, getattr(alignment, name).shape, (runs, joints)) for name in ("offsets", "offset_stds")]
+    wanted: dict[str, tuple[int, ...]] = dict.fromkeys(
+        ("delays", "delay_stds", "explained", "residual", "present"), (joints,)
+    )
+    wanted |= dict.fromkeys(("offsets", "offset_stds"), (runs, joints))
+    shapes = [(name, getattr(alignment, name).shape, shape) for name, shape in wanted.items()]
     shapes += [
         (entry.joint, part.shape, (runs,)) for entry in found.joints for part in (entry.runs, entry.run_stds)
     ]
-    wrong = [f"{name}: expected {wanted} numbers, got {got}" for name, got, wanted in shapes if got != wanted]
-    wrong += [f"{entry.joint}: a stiffness of zero" for entry in found.joints if entry.stiffness == 0.0]
-    if wrong:
-        raise EstimateError(*(Notice(code="estimate.format", text=text, file=str(path)) for text in wrong))
-    return found
+    wrong = [f"{name}: expected {shape} numbers, got {got}" for name, got, shape in shapes if got != shape]
+    return wrong + [f"{entry.joint}: a stiffness of zero" for entry in found.joints if entry.stiffness == 0.0]
 
 
 _LARGEST_FILE = 500 * 10**6
 """Bytes of a result: the covariance of a hundred joints has a hundredth."""
-
-
-def is_element(path: Path) -> bool:
-    """Return whether `path` holds an element that symid wrote, with mistakes or without."""
-    return name_format(path) == _ELEMENT
 
 
 def name_format(path: Path) -> object:
@@ -222,9 +209,9 @@ def name_format(path: Path) -> object:
     return data.get("format") if isinstance(data, dict) else None
 
 
-def is_stiffness(path: Path) -> bool:
-    """Return whether `path` holds the stiffness of joints that symid wrote, with mistakes or without."""
-    return name_format(path) == _STIFFNESS
+def is_kind(path: Path, what: str) -> bool:
+    """Return whether `path` holds a result of a kind that symid wrote, with mistakes or without."""
+    return name_format(path) == f"symid {what}"
 
 
 def is_fit(path: Path) -> bool:

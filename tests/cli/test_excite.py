@@ -164,4 +164,4 @@ def test_the_workspace_of_the_page_is_one(tmp_path, page, robots_folder):
     path = tmp_path / "space.toml"
     path.write_text(page["toml"], encoding="utf-8")
     workspace = read_workspace(path, read_robot(robots_folder / "panda.toml"))
-    assert [len(region.points) for region in workspace] == [2, 1]
+    assert [len(region.joints) for region in workspace] == [2, 1]

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
+from scipy.integrate import solve_ivp
 
 from symid.errors import SolverError, UsageError
 from symid.joint_models.carriers import build_float_carrier
@@ -75,14 +75,14 @@ def test_steady_motion_is_the_static_law(velocity):
     assert damping > 0
 
 
-@pytest.mark.parametrize("reach", [0.1, 1.0, 5.0])
-def test_dahls_loop_has_its_height_and_its_area(reach):
+@pytest.mark.parametrize(("reach", "period"), [(0.1, 1.0), (1.0, 1e-3), (5.0, 1.0)])
+def test_dahls_loop_has_its_height_and_its_area(reach, period):
     # From reversal to reversal F = fC - (fC + Fm) exp(-sigma0 (x + A) / fC), closed for
     # Fm = fC tanh(sigma0 A / fC); the area is 4 fC (A - Fm / sigma0).
     stiffness, level = values = (2e4, 7.0)
     amplitude = reach * level / stiffness
     cycles = math.ceil(5.0 / reach) + 1
-    position, torque = find_loop(DAHL, values, amplitude, period=1.0, count=10_000, cycles=cycles)
+    position, torque = find_loop(DAHL, values, amplitude, period=period, count=10_000, cycles=cycles)
     height = level * math.tanh(stiffness * amplitude / level)
     assert np.abs(torque).max() == pytest.approx(height, rel=1e-6)
     area = float(np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(position)))
@@ -92,11 +92,6 @@ def test_dahls_loop_has_its_height_and_its_area(reach):
     assert np.diff(position[falling]).mean() <= 0
     down = -level + (level + height) * np.exp(-stiffness * (amplitude - position[falling]) / level)
     np.testing.assert_allclose(torque[falling], down, atol=1e-5 * level)
-
-
-def test_dahl_follows_the_path_not_the_speed():
-    slow, fast = (find_loop(DAHL, (2e4, 7.0), 5e-4, period=period, count=2000) for period in (1.0, 1e-3))
-    np.testing.assert_allclose(slow[1], fast[1], atol=1e-10)
 
 
 @pytest.mark.parametrize("velocity", [1e-9, 1e-7])
@@ -245,20 +240,6 @@ def test_any_closed_way_costs_energy(law):
         run = simulate_dynamic_friction(law, values, build_held_path(np.diff(position) * 4000, 1 / 4000))
         work = run.torque * np.diff(position)
         assert work[-4000:].sum() > 0
-
-
-def test_storage_and_loss_of_a_held_step_make_up_the_work():
-    # Dahl from straight bristles at a held speed: F = fC (1 - exp(-sigma0 x / fC)).
-    stiffness, level = 2e4, 7.0
-    reach = 4e-4
-    work, _ = quad(lambda x: level * -math.expm1(-stiffness * x / level), 0.0, reach)
-    drive = SpringDrive(stiffness=1e9, damping=1e5, speed=1e-3)
-    rig = Rig(law=DAHL, values=(stiffness, level), mass=1e-3)
-    run = simulate_friction_rig(rig, drive, RigOptions(duration=0.4, rate=1000.0, velocity=1e-3))
-    assert run.position[-1] == pytest.approx(reach, rel=1e-4)
-    stored = 0.5 * stiffness * run.deflection[-1] ** 2
-    assert run.loss[-1] + stored == pytest.approx(work, rel=1e-3)
-    find_balance(run)
 
 
 def test_fixed_steps_of_the_law_and_the_adaptive_rig_agree():

@@ -73,15 +73,6 @@ def test_rv_2sq_is_recovered_or_said_to_be_hidden(joint):
                 assert abs(value - true) < 3.5 * std
 
 
-def test_a_second_direction_and_a_zone_need_no_genetic_algorithm():
-    samples, law = draw_s2(2, seed=8)
-    best = fit_friction(samples, law)
-    for estimator in ("nlp", "genetic", "annealing", "differential-evolution"):
-        fit = fit_friction(samples, law, estimator=estimator)
-        assert best.objective <= fit.objective * (1.0 + 1e-9)
-        assert fit.evaluations > best.evaluations
-
-
 def test_negative_static_friction_beyond_coulomb_is_found_without_force():
     law = get_law("stribeck")
     samples = draw_samples(law, (20.0, 16.5, 0.0288, 203.0), build_cosines(0.08, 0.3), noise=1.0)

@@ -80,15 +80,18 @@ def test_a_search_says_that_it_gives_the_state_up(friction, logs, folder):
     assert not any(get_law(law.law).memory for law in fit.estimate.laws)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_law_whose_state_is_not_stated_is_refused_with_what_to_give(name, logs, tmp_path):
+def test_laws_whose_state_is_not_stated_are_refused_with_what_to_give(logs, folder, tmp_path):
     (tmp_path / "arm.toml").write_text((ARM + LIMITS).format(friction='model = "coulomb-viscous"'))
-    with pytest.raises(UsageError, match="which no option gives; write it into the robot file") as caught:
-        symid.load(tmp_path / "arm.toml").identify(logs["dahl"], friction=name)
-    (notice,) = caught.value.notices
-    assert notice.code == "usage.friction-shape"
-    law = get_law(name)
-    assert f"needs {', '.join(entry.name for entry in (*law.shape, *law.memory))} of joint 'a'" in notice.text
+    for name in NAMES:
+        law, robot = get_law(name), symid.load(tmp_path / "arm.toml")
+        values = ", ".join(entry.name for entry in (*law.shape, *law.memory))
+        words = f"needs {values} of joint 'a', which no option gives; write it into the robot file"
+        with raises(UsageError, "usage.friction-shape", match=words):
+            robot.identify(logs["dahl"], friction=name)
+    with raises(UsageError, *["usage.joint-friction"] * 2, match="no such joint") as caught:
+        load(folder, "lugre").identify(logs["lugre"], friction={"a": "dahl", "b": "auto"})
+    words = "friction of joint 'a': 'dahl' needs sigma0, which no option gives"
+    assert caught.value.notices[0].text.startswith(words)
 
 
 def test_friction_rows_say_that_they_give_the_state_up(logs, folder, tmp_path):
@@ -106,12 +109,3 @@ def test_estimators_that_simulate_are_refused(estimator, logs, folder):
         UsageError, "usage.friction-state", match=r"friction with a state \(a: dahl\) moves otherwise"
     ):
         load(folder, "dahl").identify(logs["dahl"], estimator=estimator)
-
-
-def test_laws_of_single_joints_whose_state_is_not_stated_are_refused_at_once(logs, folder):
-    with pytest.raises(UsageError) as caught:
-        load(folder, "lugre").identify(logs["lugre"], friction={"a": "dahl", "b": "auto"})
-    first, second = caught.value.notices
-    assert {first.code, second.code} == {"usage.joint-friction"}
-    assert first.text.startswith("friction of joint 'a': 'dahl' needs sigma0, which no option gives")
-    assert "joint 'b': no such joint" in second.text

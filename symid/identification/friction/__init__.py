@@ -15,7 +15,6 @@ if TYPE_CHECKING:
         FrictionTask as FrictionTask,
         JointFriction as JointFriction,
         build_robot_friction as build_robot_friction,
-        describe_obstacle as describe_obstacle,
         identify_friction as identify_friction,
         set_identified_friction as set_identified_friction,
         validate_friction as validate_friction,

@@ -309,18 +309,18 @@ def search_friction(
 ) -> FrictionSearch:
     """Return the end of the search; arguments and errors as for `fit_friction`."""
     check_estimator(estimator)
-    if estimator == "varpro":
-        return search_by_projection(problem, options.variable_projection)
-    if estimator == "root-finding":
-        return search_by_roots(problem, options.root_finding)
-    if estimator == "nlp":
-        return search_by_nlp(problem, options.nlp)
     generator = np.random.default_rng(options.seed) if generator is None else generator
-    if estimator == "differential-evolution":
-        return search_by_evolution(problem, options.evolution, generator)
-    return search_by_population(
-        problem, options.genetic if estimator == "genetic" else options.annealing, generator
-    )
+    match estimator:
+        case "varpro":
+            return search_by_projection(problem, options.variable_projection)
+        case "root-finding":
+            return search_by_roots(problem, options.root_finding)
+        case "nlp":
+            return search_by_nlp(problem, options.nlp)
+        case "differential-evolution":
+            return search_by_evolution(problem, options.evolution, generator)
+    population = options.genetic if estimator == "genetic" else options.annealing
+    return search_by_population(problem, population, generator)
 
 
 def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: str) -> FrictionEstimate:

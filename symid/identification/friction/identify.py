@@ -178,23 +178,14 @@ def _list_mistakes(joint: JointFriction) -> list[str]:
     return mistakes
 
 
-def describe_obstacle(joint: JointFriction) -> str:
-    """Return why no robot file can have the identified friction of a joint; empty where one can."""
-    try:
-        build_robot_friction(joint)
-    except ValueError as error:
-        return str(error)
-    return ""
-
-
-def build_robot_friction(joint: JointFriction) -> FrictionValues:
-    """Return the friction of a robot file with the identified law; raise ValueError why there is none."""
+def build_robot_friction(joint: JointFriction) -> FrictionValues | str:
+    """Return the friction of a robot file with the identified law, or why no file can have it."""
     estimate = joint.estimate
     law = get_law(estimate.law, smoothing=joint.smoothing)
     physical = {entry.name for entry in law.physical}
     wrong = [f"{name} was refused: {reason}" for name, reason in estimate.refused if name in physical]
     if wrong:
-        raise ValueError("; ".join(wrong))
+        return "; ".join(wrong)
     return FrictionValues(
         law=law.name,
         values=estimate.linear,
@@ -413,21 +404,22 @@ def _identify_joint(
     return found, (*skipped, *extracted.notices, *named)
 
 
+_LACKING = {
+    "temperature": "which not all logs have: name its columns in [log.temperature], or name another law",
+    "load": (
+        "but links and payload take too little of this joint's torque. Move it against gravity or accelerate "
+        "more, give base parameters with --known, log the load ([log.load]), or name a law without load"
+    ),
+}
+"""Why an input of a law is not known, and what to do."""
+
+
 def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
     """Raise IdentifiabilityError for a law of a load or a temperature that is not known."""
-    if "temperature" in law.inputs and samples.temperature is None:
-        text = (
-            f"joint {samples.joint!r}: law {law.name!r} needs the temperature, which not all logs have: name "
-            "its columns in [log.temperature], or name another law"
-        )
-        raise IdentifiabilityError(Notice(code="friction.no-temperature", text=text))
-    if "load" in law.inputs and samples.load is None:
-        text = (
-            f"joint {samples.joint!r}: law {law.name!r} needs the load, but links and payload take too "
-            "little of this joint's torque. Move it against gravity or accelerate more, give base "
-            "parameters with --known, log the load ([log.load]), or name a law without load"
-        )
-        raise IdentifiabilityError(Notice(code="friction.no-load", text=text))
+    for name, reason in _LACKING.items():
+        if name in law.inputs and getattr(samples, name) is None:
+            text = f"joint {samples.joint!r}: law {law.name!r} needs the {name}, {reason}"
+            raise IdentifiabilityError(Notice(code=f"friction.no-{name}", text=text))
 
 
 def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:

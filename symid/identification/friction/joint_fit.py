@@ -26,7 +26,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +49,7 @@ _MOST_NUMBERS = 4_000_000
 """Of columns of laws that are kept for the samples of a joint."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrictionSamples:
     """Samples of one joint.
 
@@ -63,6 +62,7 @@ class FrictionSamples:
             temperature: (N,) degC; None where not known.
         run: (N,) recording of a sample, from zero; None: all of one.
         reduce: R; None for the identity. prismatic: whether the joint moves along its axis.
+        memory: what was computed of these samples; of a part of the rows the whole, and which rows.
 
     Raises:
         LogError: arrays of different length, empty, or with numbers that are not finite.
@@ -81,6 +81,7 @@ class FrictionSamples:
     run: NDArray[np.int64] | None = None
     reduce: Reduction | None = None
     prismatic: bool = False
+    memory: dict[str, Any] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         """Copy the arrays, make them read-only, check them."""
@@ -112,13 +113,8 @@ class FrictionSamples:
     @property
     def inputs(self) -> dict[str, FloatArray]:
         """Return the inputs of laws, (N,) each: velocity, and load and position where they are known."""
-        given = {
-            "velocity": self.velocity,
-            "load": self.load,
-            "position": self.position,
-            "temperature": self.temperature,
-        }
-        return {name: values for name, values in given.items() if values is not None}
+        names = ("velocity", "load", "position", "temperature")
+        return {name: values for name in names if (values := getattr(self, name)) is not None}
 
     def pass_columns(self, columns: FloatArray) -> FloatArray:
         """Return R applied to columns (N, c): (M, c)."""
@@ -135,18 +131,18 @@ class FrictionSamples:
         if (whole := self.reduce) is None:
             return self.take(kept)
         selected = replace(self, reduce=lambda columns: np.asarray(whole(columns)[kept]))
-        _ORIGINS[selected] = self, kept
+        selected.memory["origin"] = self, kept
         return selected
 
     def pass_law(self, law: FrictionLaw, shape: Sequence[float] | FloatArray) -> FloatArray:
         """Return the columns of a law behind R (M, p), read-only, for shape values (s,)."""
-        if self in _ORIGINS:
-            whole, kept = _ORIGINS[self]
-            return whole.pass_law(law, shape)[kept]
+        if "origin" in self.memory:
+            whole, kept = self.memory["origin"]
+            return np.asarray(whole.pass_law(law, shape)[kept])
         values = tuple(float(value) for value in shape)
         if self.count < _FEW:
             return self.pass_columns(compute_columns(law, self.inputs, values))
-        memory = _PASSED.setdefault(self, {})
+        memory: _Memory = self.memory.setdefault("laws", {})
         # Those used last are kept longest.
         found = memory.pop((law.columns, values), None)
         if found is None:
@@ -168,11 +164,10 @@ class FrictionSamples:
 
     def build_rows(self) -> "FrictionRows":
         """Return the samples behind R, read-only."""
-        if self not in _ROWS:
-            if self in _ORIGINS:
-                whole, kept = _ORIGINS[self]
-                found: Any = (values[kept] for values in whole.build_rows())
-                rows = FrictionRows(*found)
+        if "rows" not in self.memory:
+            if "origin" in self.memory:
+                whole, kept = self.memory["origin"]
+                rows = FrictionRows(*(values[kept] for values in whole.build_rows()))
             else:
                 ones, run = np.ones(self.count), np.asarray(self.run, dtype=np.float64)
                 columns = [ones, self.time, self.velocity, run, self.torque, self.extra]
@@ -188,8 +183,9 @@ class FrictionSamples:
                 )
             for values in rows:
                 values.setflags(write=False)
-            _ROWS[self] = rows
-        return _ROWS[self]
+            self.memory["rows"] = rows
+        found: FrictionRows = self.memory["rows"]
+        return found
 
 
 class FrictionRows(NamedTuple):
@@ -202,12 +198,8 @@ class FrictionRows(NamedTuple):
     run: NDArray[np.intp]
 
 
-_ORIGINS: WeakKeyDictionary[FrictionSamples, tuple[FrictionSamples, NDArray[np.bool_]]] = WeakKeyDictionary()
-"""Of samples with a part of the rows: the whole, and which rows."""
-_ROWS: WeakKeyDictionary[FrictionSamples, FrictionRows] = WeakKeyDictionary()
 _Memory = dict[tuple[Callable[..., Any], tuple[float, ...]], FloatArray]
 """Columns of laws behind R, by the function of columns and the shape; those without one under no shape."""
-_PASSED: WeakKeyDictionary[FrictionSamples, _Memory] = WeakKeyDictionary()
 
 
 def list_shaped_columns(law: FrictionLaw) -> list[int]:
@@ -320,10 +312,6 @@ class LawFit:
         """Return the value of a parameter; None where it has none."""
         return {entry.name: entry.value for entry in (*self.parameters, *self.extra)}.get(name)
 
-    def get_std(self, name: str) -> float | None:
-        """Return the standard deviation of a parameter; None where it was refused or not fitted."""
-        return {entry.name: entry.std for entry in (*self.parameters, *self.extra)}.get(name)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionEstimate(LawFit):
@@ -398,10 +386,8 @@ def compute_sensitivities(
     samples: FrictionSamples, law: FrictionLaw, linear: Values, shape: Values
 ) -> FloatArray:
     """Return F behind R: (M, p + s + k)."""
-    values, factors = [float(value) for value in shape], np.asarray(linear, dtype=np.float64)
-    rates = np.einsum("nps,p->ns", compute_column_derivatives(law, samples.inputs, values), factors)
-    passed = samples.pass_columns(rates)
-    return np.hstack([samples.pass_law(law, values), passed, samples.build_rows().extra])
+    own = compute_law_sensitivities(law, samples.inputs, linear, shape)
+    return np.hstack([samples.pass_columns(own), samples.build_rows().extra])
 
 
 def compute_law_sensitivities(

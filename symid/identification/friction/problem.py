@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -320,12 +319,9 @@ class Beside(NamedTuple):
     parts: FloatArray
 
 
-_BESIDE: WeakKeyDictionary[FrictionSamples, Beside] = WeakKeyDictionary()
-
-
 def decompose_beside(samples: FrictionSamples) -> Beside:
     """Return what X spans, once for the same samples; X^+ is that of least norm in scaled columns."""
-    if samples not in _BESIDE:
+    if "beside" not in samples.memory:
         beside = samples.build_rows().extra
         lengths = np.linalg.norm(beside, axis=0)
         scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
@@ -333,8 +329,9 @@ def decompose_beside(samples: FrictionSamples) -> Beside:
         rank = int(np.sum(singular > 1e-10 * singular.max(initial=0.0)))
         factors = scales[:, None] * (right[:rank].T / singular[:rank])
         parts = (singular[:rank, None] * right[:rank]) * lengths
-        _BESIDE[samples] = Beside(freeze(left[:, :rank]), freeze(factors), freeze(parts))
-    return _BESIDE[samples]
+        samples.memory["beside"] = Beside(freeze(left[:, :rank]), freeze(factors), freeze(parts))
+    found: Beside = samples.memory["beside"]
+    return found
 
 
 def find_slowest(samples: FrictionSamples) -> float:
@@ -357,22 +354,19 @@ def _list_bounds(
         names = ", ".join(entry.name for entry in law.shape) or "none"
         text = f"bounds of {', '.join(unknown)}: unknown; the shape values of law {law.name!r} are {names}"
         raise UsageError(Notice(code="friction.bounds", text=text))
-    if all(entry.name in given for entry in law.shape):
-        pairs = [given[entry.name] for entry in law.shape]
-        return np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
     slow, fastest = find_slowest(samples), float(np.max(np.abs(samples.velocity)))
-    fast = 3.0 * fastest
     pairs = []
     for entry in law.shape:
         low, high = entry.lower, entry.upper
         if entry.unit in SPEED_UNITS:
-            low, high = max(low, slow) if low >= 0.0 else max(low, -fastest), min(high, fast)
+            low, high = max(low, slow) if low >= 0.0 else max(low, -fastest), min(high, 3.0 * fastest)
         elif entry.unit in {"s/rad", "s/m"}:
             low, high = max(low, 0.1 / fastest), min(high, 3.0 / slow)
         else:
             high = min(high, 1e3 * max(1.0, abs(low)))
         pairs.append(given.get(entry.name, (low, high)))
-    return np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
+    low_ends, high_ends = np.array(pairs, dtype=np.float64).reshape(-1, 2).T
+    return low_ends, high_ends
 
 
 class Projection(NamedTuple):

@@ -183,11 +183,9 @@ def _scan_shapes(projector: Projector, options: VariableProjectionOptions, free:
 
 
 def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOptions) -> list[FloatArray]:
-    """Return coordinates (s,) of the grid's shapes, in order; one alone where nothing is free."""
+    """Return coordinates (s,) of the grid's shapes, in order."""
     low, high = problem.box
     free = np.flatnonzero(problem.is_free)
-    if not len(free):
-        return [low]
     counts = options.grid[len(free) - 1]
     axes = [[float(value)] for value in low]
     for place, count in zip(free, counts, strict=True):
@@ -528,12 +526,6 @@ class UnitBoxProblem:
         )
 
 
-def compute_spread(objectives: FloatArray) -> float:
-    """Return (worst - best) / best of objectives (P,); zero where all are zero."""
-    best, worst = float(np.min(objectives)), float(np.max(objectives))
-    return (worst - best) / best if best > 0.0 else float(worst > 0.0)
-
-
 def draw_children(genes: FloatArray, parents: FloatArray, width: float, generator: Generator) -> FloatArray:
     """Return a child of each parent (P, d) by a crossover of all genes x (P, d), mirrored at the box's faces.
 
@@ -546,21 +538,6 @@ def draw_children(genes: FloatArray, parents: FloatArray, width: float, generato
     return np.asarray(1.0 - np.abs(1.0 - np.clip(children, 0.0, 2.0)))
 
 
-def draw_winners(objectives: FloatArray, generator: Generator) -> NDArray[np.int64]:
-    """Return the better one of two drawn at random, P times: indices (P,)."""
-    first, second = generator.integers(len(objectives), size=(2, len(objectives)))
-    return np.asarray(np.where(objectives[first] <= objectives[second], first, second))
-
-
-def choose_survivors(
-    genes: FloatArray, objectives: FloatArray, children: FloatArray, reached: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the best P of parents and children, the best first, and their objectives."""
-    both, values = np.vstack([genes, children]), np.concatenate([objectives, reached])
-    kept = np.argsort(values, kind="stable")[: len(genes)]
-    return both[kept], values[kept]
-
-
 def search_by_population(
     problem: FrictionProblem, options: GeneticOptions, generator: Generator
 ) -> FrictionSearch:
@@ -571,9 +548,14 @@ def search_by_population(
     box.history.append(float(np.min(objectives)))
     temperature, converged = float(np.max(objectives)) - box.history[0], False
     while not converged and len(box.history) <= options.generations:
-        parents = genes[draw_winners(objectives, generator)]
+        # The better one of two drawn at random; then the best of parents and children, the best first.
+        first, second = generator.integers(len(genes), size=(2, len(genes)))
+        parents = genes[np.where(objectives[first] <= objectives[second], first, second)]
         children = draw_children(genes, parents, options.width, generator)
-        genes, objectives = choose_survivors(genes, objectives, children, box.compute_objectives(children))
+        genes = np.vstack([genes, children])
+        objectives = np.concatenate([objectives, box.compute_objectives(children)])
+        kept = np.argsort(objectives, kind="stable")[: len(children)]
+        genes, objectives = genes[kept], objectives[kept]
         if options.step > 0.0:
             neighbours = draw_children(genes, genes, options.step, generator)
             reached = box.compute_objectives(neighbours)
@@ -585,8 +567,9 @@ def search_by_population(
             genes = np.where(accepted[:, None], neighbours, genes)
             objectives = np.where(accepted, reached, objectives)
             temperature *= options.cooling
-        box.history.append(float(np.min(objectives)))
-        converged = compute_spread(objectives) <= options.tolerance
+        least, most = float(np.min(objectives)), float(np.max(objectives))
+        box.history.append(least)
+        converged = most - least <= options.tolerance * least
     best = int(np.argmin(objectives))
     return box.build_search(
         options,

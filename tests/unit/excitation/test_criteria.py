@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from symid.excitation.problem import (
-    CRITERIA,
-    Criterion,
-    compute_condition,
-    compute_criterion,
-    compute_information,
-)
+from symid.excitation.problem import Criterion, compute_condition, compute_criterion, compute_information
 
 
 def make_matrix(seed, rows=40, columns=7):
@@ -54,7 +48,7 @@ def test_the_stand_in_is_above_the_condition_number_and_near_it(seed, power):
     assert -1e-9 <= gap <= np.log(7) / power + 1e-9
 
 
-@pytest.mark.parametrize("name", CRITERIA)
+@pytest.mark.parametrize("name", ["condition", "d-optimal"])
 @pytest.mark.parametrize("weight", [0.0, 0.3])
 def test_slopes_are_those_of_finite_differences(name, weight):
     matrix = make_matrix(5)

@@ -1,20 +1,16 @@
 """Limits on a grid hold between its points, and those left out could never be reached."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from symid.errors import RobotError
-from symid.excitation.limits import (
-    LimitOptions,
-    compute_coefficient_scales,
-    get_motion_limits,
-)
+from symid.excitation.limits import compute_coefficient_scales, get_motion_limits
 from symid.excitation.problem import build_limit_rows
-from symid.excitation.trajectories import SeriesOptions, build_basis, build_series_space
+from symid.excitation.trajectories import build_basis, build_series_space
+from symid.options import ExciteOptions
 from symid.robot.description import Limits
 from symid.robot.toml_reader import parse_robot, read_robot
 from symid.robot.toml_writer import write_robot
@@ -27,13 +23,16 @@ LIMITS = (
 )
 
 
+USUAL = ExciteOptions()
+
+
 def make_space(limits, harmonics=5, period=8.0):
-    options = SeriesOptions(harmonics=harmonics, period=period)
+    options = ExciteOptions(harmonics=harmonics, period=period)
     return build_series_space(options, limits.centre, compute_coefficient_scales(limits, harmonics, period))
 
 
 def test_limits_are_those_of_the_file_and_of_data_sheets(robots_folder):
-    limits = get_motion_limits(build_limited(LIMITS), LimitOptions(sweep=0.5, speed=2.0, acceleration=9.0))
+    limits = get_motion_limits(build_limited(LIMITS), ExciteOptions(sweep=0.5, acceleration=9.0))
     np.testing.assert_allclose(limits.centre, [0.4, 0.0, 0.0])
     np.testing.assert_allclose(limits.half, [0.6, math.pi, 0.5])
     np.testing.assert_allclose(limits.velocity, [0.7, 30.0, 2.0])
@@ -46,8 +45,8 @@ def test_limits_are_those_of_the_file_and_of_data_sheets(robots_folder):
     assert "velocity 2 /s of j2" in said
     assert "acceleration 9 /s^2 of j1, j2" in said
     stated = (LIMITS[0],) * 3
-    assert get_motion_limits(build_limited(stated)).assumed == ()
-    limits = get_motion_limits(read_robot(robots_folder / "panda.toml"))
+    assert get_motion_limits(build_limited(stated), USUAL).assumed == ()
+    limits = get_motion_limits(read_robot(robots_folder / "panda.toml"), USUAL)
     assert limits.assumed == ()
     np.testing.assert_allclose(limits.velocity, [2.175] * 4 + [2.61] * 3)
     np.testing.assert_allclose(limits.acceleration, [15, 7.5, 10, 12.5, 15, 20, 20])
@@ -57,7 +56,7 @@ def test_limits_are_those_of_the_file_and_of_data_sheets(robots_folder):
 
 @given(seed=st.integers(0, 200), harmonics=st.integers(2, 7), density=st.integers(3, 20))
 def test_rows_at_one_keep_all_limits_at_all_times(seed, harmonics, density):
-    limits = replace(get_motion_limits(build_limited(LIMITS)), share=0.9)
+    limits = get_motion_limits(build_limited(LIMITS), ExciteOptions(share=0.9))
     space = make_space(limits, harmonics)
     rows, constants = build_limit_rows(space, limits, density)
     unknowns = np.random.default_rng(seed).normal(size=space.shape)
@@ -74,16 +73,15 @@ def test_rows_at_one_keep_all_limits_at_all_times(seed, harmonics, density):
 
 
 def test_rows_allow_nearly_all_of_a_limit_and_leave_out_what_follows():
-    limits = get_motion_limits(build_limited(LIMITS))
+    limits = get_motion_limits(build_limited(LIMITS), USUAL)
     space = make_space(limits)
     rows, constants = build_limit_rows(space, limits, 20)
     # A still pose at the share of its limit, less what is lost between points.
     coefficients = space.offset.copy()
     coefficients[:, 0] += 0.987 * limits.share * limits.half
     assert np.abs(rows @ space.compute_unknowns(coefficients).ravel() + constants).max() <= 1.0
-    limits = get_motion_limits(
-        build_limited((Limits(position=(-1, 1), velocity=9, acceleration=99, jerk=9999),) * 3)
-    )
+    wide = (Limits(position=(-1, 1), velocity=9, acceleration=99, jerk=9999),) * 3
+    limits = get_motion_limits(build_limited(wide), USUAL)
     space = make_space(limits, harmonics=2, period=10.0)
     rows, _ = build_limit_rows(space, limits, 10)
     # 1 rad at 0.2 Hz at most is 1.3 rad/s, 1.6 rad/s^2 and 2 rad/s^3: the position says it all.
@@ -91,7 +89,7 @@ def test_rows_allow_nearly_all_of_a_limit_and_leave_out_what_follows():
 
 
 def test_scales_are_the_amplitudes_that_one_harmonic_may_have():
-    limits = get_motion_limits(build_limited(LIMITS))
+    limits = get_motion_limits(build_limited(LIMITS), USUAL)
     scales = compute_coefficient_scales(limits, 3, 8.0)
     w = 2 * np.pi / 8 * np.arange(1, 4)
     wanted = 0.95 * np.min([np.full(3, 0.6), 0.7 / w, 3.0 / w**2, 9.0 / w**3], axis=0)

@@ -7,32 +7,52 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import RobotError, UsageError
-from symid.excitation.limits import (
-    LimitOptions,
-    StateValues,
-    WorkspacePoint,
-    WorkspaceRegion,
-    build_state_limits,
-    get_motion_limits,
-    smooth_friction,
-)
-from symid.excitation.problem import Criterion, Observation, ProblemOptions, build_problem
-from symid.excitation.trajectories import SeriesOptions, build_grid_basis
+from symid.excitation.limits import StateValues, build_state_limits, get_motion_limits, smooth_friction
+from symid.excitation.problem import Criterion, Observation, build_problem
+from symid.excitation.trajectories import build_grid_basis
 from symid.joint_models import FrictionValues
+from symid.options import ExciteOptions
 from symid.robot.toml_reader import read_robot
 from tests.refusals import raises
 
+WORKSPACE = """
+[[sphere]]
+centre = [0.5, 0.5, 0.0]
+radius = 0.2
+point = [0.3, 0.1, 0.2]
+size = 0.05
 
-def bound(kind, anchor, extent, **point):
-    points = (WorkspacePoint(**point),)
-    return WorkspaceRegion(kind=kind, anchor=anchor, extent=extent, points=points, label=kind)
+[[sphere]]
+keep = "in"
+centre = [0.0, 0.1, 0.0]
+radius = 1.2
+point = [0.3, 0.0, 0.0]
+size = 0.1
+
+[[plane]]
+normal = [0.0, 0.6, 0.8]
+offset = -0.9
+links = ["shoulder"]
+point = [0.4, 0.0, 0.0]
+size = 0.1
+"""
+USUAL = ExciteOptions()
 
 
-WORKSPACE = (
-    bound("out", (0.5, 0.5, 0.0), 0.2, joint=1, place=(0.3, 0.1, 0.2), size=0.05),
-    bound("in", (0.0, 0.1, 0.0), 1.2, joint=1, place=(0.3, 0.0, 0.0), size=0.1),
-    bound("plane", (0.0, 0.6, 0.8), -0.9, joint=0, place=(0.4, 0.0, 0.0), size=0.1),
-)
+@pytest.fixture
+def workspace(tmp_path):
+    (tmp_path / "space.toml").write_text(WORKSPACE)
+    return tmp_path / "space.toml"
+
+
+def limit(robot, **options):
+    """Return the limits of the whole state of a robot."""
+    given = ExciteOptions(**options)
+    return build_state_limits(robot, get_motion_limits(robot, given), given)
+
+
+def read_values(cards):
+    return np.array([entry.value for entry in cards])
 
 
 @pytest.fixture(scope="module")
@@ -93,9 +113,8 @@ def check_slopes(problem, criterion):
 
 
 @pytest.mark.parametrize("name", ["condition", "d-optimal"])
-def test_all_slopes_of_a_rigid_robot(robot, name):
-    options = ProblemOptions(limits=LimitOptions(workspace=WORKSPACE), deviations=(2.0, 1.0))
-    problem = build_problem(robot, options)
+def test_all_slopes_of_a_rigid_robot(robot, workspace, name):
+    problem = build_problem(robot, ExciteOptions(workspace=workspace, deviations=(2.0, 1.0)))
     kinds = [entry.kind for entry in problem.state_limits.entries]
     assert kinds == ["torque", "torque", "out", "in", "plane"]
     check_slopes(problem, Criterion(name=name))
@@ -103,59 +122,48 @@ def test_all_slopes_of_a_rigid_robot(robot, name):
 
 
 def test_all_slopes_of_an_elastic_robot(elastic):
-    problem = build_problem(elastic, ProblemOptions(limits=LimitOptions(torsion=0.05)))
+    problem = build_problem(elastic, ExciteOptions(torsion=0.05))
     assert "torsion" in {entry.kind for entry in problem.state_limits.entries}
     check_slopes(problem, Criterion(power=4.0))
 
 
 def test_torque_is_that_of_the_library(robot):
-    limits = get_motion_limits(robot)
-    found = build_state_limits(robot, limits)
+    found = limit(robot)
     states = random_states(20)
     # Where friction is smoothed, the sign is nowhere reached; far from rest it is.
     states[1] = np.sign(states[1]) * (2.0 + np.abs(states[1]))
     values = StateValues(found, 20, 2).compute_values(states)
-    library = prepare_library(robot)
-    beta = np.array([entry.value for entry in library.card.beta])
-    friction = np.array([entry.value for entry in library.card.friction])
-    tau = (
-        library.evaluate("inverse_dynamics", *states, beta)[0]
-        + library.evaluate("friction", states[1], friction)[0]
-    )
+    card = (library := prepare_library(robot)).card
+    (tau,) = library.evaluate("inverse_dynamics", *states, read_values(card.beta))
+    (friction,) = library.evaluate("friction", states[1], read_values(card.friction))
     bounds = [entry.limit for entry in found.entries]
-    np.testing.assert_allclose(values * bounds, tau, rtol=1e-9)
+    np.testing.assert_allclose(values * bounds, tau + friction, rtol=1e-9)
     np.testing.assert_allclose(bounds, [0.95 * 90, 0.95 * 35])
 
 
 def test_torsion_and_motor_torque_are_those_of_the_links_and_rotors(elastic):
-    limits = get_motion_limits(elastic)
     states = random_states(10)
     library = prepare_library(elastic)
-    beta = np.array([entry.value for entry in library.card.beta])
+    beta = read_values(library.card.beta)
     (tau,) = library.evaluate("inverse_dynamics", *states, beta)
-    for stiffness, wanted in (
-        (None, [joint.elasticity.stiffness for joint in elastic.joints]),
-        ((500.0, 200.0),) * 2,
-    ):
-        found = build_state_limits(elastic, limits, LimitOptions(torsion=0.05, stiffness=stiffness))
+    stated = [joint.elasticity.stiffness for joint in elastic.joints]
+    for stiffness, wanted in ((None, stated), ((500.0, 200.0),) * 2):
+        found = limit(elastic, torsion=0.05, stiffness=stiffness)
         values = StateValues(found, 10, 2).compute_values(states)
         places = [place for place, entry in enumerate(found.entries) if entry.kind == "torsion"]
         np.testing.assert_allclose(values[:, places] * 0.05 * 0.95, tau / wanted, rtol=1e-9)
-    found = build_state_limits(elastic, limits)
-    states = np.zeros((3, 1, 2))
-    states[2] = 3.0
-    still = np.zeros((3, 1, 2))
+    found, still = limit(elastic), np.zeros((3, 1, 2))
+    states = still + np.array([0.0, 0.0, 3.0])[:, None, None]
     bounds = [entry.limit for entry in found.entries]
     values = [StateValues(found, 1, 2).compute_values(each)[0] * bounds for each in (states, still)]
-    beta = np.array([entry.value for entry in library.card.beta])
-    rotors = np.array([entry.value for entry in library.card.rotors])
+    rotors = read_values(library.card.rotors)
     (mass,) = library.evaluate("mass_matrix", np.zeros((1, 2)), beta)
     np.testing.assert_allclose(values[0] - values[1], (mass[0] + np.diag(rotors)) @ [3.0, 3.0], rtol=1e-9)
 
 
-def test_space_is_where_plane_geometry_puts_it(robot):
-    limits = replace(get_motion_limits(robot), torque=np.full(2, np.inf))
-    found = build_state_limits(robot, limits, LimitOptions(workspace=WORKSPACE))
+def test_space_is_where_plane_geometry_puts_it(robot, workspace):
+    limits = replace(get_motion_limits(robot, USUAL), torque=np.full(2, np.inf))
+    found = build_state_limits(robot, limits, ExciteOptions(workspace=workspace))
     assert [entry.kind for entry in found.entries] == ["out", "in", "plane"]
     q = np.random.default_rng(5).uniform(-2, 2, size=(12, 2))
     values = StateValues(found, 12, 2).compute_values(np.array([q, 0 * q, 0 * q]))
@@ -173,35 +181,33 @@ def test_space_is_where_plane_geometry_puts_it(robot):
 
 def test_without_values_or_stiffness_it_is_said(robot, robots_folder):
     panda = read_robot(robots_folder / "panda.toml")
-    limits = get_motion_limits(panda)
-    found = build_state_limits(panda, limits)
+    found = limit(panda)
     assert found.entries == ()
     assert [notice.code for notice in found.notices] == ["excitation.no-torque"]
     with raises(RobotError, "excitation.no-values"):
-        build_state_limits(panda, limits, LimitOptions(torsion=0.01))
-    limits = get_motion_limits(robot)
+        limit(panda, torsion=0.01)
     for stiffness in (None, (100.0,), (100.0, -1.0)):
         with raises(RobotError, "excitation.stiffness"):
-            build_state_limits(robot, limits, LimitOptions(torsion=0.01, stiffness=stiffness))
+            limit(robot, torsion=0.01, stiffness=stiffness)
 
 
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (ProblemOptions(deviations=(1.0,)), r"deviations: .* 2 .* got \[1.0\]"),
-        (ProblemOptions(deviations=(1.0, 0.0)), r"deviations: .* 2 .* got \[1.0, 0.0\]"),
-        (ProblemOptions(series=SeriesOptions(start=(0.0, 2.55))), "95% .* joint 2"),
+        ({"deviations": (1.0,)}, r"deviations: .* 2 .* got \[1.0\]"),
+        ({"deviations": (1.0, 0.0)}, r"deviations: .* 2 .* got \[1.0, 0.0\]"),
+        ({"start": (0.0, 2.55)}, "95% .* joint 2"),
     ],
 )
 def test_options_that_do_not_fit(robot, options, says):
-    with pytest.raises(UsageError, match=says):
-        build_problem(robot, options)
+    with raises(UsageError, "usage.excitation", match=says):
+        build_problem(robot, ExciteOptions(**options))
 
 
 def test_the_grid_of_the_search_is_fine_enough(robots_folder):
     """With friction that has no step, figures on the coarse grid are those on the fine one."""
     panda = read_robot(robots_folder / "panda.toml")
-    problem = build_problem(panda, ProblemOptions(limits=LimitOptions(share=0.9)))
+    problem = build_problem(panda, ExciteOptions(share=0.9))
     judge = problem.build_stated(panda)
     for seed in range(3):
         z = 0.5 * np.random.default_rng(seed).normal(size=problem.size)

@@ -3,7 +3,7 @@
 import pytest
 
 from symid.errors import RobotError
-from symid.excitation.limits import WorkspacePoint, WorkspaceRegion, read_workspace
+from symid.excitation.limits import WorkspaceRegion, read_workspace
 from tests.refusals import raises
 
 GOOD = """
@@ -32,13 +32,13 @@ def read(tmp_path, robot, text):
 
 
 def test_regions_are_what_the_file_says(tmp_path, robot):
-    points = tuple(WorkspacePoint(joint=joint, place=(0.0, 0.1, 0.0), size=0.05) for joint in (1, 0))
-    last = (WorkspacePoint(joint=1, place=(0.0, 0.0, 0.0), size=0.0),)
+    both = {"joints": (1, 0), "place": (0.0, 0.1, 0.0), "size": 0.05}
+    last = {"joints": (1,), "place": (0.0, 0.0, 0.0), "size": 0.0}
     workspace = read(tmp_path, robot, GOOD)
     assert workspace == (
-        WorkspaceRegion(kind="in", anchor=(0.1, 0.0, 0.2), extent=0.9, points=points, label="sphere 1"),
-        WorkspaceRegion(kind="out", anchor=(1.0, 1.0, 1.0), extent=0.5, points=last, label="sphere 2"),
-        WorkspaceRegion(kind="plane", anchor=(0.0, 0.6, 0.8), extent=-0.1, points=last, label="plane 1"),
+        WorkspaceRegion(kind="in", anchor=(0.1, 0.0, 0.2), extent=0.9, label="sphere 1", **both),
+        WorkspaceRegion(kind="out", anchor=(1.0, 1.0, 1.0), extent=0.5, label="sphere 2", **last),
+        WorkspaceRegion(kind="plane", anchor=(0.0, 0.6, 0.8), extent=-0.1, label="plane 1", **last),
     )
 
 

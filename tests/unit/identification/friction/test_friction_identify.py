@@ -26,11 +26,12 @@ from symid.identification.friction.poses import (
     compute_robust_deviations,
     list_poses,
 )
-from symid.identification.stored import is_fit, read_fit, write_fit
+from symid.identification.stored import read_fit, write_fit
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from symid.robot.description import Processing
 from tests.recovery.closed_form import build_two_link
+from tests.refusals import raises
 from tests.unit.identification.friction.cosine_rigs import (
     BETA,
     PLAIN,
@@ -131,12 +132,10 @@ def test_periods_of_every_log_can_be_averaged():
     assert_near_truth(joint.estimate, PLAIN, deviations=5.0)
     # One period of each: no row is used twice.
     assert 4400 < joint.residual.samples <= 4500
-    with pytest.raises(LogError) as caught:
+    with raises(LogError, "log.not-periodic"):
         identify(*recordings, **options, periods=(3.0,))
-    assert caught.value.notices[0].code == "log.not-periodic"
-    with pytest.raises(UsageError, match="3 periods for 2 logs") as caught:
+    with raises(UsageError, "usage.friction-periods", match="3 periods for 2 logs"):
         identify(*recordings, **options, periods=(3.0, 6.0, 6.0))
-    assert caught.value.notices[0].code == "usage.friction-periods"
 
 
 def test_doubts_of_a_period_stay_where_no_number_is_found():
@@ -163,9 +162,8 @@ def test_a_law_of_the_load_needs_a_load():
     # That joint alone does not keep others from such a law.
     samples = extract_joint(prepare_joint_logs(LIBRARY, [weightless], RAW), 0).samples
     assert samples.load is None
-    with pytest.raises(IdentifiabilityError) as caught:
+    with raises(IdentifiabilityError, "friction.no-load"):
         check_inputs(samples, get_law("load-dependent"))
-    assert caught.value.notices[0].code == "friction.no-load"
 
 
 def find_notices(*recordings, **options):
@@ -198,7 +196,6 @@ def test_what_looks_odd_is_told_and_nothing_else():
     [
         ({"model": "makkar", "smoothing": 0.01}, "usage.friction-smoothing", "'makkar'"),
         ({"model": "stribek"}, "usage.unknown-friction-law", "did you mean stribeck"),
-        ({"estimator": "varprow"}, "usage.friction-estimator", "did you mean varpro"),
         ({"model": "lugre"}, "usage.friction-state", "fit its curve, 'stribeck-exponent'"),
         ({"model": "dahl"}, "usage.friction-state", "fit its curve, 'coulomb-viscous'"),
         ({"recordings": (), "model": "stribeck"}, "usage.no-log", None),
@@ -206,9 +203,8 @@ def test_what_looks_odd_is_told_and_nothing_else():
 )
 def test_wrong_calls_are_told_with_what_would_do(options, code, words):
     options = dict(options)
-    with pytest.raises(UsageError, match=words) as caught:
+    with raises(UsageError, code, match=words):
         identify(*options.pop("recordings", SLOW_AND_FAST), **options)
-    assert caught.value.notices[0].code == code
 
 
 @pytest.fixture(scope="module")
@@ -224,19 +220,10 @@ def test_results_are_read_back_without_loss(tmp_path):
     found = identify(*SLOW_AND_FAST, third, candidates=FEW)
     assert found.joints[0].poses is not None
     path = write_fit(found, tmp_path / "friction.json")
-    assert is_fit(path)
     again = read_fit(path)
     assert write_fit(again, tmp_path / "again.json").read_text() == path.read_text()
     assert replace(again.joints[0], velocity_map=None) == replace(found.joints[0], velocity_map=None)
     assert again.notices == found.notices
-    # Files that are no JSON are refused.
-    for text in (None, "{"):
-        other = tmp_path / "other.json"
-        if text is not None:
-            other.write_text(text)
-        assert not is_fit(other)
-        with pytest.raises(EstimateError):
-            read_fit(other)
 
 
 def change_map(data, **columns):
@@ -303,15 +290,6 @@ def test_friction_that_depends_on_the_pose_is_told_from_equal_friction():
     assert level.values == pytest.approx((1.8, 2.0, 1.8), abs=0.02)
     assert level.chance < 1e-6
     assert 0.04 < found.change < 0.12
-
-
-def test_false_alarms_are_rare():
-    law = "coulomb-viscous-offset"
-    pairs = (
-        [record(1.0, law=law, pose=(0.3, 0.8 * k), seed=10 * seed + k, periods=1.0) for k in (0, 1)]
-        for seed in range(20)
-    )
-    assert sum(compare(pair).differs for pair in pairs) <= 2
 
 
 def test_a_pose_that_cannot_be_fitted_is_left_out_and_the_rest_stays():

@@ -71,16 +71,7 @@ def test_the_optimum_is_that_of_variable_projection(draw):
     assert "Maximum_Iterations_Exceeded" in search.ended
 
 
-def test_physical_bounds_hold():
-    law = get_law("coulomb-viscous")
-    samples = draw_samples(law, (5.0, -3.0), build_cosines(1.0), noise=0.1)
-    problem = build_problem(samples, law, OPTIONS)
-    search = search_by_nlp(problem, NLP)
-    coulomb, viscous = law.to_physical(search.linear, search.shape)
-    assert viscous == pytest.approx(0.0, abs=1e-6)
-    # With viscous friction at zero, Coulomb friction alone is a mean.
-    assert coulomb == pytest.approx(float(np.mean(samples.torque * np.sign(samples.velocity))), rel=1e-5)
-    # Static friction is not forced above Coulomb friction.
+def test_static_friction_is_not_forced_above_coulomb_friction():
     law = get_law("stribeck")
     samples = draw_samples(law, (11.0, 8.0, 0.03, 20.0), build_cosines(0.1, 1.0), noise=0.1)
     search = search_by_nlp(build_problem(samples, law, OPTIONS), NLP)

@@ -160,7 +160,10 @@ def test_a_rigid_part_without_numbers_is_told(library, found):
 
 def test_another_model_is_refused(library, found):
     changed, (joint,) = replace(library.card, signature="0" * 64), found.joints
-    unknown = replace(joint, estimate=replace(joint.estimate, joint="wheel"))
+    unknown, strange = (
+        replace(joint, estimate=replace(joint.estimate, **fields))
+        for fields in ({"joint": "wheel"}, {"other": (1.0,)})
+    )
     for card, joints, words in (
         (changed, (joint,), "changed"),
         (replace(changed, robot="other"), (joint,), r"'two_link'.*'other'"),
@@ -169,7 +172,6 @@ def test_another_model_is_refused(library, found):
     ):
         with pytest.raises(EstimateError, match=words):
             check_model(replace(found, joints=joints), card, "friction.json")
-    strange = replace(joint, estimate=replace(joint.estimate, other=(1.0,)))
     with pytest.raises(EstimateError, match=r"joint1.* 1 values"):
         validate_friction(replace(found, joints=(strange,)), library, record(0.6, seed=7), RAW)
 

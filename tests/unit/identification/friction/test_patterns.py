@@ -62,8 +62,9 @@ def test_scatter_over_many_draws_is_the_deviation_stated():
 def test_white_noise_keeps_the_stated_deviations():
     samples = build_samples(0.1 * remember(0.0, 2000))
     estimate = fit_friction(samples, LAW)
+    stated = {entry.name: entry.std for entry in estimate.parameters}
     for name, (deviation, freedom) in compute_robust_deviations(samples, LAW, estimate).items():
-        assert 1.0 <= deviation / estimate.get_std(name) < 1.5
+        assert 1.0 <= deviation / stated[name] < 1.5
         assert 10.0 < freedom < 2000.0
     assert warn_of_friction_pattern(samples, LAW, estimate) == ()
     # A fit to the last bit has no pattern either.

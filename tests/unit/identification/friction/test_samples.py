@@ -22,17 +22,6 @@ def build(**changes):
     return FrictionSamples(**(fields | changes))
 
 
-def test_arrays_are_copied_and_read_only():
-    velocity = np.ones(4)
-    samples = build(velocity=velocity)
-    velocity[0] = 5.0
-    assert samples.velocity[0] == 1.0
-    with pytest.raises(ValueError, match="read-only"):
-        samples.velocity[0] = 2.0
-    assert samples.run.tolist() == [0, 0, 0, 0]
-    assert samples.count == 4
-
-
 def test_inputs_are_those_that_are_known_and_columns_pass_the_operator():
     assert set(build().inputs) == {"velocity"}
     given = ("load", "position", "temperature")
