@@ -19,6 +19,7 @@ Not supported: control on link encoders, robots that are elastic in part, logs w
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -27,10 +28,10 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, PlantExperiment
 from symid.errors import Notice, RobotError, SolverError, UsageError
 from symid.excitation import ReferenceMotion
-from symid.joint_models import NO_FRICTION, REFERENCE_TEMPERATURE
+from symid.joint_models import NO_FRICTION
 from symid.logs import Recording
 from symid.options import SimulateOptions
-from symid.robot import Coupling, Joint, Robot
+from symid.robot import Controller, Coupling, Joint, Robot
 from symid.simulation import experiment
 from symid.simulation.elastic_plant import (
     ElasticValues,
@@ -44,7 +45,6 @@ from symid.simulation.elastic_plant import (
 )
 from symid.simulation.experiment import (
     PERIOD,
-    ElasticSensors,
     ExperimentOptions,
     SensorOptions,
     add_torque_noise,
@@ -52,31 +52,20 @@ from symid.simulation.experiment import (
     get_encoder_turns,
     simulate_experiment,
 )
-from symid.simulation.rigid_plant import build_curved_friction, check_friction_at_speeds, quantise
+from symid.simulation.rigid_plant import (
+    build_curved_friction,
+    check_friction_at_speeds,
+    gather_inputs,
+    quantise,
+)
 
 _DAMPING_SHARE = 0.4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotorGains:
-    """Kp `stiffness` (N m/rad or N/m) and Kd `damping` (N m s/rad or N s/m) of each joint."""
-
-    stiffness: tuple[float, ...]
-    damping: tuple[float, ...]
-
-
-SHIPPED_GAINS: Mapping[str, MotorGains] = MappingProxyType(
-    {"two_link_elastic": MotorGains(stiffness=(4000.0, 1500.0), damping=(120.0, 40.0))}
+SHIPPED_GAINS: Mapping[str, Controller] = MappingProxyType(
+    {"two_link_elastic": Controller(stiffness=(4000.0, 1500.0), damping=(120.0, 40.0))}
 )
 """Gains of shipped robots, by name."""
-
-
-def compute_gains(mass: FloatArray, rotor: FloatArray, bandwidth: float, period: float) -> MotorGains:
-    """Return gains of critically damped joints; mass (K, n, n), rotor (n,) kg m^2, bandwidth Hz, period s."""
-    inertia = experiment.compute_effective_inertia(mass + np.diag(rotor))
-    damping = np.minimum(4.0 * np.pi * bandwidth * inertia, _DAMPING_SHARE * rotor / period)
-    stiffness = damping**2 / (4.0 * inertia)
-    return MotorGains(stiffness=tuple(stiffness.tolist()), damping=tuple(damping.tolist()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,10 +96,10 @@ class ElasticExperimentOptions:
     period: float = 1e-3
     step: float = 1e-4
     parts: int = 16
-    gains: MotorGains | None = None
+    gains: Controller | None = None
     bandwidth: float | None = None
     control_counts: float | None = None
-    sensors: ElasticSensors = field(default_factory=ElasticSensors)
+    sensors: SensorOptions = field(default_factory=partial(SensorOptions, counts_per_turn=None))
 
 
 def build_clean_options() -> ElasticExperimentOptions:
@@ -121,7 +110,7 @@ def build_clean_options() -> ElasticExperimentOptions:
 def build_noisy_options() -> ElasticExperimentOptions:
     """Return the options of a noisy experiment: 1 kHz, 20 bit encoders, 2 % torque noise."""
     counts = 2.0**20
-    sensors = ElasticSensors(motor_counts=counts, link_counts=counts, relative_noise=(0.02,))
+    sensors = SensorOptions(motor_counts=counts, counts_per_turn=counts, relative_noise=(0.02,))
     return ElasticExperimentOptions(period=1e-3, control_counts=counts, sensors=sensors)
 
 
@@ -140,7 +129,7 @@ class ElasticRun(FrozenArrays):
             stored in bristles if it has a state), into the
             springs (int tau_J dphi, stored and lost together).
         turn: (n,) of an encoder with one count: 2 pi rad or 1 m.
-        values: of all parameters. backend: "c" or "python". notices: how the run came about.
+        values: of all parameters. backend: "c" or "python".
     """
 
     recording: Recording
@@ -161,7 +150,6 @@ class ElasticRun(FrozenArrays):
     turn: FloatArray
     values: ElasticValues
     backend: str
-    notices: tuple[Notice, ...] = ()
 
     @property
     def phi(self) -> FloatArray:
@@ -177,18 +165,13 @@ class ElasticRun(FrozenArrays):
         return gap
 
     @property
-    def energy_gap(self) -> float:
-        """Return the largest |gap| in J."""
-        return float(np.abs(self.gap).max())
-
-    @property
     def relative_gap(self) -> float:
         """Return the largest |gap|, relative to the most work done."""
         most = float(np.abs(self.work.sum(axis=1)).max())
-        return self.energy_gap / max(most, float(np.finfo(np.float64).tiny))
+        return float(np.abs(self.gap).max()) / max(most, float(np.finfo(np.float64).tiny))
 
 
-def observe(run: ElasticRun, sensors: ElasticSensors, rng: np.random.Generator) -> Recording:
+def observe(run: ElasticRun, sensors: SensorOptions, rng: np.random.Generator) -> Recording:
     """Return another log of the same run, whose motion stays; a UsageError for sensors out of range."""
     check_sensors(sensors, run.q.shape[1])
 
@@ -203,28 +186,15 @@ def observe(run: ElasticRun, sensors: ElasticSensors, rng: np.random.Generator) 
 
     return Recording(
         time=run.time,
-        position=read(run.q, sensors.delay, sensors.link_offset, sensors.link_counts),
+        position=read(run.q, sensors.delay, sensors.link_offset, sensors.counts_per_turn),
         motor_position=read(run.theta, -sensors.delay, sensors.motor_offset, sensors.motor_counts),
         torque=add_torque_noise(run.torque, sensors, rng),
         source=run.recording.source,
-        notices=run.notices,
+        notices=run.recording.notices,
     )
 
 
 _POSES = 50
-
-
-def _compute_resting_friction(
-    library: Library, values: ElasticValues, pose: FloatArray, weight: FloatArray
-) -> FloatArray | float:
-    """Return the friction (n,) of motors at rest at `pose` (1, n) that carry `weight` (n,)."""
-    if not values.friction.size:
-        return 0.0
-    warm = np.full_like(pose, REFERENCE_TEMPERATURE)
-    still = library.card.gather_friction_inputs(
-        np.zeros_like(pose), q=pose, load=weight[None], temperature=warm
-    )
-    return np.asarray(library.evaluate("friction", *still, values.friction)[0][0])
 
 
 def simulate_elastic(
@@ -255,13 +225,16 @@ def simulate_elastic(
     curves = None if values else build_curved_friction(library, experiment.get_limits(robot, "velocity"))
     pose = desired[:1]
     weight = library.evaluate("gravity", pose, stated.beta)[0][0]
-    hold = weight + _compute_resting_friction(library, stated, pose, weight)
+    hold = weight
+    if stated.friction.size:
+        still = gather_inputs(library.card, np.zeros_like(pose), pose, weight[None])
+        hold = weight + library.evaluate("friction", *still, stated.friction)[0][0]
     plant = build_plant_robot(stated)
     elements = build_elements(stated)
-    rest = compute_rest(plant, weight, tuple(joint.name for joint in robot.axes), elements)
+    phi, play = compute_rest(plant, weight, tuple(joint.name for joint in robot.axes), elements)
     # Motors follow the trajectory shifted by the first torsion, and carry the weight.
     torque = np.broadcast_to(hold, desired.shape)
-    followed = reference or MotorReference(angle=desired + rest.phi, speed=speed, torque=torque)
+    followed = reference or MotorReference(angle=desired + phi, speed=speed, torque=torque)
     for name in ("angle", "speed", "torque"):
         shape = getattr(followed, name).shape
         if shape != desired.shape:
@@ -269,29 +242,33 @@ def simulate_elastic(
             raise UsageError(Notice(code="usage.experiment", text=text))
     poses = desired[np.linspace(0, len(desired) - 1, _POSES).astype(int)]
     (mass,) = library.evaluate("mass_matrix", poses, stated.beta)
-    if not np.all(np.linalg.eigvalsh(mass) > 0.0):
-        raise SolverError(experiment.describe_massless(robot))
-    loops = gains or compute_gains(
-        mass, stated.rotor, options.bandwidth or experiment.BANDWIDTH, options.period
-    )
+    experiment.compute_inertias(robot, mass)
+    bandwidth = None if gains else options.bandwidth or experiment.BANDWIDTH
+    if gains is None:
+        # Critically damped joints; a motor's torque holds for a period.
+        inertia = experiment.compute_inertias(robot, mass + np.diag(stated.rotor)).mean(axis=0)
+        damping = 4.0 * np.pi * (bandwidth or 0.0) * inertia
+        damping = np.minimum(damping, _DAMPING_SHARE * stated.rotor / options.period)
+        stiffness = damping**2 / (4.0 * inertia)
+    else:
+        stiffness, damping = np.array(gains.stiffness), np.array(gains.damping)
     order = PlantExperiment(
         angle=followed.angle,
         speed=followed.speed,
         torque=followed.torque,
-        stiffness=np.array(loops.stiffness),
-        damping=np.array(loops.damping),
+        stiffness=stiffness,
+        damping=damping,
         limit=experiment.get_limits(robot, "torque"),
         step=get_encoder_turns(robot) / (options.control_counts or np.inf),
         period=options.period,
         substeps=count_substeps(library, stated, poses, period=options.period, step=options.step),
         parts=options.parts,
         q=desired[0],
-        theta=desired[0] + rest.phi,
-        play=rest.play,
+        theta=desired[0] + phi,
+        play=play,
     )
     ran = simulate_plant(library, plant, order, elements)
     log = ran.log
-    bandwidth = None if gains else options.bandwidth or experiment.BANDWIDTH
     # Whether it went out of control.
     reach = experiment.compute_reach(robot, desired)
     lost = ~((np.abs(log.q) < reach) & (np.abs(log.theta) < reach))
@@ -306,10 +283,14 @@ def simulate_elastic(
     if curves:
         check_friction_at_speeds(curves, library.card.joints, log.dtheta)
     kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, stated.beta))
-    source = f"simulated: {robot.name}, {trajectory.source}"
     run = ElasticRun(
         recording=Recording(
-            time=time, position=log.q, motor_position=log.theta, torque=log.torque, source=source
+            time=time,
+            position=log.q,
+            motor_position=log.theta,
+            torque=log.torque,
+            source=f"simulated: {robot.name}, {trajectory.source}",
+            notices=(*ran.notices, *experiment.describe_saturation(robot, log.torque, order.limit)),
         ),
         time=time,
         q=log.q,
@@ -328,7 +309,6 @@ def simulate_elastic(
         turn=get_encoder_turns(robot),
         values=stated,
         backend=ran.backend,
-        notices=(*ran.notices, *experiment.describe_saturation(robot, log.torque, order.limit)),
     )
     losses = (run.friction + run.spring).sum(axis=1)
     experiment.check_balance(run.kinetic + run.spin, run.potential, run.work.sum(axis=1), losses)
@@ -337,7 +317,7 @@ def simulate_elastic(
 
 def _check_experiment(
     robot: Robot, library: Library, trajectory: ReferenceMotion, options: ElasticExperimentOptions
-) -> tuple[FloatArray, MotorGains | None]:
+) -> tuple[FloatArray, Controller | None]:
     """Return the control ticks (N,) in s of an experiment that can be run, and gains that are stated."""
     shipped = SHIPPED_GAINS.get(robot.name)
     # Another robot may have the name of a shipped one.
@@ -435,7 +415,7 @@ def simulate_log(
     setup = build_clean_options() if options.clean else build_noisy_options()
     setup = replace(setup, bandwidth=options.bandwidth, period=period or setup.period)
     if stiffness is not None and damping is not None:
-        setup = replace(setup, gains=MotorGains(stiffness=stiffness, damping=damping))
+        setup = replace(setup, gains=Controller(stiffness=stiffness, damping=damping))
     both = replace(setup.sensors, delay=options.delay, link_offset=(options.offset,))
     if options.noise is not None and not options.clean:
         both = replace(both, torque_noise=(options.noise,), relative_noise=(0.0,))

@@ -13,18 +13,18 @@ Not supported: robots that are elastic in part; joints without rotor inertia; dr
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import final
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard, PlantExperiment, PlantLog, PlantRobot
 from symid.errors import Notice, SolverError, UsageError
 from symid.joint_models import (
-    REFERENCE_TEMPERATURE,
     Elasticity,
     ElementStep,
     advance_element,
@@ -37,9 +37,11 @@ from symid.joint_models import (
 from symid.robot import Robot
 from symid.simulation.rigid_plant import (
     BristleStride,
+    PlantRun,
     RigidPlantState,
     build_bristles,
     find_compiled_plant,
+    gather_inputs,
     quantise,
 )
 
@@ -73,23 +75,8 @@ def refuse_rigid_joints(robot: Robot) -> None:
 def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
     """Return the values that the robot file states, or raise a UsageError with all reasons why not."""
     refuse_rigid_joints(robot)
-    notices = tuple(_describe_gaps(robot, card))
-    if notices:
-        raise UsageError(*notices)
-    rotors = {rotor.joint: rotor for rotor in card.rotors}
-    beta, rotor, friction = (
-        np.array([parameter.value for parameter in parameters], dtype=np.float64)
-        for parameters in (card.beta, [rotors[joint.name] for joint in robot.axes], card.friction)
-    )
-    springs = tuple(spring for spring in card.elasticity if spring is not None)
-    return ElasticValues(beta=beta, rotor=rotor, friction=friction, elasticity=springs)
-
-
-def _describe_gaps(robot: Robot, card: ModelCard) -> Iterator[Notice]:
-    """Yield notices on values that are missing or not positive, and on dry friction that jumps."""
-    unknown = [entry.name for entry in (*card.beta, *card.rotors, *card.friction) if entry.value is None]
     rotors = {rotor.joint: rotor.value for rotor in card.rotors}
-    light = [name for name, value in rotors.items() if value is not None and not value > 0.0]
+    unknown = [entry.name for entry in (*card.beta, *card.rotors, *card.friction) if entry.value is None]
     soft = []
     for joint, spring in zip(robot.axes, card.elasticity, strict=True):
         if joint.name not in rotors:
@@ -98,47 +85,58 @@ def _describe_gaps(robot: Robot, card: ModelCard) -> Iterator[Notice]:
             unknown.append(f"stiffness of {joint.name!r} and of its stops")
         if spring is not None and spring.stiffness is not None and spring.stiffness <= 0:
             soft.append(joint.name)
-    if unknown:
-        text = (
-            f"robot {robot.name!r} cannot be simulated: its file states no value for {', '.join(unknown)}; "
-            "give mass, centre of mass and inertia of every link, rotor inertia, friction and elasticity "
-            "of every joint"
-        )
-        yield Notice(code="usage.unknown-values", text=text)
-    for names, what in ((light, "rotor_inertia"), (soft, "stiffness")):
-        if names:
-            text = (
-                f"robot {robot.name!r} cannot be simulated: the {what} of {', '.join(names)} must be positive"
-            )
-            yield Notice(code="usage.not-positive", text=text)
-    laws = {joint.name: get_friction_law(joint.friction) for joint in robot.axes}
-    bent = [name for name, law in laws.items() if law is not None and law.memory]
+    light = [name for name, value in rotors.items() if value is not None and not value > 0.0]
     # A motor that sticks is not among the plant's modes.
-    smooth = {joint.name for joint in robot.joints if joint.friction.smoothing > 0.0}
-    smooth |= {coupling.name for coupling in robot.couplings if coupling.friction.smoothing > 0.0}
+    laws = {joint.name: get_friction_law(joint.friction) for joint in robot.axes}
+    gentle = {name for name, law in laws.items() if law is not None and law.memory}
+    gentle |= {joint.name for joint in robot.joints if joint.friction.smoothing > 0.0}
+    gentle |= {coupling.name for coupling in robot.couplings if coupling.friction.smoothing > 0.0}
     dry = [entry for entry in card.friction if entry.name.startswith("Fc") and entry.value]
-    sharp = [entry.name for entry in dry if entry.joint not in (*smooth, *bent)]
-    if sharp:
-        text = (
-            f"robot {robot.name!r}: the dry friction {', '.join(sharp)} jumps at standstill, which elastic "
-            "simulation does not support; give [joint.friction] a `smoothing` speed, such as 0.01 rad/s"
-        )
-        yield Notice(code="usage.sharp-friction", text=text)
+    sharp = ", ".join(entry.name for entry in dry if entry.joint not in gentle)
+    notices = []
+    for found, code, text in (
+        (
+            ", ".join(unknown),
+            "unknown-values",
+            (
+                " cannot be simulated: its file states no value for {}; give mass, centre of mass and "
+                "inertia of every link, rotor inertia, friction and elasticity of every joint"
+            ),
+        ),
+        (", ".join(light), "not-positive", " cannot be simulated: the rotor_inertia of {} must be positive"),
+        (", ".join(soft), "not-positive", " cannot be simulated: the stiffness of {} must be positive"),
+        (
+            sharp,
+            "sharp-friction",
+            (
+                ": the dry friction {} jumps at standstill, which elastic simulation does not support; give "
+                "[joint.friction] a `smoothing` speed, such as 0.01 rad/s"
+            ),
+        ),
+    ):
+        if found:
+            notices.append(Notice(code=f"usage.{code}", text=f"robot {robot.name!r}{text.format(found)}"))
+    if notices:
+        raise UsageError(*notices)
+    return ElasticValues(
+        beta=np.array([parameter.value for parameter in card.beta], dtype=np.float64),
+        rotor=np.array([rotors[joint.name] for joint in robot.axes], dtype=np.float64),
+        friction=np.array([parameter.value for parameter in card.friction], dtype=np.float64),
+        elasticity=tuple(spring for spring in card.elasticity if spring is not None),
+    )
 
 
 def build_plant_robot(values: ElasticValues) -> PlantRobot:
     """Return the numbers as tables; stops and knees that a joint lacks have a weight and slope of zero."""
     springs = values.elasticity
-    stops = max(len(spring.stops) for spring in springs)
-    knees = max(len(spring.knees) for spring in springs)
-    shape = (len(springs), stops)
-    radius, weight = np.ones(shape), np.zeros(shape)
-    knee, slope = np.ones((len(springs), knees)), np.zeros((len(springs), knees))
-    for row, spring in enumerate(springs):
-        for column, stop in enumerate(spring.stops):
-            radius[row, column], weight[row, column] = stop.threshold, stop.stiffness or 0.0
-        for column, bend in enumerate(spring.knees):
-            knee[row, column], slope[row, column] = bend.threshold, bend.slope
+    stops = [[(stop.threshold, stop.stiffness or 0.0) for stop in spring.stops] for spring in springs]
+    knees = [[(knee.threshold, knee.slope) for knee in spring.knees] for spring in springs]
+    (radius, weight), (knee, slope) = (
+        np.array([row + [(1.0, 0.0)] * (max(map(len, rows)) - len(row)) for row in rows])
+        .reshape(len(springs), -1, 2)
+        .transpose(2, 0, 1)
+        for rows in (stops, knees)
+    )
     return PlantRobot(
         beta=values.beta,
         friction=values.friction,
@@ -153,7 +151,7 @@ def build_plant_robot(values: ElasticValues) -> PlantRobot:
     )
 
 
-_ROOT_STEPS = 80
+_ROOT_TOLERANCE = 1e-12
 _LEAST_SHARE = 1e-9
 _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
@@ -239,24 +237,13 @@ class Springs:
             apart = self.compute_inner(joint, start, play) - level
             beyond = self.compute_inner(joint, end, play) - level
             if apart * beyond < 0.0:
-                kink = self._locate_level(joint, (start, end), play, level)
+                kink = scipy.optimize.brentq(
+                    lambda phi, level=level: self.compute_inner(joint, phi, play) - level,
+                    *sorted((start, end)),
+                    xtol=_ROOT_TOLERANCE * abs(end - start),
+                )
                 end = kink if is_between(kink) else end
         return end
-
-    def _locate_level(
-        self, joint: int, interval: tuple[float, float], play: FloatArray, level: float
-    ) -> float:
-        """Return where in the interval, without a kink of the stops, v crosses `level`."""
-        start, end = interval
-        apart = self.compute_inner(joint, start, play) - level
-        if not self._cubic[joint]:
-            return start + (end - start) * apart / (apart - (self.compute_inner(joint, end, play) - level))
-        low, high = 0.0, 1.0
-        for _ in range(_ROOT_STEPS):
-            share = 0.5 * (low + high)
-            value = self.compute_inner(joint, start + share * (end - start), play) - level
-            low, high = (share, high) if value * apart > 0.0 else (low, share)
-        return start + high * (end - start)
 
 
 @final
@@ -334,7 +321,7 @@ class _ElasticStepper:
         self._robot = robot
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._friction = library.bind("friction") if robot.friction.size else None
-        self._card, self._warm = library.card, np.full(robot.size, REFERENCE_TEMPERATURE)
+        self._card = library.card
         self._bristles = build_bristles(library, robot.friction)
         # Before and after a step.
         self.z = self.bent = np.zeros(0 if self._bristles is None else len(self._bristles.owner))
@@ -351,8 +338,7 @@ class _ElasticStepper:
         robot, twist = self._robot, x[3] - x[1]
         drag = np.zeros(robot.size)
         if self._friction is not None:
-            given = self._card.gather_friction_inputs(x[3], q=x[2], load=push, temperature=self._warm)
-            (drag,) = self._friction(*given, robot.friction)
+            (drag,) = self._friction(*gather_inputs(self._card, x[3], x[2], push), robot.friction)
         if self._bristles is not None:
             drag = np.where(self._bristles.joints, self._bristles.compute_torque(x[3], z), drag)
         (acceleration,) = self._forward(x[0], x[1], push, robot.beta)
@@ -441,15 +427,6 @@ _SMALL = 1e-9
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlantRun:
-    """The motion, and how it was computed."""
-
-    log: PlantLog
-    backend: str
-    notices: tuple[Notice, ...] = ()
-
-
 def simulate_plant(
     library: Library,
     robot: PlantRobot,
@@ -457,7 +434,7 @@ def simulate_plant(
     elements: Elements | None = None,
     *,
     compiler: str | None = None,
-) -> PlantRun:
+) -> PlantRun[PlantLog]:
     """Return the motion; a notice says where it was computed without a compiler (None: the first found)."""
     bends = any(spec.name == "friction_step" for spec in library.card.functions)
     plant, notices = find_compiled_plant(
@@ -491,10 +468,7 @@ def count_substeps(
     if values.friction.size:
         # Friction stops a rotor.
         speeds = _SMALL * np.vstack([np.eye(len(values.rotor)), -np.eye(len(values.rotor))])
-        zero = np.zeros_like(speeds)
-        given = library.card.gather_friction_inputs(
-            speeds, q=zero, load=zero, temperature=zero + REFERENCE_TEMPERATURE
-        )
+        given = gather_inputs(library.card, speeds)
         (drag,) = library.evaluate("friction", *given, values.friction)
         bristles = build_bristles(library, values.friction)
         if bristles is not None:
@@ -519,20 +493,13 @@ _BISECTIONS = 200
 _LEAST_TORSION = 1e-9
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RestState(FrozenArrays):
-    """Springs under load: torsion `phi` (n,) rad or m, `play` P_i (n, m) rad or m, or states of elements."""
-
-    phi: FloatArray
-    play: FloatArray
-
-
 def compute_rest(
     robot: PlantRobot, load: FloatArray, names: tuple[str, ...], elements: Elements | None = None
-) -> RestState:
-    """Return torsions at which the springs carry `load` (n,) in N m or N, reached from zero.
+) -> tuple[FloatArray, FloatArray]:
+    """Return torsions (n,) at which the springs carry `load` (n,) in N m or N, reached from zero.
 
-    The first root is bracketed by trials that grow by a tenth, then halved to the last digit.
+    Beside them plays P_i (n, m) in rad or m, or states of elements. The first root is bracketed by trials
+    that grow by a tenth, then halved to the last digit.
     """
     springs = Springs(robot)
 
@@ -553,10 +520,10 @@ def compute_rest(
     if lost:
         text = f"the springs of {', '.join(lost)} cannot carry the weight of the robot; make them stiffer"
         raise SolverError(Notice(code="simulate.weak-spring", text=text))
-    if elements is not None:
-        states = [elements.load(joint, torsion).states for joint, torsion in enumerate(phi.tolist())]
-        return RestState(phi=phi, play=elements.pad(states))
-    return RestState(phi=phi, play=_compute_virgin_play(robot, phi))
+    if elements is None:
+        return phi, _compute_virgin_play(robot, phi)
+    states = [elements.load(joint, torsion).states for joint, torsion in enumerate(phi.tolist())]
+    return phi, elements.pad(states)
 
 
 def _compute_virgin_play(robot: PlantRobot, phi: FloatArray) -> FloatArray:

@@ -18,9 +18,9 @@ coloured noise, eccentric encoders, delays that vary.
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
@@ -31,9 +31,7 @@ from symid.logs import Recording
 from symid.robot import Controller, JointKind, Robot
 from symid.simulation.rigid_plant import (
     RigidPlant,
-    RigidPlantRun,
     check_friction_at_speeds,
-    compute_phi,
     quantise,
     simulate_rigid_plant,
 )
@@ -41,33 +39,20 @@ from symid.simulation.rigid_plant import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorOptions:
-    """The sensors of a rigid robot.
+    """The sensors of a robot; a tuple holds one number for all joints or one for each.
 
     Args:
-        counts_per_turn: of the encoder, per turn of the joint (per metre, if prismatic); None for a perfect
-            one.
-        torque_noise: standard deviation in N m or N, one for all joints or one for each.
-    """
-
-    counts_per_turn: float | None = 2.0**20
-    torque_noise: tuple[float, ...] = (0.0,)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ElasticSensors:
-    """The sensors of an elastic robot; a tuple holds one number for all joints or one for each.
-
-    Args:
-        motor_counts, link_counts: per turn of the joint (per metre, if prismatic); None for perfect encoders.
-        motor_offset, link_offset: reading at position zero, rad or m.
+        counts_per_turn: of the encoder, or that of the links of an elastic robot, per turn of the joint (per
+            metre, if prismatic); None for a perfect one. motor_counts: the same of motor encoders.
+        motor_offset, link_offset: reading at position zero, rad or m, of elastic joints.
         delay: s; a link reading at t shows the link as it was at t - delay. Negative: motor readings are
             late.
         torque_noise: standard deviation, N m or N.
         relative_noise: standard deviation as a share of the RMS of that joint's torque in the run.
     """
 
+    counts_per_turn: float | None = 2.0**20
     motor_counts: float | None = None
-    link_counts: float | None = None
     motor_offset: tuple[float, ...] = (0.0,)
     link_offset: tuple[float, ...] = (0.0,)
     delay: float = 0.0
@@ -75,7 +60,7 @@ class ElasticSensors:
     relative_noise: tuple[float, ...] = (0.0,)
 
 
-def check_sensors(sensors: SensorOptions | ElasticSensors, size: int) -> None:
+def check_sensors(sensors: SensorOptions, size: int) -> None:
     """Refuse numbers out of range, or not as many as the `size` joints."""
     mistakes = []
     for name, value in asdict(sensors).items():
@@ -98,20 +83,16 @@ def get_encoder_turns(robot: Robot) -> FloatArray:
     return np.array([1.0 if joint.kind is JointKind.PRISMATIC else 2.0 * np.pi for joint in robot.axes])
 
 
-def add_torque_noise(
-    torque: FloatArray, sensors: SensorOptions | ElasticSensors, rng: np.random.Generator
-) -> FloatArray:
+def add_torque_noise(torque: FloatArray, sensors: SensorOptions, rng: np.random.Generator) -> FloatArray:
     """Return `torque` (N, n) with white noise; absolute and relative noise are independent sources."""
-    deviation = np.array(sensors.torque_noise)
-    if isinstance(sensors, ElasticSensors):
-        rms = np.sqrt((torque**2).mean(axis=0))
-        deviation = np.hypot(deviation, np.array(sensors.relative_noise) * rms)
+    relative = np.array(sensors.relative_noise) * np.sqrt((torque**2).mean(axis=0))
+    deviation = np.hypot(np.array(sensors.torque_noise), relative)
     noisy: FloatArray = torque + deviation * rng.normal(size=torque.shape)
     return noisy
 
 
-BANDWIDTH, PERIOD = 12.0, 1e-3
-"""Hz and s, of control where nobody states them."""
+BANDWIDTH, PERIOD, _VELOCITY_FILTER = 12.0, 1e-3, 150.0
+"""Hz, s and Hz, of control where nobody states them."""
 _RUNAWAY = 1e4
 """Rad or m: largest position of a joint without limits."""
 _FAR = 10.0
@@ -131,7 +112,6 @@ def build_times(
     *,
     duration: float | None,
     period: float,
-    substeps: int = 1,
     gains: Mapping[str, tuple[float, ...] | None],
 ) -> FloatArray:
     """Return the control ticks (N,) in s, or raise a UsageError with all sizes and times that do not fit."""
@@ -146,20 +126,25 @@ def build_times(
             problems.append(f"{name}: {len(values)} numbers for {size} joints")
     duration = trajectory.duration if duration is None else duration
     finite = np.isfinite(duration) and np.isfinite(period)
-    if not (finite and period > 0.0 and substeps >= 1 and duration >= 2.0 * period):
+    if not (finite and period > 0.0 and duration >= 2.0 * period):
         problems.append(
-            f"duration {duration:g} s, period {period:g} s, substeps {substeps}: "
-            "the period must be positive, with one substep and two periods at least"
+            f"duration {duration:g} s, period {period:g} s: the period must be positive, with two periods at "
+            "least"
         )
     if problems:
         raise UsageError(*(Notice(code="usage.experiment", text=text) for text in problems))
     return freeze(np.arange(round(duration / period) + 1) * period)
 
 
-def compute_effective_inertia(mass: FloatArray) -> FloatArray:
-    """Return the mean of 1 / (M^-1)_jj (n,) over M (K, n, n): what a joint feels, others free."""
-    inertia: FloatArray = np.mean(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2), axis=0)
-    return inertia
+def compute_inertias(robot: Robot, mass: FloatArray) -> FloatArray:
+    """Return 1 / (M^-1)_jj (K, n) over M (K, n, n): what a joint feels, others free; refuse a singular M."""
+    if not np.all(np.linalg.eigvalsh(mass) > 0.0):
+        text = (
+            f"robot {robot.name!r} cannot be simulated: its mass matrix is singular, a joint moves without "
+            "inertia; give every moved link a mass with an inertia, or its drive a rotor_inertia"
+        )
+        raise SolverError(Notice(code="simulate.massless", text=text))
+    return np.asarray(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2))
 
 
 def get_limits(robot: Robot, name: str) -> FloatArray:
@@ -244,15 +229,6 @@ def check_following(
         raise SolverError(*notices)
 
 
-def describe_massless(robot: Robot) -> Notice:
-    """Return the notice on a robot whose mass matrix is singular."""
-    text = (
-        f"robot {robot.name!r} cannot be simulated: its mass matrix is singular, a joint moves without "
-        "inertia; give every moved link a mass with an inertia, or its drive a rotor_inertia"
-    )
-    return Notice(code="simulate.massless", text=text)
-
-
 def describe_runaway(
     robot: Robot, gone: NDArray[np.bool_], tick: int, period: float, bandwidth: float | None
 ) -> Notice:
@@ -281,10 +257,9 @@ class ExperimentOptions:
 
     Args:
         duration: None for the trajectory's own.
-        period: of control and log; substeps: of the plant in a period.
+        period: of control and log.
         bandwidth: of gains with critical damping at the joint's effective inertia; None for 12 Hz, or less
             where the sampled loops would not be stable.
-        velocity_filter: cut-off of the measured velocity.
         stiffness, damping: Kp, Kd of each joint in place of gains by bandwidth.
         sensors: what controller and log read.
         controller: its gains, where neither they nor a bandwidth are given, and its filter; a constant torque
@@ -293,9 +268,7 @@ class ExperimentOptions:
 
     duration: float | None = None
     period: float = PERIOD
-    substeps: int = 1
     bandwidth: float | None = None
-    velocity_filter: float = 150.0
     stiffness: tuple[float, ...] | None = None
     damping: tuple[float, ...] | None = None
     sensors: SensorOptions = field(default_factory=SensorOptions)
@@ -366,7 +339,6 @@ def simulate_experiment(
         trajectory,
         duration=options.duration,
         period=options.period,
-        substeps=options.substeps,
         gains={
             "stiffness": options.stiffness or known.stiffness,
             "damping": options.damping or known.damping,
@@ -388,7 +360,7 @@ def simulate_experiment(
         step=encoder,
         reach=compute_reach(robot, desired),
         period=options.period,
-        substeps=options.substeps,
+        substeps=1,
         blend=_compute_blend(law, options.period),
         sensed=law.velocity_source == "sensor",
         q=desired[0],
@@ -396,76 +368,49 @@ def simulate_experiment(
         measured=quantise(desired[0], encoder),
         velocity=np.zeros(plant.size),
     )
-    move = partial(_run_plant, robot, library, plant, law=law, bandwidth=bandwidth)
-    try:
-        run = move(order)
-    except SolverError as error:
-        if plant.is_checked or error.notices[0].code not in _OF_STEPS:
-            raise
-        # Steps as long as their error allows.
-        run = move(replace(order, controlled=True))
-    check_friction_at_speeds(plant.friction, library.card.joints, run.dq)
+    while True:
+        ran = simulate_rigid_plant(library, plant, order)
+        log = ran.log
+        if log.end == "away":
+            far = np.abs(log.q[-1] - desired[len(log.q) - 1])
+            gone = ~((far < order.reach) & np.isfinite(log.dq[-1]))
+            raise SolverError(describe_runaway(robot, gone, len(log.q) - 1, order.period, bandwidth))
+        kinetic, potential = (
+            part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, plant.beta)
+        )
+        stored = np.zeros(len(log.q))
+        if plant.bristles is not None:
+            stored = plant.bristles.compute_energy(log.z)
+        try:
+            check_balance(kinetic, potential, log.work, log.lost + stored)
+        except SolverError:
+            if order.controlled or plant.is_checked:
+                raise
+            # Steps as long as their error allows.
+            order = replace(order, controlled=True)
+        else:
+            break
+    check_friction_at_speeds(plant.friction, library.card.joints, log.dq)
+    torque = np.concatenate([log.torque[:-1], log.torque[-2:-1]])
     poses = desired[np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(np.int64)]
     weight = np.abs([plant.compute_weight(pose) for pose in poses]).max(axis=0)
-    check_following(robot, run.q, desired, run.torque, weight)
+    check_following(robot, log.q, desired, torque, weight)
     # The mean of the torques before and after each tick; nothing was held before the first.
-    logged = run.torque.copy()
-    logged[1:] = 0.5 * (run.torque[1:] + run.torque[:-1])
-    recording = replace(
-        run.recording,
-        time=times,
-        position=quantise(run.q, encoder),
-        torque=add_torque_noise(logged, options.sensors, rng),
-        reference=desired,
-        reference_velocity=speeds,
-        source=f"simulated: {robot.name}, {trajectory.source}",
-        notices=(*notices, *run.recording.notices),
-    )
-    return replace(run, recording=recording, desired=desired)
-
-
-_OF_STEPS = ("simulate.energy", "simulate.not-finite")
-"""Codes of what shorter steps may mend."""
-
-
-def _compute_blend(law: Controller, period: float) -> float:
-    cutoff = law.velocity_filter
-    return 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * period))
-
-
-def _run_plant(
-    robot: Robot,
-    library: Library,
-    plant: RigidPlant,
-    order: RigidExperiment,
-    *,
-    law: Controller,
-    bandwidth: float | None,
-) -> SimulationRun:
-    """Return the run, without sensors; a SolverError where it is out of control or its balance is open."""
-    ran: RigidPlantRun = simulate_rigid_plant(library, plant, order)
-    log = ran.log
-    if log.end == "away":
-        gone = ~((np.abs(log.q[-1] - order.position[len(log.q) - 1]) < order.reach) & np.isfinite(log.dq[-1]))
-        raise SolverError(describe_runaway(robot, gone, len(log.q) - 1, order.period, bandwidth))
-    kinetic, potential = (part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, plant.beta))
-    stored = np.zeros(len(log.q))
-    if plant.bristles is not None:
-        stored = plant.bristles.compute_energy(log.z)
-    check_balance(kinetic, potential, log.work, log.lost + stored)
-    torque = np.concatenate([log.torque[:-1], log.torque[-2:-1]])
-    saturation = describe_saturation(robot, torque, order.limit)
+    logged = torque.copy()
+    logged[1:] = 0.5 * (torque[1:] + torque[:-1])
     return SimulationRun(
-        # What its sensors read follows.
         recording=Recording(
-            time=freeze(np.arange(len(log.q)) * order.period),
-            position=log.q,
-            torque=torque,
-            notices=(*ran.notices, *saturation),
+            time=times,
+            position=quantise(log.q, encoder),
+            torque=add_torque_noise(logged, options.sensors, rng),
+            reference=desired,
+            reference_velocity=speeds,
+            source=f"simulated: {robot.name}, {trajectory.source}",
+            notices=(*notices, *ran.notices, *describe_saturation(robot, torque, order.limit)),
         ),
         q=log.q,
         dq=log.dq,
-        desired=order.position,
+        desired=desired,
         torque=torque,
         kinetic=kinetic,
         potential=potential,
@@ -476,6 +421,11 @@ def _run_plant(
         controller=law,
         backend=ran.backend,
     )
+
+
+def _compute_blend(law: Controller, period: float) -> float:
+    cutoff = law.velocity_filter
+    return 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * period))
 
 
 _MARGIN = 1.25
@@ -489,30 +439,21 @@ def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: flo
     Linear, exact between ticks: M dv/dt = tau - D v, with D the viscous friction and tau held. The states are
     q, v, the filtered velocity and the position of the tick before.
     """
-    blend, one, none = _compute_blend(law, period), np.eye(plant.size), np.zeros((plant.size, plant.size))
-    viscous = plant.friction.viscous[1:].min(axis=0)
-    raw = np.hstack([none, one, none, none])
-    if law.velocity_source != "sensor":
-        raw = np.hstack([one, none, none, -one]) / period
-    filtered = blend * raw + (1.0 - blend) * np.hstack([none, none, one, none])
-    pull = np.hstack([np.diag(law.stiffness), none, none, none]) + np.diag(law.damping) @ filtered
-    for inertia in mass:
-        # v = P y, in which friction acts on each y alone: dy/dt = P' tau - rate y.
-        root, turn = np.linalg.eigh(inertia)
-        half = turn / np.sqrt(root)
-        rate, turn = np.linalg.eigh(half.T @ (viscous[:, None] * half))
-        axes = half @ turn
-        back = np.linalg.inv(axes)
-        first, second, _ = compute_phi(-period * rate)
-        gain = -_MARGIN * axes.T @ pull
-        position = axes @ (period * first[:, None] * np.hstack([none, back, none, none]))
-        position += axes @ (period**2 * second[:, None] * gain) + np.hstack([one, none, none, none])
-        speed = axes @ (np.exp(-period * rate)[:, None] * np.hstack([none, back, none, none]))
-        speed += axes @ (period * first[:, None] * gain)
-        step = np.vstack([position, speed, filtered, np.hstack([one, none, none, none])])
-        if not np.abs(np.linalg.eigvals(step)).max() < 1.0:
-            return False
-    return True
+    blend, size, inverse = _compute_blend(law, period), plant.size, np.linalg.inv(mass)
+    position, velocity, known, before = np.split(np.eye(4 * size), 4)
+    raw = velocity if law.velocity_source == "sensor" else (position - before) / period
+    filtered = blend * raw + (1.0 - blend) * known
+    pull = np.diag(law.stiffness) @ position + np.diag(law.damping) @ filtered
+    # The flow of q, v and a torque that holds.
+    flow = np.zeros((len(mass), 3 * size, 3 * size))
+    flow[:, :size, size : 2 * size] = np.eye(size)
+    flow[:, size : 2 * size, size : 2 * size] = -inverse * plant.friction.viscous[1:].min(axis=0)
+    flow[:, size : 2 * size, 2 * size :] = inverse
+    after = scipy.linalg.expm(period * flow)[:, : 2 * size]
+    free, pulled = np.split(after, [2 * size], axis=2)
+    moved = free @ np.eye(2 * size, 4 * size) - _MARGIN * pulled @ pull
+    rest = np.broadcast_to(np.vstack([filtered, position]), (len(mass), 2 * size, 4 * size))
+    return bool(np.abs(np.linalg.eigvals(np.concatenate([moved, rest], axis=1))).max() < 1.0)
 
 
 def _complete_controller(
@@ -525,15 +466,8 @@ def _complete_controller(
     """
     poses = desired[np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(np.int64)]
     (mass,) = library.evaluate("mass_matrix", poses, plant.beta)
-    try:
-        inertias: FloatArray = 1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2)
-    except np.linalg.LinAlgError as error:
-        raise SolverError(describe_massless(robot)) from error
-    if not (np.all(np.isfinite(inertias)) and np.all(np.linalg.eigvalsh(mass) > 0.0)):
-        raise SolverError(describe_massless(robot))
-    given = options.controller or Controller(
-        stiffness=(), damping=(), velocity_filter=options.velocity_filter
-    )
+    inertias = compute_inertias(robot, mass)
+    given = options.controller or Controller(stiffness=(), damping=(), velocity_filter=_VELOCITY_FILTER)
     weight = tuple(plant.compute_weight(desired[0]).tolist())
     law = replace(given, offset=weight if given.offset is None else given.offset, torque="average")
 
@@ -562,7 +496,7 @@ def _complete_controller(
             return first, BANDWIDTH, ()
         found = build(bandwidth, lowest, viscous)
     stable = options.bandwidth is None or _is_stable(plant, mass, found, options.period)
-    lowest, asked = inertias.min(axis=0), options.bandwidth or BANDWIDTH
+    asked = options.bandwidth or BANDWIDTH
     joint = int(np.argmax(inertias.max(axis=0) / lowest))
     (before, after), name = ([law.stiffness[joint] for law in (first, found)], robot.axes[joint].name)
     change = (

@@ -38,9 +38,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import final
+from typing import Generic, TypeVar, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
@@ -89,8 +90,8 @@ class FrictionLines(FrozenArrays):
         viscous: (3, n) N m s/rad or N s/m. level: (3, n) N m or N; the first row of both is zero.
         curved: (n,) which coordinates have a curve.
         varying: (n,) which depend on position or load; they are curved, and their level is zero here.
-        curve: friction (n,) at velocities, positions and loads, (n,) each; None where no coordinate is
-            curved. table: the same of many samples, (N, n).
+        curve: friction at velocities, positions and loads, all (n,) or all (N, n); None where no coordinate
+            is curved.
     """
 
     viscous: FloatArray
@@ -98,65 +99,38 @@ class FrictionLines(FrozenArrays):
     curved: NDArray[np.bool_]
     varying: NDArray[np.bool_]
     curve: FrictionCurve | None = None
-    table: FrictionCurve | None = None
 
     def compute_drag(
-        self,
-        modes: Sequence[int],
-        dq: FloatArray,
-        q: FloatArray | None = None,
-        torque: FloatArray | None = None,
+        self, modes: Sequence[int], dq: FloatArray, q: FloatArray, torque: FloatArray
     ) -> FloatArray:
-        """Return what sliding adds to the level of each mode, (n,) N m or N; zero at standstill.
-
-        `q`, `torque` (n,) of the drives are read where friction varies.
-        """
+        """Return what sliding adds to the level of each mode, (n,) N m or N; zero at standstill."""
         rows, columns = np.array(modes), np.arange(len(modes))
         drag: FloatArray = self.viscous[rows, columns] * dq
         if self.curve is None:
             return drag
         level, speeds = self.level[rows, columns], rows * np.abs(dq)
-        if q is None or torque is None or not self.varying.any():
+        if not self.varying.any():
             ahead, base = self.curve(speeds, level, level), level
         else:
-            start = self._solve_load(rows * _STANDSTILL, q, torque)
-            ahead = self._solve_load(np.where(dq == 0.0, rows * _STANDSTILL, speeds), q, torque)
+            # Where torques less friction are the loads.
+            at = np.array([rows * _STANDSTILL, np.where(dq == 0.0, rows * _STANDSTILL, speeds)])
+            given, zero = np.broadcast_to(q, at.shape), np.zeros(at.shape)
+            free = self.curve(at, given, zero)
+            share, rest = self.curve(at, given, zero + 1.0) - free, torque - free
+            start, ahead = torque - rest / (1.0 + share * np.sign(rest))
             base = np.where(self.varying, start, level)
         side = np.where(rows * dq >= 0.0, 1.0, -1.0)
         moving = self.curved & (rows != 0) & (dq != 0.0)
         drag = np.where(moving, side * (ahead - base), drag)
         return np.where(self.varying & (rows != 0), base + drag, drag)
 
-    def _solve_load(self, speeds: FloatArray, q: FloatArray, torque: FloatArray) -> FloatArray:
-        """Return friction (n,) at speeds other than zero, where torques less friction are the loads."""
-        if self.curve is None:
-            return np.zeros(len(speeds))
-        free = self.curve(speeds, q, np.zeros(len(speeds)))
-        share = self.curve(speeds, q, np.ones(len(speeds))) - free
-        rest = torque - free
-        return np.asarray(torque - rest / (1.0 + share * np.sign(rest)))
-
-    def leave_out(self, joints: NDArray[np.bool_]) -> "FrictionLines":
-        """Return the lines without friction at `joints` (n,)."""
-        curved = self.curved & ~joints
-        return FrictionLines(
-            viscous=self.viscous * ~joints,
-            level=self.level * ~joints,
-            curved=curved,
-            varying=self.varying & ~joints,
-            curve=self.curve if curved.any() else None,
-        )
-
     def compute_band(self, q: FloatArray, load: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the largest and the least friction (n,) of joints held at `q` (n,) under loads (n,)."""
         _, upper, lower = self.level
         if self.curve is None or not self.varying.any():
             return upper, lower
-        ends = (self.curve(np.full(len(q), side * _STANDSTILL), q, load) for side in (1.0, -1.0))
-        above, below = (
-            np.where(self.varying, end, own) for end, own in zip(ends, (upper, lower), strict=True)
-        )
-        return above, below
+        above, below = (self.curve(np.full(len(q), side * _STANDSTILL), q, load) for side in (1.0, -1.0))
+        return np.where(self.varying, above, upper), np.where(self.varying, below, lower)
 
 
 def get_parameter_values(parameters: tuple[ParameterCard, ...], robot: str) -> FloatArray:
@@ -171,21 +145,21 @@ def get_parameter_values(parameters: tuple[ParameterCard, ...], robot: str) -> F
     return np.array([parameter.value for parameter in parameters], dtype=np.float64)
 
 
+def gather_inputs(
+    card: ModelCard, dq: FloatArray, q: FloatArray | None = None, load: FloatArray | None = None
+) -> tuple[FloatArray, ...]:
+    """Return the inputs of friction functions at dq (..., n), warm; None: at position zero, without load."""
+    zero = np.zeros_like(dq)
+    q, load = zero if q is None else q, zero if load is None else load
+    return card.gather_friction_inputs(dq, q=q, load=load, temperature=zero + REFERENCE_TEMPERATURE)
+
+
 def _compute_columns(library: Library, values: FloatArray, speeds: Sequence[float]) -> FloatArray:
     """Return torque (n moved, speeds, n felt, p) of each parameter, one coordinate moved at a time."""
     size = library.card.size
     dq = np.einsum("k,ij->ikj", np.array(speeds), np.eye(size)).reshape(-1, size)
-    columns = _evaluate_regressor(library, dq)
+    (columns,) = library.evaluate("friction_regressor", *gather_inputs(library.card, dq))
     return columns.reshape(size, len(speeds), size, -1) * values
-
-
-def _evaluate_regressor(library: Library, dq: FloatArray) -> FloatArray:
-    """Return the friction regressor (N, n, p) at dq (N, n), without load, at zero position."""
-    zero = np.zeros_like(dq)
-    inputs = library.card.gather_friction_inputs(
-        dq, q=zero, load=zero, temperature=zero + REFERENCE_TEMPERATURE
-    )
-    return library.evaluate("friction_regressor", *inputs)[0]
 
 
 def _refuse_shared(card: ModelCard, columns: FloatArray, rest: FloatArray, start: FloatArray | None) -> None:
@@ -223,55 +197,51 @@ def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> 
     """
     card = library.card
     viscous, level = np.zeros((3, card.size)), np.zeros((3, card.size))
+    curved = varying = np.zeros(card.size, dtype=bool)
     if not card.friction:
-        none = np.zeros(card.size, dtype=bool)
-        return FrictionLines(viscous=viscous, level=level, curved=none, varying=none)
+        return FrictionLines(viscous=viscous, level=level, curved=curved, varying=varying)
     values = get_parameter_values(card.friction, card.robot)
-    columns = _compute_columns(library, values, _SPEEDS)
-    rest = _evaluate_regressor(library, np.zeros((1, card.size)))
-    _refuse_shared(card, columns, rest[0] * values, None)
+    columns = _compute_columns(library, values, (*_SPEEDS, 0.0))
+    columns, rest = columns[:, :-1], columns[0, -1]
+    _refuse_shared(card, columns, rest, None)
     own = np.arange(card.size)
     at = columns[own, :, own]
     # Parameter by parameter: one and two times a column are exact, sums of parameters need not be.
     for row, near, far, step in ((1, 0, 1, 1.0), (2, 2, 3, -1.0)):
         viscous[row] = step * (at[:, far] - at[:, near]).sum(axis=1)
         level[row] = (2.0 * at[:, near] - at[:, far]).sum(axis=1)
+    curve: FrictionCurve | None = None
     curved = _list_curved(library)
-    if not curved.any():
-        _check_signs(card, viscous, level)
-        return FrictionLines(viscous=viscous, level=level, curved=curved, varying=np.zeros_like(curved))
-    start = _compute_columns(library, values, (_STANDSTILL, -_STANDSTILL))
-    _refuse_shared(card, columns, rest[0] * values, start)
-    viscous[:, curved] = 0.0
-    for row, place in ((1, 0), (2, 1)):
-        level[row, curved] = start[own, place, own].sum(axis=1)[curved]
-    _check_signs(card, viscous * ~curved, level * ~curved)
-    varying = _list_coordinates(card, lambda law: bool({"position", "load"} & set(law.inputs)))
+    if curved.any():
+        start = _compute_columns(library, values, (_STANDSTILL, -_STANDSTILL))
+        _refuse_shared(card, columns, rest, start)
+        varying = _list_coordinates(card, lambda law: bool({"position", "load"} & set(law.inputs)))
+        friction = library.bind("friction")
+        viscous[:, curved] = 0.0
+        level[1:, curved] = start[own, :, own].sum(axis=2).T[:, curved]
+
+        def compute_curve(dq: FloatArray, q: FloatArray, load: FloatArray) -> FloatArray:
+            inputs = (*gather_inputs(card, dq, q, load), values)
+            return friction(*inputs)[0].copy() if dq.ndim == 1 else library.evaluate("friction", *inputs)[0]
+
+        curve = compute_curve
+    slack = _ROUNDING * max(float(np.abs(part * ~curved).max()) for part in (viscous, level))
+    pushes = ~curved & ((level[1] < level[2] - slack) | np.any(viscous < -slack, axis=0))
+    notices = [
+        Notice(
+            code="usage.negative-friction",
+            text=f"joint {joint.name!r}: friction must oppose motion; its values must not be negative",
+        )
+        for joint, found in zip(card.joints, pushes.tolist(), strict=True)
+        if found
+    ]
+    if notices:
+        raise UsageError(*notices)
     level[:, varying] = 0.0
-    curve, table = _bind_curve(library, values)
-    lines = FrictionLines(
-        viscous=viscous, level=level, curved=curved, varying=varying, curve=curve, table=table
-    )
+    lines = FrictionLines(viscous=viscous, level=level, curved=curved, varying=varying, curve=curve)
     fastest = np.full((1, card.size), np.inf) if speeds is None else speeds[None]
     check_friction_at_speeds(lines, card.joints, np.concatenate([fastest, -fastest]))
     return lines
-
-
-def _bind_curve(library: Library, values: FloatArray) -> tuple[FrictionCurve, FrictionCurve]:
-    """Return the friction of a library with values (p,), of dq, q and load: (n,) of one sample, (N, n)."""
-    friction, card = library.bind("friction"), library.card
-    warm = np.full(card.size, REFERENCE_TEMPERATURE)
-
-    def compute(dq: FloatArray, q: FloatArray, load: FloatArray) -> FloatArray:
-        inputs = card.gather_friction_inputs(dq, q=q, load=load, temperature=warm)
-        return friction(*inputs, values)[0].copy()
-
-    def tabulate(dq: FloatArray, q: FloatArray, load: FloatArray) -> FloatArray:
-        everywhere = np.full_like(dq, REFERENCE_TEMPERATURE)
-        inputs = card.gather_friction_inputs(dq, q=q, load=load, temperature=everywhere)
-        return library.evaluate("friction", *inputs, values)[0]
-
-    return compute, tabulate
 
 
 def build_curved_friction(library: Library, speeds: FloatArray) -> FrictionLines | None:
@@ -308,7 +278,7 @@ def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) ->
 
     Over speeds, the least torque ahead and the largest one back, those at standstill first, must not cross.
     """
-    if lines.table is None:
+    if lines.curve is None:
         return None
     size, varies = lines.curved.size, bool(lines.varying[joint])
     angles = 2.0 * math.pi * (np.arange(_POSITIONS if varies else 1) / (0.5 * (1.0 + math.sqrt(5.0))) % 1.0)
@@ -321,7 +291,7 @@ def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) ->
     dq = speeds.reshape(-1, 1) * (np.arange(size) == joint)
     given = np.broadcast_to(states[:, None, :], (2, len(states), len(grid), 2)).reshape(-1, 2)
     position, load = (np.repeat(given[:, k : k + 1], size, axis=1) for k in range(2))
-    torque = lines.table(dq, position, load)[:, joint].reshape(speeds.shape)
+    torque = lines.curve(dq, position, load)[:, joint].reshape(speeds.shape)
     least = np.where(grid <= ahead, torque[0], np.inf)
     largest = np.where(grid <= back, torque[1], -np.inf)
     least = np.minimum.accumulate(np.column_stack([ends[:, 0], least]), axis=1)
@@ -370,27 +340,10 @@ def _list_curved(library: Library) -> NDArray[np.bool_]:
     return felt | varying
 
 
-def _check_signs(card: ModelCard, viscous: FloatArray, level: FloatArray) -> None:
-    slack = _ROUNDING * max(float(np.abs(viscous).max()), float(np.abs(level).max()))
-    pushes = (level[1] < level[2] - slack) | np.any(viscous < -slack, axis=0)
-    notices = [
-        Notice(
-            code="usage.negative-friction",
-            text=f"joint {joint.name!r}: friction must oppose motion; its values must not be negative",
-        )
-        for joint, found in zip(card.joints, pushes.tolist(), strict=True)
-        if found
-    ]
-    if notices:
-        raise UsageError(*notices)
-
-
 Modes = tuple[int, ...]
 Derivative = tuple[FloatArray, FloatArray, float]
 _LONG_WAY = 1e9
 """Rad or m, after which all bristles slip."""
-_SERIES, _NEAR = 10, 0.1
-"""Terms of a power series, and the largest number for which they are used."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -436,7 +389,7 @@ def build_bristles(library: Library, friction: FloatArray | None = None) -> Bris
     values = get_parameter_values(card.friction, card.robot) if friction is None else friction
     bound = library.bind("friction_step")
     still, ways = np.zeros(card.size), np.ones(card.size)
-    given = card.gather_friction_inputs(still, q=still, load=still, temperature=still + REFERENCE_TEMPERATURE)
+    given = gather_inputs(card, still)
 
     def step(dq: FloatArray, way: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         torque, after = bound(dq, way, z, *given[1:], values)
@@ -459,24 +412,6 @@ def build_bristles(library: Library, friction: FloatArray | None = None) -> Bris
     )
 
 
-def compute_phi(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return phi_1 = (e^x - 1) / x, phi_2 = (phi_1 - 1) / x and phi_3 = (phi_2 - 1/2) / x of x (m,)."""
-    near = np.abs(x) < _NEAR
-    apart = np.where(near, 1.0, x)
-    one = np.expm1(apart) / apart
-    two = (one - 1.0) / apart
-    three = (two - 0.5) / apart
-    if near.any():
-        close = np.where(near, x, 0.0)
-        series = np.zeros_like(x)
-        for k in range(_SERIES, -1, -1):
-            series = series * close + 1.0 / math.factorial(k + 3)
-        three = np.where(near, series, three)
-        two = np.where(near, 0.5 + close * series, two)
-        one = np.where(near, 1.0 + close * (0.5 + close * series), one)
-    return one, two, three
-
-
 @final
 class BristleStride:
     """Deflections at the stages of a step of h, one after another, from `state`."""
@@ -487,8 +422,10 @@ class BristleStride:
         self._side = np.array(state.modes, dtype=np.float64)[bristles.owner]
         self._ends = np.abs(bristles.find_ends(state.dq, state.modes))
         self._rate = -self._side * state.dq[bristles.owner] / self._ends
-        half, self._share = compute_phi(0.5 * h * self._rate)[0], compute_phi(h * self._rate)
-        self._half = 0.5 * h * half
+        # phi_1 = (e^x - 1) / x, phi_2 = (phi_1 - 1) / x and phi_3 = (phi_2 - 1/2) / x.
+        x = h * self._rate
+        self._share = [scipy.special.hyp1f1(1.0, k + 1.0, x) / math.factorial(k) for k in (1, 2, 3)]
+        self._half = 0.5 * h * scipy.special.exprel(0.5 * x)
         self._rests = [self._find_rest(state.bristles, state.dq)]
 
     def _find_rest(self, z: FloatArray, dq: FloatArray) -> FloatArray:
@@ -527,7 +464,6 @@ class BristleStride:
 _MOST_EVENTS = 200
 _MOST_TURNS = 400
 """Exchanges of held and sliding joints; a positive definite M takes a few."""
-_ROOT_STEPS = 60
 _ROOT_TOLERANCE = 1e-13
 _LEAST_SHARE = 1e-9
 _SLACK = 1e-9
@@ -587,9 +523,16 @@ class RigidPlant:
         self.beta = get_parameter_values(card.beta, card.robot)
         self.friction: FrictionLines = build_friction_lines(library, speeds)
         self.bristles: Bristles | None = build_bristles(library)
-        self._lines = (
-            self.friction if self.bristles is None else self.friction.leave_out(self.bristles.joints)
-        )
+        self._lines = lines = self.friction
+        if self.bristles is not None:
+            others = ~self.bristles.joints
+            self._lines = FrictionLines(
+                viscous=lines.viscous * others,
+                level=lines.level * others,
+                curved=lines.curved & others,
+                varying=lines.varying & others,
+                curve=lines.curve if np.any(lines.curved & others) else None,
+            )
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._mass: Callable[..., tuple[FloatArray, ...]] = library.bind("mass_matrix")
         self._bias: Callable[..., tuple[FloatArray, ...]] = library.bind("bias")
@@ -645,12 +588,16 @@ class RigidPlant:
                     state, torque, min(left, longest), checked=checked
                 )
                 tries += tried
-                share = 1.0
-                crossed = [
-                    joint for joint, mode in enumerate(state.modes) if float(after.dq[joint]) * mode < 0.0
-                ]
+                share, modes = 1.0, list(state.modes)
+                crossed = np.flatnonzero(after.dq * np.array(modes) < 0.0).tolist()
                 if crossed:
-                    share, after = self._locate(crossed, state, after, torque, taken)
+                    # To where the first joint stops, and the state there, at rest.
+                    stops = [(self._locate_stop(joint, state, torque, taken), joint) for joint in crossed]
+                    share, stopping = min(stops)
+                    after = self._stride(state, torque, share * taken)[0]
+                    dq = after.dq.copy()
+                    dq[stopping], modes[stopping] = 0.0, 0
+                    after = replace(after, dq=dq, modes=tuple(modes), events=after.events + 1)
                 state = after
                 left *= 1.0 - share * (taken / left)
                 if state.events - events > _MOST_EVENTS:
@@ -803,57 +750,22 @@ class RigidPlant:
             modes = [mode or int(bends) for mode, bends in zip(modes, self.bristles.joints, strict=True)]
         return replace(state, modes=tuple(modes))
 
-    def _locate(
-        self,
-        crossed: list[int],
-        before: RigidPlantState,
-        after: RigidPlantState,
-        torque: FloatArray,
-        h: float,
-    ) -> tuple[float, RigidPlantState]:
-        """Return the share of the step at which the first joint stops, and the state there, at rest."""
-        share, stopping = min(
-            (self._locate_stop(joint, before, after, torque, h), joint) for joint in crossed
-        )
-        there = self._stride(before, torque, share * h)[0]
-        dq, modes = there.dq.copy(), list(there.modes)
-        dq[stopping], modes[stopping] = 0.0, 0
-        return share, replace(there, dq=dq, modes=tuple(modes), events=there.events + 1)
-
-    def _locate_stop(
-        self, joint: int, before: RigidPlantState, after: RigidPlantState, torque: FloatArray, h: float
-    ) -> float:
-        """Return the share of the step at which `joint` stops: regula falsi by the Illinois rule."""
+    def _locate_stop(self, joint: int, before: RigidPlantState, torque: FloatArray, h: float) -> float:
+        """Return the share of the step at which `joint` stops."""
         mode = before.modes[joint]
 
         def speed(share: float) -> float:
             return float(self._stride(before, torque, share * h)[0].dq[joint]) * mode
 
-        high, at_high = 1.0, float(after.dq[joint]) * mode
-        low, at_low = 0.0, float(before.dq[joint]) * mode
+        low, high = 0.0, 1.0
         # A joint that has just broken away starts at zero speed: locate where it was sliding.
-        trial = 0.5
-        while at_low <= 0.0 and trial > _LEAST_SHARE:
-            value = speed(trial)
-            if value > 0.0:
-                low, at_low = trial, value
-            else:
-                high, at_high, trial = trial, value, 0.5 * trial
-        if at_low <= 0.0:
-            return high
-        scale, side = max(at_low, -at_high), 0
-        for _ in range(_ROOT_STEPS):
-            share = (low * at_high - high * at_low) / (at_high - at_low)
-            value = speed(share)
-            if abs(value) <= _ROOT_TOLERANCE * scale:
-                break
-            if value > 0.0:
-                low, at_low = share, value
-                at_high, side = (0.5 * at_high if side > 0 else at_high), 1
-            else:
-                high, at_high = share, value
-                at_low, side = (0.5 * at_low if side < 0 else at_low), -1
-        return share
+        if not before.dq[joint] * mode > 0.0:
+            low = 0.5
+            while not speed(low) > 0.0:
+                low, high = 0.5 * low, low
+                if low <= _LEAST_SHARE:
+                    return high
+        return float(scipy.optimize.brentq(speed, low, high, xtol=_ROOT_TOLERANCE))
 
 
 def _describe_failure(end: str, q: FloatArray, duration: float) -> Notice:
@@ -907,18 +819,21 @@ def find_compiled_plant(
     return None, (Notice(code="simulate.slow-plant", text=text),)
 
 
+LogT = TypeVar("LogT")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RigidPlantRun:
+class PlantRun(Generic[LogT]):
     """The motion, and how it was computed."""
 
-    log: RigidLog
+    log: LogT
     backend: str
     notices: tuple[Notice, ...] = ()
 
 
 def simulate_rigid_plant(
     library: Library, plant: RigidPlant, order: RigidExperiment, *, compiler: str | None = None
-) -> RigidPlantRun:
+) -> PlantRun[RigidLog]:
     """Return the motion of a controlled robot; a notice says where it was computed without a compiler.
 
     A robot that fixed steps bring out of control, or to endless stops, is simulated again with steps as long
@@ -944,7 +859,7 @@ def simulate_rigid_plant(
 
 def _run_once(
     library: Library, plant: RigidPlant, order: RigidExperiment, *, compiler: str | None
-) -> RigidPlantRun:
+) -> PlantRun[RigidLog]:
     """Return the motion in steps as `order` has them; errors are those of `simulate_rigid_plant`."""
     cards = library.card.friction
     friction = get_parameter_values(cards, library.card.robot) if cards else np.zeros(0)
@@ -989,4 +904,4 @@ def _run_once(
         raise SolverError(_describe_failure(log.end, log.q[-1], order.period))
     if log.end == "steep":
         raise SolverError(plant.describe_steep(order.period, _COMPILED_STRIDES))
-    return RigidPlantRun(log=log, backend="python" if code is None else "c", notices=notices)
+    return PlantRun(log=log, backend="python" if code is None else "c", notices=notices)

@@ -8,12 +8,7 @@ import symid
 from symid.codegen.cache import prepare_library
 from symid.codegen.compiled_models import PlantExperiment
 from symid.robot.toml_reader import parse_robot
-from symid.simulation.elastic_plant import (
-    build_plant_robot,
-    get_elastic_values,
-    simulate_in_numpy,
-    simulate_plant,
-)
+from symid.simulation.elastic_plant import build_plant_robot, get_elastic_values, simulate_in_numpy
 from tests.simulations import ELASTIC_CALLED
 from tests.state_laws import ARM as PENDULUM, LAWS, find_rate, find_torque, give_values, write_table
 
@@ -101,15 +96,3 @@ def test_an_experiment_balances_and_says_that_it_is_slow(name, tmp_path):
     assert run.energy_gap < 1e-6
     (notice,) = (notice for notice in run.notices if notice.code == "simulate.slow-plant")
     assert "friction has a state: the elastic robot is simulated in NumPy" in notice.text
-
-
-def test_stiffer_bristles_shorten_the_steps_and_are_another_motion():
-    logs = []
-    for stiffness in (2e3, 2e4):
-        robot = parse_robot(ARM.format(friction=write_table("dahl", sigma0=stiffness)))
-        library = prepare_library(robot, names=(*ELASTIC_CALLED, "friction_step"))
-        plant = build_plant_robot(get_elastic_values(robot, library.card))
-        ran = simulate_plant(library, plant, order_run(10, ticks=60))
-        assert ran.backend == "python"
-        logs.append(ran.log.theta)
-    assert np.abs(logs[0] - logs[1]).max() > 1e-5

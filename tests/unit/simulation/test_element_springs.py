@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from symid.codegen.cache import prepare_library
 from symid.codegen.compiled_models import has_addresses, load_plant_code
 from symid.joint_models import (
     BoucWen,
@@ -87,8 +86,8 @@ def test_c_and_numpy_are_equal(elastic_library, values, kind):
     springs = (replace(ELEMENTS[kind], stiffness=300.0), Elasticity(stiffness=90.0, branches=(SOFT,)))
     own = replace(values, elasticity=springs)
     plant, elements = build_plant_robot(own), Elements(springs)
-    rest = compute_rest(plant, np.array([3.0, -1.0]), ("a", "b"), elements)
-    order = order_run(ticks=15, theta=rest.phi, play=rest.play)
+    phi, play = compute_rest(plant, np.array([3.0, -1.0]), ("a", "b"), elements)
+    order = order_run(ticks=15, theta=phi, play=play)
     fast = load_plant_code(elements.springs).run(elastic_library, plant, order)
     slow = simulate_in_numpy(elastic_library, plant, order, elements)
     for name in ("q", "dq", "theta", "dtheta", "spring", "torque", "elastic", "work"):
@@ -114,8 +113,8 @@ def test_the_logged_torque_is_that_of_the_element_along_the_torsion(elastic_libr
 def test_a_spring_at_rest_carries_its_load(values):
     plant, elements = build_plant_robot(values), build_elements(values)
     for load in ([12.0, -3.0], [0.0, 0.0], [-0.5, 0.1]):
-        rest = compute_rest(plant, np.array(load), ("a", "b"), elements)
-        torque = elements.compute(rest.phi, np.zeros(2), 0.0, rest.play)
+        phi, play = compute_rest(plant, np.array(load), ("a", "b"), elements)
+        torque = elements.compute(phi, np.zeros(2), 0.0, play)
         np.testing.assert_allclose(torque, load, rtol=1e-9, atol=1e-9)
     plain = Elasticity(stiffness=3.0, stops=(Stop(threshold=0.1, stiffness=1.0),))
     assert build_elements(replace(values, elasticity=(plain, plain))) is None
@@ -136,12 +135,3 @@ def test_no_slope_is_beyond_the_bound(kind):
     assert slopes.max() <= bound * (1.0 + 1e-3)
     # Of LuGre damping hides the bristles at this speed.
     assert kind == "lugre" or bound < 40.0 * slopes.max()
-
-
-def test_an_arm_from_a_file_has_elements(tmp_path):
-    from symid.robot.toml_reader import read_robot
-    from tests.unit.robot.test_elasticity_branches import write_arm
-
-    robot = read_robot(write_arm(tmp_path, SPRINGS))
-    library = prepare_library(robot)
-    assert build_elements(get_elastic_values(robot, library.card)) is not None
