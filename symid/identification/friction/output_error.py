@@ -216,8 +216,6 @@ GIVEN = 20
 _FEWEST = 2 * GIVEN
 _WORST = 1e3
 """Error in m or rad of a simulation that diverged."""
-AxisStates = tuple[FloatArray, FloatArray, FloatArray]
-"""Position, velocity and acceleration (N,) at the samples of a run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -313,18 +311,6 @@ def compute_window_rmse(
     """Return the root mean square of `compute_output_error`, m or rad; without windows, of the whole run."""
     errors = compute_output_error(model, values, run, windows or [Window(0, len(run.force))])
     return float(np.sqrt(np.mean(np.square(errors))))
-
-
-def fit_force(
-    model: AxisModel, run: AxisRun, states: AxisStates, windows: Sequence[Window], shape: Sequence[float] = ()
-) -> FloatArray:
-    """Return the values with the least error of force on the samples in `windows`, for a law's shape."""
-    rows = np.concatenate([np.arange(window.first, window.last) for window in windows])
-    position, velocity, acceleration = (values[rows] for values in states)
-    inputs = {"velocity": velocity, "position": position, "load": run.force[rows]}
-    inputs["time"] = run.begin + run.period * rows
-    columns = np.column_stack([acceleration, compute_force_columns(model, inputs, shape)])
-    return np.concatenate([solve_scaled(columns, run.force[rows]), np.asarray(shape, dtype=np.float64)])
 
 
 def fit_output_error(
@@ -426,8 +412,12 @@ def fit_whole_run(
     parts = [side for side in sides if side.last > side.first]
     position = low_pass(run.position, period=run.period, cutoff=plan.cutoff, order=4)
     velocity = differentiate(position, run.period)
-    states = position, velocity, differentiate(velocity, run.period)
-    start = fit_force(model, run, states, parts, plan.shape[: len(model.law.shape)])
+    # The values with the least error of force, for a law's shape.
+    rows, shape = np.concatenate([np.arange(*side) for side in parts]), plan.shape[: len(model.law.shape)]
+    inputs = {"velocity": velocity[rows], "position": position[rows], "load": run.force[rows]}
+    inputs["time"] = run.begin + run.period * rows
+    columns = [differentiate(velocity, run.period)[rows], compute_force_columns(model, inputs, shape)]
+    start = np.append(solve_scaled(np.column_stack(columns), run.force[rows]), shape)
     for length in plan.lengths:
         windows = split_windows(parts, length / run.period)
         start = np.array(fit_output_error(model, run, windows, [start]).values)

@@ -1,6 +1,7 @@
 """Motions given by samples, and trajectory files: what is written is read, mistakes are named."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,33 +50,24 @@ def test_polynomials_and_waves_come_back_between_their_samples():
 
 def test_samples_are_exact_held_beyond_still_and_scaled():
     motion = sample([np.polynomial.Polynomial([1.0, 2.0, -3.0, 0.5])])
-    q, dq, ddq = motion.evaluate(TIMES)
-    np.testing.assert_allclose(q, motion.position, atol=1e-14)
-    np.testing.assert_allclose(dq, motion.velocity, atol=1e-13)
-    np.testing.assert_allclose(ddq, motion.acceleration, atol=1e-12)
-    np.testing.assert_array_equal(
-        motion.evaluate(np.array([-1.0, 9.0]))[0], motion.evaluate(TIMES[[0, -1]])[0]
-    )
+    given = (motion.position, motion.velocity, motion.acceleration)
+    for found, wanted in zip(motion.evaluate(TIMES), given, strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-12)
+    beyond, ends = (motion.evaluate(times)[0] for times in (np.array([-1.0, 9.0]), TIMES[[0, -1]]))
+    np.testing.assert_array_equal(beyond, ends)
     still = np.full((6, 2), 1.0 / 3.0)
-    motion = SampledMotion(
-        time=TIMES, position=still, velocity=0 * still, acceleration=0 * still, source="still"
-    )
-    q, dq, ddq = motion.evaluate(np.linspace(0.0, 1.6, 33))
+    rest = replace(motion, position=still, velocity=0 * still, acceleration=0 * still)
+    q, dq, ddq = rest.evaluate(np.linspace(0.0, 1.6, 33))
     assert np.all(q == 1.0 / 3.0)
     assert not dq.any()
     assert not ddq.any()
-    motion = sample([np.polynomial.Polynomial([1.0, 2.0, -3.0])])
-    scaled = scale_samples(motion, 0.5)
-    t = np.linspace(0, 1.6, 20)
+    scaled, t = scale_samples(motion, 0.5), np.linspace(0, 1.6, 20)
     np.testing.assert_allclose(scaled.evaluate(t)[0] - 1.0, 0.5 * (motion.evaluate(t)[0] - 1.0), atol=1e-13)
     assert scaled.source == "here, amplitudes times 0.5"
     assert scale_samples(motion, 1.0) is motion
-
-
-@pytest.mark.parametrize(("duration", "count"), [(0.5, 3), (0.51, 4), (1.6, 6), (0.0, 2)])
-def test_a_part_ends_at_the_next_sample(duration, count):
-    part = truncate_motion(sample([np.polynomial.Polynomial([1.0, 2.0])]), duration)
-    assert len(part.time) == len(part.position) == count
+    # A part ends at the next sample.
+    parts = [truncate_motion(motion, duration) for duration in (0.5, 0.51, 1.6, 0.0)]
+    assert [len(part.time) for part in parts] == [len(part.position) for part in parts] == [3, 4, 6, 2]
 
 
 def write(path, text):

@@ -33,29 +33,6 @@ def random_series(seed, ramp=2.0):
     )
 
 
-def check_derivatives(trajectory):
-    times = np.linspace(0.05, trajectory.duration - 0.05, 173)
-    h = 1e-4
-    (ahead, slope_ahead, _), (behind, slope_behind, _) = (
-        trajectory.evaluate(times + sign * h) for sign in (1, -1)
-    )
-    _, dq, ddq = trajectory.evaluate(times)
-    np.testing.assert_allclose(dq, (ahead - behind) / (2 * h), atol=1e-6 * np.abs(dq).max() + 1e-8)
-    np.testing.assert_allclose(
-        ddq, (slope_ahead - slope_behind) / (2 * h), atol=1e-6 * np.abs(ddq).max() + 1e-8
-    )
-
-
-@given(seed=st.integers(0, 1000), ramp=st.sampled_from([0.0, 0.5, 2.0]))
-def test_derivatives_of_fourier_series(seed, ramp):
-    check_derivatives(random_series(seed, ramp))
-
-
-@pytest.mark.parametrize("trajectory", [build_ta(), build_tb(0), build_tb(1), build_ta(ramp=0.0)])
-def test_derivatives_of_the_papers_trajectories(trajectory):
-    check_derivatives(trajectory)
-
-
 @pytest.mark.parametrize("trajectory", [build_ta(), build_tb(1), random_series(1)])
 def test_every_trajectory_starts_at_its_centre_at_rest(trajectory):
     q, dq, ddq = trajectory.evaluate(np.zeros(1))
@@ -149,7 +126,11 @@ def test_series_repeat_with_their_generator_and_are_scaled_about_their_centre():
     assert scale_trajectory(plain, 1.0) is plain
 
 
-@pytest.mark.parametrize("trajectory", [build_ta(), build_tb(1), build_tc(), random_series(3, ramp=0.5)])
+@pytest.mark.parametrize(
+    "trajectory",
+    [build_ta(), build_ta(ramp=0.0), build_tb(0), build_tb(1), build_tc()]
+    + [random_series(seed, ramp) for seed, ramp in ((3, 0.5), (4, 0.0), (5, 2.0))],
+)
 def test_higher_derivatives_are_those_of_the_lower_ones(trajectory):
     h = 1e-4
     # Away from the ends of the ramp, where the third derivative jumps.
@@ -164,7 +145,7 @@ def test_higher_derivatives_are_those_of_the_lower_ones(trajectory):
         np.testing.assert_allclose(found[order], slope, atol=2e-6 * scale + 1e-7, err_msg=str(order))
 
 
-def test_tc_is_the_sum_that_is_stated_and_its_ramp_is_smooth():
+def test_tc_is_the_sum_that_is_stated():
     t = np.linspace(2.5, 20.0, 50)
     (q,) = build_tc(size=3).evaluate_derivatives(t, 0)
     for joint in range(3):
@@ -173,17 +154,6 @@ def test_tc_is_the_sum_that_is_stated_and_its_ramp_is_smooth():
             for a, f, phase in ((1.0, 0.15, 0.0), (0.5, 0.45, 1.0), (0.25, 0.9, 2.0))
         )
         np.testing.assert_allclose(q[:, joint], wanted, atol=1e-14)
-    assert build_tc().duration == 20.0
-    trajectory = build_tc()
-    for edge in (0.0, trajectory.ramp):
-        before, after = (
-            trajectory.evaluate_derivatives(np.array([edge + side * 1e-9]), 3) for side in (-1, 1)
-        )
-        for order in range(3):
-            if edge:
-                np.testing.assert_allclose(before[order], after[order], atol=1e-6)
-    third = trajectory.evaluate_derivatives(np.array([1e-9]), 3)[3]
-    assert np.abs(third).max() > 0.1
 
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])

@@ -167,14 +167,12 @@ def test_smooth_dry_friction_is_stable_and_tends_to_the_plain_one():
 
 
 @given(
-    speed=st.floats(-0.5, 0.5),
-    values=st.tuples(st.floats(1.0, 200.0), *[st.floats(0.0, 300.0)] * 2, *[st.floats(0.1, 40.0)] * 2),
+    speed=st.floats(-0.5, 0.5), numbers=st.tuples(*[st.floats(0.0, 300.0)] * 2, *[st.floats(0.1, 40.0)] * 2)
 )
-def test_without_force_the_axis_only_slows_down(speed, values):
-    mass, up, down, dry_up, dry_down = values
-    _, found = simulate_axis(
-        ASYMMETRIC, np.array([mass, up, dry_up, down, dry_down]), np.zeros(200), PERIOD, (0.0, speed, 0.0)
-    )
+def test_without_force_the_axis_only_slows_down(speed, numbers):
+    up, down, dry_up, dry_down = numbers
+    values = np.array([50.0, up, dry_up, down, dry_down])
+    _, found = simulate_axis(ASYMMETRIC, values, np.zeros(200), PERIOD, (0.0, speed, 0.0))
     assert np.all(np.diff(np.abs(found)) <= 0.0)
     assert np.all(found * speed >= 0.0)
 

@@ -31,7 +31,7 @@ from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from symid.robot.description import Processing
 from tests.recovery.closed_form import build_two_link
-from tests.refusals import raises
+from tests.refusals import raises, tell
 from tests.unit.identification.friction.cosine_rigs import (
     BETA,
     PLAIN,
@@ -166,24 +166,20 @@ def test_a_law_of_the_load_needs_a_load():
         check_inputs(samples, get_law("load-dependent"))
 
 
-def find_notices(*recordings, **options):
-    return {entry.code: entry.text for entry in identify(*recordings, **options).notices}
-
-
 def test_what_looks_odd_is_told_and_nothing_else():
+    def find(*recordings, **options):
+        return tell(identify(*recordings, **options).notices)
+
     right, law = record(1.0, law="coulomb-viscous-offset"), "coulomb-viscous-offset"
-    plain = find_notices(right, model=law)
-    wrong = replace(right, torque=-right.torque)
-    assert "sign" in find_notices(wrong, model=law)["friction.negative-inertia"]
-    noisy = replace(
-        right, torque=right.torque + 20.0 * np.random.default_rng(0).normal(size=right.torque.shape)
-    )
-    assert "degrees" in find_notices(noisy, model=law)["friction.large-residual"]
-    assert not {"friction.negative-inertia", "friction.large-residual"} & set(plain)
-    assert "fC" in find_notices(*SLOW_AND_FAST, model=law)["friction.pattern"]
-    found = find_notices(*SLOW_AND_FAST, model="stribeck+offset", smoothing=1e-4)
-    assert not {"friction.pattern", "friction.smoothing-unused"} & set(found)
-    found = find_notices(*SLOW_AND_FAST, candidates=("makkar",), smoothing=0.01)
+    rough = right.torque + 20.0 * np.random.default_rng(0).normal(size=right.torque.shape)
+    wrong, noisy = (replace(right, torque=torque) for torque in (-right.torque, rough))
+    assert "sign" in find(wrong, model=law)["friction.negative-inertia"]
+    assert "degrees" in find(noisy, model=law)["friction.large-residual"]
+    assert not {"friction.negative-inertia", "friction.large-residual"} & find(right, model=law).keys()
+    assert "fC" in find(*SLOW_AND_FAST, model=law)["friction.pattern"]
+    found = find(*SLOW_AND_FAST, model="stribeck+offset", smoothing=1e-4)
+    assert not {"friction.pattern", "friction.smoothing-unused"} & found.keys()
+    found = find(*SLOW_AND_FAST, candidates=("makkar",), smoothing=0.01)
     assert "friction.smoothing-unused" in found
     # An inertia that is only uncertain is not blamed on the log.
     estimate = SimpleNamespace(extra=(ParameterEstimate(name="J", value=-0.03, std=0.2, unit="kg m^2"),))
@@ -357,8 +353,7 @@ def test_noise_with_a_memory_makes_no_difference_of_poses(memory, poses):
 
 def test_one_pose_is_no_test_and_recordings_of_one_pose_belong_together():
     recordings = [*build_poses(1.8, 1.8), record(0.3, pose=(0.3, 0.0), seed=7)]
-    logs = prepare_joint_logs(LIBRARY, recordings, RAW)
-    assert [pose.runs for pose in list_poses(logs, 0)] == [(0, 2), (1,)]
-    assert compare(build_poses(1.8)) is None
     moving = replace(recordings[0], position=recordings[0].position[:, [0, 0]])
-    assert list_poses(prepare_joint_logs(LIBRARY, [moving], RAW), 0) == ()
+    for logs, runs in ((recordings, [(0, 2), (1,)]), ([moving], [])):
+        assert [pose.runs for pose in list_poses(prepare_joint_logs(LIBRARY, logs, RAW), 0)] == runs
+    assert compare(build_poses(1.8)) is None
