@@ -15,7 +15,7 @@ robot file.
 """
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +24,7 @@ import numpy as np
 from symid.codegen import Library, ParameterCard, compute_model_signature
 from symid.errors import Notice, UsageError
 from symid.identification.estimators import Estimate, FittedLaw
+from symid.identification.friction import AUTO
 from symid.identification.regression import fill_load, fill_loads, list_coupled_rotors, list_measured_joints
 from symid.identification.rigid import (
     CANDIDATES,
@@ -49,8 +50,6 @@ from symid.logs import Recording
 from symid.notation import join_name
 from symid.robot import Processing, Robot, suggest_names
 
-AUTO = "auto"
-"""In place of a law's name: each joint's law is chosen on held-out torque."""
 _Result = tuple[Estimate, Robot, Library]
 _REPEATS = 4
 _STILL, _SMALL = 1.0, 0.03
@@ -224,7 +223,19 @@ def search_friction(
             left -= 1
             library = prepare(found)
             # The shape values of the joints asked for are fitted, too.
-            searched = tuple(_list_shape_cards(found, names))
+            searched = tuple(
+                ParameterCard(
+                    name=join_name(entry.name, number),
+                    expression=join_name(entry.name, number),
+                    unit={"1": ""}.get(entry.unit, entry.unit_prismatic if joint.prismatic else entry.unit),
+                    reason=f"shape value of the friction law {joint.friction.law}",
+                    joint=joint.name,
+                    value=value,
+                )
+                for number, joint in enumerate(found.joints, start=1)
+                if joint.name in names and joint.friction.law != NO_FRICTION
+                for entry, value in zip(get_law(joint.friction.law).shape, joint.friction.shape, strict=True)
+            )
             library = Library(replace(library.card, searched=searched), library.engine)
             loaded = fill_loads(library, recordings, robot.processing, beta)
             if plan is None:
@@ -322,25 +333,6 @@ def _give_up_worse(
         joints.append(law)
     note = Notice(code="identify.plain-friction", text=text)
     return replace(choice, joints=tuple(joints), notices=(*choice.notices, note)), found
-
-
-def _list_shape_cards(robot: Robot, names: Collection[str]) -> Iterator[ParameterCard]:
-    """Yield the shape values of joints of these names, in the order of the joints."""
-    for number, joint in enumerate(robot.joints, start=1):
-        if joint.name not in names or joint.friction.law == NO_FRICTION:
-            continue
-        law = get_law(joint.friction.law)
-        for entry, value in zip(law.shape, joint.friction.shape, strict=True):
-            name = join_name(entry.name, number)
-            unit = entry.unit_prismatic if joint.prismatic else entry.unit
-            yield ParameterCard(
-                name=name,
-                expression=name,
-                unit="" if unit == "1" else unit,
-                reason=f"shape value of the friction law {law.name}",
-                joint=joint.name,
-                value=value,
-            )
 
 
 def _set_friction(robot: Robot, friction: Mapping[str, FrictionValues]) -> Robot:

@@ -72,7 +72,7 @@ from symid.robot import Processing, Robot, override_robot
 from symid.serialization import HIDDEN, name_key, write_json
 
 AUTO = "auto"
-"""The name under which a law is chosen on held-out data."""
+"""In place of a law's name: it is chosen on held-out data."""
 _NOT_PERIODIC = "log.not-periodic"
 _STRETCHES = 10
 """Of a joint's rows, over which the gain of a load sensor scatters."""

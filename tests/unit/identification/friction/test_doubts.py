@@ -85,12 +85,6 @@ def test_a_column_beside_friction_that_depends_on_it_is_refused():
     assert [entry.name for entry in estimate.extra] == ["J"]
 
 
-def test_static_friction_below_coulomb_friction_is_told_not_forced():
-    estimate = fit("stribeck", (11.0, 8.0, 0.03, 20.0), build_cosines(0.1, 1.0))
-    assert "friction.static-below-coulomb" in find_codes(estimate)
-    assert estimate.get_value("fS") == pytest.approx(8.0, abs=0.3)
-
-
 def test_few_slow_samples_and_what_lies_at_or_beyond_a_bound_are_told():
     fast = np.sign(np.sin(PHASE)) * (0.2 + 0.8 * np.abs(np.sin(3.0 * PHASE)))
     velocity = np.concatenate([fast, np.tile([0.01, -0.02], 5)])
@@ -109,16 +103,13 @@ def test_few_slow_samples_and_what_lies_at_or_beyond_a_bound_are_told():
     assert "friction.outcome" in find_codes(estimate)
 
 
-def draw_without_slow(name, physical, limit=0.1, **given):
-    """Return samples at all speeds, of which the rows slower than `limit` are left out behind R."""
-    velocity = build_cosines(0.15, 1.0)
-    kept = np.flatnonzero(np.abs(velocity) > limit)
-    return draw_samples(get_law(name), physical, velocity, reduce=lambda columns: columns[kept], **given)
-
-
 @pytest.mark.parametrize("name", ["stribeck+offset", "stribeck-exponent+offset", "asymmetric-stribeck"])
 def test_samples_that_are_not_fitted_show_nothing(name):
-    samples = draw_without_slow("stribeck+offset", (11.0, 40.0, 0.04, 20.0, 0.5), noise=0.05)
+    # All speeds, of which the slow rows are left out behind R.
+    velocity = build_cosines(0.15, 1.0)
+    kept = np.flatnonzero(np.abs(velocity) > 0.1)
+    physical, options = (11.0, 40.0, 0.04, 20.0, 0.5), {"noise": 0.05, "reduce": lambda rows: rows[kept]}
+    samples = draw_samples(get_law("stribeck+offset"), physical, velocity, **options)
     estimate = fit_friction(samples, get_law(name))
     refused = dict(estimate.refused)
     bump = {"fS", "fE", "vs", "gamma"}

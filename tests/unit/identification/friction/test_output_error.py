@@ -17,7 +17,6 @@ from symid.identification.friction.output_error import (
     choose_axis_trial,
     compute_output_error,
     compute_window_rmse,
-    estimate_axis_start,
     fit_output_error,
     fit_whole_run,
     simulate_axis,
@@ -67,16 +66,6 @@ def test_known_values_are_found_again(model):
     assert fit.evaluations < 40
 
 
-def test_the_start_of_a_constant_acceleration_is_exact():
-    time = PERIOD * np.arange(100)
-    run = AxisRun(position=0.1 + 0.2 * time - 0.7 * time**2, force=np.zeros(100), period=PERIOD, begin=3.0)
-    position, speed, moment = estimate_axis_start(run, 10)
-    last = time[10 + GIVEN - 1]
-    assert position == pytest.approx(0.1 + 0.2 * last - 0.7 * last**2, rel=1e-12)
-    assert speed == pytest.approx(0.2 - 1.4 * last, rel=1e-9)
-    assert moment == pytest.approx(3.0 + last)
-
-
 def test_the_error_leaves_out_the_given_samples():
     run = build_run(PLAIN)
     windows = split_windows(whole(run), 1000)
@@ -87,15 +76,6 @@ def test_the_error_leaves_out_the_given_samples():
     # A simulation that leaves all bounds stays a number.
     error = compute_output_error(PLAIN, np.array([1e-3, -1e6, 0.0, 0.0]), run, whole(run))
     assert np.all(np.isfinite(error))
-
-
-@pytest.mark.parametrize("samples", [10.0, 333.0, 700.0, 5000.0])
-def test_windows_cover_each_sample_once(samples):
-    given = (Window(first=0, last=1000), Window(first=1500, last=2000))
-    windows = split_windows(given, samples)
-    covered = [k for window in windows for k in range(window.first, window.last)]
-    assert covered == [*range(1000), *range(1500, 2000)]
-    assert min(window.last - window.first for window in windows) >= 2 * GIVEN
 
 
 def test_samples_left_out_do_not_count():
