@@ -55,11 +55,10 @@ _DRIFT = 0.02
 """Scatter of the positions between periods, relative to their range, that is worth a warning."""
 
 
-def fold_recording(recording: Recording, period: float, *, margin: int | None = None) -> Recording:
+def fold_recording(recording: Recording, period: float, *, margin: int) -> Recording:
     """Return the mean over all whole periods (s), with `margin` samples of it repeated on either side.
 
-    The default margin is a whole period. Raises LogError for less than two periods, a period of less than
-    twenty samples, or a wrong period.
+    Raises LogError for less than two periods, a period of less than twenty samples, or a wrong period.
     """
     step = recording.period
     samples = round(period / step)
@@ -86,7 +85,6 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         return found.reshape(periods, samples, -1)
 
     position, torque = cut(recording.position, degree=3), cut(recording.torque, degree=1)
-    margin = samples if margin is None else margin
     places = np.arange(-margin, samples + margin)
     text = f"{periods} periods of {period:g} s were averaged (--period)"
     notices = [Notice(code="log.folded", text=text, file=recording.source)]

@@ -9,9 +9,8 @@ import pytest
 from symid.errors import LogError, OutputError
 from symid.excitation.reference_motion import (
     SampledMotion,
+    build_motion,
     read_trajectory,
-    scale_samples,
-    truncate_motion,
     write_trajectory,
 )
 from symid.excitation.trajectories import build_tc
@@ -61,13 +60,13 @@ def test_samples_are_exact_held_beyond_still_and_scaled():
     assert np.all(q == 1.0 / 3.0)
     assert not dq.any()
     assert not ddq.any()
-    scaled, t = scale_samples(motion, 0.5), np.linspace(0, 1.6, 20)
+    scaled, t = build_motion(None, motion, None, scale=0.5), np.linspace(0, 1.6, 20)
     np.testing.assert_allclose(scaled.evaluate(t)[0] - 1.0, 0.5 * (motion.evaluate(t)[0] - 1.0), atol=1e-13)
     assert scaled.source == "here, amplitudes times 0.5"
-    assert scale_samples(motion, 1.0) is motion
+    assert build_motion(None, motion, None) is motion
     # A part ends at the next sample.
-    parts = [truncate_motion(motion, duration) for duration in (0.5, 0.51, 1.6, 0.0)]
-    assert [len(part.time) for part in parts] == [len(part.position) for part in parts] == [3, 4, 6, 2]
+    parts = [build_motion(None, motion, None, duration=duration) for duration in (0.5, 0.51, 1.6)]
+    assert [len(part.time) for part in parts] == [len(part.position) for part in parts] == [3, 4, 6]
 
 
 def write(path, text):

@@ -13,7 +13,7 @@ from symid.identification.friction.problem import (
     build_problem,
 )
 from symid.identification.friction.searches import (
-    FrictionNlpCost,
+    build_nlp,
     search_by_evolution,
     search_by_nlp,
     search_by_population,
@@ -94,19 +94,20 @@ def build(name, physical):
 )
 def test_derivatives_are_exact(name, physical):
     problem = build(name, physical)
-    cost = FrictionNlpCost(problem, 7.0)
+    smooth, _ = build_nlp(problem, 7.0, *np.zeros((2, 0)))
     x = np.array(physical) * (1.0 + 0.01 * np.arange(len(physical)))
     linear, shape = problem.law.from_physical(list(x))
     objective = float(problem.compute_objectives(np.array([linear]), np.array([shape]))[0])
-    assert cost.compute_value(x) == pytest.approx(objective / 7.0, rel=1e-12)
+    assert smooth.value(x) == pytest.approx(objective / 7.0, rel=1e-12)
+    gradient, hessian = smooth.gradient(x), smooth.hessian(x)
     for place in range(len(x)):
         step = 1e-6 * x[place] * np.eye(len(x))[place]
-        rise = (cost.compute_value(x + step) - cost.compute_value(x - step)) / (2e-6 * x[place])
-        assert cost.compute_gradient(x)[place] == pytest.approx(rise, rel=1e-5, abs=1e-6)
-        turn = (cost.compute_gradient(x + step) - cost.compute_gradient(x - step)) / (2e-6 * x[place])
-        np.testing.assert_allclose(
-            cost.compute_hessian(x)[place], turn, rtol=1e-4, atol=1e-6 * np.abs(cost.compute_hessian(x)).max()
+        rise, turn = (
+            (function(x + step) - function(x - step)) / (2e-6 * x[place])
+            for function in (smooth.value, smooth.gradient)
         )
+        assert gradient[place] == pytest.approx(rise, rel=1e-5, abs=1e-6)
+        np.testing.assert_allclose(hessian[place], turn, rtol=1e-4, atol=1e-6 * np.abs(hessian).max())
 
 
 @pytest.mark.parametrize("draw", [draw_s1, draw_s2])

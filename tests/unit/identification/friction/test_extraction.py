@@ -173,7 +173,7 @@ def test_periods_are_averaged(period):
     angle = 2.0 * np.pi * time[:, None] / period
     noise = 0.1 * np.random.default_rng(3).normal(size=angle.shape)
     log = Recording(time=time, position=np.cos(angle), torque=np.sin(angle) + noise, source="log")
-    folded = fold_recording(log, period)
+    folded = fold_recording(log, period, margin=1000)
     assert len(folded.time) == 3000
     error = folded.torque[1000:2000, 0] - np.sin(2.0 * np.pi * np.arange(1000) / 1000)
     # Between samples, noise is that of a mean of two; that of five periods is averaged.
@@ -203,11 +203,11 @@ def test_a_wrong_period_is_told_or_refused_and_a_short_log_refused():
     half_resting = make_log(np.cos(np.pi * TIME) + 0.03 * TIME, noise)
     drifting = make_log(np.cos(2.0 * TIME) + 0.02 * TIME, torque=np.sin(TIME))
     for recording, period in ((half_resting, 2.0), (drifting, np.pi)):
-        codes = [notice.code for notice in fold_recording(recording, period).notices]
+        codes = [notice.code for notice in fold_recording(recording, period, margin=0).notices]
         assert codes == ["log.folded", "log.not-periodic"]
     for period, code in ((2.5, "log.not-periodic"), (7.0, "log.period"), (0.01, "log.period")):
         with raises(LogError, code, match="one for each log" if period == 2.5 else None):
-            fold_recording(drifting, period)
+            fold_recording(drifting, period, margin=0)
 
 
 # fC, fS, vs, fV, fP, dq0 in N and m/s, and the mass in kg.
