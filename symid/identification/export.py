@@ -261,11 +261,7 @@ def locate_source(robot: Robot) -> Path:
 
 
 def _read_back(text: str, suffix: str, source: Path, made: SourceFile | None = None) -> tuple[Notice, ...]:
-    """Return the notices of reading a new file's text, as `made` was; only robot files and URDF are read.
-
-    Raises:
-        EstimateError: such a file cannot have these values.
-    """
+    """Return the notices of reading a new file's text, as `made` was; an EstimateError for such values."""
     readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_urdf}
     try:
         if made is not None:

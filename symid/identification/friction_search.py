@@ -293,11 +293,7 @@ def _give_up_worse(
     found: _Result,
     plain: _Result,
 ) -> tuple[FrictionChoice, _Result]:
-    """Return choice and fit without the laws that the plain one surpasses in fits of the whole robot.
-
-    Laws are chosen from windows in motion. What counts is what is left of all rows, held out in turn, joint
-    by joint; joints are tried anew until none is worse than with the plain law everywhere.
-    """
+    """Return choice and fit without laws that the plain one surpasses on all rows of the whole robot."""
     if plain[0].evidence is None:
         return choice, found
     usual = {entry.joint: entry.held_out for entry in plain[0].evidence.joints}

@@ -313,13 +313,7 @@ def read_known_values(
 
 
 def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -> dict[str, float]:
-    """Return the base parameters of `robot` by name, with links, rotors and springs of `known`.
-
-    With `partly` those without a value are left out, such as those with rotors that a drawing lacks.
-
-    Raises:
-        EstimateError: the robots differ in more than values, or values are missing; all mistakes at once.
-    """
+    """Return base parameters of `robot` as `known` has them, `partly` without those that have no value."""
     # Gravity and names of robots may differ, and with `partly` one may have rotors that the other has not.
     mistakes = list_frame_differences(known, robot)
     if [joint.name for joint in known.joints] == [joint.name for joint in robot.joints]:

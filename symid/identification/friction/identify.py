@@ -554,10 +554,7 @@ def _refuse(joint: str, reason: str) -> IdentifiabilityError:
 def _build_samples(
     entry: JointFriction, logs: JointLogs, joint: int, beta: FloatArray | None
 ) -> tuple[FrictionSamples, tuple[Notice, ...]]:
-    """Return a joint's samples with the columns of its fit, and where its rigid part holds.
-
-    IdentifiabilityError is raised where a motion needs more of it.
-    """
+    """Return a joint's samples with the columns of its fit; refuse a motion that needs more of them."""
     card, measured = logs.library.card, logs.is_measured(joint)
     rigid = logs.list_rotor_columns(joint, (0,)) if measured else logs.list_rigid_columns(joint, (0,))
     # The names of the columns beside friction, in the order of the fit.

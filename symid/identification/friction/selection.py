@@ -265,10 +265,7 @@ def _try_in_rows(parts: "_Parts", scores: Sequence[_Score], options: FrictionOpt
 def _choose(
     samples: FrictionSamples, scores: Sequence[_Score], options: FrictionOptions
 ) -> tuple[list[_Score], _Score, _Score]:
-    """Return the scores, the best among identifiable laws, and the one taken.
-
-    A law is taken only where its parameters are identifiable in a fit of full effort, too.
-    """
+    """Return the scores, the best among laws identifiable in a fit of full effort, and the one taken."""
     tried, checked = list(scores), set[str]()
     while True:
         whole = [score for score in tried if not score.refused]
