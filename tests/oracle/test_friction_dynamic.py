@@ -3,7 +3,6 @@
 Where a closed form holds in a limit (slow force, stiff bristles), the test goes there and says how near.
 """
 
-import itertools
 import math
 
 import numpy as np
@@ -16,7 +15,6 @@ from symid.joint_models.dynamic_friction import (
     build_held_path,
     compute_bristle_rate,
     compute_bristle_step,
-    compute_dynamic_torque,
     compute_steady_torque,
     get_dynamic_law,
     is_passive,
@@ -221,37 +219,6 @@ def test_any_closed_way_costs_energy(law):
         run = simulate_dynamic_friction(law, values, build_held_path(np.diff(position) * 4000, 1 / 4000))
         work = run.torque * np.diff(position)
         assert work[-4000:].sum() > 0
-
-
-def test_fixed_steps_of_the_law_and_the_adaptive_rig_agree():
-    # Leapfrog with the exact step of the law, halved until it shows its order, against the integrator.
-    mass, values = 1.0, (1e4, 50.0, 1.0, 1.5, 0.01, 2.0, 0.4)
-
-    def force(time):
-        return 1.4 * math.sin(2.0 * time) + 0.8 * math.sin(9.0 * time)
-
-    run = simulate(values, ForceDrive(force=force), duration=2.0, rate=100.0, tolerance=1e-11)
-    gaps = []
-    for parts in (40, 80):
-        step = 0.01 / parts
-        position, velocity, state, gap = 0.0, 0.0, 0.0, 0.0
-        for k, inner in itertools.product(range(200), range(parts)):
-            middle = (k * parts + inner + 0.5) * step
-            state, _ = compute_bristle_step(FLOATS, LUGRE, (velocity, 0.5 * step), state, values)
-            position += 0.5 * step * velocity
-            # Middle of the velocity by two passes: friction depends on it.
-            ahead = velocity
-            for _ in range(4):
-                friction = compute_dynamic_torque(FLOATS, LUGRE, 0.5 * (velocity + ahead), state, values)
-                ahead = velocity + step * (force(middle) - friction) / mass
-            velocity = ahead
-            state, _ = compute_bristle_step(FLOATS, LUGRE, (velocity, 0.5 * step), state, values)
-            position += 0.5 * step * velocity
-            if inner == parts - 1:
-                gap = max(gap, abs(position - run.position[k + 1]))
-        gaps.append(gap / np.abs(run.position).max())
-    assert gaps[1] < 1e-4
-    assert gaps[1] < 0.35 * gaps[0]
 
 
 @pytest.mark.parametrize(
