@@ -241,10 +241,8 @@ def _identify_rigid(
                 echo=echo,
             )
 
-        iterated = "load" in library.card.friction_inputs and not all(list_measured_joints(recordings))
-        processing = rigid.processing
         # Loads that friction reads, and that were not measured, follow from the estimate.
-        estimate = identify_loaded(library, recordings, processing, fit) if iterated else fit(recordings)
+        estimate = identify_loaded(library, recordings, rigid.processing, fit)
     motion = outline_motion(library, recordings, rigid.processing)
     estimate = replace(estimate, motion=motion, drawn=robot.made_from is not None)
     if motor_side:

@@ -388,7 +388,7 @@ def build_nlp(
     torque = casadi.dot(values[:count], casadi.vertcat(*columns))
     hessian, gradient = casadi.hessian(torque, x)
     upper = np.triu_indices(size)
-    bends = casadi.vertcat(*(hessian[i, j] for i, j in zip(*upper, strict=True)))
+    bends = casadi.vertcat(*(hessian[i, j] for i, j in zip(*(part.tolist() for part in upper), strict=True)))
     # x (n), inputs (i, N) -> torque (1, N), gradient (n, N), upper triangle of the Hessian.
     function = casadi.Function("torque", [x, inputs], [torque, gradient, bends])
     given = np.vstack([problem.samples.inputs[name] for name in law.inputs])
