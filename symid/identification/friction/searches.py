@@ -374,12 +374,8 @@ def build_nlp(
     """Return f over the physical parameters between bounds (n,), and a counter of the points evaluated."""
     import casadi
 
-    law, size, count, calls = (
-        problem.law,
-        len(problem.law.physical),
-        len(problem.law.linear),
-        itertools.count(),
-    )
+    law, calls = problem.law, itertools.count()
+    size, count = len(law.physical), len(law.linear)
     x, inputs = casadi.SX.sym("x", size), casadi.SX.sym("inputs", len(law.inputs))
     values = casadi.mtimes(casadi.DM(np.array(law.unmixing, dtype=np.float64)), x)
     named = {name: inputs[place] for place, name in enumerate(law.inputs)}
