@@ -123,8 +123,8 @@ def test_the_map_shows_friction_against_velocity():
     rows = samples.build_rows()
     known = 1.1 * rows.velocity + 1.8 * np.sign(rows.velocity) + 0.25
     other = np.linalg.lstsq(rows.extra, rows.torque - known, rcond=None)[0]
-    found = compute_velocity_map(samples, other, intervals=12)
-    assert len(found.velocity) == 24
+    found = compute_velocity_map(samples, other)
+    assert len(found.velocity) == 40
     assert np.all(np.diff(found.velocity) > 0.0)
     assert found.count.sum() == np.sum(rows.velocity != 0.0)
     expected = 1.1 * found.velocity + 1.8 * np.sign(found.velocity) + 0.25
