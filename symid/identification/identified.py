@@ -98,8 +98,14 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
             effect.kind if effect.joint < 0 else f"{effect.kind} of {estimate.residual[effect.joint].joint!r}"
             for effect in estimate.effects
         )
+        # The robot file's own springs are written in place of those that are refused.
+        told = [
+            ("export.spring", f"the identified spring of {entry.joint!r} is not written: {entry.reason}")
+            for entry in estimate.springs
+            if not entry.identifiable
+        ]
         text = f"the robot has no place for what was taken off before the fit: {named}; its torques lack them"
-        effects = (Notice(code="export.effects", text=text, file=str(source)),) if named else ()
+        told += [("export.effects", text)] if named else []
         places = [k for k, entry in enumerate(estimate.parameters) if entry in values]
         return Identified(
             robot=described,
@@ -113,19 +119,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
                 *(entry for entry in rotors if entry in refused),
                 *(f"the spring of {joint!r}" for joint in lacking),
             ),
-            # The robot file's own springs are written in place of those that are refused.
-            notices=(
-                *(
-                    Notice(
-                        code="export.spring",
-                        text=f"the identified spring of {entry.joint!r} is not written: {entry.reason}",
-                        file=str(source),
-                    )
-                    for entry in estimate.springs
-                    if not entry.identifiable
-                ),
-                *effects,
-            ),
+            notices=tuple(Notice(code=code, text=text, file=str(source)) for code, text in told),
             covariance=tuple(
                 tuple(estimate.covariance[i][j] for j in places) for i in places if estimate.covariance
             ),

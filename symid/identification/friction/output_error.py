@@ -251,12 +251,11 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputErrorFit:
-    """Values of the model's `parameters`; RMS error, m or rad; simulations of all windows from all starts."""
+    """Values of the model's `parameters`; RMS error, m or rad; simulations from all starts."""
 
     names: tuple[str, ...]
     values: tuple[float, ...]
     rmse: float
-    windows: int
     evaluations: int
     converged: bool
 
@@ -305,11 +304,9 @@ def compute_output_error(
     return np.asarray(np.clip(np.nan_to_num(np.concatenate(parts), nan=_WORST), -_WORST, _WORST))
 
 
-def compute_window_rmse(
-    model: AxisModel, values: FloatArray, run: AxisRun, windows: Sequence[Window] = ()
-) -> float:
-    """Return the root mean square of `compute_output_error`, m or rad; without windows, of the whole run."""
-    errors = compute_output_error(model, values, run, windows or [Window(0, len(run.force))])
+def compute_window_rmse(model: AxisModel, values: FloatArray, run: AxisRun) -> float:
+    """Return the root mean square of `compute_output_error` of the whole run, m or rad."""
+    errors = compute_output_error(model, values, run, [Window(0, len(run.force))])
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
@@ -356,7 +353,6 @@ def fit_output_error(
         names=model.parameters,
         values=tuple(float(value) for value in best.x),
         rmse=float(np.sqrt(np.mean(np.square(best.fun)))),
-        windows=len(windows),
         evaluations=sum(int(fit.nfev) for fit in fits),
         converged=bool(best.status > 0),
     )
@@ -427,15 +423,15 @@ def fit_whole_run(
 
 
 def try_axis_model(
-    model: AxisModel, run: AxisRun, plan: SearchPlan, *, blocks: int = 4, generator: np.random.Generator
+    model: AxisModel, run: AxisRun, plan: SearchPlan, *, generator: np.random.Generator
 ) -> AxisTrial:
-    """Return the error in each block of a fit to all others; arguments as for `fit_whole_run`.
+    """Return the error in each quarter of a fit to all others; arguments as for `fit_whole_run`.
 
     The simulation passes through the block, as long and as far from its start as in use.
     """
     whole = Window(0, len(run.force))
     held = []
-    for block in split_windows([whole], len(run.force) / blocks):
+    for block in split_windows([whole], len(run.force) / 4):
         fit = fit_whole_run(model, run, plan, left_out=block, generator=generator)
         errors = compute_output_error(model, np.array(fit.values), run, [whole])
         # The first samples are given: there is no error of them.
