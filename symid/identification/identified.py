@@ -99,13 +99,13 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
             for effect in estimate.effects
         )
         # The robot file's own springs are written in place of those that are refused.
-        told = [
+        lost = [
             ("export.spring", f"the identified spring of {entry.joint!r} is not written: {entry.reason}")
             for entry in estimate.springs
             if not entry.identifiable
         ]
         text = f"the robot has no place for what was taken off before the fit: {named}; its torques lack them"
-        told += [("export.effects", text)] if named else []
+        lost += [("export.effects", text)] if named else []
         places = [k for k, entry in enumerate(estimate.parameters) if entry in values]
         return Identified(
             robot=described,
@@ -119,7 +119,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
                 *(entry for entry in rotors if entry in refused),
                 *(f"the spring of {joint!r}" for joint in lacking),
             ),
-            notices=tuple(Notice(code=code, text=text, file=str(source)) for code, text in told),
+            notices=tuple(Notice(code=code, text=text, file=str(source)) for code, text in lost),
             covariance=tuple(
                 tuple(estimate.covariance[i][j] for j in places) for i in places if estimate.covariance
             ),
