@@ -73,19 +73,12 @@ def fall(p, v):
     return math.exp(-((abs(v) / p["vs"]) ** p.get("gamma", 2.0)))
 
 
-def improved(p, v):
-    """Reading H1, by case."""
-    edge = p["dq0"]
+def improved(p, v, reading=1):
+    """Readings H1 and H2, by case."""
+    edge, bias = p["dq0"], p["fP"]
     if abs(v) >= edge:
-        return p["fP"] + curve(p, abs(v)) * np.sign(v)
-    return p["fP"] + curve(p, edge) * v / edge
-
-
-def improved_h2(p, v):
-    edge = p["dq0"]
-    if abs(v) >= edge:
-        return curve(p, abs(v)) * np.sign(v)
-    return p["fP"] + (np.sign(v) * curve(p, edge) - p["fP"]) * abs(v) / edge
+        return (bias if reading == 1 else 0.0) + curve(p, abs(v)) * np.sign(v)
+    return bias + (np.sign(v) * curve(p, edge) - (0.0 if reading == 1 else bias)) * abs(v) / edge
 
 
 def side(p, v, name):
@@ -130,13 +123,11 @@ FORMS = {
     "coulomb-viscous-offset": lambda p, v, _: plain(p, v) + p["offset"],
     "asymmetric": lambda p, v, _: asymmetric(p, v),
     "tustin": lambda p, v, _: curve({**p, "gamma": 1.0}, abs(v)) * np.sign(v),
-    "stribeck": lambda p, v, _: curve(p, abs(v)) * np.sign(v),
-    "stribeck-exponent": lambda p, v, _: curve(p, abs(v)) * np.sign(v),
+    **dict.fromkeys(("stribeck", "stribeck-exponent"), lambda p, v, _: curve(p, abs(v)) * np.sign(v)),
     "stribeck+cubic": lambda p, v, _: curve(p, abs(v)) * np.sign(v) + polynomial(p, v),
     "lorentzian": lambda p, v, _: plain(p, v) + (p["fS"] - p["fC"]) / (1 + (v / p["vs"]) ** 2) * np.sign(v),
-    "improved-stribeck": lambda p, v, _: improved(p, v),
-    "improved-stribeck-exponent": lambda p, v, _: improved(p, v),
-    "improved-stribeck-h2": lambda p, v, _: improved_h2(p, v),
+    **dict.fromkeys(("improved-stribeck", "improved-stribeck-exponent"), lambda p, v, _: improved(p, v)),
+    "improved-stribeck-h2": lambda p, v, _: improved(p, v, 2),
     "improved-stribeck-h3": lambda p, v, _: p["fP"] + curve(p, abs(v)) * np.sign(v),
     "improved-stribeck-h4": lambda p, v, _: p["fP"] + curve(p, abs(v - p["dqs"])) * np.sign(v - p["dqs"]),
     "asymmetric-stribeck": lambda p, v, _: asymmetric(p, v, p["fE"] * fall(p, v)),

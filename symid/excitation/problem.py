@@ -30,7 +30,7 @@ less rank, whose criterion is infinite.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, final
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,33 +64,6 @@ _FLOOR = 1e-13
 """Least eigenvalue of a scaled Gram matrix that is not rounding."""
 
 
-def _build_columns(robot: Robot) -> tuple[tuple[str, ...], Any, Any]:
-    """Return the names of the b parameters, and CasADi functions of one sample's states (3n).
-
-    They are the columns, states -> (n b), row after row, and their slope: states, (n b) -> (3n).
-    """
-    import casadi as ca
-
-    from symid.codegen import build_functions
-
-    frictions = [*(joint.friction for joint in robot.joints), *(one.friction for one in robot.couplings)]
-    has_friction = any(friction.law != NO_FRICTION for friction in frictions)
-    wanted = ("torque_regressor", "friction_regressor") if has_friction else ("torque_regressor",)
-    made = build_functions(robot, names=wanted)
-    found = {spec.name: entry for spec, entry in zip(made.card.functions, made.functions, strict=True)}
-    states = [ca.SX.sym(name, robot.freedom) for name in ("q", "dq", "ddq")]
-    blocks = [found["torque_regressor"](*states)]
-    names = tuple(entry.name for entry in made.card.beta)
-    if has_friction:
-        read = found["friction_regressor"].n_in()
-        blocks.append(found["friction_regressor"](states[1], *states[: read - 1]))
-        names += tuple(entry.name for entry in made.card.friction)
-    state, flat = ca.vertcat(*states), ca.densify(ca.vec(ca.horzcat(*blocks).T))
-    factors = ca.SX.sym("L", flat.numel())
-    slope = ca.densify(ca.gradient(ca.dot(factors, flat), state))
-    return names, ca.Function("matrix", [state], [flat]), ca.Function("slope", [state, factors], [slope])
-
-
 @final
 class Observation:
     """The columns of a robot at a fixed number of samples, its friction as it is, evaluated in place.
@@ -101,7 +74,28 @@ class Observation:
 
     def __init__(self, robot: Robot, samples: int, weights: FloatArray) -> None:
         """Derive the functions and allocate their memory."""
-        self.names, matrix, slope = _build_columns(robot)
+        import casadi as ca
+
+        from symid.codegen import build_functions
+
+        frictions = [*(joint.friction for joint in robot.joints), *(one.friction for one in robot.couplings)]
+        has_friction = any(friction.law != NO_FRICTION for friction in frictions)
+        wanted = ("torque_regressor", "friction_regressor") if has_friction else ("torque_regressor",)
+        made = build_functions(robot, names=wanted)
+        found = {spec.name: entry for spec, entry in zip(made.card.functions, made.functions, strict=True)}
+        states = [ca.SX.sym(name, robot.freedom) for name in ("q", "dq", "ddq")]
+        blocks = [found["torque_regressor"](*states)]
+        self.names = tuple(entry.name for entry in made.card.beta)
+        if has_friction:
+            read = found["friction_regressor"].n_in()
+            blocks.append(found["friction_regressor"](states[1], *states[: read - 1]))
+            self.names += tuple(entry.name for entry in made.card.friction)
+        # Columns of a sample, states (3n) -> (n b), row after row; their slope: states, (n b) -> (3n).
+        every, flat = ca.vertcat(*states), ca.densify(ca.vec(ca.horzcat(*blocks).T))
+        factors = ca.SX.sym("L", flat.numel())
+        matrix = ca.Function("matrix", [every], [flat])
+        gradient = ca.densify(ca.gradient(ca.dot(factors, flat), every))
+        slope = ca.Function("slope", [every, factors], [gradient])
         self.samples, self.weights = samples, freeze(weights)
         state, block = (3 * len(weights),), (len(weights), len(self.names))
         self._states = np.zeros((samples, *state))

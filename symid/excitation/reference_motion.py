@@ -14,7 +14,6 @@ Not supported: times outside the samples, where the ends are held; waypoints.
 
 import csv
 import io
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -115,28 +114,6 @@ def _evaluate_hermite(k: int, derivative: int, s: FloatArray) -> FloatArray:
     shape = np.polynomial.Polynomial(_HERMITE[k])
     result: FloatArray = (shape.deriv(derivative) if derivative else shape)(s)
     return result * np.ones_like(s)
-
-
-def scale_samples(motion: SampledMotion, scale: float) -> SampledMotion:
-    """Return `motion` with all gaps to its first pose times `scale`."""
-    if scale == 1.0:
-        return motion
-    first = motion.position[0]
-    return replace(
-        motion,
-        position=first + scale * (motion.position - first),
-        velocity=scale * motion.velocity,
-        acceleration=scale * motion.acceleration,
-        source=f"{motion.source}, amplitudes times {scale:g}",
-    )
-
-
-def truncate_motion(motion: SampledMotion, duration: float) -> SampledMotion:
-    """Return the beginning of `motion`, up to the first sample not before `duration` in s."""
-    count = max(2, int(np.searchsorted(motion.time, duration * (1.0 - 1e-12))) + 1)
-    names = ("time", "position", "velocity", "acceleration")
-    kept: dict[str, Any] = {name: getattr(motion, name)[:count] for name in names}
-    return replace(motion, **kept)
 
 
 _QUANTITIES = ("q", "dq", "ddq")
@@ -267,15 +244,12 @@ def build_motion(
     """Return the trajectory of a name, or that of a file or of samples, up to `duration` s, None for its own.
 
     `given` is one of `TRAJECTORY_NAMES`, the path of a file, or a motion; `rng` that of the random series,
-    `joint` that which "tb" moves, counted from one, `scale` that of the amplitudes.
+    `joint` that which "tb" moves, counted from one, `scale` that of the amplitudes, both positive.
 
     Raises:
         UsageError: there is no such trajectory, it is for another number of joints, or shorter than a
-            duration; the duration is not positive. LogError: the file is wrong.
+            duration. LogError: the file is wrong.
     """
-    if duration is not None and not 0.0 < duration < math.inf:
-        text = f"duration: must be positive and finite, got {duration:g} s"
-        raise UsageError(Notice(code="usage.trajectory", text=text))
     if isinstance(given, str) and given in TRAJECTORY_NAMES:
         return build_trajectory(robot, given, rng, duration=duration, joint=joint, scale=scale)
     if isinstance(given, Trajectory):
@@ -286,14 +260,27 @@ def build_motion(
         text = f"--trajectory {given}: expected one of {known} or a file, as symid excite writes it"
         raise UsageError(Notice(code="usage.trajectory", text=text))
     motion = read_trajectory(Path(given), robot) if isinstance(given, str) else given
-    motion = scale_samples(motion, scale)
+    if scale != 1.0:
+        # All gaps to the first pose times the scale.
+        first = motion.position[0]
+        motion = replace(
+            motion,
+            position=first + scale * (motion.position - first),
+            velocity=scale * motion.velocity,
+            acceleration=scale * motion.acceleration,
+            source=f"{motion.source}, amplitudes times {scale:g}",
+        )
     if duration is None:
         return motion
     if duration > motion.duration:
         text = f"--duration {duration:g} s: the trajectory ends after {motion.duration:g} s"
         file = given if isinstance(given, str) else ""
         raise UsageError(Notice(code="usage.trajectory", text=text, file=file))
-    return truncate_motion(motion, duration)
+    # Up to the first sample not before the duration.
+    count = max(2, int(np.searchsorted(motion.time, duration * (1.0 - 1e-12))) + 1)
+    names = ("time", "position", "velocity", "acceleration")
+    kept: dict[str, Any] = {name: getattr(motion, name)[:count] for name in names}
+    return replace(motion, **kept)
 
 
 def build_trajectory(

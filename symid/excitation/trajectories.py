@@ -117,10 +117,6 @@ def build_fourier(
 
     `sines` A and `cosines` B (n, h), `centre` c (n,) in rad or m; `base_frequency` in Hz; times in s.
     """
-    sines, cosines, centre = np.atleast_2d(sines), np.atleast_2d(cosines), np.atleast_1d(centre)
-    if sines.shape != cosines.shape or len(sines) != len(centre):
-        text = f"shapes of sines {sines.shape}, cosines {cosines.shape} and centre {centre.shape} do not fit"
-        raise UsageError(Notice(code="usage.trajectory-shape", text=text))
     harmonic = 2.0 * np.pi * base_frequency * np.arange(1, sines.shape[1] + 1)
     return Trajectory(
         centre=centre,
@@ -227,10 +223,7 @@ def build_tc(*, size: int = 2, ramp: float = 2.0, duration: float = 20.0) -> Tra
 
 
 def scale_trajectory(trajectory: Trajectory, scale: float) -> Trajectory:
-    """Return `trajectory` with amplitudes times `scale`, which must be positive and finite (UsageError)."""
-    if not 0.0 < scale < math.inf:
-        text = f"the scale of a trajectory must be positive and finite, got {scale:g}"
-        raise UsageError(Notice(code="usage.trajectory-scale", text=text))
+    """Return `trajectory` with amplitudes times `scale`, which is positive and finite."""
     if scale == 1.0:
         return trajectory
     source = f"{trajectory.source}, amplitudes times {scale:g}"

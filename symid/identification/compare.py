@@ -603,11 +603,7 @@ def compare_with_table(
 
 
 def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> Compared:
-    """Return both side by side, in the groups that both have values for.
-
-    Raises:
-        EstimateError: there is none.
-    """
+    """Return both side by side, in the groups that both have values for; an EstimateError for none."""
     base = ours.identified.base
     names = [entry.name for entry in (*base.parameters, *base.friction)]
     known = [names.index(name) for name in ours.names]

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from symid.codegen import build_library_prefix, build_model_card, clean_text, prepare_library
-from symid.dynamics import BaseParameters, StandardSet, build_grouping, derive_base_parameters
+from symid.dynamics import StandardSet, build_grouping, derive_base_parameters
 from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.identification.elastic import build_rigid_variant
-from symid.identification.estimators import ParameterEstimate, check_model
+from symid.identification.estimators import check_model
 from symid.identification.friction import (
     FrictionIdentification,
     build_robot_friction,
@@ -119,18 +119,6 @@ class FileExport:
     notices: tuple[Notice, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Content:
-    """A robot with values, its base parameters, the sources of the values, the identified values."""
-
-    robot: Robot
-    base: BaseParameters
-    outcome: str
-    sources: tuple[str, ...] = ()
-    found: tuple[ParameterEstimate, ...] = ()
-    precision: str = "double"
-
-
 def check_format(path: Path, precision: str = "double", *, friction: bool = False) -> str:
     """Return the end of the file's name, which says its format.
 
@@ -191,8 +179,8 @@ def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> File
                 "identify the robot and export the estimate"
             )
             raise RobotError(Notice(code="export.impossible-body", text=text, file=robot.path))
-    content = _Content(robot=robot, base=base, outcome="stated", precision=precision)
-    return _write_file(content, path, robot.notices)
+    stated = Identified(robot=robot, base=base, sources=(), values=())
+    return _write_file(stated, path, "stated", precision, robot.notices)
 
 
 def write_identified(
@@ -233,15 +221,9 @@ def write_identified(
     sources = tuple(Path(entry).name for entry in found.sources)
     before = f"; before: {identified.robot.source}" if identified.robot.source else ""
     robot = replace(identified.robot, source=f"Values identified from {', '.join(sources)}{before}")
-    content = _Content(
-        robot=robot,
-        base=found.base,
-        outcome=identified.standard.outcome.name.lower(),
-        sources=sources,
-        found=found.values,
-        precision=precision,
-    )
-    stored = _write_file(content, path, list_warnings(identified, found, source), source)
+    outcome, notices = identified.standard.outcome.name.lower(), list_warnings(identified, found, source)
+    named = replace(found, robot=robot, sources=sources)
+    stored = _write_file(named, path, outcome, precision, notices, source)
     return replace(stored, missing=found.missing, standard=identified.standard, costs=costs)
 
 
@@ -261,11 +243,7 @@ def locate_source(robot: Robot) -> Path:
 
 
 def _read_back(text: str, suffix: str, source: Path, made: SourceFile | None = None) -> tuple[Notice, ...]:
-    """Return the notices of reading a new file's text, as `made` was; only robot files and URDF are read.
-
-    Raises:
-        EstimateError: such a file cannot have these values.
-    """
+    """Return the notices of reading a new file's text, as `made` was; an EstimateError for such values."""
     readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_urdf}
     try:
         if made is not None:
@@ -295,17 +273,22 @@ def _name_source(made: SourceFile) -> str:
     return KINDS.get(file.suffix.lower(), KINDS[".urdf"])
 
 
-def _write_file(
-    content: _Content, path: Path, notices: Sequence[Notice], source: Path | None = None
+def _write_file(  # noqa: PLR0917 - what is written, where and how
+    found: Identified,
+    path: Path,
+    outcome: str,
+    precision: str,
+    notices: Sequence[Notice],
+    source: Path | None = None,
 ) -> FileExport:
     """Write a file, into that which the robot was made from where it is of its kind; see `_read_back`."""
-    robot, made, suffix = content.robot, content.robot.made_from, path.suffix.lower()
+    robot, made, suffix = found.robot, found.robot.made_from, path.suffix.lower()
     kind, told, text = _choose_kind(robot, path), [*notices], ""
     if made is not None and kind == _name_source(made):
         in_place = path.resolve() == Path(made.file).resolve()
         try:
             old, placed, further = place_in_source(robot, made, in_place=in_place)
-            found = (rewrite_mjcf if placed.convention == "mjcf" else rewrite_urdf)(old, placed)
+            new = (rewrite_mjcf if placed.convention == "mjcf" else rewrite_urdf)(old, placed)
         except RobotError as error:
             if in_place:
                 raise
@@ -316,15 +299,15 @@ def _write_file(
             )
             told.append(Notice(code="export.new-file", text=said, file=str(path)))
         else:
-            text, told = found.text, [*told, *further]
-            for link, carried in found.shared.items():
+            text, told = new.text, [*told, *further]
+            for link, carried in new.shared.items():
                 said = (
                     f"the values of link {link!r} were identified together with those of "
                     f"{', '.join(carried)}, which hang on it; the change was spread over them"
                 )
                 told.append(Notice(code="export.shared-links", text=said, file=str(path)))
     rewritten = made.file if made is not None and text else ""
-    text = text or _write_new(content, suffix, path.parent)
+    text = text or _write_new(found, suffix, path.parent, outcome, precision)
     if source is not None:
         _read_back(text, suffix, source, made if rewritten else None)
     write_file(path, text)
@@ -345,7 +328,7 @@ def _write_file(
         file=path,
         robot=robot,
         format=kind,
-        outcome=content.outcome,
+        outcome=outcome,
         left_out=left_out,
         rewritten=rewritten,
         notices=tuple(told),
@@ -391,29 +374,26 @@ def place_in_source(robot: Robot, made: SourceFile, *, in_place: bool) -> tuple[
     return source.text, replace(before, joints=joints, couplings=couplings), notices
 
 
-def _write_new(content: _Content, suffix: str, folder: Path) -> str:
+def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, precision: str) -> str:
     """Return the text of a new file in a folder."""
-    robot, whence = content.robot, f"values identified from {', '.join(content.sources)}"
-    comment = f"{robot.name} with {whence if content.sources else 'the values of its robot file'}."
+    robot, whence = found.robot, f"values identified from {', '.join(found.sources)}"
+    comment = f"{robot.name} with {whence if found.sources else 'the values of its robot file'}."
     match suffix:
         case ".toml":
             return write_robot(robot, comment=comment, folder=folder)
         case ".h":
-            values, comments = _build_values(content), (clean_text(comment),)
-            return write_c_values(values, comments=comments, precision=content.precision)
+            return write_c_values(_build_values(found), comments=(clean_text(comment),), precision=precision)
         case ".json":
-            values, outcome = _build_values(content), content.outcome
-            return (
-                write_json(build_json_values(robot, values, outcome=outcome, sources=content.sources)) + "\n"
-            )
+            values = build_json_values(robot, _build_values(found), outcome=outcome, sources=found.sources)
+            return write_json(values) + "\n"
     write = {".urdf": write_urdf, ".usda": write_usd}.get(suffix, write_mjcf)
     return write(robot, comments=(comment,))
 
 
-def _build_values(content: _Content) -> RobotValues:
+def _build_values(found: Identified) -> RobotValues:
     """Return the robot's values as the vectors of its generated functions."""
-    card = build_model_card(content.robot, content.base, ())
-    known = {entry.name: entry for entry in content.found}
+    card = build_model_card(found.robot, found.base, ())
+    known = {entry.name: entry for entry in found.values}
     titles = {
         "beta": ("Base parameters of links and drives", card.beta),
         "f": ("Friction parameters", card.friction),
@@ -424,18 +404,18 @@ def _build_values(content: _Content) -> RobotValues:
     for name, (title, cards) in titles.items():
         rows = []
         for entry in cards:
-            found = known.get(entry.name)
+            own = known.get(entry.name)
             # A joint whose friction is known in part has none in robot files; here it has that part.
-            value = found.value if entry.value is None and found is not None else entry.value
+            value = own.value if entry.value is None and own is not None else entry.value
             rows.append(
                 ValueRow(
                     name=clean_text(entry.name),
                     value=value,
                     unit=entry.unit,
                     expression=clean_text(entry.expression),
-                    identified=found.value if found is not None else None,
+                    identified=own.value if own is not None else None,
                     # Some methods give no deviations.
-                    std=found.std if found is not None and 0.0 < found.std < math.inf else None,
+                    std=own.std if own is not None and 0.0 < own.std < math.inf else None,
                 )
             )
         vectors.append(ValueVector(name=name, title=title, rows=tuple(rows)))

@@ -15,7 +15,7 @@ robot file.
 """
 
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +24,7 @@ import numpy as np
 from symid.codegen import Library, ParameterCard, compute_model_signature
 from symid.errors import Notice, UsageError
 from symid.identification.estimators import Estimate, FittedLaw
+from symid.identification.friction import AUTO
 from symid.identification.regression import fill_load, fill_loads, list_coupled_rotors, list_measured_joints
 from symid.identification.rigid import (
     CANDIDATES,
@@ -37,11 +38,13 @@ from symid.identification.rigid import (
 )
 from symid.joint_models import (
     NO_FRICTION,
+    FrictionLaw,
     FrictionValues,
     describe_unknown_law,
     get_friction_law,
     get_law,
     list_known_laws,
+    list_shape_names,
     name_shape,
     name_values,
 )
@@ -49,8 +52,6 @@ from symid.logs import Recording
 from symid.notation import join_name
 from symid.robot import Processing, Robot, suggest_names
 
-AUTO = "auto"
-"""In place of a law's name: each joint's law is chosen on held-out torque."""
 _Result = tuple[Estimate, Robot, Library]
 _REPEATS = 4
 _STILL, _SMALL = 1.0, 0.03
@@ -131,25 +132,25 @@ def needs_search(friction: str | Mapping[str, str] | None) -> bool:
     return bool(law.shape) and not law.memory
 
 
+def _list_states(robot: Robot) -> dict[str, FrictionLaw]:
+    """Return the laws with a state by joint."""
+    laws = {joint.name: get_friction_law(joint.friction) for joint in robot.axes}
+    return {name: law for name, law in laws.items() if law is not None and law.memory}
+
+
 def describe_states(robot: Robot, friction: str | Mapping[str, str] | None) -> tuple[Notice, ...]:
     """Return notices on what becomes of friction with a state; `friction` as in a search."""
-    asked = friction if isinstance(friction, Mapping) else {joint.name: friction for joint in robot.axes}
-    kept, replaced = [], []
-    for joint in robot.axes:
-        law, wanted = get_friction_law(joint.friction), asked.get(joint.name)
-        if law is None or not law.memory:
-            continue
+    kept, replaced, notices = list[str](), list[str](), list[Notice]()
+    for name, law in _list_states(robot).items():
+        wanted = friction.get(name) if isinstance(friction, Mapping) else friction
         if wanted in {AUTO, NO_FRICTION} or (wanted is not None and not get_law(wanted).memory):
-            replaced.append(f"{joint.name}: {law.name}")
+            replaced.append(f"{name}: {law.name}")
         else:
-            values = ", ".join(entry.name for entry in (*law.shape, *law.memory))
-            kept.append(f"{joint.name}: {law.name} with its {values}")
-    notices = []
+            kept.append(f"{name}: {law.name} with its {', '.join(e.name for e in (*law.shape, *law.memory))}")
     if replaced:
-        names = ", ".join(replaced)
         text = (
-            f"friction with a state ({names}) gives way to a static law, as no search chooses one with a "
-            "state; leave --friction out to keep it"
+            f"friction with a state ({', '.join(replaced)}) gives way to a static law, as no search chooses "
+            "one with a state; leave --friction out to keep it"
         )
         notices.append(Notice(code="identify.friction-replaced", text=text))
     if kept:
@@ -163,9 +164,7 @@ def describe_states(robot: Robot, friction: str | Mapping[str, str] | None) -> t
 
 def refuse_states(robot: Robot, what: str) -> None:
     """Refuse, by a UsageError, friction with a state where `what` fits equations along a simulated motion."""
-    laws = ((joint.name, get_friction_law(joint.friction)) for joint in robot.axes)
-    bent = ", ".join(f"{joint}: {law.name}" for joint, law in laws if law is not None and law.memory)
-    if bent:
+    if bent := ", ".join(f"{name}: {law.name}" for name, law in _list_states(robot).items()):
         text = (
             f"{what} compares a simulated motion with equations of steady sliding, and friction with a state "
             f"({bent}) moves otherwise at reversals; choose another estimator, such as wls"
@@ -224,7 +223,19 @@ def search_friction(
             left -= 1
             library = prepare(found)
             # The shape values of the joints asked for are fitted, too.
-            searched = tuple(_list_shape_cards(found, names))
+            searched = tuple(
+                ParameterCard(
+                    name=join_name(entry.name, number),
+                    expression=join_name(entry.name, number),
+                    unit={"1": ""}.get(entry.unit, entry.unit_prismatic if joint.prismatic else entry.unit),
+                    reason=f"shape value of the friction law {joint.friction.law}",
+                    joint=joint.name,
+                    value=value,
+                )
+                for number, joint in enumerate(found.joints, start=1)
+                if joint.name in names and joint.friction.law != NO_FRICTION
+                for entry, value in zip(get_law(joint.friction.law).shape, joint.friction.shape, strict=True)
+            )
             library = Library(replace(library.card, searched=searched), library.engine)
             loaded = fill_loads(library, recordings, robot.processing, beta)
             if plan is None:
@@ -282,11 +293,7 @@ def _give_up_worse(
     found: _Result,
     plain: _Result,
 ) -> tuple[FrictionChoice, _Result]:
-    """Return choice and fit without the laws that the plain one surpasses in fits of the whole robot.
-
-    Laws are chosen from windows in motion. What counts is what is left of all rows, held out in turn, joint
-    by joint; joints are tried anew until none is worse than with the plain law everywhere.
-    """
+    """Return choice and fit without laws that the plain one surpasses on all rows of the whole robot."""
     if plain[0].evidence is None:
         return choice, found
     usual = {entry.joint: entry.held_out for entry in plain[0].evidence.joints}
@@ -322,25 +329,6 @@ def _give_up_worse(
         joints.append(law)
     note = Notice(code="identify.plain-friction", text=text)
     return replace(choice, joints=tuple(joints), notices=(*choice.notices, note)), found
-
-
-def _list_shape_cards(robot: Robot, names: Collection[str]) -> Iterator[ParameterCard]:
-    """Yield the shape values of joints of these names, in the order of the joints."""
-    for number, joint in enumerate(robot.joints, start=1):
-        if joint.name not in names or joint.friction.law == NO_FRICTION:
-            continue
-        law = get_law(joint.friction.law)
-        for entry, value in zip(law.shape, joint.friction.shape, strict=True):
-            name = join_name(entry.name, number)
-            unit = entry.unit_prismatic if joint.prismatic else entry.unit
-            yield ParameterCard(
-                name=name,
-                expression=name,
-                unit="" if unit == "1" else unit,
-                reason=f"shape value of the friction law {law.name}",
-                joint=joint.name,
-                value=value,
-            )
 
 
 def _set_friction(robot: Robot, friction: Mapping[str, FrictionValues]) -> Robot:
@@ -385,21 +373,18 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
 ) -> Estimate:
     """Return the estimate with its laws, and the signature of the robot that has them."""
     selections = {law.joint: law.selection for law in choice.joints}
-    laws = []
-    for number, joint in enumerate(robot.joints, start=1):
-        if joint.name not in names:
-            continue
-        shape = () if joint.friction.law == NO_FRICTION else get_law(joint.friction.law).shape
-        laws.append(
-            FittedLaw(
-                joint=joint.name,
-                law=joint.friction.law,
-                shape=joint.friction.shape,
-                names=tuple(join_name(entry.name, number) for entry in shape),
-                smoothing=joint.friction.smoothing,
-                selection=selections[joint.name],
-            )
+    laws = tuple(
+        FittedLaw(
+            joint=joint.name,
+            law=joint.friction.law,
+            shape=joint.friction.shape,
+            names=tuple(join_name(name, number) for name in list_shape_names(joint.friction)),
+            smoothing=joint.friction.smoothing,
+            selection=selections[joint.name],
         )
+        for number, joint in enumerate(robot.joints, start=1)
+        if joint.name in names
+    )
     # The values of the robot file's friction, where the law found is its own.
     truth: dict[str, float] = {}
     for number, (joint, own) in enumerate(zip(robot.joints, stated.joints, strict=True), start=1):
@@ -415,7 +400,7 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
     grouped = [(entry.name, entry.expression) for entry in (*card.beta, *card.friction)]
     return replace(
         estimate,
-        laws=tuple(laws),
+        laws=laws,
         parameters=parameters,
         signature=compute_model_signature(robot, grouped),
     )

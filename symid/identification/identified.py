@@ -98,8 +98,14 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
             effect.kind if effect.joint < 0 else f"{effect.kind} of {estimate.residual[effect.joint].joint!r}"
             for effect in estimate.effects
         )
+        # The robot file's own springs are written in place of those that are refused.
+        lost = [
+            ("export.spring", f"the identified spring of {entry.joint!r} is not written: {entry.reason}")
+            for entry in estimate.springs
+            if not entry.identifiable
+        ]
         text = f"the robot has no place for what was taken off before the fit: {named}; its torques lack them"
-        effects = (Notice(code="export.effects", text=text, file=str(source)),) if named else ()
+        lost += [("export.effects", text)] if named else []
         places = [k for k, entry in enumerate(estimate.parameters) if entry in values]
         return Identified(
             robot=described,
@@ -113,19 +119,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
                 *(entry for entry in rotors if entry in refused),
                 *(f"the spring of {joint!r}" for joint in lacking),
             ),
-            # The robot file's own springs are written in place of those that are refused.
-            notices=(
-                *(
-                    Notice(
-                        code="export.spring",
-                        text=f"the identified spring of {entry.joint!r} is not written: {entry.reason}",
-                        file=str(source),
-                    )
-                    for entry in estimate.springs
-                    if not entry.identifiable
-                ),
-                *effects,
-            ),
+            notices=tuple(Notice(code=code, text=text, file=str(source)) for code, text in lost),
             covariance=tuple(
                 tuple(estimate.covariance[i][j] for j in places) for i in places if estimate.covariance
             ),
@@ -313,13 +307,7 @@ def read_known_values(
 
 
 def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -> dict[str, float]:
-    """Return the base parameters of `robot` by name, with links, rotors and springs of `known`.
-
-    With `partly` those without a value are left out, such as those with rotors that a drawing lacks.
-
-    Raises:
-        EstimateError: the robots differ in more than values, or values are missing; all mistakes at once.
-    """
+    """Return base parameters of `robot` as `known` has them, `partly` without those that have no value."""
     # Gravity and names of robots may differ, and with `partly` one may have rotors that the other has not.
     mistakes = list_frame_differences(known, robot)
     if [joint.name for joint in known.joints] == [joint.name for joint in robot.joints]:

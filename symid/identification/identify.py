@@ -241,10 +241,8 @@ def _identify_rigid(
                 echo=echo,
             )
 
-        iterated = "load" in library.card.friction_inputs and not all(list_measured_joints(recordings))
-        processing = rigid.processing
         # Loads that friction reads, and that were not measured, follow from the estimate.
-        estimate = identify_loaded(library, recordings, processing, fit) if iterated else fit(recordings)
+        estimate = identify_loaded(library, recordings, rigid.processing, fit)
     motion = outline_motion(library, recordings, rigid.processing)
     estimate = replace(estimate, motion=motion, drawn=robot.made_from is not None)
     if motor_side:
@@ -287,7 +285,7 @@ def prepare_elastic_methods(
     by_method = prepare_methods(ready.library, ready.moved, elastic, echo=echo)
 
     def identify(method: str) -> Identification[ElasticEstimate]:
-        _report_method(robot, ready.moved, method, context)
+        context.progress(f"identifying {robot.name} from {ready.counted} by the method {method!r}")
         found = by_method(method)
         estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
         estimate = replace(estimate, drawn=robot.made_from is not None)
@@ -310,6 +308,10 @@ class _ElasticInput(NamedTuple):
     moved: Sequence[Recording]
     alignment: Alignment | None
     notices: tuple[Notice, ...]
+
+    @property
+    def counted(self) -> str:
+        return f"{len(self.cut)} log{'s'[: len(self.cut) > 1]}"
 
 
 def _prepare_elastic(
@@ -338,11 +340,6 @@ def _prepare_elastic(
     return _ElasticInput(library, options, cut, moved, alignment, notices)
 
 
-def _report_method(robot: Robot, logs: Sequence[Recording], method: str, context: TaskContext) -> None:
-    count = f"{len(logs)} log{'s'[: len(logs) > 1]}"
-    context.progress(f"identifying {robot.name} from {count} by the method {method!r}")
-
-
 def build_elastic_graph(
     robot: Robot,
     recordings: Sequence[Recording],
@@ -361,7 +358,7 @@ def build_elastic_graph(
     choose_route(robot, recordings, method="nlp", elastic={}, rigid=options.list_given())
     elastic = replace(options.build_elastic(), method="nlp")
     ready = _prepare_elastic(robot, recordings, elastic, pairs, context)
-    _report_method(robot, ready.moved, "nlp", context)
+    context.progress(f"identifying {robot.name} from {ready.counted} by the method 'nlp'")
     return build_one_shot(ready.library, ready.moved, ready.options), ready.notices
 
 

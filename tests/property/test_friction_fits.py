@@ -20,14 +20,10 @@ def draw(name, seed):
     rng = np.random.default_rng(seed)
     law = get_law(name)
     velocity = build_cosines(0.1, 1.0, count=300)
-    shape = [
-        rng.uniform(0.02, 0.05) if entry.name == "vs" else rng.uniform(0.005, 0.015) for entry in law.shape
-    ]
-    linear = rng.uniform(5.0, 20.0, len(law.linear))
-    torque = compute_friction_torque(law, {"velocity": velocity}, linear, shape) + 0.3 * rng.standard_normal(
-        600
-    )
-    return build(velocity, torque), law
+    ranges = [(0.02, 0.05) if entry.name == "vs" else (0.005, 0.015) for entry in law.shape]
+    shape, linear = [rng.uniform(*ends) for ends in ranges], rng.uniform(5.0, 20.0, len(law.linear))
+    torque = compute_friction_torque(law, {"velocity": velocity}, linear, shape)
+    return build(velocity, torque + 0.3 * rng.standard_normal(600)), law
 
 
 def build(velocity, torque, **given):
@@ -94,17 +90,15 @@ def test_no_motion_gives_numbers_that_are_none(name, kind, count, sizes, seed):
     size, reach = sizes
     rng = np.random.default_rng(seed)
     steps = np.arange(count)
-    velocity = (
-        10.0**size
-        * {
-            "noise": rng.standard_normal(count),
-            "constant": np.ones(count),
-            "one-sided": np.abs(rng.standard_normal(count)),
-            "two-speeds": np.where(steps < count // 2, 1.0, -1.0),
-            "rests": np.sin(0.1 * steps) * (rng.random(count) > 0.5),
-            "one-step": (steps == count - 1).astype(float),
-        }[kind]
-    )
+    motions = {
+        "noise": rng.standard_normal(count),
+        "constant": np.ones(count),
+        "one-sided": np.abs(rng.standard_normal(count)),
+        "two-speeds": np.where(steps < count // 2, 1.0, -1.0),
+        "rests": np.sin(0.1 * steps) * (rng.random(count) > 0.5),
+        "one-step": (steps == count - 1).astype(float),
+    }
+    velocity = 10.0**size * motions[kind]
     torque = 10.0**reach * (np.sign(velocity) + rng.standard_normal(count))
     inputs = {"load": rng.standard_normal(count), "position": rng.standard_normal(count)}
     if "temperature" in FRICTION_LAWS[name].inputs:

@@ -12,11 +12,7 @@ from symid.robot.toml_reader import read_robot
 from symid.simulation.rigid_plant import RigidPlant, build_friction_lines, build_rest_state
 from tests.recovery.rigid_runs import list_truth, run_fourier
 
-HEAD = """
-name = "{name}"
-convention = "modified"
-gravity = [0, 0, -9.81]
-"""
+HEAD = 'name = "{name}"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'
 LINK = "link = { mass = 2.0, com = [0.1, 0, 0.1], inertia = { xx = 0.1, yy = 0.1, zz = 0.1 } }"
 BEHIND = """
 [[joint]]
@@ -56,10 +52,12 @@ kind = "prismatic"
 drive = {{ gear = 1, rotor_inertia = 0.5, rotor_inertia_side = "joint" }}
 friction = {{ model = "{model}", {first} }}
 """
-ASYMMETRIC = ("Fvp = 0.1, Fcp = 0.2, Fvn = 0.3, Fcn = 0.4", "Fvp = 0.5, Fcp = 0.6, Fvn = 0.25, Fcn = 0.7")
 MODELS = {
     "coulomb-viscous": ("Fv = 0.1, Fc = 0.2", "Fv = 0.3, Fc = 0.15"),
-    "asymmetric": ASYMMETRIC,
+    "asymmetric": (
+        "Fvp = 0.1, Fcp = 0.2, Fvn = 0.3, Fcn = 0.4",
+        "Fvp = 0.5, Fcp = 0.6, Fvn = 0.2, Fcn = 0.7",
+    ),
     "coulomb-viscous-offset": ("Fv = 0.1, Fc = 0.2, offset = 0.05", "Fv = 0.3, Fc = 0.15, offset = -0.02"),
 }
 
@@ -107,7 +105,7 @@ def test_a_plant_brakes_as_the_library_says(tmp_path, model, multiplier):
         np.testing.assert_allclose((after.dq - row) / 1e-9, free, rtol=1e-5, atol=1e-5)
 
 
-def simulate(robot, library):
+def assert_comes_back(robot, library, tolerance):
     run = run_fourier(robot, library, 0, duration=5.0)
     # The losses, anew: friction of the library times velocity, by the trapezoidal rule.
     values = np.array([parameter.value for parameter in library.card.friction])
@@ -115,11 +113,6 @@ def simulate(robot, library):
     losses = np.trapezoid((torque * run.dq).sum(axis=1), run.recording.time)
     assert run.energy_gap < 1e-6
     assert abs(losses - run.dissipation[-1]) < 2e-3 * abs(run.dissipation[-1])
-    return run
-
-
-def assert_comes_back(robot, library, tolerance):
-    run = simulate(robot, library)
     processing = Processing(drop_first=50, drop_last=50, standstill=0.02)
     estimate = identify_parameters(library, [run.recording], processing, rows="torque")
     truth = list_truth(library)

@@ -142,7 +142,7 @@ def test_periods_of_loads_are_averaged_too():
     load = 5.0 * np.sin(np.pi * time + 0.2)[:, None]
     warm = np.full_like(angle, 30.0)
     recording = Recording(time=time, position=angle, torque=load, load=load, temperature=warm)
-    folded = fold_recording(recording, 2.0)
+    folded = fold_recording(recording, 2.0, margin=0)
     assert folded.load.shape == folded.position.shape == folded.temperature.shape
     assert np.abs(folded.load - folded.torque).max() < 1e-12
 

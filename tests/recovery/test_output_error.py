@@ -139,9 +139,9 @@ def test_what_cannot_be_simulated_is_said(recording, loop, library):
     start = {name: getattr(recording, name)[:1000] for name in names}
     upside_down = replace(recording, **start | {"torque": -start["torque"]})
     for code, log, loops, values in (
-        ("runaway", recording, wrong, truth),
-        ("start", recording, loop, drives),
-        ("controlled-robot", upside_down, loop, truth),
+        ("solver.runaway", recording, wrong, truth),
+        ("solver.start", recording, loop, drives),
+        ("solver.controlled-robot", upside_down, loop, truth),
     ):
-        with raises(SolverError, f"solver.{code}"):
+        with raises(SolverError, code):
             fit_to(library, [log], [loops], values)

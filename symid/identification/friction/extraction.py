@@ -55,11 +55,10 @@ _DRIFT = 0.02
 """Scatter of the positions between periods, relative to their range, that is worth a warning."""
 
 
-def fold_recording(recording: Recording, period: float, *, margin: int | None = None) -> Recording:
+def fold_recording(recording: Recording, period: float, *, margin: int) -> Recording:
     """Return the mean over all whole periods (s), with `margin` samples of it repeated on either side.
 
-    The default margin is a whole period. Raises LogError for less than two periods, a period of less than
-    twenty samples, or a wrong period.
+    Raises LogError for less than two periods, a period of less than twenty samples, or a wrong period.
     """
     step = recording.period
     samples = round(period / step)
@@ -86,7 +85,6 @@ def fold_recording(recording: Recording, period: float, *, margin: int | None = 
         return found.reshape(periods, samples, -1)
 
     position, torque = cut(recording.position, degree=3), cut(recording.torque, degree=1)
-    margin = samples if margin is None else margin
     places = np.arange(-margin, samples + margin)
     text = f"{periods} periods of {period:g} s were averaged (--period)"
     notices = [Notice(code="log.folded", text=text, file=recording.source)]
@@ -144,31 +142,6 @@ def _condense(columns: Sequence[FloatArray]) -> FloatArray:
 def _keep_independent(columns: list[Column]) -> list[Column]:
     kept = list_independent(_condense([one.values for one in columns])) if columns else []
     return [columns[k] for k in kept]
-
-
-def _reduce_columns(rigid: list[Column], moving: list[Column]) -> tuple[list[Column], str]:
-    """Return the independent columns (J ddq, a sin q, b cos q where they span the same) and a sentence.
-
-    `moving` are the columns of a joint that moves alone.
-    """
-    every = [*rigid, *moving]
-    triangle, count = _condense([one.values for one in every]), len(rigid)
-    independent = list_independent(triangle[:, :count])
-    size = len(independent)
-    ranks = {k: len(list_independent(triangle[:, [*independent, k]])) for k in range(count, len(every))}
-    among = [k for k, rank in ranks.items() if rank == size]
-    physical = [among[k] for k in list_independent(triangle[:, among])]
-    if len(physical) == size:
-        sentence = " + ".join(_PHYSICAL[every[k].name] for k in physical)
-        sentence = f"the rigid part {sentence} was fitted along"
-    else:
-        physical = independent
-        sentence = (
-            f"a rigid part of {size} columns was fitted along; each stands for a group that these motions "
-            "do not separate"
-        )
-    sentence = sentence if size else "no rigid part acts on this joint in these motions"
-    return [every[k] for k in physical], sentence
 
 
 _PHYSICAL = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
@@ -504,7 +477,23 @@ def _treat_rigid(
         known = np.column_stack([column.values for column in rigid]) @ beta
         samples = replace(samples, torque=samples.torque - known, load=known)
         return samples, "the rigid part was subtracted, with the base parameters given", 0
-    rigid, sentence = _reduce_columns(rigid, logs.list_physical_columns(joint, runs))
+    # Independent columns: J ddq, a sin q, b cos q, of a joint that moves alone, where they span the same.
+    every, count = [*rigid, *logs.list_physical_columns(joint, runs)], len(rigid)
+    triangle = _condense([one.values for one in every])
+    chosen = list_independent(triangle[:, :count])
+    sentence = "no rigid part acts on this joint in these motions"
+    if chosen:
+        sentence = (
+            f"a rigid part of {len(chosen)} columns was fitted along; each stands for a group that these "
+            "motions do not separate"
+        )
+    ranks = {k: len(list_independent(triangle[:, [*chosen, k]])) for k in range(count, len(every))}
+    among = [k for k, rank in ranks.items() if rank == len(chosen)]
+    physical = [among[k] for k in list_independent(triangle[:, among])]
+    if chosen and len(physical) == len(chosen):
+        chosen = physical
+        sentence = f"the rigid part {' + '.join(_PHYSICAL[every[k].name] for k in chosen)} was fitted along"
+    rigid = [every[k] for k in chosen]
     samples = logs.build_samples(joint, runs, [*rigid, *fitted])
     if not (size := len(rigid)):
         return replace(samples, load=None), sentence, 0

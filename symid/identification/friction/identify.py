@@ -72,7 +72,7 @@ from symid.robot import Processing, Robot, override_robot
 from symid.serialization import HIDDEN, name_key, write_json
 
 AUTO = "auto"
-"""The name under which a law is chosen on held-out data."""
+"""In place of a law's name: it is chosen on held-out data."""
 _NOT_PERIODIC = "log.not-periodic"
 _STRETCHES = 10
 """Of a joint's rows, over which the gain of a load sensor scatters."""
@@ -467,20 +467,52 @@ def validate_friction(
         IdentifiabilityError: no joint can be validated.
     """
     check_model(found, library.card)
-    beta, measured = (
-        read_known_parameters(found, library.card),
-        _read_measured(found, recording, library.card),
-    )
+    beta, joints = read_known_parameters(found, library.card), library.card.joints
+    # The joints whose measured loads were subtracted.
+    stored = found.settings.get("measured_loads")
+    measured = tuple(map(bool, stored)) if isinstance(stored, Sequence) else ()
+    lacking = np.ptp(recording.position, axis=0) > 0.0
+    lacking &= ~np.array(list_measured_joints((recording,)), dtype=np.bool_)
+    dead = [joint.name for joint, *both in zip(joints, measured, lacking, strict=False) if all(both)]
+    if dead:
+        what = "has none" if recording.load is None else f"has a constant one for {', '.join(dead)}"
+        text = (
+            f"friction was fitted to torques less the loads of joint-torque sensors, and this log {what}: "
+            "name their columns in [log.load], or identify friction again from logs without loads"
+        )
+        raise LogError(Notice(code="validate.friction-load", text=text, file=recording.source))
     logs = prepare_joint_logs(library, (recording,), processing, measured=measured, rotors=rotors)
-    trials, lost = list[tuple[Residual, MotionResidual, Series, tuple[Notice, ...]]](), list[Notice]()
+    residuals, motion, series = list[Residual](), list[MotionResidual](), list[Series]()
+    lost, notices = list[Notice](), list[Notice]()
     for entry in found.joints:
+        law = get_law(entry.estimate.law, smoothing=entry.smoothing)
+        joint = [one.name for one in joints].index(entry.joint)
         try:
-            trials.append(_validate_joint(entry, logs, beta))
+            if not logs.list_moving(joint):
+                raise _refuse(entry.joint, "it does not move of its own in this log")
+            samples, told = _build_samples(entry, logs, joint, beta)
+            kept, further = _choose_rows(samples, entry, law, logs.processing.get_standstill(joint))
         except IdentifiabilityError as error:
             lost += error.notices
-    if not trials:
+            continue
+        rows, predicted = samples.build_rows(), predict_rows(samples, law, entry.estimate)
+        torque = rows.torque[kept]
+        residuals.append(Residual.measure(entry.joint, torque - predicted[kept], torque, entry.unit))
+        motion.append(measure_motion(samples, law, entry.estimate, unit=entry.unit, kept=kept))
+        series.append(
+            Series(
+                joint=entry.joint,
+                unit=entry.unit,
+                velocity_unit=entry.velocity_unit,
+                time=rows.time[kept],
+                velocity=rows.velocity[kept],
+                measured=torque,
+                predicted=predicted[kept],
+            )
+        )
+        notices += (*told, *further)
+    if not residuals:
         raise IdentifiabilityError(*lost)
-    residuals, motion, series, notices = zip(*trials, strict=True)
     cut = (processing.drop_first, processing.drop_last)
     overlap = measure_overlap(recording, found.sources, found.settings, cut=cut)
     if overlap:
@@ -492,12 +524,12 @@ def validate_friction(
         signature=found.signature,
         source=recording.source,
         rows="friction",
-        residual=residuals,
-        motion=motion,
-        series=series,
+        residual=tuple(residuals),
+        motion=tuple(motion),
+        series=tuple(series),
         samples=sum(residual.samples for residual in residuals),
         fitted=overlap > 0.0,
-        notices=(*lost, *(notice for part in notices for notice in part)),
+        notices=(*lost, *notices),
     )
 
 
@@ -514,65 +546,15 @@ def read_known_parameters(found: FrictionIdentification, card: ModelCard) -> Flo
     return np.array(plain)
 
 
-def _read_measured(found: FrictionIdentification, recording: Recording, card: ModelCard) -> tuple[bool, ...]:
-    """Return the joints (n,) whose measured loads were subtracted; raise LogError where they are lacking."""
-    stored = found.settings.get("measured_loads")
-    measured = tuple(map(bool, stored)) if isinstance(stored, Sequence) else ()
-    present = list_measured_joints((recording,))
-    moves = np.ptp(recording.position, axis=0) > 0.0
-    dead = [
-        joint.name
-        for joint, wanted, known, moved in zip(card.joints, measured, present, moves, strict=False)
-        if wanted and moved and not known
-    ]
-    if dead:
-        what = "has none" if recording.load is None else f"has a constant one for {', '.join(dead)}"
-        text = (
-            f"friction was fitted to torques less the loads of joint-torque sensors, and this log {what}: "
-            "name their columns in [log.load], or identify friction again from logs without loads"
-        )
-        raise LogError(Notice(code="validate.friction-load", text=text, file=recording.source))
-    return measured
-
-
 def _refuse(joint: str, reason: str) -> IdentifiabilityError:
     text = f"joint {joint!r} cannot be validated: {reason}"
     return IdentifiabilityError(Notice(code="validate.friction-joint", text=text))
 
 
-def _validate_joint(
-    entry: JointFriction, logs: JointLogs, beta: FloatArray | None
-) -> tuple[Residual, MotionResidual, Series, tuple[Notice, ...]]:
-    """Return residuals, series and notices of a joint; raise IdentifiabilityError where there are none."""
-    law = get_law(entry.estimate.law, smoothing=entry.smoothing)
-    joint = [one.name for one in logs.library.card.joints].index(entry.joint)
-    if not logs.list_moving(joint):
-        raise _refuse(entry.joint, "it does not move of its own in this log")
-    samples, notices = _build_samples(entry, logs, joint, beta)
-    kept, found = _choose_rows(samples, entry, law, logs.processing.get_standstill(joint))
-    rows, predicted = samples.build_rows(), predict_rows(samples, law, entry.estimate)
-    errors = rows.torque - predicted
-    series = Series(
-        joint=entry.joint,
-        unit=entry.unit,
-        velocity_unit=entry.velocity_unit,
-        time=rows.time[kept],
-        velocity=rows.velocity[kept],
-        measured=rows.torque[kept],
-        predicted=predicted[kept],
-    )
-    residual = Residual.measure(entry.joint, errors[kept], rows.torque[kept], entry.unit)
-    motion = measure_motion(samples, law, entry.estimate, unit=entry.unit, kept=kept)
-    return residual, motion, series, (*notices, *found)
-
-
 def _build_samples(
     entry: JointFriction, logs: JointLogs, joint: int, beta: FloatArray | None
 ) -> tuple[FrictionSamples, tuple[Notice, ...]]:
-    """Return a joint's samples with the columns of its fit, and where its rigid part holds.
-
-    IdentifiabilityError is raised where a motion needs more of it.
-    """
+    """Return a joint's samples with the columns of its fit; refuse a motion that needs more of them."""
     card, measured = logs.library.card, logs.is_measured(joint)
     rigid = logs.list_rotor_columns(joint, (0,)) if measured else logs.list_rigid_columns(joint, (0,))
     # The names of the columns beside friction, in the order of the fit.

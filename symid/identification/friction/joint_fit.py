@@ -251,12 +251,10 @@ class VelocityMap(FrozenArrays):
     slowest: float = field(default=0.0, metadata=HIDDEN)
 
 
-def compute_velocity_map(
-    samples: FrictionSamples, other: FloatArray | tuple[float, ...] = (), *, intervals: int = 20
-) -> VelocityMap:
+def compute_velocity_map(samples: FrictionSamples, other: FloatArray | tuple[float, ...] = ()) -> VelocityMap:
     """Return the map of the torque less `other` (k,) times the columns beside friction.
 
-    At most `intervals` of each direction have equal numbers of rows.
+    At most twenty intervals of each direction have equal numbers of rows.
     """
     rows = samples.build_rows()
     torque = rows.torque - rows.extra @ np.asarray(other, dtype=np.float64)
@@ -264,7 +262,7 @@ def compute_velocity_map(
     for direction in (-1.0, 1.0):
         index = np.flatnonzero(direction * rows.velocity > 0.0)
         order = index[np.argsort(rows.velocity[index], kind="stable")]
-        count = min(intervals, len(order) // 5)
+        count = min(20, len(order) // 5)
         for group in np.array_split(order, count) if count else ():
             values = torque[group]
             parts.append((np.mean(rows.velocity[group]), np.mean(values), np.std(values), len(group)))

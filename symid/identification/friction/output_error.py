@@ -216,8 +216,6 @@ GIVEN = 20
 _FEWEST = 2 * GIVEN
 _WORST = 1e3
 """Error in m or rad of a simulation that diverged."""
-AxisStates = tuple[FloatArray, FloatArray, FloatArray]
-"""Position, velocity and acceleration (N,) at the samples of a run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -253,12 +251,11 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OutputErrorFit:
-    """Values of the model's `parameters`; RMS error, m or rad; simulations of all windows from all starts."""
+    """Values of the model's `parameters`; RMS error, m or rad; simulations from all starts."""
 
     names: tuple[str, ...]
     values: tuple[float, ...]
     rmse: float
-    windows: int
     evaluations: int
     converged: bool
 
@@ -307,24 +304,10 @@ def compute_output_error(
     return np.asarray(np.clip(np.nan_to_num(np.concatenate(parts), nan=_WORST), -_WORST, _WORST))
 
 
-def compute_window_rmse(
-    model: AxisModel, values: FloatArray, run: AxisRun, windows: Sequence[Window] = ()
-) -> float:
-    """Return the root mean square of `compute_output_error`, m or rad; without windows, of the whole run."""
-    errors = compute_output_error(model, values, run, windows or [Window(0, len(run.force))])
+def compute_window_rmse(model: AxisModel, values: FloatArray, run: AxisRun) -> float:
+    """Return the root mean square of `compute_output_error` of the whole run, m or rad."""
+    errors = compute_output_error(model, values, run, [Window(0, len(run.force))])
     return float(np.sqrt(np.mean(np.square(errors))))
-
-
-def fit_force(
-    model: AxisModel, run: AxisRun, states: AxisStates, windows: Sequence[Window], shape: Sequence[float] = ()
-) -> FloatArray:
-    """Return the values with the least error of force on the samples in `windows`, for a law's shape."""
-    rows = np.concatenate([np.arange(window.first, window.last) for window in windows])
-    position, velocity, acceleration = (values[rows] for values in states)
-    inputs = {"velocity": velocity, "position": position, "load": run.force[rows]}
-    inputs["time"] = run.begin + run.period * rows
-    columns = np.column_stack([acceleration, compute_force_columns(model, inputs, shape)])
-    return np.concatenate([solve_scaled(columns, run.force[rows]), np.asarray(shape, dtype=np.float64)])
 
 
 def fit_output_error(
@@ -370,7 +353,6 @@ def fit_output_error(
         names=model.parameters,
         values=tuple(float(value) for value in best.x),
         rmse=float(np.sqrt(np.mean(np.square(best.fun)))),
-        windows=len(windows),
         evaluations=sum(int(fit.nfev) for fit in fits),
         converged=bool(best.status > 0),
     )
@@ -426,8 +408,12 @@ def fit_whole_run(
     parts = [side for side in sides if side.last > side.first]
     position = low_pass(run.position, period=run.period, cutoff=plan.cutoff, order=4)
     velocity = differentiate(position, run.period)
-    states = position, velocity, differentiate(velocity, run.period)
-    start = fit_force(model, run, states, parts, plan.shape[: len(model.law.shape)])
+    # The values with the least error of force, for a law's shape.
+    rows, shape = np.concatenate([np.arange(*side) for side in parts]), plan.shape[: len(model.law.shape)]
+    inputs = {"velocity": velocity[rows], "position": position[rows], "load": run.force[rows]}
+    inputs["time"] = run.begin + run.period * rows
+    columns = [differentiate(velocity, run.period)[rows], compute_force_columns(model, inputs, shape)]
+    start = np.append(solve_scaled(np.column_stack(columns), run.force[rows]), shape)
     for length in plan.lengths:
         windows = split_windows(parts, length / run.period)
         start = np.array(fit_output_error(model, run, windows, [start]).values)
@@ -437,15 +423,15 @@ def fit_whole_run(
 
 
 def try_axis_model(
-    model: AxisModel, run: AxisRun, plan: SearchPlan, *, blocks: int = 4, generator: np.random.Generator
+    model: AxisModel, run: AxisRun, plan: SearchPlan, *, generator: np.random.Generator
 ) -> AxisTrial:
-    """Return the error in each block of a fit to all others; arguments as for `fit_whole_run`.
+    """Return the error in each quarter of a fit to all others; arguments as for `fit_whole_run`.
 
     The simulation passes through the block, as long and as far from its start as in use.
     """
     whole = Window(0, len(run.force))
     held = []
-    for block in split_windows([whole], len(run.force) / blocks):
+    for block in split_windows([whole], len(run.force) / 4):
         fit = fit_whole_run(model, run, plan, left_out=block, generator=generator)
         errors = compute_output_error(model, np.array(fit.values), run, [whole])
         # The first samples are given: there is no error of them.

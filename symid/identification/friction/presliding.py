@@ -23,7 +23,7 @@ import scipy
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.friction.joint_fit import FrictionSamples, LawFit
+from symid.identification.friction.joint_fit import FrictionRows, FrictionSamples, LawFit
 from symid.ipopt import Ending
 from symid.joint_models import (
     DynamicLaw,
@@ -66,15 +66,14 @@ def build_path(samples: FrictionSamples) -> FrictionPath:
 class PreslidingProblem:
     """The unknowns are the free values of the law, logarithms unless linear, then c.
 
-    `fixed` are values that are not fitted, by name; `target` (M,) is R tau, `extra` (M, k) R X.
+    `fixed` are values that are not fitted, by name; `rows` have R tau and R X.
     """
 
     samples: FrictionSamples
     law: DynamicLaw
     path: FrictionPath
     fixed: dict[str, float]
-    target: FloatArray
-    extra: FloatArray
+    rows: FrictionRows
 
     @property
     def free(self) -> list[int]:
@@ -99,19 +98,18 @@ class PreslidingProblem:
         """Return predicted less measured torque, (M,)."""
         values, other = self.split(unknowns)
         torque = simulate_dynamic_friction(self.law, values, self.path).torque
-        return self.samples.pass_columns(torque[:, None])[:, 0] + self.extra @ other - self.target
+        return self.samples.pass_columns(torque[:, None])[:, 0] + self.rows.extra @ other - self.rows.torque
 
     def compute_columns(self, values: Sequence[float]) -> FloatArray:
         """Return the derivatives (M, p + k) by the free values themselves, and by c."""
         columns = compute_torque_derivatives(self.law, values, self.path, self.free)
-        return np.hstack([self.samples.pass_columns(columns), self.extra])
+        return np.hstack([self.samples.pass_columns(columns), self.rows.extra])
 
     def compute_jacobian(self, unknowns: FloatArray) -> FloatArray:
         """Return the derivatives (M, p + k) by the unknowns."""
         values, _ = self.split(unknowns)
         columns = self.compute_columns(values)
-        factors = np.where(self.logarithmic, np.array(values)[self.free], 1.0)
-        columns[:, : len(self.free)] *= factors
+        columns[:, : len(self.free)] *= np.where(self.logarithmic, np.array(values)[self.free], 1.0)
         return columns
 
 
@@ -149,16 +147,16 @@ def _solve_start(problem: PreslidingProblem, values: list[float]) -> tuple[float
     linear = [name for name in LINEAR_PARAMETERS if name in names and name not in problem.fixed]
     terms = {"sigma1": rates, "fV": velocity}
     own = np.column_stack([values[0] * states, *(terms[name] for name in linear)])
-    columns = np.hstack([problem.samples.pass_columns(own), problem.extra])
-    found, *_ = np.linalg.lstsq(columns, problem.target, rcond=None)
-    scale = max(float(found[0]), 1e-3 * float(np.abs(problem.target).max()))
+    columns, target = np.hstack([problem.samples.pass_columns(own), problem.rows.extra]), problem.rows.torque
+    found, *_ = np.linalg.lstsq(columns, target, rcond=None)
+    scale = max(float(found[0]), 1e-3 * float(np.abs(target).max()))
     physical = dict(zip(names, values, strict=True))
     for name in ("sigma0", "fC", "fS"):
         if name in physical and name not in problem.fixed:
             physical[name] *= scale
     for name, value in zip(linear, found[1 : 1 + len(linear)], strict=True):
         physical[name] = max(float(value), 0.0)
-    residual = columns @ np.concatenate([[scale], found[1:]]) - problem.target
+    residual = columns @ np.concatenate([[scale], found[1:]]) - target
     start = np.array([physical[names[k]] for k in problem.free])
     start[problem.logarithmic] = np.log(start[problem.logarithmic])
     return float(residual @ residual), np.concatenate([start, found[1 + len(linear) :]])
@@ -181,20 +179,17 @@ def fit_presliding(
     if set(law.names) <= set(fixed):
         text = f"all parameters of {law.name!r} are fixed: leave some to be fitted"
         raise UsageError(Notice(code="friction.presliding-options", text=text))
-    target = samples.pass_columns(samples.torque[:, None])[:, 0]
-    beside = samples.extra.shape[1]
-    unknowns = sum(name not in fixed for name in law.names) + beside
-    if target.size <= unknowns:
-        few = f"{target.size} rows are too few for {unknowns} unknowns of {law.name!r}"
-        text = f"joint {samples.joint!r}: {few}"
+    rows = samples.build_rows()
+    count, unknowns = rows.extra.shape[0], sum(name not in fixed for name in law.names) + rows.extra.shape[1]
+    if count <= unknowns:
+        text = f"joint {samples.joint!r}: {count} rows are too few for {unknowns} unknowns of {law.name!r}"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
     problem = PreslidingProblem(
         samples=samples,
         law=law,
         path=build_path(samples),
         fixed={name: value for name, value in fixed.items() if name in law.names},
-        target=target,
-        extra=samples.pass_columns(samples.extra) if beside else np.zeros((target.size, 0)),
+        rows=rows,
     )
     grid = [_solve_start(problem, values) for values in _build_grid(problem)]
     grid.sort(key=lambda pair: pair[0])
@@ -281,7 +276,7 @@ def _build_estimate(
     # The damping whose torque at the median speed would equal the torque explained.
     held = problem.path.held
     speed = np.median(np.abs(held[held != 0.0]))
-    damping = float(np.sqrt(np.mean((residual + problem.target) ** 2)) / speed)
+    damping = float(np.sqrt(np.mean((residual + problem.rows.torque) ** 2)) / speed)
     identified, refused = _sort_entries(problem, values, other, covariance, damping)
     own = [entry for entry in identified if entry.name in problem.law.names]
     named, lost = dict(zip(problem.law.names, values, strict=True)), {name for name, _ in refused}

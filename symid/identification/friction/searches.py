@@ -33,6 +33,8 @@ parameters only in the searches between bounds.
 """
 
 import itertools
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import scipy
@@ -366,56 +368,56 @@ def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> Fr
     return projector.build_search(best, outcome, ended, points=options.points, roots=roots)
 
 
-class FrictionNlpCost:
-    """f, its gradient and Hessian, and how many points were evaluated."""
+def build_nlp(
+    problem: FrictionProblem, scale: float, low: FloatArray, high: FloatArray
+) -> tuple[SmoothProblem, Iterator[int]]:
+    """Return f over the physical parameters between bounds (n,), and a counter of the points evaluated."""
+    import casadi
 
-    def __init__(self, problem: FrictionProblem, scale: float) -> None:
-        import casadi
+    law, calls = problem.law, itertools.count()
+    size, count = len(law.physical), len(law.linear)
+    x, inputs = casadi.SX.sym("x", size), casadi.SX.sym("inputs", len(law.inputs))
+    values = casadi.mtimes(casadi.DM(np.array(law.unmixing, dtype=np.float64)), x)
+    named = {name: inputs[place] for place, name in enumerate(law.inputs)}
+    shape = [values[count + place] for place in range(len(law.shape))]
+    columns = law.columns(build_casadi_carrier(), named, shape)
+    torque = casadi.dot(values[:count], casadi.vertcat(*columns))
+    hessian, gradient = casadi.hessian(torque, x)
+    upper = np.triu_indices(size)
+    bends = casadi.vertcat(*(hessian[i, j] for i, j in zip(*(part.tolist() for part in upper), strict=True)))
+    # x (n), inputs (i, N) -> torque (1, N), gradient (n, N), upper triangle of the Hessian.
+    function = casadi.Function("torque", [x, inputs], [torque, gradient, bends])
+    given = np.vstack([problem.samples.inputs[name] for name in law.inputs])
 
-        self.scale, self.evaluations = scale, 0
-        law, size, count = problem.law, len(problem.law.physical), len(problem.law.linear)
-        x, inputs = casadi.SX.sym("x", size), casadi.SX.sym("inputs", len(law.inputs))
-        values = casadi.mtimes(casadi.DM(np.array(law.unmixing, dtype=np.float64)), x)
-        named = {name: inputs[place] for place, name in enumerate(law.inputs)}
-        shape = [values[count + place] for place in range(len(law.shape))]
-        columns = law.columns(build_casadi_carrier(), named, shape)
-        torque = casadi.dot(values[:count], casadi.vertcat(*columns))
-        hessian, gradient = casadi.hessian(torque, x)
-        bends = casadi.vertcat(*(hessian[i, j] for i in range(size) for j in range(i, size)))
-        # x (n), inputs (i, N) -> torque (1, N), gradient (n, N), upper triangle of the Hessian.
-        self.function = casadi.Function("torque", [x, inputs], [torque, gradient, bends])
-        self.inputs = np.vstack([problem.samples.inputs[name] for name in law.inputs])
-        self.upper = np.triu_indices(size)
+    @keep_last
+    def compute_state(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        # Errors (M,), their derivatives (M, n), and errors' sum over second ones, upper triangle.
+        next(calls)
+        rows = [np.asarray(part, dtype=np.float64).T for part in function(x, given)]
+        passed = problem.samples.pass_columns(np.hstack(rows))
+        errors = problem.eliminate(passed[:, 0] - problem.target)
+        slopes = problem.eliminate(passed[:, 1 : 1 + size])
+        return errors, slopes, passed[:, 1 + size :].T @ errors
 
-        def compute_state(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            # Errors (M,), their derivatives (M, n), and errors' sum over second ones, upper triangle.
-            self.evaluations += 1
-            rows = [np.asarray(part, dtype=np.float64).T for part in self.function(x, self.inputs)]
-            passed = problem.samples.pass_columns(np.hstack(rows))
-            errors = problem.eliminate(passed[:, 0] - problem.target)
-            slopes = problem.eliminate(passed[:, 1 : 1 + size])
-            return errors, slopes, passed[:, 1 + size :].T @ errors
+    def compute_value(x: FloatArray) -> float:
+        errors = compute_state(x)[0]
+        return float(errors @ errors) / scale
 
-        self.compute_state = keep_last(compute_state)
+    def compute_gradient(x: FloatArray) -> FloatArray:
+        errors, slopes, _ = compute_state(x)
+        return np.asarray(slopes.T @ errors * (2.0 / scale))
 
-    def compute_value(self, x: FloatArray) -> float:
-        """Return f at x (n,)."""
-        errors = self.compute_state(x)[0]
-        return float(errors @ errors) / self.scale
-
-    def compute_gradient(self, x: FloatArray) -> FloatArray:
-        """Return df/dx: (n,)."""
-        errors, slopes, _ = self.compute_state(x)
-        return np.asarray(slopes.T @ errors * (2.0 / self.scale))
-
-    def compute_hessian(self, x: FloatArray) -> FloatArray:
-        """Return d2f/dx2: (n, n)."""
-        _, slopes, bends = self.compute_state(x)
-        hessian = slopes.T @ slopes
-        second = np.zeros_like(hessian)
-        second[self.upper] = bends
+    def compute_hessian(x: FloatArray) -> FloatArray:
+        _, slopes, bends = compute_state(x)
+        second = np.zeros((size, size))
+        second[upper] = bends
         second += np.triu(second, 1).T
-        return np.asarray((hessian + second) * (2.0 / self.scale))
+        return np.asarray((slopes.T @ slopes + second) * (2.0 / scale))
+
+    smooth = SmoothProblem(
+        value=compute_value, gradient=compute_gradient, hessian=compute_hessian, lower=low, upper=high
+    )
+    return smooth, calls
 
 
 def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> FrictionSearch:
@@ -438,23 +440,17 @@ def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> Fric
     states = [projector.project(z) for z in starts]
     states.sort(key=lambda state: state.objective)
     scale = max(states[0].objective, 1e-20 * float(problem.target @ problem.target), 1e-300)
-    cost = FrictionNlpCost(problem, scale)
-    smooth = SmoothProblem(
-        value=cost.compute_value,
-        gradient=cost.compute_gradient,
-        hessian=cost.compute_hessian,
-        lower=low,
-        upper=high,
-    )
+    smooth, calls = build_nlp(problem, scale, low, high)
+    compute_hessian: Any = smooth.hessian
     settings = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
     history, runs, objectives = [states[0].objective], [], []
     for state in states[: options.starts]:
         start = np.clip(law.to_physical(list(state.linear), list(state.shape)), low, high)
         # One unit of a scaled unknown changes the objective by about one.
-        bend = np.abs(np.diag(cost.compute_hessian(start)))
+        bend = np.abs(np.diag(compute_hessian(start)))
         scales = np.where(bend > 0.0, 1.0 / np.sqrt(np.where(bend > 0.0, bend, 1.0)), 1.0)
         runs.append(minimise(smooth, start, settings, scales))
-        objectives.append(cost.compute_value(runs[-1].x) * cost.scale)
+        objectives.append(smooth.value(runs[-1].x) * scale)
         history.append(min(history[-1], objectives[-1]) if runs[-1].outcome.usable else history[-1])
     usable = [place for place, run in enumerate(runs) if run.outcome.usable]
     place = min(usable or range(len(runs)), key=lambda place: objectives[place])
@@ -466,7 +462,7 @@ def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> Fric
         linear=linear,
         shape=shape,
         objective=objective,
-        evaluations=cost.evaluations + projector.evaluations,
+        evaluations=next(calls) + projector.evaluations,
         solves=projector.solves + iterations,
         iterations=iterations,
         history=tuple(history),

@@ -23,7 +23,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -52,9 +51,6 @@ from symid.identification.friction.problem import (
 from symid.identification.friction.searches import JUMPING, KINKED, search_by_projection
 from symid.identification.regression import BLOCK, extend_triangle
 from symid.joint_models import FrictionLaw, get_law
-
-if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix
 
 CANDIDATE_LAWS = (
     "coulomb-viscous",
@@ -214,28 +210,11 @@ def select_law(
     scores, best, chosen = _choose(samples, _try_in_rows(parts, scores, options), options)
     plain = (score for score in scores if score.law.name == "coulomb-viscous-offset" and score.total)
     baseline = next(plain, None)
-    trials = [*_list_trials(parts, scores, best, baseline), *failed]
     better = any(score.refused and score.total < best.total for score in scores)
-    unit, held = "N" if samples.prismatic else "N m", int(np.sum(number >= 0))
-    selection = LawSelection(
-        trials=tuple(
-            sorted(trials, key=lambda one: np.inf if one.held_percent is None else one.held_percent)
-        ),
-        chosen=chosen.law.name,
-        verdict=_write_verdict(chosen, best, baseline, among=better, held=held, unit=unit),
-        blocks=int(number.max()) + 1,
-    )
-    return selection, chosen.estimate if chosen.final else None
-
-
-def _list_trials(
-    parts: "_Parts", scores: Sequence[_Score], best: _Score, baseline: _Score | None
-) -> list[LawTrial]:
-    number, torque = parts.number, parts.whole.build_rows().torque
-    whole, held = (float(np.linalg.norm(torque[mask])) for mask in (number >= -1, number >= 0))
-    count = int(np.sum(number >= 0))
+    unit, count = "N" if samples.prismatic else "N m", int(np.sum(number >= 0))
+    whole, held = (float(np.linalg.norm(rows.torque[mask])) for mask in (number >= -1, number >= 0))
     behind = measure_behind(np.stack([score.errors for score in scores]), scores.index(best))
-    return [
+    trials = [
         LawTrial(
             law=score.law.name,
             unknowns=score.unknowns,
@@ -249,6 +228,16 @@ def _list_trials(
         )
         for score, distance in zip(scores, behind, strict=True)
     ]
+    trials += failed
+    selection = LawSelection(
+        trials=tuple(
+            sorted(trials, key=lambda one: np.inf if one.held_percent is None else one.held_percent)
+        ),
+        chosen=chosen.law.name,
+        verdict=_write_verdict(chosen, best, baseline, among=better, held=count, unit=unit),
+        blocks=int(number.max()) + 1,
+    )
+    return selection, chosen.estimate if chosen.final else None
 
 
 def _try_in_rows(parts: "_Parts", scores: Sequence[_Score], options: FrictionOptions) -> list[_Score]:
@@ -276,10 +265,7 @@ def _try_in_rows(parts: "_Parts", scores: Sequence[_Score], options: FrictionOpt
 def _choose(
     samples: FrictionSamples, scores: Sequence[_Score], options: FrictionOptions
 ) -> tuple[list[_Score], _Score, _Score]:
-    """Return the scores, the best among identifiable laws, and the one taken.
-
-    A law is taken only where its parameters are identifiable in a fit of full effort, too.
-    """
+    """Return the scores, the best among laws identifiable in a fit of full effort, and the one taken."""
     tried, checked = list(scores), set[str]()
     while True:
         whole = [score for score in tried if not score.refused]
@@ -357,7 +343,27 @@ def _draw_sketches(
     rows = samples.build_rows()
     if not samples.velocity.any():
         return ()
-    speeds, spread = _spread_speeds(samples)
+    # Speeds (J,) in each direction even in asinh(|v| / v0), fine near standstill, which is one of its own;
+    # the interpolation (N, J) from them is by polynomials through neighbours.
+    velocity, sizes = samples.velocity, np.abs(samples.velocity)
+    fastest, finest = float(sizes.max()), find_slowest(samples)
+    step = np.arcsinh(fastest / finest) / (_SPEEDS - 1)
+    places = np.arcsinh(sizes / finest) / step
+    first = np.clip(places.astype(np.intp) - _POINTS // 2 + 1, 0, _SPEEDS - _POINTS)
+    apart = (places - first)[:, None] - np.arange(_POINTS)
+    weights = np.empty(apart.shape)
+    for k in range(_POINTS):
+        others = [j for j in range(_POINTS) if j != k]
+        weights[:, k] = np.prod(apart[:, others], axis=1) / math.prod(k - j for j in others)
+    column, rest = first + np.where(velocity < 0.0, _SPEEDS, 0), velocity == 0.0
+    weights[rest], column[rest] = np.eye(1, _POINTS), 2 * _SPEEDS
+    index = np.minimum(column[:, None] + np.arange(_POINTS), 2 * _SPEEDS)
+    starts = np.arange(0, weights.size + 1, _POINTS)
+    forward = finest * np.sinh(step * np.arange(_SPEEDS))
+    # Friction jumps at zero velocity: the slowest speed is the limit from its side.
+    forward[0] = _LIMIT * fastest
+    speeds, shape = np.concatenate([forward, -forward, [0.0]]), (len(sizes), 2 * _SPEEDS + 1)
+    spread = scipy.sparse.csr_matrix((weights.ravel(), index.ravel(), starts), shape=shape).tocsc()
     count, width = rows.extra.shape[1], rows.extra.shape[1] + len(speeds) + 1
     size = len(rows.torque)
     if size < _LEAST_SKETCHED * width or size * width > _MOST_NUMBERS:
@@ -379,12 +385,12 @@ def _draw_sketches(
         inside = [cell for kind, cell in cells.items() if kind >> place & 1]
         triangle = extend_triangle(empty, [np.vstack(inside)])
         # Torque (K,) and columns (K, J) less their parts in those beside friction.
-        first, others = triangle[:count, :count], triangle[:, count:].copy()
-        lengths = np.linalg.norm(first, axis=0)
-        left, singular, _ = np.linalg.svd(first / np.where(lengths > 0.0, lengths, 1.0))
+        beside, rows_left = triangle[:count, :count], triangle[:, count:].copy()
+        lengths = np.linalg.norm(beside, axis=0)
+        left, singular, _ = np.linalg.svd(beside / np.where(lengths > 0.0, lengths, 1.0))
         basis = left[:, singular > _DEPENDENT * singular.max(initial=0.0)]
-        others[:count] -= basis @ (basis.T @ others[:count])
-        left_over = others[count if basis.shape[1] == count else 0 :]
+        rows_left[:count] -= basis @ (basis.T @ rows_left[:count])
+        left_over = rows_left[count if basis.shape[1] == count else 0 :]
         points = FrictionSamples(
             joint=samples.joint,
             time=np.zeros(len(speeds)),
@@ -395,39 +401,6 @@ def _draw_sketches(
         )
         sketches.append((points, left_over[:, -1]))
     return tuple(sketches)
-
-
-def _spread_speeds(samples: FrictionSamples) -> "tuple[FloatArray, csc_matrix]":
-    """Return speeds (J,) in rad/s or m/s, and the interpolation (N, J) from them to the samples.
-
-    In each direction they are even in asinh(|v| / v0), fine near standstill, with polynomials through
-    `_POINTS` neighbours; standstill is a speed of its own.
-    """
-    velocity, size = samples.velocity, np.abs(samples.velocity)
-    fastest = float(size.max())
-    finest = find_slowest(samples)
-    step = np.arcsinh(fastest / finest) / (_SPEEDS - 1)
-    places = np.arcsinh(size / finest) / step
-    first = np.clip(places.astype(np.intp) - _POINTS // 2 + 1, 0, _SPEEDS - _POINTS)
-    apart = (places - first)[:, None] - np.arange(_POINTS)
-    weights = np.empty(apart.shape)
-    for k in range(_POINTS):
-        others = [j for j in range(_POINTS) if j != k]
-        weights[:, k] = np.prod(apart[:, others], axis=1) / math.prod(k - j for j in others)
-    # Speeds forward, backward, and at rest.
-    column = first + np.where(velocity < 0.0, _SPEEDS, 0)
-    rest = velocity == 0.0
-    weights[rest] = np.eye(1, _POINTS)
-    column[rest] = 2 * _SPEEDS
-    index = np.minimum(column[:, None] + np.arange(_POINTS), 2 * _SPEEDS)
-    starts = np.arange(0, weights.size + 1, _POINTS)
-    speeds = finest * np.sinh(step * np.arange(_SPEEDS))
-    # Friction jumps at zero velocity: the slowest speed is the limit from its side.
-    speeds[0] = _LIMIT * fastest
-    spread = scipy.sparse.csr_matrix(
-        (weights.ravel(), index.ravel(), starts), shape=(len(size), 2 * _SPEEDS + 1)
-    )
-    return np.concatenate([speeds, -speeds, [0.0]]), spread.tocsc()
 
 
 def _write_verdict(

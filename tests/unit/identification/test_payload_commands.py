@@ -119,10 +119,8 @@ def test_universal_robots_get_a_line_of_urscript():
 
 
 def test_franka_gets_columns():
-    command = command_wrist("franka")
-    body = find_expected("hand", "flange")
-    columns = body.inertia.T.ravel()
-    call = command.texts["libfranka"]
+    command, body = command_wrist("franka"), find_expected("hand", "flange")
+    columns, call = body.inertia.T.ravel(), command.texts["libfranka"]
     assert call.startswith("robot.setLoad(1.5, {{")
     com, inertia = read_lists(call)
     np.testing.assert_allclose(com, body.lever, rtol=1e-8)

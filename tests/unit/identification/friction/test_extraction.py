@@ -1,4 +1,4 @@
-"""From recordings to samples of one joint: the rigid part, poses, rows left out, folded periods."""
+"""Samples of one joint: from recordings, the rigid part, rows left out, folded periods; what is refused."""
 
 from dataclasses import replace
 
@@ -14,8 +14,12 @@ from symid.identification.friction.extraction import (
     list_independent,
     prepare_joint_logs,
 )
-from symid.joint_models.friction_catalogue import get_law
+from symid.identification.friction.joint_fit import FrictionSamples, build_reduction, list_shaped_columns
+from symid.identification.friction.selection import CANDIDATE_LAWS
+from symid.joint_models import compute_columns
+from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
 from symid.logs.recording import Recording
+from symid.robot import Decimation
 from symid.robot.description import Processing
 from tests.recovery.closed_form import build_one_axis, build_two_link
 from tests.refusals import raises
@@ -69,18 +73,16 @@ def test_independent_columns_are_the_first_ones_and_many_are_warned_of():
     assert list_independent(np.column_stack([np.zeros(50), a, 3.0 * a, b, a - b])) == [1, 3]
     rounding = 1e-16 * np.random.default_rng(1).normal(size=50)
     assert list_independent(np.column_stack([rounding, a])) == [1]
+    for columns, codes in ((4, []), (8, ["friction.many-columns"])):
 
-    def build(columns):
-        def regress(q, *_):
+        def regress(q, *_, columns=columns):
             found = np.zeros((len(q), 2, 8))
             found[:, 0, :columns] = np.sin(q[:, :1] * np.arange(1, columns + 1))
             return (found,)
 
         card = replace(LIBRARY.card, beta=LIBRARY.card.beta + LIBRARY.card.beta[:2])
-        return replace(LIBRARY, card=card, functions=LIBRARY.functions | {"torque_regressor": regress})
-
-    for columns, codes in ((4, []), (8, ["friction.many-columns"])):
-        logs = prepare_joint_logs(build(columns), [record(0.8)], RAW)
+        functions = LIBRARY.functions | {"torque_regressor": regress}
+        logs = prepare_joint_logs(replace(LIBRARY, card=card, functions=functions), [record(0.8)], RAW)
         assert [entry.code for entry in extract_joint(logs, 0).notices] == codes
 
 
@@ -133,7 +135,7 @@ def test_slow_rows_are_left_out_and_counted():
         extract(record(0.8), processing=Processing(standstill=2.0))
 
 
-def test_rows_keep_time_velocity_and_recording_behind_the_filter():
+def test_rows_keep_velocity_and_recording_behind_the_filter():
     samples = extract(record(0.8), record(0.2), processing=DECIMATED).samples
     rows = samples.build_rows()
     assert sorted(set(rows.run.tolist())) == [0, 1]
@@ -141,9 +143,6 @@ def test_rows_keep_time_velocity_and_recording_behind_the_filter():
     expected = samples.velocity[samples.run == 1]
     first = len(expected) - 1 - 5 * (count - 1)
     assert np.allclose(rows.velocity[rows.run == 1], expected[first::5], atol=2e-4)
-    kept = rows.run == 1
-    part = samples.select_rows(kept)
-    assert np.array_equal(part.build_rows().torque, rows.torque[kept])
     raw = extract(record(0.8)).samples
     fewer = raw.select_rows(raw.velocity > 0.0)
     assert fewer.count == np.sum(raw.velocity > 0.0)
@@ -175,15 +174,10 @@ def test_joints_that_rest_or_are_shaken_and_logs_of_other_robots_are_refused():
 @pytest.mark.parametrize("period", [2.0, 2.0005])
 def test_periods_are_averaged(period):
     time = np.arange(round(10.5 * RATE)) / RATE
-    angle = 2.0 * np.pi * time / period
-    rng = np.random.default_rng(3)
-    recording = Recording(
-        time=time,
-        position=np.cos(angle)[:, None],
-        torque=np.sin(angle)[:, None] + 0.1 * rng.normal(size=(len(time), 1)),
-        source="log",
-    )
-    folded = fold_recording(recording, period)
+    angle = 2.0 * np.pi * time[:, None] / period
+    noise = 0.1 * np.random.default_rng(3).normal(size=angle.shape)
+    log = Recording(time=time, position=np.cos(angle), torque=np.sin(angle) + noise, source="log")
+    folded = fold_recording(log, period, margin=1000)
     assert len(folded.time) == 3000
     error = folded.torque[1000:2000, 0] - np.sin(2.0 * np.pi * np.arange(1000) / 1000)
     # Between samples, noise is that of a mean of two; that of five periods is averaged.
@@ -193,32 +187,31 @@ def test_periods_are_averaged(period):
     assert [notice.code for notice in folded.notices] == ["log.folded"]
 
 
-def make_log(position, torque=None):
+TIME = np.arange(5000) / RATE
+
+
+def make_log(*positions, torque=None):
     """Return a log of columns over 10 s."""
-    columns = np.column_stack(position if isinstance(position, tuple) else (position,))
+    columns = np.column_stack(positions)
     torque = columns if torque is None else torque[:, None]
     return Recording(time=TIME, position=columns, torque=torque, source="log")
-
-
-TIME = np.arange(5000) / RATE
 
 
 def test_a_wrong_period_is_told_or_refused_and_a_short_log_refused():
     # A mean period is continued by the margin asked for.
     folded = fold_recording(make_log(np.sin(np.pi * TIME)), 2.0, margin=2300)
-    assert folded.position.shape == (2300 + 1000 + 2300, 1)
     expected = np.sin(2.0 * np.pi * np.arange(-2300, 3300) / 1000)
-    assert np.allclose(folded.position[:, 0], expected)
+    assert np.allclose(folded.position, expected[:, None])
     # The second joint rests: it has no period to be wrong.
     noise = 1e-6 * np.random.default_rng(0).normal(size=len(TIME))
-    half_resting = make_log((np.cos(np.pi * TIME) + 0.03 * TIME, noise))
-    drifting = make_log(np.cos(2.0 * TIME) + 0.02 * TIME, np.sin(TIME))
+    half_resting = make_log(np.cos(np.pi * TIME) + 0.03 * TIME, noise)
+    drifting = make_log(np.cos(2.0 * TIME) + 0.02 * TIME, torque=np.sin(TIME))
     for recording, period in ((half_resting, 2.0), (drifting, np.pi)):
-        codes = [notice.code for notice in fold_recording(recording, period).notices]
+        codes = [notice.code for notice in fold_recording(recording, period, margin=0).notices]
         assert codes == ["log.folded", "log.not-periodic"]
     for period, code in ((2.5, "log.not-periodic"), (7.0, "log.period"), (0.01, "log.period")):
         with raises(LogError, code, match="one for each log" if period == 2.5 else None):
-            fold_recording(drifting, period)
+            fold_recording(drifting, period, margin=0)
 
 
 # fC, fS, vs, fV, fP, dq0 in N and m/s, and the mass in kg.
@@ -295,13 +288,101 @@ def test_every_log_and_joint_has_its_own_cutoff():
     assert (logs.processing.filter_cutoff, logs.processing.automatic) == (None, True)
     assert [notice.file for notice in describe_cutoffs(logs)] == ["seed 0", "seed 1"]
     assert f"(Hz): joint1 {fine:g};" in describe_cutoffs(logs)[0].text
-    one, two = record_sharp(0, bits=20), record_sharp(1, bits=16)
-    pairs = {name: np.hstack([getattr(one, name), getattr(two, name)]) for name in ("position", "torque")}
-    both = replace(one, **pairs)
-    together = prepare_joint_logs(LIBRARY, [both], OPEN)
-    assert together.cutoffs == ((fine, coarse),)
-    alone = (prepare_joint_logs(build_one_axis(), [entry], OPEN).signals[0] for entry in (one, two))
-    for joint, states in enumerate(alone):
-        cut = (len(states.time) - len(together.signals[0].time)) // 2
-        kept = slice(cut, len(states.time) - cut)
-        np.testing.assert_allclose(together.signals[0].dq[:, joint], states.dq[kept, 0], atol=1e-12)
+
+
+def build(**changes):
+    fields = {
+        "joint": "1",
+        "time": np.arange(4.0),
+        "velocity": np.ones(4),
+        "torque": np.zeros(4),
+        "extra": np.zeros((4, 0)),
+    }
+    return FrictionSamples(**(fields | changes))
+
+
+def test_inputs_are_those_that_are_known_and_columns_pass_the_operator():
+    assert set(build().inputs) == {"velocity"}
+    given = ("load", "position", "temperature")
+    assert set(build(**dict.fromkeys(given, np.ones(4))).inputs) == {"velocity", *given}
+    columns = np.arange(8.0).reshape(4, 2)
+    assert build().pass_columns(columns) is columns
+    assert build(reduce=lambda values: values[::2]).pass_columns(columns).tolist() == [[0.0, 1.0], [4.0, 5.0]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"velocity": np.ones(3)}, "shape"),
+        ({"temperature": np.ones(3)}, r"temperature .*shape"),
+        ({"torque": np.array([0.0, np.nan, 0.0, 0.0])}, "not finite"),
+        ({"extra": np.zeros((4, 2))}, r"extra .*\(4, 2\)"),
+        ({"extra": np.zeros((4, 1)), "extra_names": ("J",), "extra_units": ("a", "b")}, "extra_units"),
+        ({"velocity": np.zeros(0)}, "no samples"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changes, word):
+    with pytest.raises(LogError, match=word) as refused:
+        build(**changes)
+    assert {notice.code for notice in refused.value.notices} == {"friction.samples"}
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.02])
+@pytest.mark.parametrize("name", [*FRICTION_LAWS, *CANDIDATE_LAWS])
+def test_columns_that_depend_on_the_shape_are_those_that_change_with_it(name, smoothing):
+    law = get_law(name, smoothing=smoothing)
+    rng = np.random.default_rng(6)
+    drawn = dict(zip(("velocity", "load", "temperature"), rng.normal(size=(3, 200)), strict=True))
+    inputs = {**drawn, "position": np.zeros(200)}
+    one, *others = (compute_columns(law, inputs, rng.uniform(0.1, 1.5, len(law.shape))) for _ in range(9))
+    changed = np.any([np.any(one != other, axis=0) for other in others], axis=0)
+    assert list_shaped_columns(law) == np.flatnonzero(changed).tolist()
+
+
+def draw_long(count=5000):
+    rng = np.random.default_rng(7)
+    return FrictionSamples(
+        joint="1",
+        time=np.arange(count) * 1e-3,
+        velocity=np.sin(np.arange(count) / 300.0) + 0.01 * rng.normal(size=count),
+        torque=rng.normal(size=count),
+        extra=rng.normal(size=(count, 2)),
+        extra_names=("a", "b"),
+        run=np.repeat([0, 1], [2000, count - 2000]),
+        reduce=build_reduction([2000, count - 2000], Decimation(factor=10)),
+    )
+
+
+def test_columns_and_rows_that_are_kept_are_those_that_pass_the_operator():
+    samples = draw_long()
+    kept = np.random.default_rng(8).uniform(size=500) < 0.7
+    then = np.arange(kept.sum()) % 3 > 0
+    part = samples.select_rows(kept).select_rows(then)
+    for name in (*CANDIDATE_LAWS, "stribeck+offset"):
+        law = get_law(name)
+        if "load" in law.inputs:
+            continue
+        for scale in (0.2, 0.5, 0.2):
+            shape = [scale] * len(law.shape)
+            passed = samples.pass_columns(compute_columns(law, samples.inputs, shape))
+            np.testing.assert_array_equal(samples.pass_law(law, shape), passed)
+            np.testing.assert_array_equal(part.pass_law(law, shape), passed[kept][then])
+    whole, rows = samples.build_rows(), part.build_rows()
+    np.testing.assert_array_equal(whole.torque, samples.pass_columns(samples.torque[:, None])[:, 0])
+    np.testing.assert_array_equal(rows.extra, samples.pass_columns(samples.extra)[kept][then])
+    assert set(rows.run.tolist()) == {0, 1}
+    with pytest.raises(ValueError, match="read-only"):
+        samples.pass_law(get_law("coulomb"), ())[0] = 1.0
+
+
+def test_columns_pass_the_filter_once():
+    calls = []
+    samples = draw_long()
+    names = ("joint", "time", "velocity", "torque", "extra", "extra_names")
+    counted = FrictionSamples(
+        **{name: getattr(samples, name) for name in names},
+        reduce=lambda columns: calls.append(columns.shape[1]) or samples.reduce(columns),
+    )
+    for speed, passed in ((0.1, 4), (0.1, 4), (0.2, 5)):
+        counted.pass_law(get_law("stribeck+offset"), [speed])
+        assert sum(calls) == passed

@@ -31,7 +31,7 @@ from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from symid.robot.description import Processing
 from tests.recovery.closed_form import build_two_link
-from tests.refusals import raises
+from tests.refusals import raises, tell
 from tests.unit.identification.friction.cosine_rigs import (
     BETA,
     PLAIN,
@@ -134,8 +134,6 @@ def test_periods_of_every_log_can_be_averaged():
     assert 4400 < joint.residual.samples <= 4500
     with raises(LogError, "log.not-periodic"):
         identify(*recordings, **options, periods=(3.0,))
-    with raises(UsageError, "usage.friction-periods", match="3 periods for 2 logs"):
-        identify(*recordings, **options, periods=(3.0, 6.0, 6.0))
 
 
 def test_doubts_of_a_period_stay_where_no_number_is_found():
@@ -152,13 +150,11 @@ def test_a_law_of_the_load_needs_a_load():
     recording = record(0.3, law="coulomb-viscous-offset")
     speed = np.gradient(recording.position[:, 0], recording.time)
     torque = np.zeros_like(recording.torque)
-    torque[:, 0] = (
-        1.1 * speed + 1.8 * np.sign(speed) + 0.05 * np.random.default_rng(1).normal(size=len(speed))
-    )
+    noise = 0.05 * np.random.default_rng(1).normal(size=len(speed))
+    torque[:, 0] = 1.1 * speed + 1.8 * np.sign(speed) + noise
     weightless = replace(recording, torque=torque)
-    notices = refuse(weightless, model="load-dependent")
-    assert notices[0].code == "friction.nothing"
-    assert "load" in notices[0].text
+    (first, *_) = refuse(weightless, model="load-dependent")
+    assert (first.code, "load" in first.text) == ("friction.nothing", True)
     # That joint alone does not keep others from such a law.
     samples = extract_joint(prepare_joint_logs(LIBRARY, [weightless], RAW), 0).samples
     assert samples.load is None
@@ -166,24 +162,20 @@ def test_a_law_of_the_load_needs_a_load():
         check_inputs(samples, get_law("load-dependent"))
 
 
-def find_notices(*recordings, **options):
-    return {entry.code: entry.text for entry in identify(*recordings, **options).notices}
-
-
 def test_what_looks_odd_is_told_and_nothing_else():
+    def find(*recordings, **options):
+        return tell(identify(*recordings, **options).notices)
+
     right, law = record(1.0, law="coulomb-viscous-offset"), "coulomb-viscous-offset"
-    plain = find_notices(right, model=law)
-    wrong = replace(right, torque=-right.torque)
-    assert "sign" in find_notices(wrong, model=law)["friction.negative-inertia"]
-    noisy = replace(
-        right, torque=right.torque + 20.0 * np.random.default_rng(0).normal(size=right.torque.shape)
-    )
-    assert "degrees" in find_notices(noisy, model=law)["friction.large-residual"]
-    assert not {"friction.negative-inertia", "friction.large-residual"} & set(plain)
-    assert "fC" in find_notices(*SLOW_AND_FAST, model=law)["friction.pattern"]
-    found = find_notices(*SLOW_AND_FAST, model="stribeck+offset", smoothing=1e-4)
-    assert not {"friction.pattern", "friction.smoothing-unused"} & set(found)
-    found = find_notices(*SLOW_AND_FAST, candidates=("makkar",), smoothing=0.01)
+    rough = right.torque + 20.0 * np.random.default_rng(0).normal(size=right.torque.shape)
+    wrong, noisy = (replace(right, torque=torque) for torque in (-right.torque, rough))
+    assert "sign" in find(wrong, model=law)["friction.negative-inertia"]
+    assert "degrees" in find(noisy, model=law)["friction.large-residual"]
+    assert not {"friction.negative-inertia", "friction.large-residual"} & find(right, model=law).keys()
+    assert "fC" in find(*SLOW_AND_FAST, model=law)["friction.pattern"]
+    found = find(*SLOW_AND_FAST, model="stribeck+offset", smoothing=1e-4)
+    assert not {"friction.pattern", "friction.smoothing-unused"} & found.keys()
+    found = find(*SLOW_AND_FAST, candidates=("makkar",), smoothing=0.01)
     assert "friction.smoothing-unused" in found
     # An inertia that is only uncertain is not blamed on the log.
     estimate = SimpleNamespace(extra=(ParameterEstimate(name="J", value=-0.03, std=0.2, unit="kg m^2"),))
@@ -195,7 +187,6 @@ def test_what_looks_odd_is_told_and_nothing_else():
     ("options", "code", "words"),
     [
         ({"model": "makkar", "smoothing": 0.01}, "usage.friction-smoothing", "'makkar'"),
-        ({"model": "stribek"}, "usage.unknown-friction-law", "did you mean stribeck"),
         ({"model": "lugre"}, "usage.friction-state", "fit its curve, 'stribeck-exponent'"),
         ({"model": "dahl"}, "usage.friction-state", "fit its curve, 'coulomb-viscous'"),
         ({"recordings": (), "model": "stribeck"}, "usage.no-log", None),
@@ -233,14 +224,7 @@ def change_map(data, **columns):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda data: data.pop("joints"), "joints is missing"),
-        (lambda data: data.update(extra=1), "extra is unknown"),
-        (lambda data: data.update(robot=3), "robot: expected text"),
-        (lambda data: data.update(version=9), "version 9"),
-        (lambda data: data.update(format="something"), "not an estimate written by symid"),
         (lambda data: data["joints"][0]["estimate"].update(outcome="LUCKY"), "LUCKY"),
-        (lambda data: data["joints"][0]["estimate"].update(linear=[True]), "expected a number"),
-        (lambda data: data.update(refused=[["a"]]), "expected 2 entries"),
         (lambda data: data.update(joints=[]), "joints is empty"),
         (lambda data: data["joints"][0]["estimate"].update(law="zzz"), "friction law 'zzz'"),
         (lambda data: data["joints"][0]["estimate"].update(linear=[1.0]), "linear has 1 entries, not 3"),
@@ -276,20 +260,15 @@ def compare(recordings):
 
 def test_friction_that_depends_on_the_pose_is_told_from_equal_friction():
     found = compare(build_poses(1.8, 1.8, 1.8))
-    assert not found.differs
-    assert " not " in found.verdict
-    assert found.change < 0.02
+    assert (found.differs, " not " in found.verdict, found.change < 0.02) == (False, True, True)
     assert [pose.others[0][1] for pose in found.poses] == pytest.approx([0.0, 0.5, 1.0])
     for entry in found.parameters:
-        truth = PLAIN[entry.name]
-        assert sum(low <= truth <= high for low, high in entry.intervals) >= 2
+        assert sum(low <= PLAIN[entry.name] <= high for low, high in entry.intervals) >= 2
     found = compare(build_poses(1.8, 2.0, 1.8))
-    assert found.differs
-    assert ": fC (" in found.verdict
+    assert (found.differs, ": fC (" in found.verdict, 0.04 < found.change < 0.12) == (True, True, True)
     level = next(entry for entry in found.parameters if entry.name == "fC")
     assert level.values == pytest.approx((1.8, 2.0, 1.8), abs=0.02)
     assert level.chance < 1e-6
-    assert 0.04 < found.change < 0.12
 
 
 def test_a_pose_that_cannot_be_fitted_is_left_out_and_the_rest_stays():
@@ -357,8 +336,7 @@ def test_noise_with_a_memory_makes_no_difference_of_poses(memory, poses):
 
 def test_one_pose_is_no_test_and_recordings_of_one_pose_belong_together():
     recordings = [*build_poses(1.8, 1.8), record(0.3, pose=(0.3, 0.0), seed=7)]
-    logs = prepare_joint_logs(LIBRARY, recordings, RAW)
-    assert [pose.runs for pose in list_poses(logs, 0)] == [(0, 2), (1,)]
-    assert compare(build_poses(1.8)) is None
     moving = replace(recordings[0], position=recordings[0].position[:, [0, 0]])
-    assert list_poses(prepare_joint_logs(LIBRARY, [moving], RAW), 0) == ()
+    for logs, runs in ((recordings, [(0, 2), (1,)]), ([moving], [])):
+        assert [pose.runs for pose in list_poses(prepare_joint_logs(LIBRARY, logs, RAW), 0)] == runs
+    assert compare(build_poses(1.8)) is None

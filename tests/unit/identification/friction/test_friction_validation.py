@@ -16,6 +16,7 @@ from symid.identification.friction.identify import (
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from tests.recovery.closed_form import build_two_link
+from tests.refusals import tell
 from tests.unit.identification.friction.cosine_rigs import BETA, DECIMATED, RAW, load_recording, record
 
 TASK = FrictionTask(model="stribeck+offset", poses=False)
@@ -109,13 +110,11 @@ def test_columns_that_stand_for_groups_are_told_and_parameters_told_apart_hold_a
     assert {entry.name for entry in joint.estimate.extra} == {entry.name for entry in library.card.beta}
     found = replace(found, joints=(joint,))
     assert find_codes(validate_friction(found, library, record(1.0, pose=(0.9, -1.0)), RAW)) == []
-    twice = [record(1.0), record(1.0, pose=(0.3, 1.2), seed=2)]
-    found = identify_friction(library, twice, RAW, TASK)
+    found = identify_friction(library, [record(1.0), record(1.0, pose=(0.3, 1.2), seed=2)], RAW, TASK)
     (joint,) = found.joints
     assert not {"J", "a", "b"} & {entry.name for entry in joint.estimate.extra}
-    validation = validate_friction(found, library, record(0.8, seed=4), RAW)
-    (notice,) = (entry for entry in validation.notices if entry.code == "validate.friction-pose")
-    assert f"({len(joint.estimate.other)} columns)" in notice.text
+    told = tell(validate_friction(found, library, record(0.8, seed=4), RAW).notices)
+    assert f"({len(joint.estimate.other)} columns)" in told["validate.friction-pose"]
 
 
 def test_another_kind_of_motion_is_refused_where_its_rigid_part_is_not_known(library, found):
@@ -134,14 +133,11 @@ def test_another_kind_of_motion_is_refused_where_its_rigid_part_is_not_known(lib
 def test_refused_parameters_leave_the_speeds_that_were_fitted(library):
     slow = replace(RAW, standstill=0.2)
     found = identify_friction(library, [record(1.0), record(0.6, seed=3)], slow, TASK)
-    (joint,) = found.joints
-    assert {name for name, _ in joint.estimate.refused} >= {"fS", "vs"}
+    assert {name for name, _ in found.joints[0].estimate.refused} >= {"fS", "vs"}
     validation = validate_friction(found, library, record(0.8, seed=9), RAW)
-    (series,) = validation.series
-    assert np.min(np.abs(series.velocity)) >= 0.2
+    assert np.min(np.abs(validation.series[0].velocity)) >= 0.2
     assert validation.residual[0].std == pytest.approx(0.05, rel=0.1)
-    (notice,) = (entry for entry in validation.notices if entry.code == "validate.friction-refused")
-    assert "fS, vs" in notice.text
+    assert "fS, vs" in tell(validation.notices)["validate.friction-refused"]
     with pytest.raises(IdentifiabilityError, match=r"processing\.standstill.* fitted"):
         validate_friction(found, library, record(0.15, seed=9), RAW)
 
