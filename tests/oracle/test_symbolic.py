@@ -16,7 +16,7 @@ from sympy.physics.mechanics import dynamicsymbols
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.routes import choose_route
 from symid.codegen.symbolic import derive_symbolic
-from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.errors import UsageError
 from symid.joint_models import FrictionValues
 from symid.robot import load_robot
@@ -27,16 +27,10 @@ from tests.chains import (
     TWO_LINK,
     assert_close,
     build_chain,
-    build_pinocchio,
-    compute_beta,
-    draw_parameters,
     follow,
-    name_parameters,
     run_program,
 )
 from tests.refusals import raises
-
-pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 PI = np.pi
 ROWS = [(0.0, 0, 0, "q"), (PI / 6, 0.2, 0.1, "q"), (PI / 3, 0.1, "q", 0.3), (PI / 2, 0, "L1", "q")]
@@ -154,28 +148,6 @@ def test_expressions_equal_generated_programs(robots, derive, name):
                     assert_close(np.asarray(value, dtype=float).reshape(output.shape), output, tolerance)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_panda_equals_pinocchio(robots, seed):
-    rng = np.random.default_rng(seed)
-    robot = robots["panda"]
-    links = draw_parameters(rng, robot.size)
-    q, dq, ddq = rng.uniform(-3, 3, (3, robot.size))
-    standard = build_standard_parameters(robot)
-    values = name_parameters(links)
-    pi = np.array([values[parameter.label] for parameter in standard.parameters])
-    beta = compute_beta(derive_base_parameters(robot), links)
-    model = build_pinocchio(robot, links)
-    data = model.createData()
-    torque = pin.rnea(model, data, q, dq, ddq)
-    mass = pin.crba(model, data, q)
-    mass = np.triu(mass) + np.triu(mass, 1).T
-    for chosen, vector in ((False, beta), (True, pi)):
-        (found,) = derive_symbolic(robot, "mass_matrix", standard=chosen).lambdify()(q, vector)
-        assert_close(found, mass)
-        (found,) = derive_symbolic(robot, "inverse_dynamics", standard=chosen).lambdify()(q, dq, ddq, vector)
-        assert_close(np.ravel(found), torque)
-
-
 def vanish(expression, coordinates):
     """Return the remainder of an expression by s^2 + c^2 = 1; zero if and only if it vanishes everywhere."""
     value = sympy.expand(sympy.expand_trig(sympy.expand(expression)))
@@ -217,17 +189,6 @@ def test_dynamics_follow_from_the_energy(robots, name):
     tau = get["forward_dynamics"].inputs["tau"]
     solved = mass * get["forward_dynamics"].expr + get["bias"].expr - tau
     assert all(vanish(sympy.fraction(sympy.together(entry))[0], q) == 0 for entry in solved)
-
-
-def test_twisted_axes_keep_their_roots(robots):
-    """dM/dt - 2C of a spatial arm is skew exactly; the twist of pi/6 shows as sqrt(3)."""
-    mass = derive_symbolic(robots["rrp_twisted"], "mass_matrix")
-    coriolis = derive_symbolic(robots["rrp_twisted"], "coriolis_matrix")
-    q, dq = coriolis.inputs["q"], coriolis.inputs["dq"]
-    assert mass.expr.has(sympy.sqrt(3))
-    rate = mass.expr.applyfunc(lambda e: sum(e.diff(a) * b for a, b in zip(q, dq, strict=True)))
-    skew = rate - 2 * coriolis.expr
-    assert all(vanish(entry, q[:2]) == 0 for entry in skew + skew.T)
 
 
 def test_a_small_arm_reads_as_in_a_textbook(robots):

@@ -157,15 +157,6 @@ VALUES = {"A3": 0.4318, "D3": 0.15005, "A4": 0.0203, "D4": 0.4318}
 PUMA_ROWS = [tuple(VALUES.get(entry, entry) for entry in row) for row in PUMA]
 
 
-def test_symbols_with_values_put_in_give_the_numeric_set():
-    lengths = {name: Rational(str(value)) for name, value in VALUES.items()}
-    symbolic = derive_base_parameters(build_chain(PUMA)).parameters
-    numeric = derive_base_parameters(PUMA560).parameters
-    assert [p.name for p in symbolic] == [p.name for p in numeric]
-    for left, right in zip(symbolic, numeric, strict=True):
-        assert expand(write_terms(left, lengths) - write_terms(right)) == 0
-
-
 @pytest.mark.parametrize(
     ("robot", "rows"), [(PUMA560, PUMA_ROWS), (PANDA, PANDA_ROWS)], ids=["puma", "panda"]
 )
