@@ -207,9 +207,8 @@ class Springs:
         """Return the work (n,) in J from one torsion (n,) to another, and the plays there."""
         del rate, passed
         radius, end = self._robot.radius, ways[1][:, None]
-        work = [
-            self.integrate(joint, *way, play) for joint, way in enumerate(np.stack(ways, axis=1).tolist())
-        ]
+        pairs = enumerate(np.stack(ways, axis=1).tolist())
+        work = [self.integrate(joint, low, high, play) for joint, (low, high) in pairs]
         return np.array(work), end - np.clip(end - play, -radius, radius)
 
     def bends(self, start: FloatArray, end: FloatArray, play: FloatArray) -> bool:

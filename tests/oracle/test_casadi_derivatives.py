@@ -159,15 +159,3 @@ def test_vectors_are_columns_and_matrices_have_their_shape(arm):
 def test_constants_are_baked_in(arm):
     function = build_casadi_function(arm, "gravity", constant=True)
     assert [function.name_in(k) for k in range(function.n_in())] == ["q"]
-
-
-def test_opti_solves_with_the_dynamics(arm):
-    """Statics by optimisation: the pose in which gravity asks the least torque, and the torque there."""
-    gravity = build_casadi_function(arm, "gravity", constant=True)
-    opti = ca.Opti()
-    q = opti.variable(2)
-    opti.minimize(ca.sumsqr(gravity(q)))
-    opti.set_initial(q, [-1.0, 0.2])
-    opti.solver("ipopt", {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"})
-    found = opti.solve().value(q)
-    np.testing.assert_allclose(np.array(gravity(found)), 0.0, atol=1e-6)

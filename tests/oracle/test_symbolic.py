@@ -1,7 +1,6 @@
 """The catalogue in SymPy against generated programs, Pinocchio, Lagrange's equations and exact identities."""
 
 import functools
-import hashlib
 import math
 import os
 import sys
@@ -251,31 +250,20 @@ def test_what_does_not_fit_is_named(robots):
 
 
 SCRIPT = """
-import hashlib, sys
-from pathlib import Path
 from sympy import srepr
 from symid.codegen.symbolic import derive_symbolic
-from symid.robot.toml_reader import read_robot
-found = hashlib.sha256()
-for robot, names in (("two_link_elastic", "inverse_dynamics forward_dynamics hysteresis_inverse_step"),
-                     ("rrp_twisted", "coriolis_matrix torque_regressor"), ("panda", "mass_matrix gravity")):
-    for name in names.split():
-        function = derive_symbolic(read_robot(Path(sys.argv[1]) / f"{robot}.toml"), name)
-        steps, outputs = function.share()
-        found.update(srepr(tuple(function.outputs.values())).encode())
-        found.update(srepr((steps, tuple(outputs.values()))).encode())
-print(found.hexdigest())
+from symid.robot import load_robot
+for name in ("inverse_dynamics", "forward_dynamics", "hysteresis_inverse_step"):
+    function = derive_symbolic(load_robot("two_link_elastic"), name)
+    steps, outputs = function.share()
+    print(srepr((tuple(function.outputs.values()), steps, tuple(outputs.values()))))
 """
 
 
 def test_equal_expressions_under_any_hash_seed(project):
-    digests = []
-    for seed in ("0", "42"):
-        command = (sys.executable, "-c", SCRIPT, str(project / "robots"))
-        done = run(project, *command, env={**os.environ, "PYTHONHASHSEED": seed})
-        digests.append(done.stdout.strip())
-    assert len(digests[0]) == hashlib.sha256().digest_size * 2
-    assert len(set(digests)) == 1
+    command, seeds = (sys.executable, "-c", SCRIPT), ("0", "42")
+    runs = [run(project, *command, env={**os.environ, "PYTHONHASHSEED": seed}) for seed in seeds]
+    assert runs[0].stdout == runs[1].stdout != ""
 
 
 def test_the_panda_of_a_table_of_numbers_has_the_same_form(robots):
