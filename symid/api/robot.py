@@ -424,7 +424,7 @@ class RobotModel(RobotDynamics):
         )
         library = self.library
         self.progress(f"simulating {motion.duration:g} s of {robot.name}")
-        found = simulation.simulate_log(robot, library, motion, order, rng)
+        found, details = simulation.simulate_log(robot, library, motion, order, rng)
         return Simulation(
             robot=robot,
             recording=found.recording,
@@ -433,7 +433,7 @@ class RobotModel(RobotDynamics):
             seed=order.seed,
             energy_gap=found.energy_gap,
             backend=found.backend,
-            details=found.details,
+            details=details,
             library_notices=library.notices,
         )
 

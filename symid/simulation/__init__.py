@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.simulation.elastic_experiment import (
-        ElasticExperimentOptions as ElasticExperimentOptions,
         ElasticRun as ElasticRun,
         MotorReference as MotorReference,
         build_clean_options as build_clean_options,
@@ -15,6 +14,7 @@ if TYPE_CHECKING:
         simulate_elastic as simulate_elastic,
         simulate_log as simulate_log,
     )
+    from symid.simulation.experiment import ExperimentOptions as ExperimentOptions
     from symid.simulation.friction_rig import (
         ForceDrive as ForceDrive,
         PositionControl as PositionControl,

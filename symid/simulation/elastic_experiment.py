@@ -1,6 +1,6 @@
 """An experiment with an elastic robot: motors under PD control along a trajectory; and the log of any robot.
 
-Robot, Library with values, ReferenceMotion, ElasticExperimentOptions, random generator -> ElasticRun.
+Robot, Library with values, ReferenceMotion, ExperimentOptions, random generator -> ElasticRun.
 
     tau = Kp (theta_d - theta_m) + Kd (dtheta_d - dtheta) + tau_d    each period, held until the next
     J = mean of 1 / ((M + B)^-1)_jj,   Kd = 2 w J, at most a share of B / T,   Kp = Kd^2 / (4 J)
@@ -10,16 +10,14 @@ with theta_m from the motor encoder and dtheta the true motor speed. By default 
 tau_d = g(q_d(0)), phi_0 being the torsion under the weight at the first pose. The logged torque holds from
 the sample on. A torque held for T damps a motor of inertia B only while Kd T / B < 2.
 
-Robot whose file states all values, rigid or elastic, SimulateOptions -> SimulatedLog.
+Robot whose file states all values, rigid or elastic, SimulateOptions -> its run.
 
-Supported: own gains, sensors, references and values; torque limits of the robot file. A
-SimulatedLog has sensors with one standard deviation for all joints.
+Supported: own gains, sensors, references and values; torque limits of the robot file.
 Not supported: control on link encoders, robots that are elastic in part, logs without link encoders.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -47,6 +45,7 @@ from symid.simulation.experiment import (
     PERIOD,
     ExperimentOptions,
     SensorOptions,
+    SimulationRun,
     add_torque_noise,
     check_sensors,
     get_encoder_turns,
@@ -77,41 +76,16 @@ class MotorReference(FrozenArrays):
     torque: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ElasticExperimentOptions:
-    """How an experiment is run; times in s, frequencies in Hz.
-
-    Args:
-        duration: None for the trajectory's own.
-        period: of control and log.
-        step: longest Runge-Kutta step; fast springs shorten it.
-        parts: into which a step is cut where a spring changes its slope.
-        gains: of the motors' PD loops; None for those of a shipped robot, else by `bandwidth`.
-        bandwidth: of loops with critical damping, in place of a shipped robot's gains; None for 12 Hz.
-        control_counts: of the motor encoders in the loop, per turn; None for perfect ones.
-        sensors: those of the log.
-    """
-
-    duration: float | None = None
-    period: float = 1e-3
-    step: float = 1e-4
-    parts: int = 16
-    gains: Controller | None = None
-    bandwidth: float | None = None
-    control_counts: float | None = None
-    sensors: SensorOptions = field(default_factory=partial(SensorOptions, counts_per_turn=None))
-
-
-def build_clean_options() -> ElasticExperimentOptions:
+def build_clean_options() -> ExperimentOptions:
     """Return the options of a clean experiment: 5 kHz, nothing rounded, no noise."""
-    return ElasticExperimentOptions(period=2e-4)
+    return ExperimentOptions(period=2e-4, sensors=SensorOptions(counts_per_turn=None))
 
 
-def build_noisy_options() -> ElasticExperimentOptions:
+def build_noisy_options() -> ExperimentOptions:
     """Return the options of a noisy experiment: 1 kHz, 20 bit encoders, 2 % torque noise."""
     counts = 2.0**20
     sensors = SensorOptions(motor_counts=counts, counts_per_turn=counts, relative_noise=(0.02,))
-    return ElasticExperimentOptions(period=1e-3, control_counts=counts, sensors=sensors)
+    return ExperimentOptions(period=1e-3, control_counts=counts, sensors=sensors)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,7 +139,7 @@ class ElasticRun(FrozenArrays):
         return gap
 
     @property
-    def relative_gap(self) -> float:
+    def energy_gap(self) -> float:
         """Return the largest |gap|, relative to the most work done."""
         most = float(np.abs(self.work.sum(axis=1)).max())
         return float(np.abs(self.gap).max()) / max(most, float(np.finfo(np.float64).tiny))
@@ -201,7 +175,7 @@ def simulate_elastic(
     robot: Robot,
     library: Library,
     trajectory: ReferenceMotion,
-    options: ElasticExperimentOptions,
+    options: ExperimentOptions,
     rng: np.random.Generator,
     *,
     values: ElasticValues | None = None,
@@ -316,13 +290,15 @@ def simulate_elastic(
 
 
 def _check_experiment(
-    robot: Robot, library: Library, trajectory: ReferenceMotion, options: ElasticExperimentOptions
+    robot: Robot, library: Library, trajectory: ReferenceMotion, options: ExperimentOptions
 ) -> tuple[FloatArray, Controller | None]:
     """Return the control ticks (N,) in s of an experiment that can be run, and gains that are stated."""
     shipped = SHIPPED_GAINS.get(robot.name)
     # Another robot may have the name of a shipped one.
     fits = shipped is not None and len(shipped.damping) == robot.freedom and options.bandwidth is None
-    gains = options.gains or (shipped if fits else None)
+    gains = shipped if fits else None
+    if options.stiffness is not None and options.damping is not None:
+        gains = Controller(stiffness=options.stiffness, damping=options.damping)
     time = experiment.build_times(
         robot,
         library,
@@ -345,23 +321,6 @@ DEFAULT_NOISE = 0.05
 """N m or N, of rigid robots; elastic ones have noise in proportion to their torques."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SimulatedLog:
-    """A log, and how it came about.
-
-    Args:
-        recording: what the sensors read.
-        energy_gap: how far work, energy and losses disagree, relative to the work.
-        backend: what computed the motion.
-        details: in plain types: the noise, the controller of a rigid robot, the torsion of an elastic one.
-    """
-
-    recording: Recording
-    energy_gap: float
-    backend: str
-    details: Mapping[str, object]
-
-
 def check_sensor_options(robot: Robot, sensors: SimulateOptions) -> None:
     """Refuse, by a UsageError, a delay or an offset between encoders for a robot without elastic joints."""
     if not any(robot.elastic) and (sensors.delay or sensors.offset):
@@ -378,8 +337,11 @@ def simulate_log(
     motion: ReferenceMotion,
     options: SimulateOptions,
     rng: np.random.Generator,
-) -> SimulatedLog:
-    """Return the log of a robot with all values under PD control along `motion`; `rng` is of the noise."""
+) -> tuple[SimulationRun | ElasticRun, Mapping[str, object]]:
+    """Return the run of a robot with all values under PD control along `motion`; `rng` is of the noise.
+
+    Beside it, in plain types, the noise, the controller of a rigid robot, the torsion of an elastic one.
+    """
     texts = []
     if (options.stiffness is None) != (options.damping is None):
         texts.append("give --stiffness and --damping together, one number for each joint")
@@ -391,47 +353,31 @@ def simulate_log(
             texts.append(f"--{name}: expected finite numbers of 0 or more, got {values}")
     if texts:
         raise UsageError(*(Notice(code="usage.gains", text=text) for text in texts))
-    stiffness = None if options.stiffness is None else tuple(map(float, options.stiffness))
-    damping = None if options.damping is None else tuple(map(float, options.damping))
-    period = options.control_period
+    order = build_clean_options() if options.clean or not any(robot.elastic) else build_noisy_options()
+    order = replace(
+        order,
+        bandwidth=options.bandwidth,
+        period=options.control_period or (order.period if any(robot.elastic) else PERIOD),
+        stiffness=None if options.stiffness is None else tuple(map(float, options.stiffness)),
+        damping=None if options.damping is None else tuple(map(float, options.damping)),
+    )
     if not any(robot.elastic):
         noise = DEFAULT_NOISE if options.noise is None else options.noise
-        one = SensorOptions(counts_per_turn=None) if options.clean else SensorOptions(torque_noise=(noise,))
-        order = ExperimentOptions(
-            sensors=one,
-            controller=robot.controller,
-            bandwidth=options.bandwidth,
-            period=period or PERIOD,
-            stiffness=stiffness,
-            damping=damping,
-        )
-        rigid = simulate_experiment(robot, library, motion, order, rng)
-        return SimulatedLog(
-            recording=rigid.recording,
-            energy_gap=rigid.energy_gap,
-            backend=rigid.backend,
-            details={"noise": 0.0 if options.clean else noise, "controller": asdict(rigid.controller)},
-        )
-    setup = build_clean_options() if options.clean else build_noisy_options()
-    setup = replace(setup, bandwidth=options.bandwidth, period=period or setup.period)
-    if stiffness is not None and damping is not None:
-        setup = replace(setup, gains=Controller(stiffness=stiffness, damping=damping))
-    both = replace(setup.sensors, delay=options.delay, link_offset=(options.offset,))
+        sensors = order.sensors if options.clean else SensorOptions(torque_noise=(noise,))
+        order = replace(order, sensors=sensors, controller=robot.controller)
+        run = simulate_experiment(robot, library, motion, order, rng)
+        return run, {"noise": 0.0 if options.clean else noise, "controller": asdict(run.controller)}
+    both = replace(order.sensors, delay=options.delay, link_offset=(options.offset,))
     if options.noise is not None and not options.clean:
         both = replace(both, torque_noise=(options.noise,), relative_noise=(0.0,))
-    elastic = simulate_elastic(robot, library, motion, replace(setup, sensors=both), rng)
-    return SimulatedLog(
-        recording=elastic.recording,
-        energy_gap=elastic.relative_gap,
-        backend=elastic.backend,
-        details={
-            "noise": both.torque_noise[0],
-            "relative_noise": both.relative_noise[0],
-            "delay": options.delay,
-            "offset": options.offset,
-            "largest_torsion": abs(elastic.phi).max(axis=0).tolist(),
-        },
-    )
+    elastic = simulate_elastic(robot, library, motion, replace(order, sensors=both), rng)
+    return elastic, {
+        "noise": both.torque_noise[0],
+        "relative_noise": both.relative_noise[0],
+        "delay": options.delay,
+        "offset": options.offset,
+        "largest_torsion": abs(elastic.phi).max(axis=0).tolist(),
+    }
 
 
 def _list_gaps(part: Joint | Coupling) -> Iterator[str]:

@@ -160,36 +160,28 @@ _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction",
 class Springs:
     """The springs of all joints: tau = S(v), v = k0 phi + k3 phi^3 + sum k_i clamp(phi - P_i, r_i)."""
 
-    __slots__ = ("_cubic", "_knees", "_radius", "_stiffness", "_stops")
+    __slots__ = ("_robot",)
 
     def __init__(self, robot: PlantRobot) -> None:
-        """Take the numbers of `robot`; what has no weight or slope is left out."""
-        self._radius = robot.radius
-        self._stiffness, self._cubic = robot.stiffness.tolist(), robot.cubic.tolist()
-        self._stops = [
-            [(k, r, w) for k, (r, w) in enumerate(zip(radius, weight, strict=True)) if w]
-            for radius, weight in zip(robot.radius.tolist(), robot.weight.tolist(), strict=True)
-        ]
-        self._knees = [
-            [(level, slope) for level, slope in zip(levels, slopes, strict=True) if slope]
-            for levels, slopes in zip(robot.knee.tolist(), robot.slope.tolist(), strict=True)
-        ]
+        """Take the numbers of `robot`."""
+        self._robot = robot
 
-    def compute_inner(self, joint: int, phi: float, play: FloatArray) -> float:
-        """Return v, in N m or N, of one joint at torsion `phi` with the plays (n, m) where they are."""
-        v = (self._stiffness[joint] + self._cubic[joint] * phi * phi) * phi
-        for k, radius, weight in self._stops[joint]:
-            v += weight * min(max(phi - float(play[joint, k]), -radius), radius)
-        return float(v)
+    def compute_inner(
+        self, phi: FloatArray | float, play: FloatArray, at: int | slice = slice(None)
+    ) -> FloatArray:
+        """Return v, in N m or N, of the joints `at` torsion `phi` with the plays (n, m) where they are."""
+        robot = self._robot
+        slip = np.clip(np.asarray(phi)[..., None] - play[at], -robot.radius[at], robot.radius[at])
+        spring = (robot.stiffness[at] + robot.cubic[at] * phi * phi) * phi
+        return np.asarray(spring + (robot.weight[at] * slip).sum(axis=-1))
 
-    def compute_torque(self, joint: int, phi: float, play: FloatArray) -> float:
+    def compute_torque(
+        self, phi: FloatArray | float, play: FloatArray, at: int | slice = slice(None)
+    ) -> FloatArray:
         """Return S(v), in N m or N."""
-        torque = v = self.compute_inner(joint, phi, play)
-        for level, slope in self._knees[joint]:
-            over = v - level
-            if over * level > 0.0:
-                torque += slope * over
-        return torque
+        v, knee = self.compute_inner(phi, play, at), self._robot.knee[at]
+        over = v[..., None] - knee
+        return np.asarray(v + (self._robot.slope[at] * over * (over * knee > 0.0)).sum(axis=-1))
 
     def integrate(self, joint: int, start: float, end: float, play: FloatArray) -> float:
         """Return the integral of S(v) over phi, in J: Simpson's rule, exact between kinks."""
@@ -197,26 +189,27 @@ class Springs:
         # A torsion that is no number ends the loop: no comparison with it holds.
         while start < end or start > end:
             kink = self.locate_kink(joint, start, end, play)
-            middle = self.compute_torque(joint, 0.5 * (start + kink), play)
-            sides = self.compute_torque(joint, start, play) + self.compute_torque(joint, kink, play)
-            total += (kink - start) / 6.0 * (sides + 4.0 * middle)
+            first, middle, last = (
+                float(self.compute_torque(phi, play, joint)) for phi in (start, 0.5 * (start + kink), kink)
+            )
+            total += (kink - start) / 6.0 * (first + 4.0 * middle + last)
             start = kink
         return total
 
     def compute(self, phi: FloatArray, rate: FloatArray, passed: float, play: FloatArray) -> FloatArray:
         """Return the torques (n,) at torsions (n,); neither their rates nor the time count."""
         del rate, passed
-        return np.array([self.compute_torque(j, float(angle), play) for j, angle in enumerate(phi)])
+        return self.compute_torque(phi, play)
 
     def settle(
         self, ways: tuple[FloatArray, FloatArray], rate: FloatArray, passed: float, play: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the work (n,) in J from one torsion (n,) to another, and the plays there."""
         del rate, passed
-        start, end = ways
-        pairs = enumerate(zip(start.tolist(), end.tolist(), strict=True))
-        work = np.array([self.integrate(joint, low, high, play) for joint, (low, high) in pairs])
-        return work, end[:, None] - np.clip(end[:, None] - play, -self._radius, self._radius)
+        radius, end = self._robot.radius, ways[1][:, None]
+        pairs = enumerate(np.stack(ways, axis=1).tolist())
+        work = [self.integrate(joint, low, high, play) for joint, (low, high) in pairs]
+        return np.array(work), end - np.clip(end - play, -radius, radius)
 
     def bends(self, start: FloatArray, end: FloatArray, play: FloatArray) -> bool:
         """Return whether a slope changes between torsions (n,)."""
@@ -225,25 +218,20 @@ class Springs:
 
     def locate_kink(self, joint: int, start: float, end: float, play: FloatArray) -> float:
         """Return the first torsion from `start` towards `end` at which the slope changes; `end` for none."""
-        least, way = _LEAST_SHARE * abs(end - start), 1.0 if end > start else -1.0
-
-        def is_between(kink: float) -> bool:
-            return way * (kink - start) > least and way * (end - kink) > least
-
-        for k, radius, _ in self._stops[joint]:
-            kink = float(play[joint, k]) + way * radius
-            end = kink if is_between(kink) else end
-        for level, _ in self._knees[joint]:
-            apart = self.compute_inner(joint, start, play) - level
-            beyond = self.compute_inner(joint, end, play) - level
-            if apart * beyond < 0.0:
-                kink = scipy.optimize.brentq(
-                    lambda phi, level=level: self.compute_inner(joint, phi, play) - level,
-                    *sorted((start, end)),
-                    xtol=_ROOT_TOLERANCE * abs(end - start),
+        robot, way, least = self._robot, 1.0 if end > start else -1.0, _LEAST_SHARE * abs(end - start)
+        kinks = (play[joint] + way * robot.radius[joint])[robot.weight[joint] != 0.0].tolist()
+        for level in robot.knee[joint][robot.slope[joint] != 0.0].tolist():
+            ends = [float(self.compute_inner(phi, play, joint)) - level for phi in (start, end)]
+            if ends[0] * ends[1] < 0.0:
+                kinks.append(
+                    scipy.optimize.brentq(
+                        lambda phi, level=level: float(self.compute_inner(phi, play, joint)) - level,
+                        *sorted((start, end)),
+                        xtol=_ROOT_TOLERANCE * abs(end - start),
+                    )
                 )
-                end = kink if is_between(kink) else end
-        return end
+        between = [kink for kink in kinks if way * (kink - start) > least and way * (end - kink) > least]
+        return min(between, key=lambda kink: way * kink, default=end)
 
 
 @final
@@ -310,10 +298,7 @@ def build_elements(values: ElasticValues) -> Elements | None:
 
 @final
 class _ElasticStepper:
-    """Runge-Kutta steps; a state is a row each for q, dq, theta, dtheta, lost in friction, damped: (6, n).
-
-    `memory`: of the springs before the step; `passed`: time since then, s.
-    """
+    """Runge-Kutta steps; a state is a row each for q, dq, theta, dtheta, lost in friction, damped: (6, n)."""
 
     def __init__(self, library: Library, robot: PlantRobot, elements: Elements | None) -> None:
         self.springs = elements or Springs(robot)
@@ -393,15 +378,6 @@ def simulate_in_numpy(
     log = {name: np.zeros((order.ticks, size)) for name in _LOGGED}
     h = order.period / order.substeps
 
-    def take(after: FloatArray, length: float) -> FloatArray:
-        nonlocal memory
-        work[:] += torque * (after[2] - x[2])
-        ways, rate = (x[2] - x[0], after[2] - after[0]), after[3] - after[1]
-        done, memory = stepper.springs.settle(ways, rate, length, memory)
-        elastic[:] += done
-        stepper.z = stepper.bent
-        return after
-
     for tick in range(order.ticks):
         if not np.all(np.isfinite(x[:4])):
             return PlantLog(**log, ticks=tick)
@@ -412,12 +388,16 @@ def simulate_in_numpy(
         for name, values in zip(_LOGGED, row, strict=True):
             log[name][tick] = values
         for _ in range(order.substeps if tick + 1 < order.ticks else 0):
-            after, part = stepper.step(x, memory, torque, h), h / order.parts
-            if order.parts > 1 and stepper.bends(x, after, memory):
-                for _ in range(order.parts):
-                    x = take(stepper.step(x, memory, torque, part), part)
-            else:
-                x = take(after, h)
+            after = stepper.step(x, memory, torque, h)
+            pieces = order.parts if order.parts > 1 and stepper.bends(x, after, memory) else 1
+            for _ in range(pieces):
+                if pieces > 1:
+                    after = stepper.step(x, memory, torque, h / pieces)
+                work += torque * (after[2] - x[2])
+                ways, rate = (x[2] - x[0], after[2] - after[0]), after[3] - after[1]
+                done, memory = stepper.springs.settle(ways, rate, h / pieces, memory)
+                elastic += done
+                x, stepper.z = after, stepper.bent
     return PlantLog(**log, ticks=order.ticks)
 
 
@@ -507,7 +487,7 @@ def compute_rest(
         if elements is not None:
             return elements.load(joint, phi).output
         play = _compute_virgin_play(robot, np.full(robot.size, phi))
-        return springs.compute_torque(joint, phi, play)
+        return float(springs.compute_torque(phi, play, joint))
 
     first = np.abs(load) / (robot.stiffness + robot.weight.sum(axis=1))
     phi = np.array(

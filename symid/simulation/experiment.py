@@ -259,11 +259,14 @@ class ExperimentOptions:
         duration: None for the trajectory's own.
         period: of control and log.
         bandwidth: of gains with critical damping at the joint's effective inertia; None for 12 Hz, or less
-            where the sampled loops would not be stable.
-        stiffness, damping: Kp, Kd of each joint in place of gains by bandwidth.
+            where the sampled loops would not be stable, or for the gains of a shipped elastic robot.
+        stiffness, damping: Kp, Kd of each joint in place of gains by bandwidth; both, or none, of motors.
         sensors: what controller and log read.
-        controller: its gains, where neither they nor a bandwidth are given, and its filter; a constant torque
-            that it does not state is the weight at the first pose.
+        controller: of a rigid robot, its gains, where neither they nor a bandwidth are given, and its filter;
+            a constant torque that it does not state is the weight at the first pose.
+        step: longest Runge-Kutta step of an elastic robot; fast springs shorten it. parts: into which it is
+            cut where a spring changes its slope.
+        control_counts: of the motor encoders in the loop, per turn; None for perfect ones.
     """
 
     duration: float | None = None
@@ -273,6 +276,9 @@ class ExperimentOptions:
     damping: tuple[float, ...] | None = None
     sensors: SensorOptions = field(default_factory=SensorOptions)
     controller: Controller | None = None
+    step: float = 1e-4
+    parts: int = 16
+    control_counts: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -434,17 +440,13 @@ _LOWER, _LEAST_BANDWIDTH = 0.8, 0.1
 
 
 def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: float) -> bool:
-    """Return whether the sampled loops at M (K, n, n) are stable, with gains of `_MARGIN` times the law's.
-
-    Linear, exact between ticks: M dv/dt = tau - D v, with D the viscous friction and tau held. The states are
-    q, v, the filtered velocity and the position of the tick before.
-    """
+    """Return whether the sampled loops at M (K, n, n) are stable, with gains of `_MARGIN` times the law's."""
     blend, size, inverse = _compute_blend(law, period), plant.size, np.linalg.inv(mass)
     position, velocity, known, before = np.split(np.eye(4 * size), 4)
     raw = velocity if law.velocity_source == "sensor" else (position - before) / period
     filtered = blend * raw + (1.0 - blend) * known
     pull = np.diag(law.stiffness) @ position + np.diag(law.damping) @ filtered
-    # The flow of q, v and a torque that holds.
+    # Exact between ticks: M dv/dt = tau - D v, with D the viscous friction and tau held.
     flow = np.zeros((len(mass), 3 * size, 3 * size))
     flow[:, :size, size : 2 * size] = np.eye(size)
     flow[:, size : 2 * size, size : 2 * size] = -inverse * plant.friction.viscous[1:].min(axis=0)
@@ -459,11 +461,7 @@ def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: flo
 def _complete_controller(
     robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
 ) -> tuple[Controller, float | None, tuple[Notice, ...]]:
-    """Return the law, its bandwidth (None of stated gains) and notices; other gains are of critical damping.
-
-    Kp = w^2 J, Kd = 2 w J, J the mean effective inertia. Where these sampled loops are not stable along the
-    motion, J is the lowest one, viscous friction D adds w D to Kp, and w is lowered until they are.
-    """
+    """Return the law, its bandwidth (None of stated gains) and notices; others are of critical damping."""
     poses = desired[np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(np.int64)]
     (mass,) = library.evaluate("mass_matrix", poses, plant.beta)
     inertias = compute_inertias(robot, mass)
@@ -482,6 +480,8 @@ def _complete_controller(
     if options.controller and options.bandwidth is None:
         stiffness, damping = options.stiffness or law.stiffness, options.damping or law.damping
         return replace(law, stiffness=stiffness, damping=damping), None, ()
+    # J is the mean effective inertia. Where these sampled loops are not stable along the motion, J is the
+    # lowest one, viscous friction D adds w D to Kp, and w is lowered until they are.
     bandwidth, lowest = options.bandwidth or BANDWIDTH, inertias.min(axis=0)
     first = build(bandwidth, inertias.mean(axis=0), np.zeros(plant.size))
     if options.stiffness and options.damping:

@@ -17,7 +17,6 @@ Not supported: several masses; forces that jump faster than the sampling, unless
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import scipy
@@ -32,13 +31,6 @@ from symid.joint_models import (
     compute_dynamic_torque,
     compute_largest_level,
 )
-
-
-class RigDrive(Protocol):
-    """What pushes the mass."""
-
-    def evaluate(self, time: float, state: Sequence[float]) -> tuple[float, float]:
-        """Return F, N m or N, and dw/dt at `state` (x, v, z, w)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +76,10 @@ class PositionControl:
         position, velocity, _, memory = state
         error = self.target(time) - position
         return self.proportional * error + self.integral * memory - self.derivative * velocity, error
+
+
+RigDrive = ForceDrive | SpringDrive | PositionControl
+"""What pushes the mass: F, N m or N, and dw/dt at a time in s and a state (x, v, z, w)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,19 +143,6 @@ class RigRun(FrozenArrays):
     energy: FloatArray
 
 
-def _compute_rates(
-    rig: Rig, drive: RigDrive, time: float, state: Sequence[float]
-) -> tuple[list[float], float, float]:
-    """Return the rates of (x, v, z, w, work, loss), the force and the friction."""
-    _, velocity, deflection, _ = state
-    force, memory_rate = drive.evaluate(time, state)
-    friction = compute_dynamic_torque(_FLOATS, rig.law, velocity, deflection, rig.values)
-    rate = compute_bristle_rate(_FLOATS, rig.law, velocity, deflection, rig.values)
-    loss = friction * velocity - rig.values[0] * deflection * rate
-    acceleration = (force - friction) / rig.mass
-    return [velocity, acceleration, rate, memory_rate, force * velocity, loss], force, friction
-
-
 _FLOATS = build_float_carrier()
 _RUNAWAY = 1e15
 """Largest position and speed, relative to those of the bristles."""
@@ -175,17 +158,23 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
     scales = np.array([bend, speed, bend, bend * options.duration, largest * bend, largest * bend])
 
     def compute_rates(at: float, state: FloatArray) -> list[float]:
-        known = state[:4].tolist()
+        """Return the rates of (x, v, z, w, work, loss), then the force and the friction."""
+        position, velocity, deflection, _ = known = state[:4].tolist()
         # Beyond this the integrator would go on with ever smaller steps.
-        if not (abs(known[1]) < _RUNAWAY * speed and abs(known[0]) < _RUNAWAY * bend):
+        if not (abs(velocity) < _RUNAWAY * speed and abs(position) < _RUNAWAY * bend):
             raise OverflowError
-        return _compute_rates(rig, drive, at, known)[0]
+        force, memory_rate = drive.evaluate(at, known)
+        friction = compute_dynamic_torque(_FLOATS, rig.law, velocity, deflection, rig.values)
+        rate = compute_bristle_rate(_FLOATS, rig.law, velocity, deflection, rig.values)
+        loss = friction * velocity - rig.values[0] * deflection * rate
+        acceleration = (force - friction) / rig.mass
+        return [velocity, acceleration, rate, memory_rate, force * velocity, loss, force, friction]
 
     reason = ""
     with np.errstate(all="ignore"):
         try:
             solved = scipy.integrate.solve_ivp(
-                compute_rates,
+                lambda at, state: compute_rates(at, state)[:6],
                 (0.0, time[-1]),
                 [options.position, options.velocity, 0.0, 0.0, 0.0, 0.0],
                 method="LSODA",
@@ -204,18 +193,15 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
         )
         raise SolverError(Notice(code="simulate.friction-rig", text=text))
     position, velocity, deflection, _, work, loss = solved.y
-    found = [
-        _compute_rates(rig, drive, at, x)
-        for at, x in zip(time.tolist(), solved.y[:4].T.tolist(), strict=True)
-    ]
+    found = np.array([compute_rates(at, x) for at, x in zip(time.tolist(), solved.y.T, strict=True)])
     return RigRun(
         time=time,
         position=position,
         velocity=velocity,
-        acceleration=np.array([rates[1] for rates, _, _ in found]),
+        acceleration=found[:, 1],
         deflection=deflection,
-        force=np.array([force for _, force, _ in found]),
-        friction=np.array([friction for _, _, friction in found]),
+        force=found[:, 6],
+        friction=found[:, 7],
         work=work,
         loss=loss,
         energy=0.5 * rig.mass * velocity**2 + 0.5 * rig.values[0] * deflection**2,

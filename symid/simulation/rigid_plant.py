@@ -163,10 +163,7 @@ def _compute_columns(library: Library, values: FloatArray, speeds: Sequence[floa
 
 
 def _refuse_shared(card: ModelCard, columns: FloatArray, rest: FloatArray, start: FloatArray | None) -> None:
-    """Refuse friction at a coordinate that depends on the speed of another: a drive that turns with both.
-
-    Terms in proportion to the speed may cancel; `start` is friction at the limits of standstill.
-    """
+    """Refuse friction that depends on the speed of another joint; `start`: that at standstill's limits."""
     others = ~np.eye(len(columns), dtype=bool)
     if start is None:
         least = _ROUNDING * np.abs(columns).max()
@@ -274,10 +271,7 @@ _POSITIONS = 8
 
 
 def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) -> float | None:
-    """Return the least speed at which a coordinate's friction drives it, None if it never does.
-
-    Over speeds, the least torque ahead and the largest one back, those at standstill first, must not cross.
-    """
+    """Return the least speed at which a coordinate's friction drives it, None if it never does."""
     if lines.curve is None:
         return None
     size, varies = lines.curved.size, bool(lines.varying[joint])
@@ -292,6 +286,7 @@ def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) ->
     given = np.broadcast_to(states[:, None, :], (2, len(states), len(grid), 2)).reshape(-1, 2)
     position, load = (np.repeat(given[:, k : k + 1], size, axis=1) for k in range(2))
     torque = lines.curve(dq, position, load)[:, joint].reshape(speeds.shape)
+    # Over speeds, the least torque ahead and the largest one back, standstill first, must not cross.
     least = np.where(grid <= ahead, torque[0], np.inf)
     largest = np.where(grid <= back, torque[1], -np.inf)
     least = np.minimum.accumulate(np.column_stack([ends[:, 0], least]), axis=1)
@@ -712,17 +707,15 @@ class RigidPlant:
         return acceleration
 
     def _settle(self, state: RigidPlantState, torque: FloatArray) -> RigidPlantState:
-        """Return the state with modes chosen for the joints that stand still.
-
-        A complementarity problem: held joints need a torque within their band, others accelerate as they
-        slide. The first violation is exchanged, which ends as M is positive definite (Murty 1974).
-        """
+        """Return the state with modes chosen for the joints that stand still (Murty 1974)."""
         resting = [joint for joint, mode in enumerate(state.modes) if mode == 0]
         if not resting:
             return state
         modes, columns = list(state.modes), np.arange(self.size)
         mass = self._mass(state.q, self.beta)[0].copy()
         net = torque - self._bias(state.q, state.dq, self.beta)[0]
+        # Held joints need a torque within their band, others accelerate as they slide: the first violation is
+        # exchanged, which ends as M is positive definite.
         for _ in range(_MOST_TURNS):
             rows = np.array(modes)
             drag = self._compute_drag(tuple(modes), state.q, state.dq, torque, state.bristles)

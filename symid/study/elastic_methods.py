@@ -43,8 +43,8 @@ from symid.logs import Recording
 from symid.robot import Robot
 from symid.serialization import HIDDEN, name_key, write_as
 from symid.simulation import (
-    ElasticExperimentOptions,
     ElasticRun,
+    ExperimentOptions,
     build_clean_options,
     build_noisy_options,
     observe,
@@ -68,7 +68,7 @@ class SensorCondition(Enum):
     CLEAN = "clean"
     NOISY = "noisy"
 
-    def build_options(self) -> ElasticExperimentOptions:
+    def build_options(self) -> ExperimentOptions:
         """Return the options of a simulation with such sensors."""
         return build_clean_options() if self is SensorCondition.CLEAN else build_noisy_options()
 

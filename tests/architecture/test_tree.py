@@ -3,13 +3,13 @@
 import ast
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import symid.errors
 from symid.errors import NOTES
 from tests.architecture.source import MODULES, PROJECT
+from tests.builds import run
 
 HEAVY = ("numpy", "scipy", "sympy", "casadi", "jinja2")
 # Without slashes here, so that this file is not found by its own search.
@@ -19,30 +19,15 @@ IGNORED = {".git", ".venv", ".mypy_cache", ".ruff_cache", ".pytest_cache", ".hyp
 IGNORED |= {"_build", "build", "dist", "demo"}
 
 
-def run_python(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    """Run this interpreter in the project's folder."""
-    environment = {**os.environ, "PYTHONPATH": str(PROJECT), **variables}
-    return subprocess.run(
-        [sys.executable, *arguments],
-        cwd=PROJECT,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-    )
-
-
 def tree_files() -> list[Path]:
     """Return the text files that belong to the project: those git knows, or would add."""
-    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     try:
-        done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=True)
-        files = [PROJECT / line for line in done.stdout.splitlines()]
-    except (OSError, subprocess.CalledProcessError):
+        files = run(PROJECT, "git", "ls-files", "--cached", "--others", "--exclude-standard").stdout
+        paths = [PROJECT / line for line in files.splitlines()]
+    except (OSError, AssertionError):
         # An unpacked archive has no history: take everything that is not a by-product.
-        files = [path for path in PROJECT.rglob("*") if not IGNORED & set(path.relative_to(PROJECT).parts)]
-    return [path for path in files if path.is_file() and path.suffix in TEXT]
+        paths = [path for path in PROJECT.rglob("*") if not IGNORED & set(path.relative_to(PROJECT).parts)]
+    return [path for path in paths if path.is_file() and path.suffix in TEXT]
 
 
 def test_no_machine_path_in_the_tree():
@@ -66,14 +51,16 @@ def test_importing_every_module_prints_and_writes_nothing(tmp_path):
         "assert random.getstate() == state and os.getcwd() == folder and sys.path == path\n"
         "assert threading.active_count() == 1\n"
     )
-    done = run_python("-c", script, HOME=str(tmp_path), XDG_CACHE_HOME=str(tmp_path), TMPDIR=str(tmp_path))
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    places = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "TMPDIR"), str(tmp_path))
+    done = run(
+        PROJECT, sys.executable, "-c", script, env={**os.environ, "PYTHONPATH": str(PROJECT), **places}
+    )
+    assert done.stdout == ""
     assert list(tmp_path.iterdir()) == []
 
 
 def test_help_loads_no_heavy_package():
-    done = run_python("-X", "importtime", "-m", "symid", "--help")
-    assert done.returncode == 0
+    done = run(PROJECT, sys.executable, "-X", "importtime", "-m", "symid", "--help", check=False)
     assert "identify" in done.stdout
     loaded = {line.rsplit("|", 1)[-1].strip().split(".")[0] for line in done.stderr.splitlines()}
     assert "click" in loaded, "the list of imports was not read"
@@ -99,8 +86,7 @@ def test_what_identification_needs_loads_no_sympy():
         "    heavy = {'sympy', 'casadi'} & set(sys.modules)\n"
         "    if heavy: sys.exit(f'{name} loads {sorted(heavy)}')\n"
     )
-    done = run_python("-c", script)
-    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
+    run(PROJECT, sys.executable, "-c", script)
 
 
 def error_classes() -> list[str]:

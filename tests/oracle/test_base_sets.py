@@ -1,7 +1,7 @@
 """Base sets of robots with followers, coupled drives, springs: ranks found without the recursion of base.py.
 
 Numeric: regressors made of Pinocchio's columns, folded, and of drive, spring and friction columns written by
-hand (`tests.chains.regress`). Exact: the energy regressor at random points of a prime field.
+hand (`tests.chains.regress`). Exact: the coefficients of the energy regressor.
 """
 
 import dataclasses
@@ -10,12 +10,18 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from sympy import QQ, Matrix
 
+from symid.dynamics import compute_friction_columns
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.dynamics.regressors import derive_energy
-from symid.joint_models import FrictionValues
+from symid.dynamics.exact_algebra import reduce_rows
+from symid.dynamics.recursion import build_recursion
+from symid.dynamics.regressors import compute_torque_columns, derive_energy
+from symid.joint_models import FrictionValues, list_value_names
+from symid.joint_models.carriers import build_numpy_carrier
+from symid.notation import INERTIAL
 from symid.robot.description import Coupling, Drive, JointKind, Spring
-from symid.robot.geometry import ZERO, Exact, build_exact_angle, compose_placements, place_modified_dh
+from symid.robot.geometry import ONE, ZERO, Exact
 from tests.chains import (
     PANDA,
     PI,
@@ -33,6 +39,8 @@ from tests.chains import (
     regress,
     trees,
 )
+from tests.float_algebra import FloatAlgebra, build_float_state
+from tests.friction_forms import EVERY_LAW, give_shape
 
 SAMPLES = 60
 
@@ -228,21 +236,6 @@ def test_twists_that_add_up_to_a_right_angle_or_none(twists, kind):
     assert_base_set(build_chain(rows, name="twisted"))
 
 
-@pytest.mark.parametrize(
-    ("twists", "total"), [((PI / 4, PI / 4), PI / 2), ((PI / 6, PI / 3), PI / 2), ((PI / 4, -PI / 4), 0.0)]
-)
-def test_a_frame_between_two_twists_changes_nothing(twists, total):
-    """45 + 45 degrees without a joint between is 90 degrees exactly: the same set, the same numbers."""
-    straight = build_chain([(0.0, 0, 0, "q"), (total, 0.3, 0, "q"), (PI / 2, 0.1, 0.2, "q")])
-    first = place_modified_dh(build_exact_angle(twists[0]), Exact.of("0.1"), ZERO, build_exact_angle(0.0))
-    second = place_modified_dh(build_exact_angle(twists[1]), Exact.of("0.2"), ZERO, build_exact_angle(0.0))
-    joints = list(straight.joints)
-    joints[1] = dataclasses.replace(joints[1], placement=compose_placements(first, second))
-    assert joints[1].placement == straight.joints[1].placement
-    robot = dataclasses.replace(straight, joints=tuple(joints))
-    assert derive_base_parameters(robot) == derive_base_parameters(straight)
-
-
 def test_a_joint_that_stands_at_45_degrees_hides_nothing():
     """Its twist of 45 degrees and one of 90 give the same count: neither axis is parallel to the other."""
     for twist in (PI / 4, PI / 2):
@@ -250,128 +243,45 @@ def test_a_joint_that_stands_at_45_degrees_hides_nothing():
         assert derive_base_parameters(build_chain(rows)).count == 15
 
 
-PRIME = (1 << 61) - 1
-
-
-def list_terms(polynomial):
-    """Return (coefficient in the prime field, ((generator, exponent), ...)) of every rational term."""
-    return [
-        (
-            int(coefficient.numerator) * pow(int(coefficient.denominator), -1, PRIME) % PRIME,
-            tuple((index, exponent) for index, exponent in enumerate(monomial) if exponent),
-        )
-        for monomial, coefficient in polynomial.items()
-    ]
-
-
-def evaluate(terms, values):
-    """Return the sum of terms at a point of the prime field."""
-    total = 0
-    for coefficient, factors in terms:
-        term = coefficient
-        for index, exponent in factors:
-            for _ in range(exponent):
-                term = term * values[index] % PRIME
-        total += term
-    return total % PRIME
-
-
-def draw_point(robot, names, rng):
-    """Return values of the generators, sines and cosines of followers in their true relation.
-
-    Every multiplier k/4 makes cos and sin of k (q/4) rational in the tangent of q/8; q itself is independent.
-    """
-    values = {}
-    for name in names:
-        if name.startswith(("dq", "ddq")):
-            values[name] = int(rng.integers(1, 1 << 60))
-    for index, joint in enumerate(robot.joints):
-        if joint.mimic is not None:
-            continue
-        t, position = (int(rng.integers(1, 1 << 60)) for _ in range(2))
-        scale = pow(1 + t * t, -1, PRIME)
-        quarter = ((1 - t * t) * scale % PRIME, 2 * t * scale % PRIME)
-        followers = [(index, Fraction(1))] + [
-            (k, other.mimic.multiplier)
-            for k, other in enumerate(robot.joints)
-            if other.mimic is not None and other.mimic.master == index
-        ]
-        for k, multiplier in followers:
-            turns = multiplier * 4
-            assert turns.denominator == 1
-            cosine, sine = 1, 0
-            for _ in range(abs(turns.numerator)):
-                cosine, sine = (
-                    (cosine * quarter[0] - sine * quarter[1]) % PRIME,
-                    (cosine * quarter[1] + sine * quarter[0]) % PRIME,
-                )
-            ratio = multiplier.numerator * pow(multiplier.denominator, -1, PRIME)
-            values |= {f"s{k + 1}": sine if turns > 0 else -sine % PRIME, f"c{k + 1}": cosine}
-            values[f"q{k + 1}"] = position * ratio % PRIME
-    return [values[name] for name in names]
-
-
-def eliminate(row, pivots):
-    """Add a row to those of Gauss's elimination over the prime field; return whether the rank has grown."""
-    rest = list(row)
-    for column, other in sorted(pivots.items()):
-        if rest[column]:
-            factor = rest[column]
-            rest = [(a - factor * b) % PRIME for a, b in zip(rest, other, strict=True)]
-    lead = next((k for k, value in enumerate(rest) if value), None)
-    if lead is None:
-        return False
-    inverse = pow(rest[lead], -1, PRIME)
-    pivots[lead] = [value * inverse % PRIME for value in rest]
-    return True
-
-
-def find_exact_rank(robot, seed):
-    """Rank of T and of V - V(0) at random points: a change of parameters that both keep shows nowhere."""
+def find_exact_rank(robot):
+    """Rank of the exact energy regressor's coefficient matrix; a constant potential is no information."""
     energy = derive_energy(robot)
-    names = [str(symbol) for symbol in energy.algebra.ring.symbols]
-    keys = tuple(energy.kinetic)
-    kinetic, potential = (
-        [list_terms(part[key]) for key in keys] for part in (energy.kinetic, energy.potential)
-    )
-    rng = np.random.default_rng(seed)
-    start, pivots, idle = None, {}, 0
-    # At random points of so large a field the rank stops growing where it is full.
-    while idle < 8:
-        point = draw_point(robot, names, rng)
-        weights = [evaluate(terms, point) for terms in potential]
-        start = start or weights
-        rows = (
-            [evaluate(terms, point) for terms in kinetic],
-            [(a - b) % PRIME for a, b in zip(weights, start, strict=True)],
-        )
-        grown = [eliminate(row, pivots) for row in rows]
-        idle = 0 if any(grown) else idle + 1
-    return len(pivots)
+    constant = (0,) * len(energy.algebra.ring.gens)
+    # T and V are separate functions: a monomial of T holds velocities, one of V does not.
+    rows = [
+        {
+            monomial: value
+            for polynomial in (energy.kinetic[key], energy.potential[key])
+            for monomial, value in polynomial.items()
+            if monomial != constant
+        }
+        for key in energy.kinetic
+    ]
+    names = {monomial: k for k, monomial in enumerate({monomial for row in rows for monomial in row})}
+    return len(reduce_rows([{names[monomial]: value for monomial, value in row.items()} for row in rows]))
 
 
 @settings(max_examples=25, deadline=None)
 @given(
-    robot=trees(most=4, angles=RIGHT_ANGLES, **{**EVERYTHING, "friction": False}).filter(
+    robot=trees(most=4, angles=RIGHT_ANGLES, **EVERYTHING | {"friction": False, "followers": False}).filter(
         lambda robot: robot.size > 1
     )
 )
 def test_count_is_the_exact_rank_of_the_energy(robot):
-    rank = find_exact_rank(robot, 1)
+    rank = find_exact_rank(robot)
     assert derive_base_parameters(robot).count == rank
     assert derive_base_parameters(robot, form="energy").count == rank
 
 
 @settings(max_examples=10, deadline=None)
-@given(robot=trees(most=3, angles=RATIONAL_ANGLES, lengths=RATIONAL_LENGTHS, rotors=True, followers=True))
+@given(robot=trees(most=3, angles=RATIONAL_ANGLES, lengths=RATIONAL_LENGTHS, rotors=True))
 def test_count_is_the_exact_rank_of_the_energy_in_rational_geometry(robot):
-    assert derive_base_parameters(robot).count == find_exact_rank(robot, 2)
+    assert derive_base_parameters(robot).count == find_exact_rank(robot)
 
 
 @each_robot(PUMA560, PANDA, STANFORD)
 def test_count_of_an_arm_is_the_exact_rank_of_the_energy(robot):
-    for each in (robot, follow(robot, 5, 4, "1/2")):
-        assert derive_base_parameters(each).count == find_exact_rank(each, 3)
+    assert derive_base_parameters(robot).count == find_exact_rank(robot)
 
 
 def test_prismatic_joints_follow_revolute_ones_and_the_other_way():
@@ -379,6 +289,74 @@ def test_prismatic_joints_follow_revolute_ones_and_the_other_way():
         rows = [(0.0, 0, "q", 0.0) if kind == "p" else (0.0, 0.1, 0, "q") for kind in kinds]
         chain = build_chain([(PI / 2, *rows[0][1:]), (PI / 2, *rows[1][1:])])
         assert [joint.kind is JointKind.PRISMATIC for joint in chain.joints] == [k == "p" for k in kinds]
-        robot = follow(chain, 1, 0, "-3/4")
-        assert_base_set(robot)
-        assert derive_base_parameters(robot).count == find_exact_rank(robot, 4)
+        assert_base_set(follow(chain, 1, 0, "-3/4"))
+
+
+def assert_sampled_rank(robot, seed):
+    """The count is the rank of all parameters' torques, friction included, at random states."""
+    base = derive_base_parameters(robot)
+    rng = np.random.default_rng(seed)
+    states, others = rng.uniform(-2, 2, (3, robot.size, 80)), rng.uniform(20, 50, (2, robot.size, 80))
+    given = dict(zip(("position", "velocity", "load", "temperature"), (*states[:2], *others), strict=True))
+    algebra = FloatAlgebra()
+    inertial = [label for label in base.labels if label[1] in (*INERTIAL, "IA")]
+    columns = compute_torque_columns(build_recursion(robot, algebra, build_float_state(*states)), inertial)
+    for joint, name in base.labels:
+        if (joint, name) not in columns:
+            friction = robot.joints[joint].friction
+            inputs = {name: values[joint] for name, values in given.items()}
+            entries = compute_friction_columns(friction, build_numpy_carrier(), inputs)
+            column = entries[list_value_names(friction).index(name)]
+            columns[joint, name] = [column if k == joint else 0.0 for k in range(robot.size)]
+    stacked = [np.concatenate([np.broadcast_to(e, 80) for e in columns[label]]) for label in base.labels]
+    values = np.linalg.svd(np.array(stacked), compute_uv=False)
+    assert base.count + len(base.friction) == int(np.sum(values > 1e-9 * values[0]))
+    return base
+
+
+@pytest.mark.parametrize("name", EVERY_LAW)
+@pytest.mark.parametrize("row", [(0.0, 0, "q", 0.0), (PI / 2, 0, 0, "q")], ids=["slide", "pendulum"])
+def test_every_law_at_a_joint_that_feels_its_weight(name, row):
+    friction = FrictionValues(law=name, shape=give_shape(name, 10.0))
+    assert_sampled_rank(change_joints(build_chain([row], rotors=True), friction=friction), 2)
+
+
+@settings(max_examples=25, deadline=None)
+@given(robot=trees(most=3, rotors=True, symbols=True))
+def test_symbolic_lengths_count_like_generic_numbers(robot):
+    def replace_symbol(value):
+        return sum(
+            (
+                Exact.surd(*surd) * (Exact.of(f"0.{ord(name[0])}{name[1:]}7") if name else ONE)
+                for name, surd in value.terms
+            ),
+            ZERO,
+        )
+
+    joints = []
+    for joint in robot.joints:
+        translation = tuple(map(replace_symbol, joint.placement.translation))
+        place = dataclasses.replace(joint.placement, translation=translation)
+        joints.append(dataclasses.replace(joint, placement=place))
+    numeric = dataclasses.replace(robot, joints=tuple(joints))
+    symbols, numbers = (derive_base_parameters(each).parameters for each in (robot, numeric))
+    assert [p.label for p in symbols] == [p.label for p in numbers]
+
+
+def test_drives_and_friction_belong_to_the_set():
+    """A WAM-like arm: 43 link parameters, 69 of 98 with IA, Fv, Fc and offset per joint."""
+    rows = [(0, 0), (0, 0), (0, 0.55), (0.045, 0), (-0.045, 0.3), (0, 0), (0, 0.06)]
+    twists = [0.0, -PI / 2, PI / 2, -PI / 2, PI / 2, -PI / 2, PI / 2]
+    arm = [(twist, *row, "q") for twist, row in zip(twists, rows, strict=True)]
+    base = derive_base_parameters(build_chain(arm, rotors=True, friction="coulomb-viscous-offset"))
+    assert len(base.labels) == 98
+    assert base.count + len(base.friction) == 69
+
+
+def test_elimination_equals_sympy_rref():
+    rows = [[1, 2, 0, 3], [2, 4, 1, 1], [3, 6, 1, 4], [0, 0, 2, -10]]
+    reduced, pivots = Matrix(rows).rref()
+    ours = reduce_rows([{k: QQ(v) for k, v in enumerate(row) if v} for row in rows])
+    assert tuple(map(min, ours)) == pivots
+    expected = [[reduced[r, c] for c in range(4)] for r in range(len(pivots))]
+    assert [[row.get(c, 0) for c in range(4)] for row in ours] == expected

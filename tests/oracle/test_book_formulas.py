@@ -17,7 +17,7 @@ import pytest
 
 from symid.lessons.matrices import build_model, derive_equations
 from symid.notation import INERTIAL
-from symid.robot.toml_reader import parse_robot
+from symid.robot import load_robot
 from tests.chains import PI, build_chain
 
 IN_PLANE = ("0", "-9.81", "0")
@@ -201,37 +201,8 @@ def test_inertia_of_the_puma_is_that_of_armstrong_khatib_and_burdick(puma):
                 assert small, rest.ring.from_dict({monomial: rest[monomial]})
 
 
-def test_every_element_of_the_shipped_arm_in_letters():
-    text = """
-name = "arm"
-convention = "modified"
-gravity = [0, "-g", 0]
-[symbols]
-L1 = 0.5
-lc1 = 0.25
-m1 = 3.0
-I1 = 0.07
-lc2 = 0.2
-m2 = 2.0
-I2 = 0.03
-g = 9.81
-[[joint]]
-name = "a"
-kind = "revolute"
-[joint.link]
-mass = "m1"
-com = ["lc1", 0, 0]
-inertia = { yy = "I1", zz = "I1" }
-[[joint]]
-name = "b"
-kind = "revolute"
-a = "L1"
-[joint.link]
-mass = "m2"
-com = ["lc2", 0, 0]
-inertia = { yy = "I2", zz = "I2" }
-"""
-    model = build_model(parse_robot(text))
+def test_the_shipped_arm_is_in_letters():
+    model = build_model(load_robot("two_link_symbols"))
     assert model.form == "symbols"
     k, found = model.algebra.generators, derive_equations(model)
     first = k["I1"] + k["m1"] * k["lc1"] ** 2 + k["I2"]

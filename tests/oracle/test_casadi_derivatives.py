@@ -8,23 +8,10 @@ import pytest
 
 from symid.codegen.casadi_functions import build_casadi_function, build_functions
 from symid.codegen.functions import build_spring_vector
-from symid.errors import UsageError
 from symid.joint_models import FrictionValues
 from symid.robot import load_robot
-from tests.chains import (
-    PANDA,
-    PUMA560,
-    STANFORD,
-    assert_close,
-    build_chain,
-    build_pinocchio,
-    draw_parameters,
-    each_robot,
-    name_parameters,
-)
+from tests.chains import assert_close, build_chain
 from tests.friction_forms import EVERY_LAW, give_shape
-
-pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 
 def find_jacobian(function, place, inputs, output=0):
@@ -48,24 +35,6 @@ def find_differences(function, place, inputs, step, output=0):
         near, far = evaluate(unit) - evaluate(-unit), evaluate(2 * unit) - evaluate(-2 * unit)
         columns.append((8 * near - far) / (12 * step))
     return np.stack(columns, axis=1)
-
-
-@each_robot(PANDA, PUMA560, STANFORD)
-def test_derivatives_of_the_forward_dynamics_are_those_of_pinocchio(robot):
-    rng = np.random.default_rng(11)
-    parameters = draw_parameters(rng, robot.size)
-    model = build_pinocchio(robot, parameters)
-    functions = build_functions(robot, names=("forward_dynamics",), standard=True)
-    named = {f"{name}{link + 1}": value for (link, name), value in name_parameters(parameters).items()}
-    pi = [named[entry.name] for entry in functions.card.beta]
-    forward = build_casadi_function(robot, "forward_dynamics", standard=True)
-    for _ in range(3):
-        q, dq, tau = rng.uniform(-2, 2, (3, robot.size))
-        data = model.createData()
-        pin.computeABADerivatives(model, data, q, dq, tau)
-        expected = (data.ddq_dq, data.ddq_dv, data.Minv)
-        for place, derivative in enumerate(expected):
-            assert_close(find_jacobian(forward, place, (q, dq, tau, pi)), derivative, 1e-10)
 
 
 @pytest.mark.parametrize(
@@ -187,27 +156,6 @@ def test_vectors_are_columns_and_matrices_have_their_shape(arm):
     assert columns.shape == (2, 5)
 
 
-def test_one_function_alone_is_that_of_the_catalogue():
-    robot = load_robot("panda")
-    functions = build_functions(robot, names=("gravity", "inverse_dynamics")).functions
-    one = build_casadi_function(robot, "inverse_dynamics")
-    assert one.serialize() == functions[1].serialize()
-
-
-def test_constants_are_baked_in_and_an_unknown_name_is_refused(arm):
+def test_constants_are_baked_in(arm):
     function = build_casadi_function(arm, "gravity", constant=True)
     assert [function.name_in(k) for k in range(function.n_in())] == ["q"]
-    with pytest.raises(UsageError, match="is not in the catalogue"):
-        build_casadi_function(arm, "weight")
-
-
-def test_opti_solves_with_the_dynamics(arm):
-    """Statics by optimisation: the pose in which gravity asks the least torque, and the torque there."""
-    gravity = build_casadi_function(arm, "gravity", constant=True)
-    opti = ca.Opti()
-    q = opti.variable(2)
-    opti.minimize(ca.sumsqr(gravity(q)))
-    opti.set_initial(q, [-1.0, 0.2])
-    opti.solver("ipopt", {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"})
-    found = opti.solve().value(q)
-    np.testing.assert_allclose(np.array(gravity(found)), 0.0, atol=1e-6)

@@ -66,16 +66,6 @@ def test_lagrange_equals_newton_euler_as_polynomials(robot):
     assert_identical(robot)
 
 
-def test_lagrange_equals_newton_euler_with_symbolic_lengths():
-    assert_identical(build_chain([(0.0, 0, "L0", "q"), (0.5, "L1", "D2", "q"), (1.1, "L2", "q", 0.2)]))
-
-
-@settings(max_examples=25, deadline=None)
-@given(robot=trees(most=3, rotors=True))
-def test_lagrange_equals_newton_euler_on_random_trees(robot):
-    assert_identical(robot)
-
-
 def assert_identical_at_a_point(robot, seed):
     """Return the columns, which are equal, at rational sines, cosines, lengths and rates."""
     values, _ = draw_rational_state(robot, seed)

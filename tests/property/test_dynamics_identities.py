@@ -25,9 +25,7 @@ from symid.dynamics.regressors import (
 from symid.notation import INERTIAL
 from symid.robot.description import Mimic
 from symid.robot.geometry import (
-    ONE,
     ZERO,
-    Angle,
     Exact,
     compose_placements,
     invert_placement,
@@ -35,6 +33,7 @@ from symid.robot.geometry import (
     translate,
 )
 from symid.robot.inertia import move_parameters
+from tests import chains
 from tests.chains import (
     RATIONAL_ANGLES,
     RATIONAL_LENGTHS,
@@ -43,6 +42,7 @@ from tests.chains import (
     build_pinocchio,
     draw_parameters,
     fold,
+    name_parameters,
     regress,
     spread,
     to_matrix,
@@ -84,7 +84,7 @@ class Case:
 def draw_case(robot, seed):
     rng = np.random.default_rng(seed)
     pi = draw_parameters(rng, robot.size)
-    values = {(link, name): pi[link, k] for link in range(robot.size) for k, name in enumerate(INERTIAL)}
+    values = name_parameters(pi)
     for label in list_drive_parameters(robot):
         values[label] = rng.uniform(-2, 2) if label[1] == "KR" else rng.uniform(0.1, 2)
     return Case(robot, pi, values, *rng.uniform(-2, 2, (3, robot.freedom)))
@@ -104,10 +104,8 @@ def build(robot, q, dq, ddq):
 
 
 def assert_close(found, expected, tolerance=1e-11):
-    """Compare relative to the largest entry expected."""
-    found, expected = np.asarray(found, dtype=float), np.asarray(expected, dtype=float)
-    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
-    np.testing.assert_allclose(found.reshape(expected.shape), expected, rtol=0, atol=tolerance * scale)
+    expected = np.asarray(expected, dtype=float)
+    chains.assert_close(np.asarray(found, dtype=float).reshape(expected.shape), expected, tolerance)
 
 
 def find_torques(case):
@@ -218,20 +216,6 @@ def test_mass_matrix_is_symmetric_positive_definite_and_pinocchios(case):
     expected = np.array([find_torques(replace(still, ddq=unit)) for unit in units]).T
     assert_close(mass, expected)
     assert_close(call(robot, "mass_matrix")["mass_matrix"](case.q, group(case)), expected)
-
-
-@over_cases(25)
-def test_mass_rate_less_twice_coriolis_is_skew(case):
-    robot = case.robot
-    moving = build(robot, case.q + 1j * STEP * case.dq, case.dq, case.ddq)
-    rate = find_mass(case, moving).astype(complex).imag / STEP
-    beta = group(case)
-    functions = call(robot, "coriolis_matrix", "bias", "gravity")
-    coriolis = np.array(functions["coriolis_matrix"](case.q, case.dq, beta))
-    skew = rate - 2 * coriolis
-    assert_close(skew + skew.T, np.zeros_like(skew), 1e-11 * max(1.0, float(np.abs(rate).max(initial=0))))
-    bias = np.array(functions["bias"](case.q, case.dq, beta)) - np.array(functions["gravity"](case.q, beta))
-    assert_close(coriolis @ case.dq, bias.ravel())
 
 
 @over_cases(25)
@@ -426,11 +410,6 @@ def test_renumbering_joints_changes_nothing(robot, seed):
     assert_same_span(build_grouping(other, labels), build_grouping(robot, renamed))
 
 
-def to_arrays(placement):
-    matrix = to_matrix(placement)
-    return matrix[:3, :3], matrix[:3, 3]
-
-
 def reframe(robot, moves):
     """Return the robot with each link frame moved along its own axis: turned about z, shifted."""
     joints = []
@@ -454,7 +433,7 @@ MOVES = st.builds(
 def test_reframing_links_changes_nothing(robot, moves, seed):
     moves = moves[: robot.size]
     other, case = reframe(robot, moves), draw_case(robot, seed)
-    back = [to_arrays(invert_placement(move)) for move in moves]
+    back = [(matrix[:3, :3], matrix[:3, 3]) for matrix in map(to_matrix, map(invert_placement, moves))]
     values = dict(case.values)
     for link, (rotation, translation) in enumerate(back):
         moved = move_parameters(case.pi[link], rotation, translation)
@@ -498,10 +477,3 @@ def test_a_machine_of_parallel_slides_has_all_functions():
         torque = functions["inverse_dynamics"](case.q, case.dq, case.ddq, group(case))
         assert_close(torque, find_torques(case))
         assert_close(functions["coriolis_matrix"](case.q, case.dq, group(case)), np.zeros((2, 2)))
-
-
-def test_the_helpers_know_a_right_angle():
-    quarter = build_angle(Fraction(1))
-    assert (quarter.cosine, quarter.sine) == (ZERO, ONE)
-    assert isinstance(quarter, Angle)
-    assert build_angle(Fraction(0), opposite=True).cosine == -ONE

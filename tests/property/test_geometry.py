@@ -56,13 +56,6 @@ def test_products_of_symbols_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("text", "value"), [(0.1, Fraction(1, 10)), ("0.4318", Fraction(2159, 5000)), (3, 3)]
-)
-def test_decimals_stay_what_they_show(text, value):
-    assert Exact.of(text) == Exact.surd(Fraction(value))
-
-
-@pytest.mark.parametrize(
     ("value", "text"),
     [
         (ZERO, "0"),

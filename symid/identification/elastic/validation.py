@@ -38,7 +38,7 @@ from symid.identification.hysteresis import filter_smooth
 from symid.joint_models import Elasticity, Knee, Stop
 from symid.logs import Recording, measure_overlap
 from symid.robot import Robot
-from symid.simulation import ElasticExperimentOptions, MotorReference, simulate_elastic
+from symid.simulation import ExperimentOptions, MotorReference, simulate_elastic
 
 _FILTERS = ("stops", "rate", "cutoff")
 """Options that signals and rows of a log depend on."""
@@ -288,7 +288,7 @@ def simulate_tracking(
     library: Library,
     models: Mapping[str, MethodFit],
     trajectory: Trajectory,
-    options: ElasticExperimentOptions,
+    options: ExperimentOptions,
     *,
     rigid: MethodFit | None = None,
     progress: Callable[[str], None] = lambda _: None,

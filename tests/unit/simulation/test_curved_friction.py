@@ -15,7 +15,8 @@ from symid.simulation.rigid_plant import (
     build_rest_state,
     check_friction_at_speeds,
 )
-from tests.friction_forms import EVERY_LAW, find_torque
+from tests.friction_forms import EVERY_LAW
+from tests.recovery.test_every_law import state_values
 from tests.refusals import raises
 from tests.simulations import CALLED, prepare_slide
 
@@ -30,21 +31,6 @@ def stribeck():
 
 def fall(v):
     return 4.0 * np.sign(v) + 2.0 * np.exp(-((v / 0.05) ** 2)) * np.sign(v) + 3.0 * v
-
-
-def test_its_levels_are_the_limits_at_standstill(stribeck):
-    lines = build_friction_lines(stribeck)
-    assert lines.level[:, 0].tolist() == [0.0, 6.0, -6.0]
-    assert lines.curved.tolist() == [True]
-    for mode in (1, -1):
-        for speed in (0.2, 0.01, -0.003):
-            # Beyond standstill the line goes on, mirrored.
-            expected = fall(speed) if speed * mode > 0 else 12.0 * mode - fall(-speed)
-            torque = (
-                lines.compute_drag((mode,), np.array([speed]), *[np.zeros(1)] * 2)[0] + lines.level[mode, 0]
-            )
-            assert torque == pytest.approx(expected, rel=1e-14)
-    assert lines.compute_drag((0,), *[np.zeros(1)] * 3).tolist() == [0.0]
 
 
 def test_it_sticks_breaks_away_slides_and_comes_to_rest(stribeck):
@@ -81,6 +67,11 @@ def test_friction_that_is_continuous_never_sticks_unless_too_steep():
         drive(plant, 1e-3, 100)
 
 
+def write_table(name):
+    linear, shape = state_values(get_law(name))
+    return "\n".join([f'model = "{name}"', *(f"{key} = {value}" for key, value in (linear | shape).items())])
+
+
 def test_bias_is_no_push():
     friction = 'model = "improved_stribeck"\nFv = 1\nFc = 1\nFe = 1\nFp = 9\nvs = 0.1\ndq0 = 0.02'
     assert RigidPlant(prepare_slide(friction, backend="python")).size == 1
@@ -104,7 +95,7 @@ CUBIC = 'model = "cubic"\nFv = 0.6\nFc = 0.2\nFvq = -1\nFvc = 0'
     ],
 )
 def test_a_curve_that_pushes_is_refused(friction, said):
-    library = prepare_slide(friction or write_table("improved-stribeck-h4")[0], backend="python")
+    library = prepare_slide(friction or write_table("improved-stribeck-h4"), backend="python")
     with raises(UsageError, "usage.negative-friction", match=said):
         RigidPlant(library)
 
@@ -175,54 +166,13 @@ com = [0, 0, 0]
         build_friction_lines(prepare_library(parse_robot(text), names=CALLED, backend="python"))
 
 
-PRINTED = {"fC": 4.0, "fS": 6.0, "fV": 3.0, "vs": 0.05, "gamma": 1.5, "dq0": 0.02, "dqs": 0.01, "fP": 0.2}
-PRINTED |= {"fCp": 4.0, "fCn": 4.5, "fVp": 3.0, "fVn": 2.0, "fSp": 6.0, "fSn": 6.5, "fE": 1.5, "fD": 1.3}
-PRINTED |= {"delta": 0.6, "fM": 1.0, "g2": 90.0, "g3": 20.0, "g5": 100.0, "fL": 0.1, "fLS": 0.2, "fVL": 5.0}
-PRINTED |= {"offset": 0.3, "fCT": -0.02, "fVT": -0.02, "TV": 30.0, "fV4": 20.0, "fV5": 30.0}
-OTHERS = 0.4
-"""Values by the names of papers; all others have this one."""
-
-
-def write_table(name):
-    """Return the friction table of a law, and its printed values."""
-    law = get_law(name)
-    printed = {entry.name: PRINTED.get(entry.name, OTHERS) for entry in law.physical}
-    linear, shape = law.from_physical(list(printed.values()))
-    pairs = zip((*law.linear, *law.shape), (*linear, *shape), strict=True)
-    lines = [f'model = "{name}"', *(f"{entry.name} = {value}" for entry, value in pairs)]
-    return "\n".join(lines), printed
-
-
-def find_drag(name, printed, q, v, force):
-    """Return friction where the gear carries what the drive gives less friction."""
-    inputs = get_law(name).inputs
-    given = {key: value for key, value in (("position", q), ("temperature", 40.0)) if key in inputs}
-    if "load" not in inputs:
-        return find_torque(name, printed, v, **given)
-    load = brentq(
-        lambda x: force - x - find_torque(name, printed, v, load=x, **given), -50.0, 50.0, xtol=1e-14
-    )
-    return force - load
-
-
 # Reading H4 drives between standstill and its origin.
 SIMULATED = [name for name in EVERY_LAW if "h4" not in name]
 
 
 @pytest.mark.parametrize("name", SIMULATED)
-def test_every_law_slides_by_its_equation_and_loses_what_the_drive_gives(name):
-    table, printed = write_table(name)
-    plant = RigidPlant(prepare_slide(table, backend="python"))
-    state = plant.advance(build_rest_state(np.array([0.2])), np.array([12.0]), 0.15, 150)
-
-    def slope(_t, x):
-        return [x[1], (12.0 - find_drag(name, printed, x[0], x[1], 12.0)) / 2.0]
-
-    exact = solve_ivp(slope, (0, 0.15), [0.2, 1e-12], rtol=1e-10, atol=1e-12, method="LSODA")
-    assert state.dq[0] > 0.2
-    assert state.dq[0] == pytest.approx(exact.y[1, -1], rel=3e-6)
-    assert state.q[0] == pytest.approx(exact.y[0, -1], rel=3e-6)
-    assert state.work == pytest.approx(state.dq[0] ** 2 + state.dissipation, rel=1e-6)
+def test_every_law_loses_what_the_drive_gives(name):
+    plant = RigidPlant(prepare_slide(write_table(name), backend="python"))
     state, speeds = build_rest_state(np.zeros(1)), []
     for k in range(500):
         state = plant.advance(state, np.array([12.0 * np.sin(2 * np.pi * 4.0 * k * 1e-3)]), 1e-3)

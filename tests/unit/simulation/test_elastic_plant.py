@@ -14,7 +14,6 @@ from symid.errors import GenerationError, Notice
 from symid.joint_models import FrictionValues
 from symid.simulation import rigid_plant
 from symid.simulation.elastic_plant import (
-    Springs,
     build_plant_robot,
     count_substeps,
     get_elastic_values,
@@ -260,43 +259,6 @@ def test_small_free_oscillations_have_the_eigenfrequencies_of_the_linear_robot(
         x = step @ x
 
 
-def test_stiff_springs_make_a_rigid_robot_with_heavier_joints(plant, elastic_library, values):
-    stiff = tuple(replace(spring, stiffness=1e7, stops=(), knees=()) for spring in values.elasticity)
-    robot = build_plant_robot(replace(values, elasticity=stiff))
-    order = order_run(ticks=200, substeps=100, play=np.zeros((2, 0)))
-    log = plant.run(elastic_library, robot, order)
-
-    def slope(x, torque):
-        friction = FV * x[2:] + FC * np.tanh(x[2:] / V0)
-        mass = find_mass(x[:2]) + np.diag(B)
-        return np.concatenate([x[2:], np.linalg.solve(mass, torque - friction - find_bias(x[:2], x[2:]))])
-
-    x = np.zeros(4)
-    for k in range(order.ticks):
-        np.testing.assert_allclose(log.q[k], x[:2], atol=5e-5)
-        torque = order.stiffness * (order.angle[k] - x[:2]) + order.damping * (order.speed[k] - x[2:])
-        found = solve_ivp(lambda _t, y, u=torque: slope(y, u), (0.0, order.period), x, rtol=1e-9, atol=1e-11)
-        x = found.y[:, -1]
-    assert np.abs(log.q).max() > 0.1
-
-
-def test_spring_work_is_exact_on_any_path(numbers):
-    # The integral of S(v) over a monotone step, against fine quadrature, from plays anywhere.
-    rng = np.random.default_rng(4)
-    cubic = replace(numbers, cubic=np.array([3e5, -1e4]))
-    for robot in (numbers, cubic):
-        springs = Springs(robot)
-        for _ in range(40):
-            joint = int(rng.integers(2))
-            start, end = rng.uniform(-0.03, 0.03, size=2)
-            play = np.tile(start - rng.uniform(-1.0, 1.0, size=3) * RADIUS[joint], (2, 1))
-            points = np.linspace(start, end, 20_001)
-            torque = np.array([springs.compute_torque(joint, phi, play) for phi in points.tolist()])
-            wanted = np.trapezoid(torque, points)
-            found = springs.integrate(joint, float(start), float(end), play)
-            assert found == pytest.approx(wanted, abs=2e-9)
-
-
 def test_the_same_order_gives_the_same_bytes_until_a_state_is_not_finite(plant, elastic_library, numbers):
     first, second = (plant.run(elastic_library, numbers, order_run()) for _ in range(2))
     assert first.q.tobytes() == second.q.tobytes()
@@ -309,7 +271,8 @@ def test_the_same_order_gives_the_same_bytes_until_a_state_is_not_finite(plant, 
 
 def test_without_compiled_code_numpy_does_it_and_says_why(arm, numbers, elastic_library, monkeypatch):
     assert not has_addresses(arm)
-    robot = replace(numbers, beta=np.array([ZZ1 + 0.2, ZZ2, 0.05, 1.0, MX2]), friction=np.zeros(0))
+    beta = np.array([entry.value for entry in arm.card.beta])
+    robot = replace(numbers, beta=beta, friction=np.zeros(0))
     run = simulate_plant(arm, robot, order_run(ticks=5))
     assert run.backend == "python"
     assert "not compiled" in tell(run.notices)["simulate.slow-plant"]

@@ -15,6 +15,7 @@ from symid.simulation.experiment import (
     simulate_experiment,
 )
 from tests.refusals import raises
+from tests.unit.simulation.conftest import Changed
 
 CLEAN = ExperimentOptions(duration=3.0, sensors=SensorOptions(counts_per_turn=None))
 
@@ -37,9 +38,8 @@ def test_a_clean_run_closes_its_energy_balance_and_moves_by_its_equation(make_ro
     Fv, Fc, offset = np.array([0.8, 0.4]), np.array([1.5, 0.6]), np.array([0.0, 0.1])
     moving = np.abs(dq).min(axis=1) > 0.02
     moving[:2] = moving[-2:] = False
-    predicted = np.array(
-        [arm.mass(a, beta) @ c + arm.bias(a, b, beta) for a, b, c in zip(q, dq, ddq, strict=True)]
-    )
+    (mass,), (bias,) = arm.evaluate("mass_matrix", q, beta), arm.evaluate("bias", q, dq, beta)
+    predicted = np.einsum("nij,nj->ni", mass, ddq) + bias
     predicted += Fv * dq + Fc * np.sign(dq) + offset
     gap = np.abs(predicted - run.recording.torque)[moving]
     # Were the torque logged half a period late, this would be fifty times as much.
@@ -47,10 +47,6 @@ def test_a_clean_run_closes_its_energy_balance_and_moves_by_its_equation(make_ro
 
 
 def test_the_arm_follows_its_reference_with_its_gains(make_robot, arm):
-    run = simulate(make_robot(2), arm, ExperimentOptions(duration=3.0, bandwidth=15.0))
-    # Gravity bends a PD loop; what is asked here is that it moves as told.
-    late = run.recording.time > 1.0
-    assert np.corrcoef(run.q[late, 0], run.desired[late, 0])[0, 1] > 0.99
     stiff = replace(CLEAN, duration=1.0, stiffness=(9000.0, 2000.0), damping=(200.0, 40.0))
     soft = simulate(make_robot(2), arm, replace(CLEAN, duration=1.0, bandwidth=6.0))
     run = simulate(make_robot(2), arm, stiff)
@@ -83,7 +79,8 @@ def test_arms_that_are_not_held_are_refused(make_robot, arm):
 def test_a_run_begins_without_a_fall_and_says_its_gains(make_robot, arm):
     # The reference does not move yet, and the weight is carried from the first tick on.
     run = simulate(make_robot(2), arm, replace(CLEAN, duration=0.2))
-    weight = arm.bias(run.q[0], np.zeros(2), np.array([entry.value for entry in arm.card.beta]))
+    beta = np.array([entry.value for entry in arm.card.beta])
+    weight = arm.evaluate("bias", run.q[:1], np.zeros((1, 2)), beta)[0][0]
     assert np.abs(weight).max() > 20.0
     np.testing.assert_allclose(run.torque[0], weight, rtol=1e-12)
     np.testing.assert_allclose(run.recording.torque[0], weight, rtol=1e-12)
@@ -116,12 +113,12 @@ def test_unstable_loops_and_massless_robots_are_errors_with_a_remedy(make_robot,
 
 
 def test_balances_that_do_not_close_or_are_not_finite_are_errors(make_robot, arm):
-    arm.energy = lambda q, dq, _beta: (dq @ dq, np.sin(q[0]))
+    odd = Changed(arm, {"energy": lambda q, dq, _: ((dq**2).sum(axis=1), np.sin(q[:, 0]))})
     with raises(SolverError, "simulate.energy", match=r"error of \d.*1e-06"):
-        simulate(make_robot(2), arm, replace(CLEAN, duration=0.5))
-    arm.energy = lambda _q, _dq, _beta: (np.nan, 0.0)
+        simulate(make_robot(2), odd, replace(CLEAN, duration=0.5))
+    odd = Changed(arm, {"energy": lambda q, dq, _: (dq[:, 0] + np.nan, q[:, 0])})
     with raises(SolverError, "simulate.not-finite"):
-        simulate(make_robot(2), arm, replace(CLEAN, duration=0.1))
+        simulate(make_robot(2), odd, replace(CLEAN, duration=0.1))
 
 
 def test_all_sizes_that_do_not_fit_are_said_at_once(make_robot, arm):

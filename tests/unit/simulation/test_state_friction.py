@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import symid
 from symid.codegen.cache import prepare_library
 from symid.robot.toml_reader import parse_robot
 from symid.simulation.rigid_plant import RigidPlant, build_rest_state
@@ -112,19 +111,6 @@ def test_small_pushes_meet_a_spring_and_a_damper():
     swing = np.exp(-decay * time) * (np.cos(turn * time) + decay / turn * np.sin(turn * time))
     expected = push / p["sigma0"] * (1.0 - swing)
     assert np.abs([state.q[0] for state in states] - expected).max() <= 3e-4 * expected.max()
-
-
-def test_a_run_of_a_robot_logs_and_balances(tmp_path):
-    (tmp_path / "arm.toml").write_text(ARM.format(friction=write_table("generalised-maxwell-slip")))
-    robot = symid.load(tmp_path / "arm.toml")
-    run = robot.simulate(duration=1.0, seed=3)
-    assert run.energy_gap < 1e-8
-    # Another stiffness of the bristles is another motion: nothing compiled before is taken for it.
-    text = ARM.format(friction=write_table("generalised-maxwell-slip", stiffness=[300.0, 100.0]))
-    (tmp_path / "soft.toml").write_text(text)
-    other = symid.load(tmp_path / "soft.toml").simulate(duration=1.0, seed=3)
-    positions = [one.log.recording.position for one in (run, other)]
-    assert np.abs(positions[0] - positions[1]).max() > 1e-6
 
 
 def test_joints_with_a_state_move_beside_joints_that_stick():
