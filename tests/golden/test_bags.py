@@ -82,10 +82,9 @@ def test_efforts_of_the_ur10_are_torques(capsys, table):
     outer -= UR10_MASSES[2]
     assert found["MXR3"] == pytest.approx(UR10_MASSES[2] * (FOREARM + CENTRE_3) + FOREARM * outer, rel=0.04)
     # Read as motor currents, they are beyond what the joints can do.
-    _, answer = call_json(capsys, "check", "ur10", log, "--settings", "ros")
-    assert "log.torque-beyond-limit" in {entry["code"] for entry in answer["warnings"]}
-    _, answer = call_json(capsys, "check", "ur10", log, "--settings", "bag")
-    assert "log.torque-beyond-limit" not in {entry["code"] for entry in answer["warnings"]}
+    for settings, beyond in (("ros", True), ("bag", False)):
+        _, answer = call_json(capsys, "check", "ur10", log, "--settings", settings)
+        assert ("log.torque-beyond-limit" in {entry["code"] for entry in answer["warnings"]}) is beyond
 
 
 def test_the_recording_of_the_panda_is_read(capsys, table):

@@ -1,5 +1,6 @@
 import re
 from dataclasses import replace
+from html import escape
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from symid.joint_models.hysteresis import Elasticity, Knee, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.report.blocks import Drawing, Table
 from symid.report.elastic_page import build_elastic_page, draw_loops, show_spring
-from symid.report.pages import render_page, write_page
+from symid.report.pages import render_page
 from symid.report.verdict import judge_elastic
 from tests.pages import PageReader
 
@@ -147,43 +148,27 @@ def list_headings(text):
 def test_the_whole_page_is_well_formed_escaped_and_needs_nothing_else(estimate, trial, tracking):
     text = write(estimate, (trial,), tracking=tracking)
     reader = PageReader(text)
-    assert (reader.open, reader.wrong) == ([], [])
-    assert reader.loaded == []
+    assert (reader.open, reader.wrong, reader.loaded) == ([], [], [])
     assert reader.tags.count("script") == 1
-    assert "@import" not in text
-    assert "url(" not in text
-    assert "nan" not in re.findall(r'points="[^"]*nan', text)
+    for part in ("@import", "url("):
+        assert part not in text
+    assert not re.search(r'points="[^"]*nan', text)
     # The first screen, loops, springs, parameters, methods, iterations, tracking.
     assert reader.tags.count("svg") == 1 + 2 * 3 + 2 + 1 + 2 + 2 + 2
     assert reader.tags.count("title") == reader.tags.count("svg") + 1
     assert text.count("<table>") == text.count('<div class="scroll"') + 1
-    assert list_headings(text) == [
-        "Hysteresis loops",
-        "Springs",
-        "Parameters",
-        "Tracking",
-        "Methods",
-        "Convergence",
-        "Residual of &lt;held out&gt;",
-        "Residual of the fit",
-        "What each parameter groups",
-        "Notices",
-        "Settings",
-    ]
-    for raw in ("<one>", "<held out>", "<most>", "<feed>"):
+    heads = "Hysteresis loops|Springs|Parameters|Tracking|Methods|Convergence|Residual of &lt;held out&gt;"
+    heads += "|Residual of the fit|What each parameter groups|Notices|Settings"
+    assert list_headings(text) == heads.split("|")
+    for raw in ("<one>", "<held out>", "<most>", "<feed>", "arm & hand"):
         assert raw not in text
-        assert raw.replace("<", "&lt;").replace(">", "&gt;") in text
-    assert "arm &amp; hand" in text
+        assert escape(raw) in text
     counts = [len(points.split()) for points in re.findall(r'points="([^"]*)"', text)]
     assert max(counts) <= 2000
     assert len(counts) > 20
 
 
-def test_the_same_estimate_gives_the_same_bytes_with_origin_and_notices(tmp_path, estimate, trial, tracking):
-    pages = [build_elastic_page(estimate, (trial,), tracking=tracking) for _ in range(2)]
-    first = write_page(tmp_path / "a.html", pages[0]).read_bytes()
-    assert write_page(tmp_path / "b.html", pages[1]).read_bytes() == first
-    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["a.html", "b.html"]
+def test_origin_and_notices_are_told_once(estimate):
     other = Notice(code="log.converted", text="multiplied by 2", file="a.npz")
     text = write(estimate, notices=(other, other), origin=("robot arm of arm.toml",))
     assert text.count("a.npz: multiplied by 2") == 1
@@ -194,14 +179,8 @@ def test_the_same_estimate_gives_the_same_bytes_with_origin_and_notices(tmp_path
 def test_sections_without_data_are_left_out(estimate):
     bare = replace(estimate, springs=(), history=(), trials=(), notices=())
     text = write(bare)
-    assert list_headings(text) == [
-        "Parameters",
-        "Held-out logs",
-        "Methods",
-        "Residual of the fit",
-        "What each parameter groups",
-        "Settings",
-    ]
+    heads = "Parameters|Held-out logs|Methods|Residual of the fit|What each parameter groups|Settings"
+    assert list_headings(text) == heads.split("|")
     assert "--validation" in text
     assert 'class="verdict usable"' in text
     assert (PageReader(text).open, PageReader(text).wrong) == ([], [])
@@ -244,28 +223,27 @@ def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
 
 def test_springs_that_were_not_excited_not_turned_cubic_or_damped(estimate):
     spring = estimate.springs[0]
-    texts = list_texts(show_spring(spring))
+
+    def list_words(**changes):
+        return list_texts(show_spring(replace(spring, **changes)))
+
+    texts = list_words()
     assert len(texts) == 2 + 2  # heading and excitation, true stops and slopes
     assert "20 mrad" in texts[1]
     assert "11 N m" in texts[1]
-    words = "\n".join(list_texts(show_spring(replace(spring, torsion=0.005, excited=0.002, torque=2.8))))
-    assert words.count("\nStops from 6 mrad") == 1
-    assert words.count("\nTrue stops from 6 mrad") == 1
+    words = "\n".join(list_words(torsion=0.005, excited=0.002, torque=2.8))
+    assert words.count("\nStops from 6 mrad") == words.count("\nTrue stops from 6 mrad") == 1
     assert "\N{MINUS SIGN}3, 3 N m" in words
-    plain = replace(spring, elasticity=Elasticity(stiffness=100.0), truth=None)
-    assert "hysteresis" in list_texts(show_spring(plain))[-1]
-    spring = replace(estimate.springs[0], torsion=0.0, excited=0.0, torque=0.0)
-    assert "\N{PLUS-MINUS SIGN}7.5 mrad" in find_table(show_spring(spring), "Values").rows[2][0]
-    spring = Elasticity(stiffness=100.0, cubic=5e4, damping=0.3)
-    blocks = show_spring(replace(estimate.springs[0], elasticity=spring, truth=None))
+    assert "hysteresis" in list_words(elasticity=Elasticity(stiffness=100.0), truth=None)[-1]
+    still = show_spring(replace(spring, torsion=0.0, excited=0.0, torque=0.0))
+    assert "\N{PLUS-MINUS SIGN}7.5 mrad" in find_table(still, "Values").rows[2][0]
+    damped = Elasticity(stiffness=100.0, cubic=5e4, damping=0.3)
+    blocks = show_spring(replace(spring, elasticity=damped, truth=None))
     *_, loss, cubic, damping = find_table(blocks, "Values").rows
     assert (cubic[:2], damping[:2]) == (("cubic stiffness", "5e+04"), ("damping", "0.3"))
     assert float(loss[1]) == pytest.approx(0.0, abs=1e-12)
-    plain = list_texts(show(estimate))
-    assert not any(text.startswith("Standard deviations: ") for text in plain)
-    first = replace(estimate.springs[0], torque_std=0.0123, slope_std=4.56)
-    page = build_elastic_page(replace(estimate, springs=(first, *estimate.springs[1:])))
-    (text,) = (text for text in list_texts(page.blocks) if text.startswith("Standard deviations: "))
+    assert not any(text.startswith("Standard deviations: ") for text in texts)
+    (text,) = (x for x in list_words(torque_std=0.0123, slope_std=4.56) if x.startswith("Standard dev"))
     assert "4.6 N m/rad of the slope near zero" in text
     assert "0.012 N m (rms)" in text
 
@@ -319,10 +297,21 @@ def test_tracking_has_the_rms_of_every_joint(estimate, tracking):
     assert "== Tracking ==" not in show(estimate)
 
 
-@pytest.mark.parametrize(("share", "level"), [(0.01, "good"), (0.2, "usable"), (0.5, "doubtful")])
-def test_the_verdict_follows_what_springs_leave(estimate, trial, share, level):
+@pytest.mark.parametrize(
+    ("share", "outcome", "level"),
+    [
+        (0.01, Ending.CONVERGED, "good"),
+        (0.2, Ending.CONVERGED, "usable"),
+        (0.5, Ending.CONVERGED, "doubtful"),
+        (0.0, Ending.LIMIT, "usable"),
+        (0.0, Ending.DIVERGED, "doubtful"),
+    ],
+)
+def test_the_verdict_follows_what_springs_leave_and_how_the_iteration_ended(
+    estimate, trial, share, outcome, level
+):
     joints = tuple(replace(joint, final=(1.0 - share) * joint.link) for joint in trial.joints)
-    verdict = judge(estimate, replace(trial, joints=joints))
+    verdict = judge(replace(estimate, outcome=outcome), replace(trial, joints=joints))
     assert verdict.level == level
     assert f"at most {100 * share:.3g} % of a joint's torque" in verdict.headline
 
@@ -355,16 +344,6 @@ def test_pages_without_springs_covariance_or_another_log(estimate, trial):
     assert not any("standard deviations" in text for text in page.verdict.details)
 
 
-@pytest.mark.parametrize(
-    ("outcome", "level"),
-    [(Ending.CONVERGED, "good"), (Ending.LIMIT, "usable"), (Ending.DIVERGED, "doubtful")],
-)
-def test_the_verdict_follows_how_the_iteration_ended(estimate, trial, outcome, level):
-    good = tuple(replace(joint, final=joint.motor) for joint in trial.joints)
-    verdict = judge(replace(estimate, outcome=outcome), replace(trial, joints=good))
-    assert verdict.level == level
-
-
 def test_a_truth_that_is_met_within_a_percent_is_met(estimate, trial):
     sharp = tuple(replace(entry, std=1e-6) for entry in estimate.parameters[2:])
     kept = (*estimate.parameters[:2], *sharp)
@@ -393,30 +372,19 @@ def test_without_a_held_out_log_stretches_of_its_own_logs_judge(
     evidence = ElasticEvidence(
         held_out=(held_out, 1.0), noise=(1.3, 1.0), springs=(springs, 0.2), contradiction=contradiction
     )
-    plain = replace(
-        estimate, evidence=evidence, outcome=Ending.CONVERGED, parameters=(), refused=(), covariance=()
-    )
-    verdict = judge_elastic(plain, ())
+    verdict = judge_elastic(replace(estimate, evidence=evidence, parameters=(), covariance=()), ())
     assert verdict.level == level
-    assert (
-        f"at most {held_out:.3g} % of a motor's torque unexplained, 1.3 times its noise" in verdict.headline
-    )
+    told = f"at most {held_out:.3g} % of a motor's torque unexplained, 1.3 times its noise"
+    assert told in verdict.headline
     assert ("otherwise than without" in verdict.headline) == (contradiction > 5.0)
 
 
 def test_evidence_has_a_value_a_joint_and_refused_springs_do_not_judge(estimate):
     lost = replace(estimate.springs[0], identifiable=False, reason="no torsion")
-    evidence = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
-    plain = replace(
-        estimate,
-        evidence=evidence,
-        springs=(lost, replace(lost, joint="two", identifiable=True)),
-        parameters=(),
-        covariance=(),
-    )
-    verdict = judge_elastic(plain, ())
-    assert "the springs leave at most 0.2 %" in verdict.headline
+    springs = (lost, replace(lost, joint="two", identifiable=True))
     whole = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
+    plain = replace(estimate, evidence=whole, springs=springs, parameters=(), covariance=())
+    assert "the springs leave at most 0.2 %" in judge_elastic(plain, ()).headline
     assert not any("evidence" in text for text in replace(estimate, evidence=whole).list_mistakes())
     for broken in ({"held_out": ()}, {"noise": (1.0,)}, {"springs": (-1.0, 0.2)}):
         wrong = replace(estimate, evidence=replace(whole, **broken)).list_mistakes()

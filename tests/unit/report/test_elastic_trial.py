@@ -59,19 +59,20 @@ def library():
     return replace(plain, card=card)
 
 
-def build_fit(stiffness=STIFFNESS, **changes):
+def predict(library, stiffness=STIFFNESS, log=None, **options):
+    """Return what true parameters and a spring predict of the log."""
     fit = MethodFit(
         method="two-step",
         beta=np.array([MASS]),
         rotor=np.array([ROTOR]),
         friction=np.array(FRICTION),
-        elasticity=(Elasticity(stiffness=stiffness),),
+        elasticity=(Elasticity(stiffness=stiffness),) if stiffness else (),
     )
-    return replace(fit, **changes)
+    return predict_elastic(library, log or build_log(), ElasticOptions(cutoff=0.0), fit, **options)
 
 
 def test_true_parameters_leave_nothing_and_a_wrong_spring_is_seen(library):
-    trial = predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), build_fit())
+    trial = predict(library)
     (joint,) = trial.joints
     assert (joint.joint, joint.unit, joint.torsion_unit) == ("joint1", "N", "m")
     scale = np.abs(joint.motor).max()
@@ -82,7 +83,7 @@ def test_true_parameters_leave_nothing_and_a_wrong_spring_is_seen(library):
     assert len(trial.residuals) == 3
     assert all(entry.relative_percent < 0.2 for _, lines in trial.residuals for entry in lines)
     assert not trial.fitted
-    trial = predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(1.1 * STIFFNESS))
+    trial = predict(library, 1.1 * STIFFNESS)
     dynamics, motors, links = (lines[0] for _, lines in trial.residuals)
     assert dynamics.relative_percent < 0.2
     assert motors.norm == pytest.approx(0.1 * np.linalg.norm(trial.joints[0].motor), rel=0.02)
@@ -90,26 +91,18 @@ def test_true_parameters_leave_nothing_and_a_wrong_spring_is_seen(library):
 
 
 def test_start_and_truth_are_drawn_where_they_are_known(library):
-    trial = predict_elastic(
-        library,
-        build_log(),
-        ElasticOptions(cutoff=0.0),
-        build_fit(),
-        initial=(Elasticity(stiffness=0.5 * STIFFNESS),),
-        truth=(Elasticity(),),
-        fitted=True,
-    )
+    start = (Elasticity(stiffness=0.5 * STIFFNESS),)
+    trial = predict(library, initial=start, truth=(Elasticity(),), fitted=True)
     (joint,) = trial.joints
     np.testing.assert_allclose(joint.initial, 0.5 * joint.final, rtol=1e-12)
     # A robot file may name a spring without its value.
     assert joint.truth is None
     assert trial.fitted
-    trial = predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), build_fit(elasticity=()))
+    trial = predict(library, None)
     assert trial.joints[0].final is None
     assert len(trial.residuals) == 1
-    log = replace(build_log(), motor_position=None)
     with pytest.raises(LogError):
-        predict_elastic(library, log, ElasticOptions(), build_fit())
+        predict(library, log=replace(build_log(), motor_position=None))
 
 
 def build_estimate(**changes):

@@ -47,22 +47,10 @@ def set_residual(record, *percents):
 
 
 def make_trial(robot, percent, *, std=0.1, fitted=False, rows="torque", band=None):
-    residual = tuple(
-        Residual(
-            joint=joint.name, norm=10.0 * std, relative_percent=percent, std=std, samples=100, unit="N m"
-        )
-        for joint in robot.joints
-    )
-    validation = Validation(
-        robot=robot.name,
-        signature="",
-        source="<held out>",
-        rows=rows,
-        residual=residual,
-        series=(),
-        samples=200,
-        fitted=fitted,
-    )
+    shared = {"norm": 10.0 * std, "relative_percent": percent, "std": std, "samples": 100, "unit": "N m"}
+    residual = tuple(Residual(joint=joint.name, **shared) for joint in robot.joints)
+    told = {"source": "<held out>", "rows": rows, "residual": residual, "fitted": fitted}
+    validation = Validation(robot=robot.name, signature="", series=(), samples=200, **told)
     return RigidValidation(
         robot=robot,
         source="<held out>",
@@ -139,11 +127,8 @@ def test_a_residual_larger_than_that_of_the_fit_counts_and_a_log_of_the_fit_not(
     ):
         assert judge_trial(make_trial(robot, percent, std=std), estimate).level == level
     # Residuals of other rows, or of a band, cannot be compared with those of the fit.
-    assert judge_trial(make_trial(robot, 5.0, std=0.3, rows="momentum"), estimate).level == "good"
-    assert (
-        judge_trial(make_trial(robot, 5.0, std=0.3, band=SimpleNamespace(band=20.0)), estimate).level
-        == "good"
-    )
+    for other in ({"rows": "momentum"}, {"band": SimpleNamespace(band=20.0)}):
+        assert judge_trial(make_trial(robot, 5.0, std=0.3, **other), estimate).level == "good"
     verdict = judge_trial(make_trial(robot, 1.0, fitted=True), estimate)
     assert verdict.level == "usable"
     assert "no test" in verdict.headline
@@ -160,12 +145,11 @@ def test_a_fit_carries_its_verdict_everywhere(robot, estimate, tmp_path):
     assert not bad.accepted
     assert str(bad).splitlines()[-1].startswith("error: ")
     assert '"symid fail"' in bad._repr_html_()
-    assert f"{bad.verdict.headline}" in bad._repr_html_()
+    assert bad.verdict.headline in bad._repr_html_()
     page = bad.report(tmp_path / "page.html")
     assert [entry.code for entry in page.errors] == ["identify.wrong"]
-    assert '<p class="headline"><strong>Wrong</strong> The model does not explain' in page.file.read_text(
-        encoding="utf-8"
-    )
+    text = page.file.read_text(encoding="utf-8")
+    assert '<p class="headline"><strong>Wrong</strong> The model does not explain' in text
     with raises(symid.EstimateError, "export.wrong"):
         bad.export(tmp_path / "arm.toml")
     assert not (tmp_path / "arm.toml").exists()

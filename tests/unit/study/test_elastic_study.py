@@ -21,31 +21,21 @@ RUN = MethodRun(
 )
 
 
-def summarise(*, timed):
+@pytest.mark.parametrize(
+    ("timed", "seconds", "head", "end"),
+    [
+        (True, 0.6, ["s", "outcome"], ["0.60", "solved"]),
+        (False, math.nan, ["range", "outcome"], ["2.5", "solved"]),
+    ],
+)
+def test_times_stand_in_the_table_where_they_are_asked_for_only(timed, seconds, head, end):
     runs = [(RUN,), (replace(RUN, seconds=0.7, iterations=9),), (replace(RUN, seconds=0.6),)]
-    return elastic_study._summarise(runs, timed=timed)
-
-
-def write(cells):
-    nan = math.nan
-    study = DatasetStudy(
-        dataset="TA", condition=SensorCondition.CLEAN, seeds=3, bound=nan, spring_bound=nan, cells=cells
-    )
+    (cell,) = elastic_study._summarise(runs, timed=timed)
+    assert (cell.seconds, cell.iterations) == (pytest.approx(seconds, nan_ok=True), 9)
+    bounds = {"bound": math.nan, "spring_bound": math.nan}
+    study = DatasetStudy(dataset="TA", condition=SensorCondition.CLEAN, seeds=3, cells=(cell,), **bounds)
     _, heading, _, row = str(_show_dataset(study)).splitlines()
-    return heading.split(), row.split()
-
-
-def test_times_stand_in_the_table_where_they_are_asked_for_only():
-    (cell,) = summarise(timed=True)
-    assert (cell.seconds, cell.iterations) == (0.6, 9)
-    heading, row = write((cell,))
-    assert heading[-2:] == ["s", "outcome"]
-    assert row[-2:] == ["0.60", "solved"]
-    (cell,) = summarise(timed=False)
-    assert math.isnan(cell.seconds)
-    heading, row = write((cell,))
-    assert heading[-2:] == ["range", "outcome"]
-    assert row[-2:] == ["2.5", "solved"]
+    assert (heading.split()[-2:], row.split()[-2:]) == (head, end)
 
 
 @pytest.mark.slow
