@@ -78,10 +78,7 @@ def test_what_differs_is_found(path, value):
 
 
 def test_last_digits_are_no_difference_and_every_stored_answer_has_its_call():
-    for path, value in (
-        (("rows", 0, "value"), 2.0 + 1e-9),
-        (("rows", 0, "std"), 4e-13),
-        (("text",), "3 rows,  0.123456789012001 N m"),
-    ):
+    text = "3 rows,  0.123456789012001 N m"
+    for path, value in ((("rows", 0, "value"), 2.0 + 1e-9), (("rows", 0, "std"), 4e-13), (("text",), text)):
         assert compare(STORED, change(path, value)) == []
     assert {path.stem for path in ANSWERS.iterdir()} == set(CALLS)
