@@ -126,11 +126,5 @@ ELSEWHERE = {
 
 def find_elsewhere(page, text):
     """Return the test that runs a command or a block, None where there is none."""
-    return next(
-        (
-            test
-            for (name, pattern), test in ELSEWHERE.items()
-            if name == page and re.search(pattern, text, re.MULTILINE)
-        ),
-        None,
-    )
+    own = ((pattern, test) for (name, pattern), test in ELSEWHERE.items() if name == page)
+    return next((test for pattern, test in own if re.search(pattern, text, re.MULTILINE)), None)

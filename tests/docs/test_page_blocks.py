@@ -7,7 +7,6 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import symid
@@ -114,24 +113,18 @@ def test_tables_of_robot_files_are_read():
         assert parse_robot(HEAD + joints + text).log
 
 
-def write_night(source, name):
-    """Write a log as a Parquet file, with units in its headings."""
+@pytest.mark.usefixtures("c_compiler")
+def test_a_fleet_with_its_table_and_page(tmp_path, robots_folder, monkeypatch):
     pyarrow = pytest.importorskip("pyarrow", reason="wants pyarrow: pip install 'symid[parquet]'")
-    from pyarrow import parquet
-
-    with np.load(source) as log:
-        columns = {"t [s]": log["t"]}
-        for joint in (1, 2):
-            columns[f"q{joint} [rad]"] = log["q"][:, joint - 1]
-            columns[f"tau{joint} [N m]"] = log["tau"][:, joint - 1]
-    name.parent.mkdir(parents=True)
-    parquet.write_table(pyarrow.table(columns), name)
-
-
-def test_a_fleet_with_its_table_and_page(tmp_path, robots_folder, monkeypatch, c_compiler):
-    assert c_compiler
-    symid.load("two_link").simulate(duration=6.0, seed=1).log.save(tmp_path / "log.npz")
-    write_night(tmp_path / "log.npz", tmp_path / "nights" / "r1" / "2026-01-01.parquet")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    # A night: a log as a Parquet file, with units in its headings.
+    log = symid.load("two_link").simulate(duration=6.0, seed=1).log.recording
+    columns = {"t [s]": log.time}
+    for joint, (q, tau) in enumerate(zip(log.position.T, log.torque.T, strict=True), start=1):
+        columns |= {f"q{joint} [rad]": q, f"tau{joint} [N m]": tau}
+    night = tmp_path / "nights" / "r1" / "2026-01-01.parquet"
+    night.parent.mkdir(parents=True)
+    parquet.write_table(pyarrow.table(columns), night)
     shutil.copy(robots_folder / "two_link.toml", tmp_path / "ur10.toml")
     (tmp_path / "plant.toml").write_text(find_block("fleet.md", "# plant.toml"), "utf-8")
     (command,) = (text for block in list_blocks("fleet.md") for text in block.commands)
@@ -145,13 +138,9 @@ def test_a_fleet_with_its_table_and_page(tmp_path, robots_folder, monkeypatch, c
     exec(find_block("fleet.md", "progress=print"), dict(main))  # noqa: S102  the page's own example
     # There is no SLURM here: the calls have arguments that they take.
     wanted, calls = inspect.signature(symid.fleet.run), []
-    queue = SimpleNamespace(
-        SLURMCluster=lambda **_: SimpleNamespace(scale=calls.append, scheduler_address="")
-    )
-    monkeypatch.setitem(sys.modules, "dask_jobqueue", queue)
-    monkeypatch.setattr(
-        symid.fleet, "run", lambda *given, **named: calls.append(wanted.bind(*given, **named))
-    )
+    cluster = SimpleNamespace(scale=calls.append, scheduler_address="")
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=lambda **_: cluster))
+    monkeypatch.setattr(symid.fleet, "run", lambda *given, **more: calls.append(wanted.bind(*given, **more)))
     exec(find_block("fleet.md", "SLURMCluster"), dict(main))  # noqa: S102  likewise
     assert calls[0] == 100
     assert calls[1].arguments["executor"] == "dask"
