@@ -366,9 +366,8 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
         slipped = () if branched else (entry.excited,)
         start = (entry.joint, spring.stiffness, slope, entry.slope_std, unit)
         rows.append((*start, *names, entry.torsion, *slipped, entry.torque, entry.torque_std))
-    steepest, middle = "k0 + stops", ("stops", "knees", "torsion", "slipped to")
-    if branched:
-        steepest, middle = "at most", ("branches", "torsion")
+    middle = ["branches", "torsion"] if branched else ["stops", "knees", "torsion", "slipped to"]
+    steepest = "at most" if branched else "k0 + stops"
     header = ("joint", "k0", steepest, "slope std", "unit", *middle, "torque", "torque std")
     return Table(header, rows, (0, 4, 5) if branched else (0, 4))
 

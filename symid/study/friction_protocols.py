@@ -261,13 +261,13 @@ def build_sweep_scene(sweep: Sweep) -> FrictionScene:
     return FrictionScene("1", row.law, row.values, velocity, math.sqrt(row.objective / sweep.samples))
 
 
-def fit_estimators(scene: FrictionScene, seed: int, estimators: Sequence[str] = friction.ESTIMATORS) -> Draw:
-    """Return what estimators find for a seed's draw of a scene."""
+def fit_estimators(scene: FrictionScene, seed: int, estimators: Sequence[str] = ()) -> Draw:
+    """Return what estimators, without any named all of them, find for a seed's draw of a scene."""
     samples, law = draw_samples(scene, np.random.default_rng(seed)), get_law(scene.law)
     # A search shares no number with the noise of the same seed.
     return tuple(
         friction.fit_friction(samples, law, estimator=name, generator=np.random.default_rng((seed, 1)))
-        for name in estimators
+        for name in estimators or friction.ESTIMATORS
     )
 
 
