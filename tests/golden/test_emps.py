@@ -23,11 +23,8 @@ from symid.identification.rigid.closed_loop import (
 )
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
-from symid.logs.reader import read_recording
 from symid.logs.recording import cut_recording
-from symid.logs.signals import decimate, prepare_signals
-from symid.robot.description import Decimation, Joint, JointKind, LogMap, LogQuantity, Processing, Robot
-from symid.robot.geometry import IDENTITY
+from symid.robot.description import Decimation
 from symid.robot.loading import override_robot
 from symid.simulation.rigid_plant import RigidPlant, RigidPlantState
 
@@ -41,23 +38,6 @@ DIGITS = {
     "symmetric": (SYMMETRIC, ["108.7569", "4.0834"], ["169.4876", "5.9824"]),
     "asymmetric": (ASYMMETRIC, ["82.8778", "3.1117"], ["151.9933", "5.3649"]),
 }
-PROCESSING = Processing(
-    filter_order=4,
-    filter_cutoff=100.0,
-    filter_torque=False,
-    drop_first=49,
-    decimation=Decimation(factor=10, order=8, ripple_db=0.05, band=0.8),
-)
-PLAIN = Robot(
-    name="emps",
-    joints=(Joint(name="axis", kind=JointKind.PRISMATIC, parent=-1, placement=IDENTITY),),
-    log=LogMap(
-        time=LogQuantity(columns=("t",), unit="s"),
-        position=LogQuantity(columns=("qm",), unit="m"),
-        torque=LogQuantity(columns=("vir",), unit="V", factor=(35.15065188,)),
-    ),
-    processing=PROCESSING,
-)
 GIVEN = 20
 """First samples from which a forecast takes position and speed."""
 
@@ -79,42 +59,6 @@ def test_an_identification_meets_every_published_digit(emps, emps_logs, friction
     assert estimate.samples == 2480
     if friction == "symmetric":
         assert write((p.name, p.std) for p in estimate.parameters) == DEVIATIONS
-
-
-def build_matrix(recording, *, asymmetric):
-    signals = prepare_signals(recording, PROCESSING)
-    dq, ddq = signals.dq[:, 0], signals.ddq[:, 0]
-    if asymmetric:
-        up, down = dq > 0, dq < 0
-        columns = [ddq, dq * up, 1.0 * up, dq * down, -1.0 * down]
-    else:
-        columns = [ddq, dq, np.sign(dq), np.ones_like(dq)]
-    rows = decimate(np.column_stack([*columns, signals.tau[:, 0]]), PROCESSING.decimation)
-    return rows[:, :-1], rows[:, -1]
-
-
-@pytest.mark.parametrize("friction", DIGITS)
-def test_plain_least_squares_of_rows_written_out_meet_every_published_digit(shared_data, friction):
-    files = [shared_data / "emps" / name for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")]
-    logs = [read_recording(file, PLAIN) for file in files]
-    values, *residuals = DIGITS[friction]
-    rows = [build_matrix(log, asymmetric=friction == "asymmetric") for log in logs]
-    matrix, force = rows[0]
-    x = np.linalg.lstsq(matrix, force, rcond=None)[0]
-    assert matrix.shape == (2480, len(values))
-    assert [f"{value:.4f}" for value in x] == [*values.values()]
-    for (matrix_, force_), digits in zip(rows, residuals, strict=True):
-        norm = np.linalg.norm(force_ - matrix_ @ x)
-        assert [f"{norm:.4f}", f"{100 * norm / np.linalg.norm(force_):.4f}"] == digits
-    if friction == "symmetric":
-        scatter = np.std(force - matrix @ x, ddof=1)
-        stds = scatter * np.sqrt(np.diag(np.linalg.inv(matrix.T @ matrix)))
-        assert f"{scatter:.4f}" == "2.1843"
-        assert [f"{value:.4f}" for value in stds] == [*DEVIATIONS.values()]
-    first, second = ("\n".join(map(str, log.notices)) for log in logs)
-    assert "torque: 'vir' in V was multiplied by 35.15065188" in first
-    assert "columns that were not used: gtau, kp, kv" in first
-    assert "pulses_N" in second
 
 
 @pytest.fixture(scope="module")

@@ -62,31 +62,6 @@ def test_names_put_in_give_the_matrices(name):
     assert max(total.count_terms() for total in sums) <= 20
 
 
-def test_every_element_of_the_puma_is_the_exact_polynomial():
-    """All names put in, the elements of M are the polynomials of the composite bodies, term by term."""
-    robot = load_robot("puma560")
-    composites, found = derive_composites(robot), derive_equations(build_model(robot, "base"))
-    model, ring = composites.model, found.model.algebra
-    known = ring.generators
-    values = {str(x): known.get(str(x)) for x in model.algebra.ring.symbols}
-
-    def put(polynomial):
-        total = ring.zero
-        for exponents, coefficient in polynomial.terms():
-            term = ring.one * coefficient
-            for symbol, power in zip(polynomial.ring.symbols, exponents, strict=True):
-                for _ in range(power):
-                    term = ring.mul(term, values[str(symbol)])
-            total += term
-        return total
-
-    for entry in composites.definitions:
-        values[entry.name] = put(entry.value)
-    for (i, j), value in composites.mass.items():
-        assert put(value) == found.mass[i][j]
-    assert [put(value) for value in composites.gravity] == list(found.gravity)
-
-
 def test_textbook_forms_chains_and_named_lengths():
     arm = build_chain(
         [(0.0, 0, 0, "q"), (0.0, "L1", 0, "q"), (0.0, "L2", 0, "q")], gravity=("0", "-9.81", "0")

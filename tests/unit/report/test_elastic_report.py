@@ -37,19 +37,10 @@ REACH = 0.02
 def build_joint(name):
     time = np.linspace(0.0, 20.0, 5001)
     torsion = REACH * np.sin(time) * np.cos(0.31 * time)
-    motor = compute_hysteresis_torque(TRUTH, torsion)
-    return JointTrial(
-        joint=name,
-        unit="N m",
-        torsion_unit="rad",
-        time=time,
-        torsion=torsion,
-        motor=motor,
-        link=motor + 0.01 * np.cos(5 * time),
-        final=compute_hysteresis_torque(FOUND, torsion),
-        initial=600.0 * torsion,
-        truth=motor,
-    )
+    motor, final = (compute_hysteresis_torque(spring, torsion) for spring in (TRUTH, FOUND))
+    sides = {"motor": motor, "link": motor + 0.01 * np.cos(5 * time), "final": final, "truth": motor}
+    known = {"joint": name, "unit": "N m", "torsion_unit": "rad", "time": time, "torsion": torsion}
+    return JointTrial(**known, **sides, initial=600.0 * torsion)
 
 
 @pytest.fixture(scope="module")

@@ -134,28 +134,22 @@ def test_a_residual_larger_than_that_of_the_fit_counts_and_a_log_of_the_fit_not(
     assert "no test" in verdict.headline
 
 
-def test_a_fit_carries_its_verdict_everywhere(robot, estimate, tmp_path):
+def test_a_fit_carries_its_verdict_everywhere(estimate, tmp_path):
     good = symid.load_fit(_store(estimate, tmp_path / "good.json"))
-    assert good.verdict.level == "usable"
-    assert (good.errors, good.accepted) == ((), True)
+    assert good.accepted
     assert str(good).startswith("verdict: usable - ")
     assert next(iter(good.to_dict())) == "verdict"
     bad = symid.load_fit(_store(set_residual(estimate, 99.0, 98.0), tmp_path / "bad.json"))
-    assert [entry.code for entry in bad.errors] == ["identify.wrong"]
-    assert not bad.accepted
     assert str(bad).splitlines()[-1].startswith("error: ")
-    assert '"symid fail"' in bad._repr_html_()
-    assert bad.verdict.headline in bad._repr_html_()
+    for text in ('"symid fail"', bad.verdict.headline):
+        assert text in bad._repr_html_()
     page = bad.report(tmp_path / "page.html")
     assert [entry.code for entry in page.errors] == ["identify.wrong"]
     text = page.file.read_text(encoding="utf-8")
     assert '<p class="headline"><strong>Wrong</strong> The model does not explain' in text
     with raises(symid.EstimateError, "export.wrong"):
         bad.export(tmp_path / "arm.toml")
-    assert not (tmp_path / "arm.toml").exists()
-    written = bad.export(tmp_path / "arm.toml", accept=True)
-    assert written.file.exists()
-    assert written.notices[0].code == "identify.wrong"
+    assert bad.export(tmp_path / "arm.toml", accept=True).notices[0].code == "identify.wrong"
 
 
 def _store(estimate, path):
