@@ -30,10 +30,6 @@ TO_XYZ = np.array(
 )
 TOGETHER = {"blue": ("orange", "teal", "soft", "wrong", "good"), "orange": ("teal", "soft")}
 TOGETHER |= {"wrong": ("good",)}
-    "blue": ("orange", "teal", "soft", "wrong", "good"),
-    "orange": ("teal", "soft"),
-    "wrong": ("good",),
-}
 """Colours of curves that stand in one figure without a difference in their dashes; axes of a frame."""
 CURVES = ("blue", "orange", "teal", "soft", "wrong", "good", "ink")
 """Those of the seven styles of curves, which dashes tell apart as well."""
