@@ -18,6 +18,7 @@ from html import escape
 from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.report.blocks import Drawing
@@ -125,15 +126,14 @@ def build_axis(arrays: Sequence[FloatArray], margin: float, *, logarithmic: bool
     """Return the axis of all values of `arrays`, with `margin` as a part of its length on either side."""
     low = min(float(np.min(array)) for array in arrays)
     high = max(float(np.max(array)) for array in arrays)
-    if not logarithmic:
-        # Further apart the length of the axis would be infinite.
-        low, high = (min(max(end, -_LARGEST), _LARGEST) for end in (low, high))
-    else:
+    if logarithmic:
         # At least a factor of three, so that there is a tick to read.
         middle, half = math.sqrt(low * high), max(math.sqrt(high / low), math.sqrt(3.0))
         ratio = half ** (1.0 + 2.0 * margin)
         low = min(max(middle / ratio, _SMALLEST), 0.1 * _LARGEST)
         return Axis(low=low, high=min(max(middle * ratio, 10.0 * _SMALLEST), _LARGEST), logarithmic=True)
+    # Further apart the length of the axis would be infinite.
+    low, high = (min(max(end, -_LARGEST), _LARGEST) for end in (low, high))
     if high - low <= 1e-12 * max(abs(low), abs(high)):
         # A constant still needs an axis of some length.
         half = 0.5 * max(abs(low), 1.0)
@@ -271,41 +271,31 @@ def thin_curve(
         points: at most.
         invisible: distance from the chord below which a point is left out in any case.
     """
-    count = len(x)
-    if count <= 2:
+    if len(x) <= 2:
         return x, y
-    kept = {0, count - 1}
+    kept, new = {0, len(x) - 1}, [(0, len(x) - 1)]
     waiting: list[tuple[float, int, int, int]] = []
-    _push_farthest(waiting, x, y, (0, count - 1))
-    while waiting and len(kept) < points:
-        distance, middle, start, end = heappop(waiting)
-        if -distance < invisible:
+    while len(kept) < points:
+        for start, end in (part for part in new if part[1] - part[0] > 1):
+            # The point that lies farthest from the chord of two others.
+            inner = slice(start + 1, end)
+            dx, dy = x[inner] - x[start], y[inner] - y[start]
+            along = np.array([x[end] - x[start], y[end] - y[start]])
+            length = float(np.hypot(*along))
+            if length > 0.0:
+                # From the chord, not from the line through its ends: loops return to where they began.
+                share = np.clip((dx * along[0] + dy * along[1]) / length**2, 0.0, 1.0)
+                dx, dy = dx - share * along[0], dy - share * along[1]
+            distances = np.hypot(dx, dy)
+            farthest = int(np.argmax(distances))
+            heappush(waiting, (-float(distances[farthest]), start + 1 + farthest, start, end))
+        if not waiting or -waiting[0][0] < invisible:
             break
+        _, middle, start, end = heappop(waiting)
         kept.add(middle)
-        for part in ((start, middle), (middle, end)):
-            _push_farthest(waiting, x, y, part)
+        new = [(start, middle), (middle, end)]
     index = np.array(sorted(kept))
     return x[index], y[index]
-
-
-def _push_farthest(
-    waiting: list[tuple[float, int, int, int]], x: FloatArray, y: FloatArray, part: Sequence[int]
-) -> None:
-    """Add the point between two others that lies farthest from their chord."""
-    start, end = part
-    if end - start < 2:
-        return
-    inner = slice(start + 1, end)
-    dx, dy = x[inner] - x[start], y[inner] - y[start]
-    along = np.array([x[end] - x[start], y[end] - y[start]])
-    length = float(np.hypot(*along))
-    if length > 0.0:
-        # Distance from the chord, not from the line through its ends: loops return to where they began.
-        share = np.clip((dx * along[0] + dy * along[1]) / length**2, 0.0, 1.0)
-        dx, dy = dx - share * along[0], dy - share * along[1]
-    distances = np.hypot(dx, dy)
-    farthest = int(np.argmax(distances))
-    heappush(waiting, (-float(distances[farthest]), start + 1 + farthest, start, end))
 
 
 def build_line_figure(
@@ -643,18 +633,11 @@ def _draw_drum(place: Callable[[FloatArray], FloatArray], joint: ArmJoint, towar
     across /= np.linalg.norm(across)
     ring = radius * (np.outer(np.cos(_ROUND), across) + np.outer(np.sin(_ROUND), np.cross(axis, across)))
     near, far = (place(joint.place + side * radius * axis + ring) for side in (1.0, -1.0))
-    # The corners of the least convex area around all points (Andrew 1979).
-    ordered, hull = sorted(map(tuple, np.vstack([near, far]).tolist())), list[tuple[float, ...]]()
-    for run in (ordered, ordered[::-1]):
-        half: list[tuple[float, ...]] = []
-        for point in run:
-            while len(half) > 1 and np.linalg.det(np.subtract([half[-1], point], half[-2])) <= 0.0:
-                half.pop()
-            half.append(point)
-        hull += half[:-1]
+    points = np.vstack([near, far])
+    hull = points[scipy.spatial.ConvexHull(points).vertices]
     ends = place(joint.place + np.outer([-2.0, 2.0], radius * axis))
     return (
         f'<polyline class="axle" points="{_format_points(*ends.T)}"/>'
-        f'<polygon class="box {joint.style}" points="{_format_points(*np.array(hull).T)}"/>'
+        f'<polygon class="box {joint.style}" points="{_format_points(*hull.T)}"/>'
         f'<polygon class="box {joint.style}" points="{_format_points(*near.T)}"/>'
     )
