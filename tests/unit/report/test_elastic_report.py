@@ -7,13 +7,7 @@ import pytest
 
 from symid import __version__
 from symid.errors import Notice
-from symid.identification.elastic.estimate import (
-    ElasticEstimate,
-    ElasticEvidence,
-    HistoryEntry,
-    MethodTrial,
-    SpringEstimate,
-)
+from symid.identification.elastic.estimate import ElasticEvidence, HistoryEntry, MethodTrial
 from symid.identification.elastic.validation import ElasticTrial, JointTrial, TrackingRun
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.ipopt import Ending
@@ -23,6 +17,7 @@ from symid.report.blocks import Drawing, Table
 from symid.report.elastic_page import build_elastic_page, draw_loops, show_spring
 from symid.report.pages import render_page
 from symid.report.verdict import judge_elastic
+from tests.estimates import build_elastic_estimate
 from tests.pages import PageReader
 
 TRUTH = Elasticity(
@@ -57,38 +52,24 @@ def trial():
 def estimate():
     entry = ParameterEstimate(name="ZZ1", value=0.353, std=0.004, unit="kg m^2", truth=0.35)
     others = tuple(replace(entry, name=name) for name in ("ZZ2", "IA1"))
-    spring = SpringEstimate(
-        joint="<one>",
-        torque_unit="N m",
-        position_unit="rad",
-        elasticity=FOUND,
-        torsion=REACH,
-        excited=0.006,
-        torque=11.0,
-        truth=TRUTH,
-    )
-    residual = Residual(joint="<one>", norm=1.0, relative_percent=0.8, std=0.02, samples=900, unit="N m")
     values = (0.353, 1e-4, 0.353, 0.353)
-    trials = (
-        MethodTrial(method="two-step", outcome=Ending.CONVERGED, error=1.003, values=values),
-        MethodTrial(method="elimination", outcome=Ending.SOLVED, error=1.44, values=(0.4, 0, 0.3, 0.35)),
-        MethodTrial(method="linear-spring", outcome=Ending.FAILED, error=None, values=values),
-    )
-    return ElasticEstimate(
+    plain = build_elastic_estimate({}, TRUTH, joints=("<one>", "two"))
+    return replace(
+        plain,
         robot="arm & hand",
-        signature="abc",
         method="two-step",
         reason="it explains <most>",
         parameters=(entry, replace(entry, name="MY1", value=1e-4, truth=0.0), *others),
-        springs=(spring, replace(spring, joint="two")),
-        residual=(residual, replace(residual, joint="two")),
-        energy=replace(residual, joint="all joints", unit="J"),
-        condition=30.0,
+        springs=tuple(replace(spring, elasticity=FOUND) for spring in plain.springs),
         outcome=Ending.CONVERGED,
         history=tuple(
             HistoryEntry(merit=3.0 + 0.1**k, change=0.05**k, norms=(0.07, 20.0 - k, 8.0)) for k in range(1, 5)
         ),
-        trials=trials,
+        trials=(
+            MethodTrial(method="two-step", outcome=Ending.CONVERGED, error=1.003, values=values),
+            MethodTrial(method="elimination", outcome=Ending.SOLVED, error=1.44, values=(0.4, 0, 0.3, 0.35)),
+            MethodTrial(method="linear-spring", outcome=Ending.FAILED, error=None, values=values),
+        ),
         sources=("<fit>",),
         settings={"stops": 8, "nested": {"rate": 60.0}},
         covariance=tuple(tuple(row) for row in np.diag(np.full(4, 0.004**2)).tolist()),

@@ -5,14 +5,13 @@ import pytest
 
 from symid.codegen.functions import ParameterCard
 from symid.errors import EstimateError, LogError
-from symid.identification.elastic.estimate import ElasticEstimate, MethodFit, SpringEstimate
+from symid.identification.elastic.estimate import MethodFit
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.validation import evaluate_elastic, predict_elastic
-from symid.identification.estimators.estimate import ParameterEstimate, Residual
-from symid.ipopt import Ending
 from symid.joint_models.hysteresis import Elasticity
 from symid.logs.recording import Recording
 from symid.serialization import compute_file_digest
+from tests.estimates import build_elastic_estimate
 from tests.recovery.closed_form import build_one_axis
 from tests.refusals import raises
 
@@ -105,42 +104,11 @@ def test_start_and_truth_are_drawn_where_they_are_known(library):
         predict(library, log=replace(build_log(), motor_position=None))
 
 
-def build_estimate(**changes):
-    names = ("M1", "IA1", "Fv1", "Fc1", "offset1")
-    values = (MASS, ROTOR, *FRICTION)
-    residual = Residual(joint="joint1", norm=1.0, relative_percent=1.0, std=1.0, samples=9, unit="N")
-    spring = Elasticity(stiffness=STIFFNESS)
-    known = {
-        "robot": "one_axis",
-        "signature": "one_axis-signature",
-        "method": "elimination",
-        "reason": "the method was asked for",
-        "parameters": tuple(
-            ParameterEstimate(name=name, value=value, std=0.1, unit="kg")
-            for name, value in zip(names, values, strict=True)
-        ),
-        "springs": (
-            SpringEstimate(
-                joint="joint1",
-                torque_unit="N",
-                position_unit="m",
-                elasticity=spring,
-                torsion=0.1,
-                excited=0.0,
-                torque=900.0,
-                truth=spring,
-            ),
-        ),
-        "residual": (residual,),
-        "energy": residual,
-        "condition": 10.0,
-        "outcome": Ending.SOLVED,
-        "history": (),
-        "trials": (),
-        "sources": ("log",),
-        "settings": {"stops": 8, "rate": 60.0, "cutoff": 0.0, "other": 1},
-    }
-    return ElasticEstimate(**{**known, **changes})
+def build_estimate(**settings):
+    names, spring = ("M1", "IA1", "Fv1", "Fc1", "offset1"), Elasticity(stiffness=STIFFNESS)
+    values = dict(zip(names, (MASS, ROTOR, *FRICTION), strict=True))
+    settings = {"stops": 8, "rate": 60.0, "cutoff": 0.0, **settings}
+    return build_elastic_estimate(values, spring, unit="N", signature="one_axis-signature", settings=settings)
 
 
 def test_an_estimate_is_tried_with_its_own_filters_and_knows_its_logs(library, tmp_path):
@@ -148,7 +116,7 @@ def test_an_estimate_is_tried_with_its_own_filters_and_knows_its_logs(library, t
     (joint,) = trial.joints
     np.testing.assert_array_equal(joint.truth, joint.final)
     assert all(entry.relative_percent < 0.2 for _, lines in trial.residuals for entry in lines)
-    fast = build_estimate(settings={"stops": 8, "rate": 120.0, "cutoff": 0.0})
+    fast = build_estimate(rate=120.0)
     other = evaluate_elastic(fast, library, build_log("another")).joints[0]
     lag = np.max(np.abs(other.torsion - joint.torsion))
     assert lag > 0.02 * np.max(np.abs(joint.torsion))
@@ -156,11 +124,11 @@ def test_an_estimate_is_tried_with_its_own_filters_and_knows_its_logs(library, t
     assert not evaluate_elastic(build_estimate(), library, build_log("")).fitted
     copy = tmp_path / "copy.npz"
     copy.write_bytes(b"the same bytes")
-    estimate = build_estimate(settings={"log_digests": [compute_file_digest(str(copy))], "cutoff": 0.0})
+    estimate = build_estimate(log_digests=[compute_file_digest(str(copy))])
     assert evaluate_elastic(estimate, library, build_log(str(copy))).fitted
 
 
 @pytest.mark.parametrize("settings", [{"rate": -1.0}, {"rate": "fast"}, {"cutoff": [1.0]}])
 def test_settings_that_cannot_be_used_are_refused(library, settings):
     with raises(EstimateError, "estimate.settings"):
-        evaluate_elastic(build_estimate(settings=settings), library, build_log())
+        evaluate_elastic(build_estimate(**settings), library, build_log())

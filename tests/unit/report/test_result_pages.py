@@ -167,10 +167,8 @@ def test_a_pose_has_a_coordinate_for_every_joint(robot):
 def test_what_is_plotted_is_told_by_the_file(robot, log, tmp_path):
     path = robot.excite(harmonics=2, period=2.0, candidates=10, starts=1).save(tmp_path / "motion.csv")
     assert robot.plot(path).drawings[0].caption.startswith("Where does it go? trajectory motion.csv")
-    assert (
-        robot.plot(log.save(tmp_path / "log.csv")).drawings[0].caption.startswith("Where did the joints go?")
-    )
-    assert len(log.plot()) == 2
+    saved = robot.plot(log.save(tmp_path / "log.csv"))
+    assert saved.drawings[0].caption.startswith("Where did the joints go?")
     fit = robot.identify(log)
     assert robot.plot(fit.save(tmp_path / "fit.json")).drawings == fit.plot().drawings
     text = robot.plot().save(tmp_path / "robot.html").read_text()
