@@ -81,7 +81,7 @@ def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
 
 
 def build_elastic_estimate(values, spring, *, joints=("joint1",), unit="N m", **changes) -> ElasticEstimate:
-    """Return an estimate with parameters `values` by name, and the same spring, which is true, in all joints."""
+    """Return an estimate with parameters `values` by name and the same, true, spring in all joints."""
     residual = Residual(joint="", norm=1.0, relative_percent=0.8, std=0.02, samples=900, unit=unit)
     found = SpringEstimate(
         joint="",

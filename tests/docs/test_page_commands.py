@@ -173,17 +173,13 @@ def test_the_quick_start(folder):
     assert done.returncode == 0, done.stderr
 
 
-def test_lessons(folder):
+def test_lessons_urdf_and_mjcf(folder):
     call(folder, "symid derive two_link_symbols --html lesson.html --exercises 8 --seed 3")
     (folder / "lesson.html").unlink()
     assert walk("lessons.md", folder)
-
-
-def test_urdf_and_mjcf(folder):
     text = (folder / "two.urdf").read_text("utf-8").replace("elbow_link", "wrist_link")
     (folder / "two.urdf").write_text(text, "utf-8")
-    printed = walk("urdf.md", folder)
-    assert "no mistakes" in printed["symid check arm.urdf"]
+    assert "no mistakes" in walk("urdf.md", folder)["symid check arm.urdf"]
 
 
 def test_parts_and_runs_of_logs(folder):
