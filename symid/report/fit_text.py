@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from symid import joint_models
 from symid.report.blocks import Block, Table, describe_outcome
 from symid.serialization import describe_record, write_plain
 
@@ -351,14 +352,12 @@ def show_elastic_parameters(estimate: "ElasticEstimate") -> Table:
 
 def show_springs(estimate: "ElasticEstimate") -> Table:
     """Return the table of springs: stiffness left and at small torsion, and how far they were excited."""
-    from symid.joint_models import find_most_slope
-
     told = [entry for entry in estimate.springs if entry.identifiable]
     branched, rows = any(entry.elasticity.branches for entry in told), list[Sequence[object]]()
     for entry in told:
         spring, unit = entry.elasticity, f"{entry.torque_unit}/{entry.position_unit}"
         stops, knees = len(spring.stops), len(spring.knees)
-        slope = find_most_slope(spring) if branched else spring.initial_stiffness
+        slope = joint_models.find_most_slope(spring) if branched else spring.initial_stiffness
         names: list[object] = [stops, knees]
         if branched:
             counts = [f"{count} {name}" for count, name in ((stops, "stops"), (knees, "knees")) if count]
