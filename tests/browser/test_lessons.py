@@ -137,10 +137,8 @@ def test_formulas_are_copied_as_c(visit, tmp_path):
     taken = {name for name, *_ in copied}
     letters = "".join(f"double {name} = {value!r};" for name, value in values if name not in taken)
     lines = "".join(f'printf("%.17g\\n", (double)({text}));' for _, text, _ in copied)
-    source = tmp_path / "copied.c"
-    source.write_text(
-        f"#include <math.h>\n#include <stdio.h>\nint main(void) {{ {letters} {lines} return 0; }}\n"
-    )
+    source, head = tmp_path / "copied.c", "#include <math.h>\n#include <stdio.h>\nint main(void)"
+    source.write_text(f"{head} {{ {letters} {lines} return 0; }}\n")
     subprocess.run(["cc", "-o", tmp_path / "copied", source, "-lm"], check=True, capture_output=True)
     done = subprocess.run([tmp_path / "copied"], check=True, capture_output=True, text=True)
     shown = dict(values)
@@ -243,23 +241,20 @@ def test_a_motion_identifies_what_the_regressor_of_the_library_says(visit, name)
             lengths = np.linalg.norm(rows, axis=0)
             lengths[lengths == 0.0] = 1.0
             expected = np.linalg.norm(np.linalg.pinv(rows / lengths, rcond=1e-9), axis=1) / lengths
-            found = np.array(
-                browser.run(f"{LESSON}.sums.now.deviations.map((x) => (x === Infinity ? 0 : x))")
-            )
+            finite = "deviations.map((x) => (x === Infinity ? 0 : x))"
+            found = np.array(browser.run(f"{LESSON}.sums.now.{finite}"))
             assert found[seen] == pytest.approx(expected[seen], rel=1e-9)
     assert (rank < rows.shape[1]) == (name != "two_link")
-    told = browser.run(
-        "document.querySelector('.unseen').hidden ? '' : document.querySelector('.unseen').textContent"
-    )
-    assert (f"({seen.count(False)})" in told) == (rank < rows.shape[1])
-    assert ("stands still, so link" in told) == (rank < rows.shape[1])
+    unseen = "document.querySelector('.unseen')"
+    told = browser.run(f"{unseen}.hidden ? '' : {unseen}.textContent")
+    for text in (f"({seen.count(False)})", "stands still, so link"):
+        assert (text in told) == (rank < rows.shape[1])
 
 
 def test_deviations_fall_as_a_motion_is_played_and_points_are_dragged(visit):
     browser = visit("two_link")
-    shown = [
-        browser.run(f"{LESSON}.goTo({count}); {LESSON}.sums.now.deviations") for count in (100, 300, 500)
-    ]
+    steps = (f"{LESSON}.goTo({count}); {LESSON}.sums.now.deviations" for count in (100, 300, 500))
+    shown = list(map(browser.run, steps))
     assert np.all(np.diff(shown, axis=0) < 0.0)
     press(browser, "play the motion")
     assert browser.run(f"{LESSON}.sums.count") < 200
@@ -271,9 +266,9 @@ def test_deviations_fall_as_a_motion_is_played_and_points_are_dragged(visit):
     before = browser.run(f"{LESSON}.plan.points[0]")
     browser.drag([(x, y), (x, y - 20), (x, y - 40), (x, y - 40)])
     browser.run("new Promise((done) => setTimeout(done, 200))")
-    after = browser.run(f"{LESSON}.plan.points[0]")
-    assert after[0] > before[0] + 0.3
-    assert after[1:] == before[1:]
+    first, *rest = browser.run(f"{LESSON}.plan.points[0]")
+    assert first > before[0] + 0.3
+    assert rest == before[1:]
     assert browser.run(f"{LESSON}.sums.count") == 500
 
 

@@ -7,17 +7,8 @@ import copy
 
 import pytest
 
-from tests.golden.freeze import (
-    ANSWERS,
-    CALLS,
-    LONGEST_LIST,
-    Scratch,
-    compare,
-    find_answer,
-    keep,
-    read_answer,
-    wants_data,
-)
+from tests.golden import freeze
+from tests.golden.freeze import Scratch, compare, keep
 
 SHOWN = 20
 
@@ -29,11 +20,11 @@ def scratch(tmp_path_factory):
 
 
 # The demo has a test file of its own.
-@pytest.mark.parametrize("name", [name for name in CALLS if name != "demo"])
+@pytest.mark.parametrize("name", [name for name in freeze.CALLS if name != "demo"])
 def test_an_answer_is_what_it_was(name, scratch, request, c_compiler):
-    if wants_data(name):
+    if freeze.wants_data(name):
         request.getfixturevalue("shared_data")
-    differences = compare(read_answer(name), find_answer(name, scratch), name)
+    differences = compare(freeze.read_answer(name), freeze.find_answer(name, scratch), name)
     assert not differences, "\n".join((f"{len(differences)} differences", *differences[:SHOWN]))
 
 
@@ -42,7 +33,7 @@ STORED = {
     "count": 3,
     "text": "3 rows, 0.123456789012 N m",
     "rows": [{"value": 2.0, "std": 1e-20}, {"value": -3.0, "std": 0.5}],
-    "long": keep([0.1 * k for k in range(LONGEST_LIST + 1)]),
+    "long": keep([0.1 * k for k in range(freeze.LONGEST_LIST + 1)]),
 }
 
 
@@ -67,7 +58,7 @@ def change(path, value):
         (("rows", 0, "value"), float("nan")),
         (("rows", 0, "std"), 1e-12),
         (("rows",), STORED["rows"][:1]),
-        (("long",), keep([0.1 * k for k in reversed(range(LONGEST_LIST + 1))])),
+        (("long",), keep([0.1 * k for k in reversed(range(freeze.LONGEST_LIST + 1))])),
         (("more",), 0),
     ],
 )
@@ -81,4 +72,4 @@ def test_last_digits_are_no_difference_and_every_stored_answer_has_its_call():
     text = "3 rows,  0.123456789012001 N m"
     for path, value in ((("rows", 0, "value"), 2.0 + 1e-9), (("rows", 0, "std"), 4e-13), (("text",), text)):
         assert compare(STORED, change(path, value)) == []
-    assert {path.stem for path in ANSWERS.iterdir()} == set(CALLS)
+    assert {path.stem for path in freeze.ANSWERS.iterdir()} == set(freeze.CALLS)

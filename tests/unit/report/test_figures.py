@@ -125,32 +125,23 @@ def test_a_logarithmic_axis_has_equal_lengths_for_equal_ratios():
     assert len(read_points(line)) == 2
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "expected"),
-    [
+def test_ticks_are_round_whole_axes_count_and_a_single_value_has_an_axis():
+    for low, high, expected in (
         (1e-7, 3.0, (1e-6, 1e-4, 1e-2, 1.0)),
         (0.9, 60.0, (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)),
         (0.5, 200.0, (1.0, 10.0, 100.0)),
-    ],
-)
-def test_logarithmic_ticks_are_round_and_inside(low, high, expected):
-    assert Axis(low=low, high=high, logarithmic=True).choose_ticks(5) == expected
-
-
-def test_whole_axes_count_and_a_single_value_has_an_axis():
+    ):
+        assert Axis(low=low, high=high, logarithmic=True).choose_ticks(5) == expected
+    assert Axis(low=0.0, high=1.0).choose_ticks(5) == pytest.approx((0, 0.2, 0.4, 0.6, 0.8, 1.0))
+    assert Axis(low=-3.0, high=17.0).choose_ticks(5) == pytest.approx((0, 5, 10, 15))
     assert Axis(low=0.9, high=3.1, whole=True).choose_ticks(8) == (1.0, 2.0, 3.0)
     assert Axis(low=0.9, high=2.1, whole=True).choose_ticks(8) == (1.0, 2.0)
     axis = build_axis([np.array([0.4])], 0.05, logarithmic=True)
     assert axis.low < 0.4 < axis.high
     assert axis.choose_ticks(5)
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(1e-6, "10⁻⁶"), (2e5, "2×10⁵"), (0.001, "0.001"), (100.0, "100")],  # noqa: RUF001  what a reader sees
-)
-def test_powers_of_ten_are_written_as_such(value, text):
-    assert format_tick(value, logarithmic=True) == text
+    # Powers of ten are written as such.
+    for value, text in ((1e-6, "10⁻⁶"), (2e5, "2×10⁵"), (0.001, "0.001"), (100.0, "100")):  # noqa: RUF001
+        assert format_tick(value, logarithmic=True) == text
 
 
 def test_values_in_rows_mark_the_choice_on_an_axis_of_their_kind():
@@ -211,14 +202,10 @@ def test_values_at_the_ends_of_what_numbers_hold_are_drawn_or_left_out(values):
 
 
 def test_a_flow_chart_has_its_steps_and_arrows_that_end_at_their_heads():
-    boxes = [
-        Box((200.0, 60.0), ("begin", "<here>"), "first", "end"),
-        Box((200.0, 160.0), ("near?",), "second", "question"),
-    ]
-    arrows = [
-        Arrow(((200.0, 83.0), (200.0, 137.0)), "down"),
-        Arrow(((50.0, 160.0), (20.0, 160.0), (20.0, 60.0), (50.0, 60.0)), "no"),
-    ]
+    begin, near = (200.0, 60.0), (200.0, 160.0)
+    boxes = [Box(begin, ("begin", "<here>"), "first", "end"), Box(near, ("near?",), "second", "question")]
+    back = ((50.0, 160.0), (20.0, 160.0), (20.0, 60.0), (50.0, 60.0))
+    arrows = [Arrow(((200.0, 83.0), (200.0, 137.0)), "down"), Arrow(back, "no")]
     root = parse(build_flow_chart("steps", boxes, arrows, [((200.0, 20.0), "part")], 220.0, width=400.0))
     assert root.get("viewBox") == "0 0 400 220"
     assert list_texts(root) == ["part", "down", "no", "begin", "<here>", "near?"]

@@ -1,5 +1,4 @@
 import math
-import xml.etree.ElementTree as ET
 from dataclasses import fields, replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from symid.errors import Notice
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
 from symid.report.blocks import split_sections
-from symid.report.figures import Axis, build_histogram, thin_line
+from symid.report.figures import build_histogram, thin_line
 from symid.report.identification_page import build_identification_page
 from symid.report.pages import (
     TEMPLATE,
@@ -27,7 +26,6 @@ from symid.robot.description import Processing
 from tests.pages import PageReader
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
-SVG = "{http://www.w3.org/2000/svg}"
 NOISE = (0.5, 0.2)
 
 
@@ -118,26 +116,23 @@ def test_a_missed_truth_is_counted_named_and_not_good(result):
     assert judge(*(replace(e, truth=e.value + 5 * e.std) for e in estimate.parameters)).level == "doubtful"
 
 
-def test_thinning_keeps_peaks_and_ticks_are_round():
+def test_thinning_keeps_peaks():
     rng = np.random.default_rng(3)
     x, y = np.arange(100_000.0), rng.normal(size=100_000)
     y[54_321] = 50
     y[12_345] = -50
     thin_x, thin_y = thin_line(x, y)
     assert len(thin_x) <= 2000
-    assert 54_321 in thin_x
-    assert 12_345 in thin_x
+    assert {54_321, 12_345} <= set(thin_x)
     assert np.all(np.diff(thin_x) > 0)
     np.testing.assert_array_equal(thin_y, y[thin_x.astype(int)])
-    assert Axis(low=0.0, high=1.0).choose_ticks(5) == pytest.approx((0, 0.2, 0.4, 0.6, 0.8, 1.0))
-    assert Axis(low=-3.0, high=17.0).choose_ticks(5) == pytest.approx((0, 5, 10, 15))
 
 
 @pytest.mark.parametrize("values", [np.zeros(5), np.array([1e9]), np.linspace(-1, 1, 1000)])
 def test_histograms_take_constants_and_ramps(values):
-    root = ET.fromstring(build_histogram("t", ("x", "y"), values).svg)  # noqa: S314  our own text
-    assert len(list(root.iter(f"{SVG}rect"))) == 41
-    assert "nan" not in ET.tostring(root, encoding="unicode")
+    svg = build_histogram("t", ("x", "y"), values).svg
+    assert svg.count("<rect") == 41
+    assert "nan" not in svg
 
 
 def test_rows_of_another_kind_are_not_good(result):

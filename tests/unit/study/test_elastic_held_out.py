@@ -1,15 +1,11 @@
 """Held-out motions of six elastic joints, and what the tracking study chooses from."""
 
-from unittest.mock import Mock
-
 import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import UsageError
-from symid.identification.elastic.methods import AUTOMATIC_METHODS
 from symid.robot.toml_reader import read_robot
-from symid.study import elastic_methods as tracking_study
 from symid.study.elastic_methods import SensorCondition, get_true_parameters, simulate_runs, study_many_joints
 from tests.refusals import raises
 
@@ -40,15 +36,3 @@ def test_the_truth_must_be_stated_and_the_plane_arm_have_two_joints(robots_folde
         get_true_parameters(unknown.card)
     with raises(UsageError, "usage.study-robot", match="2 joints"):
         simulate_runs(*puma, SensorCondition.CLEAN)
-
-
-def test_the_automatic_choice_has_all_its_candidates(monkeypatch):
-    fit_all = Mock(side_effect=KeyError("asked"))
-    for name in ("prepare_elastic_scene", "observe_runs"):
-        monkeypatch.setattr(tracking_study, name, Mock())
-    monkeypatch.setattr(tracking_study, "fit_all_methods", fit_all)
-    with pytest.raises(KeyError, match="asked"):
-        tracking_study._run_seed((Mock(), "auto", 1))
-    methods = set(fit_all.call_args.args[3])
-    assert set(AUTOMATIC_METHODS) <= methods
-    assert {"independent", "independent, link encoder"} <= methods
