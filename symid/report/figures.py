@@ -241,18 +241,16 @@ class Line:
     joined: bool = True
 
 
-def list_lines(
-    x: FloatArray, *curves: tuple[str, str, FloatArray | None], markers: bool = False
-) -> list[Line]:
+def list_lines(x: FloatArray, *curves: tuple[str, str, FloatArray | None]) -> list[Line]:
     """Return a line over `x` (N,) for each label, style and values (N,); None is left out."""
-    return [Line(label, style, x, y, markers) for label, style, y in curves if y is not None]
+    return [Line(label, style, x, y) for label, style, y in curves if y is not None]
 
 
-def thin_line(x: FloatArray, y: FloatArray, points: int = POINTS) -> tuple[FloatArray, FloatArray]:
-    """Return at most `points` points that keep the smallest and largest value of every stretch."""
-    if len(x) <= points:
+def thin_line(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return at most `POINTS` points that keep the smallest and largest value of every stretch."""
+    if len(x) <= POINTS:
         return x, y
-    edges = np.linspace(0, len(x), points // 2 + 1).astype(int)
+    edges = np.linspace(0, len(x), POINTS // 2 + 1).astype(int)
     kept: set[int] = set()
     for start, end in pairwise(edges):
         kept |= {int(start + np.argmin(y[start:end])), int(start + np.argmax(y[start:end]))}
@@ -260,22 +258,16 @@ def thin_line(x: FloatArray, y: FloatArray, points: int = POINTS) -> tuple[Float
     return x[index], y[index]
 
 
-def thin_curve(
-    x: FloatArray, y: FloatArray, points: int = POINTS, invisible: float = _INVISIBLE
-) -> tuple[FloatArray, FloatArray]:
-    """Return at most `points` points of a curve, its corners first (Ramer 1972, Douglas and Peucker 1973).
+def thin_curve(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return at most `POINTS` points of a curve, its corners first (Ramer 1972, Douglas and Peucker 1973).
 
-    Args:
-        x: (N,) horizontal places in the drawing.
-        y: (N,) vertical ones.
-        points: at most.
-        invisible: distance from the chord below which a point is left out in any case.
+    `x`, `y`: (N,) horizontal and vertical places in the drawing; what nobody sees is left out in any case.
     """
     if len(x) <= 2:
         return x, y
     kept, new = {0, len(x) - 1}, [(0, len(x) - 1)]
     waiting: list[tuple[float, int, int, int]] = []
-    while len(kept) < points:
+    while len(kept) < POINTS:
         for start, end in (part for part in new if part[1] - part[0] > 1):
             # The point that lies farthest from the chord of two others.
             inner = slice(start + 1, end)
@@ -289,7 +281,7 @@ def thin_curve(
             distances = np.hypot(dx, dy)
             farthest = int(np.argmax(distances))
             heappush(waiting, (-float(distances[farthest]), start + 1 + farthest, start, end))
-        if not waiting or -waiting[0][0] < invisible:
+        if not waiting or -waiting[0][0] < _INVISIBLE:
             break
         _, middle, start, end = heappop(waiting)
         kept.add(middle)
@@ -559,6 +551,7 @@ def build_flow_chart(
 
 _VIEW = (math.radians(-62.0), math.radians(16.0))
 """From where an arm is seen: turned about the vertical, and from above."""
+_ARM_HEIGHT = 400.0
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
 
 
@@ -582,7 +575,6 @@ def build_arm_figure(
     joints: Sequence[ArmJoint],
     *,
     frames: Sequence[FloatArray] = (),
-    height: float = 400.0,
 ) -> Drawing:
     """Return an arm on its base: links as lines (N, 3), joints as drums about their axes, m; z is upwards.
 
@@ -596,8 +588,9 @@ def build_arm_figure(
     corners = np.vstack([*links, *(joint.place for joint in joints)]) @ view.T
     room = 3.0 * size
     low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
-    scale = float(np.min((np.array([WIDTH, height]) - 10.0) / (high - low)))
-    shift = 0.5 * np.array([WIDTH, height]) - 0.5 * scale * (low + high)
+    whole = np.array([WIDTH, _ARM_HEIGHT])
+    scale = float(np.min((whole - 10.0) / (high - low)))
+    shift = 0.5 * whole - 0.5 * scale * (low + high)
 
     def place(points: FloatArray) -> FloatArray:
         return np.asarray(points @ view.T * scale + shift)
@@ -622,7 +615,7 @@ def build_arm_figure(
         anchor, side = sides[int(x + _CHARACTER * len(joint.label) > WIDTH)]
         x, y = place(joint.place + joint.radius * (side * right + (0.0, 0.0, 0.7)))
         body.append(f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(joint.label)}</text>')
-    return _wrap_figure(caption, height, body)
+    return _wrap_figure(caption, _ARM_HEIGHT, body)
 
 
 def _draw_drum(place: Callable[[FloatArray], FloatArray], joint: ArmJoint, toward: FloatArray) -> str:

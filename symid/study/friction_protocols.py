@@ -137,11 +137,6 @@ class FrictionScene(FrozenArrays):
         return compute_friction_torque(law, {"velocity": self.velocity}, linear, shape)
 
 
-def build_half_cosine(peak: float, samples: int) -> FloatArray:
-    """Return velocities (N,) of half a period in the positive direction, `peak` in rad/s."""
-    return peak * np.sin(np.pi * (np.arange(samples) + 0.5) / samples)
-
-
 def build_whole_cosines(peaks: Sequence[float], samples: int) -> FloatArray:
     """Return velocities of one period of each cosine, one after the other: (len(peaks) N,) in rad/s."""
     wave = -np.sin(2.0 * np.pi * (np.arange(samples) + 0.5) / samples)
@@ -252,8 +247,9 @@ class AgreementStudy:
 
 def build_sweep_scene(sweep: Sweep) -> FrictionScene:
     """Return joint 1 of Table 1; its noise is that which leaves the paper's sum of squares."""
-    row, velocity = TABLE_1[-1], build_half_cosine(sweep.peak, sweep.samples)
-    return FrictionScene("1", row.law, row.values, velocity, math.sqrt(row.objective / sweep.samples))
+    row, count = TABLE_1[-1], sweep.samples
+    velocity = sweep.peak * np.sin(np.pi * (np.arange(count) + 0.5) / count)
+    return FrictionScene("1", row.law, row.values, velocity, math.sqrt(row.objective / count))
 
 
 def fit_estimators(scene: FrictionScene, seed: int, estimators: Sequence[str] = ()) -> Draw:

@@ -89,7 +89,6 @@ def test_a_thinned_curve_keeps_its_shape_its_corners_and_few_points():
     rng = np.random.default_rng(2)
     x, y = rng.uniform(0, 800, (2, 30_000))
     assert len(thin_curve(x, y)[0]) == 2000
-    assert len(thin_curve(x, y, 50)[0]) == 50
     assert len(thin_curve(x[:2], y[:2])[0]) == 2
     x, y = thin_curve(np.full(100, 3.0), np.full(100, 4.0))
     assert (len(x), set(x), set(y)) == (2, {3.0}, {4.0})
