@@ -4,9 +4,13 @@ After a change of numbers that is meant, tests/golden/freeze.py --accept writes 
 """
 
 import copy
+import json
+import shlex
+from contextlib import chdir
 
 import pytest
 
+from symid.cli.main import run
 from tests.golden import freeze
 from tests.golden.freeze import Scratch, compare, keep
 
@@ -26,6 +30,22 @@ def test_an_answer_is_what_it_was(name, scratch, request, c_compiler):
         request.getfixturevalue("shared_data")
     differences = compare(freeze.read_answer(name), freeze.find_answer(name, scratch), name)
     assert not differences, "\n".join((f"{len(differences)} differences", *differences[:SHOWN]))
+
+
+@pytest.mark.parametrize("name", ["tx40-wls", "elastic-nlp"])
+@pytest.mark.usefixtures("shared_data", "c_compiler")
+def test_the_parameters_do_not_depend_on_the_generator(name, scratch, capsys):
+    """Code that CasADi generated gives the parameters that our own code gives."""
+    for need in freeze.list_needs(name):
+        freeze.find_answer(need, scratch)
+    capsys.readouterr()
+    with chdir(scratch.folder):
+        code = run([*shlex.split(freeze.CALLS[name]), "--backend", "casadi", "--json"])
+    found, ours = json.loads(capsys.readouterr().out)["result"], freeze.read_answer(name)["result"]
+    assert (code, found["backend"]) == (0, "casadi")
+    assert len(ours["parameters"]) > 10
+    values, expected = ({e["name"]: e["value"] for e in one["parameters"]} for one in (found, ours))
+    assert values == pytest.approx(expected, rel=1e-7)
 
 
 STORED = {
