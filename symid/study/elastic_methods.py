@@ -409,12 +409,9 @@ class TrackingDifference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackingStudy:
-    """Tracking errors of all cases.
+    """Tracking errors of all cases: `rms` of every case and joint, (case, spreads over the seeds).
 
-    Args:
-        robot: its name; joints: names; seeds: how many.
-        rms: of every case and joint, (case, spreads over the seeds).
-        comparisons: of Case 1 with each other case, joint by joint.
+    `comparisons` are of Case 1 with each other case, joint by joint.
     """
 
     robot: str
@@ -487,14 +484,9 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManyJointsResult:
-    """One condition of the sensors.
+    """One condition of the sensors; `parameters` counts the dynamic ones that were identified.
 
-    Args:
-        robot: its name; joints: their names; condition: of the sensors.
-        parameters: how many dynamic parameters were identified.
-        methods: what each of them left.
-        condition_elimination, condition_energy: condition numbers of the column-scaled rows.
-        notices: warnings of the rows.
+    `condition_elimination` and `condition_energy` are condition numbers of the column-scaled rows.
     """
 
     robot: str

@@ -285,10 +285,7 @@ FOREIGN_METHODS = tuple(method for method in METHODS if method != AUTOMATIC)
 class ForeignRun:
     """One method on the logs of one seed; nan and "refused" where it gave nothing.
 
-    Args:
-        method: its name; chosen: the method that the automatic choice took.
-        worst, spring: percent, of the parameters and of the torque of the springs.
-        z_rms, z_most: errors in units of their stated deviations. verdict: its level.
+    Errors are those of the module's equations, `chosen` is the method that the automatic choice took.
     """
 
     method: str
@@ -372,11 +369,9 @@ class ForeignCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForeignTruth:
-    """All methods on one truth.
+    """All methods on one truth, the automatic choice first.
 
     Args:
-        truth, size: of the hidden models. seeds: how many draws of the noise.
-        cells: the automatic choice first, then every method.
         best: the method of the least median.
         ratio: worst parameter of the choice over the least one of all methods in the same run.
         near: runs in which it is 1.2 at most.

@@ -202,13 +202,10 @@ RACERS = ("genetic", "annealing")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgreementRow:
-    """An estimator over all draws.
+    """An estimator over all draws; `values` and `objective` are those of the first.
 
     Args:
-        estimator: its name; by_chance: whether it is a search by chance.
-        values, objective: of the first draw; mean_objective: over all of them.
-        excess: the largest of J over the least one of its draw, less one.
-        agreed: draws within the bar of its kind; draws: of how many.
+        excess: the largest of J over the least one of its draw, less one; agreed: draws within its bar.
         error: the largest |estimate - truth| / Cramer-Rao deviation; outside: estimates beyond three of them.
     """
 
@@ -226,13 +223,10 @@ class AgreementRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgreementStudy:
-    """Protocol S1 on one motion.
+    """Protocol S1 on one motion, noise in N m, a row for each estimator.
 
-    Args:
-        sweep: the motion; noise: N m; draws: how many.
-        names: of the parameters; truth: their values; bound: Cramer-Rao deviations.
-        expected: sigma^2 (N - 4), what J is on average, (N m)^2.
-        rows: one an estimator.
+    `truth` and Cramer-Rao deviations `bound` are of the parameters `names`; `expected` is sigma^2 (N - 4),
+    what J is on average, (N m)^2.
     """
 
     sweep: Sweep
@@ -318,13 +312,10 @@ class SearchCost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchRace:
-    """The genetic algorithm and its hybrid on one motion.
+    """The genetic algorithm and its hybrid, in this order, on the motion `title`.
 
-    Args:
-        title: of the motion; draws: how many.
-        costs: of the two, in this order.
-        fewer: draws in which the hybrid took fewer generations; cheaper: fewer evaluations of J.
-        finding: what that says of Table 2, in words.
+    `fewer` counts the draws in which the hybrid took fewer generations, `cheaper` those with fewer
+    evaluations of J; `finding` is what that says of Table 2, in words.
     """
 
     title: str
@@ -431,14 +422,10 @@ NOT_IDENTIFIABLE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecoveredParameter:
-    """A parameter over all draws.
+    """A parameter over all draws, `ratio` and `bias` as in the module's equations, the Cramer-Rao `bound`.
 
-    Args:
-        name, unit: as the law has them.
-        truth, mean, deviation: of the draws; bound: Cramer-Rao deviation.
-        ratio, bias: as in the module's equations.
-        error: the largest |estimate - truth| / bound; inside: draws within three bounds.
-        identifiable: whether it is identifiable: the bound is small enough.
+    `error` is the largest |estimate - truth| / bound, `inside` counts draws within three bounds; where the
+    bound is large, it is not identifiable.
     """
 
     name: str
@@ -546,10 +533,8 @@ GainDraw = tuple[tuple[float, ...], tuple[float, ...]]
 class MeanGain:
     """A gain in percent over all draws, and its standard deviation from draw to draw.
 
-    Args:
-        role: "calibrated" where the noise was set for it, or "prediction".
-        mean, deviation: of sums of squares; rms: mean of the gain in RMS; held_out: mean on other draws.
-        paper: as printed; miss: mean - paper, in points.
+    `role` is "calibrated" where the noise was set for it, or "prediction"; `rms` the mean of the gain in RMS,
+    `held_out` that on other draws, `miss` mean - paper, in points.
     """
 
     role: str
@@ -569,16 +554,12 @@ class MeanGain:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainStudy:
-    """A row of Table 4.
+    """A row of Table 4: sums of squares in the order of `LAWS`, (N m)^2, noise in N m.
 
     Args:
-        joint: its number; noise: N m; samples, draws: how many.
-        sums: mean sums of squares in the order of `LAWS`, (N m)^2.
-        scaled: the same with one factor for the row, so that the improved law has the paper's sum.
-        paper: the printed sums.
+        sums: our means; scaled: with one factor, so that the improved law has the paper's; paper: printed.
         viscous: the gain over Coulomb + viscous, for which the noise was set.
         stribeck: the gain over the original Stribeck law, a prediction.
-        calibration: what was fitted to the paper.
     """
 
     joint: str

@@ -125,9 +125,7 @@ class PrecisionMethod:
     """One method over all seeds.
 
     Args:
-        method: its name.
-        ratios: root-mean-square error over the bound, of every parameter.
-        mean_ratio, worst_ratio: of these; worst: the parameter of the latter.
+        ratios: root-mean-square error over the bound, of every parameter; worst: that of the largest.
         coverage_percent: of intervals stated to hold 95 %.
         worst_price_percent: what the fit adds to the residual of the best one, at most.
         least_eigenvalue: smallest one of all pseudo-inertias of all seeds, SI; None where none were sought.
