@@ -9,18 +9,10 @@ from symid import __version__
 from symid.errors import Notice
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
+from symid.report import pages
 from symid.report.blocks import split_sections
 from symid.report.figures import build_histogram, thin_line
 from symid.report.identification_page import build_identification_page
-from symid.report.pages import (
-    TEMPLATE,
-    Page,
-    build_environment,
-    format_pair,
-    format_percent,
-    render_page,
-    write_page,
-)
 from symid.report.verdict import QUANTITIES, judge_identification
 from symid.robot.description import Processing
 from tests.pages import PageReader
@@ -42,16 +34,16 @@ def result():
 
 
 def test_context_and_template_have_the_same_names():
-    environment = build_environment()
-    tree = environment.parse(environment.loader.get_source(environment, TEMPLATE)[0])
+    environment = pages.build_environment()
+    tree = environment.parse(environment.loader.get_source(environment, pages.TEMPLATE)[0])
     made = {"shown": "blocks", "folded": "more", "live": "blocks"}
     found = {made.get(name, name) for name in meta.find_undeclared_variables(tree)}
-    assert found == {field.name for field in fields(Page)}
+    assert found == {field.name for field in fields(pages.Page)}
 
 
 def test_the_page_needs_nothing_else(tmp_path, result):
     estimate, validation = result
-    path = write_page(tmp_path / "report.html", build_identification_page(estimate, (validation,)))
+    path = pages.write_page(tmp_path / "report.html", build_identification_page(estimate, (validation,)))
     text = path.read_text(encoding="utf-8")
     reader = PageReader(text)
     assert sorted(reader.links) == sorted(f"#{anchor}" for anchor in reader.anchors)
@@ -67,7 +59,7 @@ def test_names_are_escaped_origin_is_told_and_tables_scroll(result):
     estimate, validation = result
     notices = (Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz"),)
     options = {"notices": notices, "origin": ("robot arm of arm.toml",)}
-    text = render_page(build_identification_page(estimate, (validation,), **options))
+    text = pages.render_page(build_identification_page(estimate, (validation,), **options))
     assert "&lt;log 7&gt;" in text
     assert "<log 7>" not in text
     assert "a.npz: torque: multiplied by 2" in text
@@ -111,7 +103,7 @@ def test_a_missed_truth_is_counted_named_and_not_good(result):
     assert first.name in verdict.headline
     page = build_identification_page(replace(estimate, parameters=(wrong,)))
     assert find_section(page.blocks, "Parameters").rows[0][-1] is False
-    assert '<td class="no">no</td>' in render_page(page)
+    assert '<td class="no">no</td>' in pages.render_page(page)
     assert judge(replace(first, truth=first.value + 3.1 * first.std), *others).level == "good"
     assert judge(*(replace(e, truth=e.value + 5 * e.std) for e in estimate.parameters)).level == "doubtful"
 
@@ -177,7 +169,7 @@ def test_the_log_of_the_fit_is_no_held_out_log(result):
 def test_pages_know_all_kinds_of_rows(result):
     for rows in ("torque", "filtered", "momentum", "energy", "power"):
         estimate, validation = (replace(entry, rows=rows) for entry in result)
-        text = render_page(build_identification_page(estimate, (validation,)))
+        text = pages.render_page(build_identification_page(estimate, (validation,)))
         assert f"Measured and predicted {QUANTITIES[rows]}" in text
 
 
@@ -186,15 +178,15 @@ def test_the_first_screen_has_the_numbers_of_the_result(result):
     page = build_identification_page(estimate, (validation,))
     worst = max(validation.residual, key=lambda entry: entry.relative_percent)
     assert [value for value, _ in page.numbers] == [
-        format_percent(validation.mean_relative_percent),
-        format_percent(worst.relative_percent),
+        pages.format_percent(validation.mean_relative_percent),
+        pages.format_percent(worst.relative_percent),
         f"{len(estimate.parameters)} of {len(estimate.parameters)}",
     ]
     assert worst.joint in page.lead.caption
     untested = build_identification_page(estimate)
-    assert untested.numbers[0][0] == format_percent(estimate.evidence.unexplained)
+    assert untested.numbers[0][0] == pages.format_percent(estimate.evidence.unexplained)
     blind = build_identification_page(replace(estimate, evidence=None))
-    assert blind.numbers[0][0] == format_percent(estimate.mean_relative_percent)
+    assert blind.numbers[0][0] == pages.format_percent(estimate.mean_relative_percent)
     for entry in (untested, blind):
         assert "joint by joint" in entry.lead.caption
 
@@ -213,7 +205,7 @@ def test_the_first_screen_has_the_numbers_of_the_result(result):
     ],
 )
 def test_digits_of_value_and_deviation_match(value, std, text):
-    assert format_pair(value, std) == text
+    assert pages.format_pair(value, std) == text
 
 
 def test_sections_have_addresses_of_their_own():

@@ -11,19 +11,9 @@ from symid.errors import UsageError
 from symid.report.study_text import _show_dataset
 from symid.robot.toml_reader import read_robot
 from symid.study import elastic_methods as elastic_study
-from symid.study.elastic_methods import (
-    DATASETS,
-    DatasetStudy,
-    MethodRun,
-    SensorCondition,
-    get_true_parameters,
-    simulate_runs,
-    study_elastic,
-    study_many_joints,
-)
 from tests.refusals import raises
 
-RUN = MethodRun(
+RUN = elastic_study.MethodRun(
     method="weighted",
     parameter_error=1.5,
     hysteresis_error=2.0,
@@ -46,7 +36,9 @@ def test_times_stand_in_the_table_where_they_are_asked_for_only(timed, seconds, 
     (cell,) = elastic_study._summarise(runs, timed=timed)
     assert (cell.seconds, cell.iterations) == (pytest.approx(seconds, nan_ok=True), 9)
     bounds = {"bound": math.nan, "spring_bound": math.nan}
-    study = DatasetStudy(dataset="TA", condition=SensorCondition.CLEAN, seeds=3, cells=(cell,), **bounds)
+    study = elastic_study.DatasetStudy(
+        dataset="TA", condition=elastic_study.SensorCondition.CLEAN, seeds=3, cells=(cell,), **bounds
+    )
     _, heading, _, row = str(_show_dataset(study)).splitlines()
     assert (heading.split()[-2:], row.split()[-2:]) == (head, end)
 
@@ -55,7 +47,9 @@ def test_times_stand_in_the_table_where_they_are_asked_for_only(timed, seconds, 
 def test_the_number_of_processes_changes_nothing(robots_folder):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
     one, two = (
-        study_elastic(robot, [0], datasets={"TB": DATASETS["TB"]}, methods=("linear-spring",), jobs=jobs)
+        elastic_study.study_elastic(
+            robot, [0], datasets={"TB": elastic_study.DATASETS["TB"]}, methods=("linear-spring",), jobs=jobs
+        )
         for jobs in (1, 2)
     )
     # Numbers that are not there are nan, which is not itself; their text is.
@@ -69,13 +63,13 @@ def puma(robots_folder):
 
 
 def test_clean_and_noisy_logs_give_the_torque_of_another_motion(puma):
-    found = study_many_joints(*puma, SensorCondition.CLEAN, 3, duration=3.0)
+    found = elastic_study.study_many_joints(*puma, elastic_study.SensorCondition.CLEAN, 3, duration=3.0)
     assert found.parameters == 36 + 6 + 12
     for entry in found.methods:
         assert max(entry.residual) < 0.5
         assert max(entry.floor) < 1e-3
     assert [notice.code for notice in found.notices] == ["identify.energy-rank"]
-    found = study_many_joints(*puma, SensorCondition.NOISY, 3, duration=6.5)
+    found = elastic_study.study_many_joints(*puma, elastic_study.SensorCondition.NOISY, 3, duration=6.5)
     elimination, momentum = (np.array(entry.residual) / np.array(entry.floor) for entry in found.methods)
     # Elimination weighs all joints alike, so that noise of the strong ones reaches the wrist.
     assert np.all(elimination < 2.5)
@@ -85,6 +79,6 @@ def test_clean_and_noisy_logs_give_the_torque_of_another_motion(puma):
 def test_the_truth_must_be_stated_and_the_plane_arm_have_two_joints(robots_folder, puma):
     unknown = prepare_library(read_robot(robots_folder / "emps.toml"), backend="python")
     with raises(UsageError, "usage.study-robot", match="'emps'"):
-        get_true_parameters(unknown.card)
+        elastic_study.get_true_parameters(unknown.card)
     with raises(UsageError, "usage.study-robot", match="2 joints"):
-        simulate_runs(*puma, SensorCondition.CLEAN)
+        elastic_study.simulate_runs(*puma, elastic_study.SensorCondition.CLEAN)
