@@ -17,7 +17,7 @@ Not supported: robots other than the two arms of this file; a score of friction,
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Protocol
 
@@ -330,8 +330,9 @@ def _run_task(task: _Task) -> tuple[ForeignRun, ...]:
         for number, (name, run) in enumerate(zip(scene.names[:-1], scene.runs[:-1], strict=True))
     ]
 
-    lost = dict.fromkeys(("worst", "spring", "z_rms", "z_most"), math.nan)
-    runs = {name: ForeignRun(method=name, verdict="refused", **lost) for name in (AUTOMATIC, *methods)}
+    nan = math.nan
+    lost = ForeignRun(method="", worst=nan, spring=nan, z_rms=nan, z_most=nan, verdict="refused")
+    runs = {name: replace(lost, method=name) for name in (AUTOMATIC, *methods)}
     with suppress(SymidError):
         identify = prepare_elastic_methods(scene.robot, logs, IdentifyOptions(), context)
         for method in runs:
