@@ -7,7 +7,7 @@ import numpy as np
 
 from symid.codegen.functions import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.identification.elastic.estimate import ElasticEstimate
+from symid.identification.elastic.estimate import ElasticEstimate, SpringEstimate
 from symid.identification.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
 from symid.identification.stored import write_fit
 from symid.ipopt import Ending
@@ -79,6 +79,40 @@ def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
         settings={"processing": make_plain(processing)},
         covariance=tuple(tuple(map(float, row)) for row in given),
     )
+
+
+def build_elastic_estimate(values, spring, *, joints=("joint1",), unit="N m", **changes) -> ElasticEstimate:
+    """Return an estimate with parameters `values` by name and the same, true, spring in all joints."""
+    residual = Residual(joint="", norm=1.0, relative_percent=0.8, std=0.02, samples=900, unit=unit)
+    found = SpringEstimate(
+        joint="",
+        torque_unit=unit,
+        position_unit="m" if unit == "N" else "rad",
+        elasticity=spring,
+        torsion=0.02,
+        excited=0.006,
+        torque=11.0,
+        truth=spring,
+    )
+    known = {
+        "robot": "arm",
+        "signature": "abc",
+        "method": "elimination",
+        "reason": "the method was asked for",
+        "parameters": tuple(
+            ParameterEstimate(name=k, value=x, std=0.1, unit="kg") for k, x in values.items()
+        ),
+        "springs": tuple(dataclasses.replace(found, joint=joint) for joint in joints),
+        "residual": tuple(dataclasses.replace(residual, joint=joint) for joint in joints),
+        "energy": dataclasses.replace(residual, joint="all joints", unit="J"),
+        "condition": 30.0,
+        "outcome": Ending.SOLVED,
+        "history": (),
+        "trials": (),
+        "sources": ("log",),
+        "settings": {},
+    }
+    return ElasticEstimate(**{**known, **changes})
 
 
 def make_plain(value):

@@ -82,7 +82,7 @@ class PageReader(HTMLParser):
 
 
 EMBEDDED = "tests/embedded/test_boards.py"
-SPRINGS = "tests/docs/test_joint_model_pages.py"
+EXAMPLES, TRANSCRIPTS = "tests/docs/test_examples.py", "tests/docs/test_transcripts.py"
 BUILT = "tests/cli/test_c_library_page.py"
 READ = "tests/unit/robot/test_documents.py"
 ELSEWHERE = {
@@ -99,38 +99,32 @@ ELSEWHERE = {
     ("course.md", "sheet"): "tests/unit/lessons/test_exercises.py",
     ("diagnosis.md", "tx40"): "tests/golden/test_tx40.py",
     ("diagnosis.md", "^symid report kr300.json"): "tests/golden/test_kr300.py",
-    ("elastic.md", "^import symid"): "tests/docs/test_elastic_page.py",
-    ("elastic.md", "symid.joint_models"): SPRINGS,
+    ("elastic.md", "^import symid"): TRANSCRIPTS,
+    ("elastic.md", "symid.joint_models"): EXAMPLES,
     ("embedded.md", "^make test-embedded"): EMBEDDED,
     ("excite.md", ""): "tests/cli/test_excite.py",
     ("export.md", "two_link"): "tests/cli/test_export_page.py",
-    ("first_code.md", ""): "tests/docs/test_first_steps.py",
-    ("first_fit.md", ""): "tests/docs/test_first_steps.py",
-    ("first_lecture.md", ""): "tests/docs/test_first_lecture_page.py",
+    ("first_code.md", ""): TRANSCRIPTS,
+    ("first_fit.md", ""): TRANSCRIPTS,
+    ("first_lecture.md", ""): TRANSCRIPTS,
     ("fleet.md", "^(SELECT|WITH)"): "tests/unit/fleet/test_view.py",
-    ("friction.md", "^import numpy"): "tests/docs/test_friction_page.py",
-    ("friction_dynamic.md", "symid.joint_models|symid.simulation|symid.codegen"): SPRINGS,
+    ("friction.md", "^import numpy"): EXAMPLES,
+    ("friction_dynamic.md", "symid.joint_models|symid.simulation|symid.codegen"): EXAMPLES,
     ("friction_tables.md", "^symid study friction-tables -o"): "tests/cli/test_friction_study.py",
-    ("gallery.md", ""): "tests/docs/test_gallery.py",
-    ("hysteresis.md", ""): "tests/docs/test_hysteresis_page.py",
+    ("gallery.md", ""): EXAMPLES,
+    ("hysteresis.md", ""): TRANSCRIPTS,
     ("lessons.md", "--ipynb"): "tests/unit/lessons/test_notebook.py",
     ("logs.md", "run.db3"): "tests/cli/test_bags.py",
     ("own_robot.md", ""): "tests/cli/test_own_robot_page.py",
     ("robot_file.md", "^(name|.log|.controller|.processing|.settings)"): READ,
     ("robot_file.md", "lugre"): READ,
     ("robots.md", "^symid identify ur10"): "tests/golden/test_bags.py",
-    ("round_trip.md", ""): "tests/docs/test_round_trip_page.py",
+    ("round_trip.md", ""): TRANSCRIPTS,
     ("urdf.md", "import"): READ,
 }
 
 
 def find_elsewhere(page, text):
     """Return the test that runs a command or a block, None where there is none."""
-    return next(
-        (
-            test
-            for (name, pattern), test in ELSEWHERE.items()
-            if name == page and re.search(pattern, text, re.MULTILINE)
-        ),
-        None,
-    )
+    own = ((pattern, test) for (name, pattern), test in ELSEWHERE.items() if name == page)
+    return next((test for pattern, test in own if re.search(pattern, text, re.MULTILINE)), None)

@@ -10,6 +10,7 @@ Supported: robots of the exact algebra. Not supported: more than one tool; loops
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import TypeAlias
 
 import numpy as np
@@ -183,12 +184,11 @@ def build_values(robot: Robot, model: LessonModel) -> tuple[dict[str, float], tu
         # Mass, centre of mass and central inertia by the letters of lessons.
         mass = body[9]
         c = np.array(body[6:9]) / mass if mass else np.zeros(3)
-        shift = mass * (c @ c * np.eye(3) - np.outer(c, c))
+        central = np.array(body[:6]) - (mass * (c @ c * np.eye(3) - np.outer(c, c)))[np.triu_indices(3)]
+        pairs = combinations_with_replacement("xyz", 2)
         values |= {f"m{number}": mass}
-        values |= {f"l{axis}{number}": float(x) for axis, x in zip("xyz", c, strict=True)}
-        pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-        for value, (i, j) in zip(body[:6], pairs, strict=True):
-            values[f"I{number}{'xyz'[i]}{'xyz'[j]}"] = float(value - shift[i, j])
+        values |= {f"l{axis}{number}": x for axis, x in zip("xyz", c.tolist(), strict=True)}
+        values |= {f"I{number}{i}{j}": x for (i, j), x in zip(pairs, central.tolist(), strict=True)}
     return values, tuple(beta.values()), bool(missing)
 
 
@@ -201,8 +201,7 @@ def _make_body(robot: Robot, index: int) -> tuple[float, ...]:
         end = [0.02, 0.03, 0.1]
     mass, c = 3.0 * 0.75**index, np.array(end) / 2
     tensor = mass * (c @ c * np.eye(3) - np.outer(c, c)) * (4.0 / 3.0) + 0.002 * mass * np.eye(3)
-    entries = [tensor[i, j] for i in range(3) for j in range(i, 3)]
-    return (*map(float, entries), *(float(mass * x) for x in c), mass)
+    return (*tensor[np.triu_indices(3)].tolist(), *(mass * c).tolist(), mass)
 
 
 def find_tip(robot: Robot, index: int) -> tuple[float, float, float]:
@@ -252,6 +251,9 @@ def _write_row(writer: ChapterWriter, index: int) -> tuple[str, ...]:
     return (*start, f"${_write_degrees(zz, -yz)}$", f"${_write_exact(x, writer)}$", f"${theta}$", f"${d}$")
 
 
+_CONVERTED = " The file has standard rows; they were converted exactly."
+
+
 def write_frames(writer: ChapterWriter, robot: Robot) -> Chapter:
     """Return the chapter on the frames of `robot`, whose file has these lengths as numbers."""
     model, book = writer.model, writer.book
@@ -263,12 +265,7 @@ def write_frames(writer: ChapterWriter, robot: Robot) -> Chapter:
             f"Every link has a frame whose $z$ axis is the axis of its joint. The table holds the rows of "
             f"modified Denavit-Hartenberg parameters: from the frame before, turn by $\\alpha$ about $x$, "
             f"move by {letters[0]} along it, turn by $\\theta$ about the new $z$, move by {letters[1]} along "
-            f"it."
-            + (
-                " The file has standard rows; they were converted exactly."
-                if robot.convention == "standard"
-                else ""
-            )
+            f"it.{_CONVERTED if robot.convention == 'standard' else ''}"
         ),
         Item("table", rows=(head, *rows)),
         Item("widget", "frames"),

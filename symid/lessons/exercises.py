@@ -49,14 +49,14 @@ class Exercise:
 def draw_exercises(lesson: Lesson, count: int, rng: np.random.Generator) -> tuple[Exercise, ...]:
     """Return exercises on a lesson: formulas, groups, torques at rest, parameters without effect."""
     makers = (_ask_formula, _ask_group, _ask_torque, _ask_effect)
-    found: list[Exercise] = []
+    found: dict[str, Exercise] = {}
     for k in range(50 * count):
         one = makers[k % len(makers)](lesson, rng)
-        if one is not None and one.prompt not in {other.prompt for other in found}:
-            found.append(one)
+        if one is not None:
+            found.setdefault(one.prompt, one)
         if len(found) == count:
             break
-    return tuple(found)
+    return tuple(found.values())
 
 
 def _ask_formula(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
@@ -179,11 +179,8 @@ def read_sheet(text: str, file: str) -> AnswerSheet:
     Raises:
         InputError: it does not say how it was drawn, or a number has two answers; all mistakes at once.
     """
-    settings: dict[str, str] = {}
-    prompts: dict[int, str] = {}
-    answers: dict[int, str] = {}
-    notices: list[Notice] = []
-    last = 0
+    settings, prompts, answers = dict[str, str](), dict[int, str](), dict[int, str]()
+    notices, last = list[Notice](), 0
     for place, line in enumerate(text.splitlines(), start=1):
         if line.startswith(_SETTINGS):
             pairs = (part.split(maxsplit=1) for part in line.removeprefix(_SETTINGS).split(","))

@@ -169,7 +169,9 @@ def _sort(monomial: Mapping[Letter, int]) -> Monomial:
 def list_terms(value: PolyElement) -> Terms:
     """Return the terms of a polynomial, roots of two and three as letters of their own."""
     plain = map(str, value.ring.symbols)
-    names = [(x[0], ((int(x[1:]), 1),)) if x[0] in "sc" and x[1:].isdigit() else x for x in plain]
+    names: list[Letter] = [
+        (x[0], ((int(x[1:]), 1),)) if x[0] in "sc" and x[1:].isdigit() else x for x in plain
+    ]
     result: Terms = {}
     for exponents, coefficient in value.terms():
         letters = {names[k]: power for k, power in enumerate(exponents) if power}
@@ -181,7 +183,7 @@ def list_terms(value: PolyElement) -> Terms:
                     number *= Fraction(int(factor.p), int(factor.q))
                 else:
                     root *= int(factor**2)
-            key = _sort(letters | ({("root", root): 1} if root > 1 else {}))
+            key = _sort({**letters, **({("root", root): 1} if root > 1 else {})})
             result[key] = result.get(key, Fraction(0)) + number
     return result
 

@@ -18,6 +18,7 @@ from html import escape
 from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.report.blocks import Drawing
@@ -125,15 +126,14 @@ def build_axis(arrays: Sequence[FloatArray], margin: float, *, logarithmic: bool
     """Return the axis of all values of `arrays`, with `margin` as a part of its length on either side."""
     low = min(float(np.min(array)) for array in arrays)
     high = max(float(np.max(array)) for array in arrays)
-    if not logarithmic:
-        # Further apart the length of the axis would be infinite.
-        low, high = (min(max(end, -_LARGEST), _LARGEST) for end in (low, high))
-    else:
+    if logarithmic:
         # At least a factor of three, so that there is a tick to read.
         middle, half = math.sqrt(low * high), max(math.sqrt(high / low), math.sqrt(3.0))
         ratio = half ** (1.0 + 2.0 * margin)
         low = min(max(middle / ratio, _SMALLEST), 0.1 * _LARGEST)
         return Axis(low=low, high=min(max(middle * ratio, 10.0 * _SMALLEST), _LARGEST), logarithmic=True)
+    # Further apart the length of the axis would be infinite.
+    low, high = (min(max(end, -_LARGEST), _LARGEST) for end in (low, high))
     if high - low <= 1e-12 * max(abs(low), abs(high)):
         # A constant still needs an axis of some length.
         half = 0.5 * max(abs(low), 1.0)
@@ -241,18 +241,16 @@ class Line:
     joined: bool = True
 
 
-def list_lines(
-    x: FloatArray, *curves: tuple[str, str, FloatArray | None], markers: bool = False
-) -> list[Line]:
+def list_lines(x: FloatArray, *curves: tuple[str, str, FloatArray | None]) -> list[Line]:
     """Return a line over `x` (N,) for each label, style and values (N,); None is left out."""
-    return [Line(label, style, x, y, markers) for label, style, y in curves if y is not None]
+    return [Line(label, style, x, y) for label, style, y in curves if y is not None]
 
 
-def thin_line(x: FloatArray, y: FloatArray, points: int = POINTS) -> tuple[FloatArray, FloatArray]:
-    """Return at most `points` points that keep the smallest and largest value of every stretch."""
-    if len(x) <= points:
+def thin_line(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return at most `POINTS` points that keep the smallest and largest value of every stretch."""
+    if len(x) <= POINTS:
         return x, y
-    edges = np.linspace(0, len(x), points // 2 + 1).astype(int)
+    edges = np.linspace(0, len(x), POINTS // 2 + 1).astype(int)
     kept: set[int] = set()
     for start, end in pairwise(edges):
         kept |= {int(start + np.argmin(y[start:end])), int(start + np.argmax(y[start:end]))}
@@ -260,52 +258,36 @@ def thin_line(x: FloatArray, y: FloatArray, points: int = POINTS) -> tuple[Float
     return x[index], y[index]
 
 
-def thin_curve(
-    x: FloatArray, y: FloatArray, points: int = POINTS, invisible: float = _INVISIBLE
-) -> tuple[FloatArray, FloatArray]:
-    """Return at most `points` points of a curve, its corners first (Ramer 1972, Douglas and Peucker 1973).
+def thin_curve(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return at most `POINTS` points of a curve, its corners first (Ramer 1972, Douglas and Peucker 1973).
 
-    Args:
-        x: (N,) horizontal places in the drawing.
-        y: (N,) vertical ones.
-        points: at most.
-        invisible: distance from the chord below which a point is left out in any case.
+    `x`, `y`: (N,) horizontal and vertical places in the drawing; what nobody sees is left out in any case.
     """
-    count = len(x)
-    if count <= 2:
+    if len(x) <= 2:
         return x, y
-    kept = {0, count - 1}
+    kept, new = {0, len(x) - 1}, [(0, len(x) - 1)]
     waiting: list[tuple[float, int, int, int]] = []
-    _push_farthest(waiting, x, y, (0, count - 1))
-    while waiting and len(kept) < points:
-        distance, middle, start, end = heappop(waiting)
-        if -distance < invisible:
+    while len(kept) < POINTS:
+        for start, end in (part for part in new if part[1] - part[0] > 1):
+            # The point that lies farthest from the chord of two others.
+            inner = slice(start + 1, end)
+            dx, dy = x[inner] - x[start], y[inner] - y[start]
+            along = np.array([x[end] - x[start], y[end] - y[start]])
+            length = float(np.hypot(*along))
+            if length > 0.0:
+                # From the chord, not from the line through its ends: loops return to where they began.
+                share = np.clip((dx * along[0] + dy * along[1]) / length**2, 0.0, 1.0)
+                dx, dy = dx - share * along[0], dy - share * along[1]
+            distances = np.hypot(dx, dy)
+            farthest = int(np.argmax(distances))
+            heappush(waiting, (-float(distances[farthest]), start + 1 + farthest, start, end))
+        if not waiting or -waiting[0][0] < _INVISIBLE:
             break
+        _, middle, start, end = heappop(waiting)
         kept.add(middle)
-        for part in ((start, middle), (middle, end)):
-            _push_farthest(waiting, x, y, part)
+        new = [(start, middle), (middle, end)]
     index = np.array(sorted(kept))
     return x[index], y[index]
-
-
-def _push_farthest(
-    waiting: list[tuple[float, int, int, int]], x: FloatArray, y: FloatArray, part: Sequence[int]
-) -> None:
-    """Add the point between two others that lies farthest from their chord."""
-    start, end = part
-    if end - start < 2:
-        return
-    inner = slice(start + 1, end)
-    dx, dy = x[inner] - x[start], y[inner] - y[start]
-    along = np.array([x[end] - x[start], y[end] - y[start]])
-    length = float(np.hypot(*along))
-    if length > 0.0:
-        # Distance from the chord, not from the line through its ends: loops return to where they began.
-        share = np.clip((dx * along[0] + dy * along[1]) / length**2, 0.0, 1.0)
-        dx, dy = dx - share * along[0], dy - share * along[1]
-    distances = np.hypot(dx, dy)
-    farthest = int(np.argmax(distances))
-    heappush(waiting, (-float(distances[farthest]), start + 1 + farthest, start, end))
 
 
 def build_line_figure(
@@ -569,6 +551,7 @@ def build_flow_chart(
 
 _VIEW = (math.radians(-62.0), math.radians(16.0))
 """From where an arm is seen: turned about the vertical, and from above."""
+_ARM_HEIGHT = 400.0
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
 
 
@@ -592,7 +575,6 @@ def build_arm_figure(
     joints: Sequence[ArmJoint],
     *,
     frames: Sequence[FloatArray] = (),
-    height: float = 400.0,
 ) -> Drawing:
     """Return an arm on its base: links as lines (N, 3), joints as drums about their axes, m; z is upwards.
 
@@ -606,8 +588,9 @@ def build_arm_figure(
     corners = np.vstack([*links, *(joint.place for joint in joints)]) @ view.T
     room = 3.0 * size
     low, high = corners.min(axis=0) - room, corners.max(axis=0) + room
-    scale = float(np.min((np.array([WIDTH, height]) - 10.0) / (high - low)))
-    shift = 0.5 * np.array([WIDTH, height]) - 0.5 * scale * (low + high)
+    whole = np.array([WIDTH, _ARM_HEIGHT])
+    scale = float(np.min((whole - 10.0) / (high - low)))
+    shift = 0.5 * whole - 0.5 * scale * (low + high)
 
     def place(points: FloatArray) -> FloatArray:
         return np.asarray(points @ view.T * scale + shift)
@@ -632,7 +615,7 @@ def build_arm_figure(
         anchor, side = sides[int(x + _CHARACTER * len(joint.label) > WIDTH)]
         x, y = place(joint.place + joint.radius * (side * right + (0.0, 0.0, 0.7)))
         body.append(f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(joint.label)}</text>')
-    return _wrap_figure(caption, height, body)
+    return _wrap_figure(caption, _ARM_HEIGHT, body)
 
 
 def _draw_drum(place: Callable[[FloatArray], FloatArray], joint: ArmJoint, toward: FloatArray) -> str:
@@ -643,18 +626,11 @@ def _draw_drum(place: Callable[[FloatArray], FloatArray], joint: ArmJoint, towar
     across /= np.linalg.norm(across)
     ring = radius * (np.outer(np.cos(_ROUND), across) + np.outer(np.sin(_ROUND), np.cross(axis, across)))
     near, far = (place(joint.place + side * radius * axis + ring) for side in (1.0, -1.0))
-    # The corners of the least convex area around all points (Andrew 1979).
-    ordered, hull = sorted(map(tuple, np.vstack([near, far]).tolist())), list[tuple[float, ...]]()
-    for run in (ordered, ordered[::-1]):
-        half: list[tuple[float, ...]] = []
-        for point in run:
-            while len(half) > 1 and np.linalg.det(np.subtract([half[-1], point], half[-2])) <= 0.0:
-                half.pop()
-            half.append(point)
-        hull += half[:-1]
+    points = np.vstack([near, far])
+    hull = points[scipy.spatial.ConvexHull(points).vertices]
     ends = place(joint.place + np.outer([-2.0, 2.0], radius * axis))
     return (
         f'<polyline class="axle" points="{_format_points(*ends.T)}"/>'
-        f'<polygon class="box {joint.style}" points="{_format_points(*np.array(hull).T)}"/>'
+        f'<polygon class="box {joint.style}" points="{_format_points(*hull.T)}"/>'
         f'<polygon class="box {joint.style}" points="{_format_points(*near.T)}"/>'
     )

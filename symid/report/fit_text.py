@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from symid import joint_models
 from symid.report.blocks import Block, Table, describe_outcome
 from symid.serialization import describe_record, write_plain
 
@@ -351,14 +352,12 @@ def show_elastic_parameters(estimate: "ElasticEstimate") -> Table:
 
 def show_springs(estimate: "ElasticEstimate") -> Table:
     """Return the table of springs: stiffness left and at small torsion, and how far they were excited."""
-    from symid.joint_models import find_most_slope
-
     told = [entry for entry in estimate.springs if entry.identifiable]
     branched, rows = any(entry.elasticity.branches for entry in told), list[Sequence[object]]()
     for entry in told:
         spring, unit = entry.elasticity, f"{entry.torque_unit}/{entry.position_unit}"
         stops, knees = len(spring.stops), len(spring.knees)
-        slope = find_most_slope(spring) if branched else spring.initial_stiffness
+        slope = joint_models.find_most_slope(spring) if branched else spring.initial_stiffness
         names: list[object] = [stops, knees]
         if branched:
             counts = [f"{count} {name}" for count, name in ((stops, "stops"), (knees, "knees")) if count]
@@ -366,9 +365,8 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
         slipped = () if branched else (entry.excited,)
         start = (entry.joint, spring.stiffness, slope, entry.slope_std, unit)
         rows.append((*start, *names, entry.torsion, *slipped, entry.torque, entry.torque_std))
-    steepest, middle = "k0 + stops", ("stops", "knees", "torsion", "slipped to")
-    if branched:
-        steepest, middle = "at most", ("branches", "torsion")
+    middle = ["branches", "torsion"] if branched else ["stops", "knees", "torsion", "slipped to"]
+    steepest = "at most" if branched else "k0 + stops"
     header = ("joint", "k0", steepest, "slope std", "unit", *middle, "torque", "torque std")
     return Table(header, rows, (0, 4, 5) if branched else (0, 4))
 

@@ -622,11 +622,10 @@ def write_fit_page(
         LogError: a log does not fit the robot.
         OutputError: the page cannot be written.
     """
-    if pairs and not logs:
+    if (pairs or test) and not logs:
         text = "settings apply to the logs of a validation, and none was given; give a log or leave them out"
-        raise UsageError(Notice(code="usage.no-validation", text=text))
-    if test and not logs:
-        text = f"--test {test[0].text}: is a part of the logs of a validation, and none was given; give a log"
+        part = "is a part of the logs of a validation, and none was given; give a log"
+        text = text if pairs else f"--test {test[0].text}: {part}"
         raise UsageError(Notice(code="usage.no-validation", text=text))
     if diagnose and not isinstance(estimate, Estimate):
         text = "--diagnose needs an estimate of base parameters; leave it out"
@@ -640,10 +639,8 @@ def write_fit_page(
         described = restore_robot(robot, estimate, pairs)
         if isinstance(estimate, Estimate):
             # What was identified as rigid is tried as rigid, whatever the robot file says of its joints.
-            described, rigid = (
-                elastic.build_rigid_variant(described),
-                elastic.build_rigid_estimate(estimate, described),
-            )
+            rigid = elastic.build_rigid_estimate(estimate, described)
+            described = elastic.build_rigid_variant(described)
         recordings = take_parts(read_recordings(logs, described), test, "--test")
         if not isinstance(estimate, FrictionIdentification):
             library = context.prepare(described)
@@ -696,15 +693,12 @@ def write_fit_page(
     name = name if known is None else name_for_commands(known[0])
     # The command that an expert would type after this verdict, and what for.
     stored, target = file or "ESTIMATE", f"{estimate.robot}_identified.toml"
+    words, why = ["export", name, stored, "-o", target], "Write a robot file with these values"
     if page.verdict.level in {"wrong", "doubtful"}:
-        step = shlex.join(["symid", "check", name, *estimate.sources]), "Look for the cause"
+        words, why = ["check", name, *estimate.sources], "Look for the cause"
     elif all(entry.fitted for entry in tests):
-        command = shlex.join(["symid", "validate", name, stored])
-        step = f"{command} LOG", "Test it on a log of another motion"
-    else:
-        command = shlex.join(["symid", "export", name, stored, "-o", target])
-        step = command, "Write a robot file with these values"
-    page = replace(page, next_step=step)
+        words, why = ["validate", name, stored, "LOG"], "Test it on a log of another motion"
+    page = replace(page, next_step=(shlex.join(["symid", *words]), why))
     is_rigid = isinstance(estimate, Estimate)
     settled = [(entry.source, entry.processing) for entry in validations if is_rigid and entry.processing]
     processing = tuple({**asdict(entry.processing), "origin": dict(entry.origin)} for _, entry in settled)

@@ -9,6 +9,7 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from symid import dynamics, logs
 from symid.environment import show_path
 from symid.errors import Notice
 from symid.joint_models import name_shape, name_values
@@ -57,9 +58,7 @@ def tabulate_base(robot: Robot, base: "BaseParameters") -> tuple[Block, ...]:
 
 def _summarise_base(robot: Robot, base: "BaseParameters") -> tuple[str, list[tuple[str, str]]]:
     """Return the counts; what was eliminated, with reasons: parameters of one reason together."""
-    from symid.dynamics import DRIVE_PARAMETERS
-
-    whole = base.count + sum(e.label[1] in (*INERTIAL, *DRIVE_PARAMETERS) for e in base.eliminated)
+    whole = base.count + sum(e.label[1] in (*INERTIAL, *dynamics.DRIVE_PARAMETERS) for e in base.eliminated)
     names: dict[str, list[str]] = {}
     for entry in base.eliminated:
         names.setdefault(entry.reason, []).append(entry.name)
@@ -69,8 +68,6 @@ def _summarise_base(robot: Robot, base: "BaseParameters") -> tuple[str, list[tup
 
 def describe_base(robot: Robot, base: "BaseParameters") -> dict[str, object]:
     """Return the base parameters as `symid base --json` gives them."""
-    from symid.dynamics import write_label
-
     parameters, friction = _describe_parameters(robot, base)
     return {
         "robot": robot.name,
@@ -80,7 +77,7 @@ def describe_base(robot: Robot, base: "BaseParameters") -> dict[str, object]:
         "eliminated": [{"name": entry.name, "reason": entry.reason} for entry in base.eliminated],
         # Changes of the parameters that nothing shows, exact coefficients as text.
         "null_space": [
-            {write_label(robot, label): str(coefficient) for label, coefficient in change}
+            {dynamics.write_label(robot, label): str(coefficient) for label, coefficient in change}
             for change in base.null_space
         ],
     }
@@ -90,31 +87,29 @@ def write_base_latex(robot: Robot, base: "BaseParameters") -> str:
     """Return every parameter with what it groups as aligned formulas."""
     from sympy import Add, Symbol, latex
 
-    from symid.dynamics import write_label, write_name_latex
-
     lines = []
     for entry in (*base.parameters, *base.friction):
-        letters = {label: Symbol(write_label(robot, label)) for label, _ in entry.terms}
-        names = {symbol: write_name_latex(str(symbol)) for symbol in letters.values()}
+        letters = {label: Symbol(dynamics.write_label(robot, label)) for label, _ in entry.terms}
+        names = {symbol: dynamics.write_name_latex(str(symbol)) for symbol in letters.values()}
         total = Add(*(factor * letters[label] for label, factor in entry.terms), evaluate=False)
-        lines.append(rf"{write_name_latex(entry.name)} &= {latex(total, symbol_names=names, order='none')}")
+        lines.append(
+            rf"{dynamics.write_name_latex(entry.name)} &= {latex(total, symbol_names=names, order='none')}"
+        )
     return "$$\\begin{aligned}" + r" \\ ".join(lines) + "\\end{aligned}$$"
 
 
 def _describe_parameters(
     robot: Robot, base: "BaseParameters"
 ) -> tuple[list[dict[str, object]], list[dict[str, object]]]:
-    from symid.dynamics import compute_parameter_values, derive_parameter_formulas, get_label_unit, get_owner
-
-    values = compute_parameter_values(robot, base)
-    forms = derive_parameter_formulas(robot, base)
+    values = dynamics.compute_parameter_values(robot, base)
+    forms = dynamics.derive_parameter_formulas(robot, base)
     found: list[dict[str, object]] = [
         {
             "name": entry.name,
             "expression": entry.expression,
             "reason": entry.reason,
-            "unit": get_label_unit(robot, entry.label),
-            "joint": get_owner(robot, entry.label),
+            "unit": dynamics.get_label_unit(robot, entry.label),
+            "joint": dynamics.get_owner(robot, entry.label),
             "value": values.get(entry.name),
             "form": str(forms[entry.name]).replace("**", "^") if entry.name in forms else None,
         }
@@ -310,19 +305,21 @@ def describe_export(found: "FileExport") -> dict[str, object]:
             },
             "kept": dict(found.friction.kept),
         }
-    result = {
+    bodies = found.standard and {
+        "largest_change": max(map(abs, found.standard.residual.tolist()), default=0.0),
+        "blamed": found.standard.blamed,
+        "not_identified": found.missing,
+        "cost_percent": {entry.joint: entry.percent for entry in found.costs},
+    }
+    return {
         "file": str(found.file),
         "format": found.format,
         "robot": found.robot.name,
         "elastic": any(found.robot.elastic),
         "outcome": found.outcome,
+        **(bodies or {}),
+        "left_out": found.left_out,
     }
-    if found.standard is not None:
-        result["largest_change"] = max(map(abs, found.standard.residual.tolist()), default=0.0)
-        result["blamed"] = found.standard.blamed
-        result["not_identified"] = found.missing
-        result["cost_percent"] = {entry.joint: entry.percent for entry in found.costs}
-    return {**result, "left_out": found.left_out}
 
 
 _SHOWN = 12
@@ -342,16 +339,14 @@ def show_robot_check(robot: Robot, checked: "LogsCheck") -> tuple[Block, ...]:
     head = f"{robot.path}: {summarise_robot(robot)}: no mistakes"
     if not checked.logs:
         return (head,)
-    from symid.logs import get_second_encoder_side
-
     header = ("log", "samples", "duration/s", "period/s", "velocity", "second encoder")
-    logs = [(log.recording, log.timing) for log in checked.logs]
+    read = [(log.recording, log.timing) for log in checked.logs]
     rows: list[Sequence[object]] = [
         (
             *(log.source, timing.samples, timing.duration, log.period),
-            *(log.velocity is not None, get_second_encoder_side(log)),
+            *(log.velocity is not None, logs.get_second_encoder_side(log)),
         )
-        for log, timing in logs
+        for log, timing in read
     ]
     blocks: list[Block] = [Table(header, rows, (0, 5), head)]
     blocks += [show_joints(log.recording.source, log.joints) for log in checked.logs]
@@ -418,15 +413,13 @@ def describe_log(
     recording: "Recording", timing: "LogTiming", joints: "tuple[JointSummary, ...]"
 ) -> dict[str, object]:
     """Return what the log itself says, without the robot's dynamics."""
-    from symid.logs import get_second_encoder_side
-
     return {
         "file": recording.source,
         "samples": timing.samples,
         "duration": timing.duration,
         "period": recording.period,
         "has_velocity": recording.velocity is not None,
-        "second_encoder": get_second_encoder_side(recording),
+        "second_encoder": logs.get_second_encoder_side(recording),
         "timing": {**describe_record(timing), "even": timing.even},
         "joints": [describe_record(joint) for joint in joints],
     }

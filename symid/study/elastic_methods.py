@@ -123,9 +123,9 @@ def get_true_parameters(card: ModelCard) -> FloatArray:
         UsageError: the robot file does not state all of them.
     """
     values = {entry.name: entry.value for entry in (*card.beta, *card.rotors, *card.friction)}
+    beta, friction = ([entry.name for entry in part] for part in (card.beta, card.friction))
     # A joint whose file states no rotor has one nevertheless: chi has an entry for it.
-    rotors = [f"IA{joint.number}" for joint in card.joints if card.elastic]
-    names = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
+    names = [*beta, *(f"IA{joint.number}" for joint in card.joints if card.elastic), *friction]
     unknown = [name for name in names if values.get(name) is None]
     if unknown:
         text = f"robot {card.robot!r} states no value for {', '.join(unknown)}; a study needs the truth"
@@ -216,8 +216,7 @@ def fit_all_methods(
     begin = time.process_time()
     work = elastic.build_elastic_equations(library, recordings, options)
     shared = time.process_time() - begin
-    fits: dict[str, elastic.MethodFit] = {}
-    seconds: dict[str, float] = {}
+    fits, seconds = dict[str, elastic.MethodFit](), dict[str, float]()
     for method in methods:
         begin = time.process_time()
         fits[method] = (
@@ -329,29 +328,31 @@ def study_elastic(
     method is measured, which differs from run to run. `backend` as of `prepare_library`, `jobs` and
     `progress` as of `run_tasks`. A UsageError: the robot has not two joints, or its file states no truth.
     """
-    groups = [(name, condition) for condition in SensorCondition for name in datasets]
-    numbers = {SensorCondition.CLEAN: seeds[:1], SensorCondition.NOISY: seeds}
+    kinds = ((SensorCondition.CLEAN, seeds[:1]), (SensorCondition.NOISY, seeds))
+    groups = [(name, condition, numbers) for condition, numbers in kinds for name in datasets]
     tasks = [
         (robot, backend, methods, datasets[name], condition, seed)
-        for name, condition in groups
-        for seed in numbers[condition]
+        for name, condition, numbers in groups
+        for seed in numbers
     ]
     # Made before the processes start, so that they do not all compile it.
     scene = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
     results = iter(run_tasks(run_study_task, tasks, jobs=jobs, progress=progress))
     studies = []
-    for name, condition in groups:
+    for name, condition, numbers in groups:
         noisy = condition is SensorCondition.NOISY
         bound, spring_bound = _compute_bounds(scene, datasets[name]) if noisy else (math.nan, math.nan)
-        study = DatasetStudy(
-            dataset=name,
-            condition=condition,
-            seeds=len(numbers[condition]),
-            bound=bound,
-            spring_bound=spring_bound,
-            cells=_summarise([next(results) for _ in numbers[condition]], timed=timed),
+        cells = _summarise([next(results) for _ in numbers], timed=timed)
+        studies.append(
+            DatasetStudy(
+                dataset=name,
+                condition=condition,
+                seeds=len(numbers),
+                bound=bound,
+                spring_bound=spring_bound,
+                cells=cells,
+            )
         )
-        studies.append(study)
     return ElasticStudy(robot=scene.library.card.robot, studies=tuple(studies))
 
 
@@ -391,7 +392,7 @@ def _compute_bounds(scene: ElasticScene, runs: Sequence[str]) -> tuple[float, fl
 _METHODS = {
     "Case 1: identified together": AUTOMATIC,
     "Case 2: identified apart, motor side": "independent",
-    "Case 2 with link encoder": "independent, link encoder",
+    "Case 2 with link encoder": _ENCODER,
 }
 CASES = (*_METHODS, elastic.RIGID)
 
@@ -408,12 +409,9 @@ class TrackingDifference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackingStudy:
-    """Tracking errors of all cases.
+    """Tracking errors of all cases: `rms` of every case and joint, (case, spreads over the seeds).
 
-    Args:
-        robot: its name; joints: names; seeds: how many.
-        rms: of every case and joint, (case, spreads over the seeds).
-        comparisons: of Case 1 with each other case, joint by joint.
+    `comparisons` are of Case 1 with each other case, joint by joint.
     """
 
     robot: str
@@ -486,14 +484,9 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ManyJointsResult:
-    """One condition of the sensors.
+    """One condition of the sensors; `parameters` counts the dynamic ones that were identified.
 
-    Args:
-        robot: its name; joints: their names; condition: of the sensors.
-        parameters: how many dynamic parameters were identified.
-        methods: what each of them left.
-        condition_elimination, condition_energy: condition numbers of the column-scaled rows.
-        notices: warnings of the rows.
+    `condition_elimination` and `condition_energy` are condition numbers of the column-scaled rows.
     """
 
     robot: str
@@ -515,16 +508,13 @@ def study_many_joints(
     motion in s. A UsageError: the robot file lacks values, or joints are not all elastic.
     """
     truth = get_true_parameters(library.card)
-    rng = np.random.default_rng(seed)
-    motion = excitation.FourierOptions(duration=duration)
+    rng, motion = np.random.default_rng(seed), excitation.FourierOptions(duration=duration)
     trajectories = [excitation.build_random_fourier(robot, rng, motion) for _ in range(3)]
-    recordings = [
-        simulate_elastic(robot, library, trajectory, condition.build_options(), rng).recording
-        for trajectory in trajectories
-    ]
     # The springs are not looked at: the coarsest will do.
-    options = elastic.ElasticOptions(refine=False, knees=0)
-    signals = [elastic.prepare_elastic_signals(recording, options) for recording in recordings]
+    options, signals = elastic.ElasticOptions(refine=False, knees=0), list[elastic.ElasticSignals]()
+    for trajectory in trajectories:
+        run = simulate_elastic(robot, library, trajectory, condition.build_options(), rng)
+        signals.append(elastic.prepare_elastic_signals(run.recording, options))
     problem = elastic.build_elastic_problem(library, signals[:-1], options)
     test = elastic.build_elastic_problem(library, signals[-1:], options)
     design, torque = test.stack_filtered()

@@ -217,13 +217,6 @@ class HiddenRun(FrozenArrays):
     kinetic: FloatArray
     potential: FloatArray
 
-    @property
-    def gap(self) -> FloatArray:
-        """Return the work less what is stored, moves and is lost, (N,) J."""
-        energy = self.kinetic + self.potential + self.stored
-        gap: FloatArray = self.work - self.loss - (energy - energy[0])
-        return gap
-
 
 class _Spring(NamedTuple):
     """Springs at the middle of a step: torsion, what reaches springs of it, stops, Bouc-Wen state, branch."""

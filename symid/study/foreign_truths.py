@@ -16,7 +16,8 @@ Not supported: robots other than the two arms of this file; a score of friction,
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Protocol
 
@@ -190,38 +191,28 @@ def build_motions(size: int, share: float = 1.0) -> tuple[ForeignMotion, ...]:
     TB does not move wait at 0.5 rad, so that gravity loads all. All begin at rest at q = 0, by a ramp of 2 s.
     Derivatives are central differences over 1 ms: the motors have to follow, not the reference.
     """
-    joint = np.arange(size)[:, None]
-
-    def write_ta(t: FloatArray) -> FloatArray:
-        q: FloatArray = (math.pi / 6.0) * np.sin(_SINES[:size] * t[:, None, None] + _PHASES[:size]).sum(
-            axis=2
-        )
-        return q
-
-    def write_tb(moving: int) -> Callable[[FloatArray], FloatArray]:
-        def write(t: FloatArray) -> FloatArray:
-            wave = 0.5 * math.pi * (1.0 - 0.02 * t) * np.sin(0.2 * math.pi * t - 1.5 * math.pi)
-            return np.where(np.arange(size) == moving, wave[:, None], _WAITING if size > 2 else 0.0)
-
-        return write
-
-    def write_tc(t: FloatArray) -> FloatArray:
-        angle = 2.0 * math.pi * np.array([0.15, 0.45, 0.9]) * t[:, None, None] + joint + np.arange(3)
-        return np.asarray(0.4 * np.sin(angle) @ np.array([1.0, 0.5, 0.25]))
-
-    motions = {"TA": write_ta, **{f"TB{k + 1}": write_tb(k) for k in range(size)}, "TC": write_tc}
     found = []
-    for name, write in motions.items():
+    for name in ("TA", *(f"TB{k + 1}" for k in range(size)), "TC"):
         time = PERIOD * np.arange(round(_TIMES[name[:2]] * share / PERIOD), dtype=np.float64)
-        before, here, after = (_ramp(time + nudge, write) for nudge in (-_NUDGE, 0.0, _NUDGE))
+        before, here, after = (_write_motion(name, size, time + nudge) for nudge in (-_NUDGE, 0.0, _NUDGE))
         speed, acceleration = (after - before) / (2.0 * _NUDGE), (after - 2.0 * here + before) / _NUDGE**2
         found.append(ForeignMotion(name=name, time=time, q=here, dq=speed, ddq=acceleration))
     return tuple(found)
 
 
-def _ramp(time: FloatArray, write: Callable[[FloatArray], FloatArray]) -> FloatArray:
+def _write_motion(name: str, size: int, time: FloatArray) -> FloatArray:
+    """Return the angles (N, n) of a motion, ramped up."""
+    t, joint = time[:, None, None], np.arange(size)
+    if name == "TA":
+        q = (math.pi / 6.0) * np.sin(_SINES[:size] * t + _PHASES[:size]).sum(axis=2)
+    elif name == "TC":
+        angle = 2.0 * math.pi * np.array([0.15, 0.45, 0.9]) * t + joint[:, None] + np.arange(3)
+        q = 0.4 * np.sin(angle) @ np.array([1.0, 0.5, 0.25])
+    else:
+        wave = 0.5 * math.pi * (1.0 - 0.02 * time) * np.sin(0.2 * math.pi * time - 1.5 * math.pi)
+        q = np.where(joint == int(name[2:]) - 1, wave[:, None], _WAITING if size > 2 else 0.0)
     s = np.clip(time / 2.0, 0.0, 1.0)
-    return np.asarray((s**3 * (10.0 - 15.0 * s + 6.0 * s * s))[:, None] * write(time))
+    return np.asarray((s**3 * (10.0 - 15.0 * s + 6.0 * s * s))[:, None] * q)
 
 
 def observe_plant(
@@ -294,10 +285,7 @@ FOREIGN_METHODS = tuple(method for method in METHODS if method != AUTOMATIC)
 class ForeignRun:
     """One method on the logs of one seed; nan and "refused" where it gave nothing.
 
-    Args:
-        method: its name; chosen: the method that the automatic choice took.
-        worst, spring: percent, of the parameters and of the torque of the springs.
-        z_rms, z_most: errors in units of their stated deviations. verdict: its level.
+    Errors are those of the module's equations, `chosen` is the method that the automatic choice took.
     """
 
     method: str
@@ -342,24 +330,16 @@ def _run_task(task: _Task) -> tuple[ForeignRun, ...]:
         for number, (name, run) in enumerate(zip(scene.names[:-1], scene.runs[:-1], strict=True))
     ]
 
-    try:
+    nan = math.nan
+    lost = ForeignRun(method="", worst=nan, spring=nan, z_rms=nan, z_most=nan, verdict="refused")
+    runs = {name: replace(lost, method=name) for name in (AUTOMATIC, *methods)}
+    with suppress(SymidError):
         identify = prepare_elastic_methods(scene.robot, logs, IdentifyOptions(), context)
-    except SymidError:
-        return tuple(_refuse(method) for method in (AUTOMATIC, *methods))
-
-    def run(method: str) -> ForeignRun:
-        try:
-            found = identify(method).estimate
-        except SymidError:
-            return _refuse(method)
-        return _score(scene, method, found, judge(found))
-
-    return tuple(run(method) for method in (AUTOMATIC, *methods))
-
-
-def _refuse(method: str) -> ForeignRun:
-    lost = math.nan
-    return ForeignRun(method=method, worst=lost, spring=lost, z_rms=lost, z_most=lost, verdict="refused")
+        for method in runs:
+            with suppress(SymidError):
+                found = identify(method).estimate
+                runs[method] = _score(scene, method, found, judge(found))
+    return tuple(runs.values())
 
 
 def try_foreign(
@@ -390,11 +370,9 @@ class ForeignCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForeignTruth:
-    """All methods on one truth.
+    """All methods on one truth, the automatic choice first.
 
     Args:
-        truth, size: of the hidden models. seeds: how many draws of the noise.
-        cells: the automatic choice first, then every method.
         best: the method of the least median.
         ratio: worst parameter of the choice over the least one of all methods in the same run.
         near: runs in which it is 1.2 at most.
@@ -500,8 +478,6 @@ def study_foreign(
     ]
     # A process gets all seeds of a truth, whose motion it computes once.
     results = run_tasks(_run_task, tasks, jobs=jobs, batch=len(seeds), progress=progress)
-    parts = [results[k : k + len(seeds)] for k in range(0, len(results), len(seeds))]
-    return ForeignStudy(
-        arm=ARMS[arm].name,
-        truths=tuple(_summarise(*group, part) for group, part in zip(groups, parts, strict=True)),
-    )
+    parts = (results[k : k + len(seeds)] for k in range(0, len(results), len(seeds)))
+    found = tuple(_summarise(*group, part) for group, part in zip(groups, parts, strict=True))
+    return ForeignStudy(arm=ARMS[arm].name, truths=found)

@@ -5,24 +5,19 @@ Seeds -> `FrictionStudy`: agreement (S1), recovery (S2), gains (S3), all estimat
 except for times, which are measured only where they are asked for. Claims on spreads are judged from 100
 draws on: fewer give a deviation no better than to 7 percent.
 
-S1, Table 1 of the paper: motion, seeds -> `AgreementStudy`; `EstimatorComparison` on one data set.
-S2, Table 3 and a second robot: scenes of known truth, seeds -> `Recovery`; S3, Table 4 -> `GainStudy`:
-
-    ratio = deviation over the draws / bound,     bias = (mean - truth) / deviation over the draws
-    gain = 1 - J_improved / J_other,     in RMS 1 - sqrt(J_improved / J_other)
+    S1, Table 1           ratio of sums of squares, all estimators on the same draws
+    S2, Table 3, RV-2SQ   ratio = deviation over the draws / bound, bias = (mean - truth) / deviation
+    S3, Table 4           gain = 1 - J_improved / J_other, in RMS 1 - sqrt(J_improved / J_other)
+    Table 2               generations and evaluations of the hybrid algorithm and the genetic one
 
 The noise of each joint was set so that the gain over Coulomb + viscous comes out as printed: this column is
 no test. The gain over the original Stribeck law is a prediction; the peak of the cosine, common to all
 joints, was chosen between 0.03 and 1.5 rad/s for the least miss.
 
-The numbers of the paper stand first: Zhang Tie, Hu Liangliang, Zou Yanbiao, "Identification of improved
-friction model for robot based on hybrid genetic algorithm", J. Zhejiang Univ. (Eng. Sci.) 55(5) (2021)
-801-809, doi 10.3785/j.issn.1008-973X.2021.05.001, Tables 1, 3 and 4; a second published truth; synthetic data
-v_k = -V sin(2 pi (k + 1/2) / N): half a step off the grid no sample stands still, where a law without a zone
-would have no torque at all.
-
-Table 2 says that the hybrid algorithm needs far fewer generations than the genetic one: agreement draws, and
-further ones of the motion of S2 -> `SearchRace`, generations and evaluations of both side by side.
+Zhang Tie, Hu Liangliang, Zou Yanbiao, "Identification of improved friction model for robot based on hybrid
+genetic algorithm", J. Zhejiang Univ. (Eng. Sci.) 55(5) (2021) 801-809, doi
+10.3785/j.issn.1008-973X.2021.05.001, Tables 1, 3 and 4. Synthetic data v_k = -V sin(2 pi (k + 1/2) / N): half
+a step off the grid no sample stands still, where a law without a zone would have no torque at all.
 
 Not supported: their recordings, which are not public; tuned options; refusal of parameters (all values are
 kept as they come); a limit for the gain over the original Stribeck law, which is a prediction.
@@ -142,11 +137,6 @@ class FrictionScene(FrozenArrays):
         return compute_friction_torque(law, {"velocity": self.velocity}, linear, shape)
 
 
-def build_half_cosine(peak: float, samples: int) -> FloatArray:
-    """Return velocities (N,) of half a period in the positive direction, `peak` in rad/s."""
-    return peak * np.sin(np.pi * (np.arange(samples) + 0.5) / samples)
-
-
 def build_whole_cosines(peaks: Sequence[float], samples: int) -> FloatArray:
     """Return velocities of one period of each cosine, one after the other: (len(peaks) N,) in rad/s."""
     wave = -np.sin(2.0 * np.pi * (np.arange(samples) + 0.5) / samples)
@@ -212,13 +202,10 @@ RACERS = ("genetic", "annealing")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgreementRow:
-    """An estimator over all draws.
+    """An estimator over all draws; `values` and `objective` are those of the first.
 
     Args:
-        estimator: its name; by_chance: whether it is a search by chance.
-        values, objective: of the first draw; mean_objective: over all of them.
-        excess: the largest of J over the least one of its draw, less one.
-        agreed: draws within the bar of its kind; draws: of how many.
+        excess: the largest of J over the least one of its draw, less one; agreed: draws within its bar.
         error: the largest |estimate - truth| / Cramer-Rao deviation; outside: estimates beyond three of them.
     """
 
@@ -236,13 +223,10 @@ class AgreementRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgreementStudy:
-    """Protocol S1 on one motion.
+    """Protocol S1 on one motion, noise in N m, a row for each estimator.
 
-    Args:
-        sweep: the motion; noise: N m; draws: how many.
-        names: of the parameters; truth: their values; bound: Cramer-Rao deviations.
-        expected: sigma^2 (N - 4), what J is on average, (N m)^2.
-        rows: one an estimator.
+    `truth` and Cramer-Rao deviations `bound` are of the parameters `names`; `expected` is sigma^2 (N - 4),
+    what J is on average, (N m)^2.
     """
 
     sweep: Sweep
@@ -257,17 +241,18 @@ class AgreementStudy:
 
 def build_sweep_scene(sweep: Sweep) -> FrictionScene:
     """Return joint 1 of Table 1; its noise is that which leaves the paper's sum of squares."""
-    row, velocity = TABLE_1[-1], build_half_cosine(sweep.peak, sweep.samples)
-    return FrictionScene("1", row.law, row.values, velocity, math.sqrt(row.objective / sweep.samples))
+    row, count = TABLE_1[-1], sweep.samples
+    velocity = sweep.peak * np.sin(np.pi * (np.arange(count) + 0.5) / count)
+    return FrictionScene("1", row.law, row.values, velocity, math.sqrt(row.objective / count))
 
 
-def fit_estimators(scene: FrictionScene, seed: int, estimators: Sequence[str] = friction.ESTIMATORS) -> Draw:
-    """Return what estimators find for a seed's draw of a scene."""
+def fit_estimators(scene: FrictionScene, seed: int, estimators: Sequence[str] = ()) -> Draw:
+    """Return what estimators, without any named all of them, find for a seed's draw of a scene."""
     samples, law = draw_samples(scene, np.random.default_rng(seed)), get_law(scene.law)
     # A search shares no number with the noise of the same seed.
     return tuple(
         friction.fit_friction(samples, law, estimator=name, generator=np.random.default_rng((seed, 1)))
-        for name in estimators
+        for name in estimators or friction.ESTIMATORS
     )
 
 
@@ -327,13 +312,10 @@ class SearchCost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchRace:
-    """The genetic algorithm and its hybrid on one motion.
+    """The genetic algorithm and its hybrid, in this order, on the motion `title`.
 
-    Args:
-        title: of the motion; draws: how many.
-        costs: of the two, in this order.
-        fewer: draws in which the hybrid took fewer generations; cheaper: fewer evaluations of J.
-        finding: what that says of Table 2, in words.
+    `fewer` counts the draws in which the hybrid took fewer generations, `cheaper` those with fewer
+    evaluations of J; `finding` is what that says of Table 2, in words.
     """
 
     title: str
@@ -398,30 +380,26 @@ def compare_estimators(
     `seed` is that of the noise and of searches by chance; `timed`: whether each is run three times, for the
     least of the times.
     """
-    samples, law = draw_samples(scene, np.random.default_rng(seed)), get_law(scene.law)
-    runs = []
+    law, runs = get_law(scene.law), []
     for estimator in friction.ESTIMATORS:
-        seconds = math.inf
+        seconds = []
         try:
             # The first run loads packages, and any may be disturbed: the least is what it takes.
             for _ in range(3 if timed else 1):
                 begin = time.perf_counter()
-                found = friction.fit_friction(
-                    samples, law, estimator=estimator, generator=np.random.default_rng((seed, 1))
-                )
-                seconds = min(seconds, time.perf_counter() - begin)
+                (found,) = fit_estimators(scene, seed, (estimator,))
+                seconds.append(time.perf_counter() - begin)
         except UsageError as error:
             reason = "; ".join(notice.text for notice in error.notices)
             runs.append(EstimatorRun(estimator=estimator, reason=reason))
             continue
+        counts = {name: getattr(found, name) for name in ("evaluations", "solves", "iterations")}
         run = EstimatorRun(
             estimator=estimator,
             values=law.to_physical(found.linear, found.shape),
             objective=found.objective,
-            evaluations=found.evaluations,
-            solves=found.solves,
-            iterations=found.iterations,
-            seconds=seconds if timed else math.nan,
+            **counts,
+            seconds=min(seconds) if timed else math.nan,
             outcome=found.outcome.value,
             history=found.history,
         )
@@ -430,7 +408,7 @@ def compare_estimators(
     return EstimatorComparison(
         title=title,
         law=law.name,
-        samples=samples.count,
+        samples=len(scene.velocity),
         names=tuple(entry.name for entry in law.physical),
         runs=tuple(replace(run, excess=run.objective / least - 1.0) for run in runs),
     )
@@ -444,14 +422,10 @@ NOT_IDENTIFIABLE = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecoveredParameter:
-    """A parameter over all draws.
+    """A parameter over all draws, `ratio` and `bias` as in the module's equations, the Cramer-Rao `bound`.
 
-    Args:
-        name, unit: as the law has them.
-        truth, mean, deviation: of the draws; bound: Cramer-Rao deviation.
-        ratio, bias: as in the module's equations.
-        error: the largest |estimate - truth| / bound; inside: draws within three bounds.
-        identifiable: whether it is identifiable: the bound is small enough.
+    `error` is the largest |estimate - truth| / bound, `inside` counts draws within three bounds; where the
+    bound is large, it is not identifiable.
     """
 
     name: str
@@ -559,10 +533,8 @@ GainDraw = tuple[tuple[float, ...], tuple[float, ...]]
 class MeanGain:
     """A gain in percent over all draws, and its standard deviation from draw to draw.
 
-    Args:
-        role: "calibrated" where the noise was set for it, or "prediction".
-        mean, deviation: of sums of squares; rms: mean of the gain in RMS; held_out: mean on other draws.
-        paper: as printed; miss: mean - paper, in points.
+    `role` is "calibrated" where the noise was set for it, or "prediction"; `rms` the mean of the gain in RMS,
+    `held_out` that on other draws, `miss` mean - paper, in points.
     """
 
     role: str
@@ -582,16 +554,12 @@ class MeanGain:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainStudy:
-    """A row of Table 4.
+    """A row of Table 4: sums of squares in the order of `LAWS`, (N m)^2, noise in N m.
 
     Args:
-        joint: its number; noise: N m; samples, draws: how many.
-        sums: mean sums of squares in the order of `LAWS`, (N m)^2.
-        scaled: the same with one factor for the row, so that the improved law has the paper's sum.
-        paper: the printed sums.
+        sums: our means; scaled: with one factor, so that the improved law has the paper's; paper: printed.
         viscous: the gain over Coulomb + viscous, for which the noise was set.
         stribeck: the gain over the original Stribeck law, a prediction.
-        calibration: what was fitted to the paper.
     """
 
     joint: str
@@ -775,9 +743,9 @@ def list_checks(
 
 
 def _check_second(study: Recovery) -> FrictionCheck:
-    known = [parameter for parameter in study.parameters if parameter.identifiable]
-    lost = [parameter.name for parameter in study.parameters if not parameter.identifiable]
-    inside = min((parameter.inside for parameter in known), default=0)
+    known = [entry for entry in study.parameters if entry.identifiable]
+    lost = [entry.name for entry in study.parameters if not entry.identifiable]
+    inside = min((entry.inside for entry in known), default=0)
     mean = max((abs(entry.mean - entry.truth) / entry.bound for entry in known), default=0.0)
     found = f"means {mean:.2f} bounds off at most; {inside} of {study.draws} draws within 3"
     if lost:

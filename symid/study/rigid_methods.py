@@ -18,8 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from symid import dynamics
 from symid.arrays import FloatArray, compute_triangle, freeze
-from symid.codegen import Library
+from symid.codegen import Library, prepare_library
 from symid.errors import IdentifiabilityError
 from symid.excitation import FourierOptions, build_random_fourier
 from symid.identification import regression
@@ -66,11 +67,7 @@ class PrecisionScene:
 @lru_cache(maxsize=1)
 def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
     """Return the scene; the same robot gives the same numbers."""
-    from symid.codegen import prepare_library
-
     library, bodies = prepare_library(robot, backend=backend), build_bodies(robot)
-    from symid.dynamics import compute_standard_parameters
-
     stated = [entry.value for entry in (*library.card.beta, *library.card.friction)]
     known = [value for value in stated if value is not None]
     if len(known) == len(stated):
@@ -86,7 +83,7 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
             extended = np.column_stack([points, np.ones(_POINTS)])
             mass = _HEAVY * (len(bodies.stated) - index) / len(bodies.stated)
             clouds.append(mass / _POINTS * extended.T @ extended)
-        pi = compute_standard_parameters(np.array(clouds))
+        pi = dynamics.compute_standard_parameters(np.array(clouds))
         values: FloatArray = np.einsum("pnk,nk->p", bodies.links, pi)
         # Rotors as heavy as a tenth of a first link's; friction of one in its unit; no offsets.
         values = values + bodies.positive @ np.full(bodies.positive.shape[1], 0.1)
@@ -128,9 +125,7 @@ class PrecisionMethod:
     """One method over all seeds.
 
     Args:
-        method: its name.
-        ratios: root-mean-square error over the bound, of every parameter.
-        mean_ratio, worst_ratio: of these; worst: the parameter of the latter.
+        ratios: root-mean-square error over the bound, of every parameter; worst: that of the largest.
         coverage_percent: of intervals stated to hold 95 %.
         worst_price_percent: what the fit adds to the residual of the best one, at most.
         least_eigenvalue: smallest one of all pseudo-inertias of all seeds, SI; None where none were sought.

@@ -31,27 +31,15 @@ class Browser:
         read, self._out = os.pipe()
         self._in, write = os.pipe()
         ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 50) for end in (read, write)]
-        options = (
-            "--headless=new",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
-            "--hide-scrollbars",
-            "--remote-debugging-pipe",
-            f"--user-data-dir={self.folder.name}",
-            "about:blank",
-        )
+        options = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage")
+        options += ("--hide-scrollbars", "--remote-debugging-pipe", f"--user-data-dir={self.folder.name}")
         start = (
             "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); "
             "os.execv(sys.argv[3], sys.argv[3:])"
         )
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", start, *map(str, ends), find_chromium(), *options],
-            pass_fds=ends,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
+        quiet = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+        command = [sys.executable, "-c", start, *map(str, ends), find_chromium(), *options, "about:blank"]
+        self.process = subprocess.Popen(command, pass_fds=ends, **quiet)
         for end in (read, write, *ends):
             os.close(end)
         self._number, self._buffer, self._session = 0, b"", None
@@ -89,26 +77,22 @@ class Browser:
         return answer
 
     def _note(self, answer):
-        method, given = answer.get("method"), answer.get("params", {})
-        if method == "Runtime.consoleAPICalled":
-            self.messages.append(str(given["args"]))
-        elif method == "Runtime.exceptionThrown":
-            self.messages.append(str(given["exceptionDetails"].get("exception", given)))
-        elif method == "Log.entryAdded":
-            self.messages.append(given["entry"]["text"])
-        elif method == "Network.requestWillBeSent":
-            self.requests.append(given["request"]["url"])
-        elif method == "Page.loadEventFired":
-            self._loaded = True
+        given = answer.get("params", {})
+        match answer.get("method"):
+            case "Runtime.consoleAPICalled":
+                self.messages.append(str(given["args"]))
+            case "Runtime.exceptionThrown":
+                self.messages.append(str(given["exceptionDetails"].get("exception", given)))
+            case "Log.entryAdded":
+                self.messages.append(given["entry"]["text"])
+            case "Network.requestWillBeSent":
+                self.requests.append(given["request"]["url"])
+            case "Page.loadEventFired":
+                self._loaded = True
 
     def size(self, width, height, *, dark=False):
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", features=scheme)
 
@@ -129,12 +113,6 @@ class Browser:
         kinds = ["mousePressed", *["mouseMoved"] * (len(points) - 2), "mouseReleased"]
         for kind, (x, y) in zip(kinds, points, strict=True):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
-
-    def shoot(self, path):
-        size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
-        found = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
-        Path(path).write_bytes(base64.b64decode(found["data"]))
 
     def print(self, path):
         found = self.call("Page.printToPDF", printBackground=False, preferCSSPageSize=False)

@@ -13,16 +13,8 @@ from tests.browser.axe import list_findings
 
 pytestmark = pytest.mark.browser
 
-ROBOTS = (
-    "two_link",
-    "two_link_symbols",
-    "two_link_elastic",
-    "scara",
-    "puma560",
-    "panda",
-    "quadruped",
-    "ppr",
-)
+LINKS = ("two_link", "two_link_symbols", "two_link_elastic")
+ROBOTS = (*LINKS, "scara", "puma560", "panda", "quadruped", "ppr")
 
 CUT_OFF = (
     "[...document.querySelectorAll('.formula .set, .bar output')]"
@@ -31,21 +23,33 @@ CUT_OFF = (
 
 
 @pytest.fixture(scope="session")
-def pages(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("lessons")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("lessons")
 
-    def get(name):
+
+@pytest.fixture
+def visit(browser, folder):
+    """Return what opens the page of a robot, and is the browser."""
+
+    def open_page(name, width=1280, *, dark=False):
         path = folder / f"{name}.html"
-        return path if path.exists() else symid.load(name).write_lesson(path, exercises=6, seed=2).path
+        if not path.exists():
+            symid.load(name).write_lesson(path, exercises=6, seed=2)
+        browser.size(width, 900, dark=dark)
+        browser.open(path)
+        return browser
 
-    return get
+    return open_page
+
+
+LESSON = "window.lesson.identification"
+ELEMENT = "(() => { const b = document.querySelector(%r).getBoundingClientRect(); return [%s]; })()"
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_page_is_quiet_and_nothing_is_cut_off(browser, pages, name):
+def test_a_page_is_quiet_and_nothing_is_cut_off(visit, name):
     for width, dark in ((1280, False), (400, False), (1280, True)):
-        browser.size(width, 900, dark=dark)
-        browser.open(pages(name))
+        browser = visit(name, width, dark=dark)
         assert browser.run("document.fonts.ready.then(() => document.querySelectorAll('.katex').length)") > 20
         assert browser.messages == []
         assert [url for url in browser.requests if not url.startswith(("file:", "data:"))] == []
@@ -60,9 +64,8 @@ def test_a_page_is_quiet_and_nothing_is_cut_off(browser, pages, name):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_matrices_of_the_page_are_those_of_the_library(browser, pages, name):
-    browser.size(1280, 900)
-    browser.open(pages(name))
+def test_matrices_of_the_page_are_those_of_the_library(visit, name):
+    browser = visit(name)
     robot = symid.load(name)
     library = robot.compile()
     rng = np.random.default_rng(3)
@@ -76,15 +79,15 @@ def test_matrices_of_the_page_are_those_of_the_library(browser, pages, name):
         assert np.abs(np.array(browser.run("window.lesson.gravity")) - library.gravity(q, beta)).max() < 1e-9
 
 
-def test_sliders_move_the_arm(browser, pages):
-    browser.size(1280, 900)
-    browser.open(pages("two_link_symbols"))
-    before = browser.run("document.querySelector('[data-name=M1_1]').textContent")
+def test_sliders_move_the_arm(visit):
+    browser = visit("two_link_symbols")
+    shown = "document.querySelector('[data-name=M1_1]').textContent"
+    before = browser.run(shown)
     browser.run(
         "(() => { const x = document.querySelectorAll('aside .slider input')[1]; x.value = 0; "
         "x.dispatchEvent(new Event('input')); })()"
     )
-    after = browser.run("document.querySelector('[data-name=M1_1]').textContent")
+    after = browser.run(shown)
     library = symid.load("two_link_symbols").compile()
     q = np.array(browser.run("window.lesson.state.q"))
     assert abs(q[1]) < 1e-9
@@ -93,14 +96,12 @@ def test_sliders_move_the_arm(browser, pages):
     assert after == f"= {float(f'{value:.4g}'):g} kg m²"
 
 
-def test_a_torsion_that_is_dragged_gives_the_torque_of_the_joint_model(browser, pages):
-    browser.size(1280, 900)
-    browser.open(pages("two_link_elastic"))
+def test_a_torsion_that_is_dragged_gives_the_torque_of_the_joint_model(visit):
+    browser = visit("two_link_elastic")
     elasticity = load_robot("two_link_elastic").joints[0].elasticity
     assert isinstance(elasticity, Elasticity)
     browser.run("(() => { const spring = window.lesson.springs[0]; spring.reset(); })()")
-    path = [0.0, 0.012, -0.004, 0.009, -0.015, 0.02]
-    for goal in path[1:]:
+    for goal in (0.012, -0.004, 0.009, -0.015, 0.02):
         browser.run(f"window.lesson.springs[0].stepTo({goal})")
     trail = np.array(browser.run("window.lesson.springs[0].one.trail"))
     torque = compute_hysteresis_torque(elasticity, trail[:, 0])
@@ -109,15 +110,11 @@ def test_a_torsion_that_is_dragged_gives_the_torque_of_the_joint_model(browser, 
     assert np.all(np.diff(trail[:, 2] - trail[:, 3]) > -1e-6)
 
 
-def test_the_loop_follows_the_mouse(browser, pages):
-    browser.size(1280, 900)
-    browser.open(pages("two_link_elastic"))
+def test_the_loop_follows_the_mouse(visit):
+    browser = visit("two_link_elastic")
     browser.run("document.querySelector('[data-widget=hysteresis]').scrollIntoView({ block: 'center' })")
-    box = browser.run(
-        "(() => { const b = document.querySelector('[data-widget=hysteresis] svg').getBoundingClientRect(); "
-        "return [b.x, b.y, b.width, b.height]; })()"
-    )
-    x, y, width, height = box
+    box = ELEMENT % ("[data-widget=hysteresis] svg", "b.x, b.y, b.width, b.height")
+    x, y, width, height = browser.run(box)
     browser.run("window.lesson.springs[0].reset()")
     browser.drag([(x + share * width, y + height / 2) for share in (0.5, 0.7, 0.9, 0.4, 0.4)])
     trail = np.array(browser.run("window.lesson.springs[0].one.trail"))
@@ -125,10 +122,9 @@ def test_the_loop_follows_the_mouse(browser, pages):
     assert trail[-1, 0] < 0.0
 
 
-def test_formulas_are_copied_as_c(browser, pages, tmp_path):
+def test_formulas_are_copied_as_c(visit, tmp_path):
     """A program of copied formulas gives the numbers that stand beside them."""
-    browser.size(1280, 900)
-    browser.open(pages("two_link_symbols"))
+    browser = visit("two_link_symbols")
     copied = browser.run(
         "[...document.querySelectorAll('.formula')]"
         ".filter((x) => x.querySelector('[data-name]') && x.dataset.sympy)"
@@ -141,10 +137,8 @@ def test_formulas_are_copied_as_c(browser, pages, tmp_path):
     taken = {name for name, *_ in copied}
     letters = "".join(f"double {name} = {value!r};" for name, value in values if name not in taken)
     lines = "".join(f'printf("%.17g\\n", (double)({text}));' for _, text, _ in copied)
-    source = tmp_path / "copied.c"
-    source.write_text(
-        f"#include <math.h>\n#include <stdio.h>\nint main(void) {{ {letters} {lines} return 0; }}\n"
-    )
+    source, head = tmp_path / "copied.c", "#include <math.h>\n#include <stdio.h>\nint main(void)"
+    source.write_text(f"{head} {{ {letters} {lines} return 0; }}\n")
     subprocess.run(["cc", "-o", tmp_path / "copied", source, "-lm"], check=True, capture_output=True)
     done = subprocess.run([tmp_path / "copied"], check=True, capture_output=True, text=True)
     shown = dict(values)
@@ -152,9 +146,8 @@ def test_formulas_are_copied_as_c(browser, pages, tmp_path):
         assert float(line) == pytest.approx(shown[name], rel=1e-12, abs=1e-15)
 
 
-def test_a_printed_page_has_everything_open(browser, pages, tmp_path):
-    browser.size(1000, 900)
-    browser.open(pages("two_link"))
+def test_a_printed_page_has_everything_open(visit, tmp_path):
+    browser = visit("two_link")
     browser.print(tmp_path / "lesson.pdf")
     assert (tmp_path / "lesson.pdf").read_bytes().startswith(b"%PDF")
 
@@ -164,8 +157,7 @@ def test_exercises_are_marked(browser, tmp_path):
     browser.size(1280, 900)
     browser.open(page.path)
     assert browser.messages == []
-    count = browser.run("LESSON_EXERCISES.length")
-    assert count == 10
+    assert browser.run("LESSON_EXERCISES.length") == 10
     formulas = browser.run("LESSON_EXERCISES.map((one) => [Boolean(one.formula), one.answer])")
     answer = (
         "(() => { const box = document.getElementById('exercise-%d'), input = box.querySelector('input'); "
@@ -176,10 +168,13 @@ def test_exercises_are_marked(browser, tmp_path):
     for place, (is_formula, text) in enumerate(formulas, start=1):
         if is_formula and "as text " in text:
             right = text.split("as text ")[1]
-            assert browser.run(answer % (place, right)) == "right"
-            assert browser.run(answer % (place, right.replace("*", " ").replace("  ", "^"))) == "right"
-            assert browser.run(answer % (place, f"{right} + 0.001")) == "not yet"
-            assert browser.run(answer % (place, f"{right} + (")) == "the formula is not finished"
+            for typed, verdict in (
+                (right, "right"),
+                (right.replace("*", " ").replace("  ", "^"), "right"),
+                (f"{right} + 0.001", "not yet"),
+                (f"{right} + (", "the formula is not finished"),
+            ):
+                assert browser.run(answer % (place, typed)) == verdict
             itself = browser.run(
                 f"(() => {{ const right = String(LESSON_EXERCISES[{place - 1}].formula); "
                 "return LESSON_FORMULAS.find(([, formula]) => String(formula) === right)[0]; })()"
@@ -188,8 +183,7 @@ def test_exercises_are_marked(browser, tmp_path):
             assert "no letter of this lesson" in browser.run(answer % (place, "xyzzy"))
             marked += 1
     assert marked
-    script = "LESSON_EXERCISES.findIndex((one) => one.number !== undefined)"
-    place = browser.run(script)
+    place = browser.run("LESSON_EXERCISES.findIndex((one) => one.number !== undefined)")
     number = browser.run(f"LESSON_EXERCISES[{place}].number")
     assert browser.run(answer % (place + 1, f"{number:.4g}")) == "right"
     assert browser.run(answer % (place + 1, f"{number * 1.05:.4g}")) == "not yet"
@@ -232,59 +226,50 @@ def find_seen(rows):
 
 
 @pytest.mark.parametrize("name", ["two_link", "scara", "panda", "ppr"])
-def test_a_motion_identifies_what_the_regressor_of_the_library_says(browser, pages, name):
-    browser.size(1280, 900)
-    browser.open(pages(name))
+def test_a_motion_identifies_what_the_regressor_of_the_library_says(visit, name):
+    browser = visit(name)
     library = symid.load(name).compile()
-    lesson = "window.lesson.identification"
     for labels in ((), ("joint 2", "only this joint moves"), ("joint 1", "only this joint moves")):
         press(browser, *labels)
-        browser.run(f"{lesson}.plan.noise[0] = 0.03; {lesson}.start()")
+        browser.run(f"{LESSON}.plan.noise[0] = 0.03; {LESSON}.start()")
         for share in (1.0, 0.4):
-            count = browser.run(f"{lesson}.goTo(Math.round({share} * countSamples())); {lesson}.sums.count")
+            count = browser.run(f"{LESSON}.goTo(Math.round({share} * countSamples())); {LESSON}.sums.count")
             rows = build_rows(browser, library, count)
             rank, seen = find_seen(rows)
-            assert browser.run(f"{lesson}.sums.now.rank") == rank
-            assert browser.run(f"{lesson}.sums.now.seen") == seen
+            assert browser.run(f"{LESSON}.sums.now.rank") == rank
+            assert browser.run(f"{LESSON}.sums.now.seen") == seen
             lengths = np.linalg.norm(rows, axis=0)
             lengths[lengths == 0.0] = 1.0
             expected = np.linalg.norm(np.linalg.pinv(rows / lengths, rcond=1e-9), axis=1) / lengths
-            found = np.array(
-                browser.run(f"{lesson}.sums.now.deviations.map((x) => (x === Infinity ? 0 : x))")
-            )
+            finite = "deviations.map((x) => (x === Infinity ? 0 : x))"
+            found = np.array(browser.run(f"{LESSON}.sums.now.{finite}"))
             assert found[seen] == pytest.approx(expected[seen], rel=1e-9)
     assert (rank < rows.shape[1]) == (name != "two_link")
-    told = browser.run(
-        "document.querySelector('.unseen').hidden ? '' : document.querySelector('.unseen').textContent"
-    )
-    assert (f"({seen.count(False)})" in told) == (rank < rows.shape[1])
-    assert ("stands still, so link" in told) == (rank < rows.shape[1])
+    unseen = "document.querySelector('.unseen')"
+    told = browser.run(f"{unseen}.hidden ? '' : {unseen}.textContent")
+    for text in (f"({seen.count(False)})", "stands still, so link"):
+        assert (text in told) == (rank < rows.shape[1])
 
 
-def test_deviations_fall_as_a_motion_is_played_and_points_are_dragged(browser, pages):
-    browser.size(1280, 900)
-    browser.open(pages("two_link"))
-    lesson = "window.lesson.identification"
-    shown = [
-        browser.run(f"{lesson}.goTo({count}); {lesson}.sums.now.deviations") for count in (100, 300, 500)
-    ]
+def test_deviations_fall_as_a_motion_is_played_and_points_are_dragged(visit):
+    browser = visit("two_link")
+    steps = (f"{LESSON}.goTo({count}); {LESSON}.sums.now.deviations" for count in (100, 300, 500))
+    shown = list(map(browser.run, steps))
     assert np.all(np.diff(shown, axis=0) < 0.0)
     press(browser, "play the motion")
-    assert browser.run(f"{lesson}.sums.count") < 200
+    assert browser.run(f"{LESSON}.sums.count") < 200
     browser.run(
         "document.querySelector('[data-widget=identification] circle').scrollIntoView({ block: 'center' })"
     )
-    x, y = browser.run(
-        "(() => { const b = document.querySelector('[data-widget=identification] circle')"
-        ".getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; })()"
-    )
-    before = browser.run(f"{lesson}.plan.points[0]")
+    middle = "b.x + b.width / 2, b.y + b.height / 2"
+    x, y = browser.run(ELEMENT % ("[data-widget=identification] circle", middle))
+    before = browser.run(f"{LESSON}.plan.points[0]")
     browser.drag([(x, y), (x, y - 20), (x, y - 40), (x, y - 40)])
     browser.run("new Promise((done) => setTimeout(done, 200))")
-    after = browser.run(f"{lesson}.plan.points[0]")
-    assert after[0] > before[0] + 0.3
-    assert after[1:] == before[1:]
-    assert browser.run(f"{lesson}.sums.count") == 500
+    first, *rest = browser.run(f"{LESSON}.plan.points[0]")
+    assert first > before[0] + 0.3
+    assert rest == before[1:]
+    assert browser.run(f"{LESSON}.sums.count") == 500
 
 
 def test_the_motion_of_a_log_is_one_to_play(browser, tmp_path):
@@ -292,18 +277,17 @@ def test_the_motion_of_a_log_is_one_to_play(browser, tmp_path):
     path = robot.simulate(duration=6.0, seed=1).log.save(tmp_path / "run.npz")
     browser.size(1280, 900)
     browser.open(robot.write_lesson(tmp_path / "lesson.html", log=path).path)
-    lesson = "window.lesson.identification"
     press(browser, "the motion of run.npz")
-    count = browser.run(f"{lesson}.sums.count")
+    count = browser.run(f"{LESSON}.sums.count")
     assert count == 291
     samples = np.array(browser.run("D.log.samples"))
     rows = robot.compile().torque_regressor(*samples.transpose(1, 0, 2)) / 0.1
     rows = rows.reshape(-1, rows.shape[-1])
-    assert browser.run(f"{lesson}.sums.now.rank") == rows.shape[1]
+    assert browser.run(f"{LESSON}.sums.now.rank") == rows.shape[1]
     expected = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
-    assert browser.run(f"{lesson}.sums.now.deviations") == pytest.approx(expected, rel=1e-9)
+    assert browser.run(f"{LESSON}.sums.now.deviations") == pytest.approx(expected, rel=1e-9)
     assert browser.run("document.documentElement.scrollWidth") <= 1280
     assert list_findings(browser) == []
     press(browser, "only this joint moves")
-    assert browser.run(f"{lesson}.plan.log") is False
+    assert browser.run(f"{LESSON}.plan.log") is False
     assert browser.messages == []

@@ -55,11 +55,14 @@ MEMBERS = {key: value for name in CLASSES for key, value in list_members(name).i
 FUNCTIONS = PLAIN | MEMBERS
 
 
+def list_untold(names, text):
+    """Return the names that a docstring says nothing of."""
+    return [name for name in names if not re.search(rf"^ +{name}: |`{name}`", text, re.MULTILINE)]
+
+
 def find_undescribed(function):
-    """Return the parameters that the docstring says nothing of."""
-    text = inspect.getdoc(function) or ""
-    named = [name for name in inspect.signature(function).parameters if name not in {"self", "cls"}]
-    return [name for name in named if not re.search(rf"^ +{name}: |`{name}`", text, re.MULTILINE)]
+    names = [name for name in inspect.signature(function).parameters if name not in {"self", "cls"}]
+    return list_untold(names, inspect.getdoc(function) or "")
 
 
 def begins_with_one_line(name):
@@ -84,17 +87,10 @@ def test_arguments_that_are_not_described_are_found():
 
 
 def test_every_field_is_described():
-    owners = [find(name) for name in CLASSES if name not in ERRORS]
-    missing = []
-    for owner in filter(dataclasses.is_dataclass, owners):
+    for owner in filter(dataclasses.is_dataclass, (find(name) for name in CLASSES if name not in ERRORS)):
         text = "".join(inspect.getdoc(kind) or "" for kind in owner.__mro__ if kind is not object)
         fields = [field.name for field in dataclasses.fields(owner) if not field.name.startswith("_")]
-        missing += [
-            f"{owner.__name__}.{name}"
-            for name in fields
-            if not re.search(rf"^ +{name}: |`{name}`", text, re.MULTILINE)
-        ]
-    assert missing == []
+        assert list_untold(fields, text) == [], owner
 
 
 def test_every_name_has_an_example():
@@ -114,8 +110,8 @@ for each in WITH_EXAMPLES:
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_examples_run(name, tmp_path, monkeypatch, c_compiler):
-    assert c_compiler
+@pytest.mark.usefixtures("c_compiler")
+def test_examples_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     share_simulations(monkeypatch)
     example = doctest.DocTestParser().get_doctest(EXAMPLES[name], {}, name, None, 0)

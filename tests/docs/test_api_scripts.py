@@ -36,54 +36,41 @@ def test_a_page_shows_its_scripts(page):
 
 def test_there_are_twelve_short_ones():
     assert [int(path.name[:2]) for path in SHORT] == list(range(1, 13))
-
-
-@pytest.mark.parametrize("path", SHORT, ids=lambda path: path.stem)
-def test_scripts_are_short(path):
     # All that is written counts, the sentence at the head and the imports too; empty lines do not.
-    lines = path.read_text(encoding="utf-8").splitlines()
-    assert 0 < len([line for line in lines if line.strip()]) <= MOST_LINES
+    for path in SHORT:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        assert 0 < len([line for line in lines if line.strip()]) <= MOST_LINES, path
 
 
-@pytest.fixture(scope="module")
-def printed(tmp_path_factory, c_compiler):
-    """Run all scripts, each in a folder of its own with the files of the page on one's own robot."""
+@pytest.fixture
+def folder(tmp_path, c_compiler):
+    """Return a folder with the files of the page on one's own robot."""
     assert c_compiler
-    pairs = []
-    for script, *_ in STEPS:
-        folder = tmp_path_factory.mktemp(script.stem)
-        for file in (PROJECT / "docs" / "own_robot").iterdir():
-            shutil.copy(file, folder)
-        pairs.append((script, folder))
-    with pytest.MonkeyPatch.context() as patch:
-        share_simulations(patch)
-        answers = run_scripts(pairs, Path(os.environ["XDG_CACHE_HOME"]))
-    return dict(zip((script for script, _ in pairs), answers, strict=True))
+    return shutil.copytree(PROJECT / "docs" / "own_robot", tmp_path / "work")
 
 
 @pytest.mark.parametrize(("script", "page", "number"), STEPS, ids=[script.stem for script, *_ in STEPS])
-def test_scripts_print_what_the_page_shows(script, page, number, printed):
-    assert not compare(read_steps(page)[number][1], printed[script]), printed[script]
+def test_scripts_print_what_the_page_shows(script, page, number, folder, monkeypatch):
+    share_simulations(monkeypatch)
+    (printed,) = run_scripts([(script, folder)], Path(os.environ["XDG_CACHE_HOME"]))
+    assert not compare(read_steps(page)[number][1], printed), printed
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/api/index.md"])
-def test_short_blocks_run(page, tmp_path, c_compiler):
-    assert c_compiler
-    for file in (PROJECT / "docs" / "own_robot").iterdir():
-        shutil.copy(file, tmp_path)
+def test_short_blocks_run(page, folder):
     draft = symid.new_robot(
-        urdf=tmp_path / "arm.urdf",
-        log=tmp_path / "training.csv",
+        urdf=folder / "arm.urdf",
+        log=folder / "training.csv",
         friction="coulomb-viscous-offset",
         rotors=True,
         torque_constant=[0.11, 0.11, 0.062],
     )
-    draft.save(tmp_path / "arm.toml")
+    draft.save(folder / "arm.toml")
     (block,) = BLOCK.findall((PROJECT / page).read_text(encoding="utf-8"))
-    (tmp_path / "block.py").write_text(block, encoding="utf-8")
-    (found,) = run_scripts([(tmp_path / "block.py", tmp_path)], Path(os.environ["XDG_CACHE_HOME"]))
+    (folder / "block.py").write_text(block, encoding="utf-8")
+    (found,) = run_scripts([(folder / "block.py", folder)], Path(os.environ["XDG_CACHE_HOME"]))
     assert "MXR2" in found
-    assert (tmp_path / "arm_identified.urdf").exists()
+    assert (folder / "arm_identified.urdf").exists()
 
 
 def test_a_wrong_page_is_found():

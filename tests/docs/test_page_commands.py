@@ -173,17 +173,13 @@ def test_the_quick_start(folder):
     assert done.returncode == 0, done.stderr
 
 
-def test_lessons(folder):
+def test_lessons_urdf_and_mjcf(folder):
     call(folder, "symid derive two_link_symbols --html lesson.html --exercises 8 --seed 3")
     (folder / "lesson.html").unlink()
     assert walk("lessons.md", folder)
-
-
-def test_urdf_and_mjcf(folder):
     text = (folder / "two.urdf").read_text("utf-8").replace("elbow_link", "wrist_link")
     (folder / "two.urdf").write_text(text, "utf-8")
-    printed = walk("urdf.md", folder)
-    assert "no mistakes" in printed["symid check arm.urdf"]
+    assert "no mistakes" in walk("urdf.md", folder)["symid check arm.urdf"]
 
 
 def test_parts_and_runs_of_logs(folder):
@@ -198,24 +194,19 @@ def test_parts_and_runs_of_logs(folder):
     assert found == [2, 1]
 
 
-def add_link(text, name, inertial=""):
-    """Return the URDF of the arm with one more link, fixed to the forearm."""
-    place = '<origin xyz="0.2 0 0"/><parent link="forearm"/><child link="NAME"/>'
-    joint = f'<joint name="to_NAME" type="fixed">{place}</joint>'
-    more = f'<link name="NAME">{inertial}</link>{joint}</robot>'.replace("NAME", name)
-    return text.replace("</robot>", more)
-
-
-BODY = (
-    '<inertial><origin xyz="0.02 0.01 0.04"/><mass value="0.8"/>'
-    '<inertia ixx="0.002" iyy="0.002" izz="0.003" ixy="0" ixz="0" iyz="0"/></inertial>'
-)
+LINK = """<link name="NAME">BODY</link><joint name="to_NAME" type="fixed"><origin xyz="0.2 0 0"/>
+<parent link="forearm"/><child link="NAME"/></joint></robot>"""
+"""One more link of the arm, fixed to the forearm."""
+BODY = """<inertial><origin xyz="0.02 0.01 0.04"/><mass value="0.8"/>
+<inertia ixx="0.002" iyy="0.002" izz="0.003" ixy="0" ixz="0" iyz="0"/></inertial>"""
 
 
 def test_export_and_payload(folder):
     call(folder, "symid identify two_link log.npz --rows friction --model stribeck -o friction.json")
-    arm = add_link((DOCS / "own_robot" / "arm.urdf").read_text("utf-8"), "flange")
-    for name, text in (("arm", arm), ("carrier", arm), ("heavy", add_link(arm, "load", BODY))):
+    arm = (DOCS / "own_robot" / "arm.urdf").read_text("utf-8")
+    arm = arm.replace("</robot>", LINK.replace("NAME", "flange").replace("BODY", ""))
+    heavy = arm.replace("</robot>", LINK.replace("NAME", "load").replace("BODY", BODY))
+    for name, text in (("arm", arm), ("carrier", arm), ("heavy", heavy)):
         (folder / f"{name}.urdf").write_text(text, "utf-8")
     for name, robot in (("training.csv", "arm"), ("loaded.npz", "heavy"), ("empty.npz", "carrier")):
         call(folder, f"symid simulate {robot}.urdf --duration 6 --noise 0.05 -o {name}")
@@ -230,18 +221,13 @@ def test_export_and_payload(folder):
     np.testing.assert_allclose(found[:4], [0.8, 0.02, 0.01, 0.04], atol=0.01)
 
 
-def list_printed(text):
-    """Return the numbers with a decimal point that were printed."""
-    return {float(number) for number in re.findall(r"-?\d+\.\d+", text)}
-
-
 def test_friction_of_the_emps(folder, shared_data):
     printed = walk("command_line.md", folder, shared_data)
-    fitted, unseen = (text for command, text in printed.items() if "emps" in command)
+    tried = [text for command, text in printed.items() if "emps" in command]
     page = (DOCS / "command_line.md").read_text("utf-8")
     (row,) = re.findall(r"^\| `asymmetric` \| (\S+) % \| (\S+) % \|$", page, re.MULTILINE)
-    for said, text in zip(map(float, row), (fitted, unseen), strict=True):
-        assert min(abs(said - number) for number in list_printed(text)) < 0.006
+    for said, text in zip(map(float, row), tried, strict=True):
+        assert min(abs(said - float(number)) for number in re.findall(r"-?\d+\.\d+", text)) < 0.006
 
 
 def test_results_on_real_robots(folder, shared_data):

@@ -77,14 +77,8 @@ def test_locks_name_all_that_environments_need_in_one_version_with_hashes():
     project, locks = SETTINGS["project"], {path.stem: read_lock(path.stem) for path in LOCKS}
     assert {"core", "dev", "docs"} < set(locks)
     for name, lock in locks.items():
-        assert all(
-            re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", entry) for _, kept in lock.values() for entry in kept
-        )
-        assert {
-            package: lock[package]
-            for package in lock
-            if locks["dev"].get(package, lock[package]) != lock[package]
-        } == {}, name
+        assert all(re.fullmatch(r"(--hash=sha256:[0-9a-f]{64})+", "".join(kept)) for _, kept in lock.values())
+        assert not [one for one in lock if locks["dev"].get(one, lock[one]) != lock[one]], name
     for name, extras in {"core": (), "dev": ("dev", "docs"), "docs": ("docs",)}.items():
         wanted = [*project["dependencies"], *SETTINGS["build-system"]["requires"]]
         wanted += [line for extra in extras for line in project["optional-dependencies"][extra]]

@@ -31,11 +31,7 @@ def read_joint_state(data):
         return values
 
     def read_text():
-        nonlocal place
-        (length,) = read("I")
-        text = data[place : place + length - 1].decode()
-        place += length
-        return text
+        return b"".join(read("c", *read("I"))).rstrip(b"\0").decode()
 
     read_text()
     names = [read_text() for _ in range(*read("I"))]
@@ -69,10 +65,9 @@ def table(shared_data, tmp_path):
 
 
 def test_efforts_of_the_ur10_are_torques(capsys, table):
-    options = ("--friction", "viscous_coulomb_offset", "--cutoff", "10", "--decimate", "6")
-    log = table("ur10")
-    call = ("identify", "ur10", log, "--settings", "bag", "--estimator", "wls")
-    code, answer = call_json(capsys, *call, *options)
+    log, options = table("ur10"), ["--settings", "bag", "--estimator", "wls", "--cutoff", "10"]
+    options += ["--decimate", "6", "--friction", "viscous_coulomb_offset"]
+    code, answer = call_json(capsys, "identify", "ur10", log, *options)
     assert code == 0
     found = {entry["name"]: entry["value"] for entry in answer["result"]["parameters"]}
     outer = sum(UR10_MASSES[2:])
@@ -82,10 +77,9 @@ def test_efforts_of_the_ur10_are_torques(capsys, table):
     outer -= UR10_MASSES[2]
     assert found["MXR3"] == pytest.approx(UR10_MASSES[2] * (FOREARM + CENTRE_3) + FOREARM * outer, rel=0.04)
     # Read as motor currents, they are beyond what the joints can do.
-    _, answer = call_json(capsys, "check", "ur10", log, "--settings", "ros")
-    assert "log.torque-beyond-limit" in {entry["code"] for entry in answer["warnings"]}
-    _, answer = call_json(capsys, "check", "ur10", log, "--settings", "bag")
-    assert "log.torque-beyond-limit" not in {entry["code"] for entry in answer["warnings"]}
+    for settings, beyond in (("ros", True), ("bag", False)):
+        _, answer = call_json(capsys, "check", "ur10", log, "--settings", settings)
+        assert ("log.torque-beyond-limit" in {entry["code"] for entry in answer["warnings"]}) is beyond
 
 
 def test_the_recording_of_the_panda_is_read(capsys, table):

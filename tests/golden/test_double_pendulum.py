@@ -1,20 +1,11 @@
-"""Double pendulum of the DFKI: the robot file's parameters, its zero, and its recordings read as they are."""
+"""Double pendulum of the DFKI: its zero, and its recordings read as they are."""
 
 import numpy as np
 import pytest
 
 import symid
-from symid.dynamics.base_parameters import derive_base_parameters
-from symid.robot.toml_reader import read_robot
 
 BASE = ("ZZR1", "MXR1", "MY1", "ZZ2", "MX2", "MY2", "IA2")
-FRICTION = ("Fv1", "Fc1", "Fv2", "Fc2")
-
-
-def test_its_parameters_are_those_of_the_textbook(robots_folder):
-    base = derive_base_parameters(read_robot(robots_folder / "double_pendulum.toml"))
-    assert tuple(entry.name for entry in base.parameters) == BASE
-    assert tuple(entry.name for entry in base.friction) == FRICTION
 
 
 def test_it_hangs_down_at_zero():

@@ -126,34 +126,30 @@ def test_pulses_that_no_one_told_of_are_noticed_and_told_ones_are_not(emps, emps
     # A third of the log: eight seconds.
     unseen = cut_recording(emps_logs[1], slice(8280))
     pulses = 35.15065188 * unseen.extras["pulses_N"].reshape(-1, 1)
-    silent = identify_closed_loop("output-error", emps, emps_library, [unseen])
-    told = identify_closed_loop("output-error", emps, emps_library, [replace(unseen, feedforward=pulses)])
-    assert any(notice.code == "identify.tracking" for notice in silent.notices)
-    assert not any(notice.code == "identify.tracking" for notice in told.notices)
-    assert silent.mean_relative_percent > 30.0
+    silent, told = (
+        identify_closed_loop("output-error", emps, emps_library, [log])
+        for log in (unseen, replace(unseen, feedforward=pulses))
+    )
+    assert "identify.tracking" in {notice.code for notice in silent.notices}
+    assert "identify.tracking" not in {notice.code for notice in told.notices}
     assert told.mean_relative_percent < 7.0
+    assert silent.mean_relative_percent > 30.0
 
 
 def test_the_unseen_log_is_foretold_better_than_by_least_squares(estimate, emps, emps_library, emps_logs):
     fitted, unseen = emps_logs
     usual = identify_parameters(emps_library, [fitted], emps.processing)
-    errors, residuals = [], []
-    for found in (usual, estimate):
-        errors.append(forecast(emps_library, found.assemble(NAMES), unseen))
-        residuals.append(
-            validate_estimate(found, emps_library, unseen, emps.processing).mean_relative_percent
-        )
+    fits = (usual, estimate)
+    errors = [forecast(emps_library, found.assemble(NAMES), unseen) for found in fits]
+    trials = (validate_estimate(found, emps_library, unseen, emps.processing) for found in fits)
+    residuals = [trial.mean_relative_percent for trial in trials]
     assert errors[0] == pytest.approx(8.82e-3, rel=0.02)
     assert errors[1] < 0.97 * errors[0]
     assert residuals[1] < 0.995 * residuals[0]
 
 
-@pytest.fixture(scope="module")
-def instrumental(emps, emps_library, emps_logs):
-    return identify_closed_loop("instrumental", emps, emps_library, emps_logs[:1])
-
-
-def test_values_by_instruments_are_those_that_were_published(instrumental):
+def test_instruments_give_what_was_published_and_need_no_decimation(emps, emps_library, emps_logs):
+    instrumental = identify_closed_loop("instrumental", emps, emps_library, emps_logs[:1])
     deviations = np.array([entry.std for entry in instrumental.parameters])
     values = instrumental.assemble(NAMES)
     assert np.all(np.abs(values - PUBLISHED) < 0.5 * deviations)
@@ -164,10 +160,7 @@ def test_values_by_instruments_are_those_that_were_published(instrumental):
     assert not told["wls"]["biased"]
     assert max(map(abs, told["wls"]["shifts"].values())) < 0.5
     assert f"{instrumental.mean_relative_percent:.2f}" == "4.08"
-
-
-def test_without_decimation_wls_loses_mass_and_this_does_not(instrumental, emps, emps_library, emps_logs):
-    """Every sample of positions that pass 450 Hz: noise of accelerations draws the mass of wls down."""
+    # Every sample of positions that pass 450 Hz: noise of accelerations draws the mass of wls down.
     raw = replace(emps.processing, filter_cutoff=450.0, decimation=Decimation())
     fast = identify_closed_loop("instrumental", replace(emps, processing=raw), emps_library, emps_logs[:1])
     usual = identify_parameters(emps_library, emps_logs[:1], raw, estimator="wls")
@@ -176,7 +169,6 @@ def test_without_decimation_wls_loses_mass_and_this_does_not(instrumental, emps,
     assert usual.assemble(("M1",))[0] < expected - deviation
     assert [f"{value:.2f}" for value in fast.assemble(NAMES)] == ["95.17", "204.63", "20.29", "-3.17"]
     assert [f"{value:.2f}" for value in usual.assemble(NAMES)] == ["94.99", "204.55", "20.29", "-3.17"]
-    told = fast.settings["fit"]["wls"]
-    assert told["biased"]
-    assert told["shifts"]["M1"] < -3.0
+    assert fast.settings["fit"]["wls"]["biased"]
+    assert fast.settings["fit"]["wls"]["shifts"]["M1"] < -3.0
     assert "identify.biased-wls" in {notice.code for notice in fast.notices}

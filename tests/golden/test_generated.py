@@ -3,10 +3,6 @@
 After a change on purpose: `python generated/regenerate.py`, and read the difference.
 """
 
-import os
-import subprocess
-import sys
-
 import pytest
 
 from symid.codegen.c_library import generate_c_library
@@ -35,24 +31,3 @@ def test_committed_sample_equals_what_is_generated(project, target):
     assert sorted(found.keys() - wanted.keys()) == [], "extra; run generated/regenerate.py"
     different = sorted(path for path, content in wanted.items() if found[path] != content)
     assert different == [], "run generated/regenerate.py and read the difference"
-
-
-SCRIPT = """
-import hashlib, sys
-from pathlib import Path
-from symid.codegen.c_library import generate_c_library
-from symid.codegen.casadi_functions import build_functions
-from symid.robot.toml_reader import read_robot
-sources = generate_c_library(build_functions(read_robot(Path(sys.argv[1]))))
-print(hashlib.sha256(repr(sources).encode()).hexdigest())
-"""
-
-
-def test_bytes_do_not_depend_on_the_hash_seed(project):
-    digests = set()
-    for seed in ("0", "4242"):
-        environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(project)}
-        command = [sys.executable, "-c", SCRIPT, str(project / "robots" / "two_link.toml")]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        digests.add(done.stdout)
-    assert len(digests) == 1

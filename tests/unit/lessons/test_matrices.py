@@ -1,34 +1,14 @@
 """The matrices of lessons: exact identities, the trees of textbooks read back, names put in again."""
 
+from itertools import chain
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from sympy import sympify
 
 import symid
-from symid.lessons.matrices import (
-    build_model,
-    check_composites,
-    check_mass_is_curvature,
-    check_newton_euler,
-    check_power,
-    check_skew,
-    derive_composites,
-    derive_equations,
-    name_lengths,
-)
-from symid.lessons.textbook import (
-    BOOK_NAMES,
-    build_angle_sums,
-    build_style,
-    expand_sum,
-    get_book,
-    list_chains,
-    write_code,
-    write_latex,
-    write_sum,
-    write_text,
-)
+from symid.lessons import matrices, textbook
 from symid.robot import load_robot
 from tests.chains import PI, build_chain
 
@@ -38,80 +18,62 @@ LONG = ("scara", "panda", "quadruped", "stanford")
 
 @pytest.fixture(scope="module", params=SHORT)
 def equations(request):
-    return derive_equations(build_model(load_robot(request.param)))
+    return matrices.derive_equations(matrices.build_model(load_robot(request.param)))
 
 
 def test_identities_hold_and_what_is_written_is_what_was_derived(equations):
-    assert check_mass_is_curvature(equations)
-    assert check_skew(equations)
-    assert check_newton_euler(equations)
-    assert check_power(equations)
-    model = equations.model
-    values = [
-        *equations.gravity,
-        *equations.christoffel.values(),
-        *(x for row in equations.mass for x in row),
-    ]
-    for value in (*values, equations.kinetic, equations.potential):
-        assert expand_sum(write_sum(value, model.sums), model.algebra) == value
+    for check in (
+        matrices.check_mass_is_curvature,
+        matrices.check_skew,
+        matrices.check_newton_euler,
+        matrices.check_power,
+    ):
+        assert check(equations)
+    model, energies = equations.model, (equations.kinetic, equations.potential)
+    values = [*equations.gravity, *equations.christoffel.values(), *chain.from_iterable(equations.mass)]
+    for value in (*values, *energies):
+        assert textbook.expand_sum(textbook.write_sum(value, model.sums), model.algebra) == value
 
 
 @pytest.mark.parametrize("name", LONG)
 def test_names_put_in_give_the_matrices(name):
-    composites = derive_composites(load_robot(name))
-    assert check_composites(composites)
+    composites = matrices.derive_composites(load_robot(name))
+    assert matrices.check_composites(composites)
     # Short enough to read: no element and no definition has more than twenty products.
-    sums = [write_sum(x, composites.model.sums) for x in (*composites.mass.values(), *composites.gravity)]
-    sums += [write_sum(entry.value, composites.model.sums) for entry in composites.definitions]
+    sums = [
+        textbook.write_sum(x, composites.model.sums) for x in (*composites.mass.values(), *composites.gravity)
+    ]
+    sums += [textbook.write_sum(entry.value, composites.model.sums) for entry in composites.definitions]
     assert max(total.count_terms() for total in sums) <= 20
-
-
-def test_every_element_of_the_puma_is_the_exact_polynomial():
-    """All names put in, the elements of M are the polynomials of the composite bodies, term by term."""
-    robot = load_robot("puma560")
-    composites, found = derive_composites(robot), derive_equations(build_model(robot, "base"))
-    model, ring = composites.model, found.model.algebra
-    known = ring.generators
-    values = {str(x): known.get(str(x)) for x in model.algebra.ring.symbols}
-
-    def put(polynomial):
-        total = ring.zero
-        for exponents, coefficient in polynomial.terms():
-            term = ring.one * coefficient
-            for symbol, power in zip(polynomial.ring.symbols, exponents, strict=True):
-                for _ in range(power):
-                    term = ring.mul(term, values[str(symbol)])
-            total += term
-        return total
-
-    for entry in composites.definitions:
-        values[entry.name] = put(entry.value)
-    for (i, j), value in composites.mass.items():
-        assert put(value) == found.mass[i][j]
-    assert [put(value) for value in composites.gravity] == list(found.gravity)
 
 
 def test_textbook_forms_chains_and_named_lengths():
     arm = build_chain(
         [(0.0, 0, 0, "q"), (0.0, "L1", 0, "q"), (0.0, "L2", 0, "q")], gravity=("0", "-9.81", "0")
     )
-    found = derive_equations(build_model(arm))
-    texts = [write_text(write_sum(value, found.model.sums)) for value in (found.mass[1][2], found.gravity[2])]
+    found = matrices.derive_equations(matrices.build_model(arm))
+    texts = [
+        textbook.write_text(textbook.write_sum(value, found.model.sums))
+        for value in (found.mass[1][2], found.gravity[2])
+    ]
     assert texts == ["ZZ3 + L2*(MX3*c3 - MY3*s3)", "g*(MX3*c123 - MY3*s123)"]
-    latex = write_latex(write_sum(found.gravity[2], found.model.sums), build_style(get_book("khalil")))
+    latex = textbook.write_latex(
+        textbook.write_sum(found.gravity[2], found.model.sums),
+        textbook.build_style(textbook.get_book("khalil")),
+    )
     assert latex == r"g \, (\mathit{MX}_{3} \, C_{123} - \mathit{MY}_{3} \, S_{123})"
     arm = build_chain(
         [(0.0, 0, 0, "q"), (PI, 0.3, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.2, "q", 0.0), (0.0, 0.1, 0, "q")]
     )
-    assert list_chains(arm) == (((1, 1), (2, -1)), ((3, 1), (5, 1)))
+    assert textbook.list_chains(arm) == (((1, 1), (2, -1)), ((3, 1), (5, 1)))
     robot = load_robot("panda")
-    named, lengths = name_lengths(robot)
+    named, lengths = matrices.name_lengths(robot)
     assert lengths["a4"] == 0.0825
     assert lengths["a5"] == -0.0825
     assert dict(named.symbols)["g"] == 9.81
     # The notice is usage.notation.
     with pytest.raises(symid.UsageError, match="one of symid, siciliano, craig, khalil"):
-        get_book("spong")
+        textbook.get_book("spong")
 
 
 @settings(deadline=None, max_examples=15)
@@ -121,7 +83,7 @@ def test_textbook_forms_chains_and_named_lengths():
 )
 def test_any_polynomial_is_written_without_loss(terms, seed):
     arm = build_chain([(0.0, 0, 0, "q"), (PI, 0.5, 0, "q"), (0.0, 0.4, 0, "q")])
-    model = build_model(arm, "base")
+    model = matrices.build_model(arm, "base")
     known, algebra, value = model.algebra.generators, model.algebra, model.algebra.zero
     for number, *powers in terms:
         term = algebra.one * number
@@ -129,11 +91,11 @@ def test_any_polynomial_is_written_without_loss(terms, seed):
             for _ in range(power):
                 term = algebra.mul(term, known[name])
         value += term
-    total = write_sum(value, build_angle_sums(arm))
-    assert expand_sum(total, algebra) == value
+    total = textbook.write_sum(value, textbook.build_angle_sums(arm))
+    assert textbook.expand_sum(total, algebra) == value
     q = np.random.default_rng(seed).uniform(-3, 3, 3)
     point = {f"q{k}": float(x) for k, x in enumerate(q, 1)}
-    written = sympify(write_code(total)).evalf(30, subs=point)
+    written = sympify(textbook.write_code(total)).evalf(30, subs=point)
     direct = sum(
         n
         * np.prod(
@@ -144,12 +106,12 @@ def test_any_polynomial_is_written_without_loss(terms, seed):
     assert float(written) == pytest.approx(float(direct), abs=1e-11)
 
 
-@pytest.mark.parametrize("book", BOOK_NAMES)
+@pytest.mark.parametrize("book", textbook.BOOK_NAMES)
 def test_every_book_writes_every_robot(book):
     for name in ("two_link", "two_link_symbols", "rrp_twisted"):
         robot = load_robot(name)
         for form in ("base", "bodies", None):
-            found = derive_equations(build_model(robot, form))
-            style = build_style(get_book(book))
-            text = write_latex(write_sum(found.mass[0][0], found.model.sums), style)
+            found = matrices.derive_equations(matrices.build_model(robot, form))
+            style = textbook.build_style(textbook.get_book(book))
+            text = textbook.write_latex(textbook.write_sum(found.mass[0][0], found.model.sums), style)
             assert text.count("{") == text.count("}")

@@ -61,11 +61,6 @@ def test_cells_of_every_kind_of_robot_run(name, tmp_path):
     assert "skew" in names
 
 
-@pytest.mark.usefixtures("unexecuted")
-def test_the_same_robot_gives_the_same_notebook(tmp_path):
-    assert write("two_link", tmp_path) == write("two_link", tmp_path)
-
-
 def test_long_sums_break_at_their_outermost_level():
     group = r"(a_{1} \, b_{1} - c_{1})"
     terms = [rf"x_{{{k}}} \, {group}" for k in range(20)]

@@ -1,5 +1,4 @@
 import math
-import xml.etree.ElementTree as ET
 from dataclasses import fields, replace
 
 import numpy as np
@@ -10,24 +9,15 @@ from symid import __version__
 from symid.errors import Notice
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
+from symid.report import pages
 from symid.report.blocks import split_sections
-from symid.report.figures import Axis, Line, build_histogram, build_line_figure, thin_line
+from symid.report.figures import build_histogram, thin_line
 from symid.report.identification_page import build_identification_page
-from symid.report.pages import (
-    TEMPLATE,
-    Page,
-    build_environment,
-    format_pair,
-    format_percent,
-    render_page,
-    write_page,
-)
 from symid.report.verdict import QUANTITIES, judge_identification
 from symid.robot.description import Processing
 from tests.pages import PageReader
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
-SVG = "{http://www.w3.org/2000/svg}"
 NOISE = (0.5, 0.2)
 
 
@@ -44,16 +34,16 @@ def result():
 
 
 def test_context_and_template_have_the_same_names():
-    environment = build_environment()
-    tree = environment.parse(environment.loader.get_source(environment, TEMPLATE)[0])
+    environment = pages.build_environment()
+    tree = environment.parse(environment.loader.get_source(environment, pages.TEMPLATE)[0])
     made = {"shown": "blocks", "folded": "more", "live": "blocks"}
     found = {made.get(name, name) for name in meta.find_undeclared_variables(tree)}
-    assert found == {field.name for field in fields(Page)}
+    assert found == {field.name for field in fields(pages.Page)}
 
 
 def test_the_page_needs_nothing_else(tmp_path, result):
     estimate, validation = result
-    path = write_page(tmp_path / "report.html", build_identification_page(estimate, (validation,)))
+    path = pages.write_page(tmp_path / "report.html", build_identification_page(estimate, (validation,)))
     text = path.read_text(encoding="utf-8")
     reader = PageReader(text)
     assert sorted(reader.links) == sorted(f"#{anchor}" for anchor in reader.anchors)
@@ -67,16 +57,13 @@ def test_the_page_needs_nothing_else(tmp_path, result):
 
 def test_names_are_escaped_origin_is_told_and_tables_scroll(result):
     estimate, validation = result
-    text = render_page(build_identification_page(estimate, (validation,)))
+    notices = (Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz"),)
+    options = {"notices": notices, "origin": ("robot arm of arm.toml",)}
+    text = pages.render_page(build_identification_page(estimate, (validation,), **options))
     assert "&lt;log 7&gt;" in text
     assert "<log 7>" not in text
-    notices = (Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz"),)
-    text = render_page(
-        build_identification_page(estimate, (validation,), notices=notices, origin=("robot arm of arm.toml",))
-    )
     assert "a.npz: torque: multiplied by 2" in text
     assert f"Written by symid {__version__}; robot arm of arm.toml." in text
-    text = render_page(build_identification_page(estimate, (validation,)))
     # That of the settings breaks its lines.
     assert text.count("<table>") == text.count('<div class="scroll"') + 1 == 7
 
@@ -95,7 +82,6 @@ def test_every_parameter_is_shown_or_its_refusal_said(result):
     assert ("processing.drop_first", "5") in page.settings
     title = find_section(page.blocks, "Held-out log <log 7>").title
     assert title.endswith(f": {validation.mean_relative_percent:.4f} %")
-    estimate, _ = result
     partial = replace(estimate, refused=(("Fc2", "it never moved"),))
     page = build_identification_page(partial)
     assert any(getattr(block, "rows", ()) == partial.refused for block in page.blocks)
@@ -103,90 +89,46 @@ def test_every_parameter_is_shown_or_its_refusal_said(result):
     assert "--validation" in page.blocks[-1]
 
 
-def test_the_same_result_gives_the_same_page(tmp_path, result):
-    estimate, validation = result
-    pages = [build_identification_page(estimate, (validation,)) for _ in range(2)]
-    first = write_page(tmp_path / "a.html", pages[0]).read_bytes()
-    assert write_page(tmp_path / "b.html", pages[1]).read_bytes() == first
-
-
-@pytest.mark.parametrize(("scale", "level"), [(1.0, "good"), (1.6, "good"), (5.0, "usable")])
-def test_the_verdict_follows_the_held_out_residual(result, scale, level):
-    estimate, validation = result
-    worse = tuple(replace(entry, norm=scale * entry.norm) for entry in validation.residual)
-    assert judge_identification(estimate, (replace(validation, residual=worse),)).level == level
-
-
 def test_a_missed_truth_is_counted_named_and_not_good(result):
     estimate, validation = result
-    first = estimate.parameters[0]
+    first, *others = estimate.parameters
+
+    def judge(*parameters):
+        return judge_identification(replace(estimate, parameters=parameters), (validation,))
+
     wrong = replace(first, truth=first.value + 10 * first.std)
-    verdict = judge_identification(
-        replace(estimate, parameters=(wrong, *estimate.parameters[1:])), (validation,)
-    )
+    verdict = judge(wrong, *others)
     assert any(detail.startswith("11 of 12 true values") for detail in verdict.details)
-    page = build_identification_page(replace(estimate, parameters=(wrong,)))
-    assert find_section(page.blocks, "Parameters").rows[0][-1] is False
-    assert '<td class="no">no</td>' in render_page(page)
-    missed = replace(estimate, parameters=(wrong, *estimate.parameters[1:]))
-    verdict = judge_identification(missed, (validation,))
     assert verdict.level == "usable"
     assert first.name in verdict.headline
-    near = replace(first, truth=first.value + 3.1 * first.std)
-    chance = replace(estimate, parameters=(near, *estimate.parameters[1:]))
-    assert judge_identification(chance, (validation,)).level == "good"
-    whole = tuple(replace(entry, truth=entry.value + 5 * entry.std) for entry in estimate.parameters)
-    assert judge_identification(replace(estimate, parameters=whole), (validation,)).level == "doubtful"
+    page = build_identification_page(replace(estimate, parameters=(wrong,)))
+    assert find_section(page.blocks, "Parameters").rows[0][-1] is False
+    assert '<td class="no">no</td>' in pages.render_page(page)
+    assert judge(replace(first, truth=first.value + 3.1 * first.std), *others).level == "good"
+    assert judge(*(replace(e, truth=e.value + 5 * e.std) for e in estimate.parameters)).level == "doubtful"
 
 
-def test_thinning_keeps_peaks_and_ticks_are_round():
+def test_thinning_keeps_peaks():
     rng = np.random.default_rng(3)
     x, y = np.arange(100_000.0), rng.normal(size=100_000)
     y[54_321] = 50
     y[12_345] = -50
     thin_x, thin_y = thin_line(x, y)
     assert len(thin_x) <= 2000
-    assert 54_321 in thin_x
-    assert 12_345 in thin_x
+    assert {54_321, 12_345} <= set(thin_x)
     assert np.all(np.diff(thin_x) > 0)
     np.testing.assert_array_equal(thin_y, y[thin_x.astype(int)])
-    assert Axis(low=0.0, high=1.0).choose_ticks(5) == pytest.approx((0, 0.2, 0.4, 0.6, 0.8, 1.0))
-    assert Axis(low=-3.0, high=17.0).choose_ticks(5) == pytest.approx((0, 5, 10, 15))
-
-
-def test_figures_are_xml_that_speaks_and_stay_in_their_frame():
-    x = np.linspace(0, 10, 50)
-    lines = [
-        Line(label="a & b", style="measured", x=x, y=np.sin(x)),
-        Line(label="c", style="predicted", x=x, y=x),
-    ]
-    figure = build_line_figure("A < B", ("time (s)", "y (N m)"), lines)
-    root = ET.fromstring(figure.svg)  # noqa: S314  our own text
-    assert root.find(f"{SVG}title").text == "A < B"
-    assert {"time (s)", "y (N m)", "a & b"} <= {entry.text for entry in root.iter(f"{SVG}text")}
-    points = [
-        tuple(map(float, p.split(",")))
-        for line in root.iter(f"{SVG}polyline")
-        for p in line.get("points").split()
-    ]
-    assert len(points) == 100
-    assert all(74 <= a <= 548 and 14 <= b <= 224 for a, b in points)
 
 
 @pytest.mark.parametrize("values", [np.zeros(5), np.array([1e9]), np.linspace(-1, 1, 1000)])
 def test_histograms_take_constants_and_ramps(values):
-    root = ET.fromstring(build_histogram("t", ("x", "y"), values).svg)  # noqa: S314  our own text
-    assert len(list(root.iter(f"{SVG}rect"))) == 41
-    assert "nan" not in ET.tostring(root, encoding="unicode")
+    svg = build_histogram("t", ("x", "y"), values).svg
+    assert svg.count("<rect") == 41
+    assert "nan" not in svg
 
 
-def test_large_residuals_and_rows_of_another_kind_are_not_good(result):
+def test_rows_of_another_kind_are_not_good(result):
     estimate, validation = result
-    levels = []
-    for percent in (5.0, 15.0, 40.0):
-        loud = tuple(replace(entry, relative_percent=percent) for entry in validation.residual)
-        levels.append(judge_identification(estimate, (replace(validation, residual=loud),)).level)
-    assert levels == ["good", "usable", "doubtful"]
     verdict = judge_identification(replace(estimate, rows="energy"), (validation,))
     assert verdict.level == "usable"
     assert verdict.headline.startswith("On held-out logs ")
@@ -224,12 +166,11 @@ def test_the_log_of_the_fit_is_no_held_out_log(result):
     assert title.partition(".")[0] != find_section(other, "Held-out log <log 7>").title.partition(".")[0]
 
 
-@pytest.mark.parametrize("rows", ["torque", "filtered", "momentum", "energy", "power"])
-def test_pages_know_all_kinds_of_rows(result, rows):
-    estimate, validation = (replace(entry, rows=rows) for entry in result)
-    assert f"Measured and predicted {QUANTITIES[rows]}" in render_page(
-        build_identification_page(estimate, (validation,))
-    )
+def test_pages_know_all_kinds_of_rows(result):
+    for rows in ("torque", "filtered", "momentum", "energy", "power"):
+        estimate, validation = (replace(entry, rows=rows) for entry in result)
+        text = pages.render_page(build_identification_page(estimate, (validation,)))
+        assert f"Measured and predicted {QUANTITIES[rows]}" in text
 
 
 def test_the_first_screen_has_the_numbers_of_the_result(result):
@@ -237,15 +178,15 @@ def test_the_first_screen_has_the_numbers_of_the_result(result):
     page = build_identification_page(estimate, (validation,))
     worst = max(validation.residual, key=lambda entry: entry.relative_percent)
     assert [value for value, _ in page.numbers] == [
-        format_percent(validation.mean_relative_percent),
-        format_percent(worst.relative_percent),
+        pages.format_percent(validation.mean_relative_percent),
+        pages.format_percent(worst.relative_percent),
         f"{len(estimate.parameters)} of {len(estimate.parameters)}",
     ]
     assert worst.joint in page.lead.caption
     untested = build_identification_page(estimate)
-    assert untested.numbers[0][0] == format_percent(estimate.evidence.unexplained)
+    assert untested.numbers[0][0] == pages.format_percent(estimate.evidence.unexplained)
     blind = build_identification_page(replace(estimate, evidence=None))
-    assert blind.numbers[0][0] == format_percent(estimate.mean_relative_percent)
+    assert blind.numbers[0][0] == pages.format_percent(estimate.mean_relative_percent)
     for entry in (untested, blind):
         assert "joint by joint" in entry.lead.caption
 
@@ -264,7 +205,7 @@ def test_the_first_screen_has_the_numbers_of_the_result(result):
     ],
 )
 def test_digits_of_value_and_deviation_match(value, std, text):
-    assert format_pair(value, std) == text
+    assert pages.format_pair(value, std) == text
 
 
 def test_sections_have_addresses_of_their_own():

@@ -4,7 +4,6 @@ import math
 import re
 from dataclasses import replace
 from html import unescape
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -37,13 +36,6 @@ def read_page(path):
     return {unescape(what): unescape(value) for what, value in numbers}, text
 
 
-def test_commands_name_the_file_of_a_robot_of_ones_own(tmp_path, robot):
-    own = tmp_path / "two_link.toml"
-    own.write_bytes(robot.path.read_bytes())
-    assert name_for_commands(load_robot(str(own))) == str(own)
-    assert name_for_commands(load_robot("two_link")) == "two_link"
-
-
 def test_a_checked_log_has_a_page(robot, log, tmp_path):
     found = robot.check(log)
     numbers, text = read_page(found.report(tmp_path / "check.html"))
@@ -52,9 +44,11 @@ def test_a_checked_log_has_a_page(robot, log, tmp_path):
     assert numbers["parameters identifiable"] == f"{good} of {len(plain['parameters'])}"
     assert float(numbers["condition number (column-scaled)"]) == pytest.approx(plain["condition"], rel=0.05)
     assert '<section class="verdict good"' in text
-    assert "symid identify two_link " in unescape(text), (
-        "a robot that comes with symid is named, not its file"
-    )
+    # A robot that comes with symid is named, not its file.
+    assert "symid identify two_link " in unescape(text)
+    own = tmp_path / "two_link.toml"
+    own.write_bytes(robot.path.read_bytes())
+    assert name_for_commands(load_robot(str(own))) == str(own)
     # Without a log the page has the robot alone.
     numbers, text = read_page(robot.check().report(tmp_path / "robot.html"))
     assert numbers == {}
@@ -63,16 +57,18 @@ def test_a_checked_log_has_a_page(robot, log, tmp_path):
 
 def test_a_check_is_judged_by_what_was_found(robot, log):
     found = robot.check(log).product
-    assert judge_check(found).level == "good"
     sign = Notice(code="log.torque-sign", text="the torque of elbow has another sign")
-    assert judge_check(replace(found, notices=(sign,))).level == "doubtful"
-    assert judge_check(replace(found, errors=(sign,))).level == "wrong"
-    assert judge_check(replace(found, excitation=None)).level == "usable"
     poor = replace(found.excitation.parameters[0], verdict="poorly identifiable")
-    parameters = (poor, *found.excitation.parameters[1:])
-    verdict = judge_check(replace(found, excitation=replace(found.excitation, parameters=parameters)))
-    assert verdict.level == "usable"
-    assert poor.name in verdict.details[0]
+    some = replace(found.excitation, parameters=(poor, *found.excitation.parameters[1:]))
+    assert poor.name in judge_check(replace(found, excitation=some)).details[0]
+    for changes, level in (
+        ({}, "good"),
+        ({"notices": (sign,)}, "doubtful"),
+        ({"errors": (sign,)}, "wrong"),
+        ({"excitation": None}, "usable"),
+        ({"excitation": some}, "usable"),
+    ):
+        assert judge_check(replace(found, **changes)).level == level
 
 
 def test_a_trajectory_has_a_page(robot, tmp_path):
@@ -148,14 +144,9 @@ def test_marks_of_a_log_are_what_its_check_found(robot, log):
     checked = robot.check(log).logs[0]
     torque = log.tau.copy()
     torque[:, 1] = np.clip(torque[:, 1], -2.0, 2.0)
-    bound = checked.joints[1].__class__
     entry = replace(checked.joints[1], peak=2.0, saturated=0.3)
-    assert isinstance(entry, bound)
     held = replace(checked, joints=(checked.joints[0], entry))
-    limited = SimpleNamespace(
-        **{name: getattr(log.recording, name) for name in ("time", "position", "source")}
-    )
-    limited.torque = torque
+    limited = replace(log.recording, torque=torque)
     plain, marked = (draw_log(one, robot.description, held)[1] for one in (log.recording, limited))
     assert "as if limited: elbow" in marked.caption
     assert "found by the check" in marked.svg
@@ -176,9 +167,8 @@ def test_a_pose_has_a_coordinate_for_every_joint(robot):
 def test_what_is_plotted_is_told_by_the_file(robot, log, tmp_path):
     path = robot.excite(harmonics=2, period=2.0, candidates=10, starts=1).save(tmp_path / "motion.csv")
     assert robot.plot(path).drawings[0].caption.startswith("Where does it go? trajectory motion.csv")
-    saved = log.save(tmp_path / "log.csv") if hasattr(log, "save") else log
-    assert robot.plot(saved).drawings[0].caption.startswith("Where did the joints go?")
-    assert len(log.plot()) == 2
+    saved = robot.plot(log.save(tmp_path / "log.csv"))
+    assert saved.drawings[0].caption.startswith("Where did the joints go?")
     fit = robot.identify(log)
     assert robot.plot(fit.save(tmp_path / "fit.json")).drawings == fit.plot().drawings
     text = robot.plot().save(tmp_path / "robot.html").read_text()

@@ -3,14 +3,17 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from symid.codegen.cache import prepare_library
+from symid.errors import UsageError
 from symid.report.study_text import _show_dataset
 from symid.robot.toml_reader import read_robot
 from symid.study import elastic_methods as elastic_study
-from symid.study.elastic_methods import DATASETS, DatasetStudy, MethodRun, SensorCondition, study_elastic
+from tests.refusals import raises
 
-RUN = MethodRun(
+RUN = elastic_study.MethodRun(
     method="weighted",
     parameter_error=1.5,
     hysteresis_error=2.0,
@@ -21,39 +24,61 @@ RUN = MethodRun(
 )
 
 
-def summarise(*, timed):
+@pytest.mark.parametrize(
+    ("timed", "seconds", "head", "end"),
+    [
+        (True, 0.6, ["s", "outcome"], ["0.60", "solved"]),
+        (False, math.nan, ["range", "outcome"], ["2.5", "solved"]),
+    ],
+)
+def test_times_stand_in_the_table_where_they_are_asked_for_only(timed, seconds, head, end):
     runs = [(RUN,), (replace(RUN, seconds=0.7, iterations=9),), (replace(RUN, seconds=0.6),)]
-    return elastic_study._summarise(runs, timed=timed)
-
-
-def write(cells):
-    nan = math.nan
-    study = DatasetStudy(
-        dataset="TA", condition=SensorCondition.CLEAN, seeds=3, bound=nan, spring_bound=nan, cells=cells
+    (cell,) = elastic_study._summarise(runs, timed=timed)
+    assert (cell.seconds, cell.iterations) == (pytest.approx(seconds, nan_ok=True), 9)
+    bounds = {"bound": math.nan, "spring_bound": math.nan}
+    study = elastic_study.DatasetStudy(
+        dataset="TA", condition=elastic_study.SensorCondition.CLEAN, seeds=3, cells=(cell,), **bounds
     )
     _, heading, _, row = str(_show_dataset(study)).splitlines()
-    return heading.split(), row.split()
-
-
-def test_times_stand_in_the_table_where_they_are_asked_for_only():
-    (cell,) = summarise(timed=True)
-    assert (cell.seconds, cell.iterations) == (0.6, 9)
-    heading, row = write((cell,))
-    assert heading[-2:] == ["s", "outcome"]
-    assert row[-2:] == ["0.60", "solved"]
-    (cell,) = summarise(timed=False)
-    assert math.isnan(cell.seconds)
-    heading, row = write((cell,))
-    assert heading[-2:] == ["range", "outcome"]
-    assert row[-2:] == ["2.5", "solved"]
+    assert (heading.split()[-2:], row.split()[-2:]) == (head, end)
 
 
 @pytest.mark.slow
 def test_the_number_of_processes_changes_nothing(robots_folder):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
     one, two = (
-        study_elastic(robot, [0], datasets={"TB": DATASETS["TB"]}, methods=("linear-spring",), jobs=jobs)
+        elastic_study.study_elastic(
+            robot, [0], datasets={"TB": elastic_study.DATASETS["TB"]}, methods=("linear-spring",), jobs=jobs
+        )
         for jobs in (1, 2)
     )
     # Numbers that are not there are nan, which is not itself; their text is.
     assert repr(one) == repr(two)
+
+
+@pytest.fixture(scope="module")
+def puma(robots_folder):
+    robot = read_robot(robots_folder / "puma560_elastic.toml")
+    return robot, prepare_library(robot)
+
+
+def test_clean_and_noisy_logs_give_the_torque_of_another_motion(puma):
+    found = elastic_study.study_many_joints(*puma, elastic_study.SensorCondition.CLEAN, 3, duration=3.0)
+    assert found.parameters == 36 + 6 + 12
+    for entry in found.methods:
+        assert max(entry.residual) < 0.5
+        assert max(entry.floor) < 1e-3
+    assert [notice.code for notice in found.notices] == ["identify.energy-rank"]
+    found = elastic_study.study_many_joints(*puma, elastic_study.SensorCondition.NOISY, 3, duration=6.5)
+    elimination, momentum = (np.array(entry.residual) / np.array(entry.floor) for entry in found.methods)
+    # Elimination weighs all joints alike, so that noise of the strong ones reaches the wrist.
+    assert np.all(elimination < 2.5)
+    assert np.all(momentum < 1.3)
+
+
+def test_the_truth_must_be_stated_and_the_plane_arm_have_two_joints(robots_folder, puma):
+    unknown = prepare_library(read_robot(robots_folder / "emps.toml"), backend="python")
+    with raises(UsageError, "usage.study-robot", match="'emps'"):
+        elastic_study.get_true_parameters(unknown.card)
+    with raises(UsageError, "usage.study-robot", match="2 joints"):
+        elastic_study.simulate_runs(*puma, elastic_study.SensorCondition.CLEAN)

@@ -77,24 +77,29 @@ def test_errors_are_in_units_of_the_largest_of_a_kind():
     assert np.array(list(values.values())) == pytest.approx(np.column_stack([numbers, scales]))
 
 
+def build_runs(*worst, refused=""):
+    """Return the automatic choice, which took the first of the methods, and these, by their worst errors."""
+    names = ("automatic", "weighted", "elimination")
+    return tuple(
+        ForeignRun(
+            method=name,
+            worst=error,
+            spring=1.0,
+            z_rms=1.0,
+            z_most=2.0,
+            verdict="refused" if name == refused else "good",
+            chosen="weighted" if name == "automatic" else "",
+        )
+        for name, error in zip(names, worst, strict=True)
+    )
+
+
 def test_methods_that_give_nothing_or_are_lucky_are_not_the_best():
-    lost = dict.fromkeys(("worst", "spring", "z_rms", "z_most"), math.nan)
-    good = {"worst": 1.0, "spring": 2.0, "z_rms": 1.0, "z_most": 2.0, "verdict": "good"}
-    first = ForeignRun(method="automatic", chosen="nlp", **good)
-    runs = (first, ForeignRun(method="weighted", verdict="refused", **lost), ForeignRun(method="nlp", **good))
+    runs = build_runs(1.0, math.nan, 1.0, refused="weighted")
     entry = foreign_truths._summarise("lugre", 1.0, [runs, runs])
-    assert (entry.best, entry.ratio.median, entry.near, entry.near_best) == ("nlp", 1.0, 2, 2)
+    assert (entry.best, entry.ratio.median, entry.near, entry.near_best) == ("elimination", 1.0, 2, 2)
     assert entry.cells[1].worst.median == math.inf
     assert entry.cells[1].verdicts == (("refused", 2),)
-
-    def build(*errors):
-        shared = {"spring": 1.0, "z_rms": 1.0, "z_most": 2.0, "verdict": "good"}
-        names = ("automatic", "weighted", "elimination")
-        return tuple(
-            ForeignRun(method=name, worst=error, chosen="weighted" if name == "automatic" else "", **shared)
-            for name, error in zip(names, errors, strict=True)
-        )
-
-    runs = [build(1.0, 1.0, 0.5), build(1.0, 1.0, 2.0), build(1.1, 1.0, 3.0)]
+    runs = [build_runs(1.0, 1.0, 0.5), build_runs(1.0, 1.0, 2.0), build_runs(1.1, 1.0, 3.0)]
     entry = foreign_truths._summarise("cubic", 1.0, runs)
     assert (entry.best, entry.near, entry.near_best) == ("weighted", 2, 3)

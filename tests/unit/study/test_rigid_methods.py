@@ -57,19 +57,11 @@ def test_a_seed_gives_the_fit_of_its_rows(robot):
 def test_a_clean_log_is_foretold_with_any_cutoff_that_lets_motion_pass():
     library = build_two_link()
     recording = build_recording(library, TWO_LINK_TRUTH, samples=12001, source="made", noise=(0.05, 0.02))
-    told = []
-    found = study_cutoff(
-        library,
-        recording,
-        Processing(automatic=True),
-        cutoffs=(20.0, 100.0, 1000.0),
-        progress=lambda done, whole: told.append((done, whole)),
-    )
+    told, options = [], {"cutoffs": (20.0, 100.0, 1000.0), "progress": lambda *pair: told.append(pair)}
+    found = study_cutoff(library, recording, Processing(automatic=True), **options)
     assert [line.cutoff for line in found.lines] == [20.0, 100.0]
     assert told == [(1, 2), (2, 2)]
     assert found.factor == 10
-    for line in found.lines:
-        for value in (line.decimated, line.plain, line.momentum):
-            assert value < 1.0
+    assert max(max(line.decimated, line.plain, line.momentum) for line in found.lines) < 1.0
     estimate = identify_parameters(library, [recording], Processing(automatic=True))
     assert not estimate.refused

@@ -1,0 +1,70 @@
+"""Examples of pages in Python: the blocks of a section run, one after the other, and hold what they say."""
+
+import re
+
+import numpy as np
+import pytest
+
+from tests.pages import DOCS
+
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+TITLE = re.compile(r"<title>(.*?)</title>")
+
+
+def run_section(page, first="", last=""):
+    """Run the blocks between two headings, or all, in one namespace, and return its names."""
+    text, names = (DOCS / page).read_text(encoding="utf-8"), {}
+    for block in BLOCK.findall(text[text.index(first) : text.index(last) if last else None]):
+        exec(compile(block, page, "exec"), names)  # noqa: S102  the page's own example
+    return names
+
+
+def test_friction_of_one_axis(capsys):
+    names = run_section("friction.md")
+    assert names["chosen"] == names["rich"]
+    assert np.array(names["fit"].values) == pytest.approx(names["truth"], rel=0.02, abs=0.02)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[2].startswith("asymmetric + drift {'M': ")
+    assert float(lines[3].removesuffix(" m")) < 1e-3
+
+
+def test_a_spring_on_its_own(capsys):
+    names = run_section("elastic.md", "## A spring on its own", "## How it is checked")
+    for name in ("back", "again"):
+        np.testing.assert_allclose(names[name], names["torsion"], atol=1e-15)
+    stored, lost = names["stored"], names["lost"]
+    np.testing.assert_allclose(stored - stored[0] + lost, names["work"], atol=1e-14)
+    # A cycle of the spring without knees: four times k r (A - r) of each stop.
+    loss = 4.0 * (900.0 * 1e-3 * 4e-3 + 400.0 * 3e-3 * 2e-3)
+    lines = capsys.readouterr().out.splitlines()
+    assert float(lines[1].split()[3]) == pytest.approx(loss, rel=1e-6)
+    assert lines[2].startswith("True 1500.0")
+
+
+def test_friction_with_a_memory_and_a_rig_for_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    names = run_section("friction_dynamic.md", "# Friction with a memory", "## In C")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == str(names["equations"].steady)
+    assert lines[1].startswith(r"\dot z = ")
+    assert lines[2] == "True"
+    assert np.abs(names["torque"]).max() < 15.0 + 25.0 * 0.02 + 100.0 * 0.02
+    names = run_section("friction_dynamic.md", "# Friction with a memory", "## Identification")
+    for run in map(names.get, ("pulled", "pushed", "steered")):
+        gap = run.energy - run.energy[0] - run.work + run.loss
+        assert np.abs(gap).max() < 1e-6 * max(run.work.max(), run.energy.max())
+    # The spring breaks away between fC and fS, earlier the faster it pulls; 10 N bend the bristles only.
+    assert 10.0 < names["pulled"].force.max() < 15.0
+    assert names["pushed"].position[-1] < 2e-3
+
+
+def test_every_picture_of_the_gallery_is_drawn_by_the_lines_above_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    page = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    blocks, pictures = BLOCK.findall(page), re.findall(r"\{image\} gallery/(\w+\.svg)", page)
+    assert len(blocks) == len(pictures) == len(set(pictures)) >= 5
+    for block, picture in zip(blocks, pictures, strict=True):
+        exec(compile(block, "gallery.md", "exec"), {})  # noqa: S102  the page's own example
+        drawn, shown = ((folder / picture).read_text() for folder in (tmp_path, DOCS / "gallery"))
+        assert TITLE.findall(drawn) == TITLE.findall(shown)
+        assert len(drawn) == pytest.approx(len(shown), rel=0.02)
