@@ -54,7 +54,7 @@ if TYPE_CHECKING:
         read_log as read_log,
         read_logs as read_logs,
     )
-    from symid.api.result import Figures as Figures, Result as Result
+    from symid.api.result import Figures as Figures, PagedResult as PagedResult, Result as Result
     from symid.api.robot import (
         RobotModel as RobotModel,
         list_robots as list_robots,

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WrittenCode(Result):
     """A folder of generated code, independent of symid.
 

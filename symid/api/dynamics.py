@@ -37,7 +37,6 @@ BaseForm = Literal["torque", "energy", "momentum", "gravity"]
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class BaseSet(Result):
     """The base parameters of a robot; iteration yields their names in Khalil's order.
 
@@ -143,18 +142,6 @@ class BaseSet(Result):
         return report.write_base_latex(self.robot, self.product)
 
 
-def derive_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
-    """Derive the base parameters of `robot`; see `BaseSet`.
-
-    Raises:
-        UsageError: there is no such form.
-    """
-    if form not in dynamics.BASE_FORMS:
-        text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
-        raise UsageError(Notice(code="usage.base-form", text=text))
-    return BaseSet(robot=robot, form=form, product=dynamics.derive_base_parameters(robot, form=form))
-
-
 Notation = Literal["symid", "siciliano", "craig", "khalil"]
 LessonParameters = Literal["base", "symbols", "bodies"]
 
@@ -169,7 +156,6 @@ class LessonLetters(TypedDict, total=False):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WrittenLesson(Result):
     """A lesson that was written as a page.
 
@@ -253,34 +239,32 @@ def write_lesson(
         given = f"exercises={exercises}: they are" if exercises else "log: its motion is"
         what = f"{given} part of a page; write a .html for that"
         raise UsageError(Notice(code="usage.lesson-option", text=what))
+    answers = sheet = executed = None
     if suffix == ".tex":
         text = lessons.write_lesson_tex(robot, book, parameters)
-        size = len(text.encode())
-        return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
-    if suffix == ".ipynb":
+    elif suffix == ".ipynb":
         made = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
-        return WrittenLesson(
-            robot=robot,
-            path=write_file(file, made.text),
-            size=len(made.text.encode()),
-            notation=notation,
-            executed=made.executed,
+        text, executed = made.text, made.executed
+    else:
+        sheet_file = file.with_suffix(".exercises.txt")
+        if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
+            said = "has answers that were typed; move it, or name the page otherwise"
+            raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
+        moved = None if log is None else _sample_log(robot, log)
+        page = lessons.write_lesson_page(
+            robot, book, parameters, exercises=exercises, seed=seed, logged=moved
         )
-    sheet_file = file.with_suffix(".exercises.txt")
-    if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
-        text = "has answers that were typed; move it, or name the page otherwise"
-        raise OutputError(Notice(code="output.answers", text=text, file=str(sheet_file)))
-    logged = None if log is None else _sample_log(robot, log)
-    page = lessons.write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed, logged=logged)
-    answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
-    sheet = write_file(sheet_file, page.sheet) if page.sheet else None
+        answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
+        sheet = write_file(sheet_file, page.sheet) if page.sheet else None
+        text = page.html
     return WrittenLesson(
         robot=robot,
-        path=write_file(file, page.html),
-        size=len(page.html.encode()),
+        path=write_file(file, text),
+        size=len(text.encode()),
         notation=notation,
         answers=answers,
         sheet=sheet,
+        executed=executed,
     )
 
 
@@ -329,7 +313,6 @@ def _read_sheet(path: Path) -> "AnswerSheet":
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class MarkedSheet(Result):
     """Answers to the exercises of a lesson with their marks; accepted where all are right.
 
@@ -395,16 +378,7 @@ class MarkedSheet(Result):
         }
 
 
-def check_answers(robot: "Robot", path: str | PathLike[str]) -> MarkedSheet:
-    """Mark a sheet of exercises; see `RobotModel.check_answers`."""
-    file = Path(fspath(path))
-    return MarkedSheet(
-        robot=robot, path=file, answers=lessons.mark_sheet(robot, _read_sheet(file), str(file))
-    )
-
-
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Derivation(Result):
     """The derivation of a robot's dynamics.
 
@@ -559,15 +533,25 @@ class RobotDynamics:
     @cached_property
     def base(self) -> BaseSet:
         """Return the base parameters: the smallest set that describes all motions and torques."""
-        return derive_base_set(self.description)
+        return self._derive_base("torque")
 
     def derive_base(self, form: BaseForm = "torque") -> BaseSet:
         """Return the base parameters of the torques, energies, momentum, or torques at rest ("gravity").
 
         Args:
             form: "torque", "energy", "momentum" or "gravity".
+
+        Raises:
+            UsageError: there is no such form.
         """
-        return self.base if form == "torque" else derive_base_set(self.description, form)
+        return self.base if form == "torque" else self._derive_base(form)
+
+    def _derive_base(self, form: BaseForm) -> BaseSet:
+        if form not in dynamics.BASE_FORMS:
+            text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
+            raise UsageError(Notice(code="usage.base-form", text=text))
+        product = dynamics.derive_base_parameters(self.description, form=form)
+        return BaseSet(robot=self.description, form=form, product=product)
 
     # Derivation, exact functions and code.
 
@@ -635,7 +619,9 @@ class RobotDynamics:
         Raises:
             InputError: the file is no such sheet, or one of another robot.
         """
-        return check_answers(self.description, path)
+        file = Path(fspath(path))
+        answers = lessons.mark_sheet(self.description, _read_sheet(file), str(file))
+        return MarkedSheet(robot=self.description, path=file, answers=answers)
 
     def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.
@@ -743,11 +729,9 @@ class RobotDynamics:
             folder: new, or written by symid earlier; other files in it are not changed.
             functions: the names of those wanted; all by default.
             precision: type of all numbers in C.
-            parameters: arguments of the functions: "base" for beta, "standard" for all standard parameters
-                pi.
+            parameters: the functions' arguments: "base" for beta, "standard" for all standard parameters pi.
             constant: use the robot file's values as constants.
-            trigonometry: sines in C: "own" (code that computes all angles at once) or "library" (the C
-                library).
+            trigonometry: sines in C by "own" code for all angles at once, or of the C "library".
             friction_laws: add all static friction laws to the C library.
             force: overwrite files that were edited since.
 

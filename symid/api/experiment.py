@@ -6,7 +6,7 @@ paper: identifications of simulated robots with known parameters.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, final
@@ -30,7 +30,6 @@ T_co = TypeVar("T_co", covariant=True)
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExcitedTrajectory(DrawnResult, PagedResult):
     """A finite Fourier series of every joint, within all limits at all times.
 
@@ -109,7 +108,6 @@ class ExcitedTrajectory(DrawnResult, PagedResult):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Simulation(Measurements):
     """The measured log of a simulated robot.
 
@@ -179,7 +177,6 @@ class Simulation(Measurements):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Study(Result, Generic[T_co]):
     """The result of a study.
 
@@ -228,7 +225,6 @@ def list_seeds(seeds: int, seed: int) -> range:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrictionTables(Result):
     """The tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs.
 

@@ -101,7 +101,6 @@ def _measure_cache(folder: Path) -> tuple[int, int]:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Doctor(Result):
     """The checks of an installation.
 
@@ -190,7 +189,6 @@ DemoErrors = tuple[float, float]
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DemoResult(JudgedResult):
     """The result of the demo, and its errors.
 

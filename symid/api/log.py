@@ -7,7 +7,7 @@ Supported: csv, npz, mat, hdf5, parquet, ROS 2 bags (db3, mcap, folders), files 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar, final, runtime_checkable
@@ -75,7 +75,6 @@ def _write_value(value: object) -> str:
     return str(value).strip()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Measurements(DrawnResult):
     """What was measured of a robot, in SI units on the joint side.
 
@@ -106,7 +105,6 @@ class Measurements(DrawnResult):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Log(Measurements):
     """A log as it was read.
 
@@ -443,7 +441,6 @@ def build_log(
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotCheck(DrawnResult, PagedResult):
     """Summary of a robot file, and which parameters are identifiable from logs; `errors` if too few are.
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast, final
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast, dataclass_transform, final
 
 from symid import report
 from symid.environment import write_file
@@ -51,8 +51,9 @@ class Of(Generic[T_co]):
         return cast("T_co", self if result is None else attrgetter(self.path)(result))
 
 
+@dataclass_transform(eq_default=False, kw_only_default=True, frozen_default=True)
 class Result(ABC):
-    """A result of the API, immutable.
+    """A result of the API, immutable: each kind is a frozen dataclass with keywords alone.
 
     Example:
         >>> import symid
@@ -64,6 +65,10 @@ class Result(ABC):
         >>> base.to_dict()["count"]
         6
     """
+
+    def __init_subclass__(cls) -> None:
+        """Make the kind of result a dataclass."""
+        dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -164,6 +169,22 @@ class PagedResult(Result):
             OutputError: the page cannot be written.
         """
         return self._write_page(Path(fspath(path)))
+
+
+class SavedResult(Result):
+    """A result that can be written as JSON, which one of the functions `load_*` reads back."""
+
+    @abstractmethod
+    def _save(self, file: Path) -> Path:
+        """Write the file and return its path."""
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the result to `path` as JSON, and return the path.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        return self._save(Path(fspath(path)))
 
 
 class JudgedResult(Result):

@@ -5,7 +5,7 @@ URDF, table of rows or existing robot, and a log -> `RobotDraft`; robot with val
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotDraft(Result):
     """A new robot file, not yet written.
 
@@ -150,7 +149,6 @@ def new_robot(
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExportedFile(Result):
     """A written file.
 

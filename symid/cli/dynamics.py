@@ -185,8 +185,7 @@ def excite_command(
     if output is not None:
         check_suffix(output, "a trajectory", (".csv",))
     workspace = search["workspace"]
-    for written in (output, page):
-        check_output(written, force=force, inputs=(model.path, *([workspace] if workspace else [])))
+    check_output(output, page, force=force, inputs=(model.path, workspace))
     found = model.excite(options=take_record(symid.ExciteOptions, search, len(model.joints)))
     if output is None:
         return add_page(make_answer(found, file=None, samples=0, rate=rate), found, page)

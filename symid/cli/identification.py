@@ -89,8 +89,7 @@ def identify_command(
     _check_mixed({**further, "method": method}, rows)
     # Wrong settings are refused before anything else.
     model = robot.load(console, settings=settings)
-    for written in (output, page):
-        check_output(written, force=force, inputs=(model.path, *logs))
+    check_output(output, page, force=force, inputs=(model.path, *logs))
     parts, tests = pair_parts(train, test, logs)
     before: Path | RobotModel | None = known
     if known is not None and known.suffix.lower() in (".urdf", ".xml", ".mjcf"):
@@ -214,8 +213,7 @@ def payload_command(
         text = "--frame is the flange of a controller; name that by --for, or leave --frame out"
         raise UsageError(Notice(code="usage.payload-frame", text=text))
     model = robot.load(console)
-    for written in (output, page):
-        check_output(written, force=force, inputs=(model.path, *loaded, *empty))
+    check_output(output, page, force=force, inputs=(model.path, *loaded, *empty))
     found = model.payload(loaded, empty, **options)
     if controller is None:
         return add_page(answer_saved(found, output, "payload"), found, page)
@@ -266,8 +264,7 @@ def hysteresis_command(
     """
     saved = symid.hysteresis.is_saved(file)
     _check_columns(names, saved=saved, chosen=bool(model or passive), validate=validate)
-    for written in (save, page):
-        check_output(written, force=force, inputs=(file, *(() if validate is None else (validate,))))
+    check_output(save, page, force=force, inputs=(file, validate))
     if saved:
         fit = symid.hysteresis.load(file)
     else:
@@ -340,8 +337,7 @@ def fleet_command(
     if cluster is not None and executor not in {None, "dask"}:
         text = f"--cluster needs the executor dask, got {executor}; leave one of both out"
         raise UsageError(Notice(code="usage.cluster", text=text))
-    for written in (table, page):
-        check_output(written, force=force, inputs=(study,))
+    check_output(table, page, force=force, inputs=(study,))
     found = symid.fleet.run(
         study,
         output or study.with_suffix(""),

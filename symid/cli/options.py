@@ -279,15 +279,18 @@ def split_pairs(
     return pairs
 
 
-def check_output(path: Path | None, *, force: bool, inputs: Sequence[Path | str] = ()) -> None:
-    """Check an output file before the work begins.
+def check_output(*outputs: Path | None, force: bool, inputs: Sequence[Path | str | None] = ()) -> None:
+    """Check output files before the work begins; None stands for one that is not asked for.
 
     Raises:
-        OutputError: the file exists and --force is not given, it is one of `inputs`, or its folder does not
+        OutputError: a file exists and --force is not given, it is one of `inputs`, or its folder does not
             exist.
     """
-    if path is None:
-        return
+    for path in filter(None, outputs):
+        _check_output(path, [entry for entry in inputs if entry], force=force)
+
+
+def _check_output(path: Path, inputs: Sequence[Path | str], *, force: bool) -> None:
     same = (path.resolve() == Path(entry).resolve() or _is_same_file(path, entry) for entry in inputs)
     if any(same):
         text = "is an input of this call and would be overwritten; give another name"
