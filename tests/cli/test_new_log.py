@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import symid
-from symid.logs.files import RawLog
+from symid.logs.files import RawLog, split_heading
 from symid.logs.headings import read_headings
 from symid.logs.reader import read_recording
 from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, call, hear, list_codes, refuse, say
+from tests.calls import ask, call, find_texts, hear, list_codes, refuse, say
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
 SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
@@ -336,50 +336,36 @@ def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(folder):
     assert "for 'q[0]', 'q[1]'; " in answer["errors"][0]["text"]
 
 
-@pytest.mark.parametrize(
-    "heading",
-    [
-        "waist angle [deg]",
-        "waist_pos_deg",
-        "WaistPosition (deg)",
-        "actual waist position (deg)",
-        "q1 [deg]",
-        "joint1 [deg]",
-        "q_1 [deg]",
-        "Joint_01_Position [deg]",
-    ],
-)
-def test_headings_are_read_as_words(heading, robots_folder):
+def read_heading(heading, robots_folder):
     (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
-    from symid.logs.files import split_heading
-
     name, unit = split_heading(heading)
     raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})
     (found,) = read_headings(raw, (joint,))
-    assert (found.quantity, found.unit, found.commanded) == ("position", "deg", False)
-    assert found.words in {("waist",), ("1",)}
-    assert found.number == (1 if found.words == ("1",) else None)
+    return found
 
 
 @pytest.mark.parametrize(
-    "heading",
+    ("headings", "words", "number"),
     [
-        "motor position 1 [deg]",
-        "q1 tau1 [deg]",
-        "temperature 1",
-        "voltage1 [V]",
-        "acc1_rad/s\u00b2",
-        "q\u00b2 [rad]",
+        (("waist angle [deg]", "waist_pos_deg", "WaistPosition (deg)"), ("waist",), None),
+        (("actual waist position (deg)",), ("waist",), None),
+        (("q1 [deg]", "joint1 [deg]", "q_1 [deg]", "Joint_01_Position [deg]"), ("1",), 1),
     ],
 )
-def test_what_is_not_a_quantity_of_a_joint_is_none(heading, robots_folder):
-    (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
-    from symid.logs.files import split_heading
+def test_headings_are_read_as_words(headings, words, number, robots_folder):
+    for heading in headings:
+        found = read_heading(heading, robots_folder)
+        assert (found.quantity, found.unit, found.commanded) == ("position", "deg", False)
+        assert (found.words, found.number) == (words, number)
 
-    name, unit = split_heading(heading)
-    raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})
-    (found,) = read_headings(raw, (joint,))
-    assert not found.quantity or found.number is None
+
+def test_what_is_not_a_quantity_of_a_joint_is_none(robots_folder):
+    for heading in ("motor position 1 [deg]", "q1 tau1 [deg]", "temperature 1", "voltage1 [V]"):
+        found = read_heading(heading, robots_folder)
+        assert not found.quantity or found.number is None
+    for heading in ("acc1_rad/s\u00b2", "q\u00b2 [rad]"):
+        found = read_heading(heading, robots_folder)
+        assert not found.quantity or found.number is None
 
 
 def test_arrays_and_single_joints_need_no_numbers(folder):
@@ -434,30 +420,35 @@ def test_an_order_is_told_once(folder):
     assert list(answer["result"]["log"]["columns"]) == ["time", "position", "torque", "velocity"]
 
 
-@pytest.mark.parametrize("time", ["t [s]", "clock [s]"])
-def test_numbers_in_names_of_joints_that_are_out_of_order_are_refused(folder, time):
-    rows = ["joint,alpha,a,d,theta", "axis_2,0,0,0,q", "axis_1,0,0.5,0,q", "axis_3,0,0.3,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, f"{time},q1 [rad],q2 [rad],q3 [rad],tau1 [Nm],tau2 [Nm],tau3 [Nm]")
-    code, answer = ask_new()
-    assert (code, list_codes(answer, "errors")) == (3, ["new.ambiguous-column"] * 2)
-    assert "position of joint 'axis_2' could be 'q2' or 'q1'" in answer["errors"][0]["text"]
+THREE = "{time},q1 [rad],q2 [rad],q3 [rad],tau1 [Nm],tau2 [Nm],tau3 [Nm]"
+TWO = "{time},q1 [rad],q2 [rad],tau1 [Nm],tau2 [Nm]"
 
 
+def name_joints(folder, *names):
+    rows = [f"{name},0,0,0,q" for name in names]
+    (folder / "rows.csv").write_text("\n".join(("joint,alpha,a,d,theta", *rows)) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("joints", "heading", "text"),
+    [
+        ("axis_2 axis_1 axis_3", THREE, "position of joint 'axis_2' could be 'q2' or 'q1'"),
+        # Of joints wrist_j2 and wrist_j1, in this order, nobody can tell whose column q1 is.
+        ("wrist_j2 wrist_j1", TWO, "position of joint 'wrist_j2' could be 'q2' or 'q1'"),
+    ],
+)
 @pytest.mark.parametrize("time", ["t [s]", "stamp [s]"])
-def test_numbers_at_the_end_of_longer_names_count_too(folder, time):
-    """Of joints wrist_j2 and wrist_j1, in this order, nobody can tell whose column q1 is."""
-    rows = ["joint,alpha,a,d,theta", "wrist_j2,0,0,0,q", "wrist_j1,0,0.5,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, f"{time},q1 [rad],q2 [rad],tau1 [Nm],tau2 [Nm]")
+def test_numbers_in_names_of_joints_that_are_out_of_order_are_refused(folder, joints, heading, text, time):
+    name_joints(folder, *joints.split())
+    write_log(folder, heading.format(time=time))
     code, answer = ask_new()
     assert (code, list_codes(answer, "errors")) == (3, ["new.ambiguous-column"] * 2)
-    assert "position of joint 'wrist_j2' could be 'q2' or 'q1'" in answer["errors"][0]["text"]
+    assert text in answer["errors"][0]["text"]
 
 
 def test_the_name_of_a_joint_is_no_unit(folder):
     """Torques of the joint A, in N m or whatever, were taken for its current in ampere."""
-    (folder / "rows.csv").write_text("joint,alpha,a,d,theta\nA,0,0,0,q\n")
+    name_joints(folder, "A")
     write_log(folder, "stamp [s],pos_A [rad],tau_A")
     code, answer = ask_new("--torque-constant", "0.1")
     assert (code, list_codes(answer, "errors")) == (3, ["new.no-unit"])
@@ -465,23 +456,36 @@ def test_the_name_of_a_joint_is_no_unit(folder):
     assert (code, answer["result"]["log"]["units"]["torque"]) == (0, "Nm")
 
 
-def test_numbers_of_columns_count_from_0_whatever_the_joints_are_called(folder):
-    rows = ["joint,alpha,a,d,theta", "arm_j1,0,0,0,q", "arm_j2,0,0.5,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, "stamp [s],q0 [rad],q1 [rad],tau0 [Nm],tau1 [Nm]")
+@pytest.mark.parametrize(
+    ("joints", "heading", "positions", "order"),
+    [
+        # Numbers of columns count from 0, whatever the joints are called.
+        (
+            "arm_j1 arm_j2",
+            "stamp [s],q0 [rad],q1 [rad],tau0 [Nm],tau1 [Nm]",
+            "q0 q1",
+            "0 is 'arm_j1', 1 is 'arm_j2'",
+        ),
+        # Numbers in names of joints are those of columns.
+        (
+            "axis_2 axis_3 axis_4",
+            "t [s],q4 [rad],q2 [rad],q3 [rad],tau2 [Nm],tau3 [Nm],tau4 [Nm]",
+            "q2 q3 q4",
+            "",
+        ),
+        # The name of a gripper has no number, and its column has.
+        ("joint1 joint2 jointGripper", THREE.replace("Nm", "N m"), "q1 q2 q3", ""),
+        ("joint1 joint2 joint3", THREE.replace("Nm", "N m"), "q1 q2 q3", ""),
+    ],
+)
+def test_numbers_tell_joints(folder, joints, heading, positions, order):
+    name_joints(folder, *joints.split())
+    write_log(folder, heading.format(time="t [s]"))
     code, answer = ask_new()
-    assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["q0", "q1"])
-    (order,) = (entry for entry in answer["warnings"] if entry["code"] == "new.assumed-order")
-    assert order["text"].endswith("0 is 'arm_j1', 1 is 'arm_j2'")
-
-
-def test_numbers_in_names_of_joints_are_those_of_columns(folder):
-    rows = ["joint,alpha,a,d,theta", "axis_2,0,0,0,q", "axis_3,0,0.5,0,q", "axis_4,0,0.3,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, "t [s],q4 [rad],q2 [rad],q3 [rad],tau2 [Nm],tau3 [Nm],tau4 [Nm]")
-    code, answer = ask_new()
-    assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["q2", "q3", "q4"])
-    assert "new.assumed-order" not in list_codes(answer)
+    assert (code, answer["result"]["log"]["columns"]["position"]) == (0, positions.split())
+    assert answer["result"]["log"]["preset"] == ("symid" if "N m" in heading else None)
+    assert find_texts(answer, "new.assumed-order").endswith(order or "")
+    assert ("new.assumed-order" in list_codes(answer)) == bool(order)
 
 
 def test_mixed_currents_are_refused(folder):
@@ -490,22 +494,10 @@ def test_mixed_currents_are_refused(folder):
     assert (code, list_codes(answer, "errors")) == (3, ["new.mixed-units"])
 
 
-@pytest.mark.parametrize("last", ["jointGripper", "joint3"])
-def test_columns_of_symid_are_known_whatever_the_joints_are_called(folder, last):
-    """The name of a gripper has no number, and its column has."""
-    rows = ["joint,alpha,a,d,theta", "joint1,0,0,0,q", "joint2,0,0.5,0,q", f"{last},0,0.3,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, "t [s],q1 [rad],q2 [rad],q3 [rad],tau1 [N m],tau2 [N m],tau3 [N m]")
-    code, answer = ask_new()
-    assert (code, answer["result"]["log"]["preset"]) == (0, "symid")
-    assert answer["result"]["log"]["columns"]["position"] == ["q1", "q2", "q3"]
-
-
 @pytest.mark.parametrize(("size", "code"), [(3, 0), (4, 3)])
 def test_elements_of_arrays_count_from_0_and_name_no_joint(folder, size, code):
     """Of joints j1 to j3, tau_J[1] was read as that of j1."""
-    rows = ["joint,alpha,a,d,theta", "j1,0,0,0,q", "j2,0,0.5,0,q", "j3,0,0.3,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
+    name_joints(folder, "j1", "j2", "j3")
     names = [*(f"q[{k}] [rad]" for k in range(size)), *(f"tau_J[{k}] [N m]" for k in range(size))]
     write_log(folder, ",".join(("t [s]", *names)))
     found, answer = ask_new()
