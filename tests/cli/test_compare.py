@@ -20,6 +20,13 @@ from tests.estimates import STD, build_elastic_estimate, build_estimate, fill_ro
 HEAD = "Izz1 + 1.0*Ia1 + Iyy2 + Iyy3 + 0.07*mz3 + 0.05185*m3 + 0.05185*m4 + 0.05185*m5 + 0.05185*m6"
 
 
+def compare(*arguments):
+    """Return the answer of a comparison that must succeed, and what it found for the one other."""
+    answer = do("compare", *arguments)
+    (found,) = answer["result"]["others"]
+    return answer, found
+
+
 @pytest.fixture(scope="module")
 def wrist(robots_folder, tmp_path_factory):
     """Return the robot with a coupled wrist, an estimate of it, and its values by name."""
@@ -50,8 +57,8 @@ def list_all(values):
 def test_the_same_values_in_other_groups_agree(wrist, tmp_path):
     _, ours, values = wrist
     table = write_table(tmp_path / "table.csv", list_all(values))
-    code, answer = ask("compare", "tx40", ours, table, "--gate", "0.001")
-    assert (code, answer["ok"], answer["warnings"]) == (0, True, [])
+    answer = do("compare", "tx40", ours, table, "--gate", "0.001")
+    assert (answer["ok"], answer["warnings"]) == (True, [])
     (found,) = answer["result"]["others"]
     assert (found["judged"], found["absent"], found["lacking"]) == (60, ["IA6"], 0)
     assert found["within"] == {"2": 60, "3": 60}
@@ -69,10 +76,8 @@ def test_a_group_of_standard_parameters_is_in_its_own_deviations(wrist, tmp_path
     _, ours, values = wrist
     rows = [(HEAD, values["ZZR1"] - 3 * STD, 100 * np.sqrt(3) * STD / abs(values["ZZR1"] - 3 * STD))]
     table = write_table(tmp_path / "table.csv", rows, "parameter,x,x_std_percent")
-    code, answer = ask("compare", "tx40", ours, table)
-    (found,) = answer["result"]["others"]
+    _, found = compare("tx40", ours, table)
     (group,) = found["groups"]
-    assert code == 0
     assert group["deviations"] == pytest.approx(3 / np.sqrt(1 + 3))
     assert group["unit"] == "kg m^2"
     assert found["lacking"] == 0
@@ -91,9 +96,8 @@ def plant_coupling(values, path):
 def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(wrist, tmp_path):
     _, ours, values = wrist
     table = plant_coupling(values, tmp_path / "table.csv")
-    code, answer = ask("compare", "tx40", ours, table)
-    (found,) = answer["result"]["others"]
-    assert (code, list_codes(answer)) == (0, ["compare.coupled-reading"])
+    answer, found = compare("tx40", ours, table)
+    assert list_codes(answer) == ["compare.coupled-reading"]
     assert found["within"] == {"2": 59, "3": 59}
     away = {entry["group"]: entry["deviations"] for entry in found["groups"]}
     assert away["Fv5"] == pytest.approx(-values["Fvm6"] / (np.sqrt(2) * STD))
@@ -109,9 +113,8 @@ def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(wri
     assert '--read-as "Fv6 = Fv6 + Fvm6"' in text
 
     options = ("--read-as", "Fv6 = Fv6 + Fvm6", "--read-as", "Fv5=fv5+fvm6", "--gate", "0.01")
-    code, answer = ask("compare", "tx40", ours, table, *options)
-    (found,) = answer["result"]["others"]
-    assert (code, answer["warnings"], found["within"]["2"]) == (0, [], 61)
+    answer, found = compare("tx40", ours, table, *options)
+    assert (answer["warnings"], found["within"]["2"]) == ([], 61)
     assert {entry["group"]: entry["read_as"] for entry in found["groups"] if entry["read_as"]} == {
         "Fv5": "fv5+fvm6",
         "Fv6": "Fv6 + Fvm6",
@@ -122,8 +125,8 @@ def test_a_term_for_which_only_numbers_speak_is_said_to_be_that(wrist, tmp_path)
     _, ours, values = wrist
     held = values | {"Fc2": values["Fc2"] - values["Fc4"]}
     table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
-    code, answer = ask("compare", "tx40", ours, table)
-    assert (code, list_codes(answer)) == (0, ["compare.other-reading"])
+    answer = do("compare", "tx40", ours, table)
+    assert list_codes(answer) == ["compare.other-reading"]
     text = answer["warnings"][0]["text"]
     assert " -Fc4 too. " in text
     assert text.endswith('--read-as "Fc2 = Fc2 - Fc4"')
@@ -189,8 +192,8 @@ def test_rows_without_value_and_tables_without_deviation(wrist, tmp_path):
     _, ours, values = wrist
     rows = [("fv1", values["Fv1"] + STD), ("fv2", "")]
     table = write_table(tmp_path / "table.csv", rows, "name,value")
-    code, answer = ask("compare", "tx40", ours, table)
-    assert (code, list_codes(answer)) == (0, ["compare.empty-value", "compare.no-deviation"])
+    answer = do("compare", "tx40", ours, table)
+    assert list_codes(answer) == ["compare.empty-value", "compare.no-deviation"]
     (group,) = answer["result"]["others"][0]["groups"]
     assert group["other_std"] is None
     assert group["deviations"] == pytest.approx(-1.0)
@@ -200,8 +203,8 @@ def test_percent_of_zero_are_no_deviation(wrist, tmp_path):
     _, ours, values = wrist
     rows = [("fv1", values["Fv1"], 3), ("fv2", 0, 3)]
     table = write_table(tmp_path / "table.csv", rows, "name,value,std_percent")
-    code, answer = ask("compare", "tx40", ours, table)
-    assert (code, list_codes(answer)) == (0, ["compare.no-deviation"])
+    answer = do("compare", "tx40", ours, table)
+    assert list_codes(answer) == ["compare.no-deviation"]
     assert answer["warnings"][0]["text"].startswith("1 of 2 ")
     assert "zero" in answer["warnings"][0]["text"]
     spreads = [entry["other_std"] for entry in answer["result"]["others"][0]["groups"]]
@@ -285,9 +288,8 @@ def test_two_estimates_parameter_by_parameter(arm, tmp_path):
     theirs = change_estimate(theirs, shifts, refused=("Fc2", "Fc4"))
     write_fit(ours, tmp_path / "ours.json")
     write_fit(theirs, tmp_path / "theirs.json")
-    code, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
-    (found,) = answer["result"]["others"]
-    assert (code, answer["warnings"]) == (0, [])
+    answer, found = compare(folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
+    assert answer["warnings"] == []
     assert (found["absent"], found["neither"], found["not_ours"]) == (["Fc4"], ["Fc2"], ["Fv3"])
     assert (found["judged"], found["shared_logs"], found["columns"]) == (count - 3, [], None)
     names = [entry.name for entry in build_estimate(robot).parameters]
@@ -311,8 +313,8 @@ def test_estimates_from_the_same_log_are_not_independent(arm, tmp_path):
     for path, estimate in (("ours", ours), ("same", same), ("other", other)):
         write_fit(estimate, tmp_path / f"{path}.json")
     paths = [tmp_path / f"{name}.json" for name in ("ours", "same", "other")]
-    code, answer = ask("compare", folder / "arm.toml", *paths)
-    assert (code, list_codes(answer)) == (0, ["compare.shared-logs"] * 2)
+    answer = do("compare", folder / "arm.toml", *paths)
+    assert list_codes(answer) == ["compare.shared-logs"] * 2
     assert all(entry["shared_logs"] == ["log.npz"] for entry in answer["result"]["others"])
     assert all(entry["chi_square"]["probability"] is None for entry in answer["result"]["others"])
     out = say("compare", folder / "arm.toml", *paths)
@@ -390,8 +392,8 @@ def test_an_estimate_without_covariance_says_so(arm, tmp_path):
     write_fit(build_estimate(robot), tmp_path / "ours.json")
     bare = dataclasses.replace(build_estimate(robot, sources=("other.npz",)), covariance=())
     write_fit(bare, tmp_path / "bare.json")
-    code, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "bare.json")
-    assert (code, list_codes(answer)) == (0, ["compare.no-covariance"])
+    answer = do("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "bare.json")
+    assert list_codes(answer) == ["compare.no-covariance"]
     assert answer["warnings"][0]["file"] == str(tmp_path / "bare.json")
 
 
@@ -404,8 +406,7 @@ def test_estimates_of_elastic_joints_are_compared_without_their_springs(robots_f
     robot = read_robot(robots_folder / "two_link_elastic.toml")
     ours = store_elastic(robot, tmp_path / "ours.json")
     theirs = store_elastic(robot, tmp_path / "theirs.json", shift=STD)
-    code, answer = ask("compare", "two_link_elastic", ours, theirs)
-    assert code == 0, answer
+    answer = do("compare", "two_link_elastic", ours, theirs)
     codes = list_codes(answer)
     assert [code for code in codes if code.startswith("compare")] == ["compare.springs"] * 2
     (found,) = answer["result"]["others"]
@@ -415,9 +416,7 @@ def test_estimates_of_elastic_joints_are_compared_without_their_springs(robots_f
     assert [entry["deviations"] for entry in found["groups"]] == pytest.approx([-np.sqrt(0.5)] * len(names))
     # Taken as rigid, rotors turn with the links: groups that hold one are other groups.
     rigid = store_estimate(build_rigid_variant(robot), tmp_path / "rigid.json")
-    code, answer = ask("compare", "two_link_elastic", ours, rigid)
-    (found,) = answer["result"]["others"]
-    assert code == 0, answer
+    answer, found = compare("two_link_elastic", ours, rigid)
     assert len(found["other_model"]) > 0
     assert set(found["other_model"]) | {entry["group"] for entry in found["groups"]} >= set(names) - {"ZZR1"}
     assert all(abs(entry["deviations"]) < 1e-6 for entry in found["groups"])

@@ -218,16 +218,7 @@ def test_the_c_header_drives_the_generated_library(c_compiler, arm, real, close)
     )
     done = subprocess.run([program], check=True, capture_output=True, text=True, timeout=20)
     found = np.array(done.stdout.split(), dtype=float)
-    columns = regress(robot, *state)
-    values = {
-        (index, name): value
-        for index, joint in enumerate(robot.joints)
-        for name, value in [
-            *zip(INERTIAL, joint.inertial, strict=True),
-            *zip(("Fv", "Fc", "offset"), joint.friction.values, strict=True),
-        ]
-    }
-    expected = sum(values[label] * column for label, column in columns.items())
+    expected = find_truth(robot, state)
     np.testing.assert_allclose(found[:2], expected, rtol=close)
     np.testing.assert_allclose(found[2], robot.joints[1].friction.values[1], rtol=close)
 
