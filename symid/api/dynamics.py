@@ -19,7 +19,7 @@ from symid.codegen import BACKENDS
 from symid.environment import check_suffix, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
 from symid.identification import regression
-from symid.options import GenerateOptions, Precision, Target, check_value, words
+from symid.options import GenerateOptions, Precision, Target, check_value, merge, words
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -742,15 +742,7 @@ class RobotDynamics:
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
         """
-        order = GenerateOptions(
-            target=target,
-            functions=None if functions is None else tuple(functions),
-            precision=precision,
-            parameters=parameters,
-            constant=constant,
-            trigonometry=trigonometry,
-            friction_laws=friction_laws,
-        )
+        order = merge(None, GenerateOptions(), locals())
         path = Path(fspath(folder))
         made = codegen.generate_folder(self.description, order, path, progress=self.progress, force=force)
         springs, notices = codegen.generate_springs(

@@ -26,7 +26,6 @@ from symid.api.log import (
     Settings,
     list_logs,
     list_pairs,
-    list_parts,
     take_one_log,
 )
 from symid.api.result import DrawnResult, JudgedResult, Of, SavedResult
@@ -232,11 +231,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
 
     def _list_test_parts(self, test: Parts | None) -> "tuple[LogPart, ...]":
         """Return parts to predict; a number without unit has that of the parts that were fitted."""
-        return (
-            ()
-            if test is None
-            else list_parts(test, "--test", log_files.get_train_unit(self.estimate.settings))
-        )
+        return log_files.read_parts(test, "--test", log_files.get_train_unit(self.estimate.settings))
 
     def compare(
         self,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from symid.arrays import FloatArray
     from symid.identification import Described
     from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
-    from symid.logs import LogPart, Recording
+    from symid.logs import Recording
     from symid.report import Block, Drawing
     from symid.robot import Robot
 
@@ -56,15 +56,10 @@ def list_pairs(
     return tuple((key.strip(), _write_value(value)) for key, value in pairs)
 
 
-def _to_plain(value: T) -> T:
-    """Return a number or an array of NumPy in Python's own types, and all else as it is."""
-    plain: T = value.tolist() if hasattr(value, "tolist") else value
-    return plain
-
-
 def _write_value(value: object) -> str:
     """Return a value as a robot file has it."""
-    value = _to_plain(value)
+    # A number or an array of NumPy.
+    value = value.tolist() if hasattr(value, "tolist") else value
     match value:
         case None:
             return "none"
@@ -226,23 +221,6 @@ def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
     given = (logs,) if isinstance(logs, str | PathLike | Log | Logged) else tuple(logs)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in given)
     return tuple(entry if isinstance(entry, Log) else Path(fspath(entry)) for entry in found)
-
-
-def list_parts(given: Parts | None, name: str, unit: str = "") -> "tuple[LogPart, ...]":
-    """Return the parts of logs that an argument states, one for all logs or one for each.
-
-    Args:
-        given: one part, several, or None.
-        name: of the argument, for messages.
-        unit: of numbers without one, empty for seconds.
-
-    Raises:
-        UsageError: an entry is no part.
-    """
-    if given is None:
-        return ()
-
-    return log_files.read_parts(given, name, unit)
 
 
 def pair_parts(

@@ -41,7 +41,6 @@ from symid.api.log import (
     adopt_log_map,
     list_logs,
     list_pairs,
-    list_parts,
     take_one_log,
 )
 from symid.api.result import Figures, Progress, ignore
@@ -196,19 +195,7 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: too few parameters are identifiable; the message names the others.
             SolverError: a search ended without a usable result.
         """
-        order = merge(
-            options,
-            IdentifyOptions(),
-            rows=rows,
-            estimator=estimator,
-            method=method,
-            friction=friction,
-            cutoff=cutoff,
-            decimate=decimate,
-            period=period,
-            known=known,
-            partial=partial,
-        )
+        order = merge(options, IdentifyOptions(), locals())
         rigid_fits.check_estimator(order.rows or "torque", order.estimator)
         law = identification.read_joint_laws(order.friction, self.description)
         searched = law if identification.needs_search(law) else None
@@ -230,7 +217,7 @@ class RobotModel(RobotDynamics):
         """Return the robot with the settings of the call, and what it fits of the recordings."""
         given = list_logs(logs, pairs)
         described = robots.override_settings(adopt_log_map(self.description, logs), pairs, friction)
-        parts = list_parts(train, "--train")
+        parts = log_files.read_parts(train, "--train")
         return described, log_files.take_parts(
             log_files.read_fit_recordings(given, described), parts, "--train", keep=True
         )
@@ -266,17 +253,7 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: no joint has an identifiable law.
             SolverError: a search ended without usable numbers.
         """
-        order = merge(
-            options,
-            LawOptions(),
-            model=model,
-            estimator=estimator,
-            known=known,
-            smoothing=smoothing,
-            period=period,
-            seed=seed,
-            friction=friction,
-        )
+        order = merge(options, LawOptions(), locals())
         given = self._gather(logs, list_pairs(settings, order), order.friction, train)
         found = identification.identify_robot_friction(*given, order, self.context)
         extra = {"backend": found.backend}
@@ -359,20 +336,7 @@ class RobotModel(RobotDynamics):
         """
         import numpy as np
 
-        order = merge(
-            options,
-            ExciteOptions(),
-            harmonics=harmonics,
-            period=period,
-            criterion=criterion,
-            start=start,
-            share=share,
-            workspace=workspace,
-            torsion=torsion,
-            candidates=candidates,
-            starts=starts,
-            seed=seed,
-        )
+        order = merge(options, ExciteOptions(), locals())
         search, rng = (
             excitation.build_excitation_options(order, self.description),
             np.random.default_rng(order.seed),
@@ -405,16 +369,7 @@ class RobotModel(RobotDynamics):
         """
         import numpy as np
 
-        order = merge(
-            options,
-            SimulateOptions(),
-            duration=duration,
-            scale=scale,
-            noise=noise,
-            clean=clean,
-            bandwidth=bandwidth,
-            seed=seed,
-        )
+        order = merge(options, SimulateOptions(), locals())
         robot = self.description
         simulation.check_sensor_options(robot, order)
         # Before minutes go into the derivation.

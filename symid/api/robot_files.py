@@ -126,9 +126,7 @@ def new_robot(
     source = urdf or table or robot
     if source is not None:
         progress(f"reading {fspath(source)}")
-    given = merge(
-        options, DraftOptions(), convention=convention, rotors=rotors, torque_constant=torque_constant
-    )
+    given = merge(options, DraftOptions(), locals())
     order = log_files.DraftOrder(
         urdf=None if urdf is None else Path(urdf),
         base=given.base,

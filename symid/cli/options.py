@@ -247,16 +247,6 @@ class NamedRobot:
         return symid.load(options.pop("name"), progress=console.progress, **options)
 
 
-def split_settings(texts: Sequence[str]) -> dict[str, str]:
-    """Return keys and values of --set KEY=VALUE; a later one wins.
-
-    Raises:
-        UsageError: a text has no equals sign.
-    """
-    expected = "KEY=VALUE, such as processing.filter_cutoff=50"
-    return split_pairs("--set", texts, expected, "usage.bad-setting")
-
-
 def split_pairs(
     name: str, texts: Sequence[str], expected: str, code: str, *, once: bool = False
 ) -> dict[str, str]:
@@ -327,7 +317,9 @@ def _gather_settings(function: Callable[..., R]) -> Callable[..., R]:
     @functools.wraps(function)
     def call(*, named_settings: str | None, pairs: tuple[str, ...], **options: object) -> R:
         named = {} if named_settings is None else {"settings": named_settings}
-        return function(settings=named | split_settings(pairs), **options)
+        expected = "KEY=VALUE, such as processing.filter_cutoff=50"
+        single = split_pairs("--set", pairs, expected, "usage.bad-setting")
+        return function(settings=named | single, **options)
 
     return call
 
