@@ -133,8 +133,7 @@ class BaseSet(Result):
     def _tabulate(self) -> "tuple[Block, ...]":
         return report.tabulate_base(self.robot, self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return names, expressions, reasons, values and the null space in plain types."""
+    def _describe(self) -> dict[str, object]:
         return {**report.describe_base(self.robot, self.product), "of": self.form}
 
     def _repr_latex_(self) -> str:
@@ -207,8 +206,7 @@ class WrittenLesson(Result):
         lines += [f"exercises to fill in: {self.sheet}", f"answers: {self.answers}"] if self.answers else []
         return ("\n".join(lines),)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return file, size and notation."""
+    def _describe(self) -> dict[str, object]:
         return {
             "robot": self.robot.name,
             "file": str(self.path),
@@ -368,8 +366,7 @@ class MarkedSheet(Result):
         ]
         return (self.summarise(), report.Table(("exercise", "mark", "answer", "note"), rows, left=(1, 2, 3)))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the marks in plain types."""
+    def _describe(self) -> dict[str, object]:
         return {
             "robot": self.robot.name,
             "file": str(self.path),
@@ -409,25 +406,20 @@ class Derivation(Result):
         Raises:
             OutputError: the page cannot be written.
         """
-        return self._write(path, ".html", letters)
+        check_suffix(Path(path), "such a lesson", (".html",))
+        return write_lesson(self.robot, path, **letters).path
 
     def tex(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
-        """Write the derivation as a document for pdflatex, and return its path.
-
-        `path` ends in .tex; `letters` are those of `html`.
-        """
-        return self._write(path, ".tex", letters)
+        """Write the derivation as a document for pdflatex at `path`, .tex; `letters` are those of `html`."""
+        check_suffix(Path(path), "such a lesson", (".tex",))
+        return write_lesson(self.robot, path, **letters).path
 
     def ipynb(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
-        """Write the derivation as a notebook, executed where that is possible, and return its path.
+        """Write the derivation as a notebook at `path`, .ipynb, executed where that is possible, as `html`.
 
-        `path` ends in .ipynb; `letters` are those of `html`.
+        The `letters` are those of `html`.
         """
-        return self._write(path, ".ipynb", letters)
-
-    def _write(self, path: str | PathLike[str], suffix: str, letters: LessonLetters) -> Path:
-
-        check_suffix(Path(fspath(path)), "such a lesson", (suffix,))
+        check_suffix(Path(path), "such a lesson", (".ipynb",))
         return write_lesson(self.robot, path, **letters).path
 
     def summarise(self) -> str:
@@ -438,8 +430,7 @@ class Derivation(Result):
         """Return the steps, and the operations of generated functions."""
         return report.show_derivation(self.steps, self.operations, latex=self.latex)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return steps and operations of all routes in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_derivation(self.robot.name, self.steps, self.operations)
 
     def _repr_html_(self) -> str:

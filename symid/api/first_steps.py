@@ -140,8 +140,7 @@ class Doctor(Result):
         rows = [(entry.name, entry.found, entry.remedy or "ok") for entry in self.findings]
         return (report.Table(("item", "found", "remedy"), rows, left=(0, 1, 2)),)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the findings in plain types."""
+    def _describe(self) -> dict[str, object]:
         from symid import __version__
 
         return {

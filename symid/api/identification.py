@@ -76,8 +76,7 @@ class Stiffness(PagedResult, SavedResult):
         """Return delay, offsets and stiffness."""
         return report.show_stiffness(self.estimate)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return delay, offsets and stiffness in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_stiffness(self.estimate)
 
 
@@ -192,8 +191,7 @@ class PayloadResult(PagedResult, SavedResult):
         """Return the tables of identified and of refused quantities, with the reasons."""
         return report.show_payload(self.product.robot, self.payload)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return quantities, deviations and other changes in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_payload(self.product.robot, self.payload)
 
     def for_controller(self, controller: str, frame: "FlangeFrame" = None) -> "PayloadCommand":
@@ -382,8 +380,7 @@ class OneShotProblem(Result):
         rows = [(name, entry.start, entry.lower, entry.upper) for name, entry in entries]
         return (self.summarise(), report.Table(("variable", "start", "lower", "upper"), rows))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return robot, rows and variables in plain types."""
+    def _describe(self) -> dict[str, object]:
         entries = self.graph.variables.items()
         bounds = [
             {"name": name, "start": entry.start, "lower": entry.lower, "upper": entry.upper}
@@ -466,8 +463,7 @@ class OneShotSolution(Result):
         header = ("constraint", "lower", "value", "upper", "active")
         return self.summarise(), values, report.Table(header, rows)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return values and outcome in plain types."""
+    def _describe(self) -> dict[str, object]:
         return {
             "robot": self.problem.robot.name,
             "outcome": self.answer.outcome.name.lower(),

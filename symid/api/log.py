@@ -164,8 +164,7 @@ class Log(Measurements):
         summary = log_files.summarise_joints(self.recording, self.robot)
         return (self.summarise(), report.show_joints(self.source, summary))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return samples, timing and the range of every joint in plain types."""
+    def _describe(self) -> dict[str, object]:
         summary = log_files.summarise_joints(self.recording, self.robot)
         return report.describe_log(self.recording, log_files.measure_timing(self.time), summary)
 
@@ -470,6 +469,5 @@ class RobotCheck(DrawnResult, PagedResult):
         """Return the robot, the joints of every log, and the identifiability of the parameters."""
         return report.show_robot_check(self.robot, self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return joints, logs, and identifiability of every parameter in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_robot_check(self.robot, self.product)

@@ -8,7 +8,7 @@ in a notebook           tables, texts and figures; `Figures` are also written as
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
 from os import PathLike, fspath
@@ -100,8 +100,12 @@ class Result(ABC):
         """Return the paragraphs and tables of the printed form."""
 
     @abstractmethod
+    def _describe(self) -> dict[str, object]:
+        """Return the result in plain types, without a verdict."""
+
     def to_dict(self) -> dict[str, object]:
-        """Return the result in plain types, as `--json` prints it."""
+        """Return the result in plain types, as `--json` prints it; a verdict stands first."""
+        return self._describe()
 
     def opening(self) -> "tuple[Block, ...]":
         """Return what stands before all other blocks, such as a verdict."""
@@ -229,10 +233,6 @@ class JudgedResult(Result):
         """Return the details of the verdict, then all blocks."""
         details = "\n".join(self.verdict.details)
         return (*([details] if details else []), *self.blocks())
-
-    @abstractmethod
-    def _describe(self) -> Mapping[str, object]:
-        """Return the result in plain types, without its verdict."""
 
     def to_dict(self) -> dict[str, object]:
         """Return the verdict, then all else, in plain types."""

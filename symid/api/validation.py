@@ -135,8 +135,7 @@ class FitDiagnosis(Result):
         """Return the findings, and a table of residual structure."""
         return report.show_diagnosis(self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the diagnosis in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_diagnosis(self.product)
 
 
@@ -284,8 +283,7 @@ class Comparison(PagedResult):
         """Return values of both sides, counts, chi-square and largest differences, for every other."""
         return report.show_comparison(self.ours, self.found)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return all values, differences and counts in plain types."""
+    def _describe(self) -> dict[str, object]:
         found = report.describe_comparison(self.ours, self.found)
         return {**found, "gate": self.gate, "accepted": self.accepted}
 

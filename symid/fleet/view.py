@@ -356,8 +356,7 @@ class Fleet(PagedResult):
         names = ", ".join(f"{name} ({value:.2g} times)" for name, value in found[:_MOST_SHOWN])
         return (f"Nights differ by more than the stated deviations, which were enlarged, in: {names}.",)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return counts and changes; `save` writes the rows."""
+    def _describe(self) -> dict[str, object]:
         return {"folder": self.folder, "counts": self.counts, "changes": self.changes()}
 
     def save(self, path: str | PathLike[str]) -> Path:
