@@ -126,17 +126,10 @@ def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]], page
     if not tests:
         return add_page(answer, fit, page)
     found = [fit.validate(log, test=part) for log, part in tests]
-    texts, errors = [entry.to_text() for entry in found], [error for entry in found for error in entry.errors]
-    known = {(notice.code, notice.text) for notice in answer.warnings}
-    notices = [notice for entry in found for notice in entry.notices]
-    new = [notice for notice in notices if (notice.code, notice.text) not in known]
     answer = replace(
-        answer,
-        text="\n\n".join((answer.text, *texts)),
+        answer.add(found),
+        text="\n\n".join((answer.text, *(entry.to_text() for entry in found))),
         result={**answer.result, "validations": [entry.to_dict() for entry in found]},
-        warnings=(*answer.warnings, *new),
-        errors=(*answer.errors, *errors),
-        exit_code=answer.exit_code or (1 if errors else 0),
     )
     logs, parts = zip(*tests, strict=True)
     return add_page(answer, fit, page, validation=logs, test=parts)
@@ -283,11 +276,7 @@ def hysteresis_command(
         )
         lines.append(made.to_text())
         added["code"] = made.to_dict()
-    answer = make_answer(fit, *lines, **added)
-    if tried is None:
-        return answer
-    notices, errors = (*answer.warnings, *tried.notices), (*answer.errors, *tried.errors)
-    return replace(answer, warnings=notices, errors=errors, exit_code=1 if errors else 0)
+    return make_answer(fit, *lines, **added).add([] if tried is None else [tried])
 
 
 def _check_columns(

@@ -332,11 +332,6 @@ class JobProcess:
         return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
 
 
-def run_serial(tasks: Iterable[Task]) -> Iterator[Ended]:
-    """Yield the rows of jobs that are run one after the other in this process."""
-    yield from map(run_job, tasks)
-
-
 def run_processes(tasks: Iterable[Task], workers: int, limits: FleetLimits) -> Iterator[Ended]:
     """Yield the rows of jobs as they end in `workers` worker processes; a job is taken when one is free."""
     here, started = threading.local(), list[JobProcess]()

@@ -44,12 +44,13 @@ from symid.environment import describe_duration, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
 from symid.fleet.jobs import FleetJob, compute_key, digest_robot, read_study
 from symid.fleet.running import (
+    Ended,
     FleetLimits,
     FleetRow,
     Task,
     run_dask,
+    run_job,
     run_processes,
-    run_serial,
 )
 from symid.report import (
     Block,
@@ -514,8 +515,9 @@ def run(
         store = _Store(place / "results", again=again)
         keys: list[str] = []
         tasks = store.list_missing(jobs, keys)
+        ended: Iterator[Ended]
         if executor == "serial":
-            ended = run_serial(tasks)
+            ended = map(run_job, tasks)
         elif executor == "dask":
             ended = run_dask(tasks, cluster, count, limits, progress)
         else:
