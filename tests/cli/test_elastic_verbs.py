@@ -9,7 +9,7 @@ import pytest
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.identification.stored import read_fit
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, call, change_json, do, fail, find_codes, hear, list_codes, say
+from tests.calls import ask, call, change_json, do, fail, find_codes, find_texts, hear, list_codes, say
 
 ROBOT = "two_link_elastic"
 SHORT = ("--duration", "6")
@@ -139,7 +139,7 @@ def test_validate_says_what_is_no_test(folder, estimate, tmp_path):
     springs = [spring | {"torsion": 1e-3} for spring in springs]
     timid = change(estimate, tmp_path / "timid.json", springs=springs)
     _, answer = ask("validate", ROBOT, timid, folder / "tc.npz")
-    (told,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "validate.beyond-torsion")
+    told = find_texts(answer, "validate.beyond-torsion")
     assert "shoulder" in told
     assert "0.001 rad" in told
 
@@ -302,7 +302,6 @@ def test_values_of_no_bodies_say_how_far_the_nearest_are(estimate, tmp_path, kno
     path = change(estimate, tmp_path / "broken.json", parameters=parameters, covariance=[])
     answer = do("export", ROBOT, path, "-o", tmp_path / "nearest.toml")
     assert answer["result"]["outcome"] == "nearest"
-    (told,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "export.inconsistent")
-    assert ("standard deviations" in told) == known
+    assert ("standard deviations" in find_texts(answer, "export.inconsistent")) == known
     robot = read_robot(tmp_path / "nearest.toml")
     assert compute_parameter_values(robot, derive_base_parameters(robot))["ZZ2"] > 0.0

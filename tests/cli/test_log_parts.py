@@ -5,7 +5,7 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from tests.calls import ask, do, fail, find_values, list_codes
+from tests.calls import ask, do, fail, find_texts, find_values, list_codes
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 SAMPLES, BOUND = 6001, 3601
@@ -84,8 +84,7 @@ def test_the_rest_is_predicted_as_a_log_of_its_own(folder, estimate, options):
 def test_fitted_samples_are_no_test(folder, estimate, part, words):
     """The robot file cuts 0.1 s off at either end of what is fitted, and of what is predicted."""
     _, answer = ask("validate", "two_link", estimate, folder / "whole.npz", *part)
-    (text,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "validate.fitted-log"]
-    assert words in text
+    assert words in find_texts(answer, "validate.fitted-log")
 
 
 def test_samples_that_processing_cut_off_are_a_test(folder, tmp_path):

@@ -117,8 +117,7 @@ def test_currents_need_torque_constants(folder):
     assert not (folder / "arm.toml").exists()
     code, answer = ask_new("--torque-constant", "0.1,0.2,0.05", "--gear", "1,1,400")
     assert code == 0
-    (gear,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "new.assumed-gear"]
-    assert "'shoulder', 'elbow_joint'; give --gear" in gear
+    assert "'shoulder', 'elbow_joint'; give --gear" in find_texts(answer, "new.assumed-gear")
     assert "factor" not in (folder / "arm.toml").read_text().partition("torque = {")[2]
     recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
     np.testing.assert_allclose(recording.torque, values[:, 3:] * 1e-3 * [0.1, 0.2, 20.0], atol=1e-6)
@@ -147,8 +146,7 @@ def test_a_column_without_a_name_is_told_as_one(folder):
     write_log(folder, f"{PLAIN},")
     code, answer = ask_new()
     assert (code, answer["result"]["log"]["unused"]) == (0, [""])
-    (unused,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "new.unused-columns"]
-    assert "not used: ''; --columns" in unused
+    assert "not used: ''; --columns" in find_texts(answer, "new.unused-columns")
 
 
 @pytest.mark.parametrize(
