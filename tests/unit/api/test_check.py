@@ -8,11 +8,6 @@ from tests.recovery.closed_form import TWO_LINK_TRUTH, find_friction, find_two_l
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
-
-
-@pytest.fixture(scope="module")
 def log(robot):
     return robot.simulate(duration=8, seed=1).log
 

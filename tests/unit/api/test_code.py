@@ -12,11 +12,6 @@ from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
-
-
-@pytest.fixture(scope="module")
 def lib(robot):
     return robot.compile()
 

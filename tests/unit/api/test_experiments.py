@@ -13,11 +13,6 @@ from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
-
-
-@pytest.fixture(scope="module")
 def found(robot):
     return robot.excite(harmonics=2, period=2, candidates=20, starts=1, seed=3)
 

@@ -18,11 +18,6 @@ PROJECT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
-
-
-@pytest.fixture(scope="module")
 def log(robot):
     return robot.simulate(seed=1, duration=5.0).log
 

@@ -14,11 +14,6 @@ from tests.refusals import raises
 BODY = MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
 
 
-@pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
-
-
 def test_two_fits_in_memory_give_the_payload(robot, tmp_path):
     loaded, empty = build_estimate(add_payload(robot.description, *BODY)), build_estimate(robot.description)
     found = robot.payload(loaded, empty)
