@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar, final, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, final, runtime_checkable
 
 from symid import logs as log_files, report
 from symid.api.result import DrawnResult, Of, PagedResult
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from symid.robot import Robot
 
 
-T = TypeVar("T")
 Settings = str | Mapping[str, object]
 """Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
 

@@ -25,7 +25,7 @@ from symid.errors import (
     SymidError,
     UsageError,
 )
-from tests.calls import ask, call, fail
+from tests.calls import ask, call, fail, hear
 
 CODES = {
     SymidError: 70,
@@ -108,11 +108,7 @@ def test_without_a_verb_the_verbs_are_named():
 
 
 def test_unknown_robot_gets_the_nearest_names():
-    code, answer = ask("base", "pando")
-    assert code == 2
-    (error,) = answer["errors"]
-    assert error["code"] == "usage.unknown-robot"
-    assert "panda" in error["text"]
+    assert "panda" in hear(2, "usage.unknown-robot", "base", "pando")
 
 
 def test_five_mistakes_are_said_at_once_each_with_its_place(tmp_path):

@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 
 from symid.cli.main import run as run_cli
-from tests.calls import ask, do, list_codes, refuse
+from tests.calls import ask, do, hear, list_codes, refuse
 
 NAMES = ("two_link", "--function", "gravity")
 
@@ -129,11 +129,7 @@ def test_code_that_fails_its_test_is_not_written(tmp_path, monkeypatch, target, 
     monkeypatch.setattr(generation, "write_sources", spoil)
     order = ("two_link", "--function", "friction", "--target", target, *(["--force"] if force else []))
     for folder in (new, old):
-        code, answer = ask("generate", *order, "-o", folder)
-        assert code == 70
-        (error,) = answer["errors"]
-        assert error["code"] == "generate.selftest-failed"
-        assert "nothing was written" in error["text"]
+        assert "nothing was written" in hear(70, "generate.selftest-failed", "generate", *order, "-o", folder)
     assert not new.exists()
     assert {path.name: path.read_bytes() for path in old.iterdir()} == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["old"]

@@ -12,7 +12,7 @@ import symid
 from symid.cli.main import run
 from symid.robot.loading import locate_robot_file
 from symid.serialization import write_json
-from tests.calls import ask, do, find_codes, find_texts, list_codes, refuse
+from tests.calls import ask, do, find_codes, find_texts, hear, list_codes, refuse
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kr300"
 MISSING = pytest.mark.skipif(not KR300.exists(), reason=f"the KR300's recordings are not at {KR300}")
@@ -236,11 +236,10 @@ def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(experimen
     ],
 )
 def test_settings_without_a_meaning_for_elastic_joints_are_refused(two_sided, method, options, name):
-    status, answer = ask("identify", "two_link_elastic", two_sided, "--method", method, *options)
-    assert status == 2
-    (error,) = answer["errors"]
-    assert error["code"] == "usage.elastic-processing"
-    assert error["text"].startswith(f"processing.{name} ")
+    text = hear(
+        2, "usage.elastic-processing", "identify", "two_link_elastic", two_sided, "--method", method, *options
+    )
+    assert text.startswith(f"processing.{name} ")
 
 
 def test_cutting_off_all_of_an_elastic_log_is_refused(two_sided):

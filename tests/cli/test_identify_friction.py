@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.calls import ask, call, do, find_codes, refuse
+from tests.calls import ask, call, do, find_codes, hear, refuse
 from tests.unit.identification.friction.cosine_rigs import PLAIN, STRIBECK, record
 
 LAW = ("--rows", "friction")
@@ -198,11 +198,7 @@ def test_no_low_velocities_get_no_stribeck_velocity(axis_log):
     ],
 )
 def test_wrong_options_say_what_is_meant(axis_log, options, code, hint):
-    exit_code, answer = ask("identify", "emps", axis_log, *options)
-    assert exit_code == 2
-    (error,) = answer["errors"]
-    assert error["code"] == code
-    assert hint in error["text"]
+    assert hint in hear(2, code, "identify", "emps", axis_log, *options)
 
 
 def test_options_without_a_part_in_the_result_are_told(axis_log):

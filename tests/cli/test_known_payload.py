@@ -96,10 +96,8 @@ def test_check_knows_it(folder):
     ],
 )
 def test_what_cannot_take_it_into_account_refuses_it(folder, robot, options, what):
-    code, answer = ask("identify", robot, folder / "alone.toml", *options)
-    (error,) = answer["errors"]
-    assert (code, error["code"]) == (3, "log.known-payload")
-    assert f"which {what} does not support" in error["text"]
+    text = hear(3, "log.known-payload", "identify", robot, folder / "alone.toml", *options)
+    assert f"which {what} does not support" in text
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from symid.robot.simulator_writers import write_urdf
-from tests.calls import ask, do, fail, find_codes, say
+from tests.calls import ask, do, fail, find_codes, hear, say
 from tests.chains import PANDA, draw_parameters, set_inertia
 
 
@@ -53,11 +53,8 @@ def test_generate_cuts_too(urdf, tmp_path):
 @pytest.mark.parametrize("verb", ["check", "base", "derive"])
 @pytest.mark.parametrize("option", ["--base", "--tip"])
 def test_only_a_urdf_is_cut(verb, option):
-    code, answer = ask(verb, "two_link", option, "link1")
-    assert code == 2
-    (error,) = answer["errors"]
-    assert error["code"] == "usage.no-urdf"
-    assert error["text"].startswith(f"{option} link1: only a URDF or MJCF is cut")
+    text = hear(2, "usage.no-urdf", verb, "two_link", option, "link1")
+    assert text.startswith(f"{option} link1: only a URDF or MJCF is cut")
 
 
 def test_a_link_that_does_not_exist(urdf):

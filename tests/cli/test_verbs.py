@@ -228,11 +228,8 @@ def test_simulate_says_first_what_the_file_lacks(tmp_path, monkeypatch):
 def test_simulate_names_every_value_that_is_not_stated(tmp_path):
     robot = tmp_path / "lacking.toml"
     robot.write_text(LACKING)
-    code, answer = ask("simulate", robot, "-o", tmp_path / "a.npz")
-    assert code == 3
-    (error,) = answer["errors"]
-    assert error["code"] == "robot.no-values"
-    assert error["text"].partition("not stated: ")[2].split("; ") == [
+    text = hear(3, "robot.no-values", "simulate", robot, "-o", tmp_path / "a.npz")
+    assert text.partition("not stated: ")[2].split("; ") == [
         "joint 'j2': [joint.link] mass, com and inertia",
         "joint 'j2': stiffness and rest of [joint.spring]",
         "joint 'j2': the values of friction coulomb-viscous",
