@@ -35,7 +35,7 @@ from symid.errors import MOST_WARNINGS, Notice, SymidError, arrange_notices, sor
 from symid.serialization import write_json
 
 if TYPE_CHECKING:
-    from symid.api import Result
+    from symid import Result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

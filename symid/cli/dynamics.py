@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import symid
-from symid.api import BaseForm, GenerateOptions
+from symid.api import BaseForm
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
     COUNT,
@@ -39,6 +39,7 @@ from symid.cli.options import (
 )
 from symid.environment import check_suffix, show_path
 from symid.errors import Notice, UsageError
+from symid.options import GenerateOptions
 
 
 @verb("derive")

@@ -8,15 +8,8 @@ from typing import Any, Literal
 import click
 
 import symid
-from symid.api import (
-    Fit,
-    FleetOptions,
-    HysteresisOptions,
-    PayloadOptions,
-    RobotModel,
-    list_options,
-    pair_parts,
-)
+from symid import Fit, RobotModel
+from symid.api import pair_parts
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
     FILE,
@@ -38,6 +31,7 @@ from symid.cli.options import (
 )
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
+from symid.options import FleetOptions, HysteresisOptions, PayloadOptions, list_options
 
 
 @verb("identify")

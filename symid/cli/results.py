@@ -7,7 +7,8 @@ from typing import Any
 import click
 
 import symid
-from symid.api import ElasticFit, ExportOptions, RigidFit, compare_fit, export_fit, load_other
+from symid import ElasticFit, RigidFit
+from symid.api import compare_fit, export_fit, load_other
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
     FILE,
@@ -35,6 +36,7 @@ from symid.cli.options import (
 )
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
+from symid.options import ExportOptions
 
 
 @verb("validate")

@@ -29,7 +29,7 @@ from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from symid.api import Fit, RobotModel, load
+from symid import Fit, RobotModel, load
 from symid.environment import KEEP_MEMORY, THREAD_VARIABLES, make_scratch_folder
 from symid.errors import InputError, Notice, SolverError, SymidError, UsageError
 from symid.fleet.jobs import FleetJob, is_remote, open_address
