@@ -105,7 +105,7 @@ class RobotModel(RobotDynamics):
             OutputError: the copy cannot be written.
         """
         if resample is not None and len(logs) != 1:
-            text = f"resample: a copy is made of one log at a time, got {len(logs)}"
+            text = f"resample (--resample): a copy is made of one log at a time, got {len(logs)}"
             raise UsageError(Notice(code="usage.one-log", text=text))
         found = diagnostics.LogsCheck()
         if logs:

@@ -149,9 +149,6 @@ def generate_command(
     folder that is up to date is not changed.
     """
     target = options.pop("target")
-    if options["friction_laws"] and target != "c":
-        text = f"--friction-laws: only for C; leave out --target {target}"
-        raise UsageError(Notice(code="usage.friction-laws", text=text))
     model = robot.load(console, friction=friction)
     names = options.pop("functions") or None
     return make_answer(model.write(target, output, functions=names, **options))

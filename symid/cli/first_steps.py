@@ -168,9 +168,6 @@ def check_command(
     units, signs, exchanged joints, delays and insufficient excitation. Exit code 4 if less than three
     quarters of the parameters are identifiable.
     """
-    if resample is not None and len(logs) != 1:
-        text = f"--resample {resample}: expected one log, got {len(logs)}"
-        raise UsageError(Notice(code="usage.one-log", text=text))
     model = robot.load(console, settings=settings, friction=friction)
     check_output(resample, page, force=force, inputs=(model.path, *logs))
     found = model.check(*logs, resample=resample)
