@@ -49,8 +49,8 @@ def write(tmp_path, columns):
 
 
 def test_a_good_log(write):
-    code, answer = ask("check", "two_link", write())
-    assert (code, answer["ok"], answer["warnings"]) == (0, True, [])
+    answer = do("check", "two_link", write())
+    assert (answer["ok"], answer["warnings"]) == (True, [])
     (entry,) = answer["result"]["logs"]
     assert entry["timing"]["even"]
     assert [joint["name"] for joint in entry["joints"]] == ["shoulder", "elbow"]
@@ -178,8 +178,8 @@ def test_runs_are_checked_together(write, tmp_path):
     path.write_text(
         '[[run]]\nfile = "a.npz"\ndrop_last = 6000\n[[run]]\nfile = "a.npz"\ndrop_first = 6000\noffset = 0\n'
     )
-    code, answer = ask("check", "two_link", path)
-    assert (code, len(answer["result"]["logs"])) == (0, 2)
+    answer = do("check", "two_link", path)
+    assert len(answer["result"]["logs"]) == 2
     assert [entry["samples"] for entry in answer["result"]["logs"]] == [6000, 6000]
     assert answer["result"]["excitation"]["rank"] == 12
     path.write_text("[[run]]\n")
@@ -226,8 +226,7 @@ class TestTimes:
         assert np.ptp(np.diff(t)) < 1e-9
         truth = np.column_stack([np.interp(t, columns["t"], column) for column in columns["q"].T])
         assert np.abs(q - truth).max() < 0.01
-        code, answer = ask("check", "two_link", output)
-        assert (code, answer["result"]["logs"][0]["timing"]["even"]) == (0, True)
+        assert do("check", "two_link", output)["result"]["logs"][0]["timing"]["even"]
 
     def test_what_exists_is_not_written_over(self, uneven):
         assert fail("check", "two_link", uneven, "--resample", uneven) == (3, "output.is-input")

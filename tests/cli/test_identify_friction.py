@@ -59,8 +59,7 @@ def test_a_law_is_chosen_and_its_parameters_told(axis_log, tmp_path):
     assert "Traceback" not in err
     data = json.loads(output.read_text())
     assert (data["format"], data["kind"]) == ("symid fit", "friction")
-    code, answer = ask("report", output, "-o", page)
-    assert (code, answer["result"]["robot"]) == (0, "emps")
+    assert do("report", output, "-o", page)["result"]["robot"] == "emps"
     text = page.read_text()
     assert "emps: identified friction" in text
     assert "velocity (m/s)" in text

@@ -84,6 +84,6 @@ def test_an_unknown_set_is_a_mistake_of_the_call(axis_log, tmp_path):
 def test_an_exported_robot_keeps_its_sets(axis_log, tmp_path):
     fit, file = tmp_path / "fit.json", tmp_path / "axis.toml"
     ask("identify", "emps", axis_log, "--settings", "published", "-o", fit)
-    assert ask("export", "emps", fit, "-o", file)[0] == 0
-    code, answer = ask("identify", file, axis_log, "--settings", "published")
-    assert (code, answer["result"]["settings"]["processing"]["drop_first"]) == (0, 49)
+    do("export", "emps", fit, "-o", file)
+    answer = do("identify", file, axis_log, "--settings", "published")
+    assert answer["result"]["settings"]["processing"]["drop_first"] == 49

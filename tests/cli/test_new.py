@@ -53,8 +53,7 @@ def test_a_table_becomes_a_robot_file(tmp_path, table):
 def test_gravity_may_be_given(tmp_path, table):
     path = tmp_path / "arm.toml"
     options = ("--convention", "modified", "--gravity", "0, -9.81, 0")
-    code, answer = ask("new", path, "--from-dh", table, *options)
-    assert (code, answer["warnings"]) == (0, [])
+    assert do("new", path, "--from-dh", table, *options)["warnings"] == []
     assert [str(entry) for entry in read_robot(path).gravity] == ["0", "-981/100", "0"]
 
 
@@ -71,8 +70,7 @@ def test_a_urdf_becomes_a_robot_file(tmp_path):
 
 def test_a_robot_at_hand_is_copied(tmp_path, robots_folder):
     path = tmp_path / "mine.toml"
-    code, answer = ask("new", path, "--from", "scara")
-    assert (code, answer["result"]["robot"]) == (0, "scara")
+    assert do("new", path, "--from", "scara")["result"]["robot"] == "scara"
     assert path.read_text() == (robots_folder / "scara.toml").read_text()
 
 
@@ -145,7 +143,7 @@ def test_what_is_new_is_filtered_by_itself(tmp_path, table):
     )
     for number, options in enumerate(sources):
         path = tmp_path / f"new{number}.toml"
-        assert ask("new", path, *options)[0] == 0
+        do("new", path, *options)
         assert "[processing]" not in path.read_text()
         assert read_robot(path).processing.automatic
 
@@ -168,7 +166,7 @@ def test_a_urdf_at_hand_is_converted(tmp_path):
     source = tmp_path / "arm"
     source.write_text("\ufeff\n" + URDF, encoding="utf-8")
     path = tmp_path / "arm.toml"
-    assert ask("new", path, "--from", source)[0] == 0
+    do("new", path, "--from", source)
     assert [joint.name for joint in read_robot(path).joints] == ["shoulder", "elbow"]
 
 

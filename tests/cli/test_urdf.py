@@ -89,8 +89,7 @@ def test_a_missing_urdf_gets_the_nearest_name(urdf):
 def test_a_urdf_is_known_by_what_it_holds(urdf, name):
     path = urdf.with_name(name)
     path.write_text("\ufeff \n" + urdf.read_text(encoding="utf-8").partition("?>")[2], encoding="utf-8")
-    code, answer = ask("check", path)
-    assert (code, answer["result"]["convention"]) == (0, "urdf")
+    assert do("check", path)["result"]["convention"] == "urdf"
 
 
 def test_check_counts_one_joint_and_names_origins(urdf, robots_folder):
