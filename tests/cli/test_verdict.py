@@ -42,7 +42,7 @@ def test_the_verdict_is_the_first_line_and_the_first_entry(logs, fits, tmp_path)
     ):
         out = say(*arguments)
         assert out.startswith(("verdict: good - ", "verdict: usable - "))
-        code, answer = ask(*arguments)
+        answer = do(*arguments)
         assert next(iter(answer["result"])) == "verdict"
         assert {"level", "headline", "cause", "remedy", "details"} == set(answer["result"]["verdict"])
         assert out.startswith(f"verdict: {answer['result']['verdict']['level']} - ")
