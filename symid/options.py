@@ -196,8 +196,12 @@ class Options:
             value = given.tolist() if hasattr(given, "tolist") else given
             if kind.many and isinstance(value, int | float | str):
                 value = (value,)
-            if kind.many or kind.name == "numbers":
-                value = _freeze(value)
+            if (
+                (kind.many or kind.name == "numbers")
+                and isinstance(value, Sequence)
+                and not isinstance(value, str)
+            ):
+                value = tuple(part.tolist() if hasattr(part, "tolist") else part for part in value)
             if value is not given:
                 object.__setattr__(self, entry.name, value)
             expected = "" if value is None and entry.default is None else kind.describe_mistake(value)
@@ -219,13 +223,6 @@ def _explain(entry: "Field[Any]") -> str:
         text += f" One of {', '.join(about.kind.words)}."
     unit = _UNITS.get(about.metavar or "")
     return text if unit is None or f" {unit}." in text or f"({unit})" in text else f"{text} In {unit}."
-
-
-def _freeze(values: object) -> object:
-    """Return a list as a tuple of Python's own numbers; other values as they are."""
-    if isinstance(values, Sequence) and not isinstance(values, str):
-        return tuple(entry.tolist() if hasattr(entry, "tolist") else entry for entry in values)
-    return values
 
 
 R = TypeVar("R", bound=Options)

@@ -201,17 +201,14 @@ def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path 
     entries = _list_files_and_logs(logs)
     read = [entry for entry in entries if isinstance(entry, Log)]
     late = [key for key, _ in pairs if key.startswith("log.")]
-    late += [f"settings {name!r}" for key, name in pairs if key == "settings" and _changes_map(read, name)]
+    # A set of settings that reads any of the logs otherwise than it was read.
+    named = [(log.robot.log, entry) for log in read for entry in log.robot.settings]
+    changed = {entry.name for own, entry in named if entry.log not in (None, own)}
+    late += [f"settings {name!r}" for key, name in pairs if key == "settings" and name in changed]
     if late and read:
         text = f"{', '.join(late)}: the log is already read; read it again with a robot that has this setting"
         raise UsageError(Notice(code="usage.read-before", text=text))
     return tuple(entry.recording if isinstance(entry, Log) else entry for entry in entries)
-
-
-def _changes_map(logs: Sequence[Log], name: str) -> bool:
-    """Return whether a named set of settings reads any of the logs otherwise than it was read."""
-    named = [(log.robot.log, entry.log) for log in logs for entry in log.robot.settings if entry.name == name]
-    return any(other not in (None, own) for own, other in named)
 
 
 def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:

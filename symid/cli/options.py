@@ -3,6 +3,7 @@
 Then the options that several verbs have, and what they stand for: robot, settings, friction model, outputs.
 """
 
+import contextlib
 import functools
 import math
 import os
@@ -277,27 +278,19 @@ def check_output(*outputs: Path | None, force: bool, inputs: Sequence[Path | str
             exist.
     """
     for path in filter(None, outputs):
-        _check_output(path, [entry for entry in inputs if entry], force=force)
-
-
-def _check_output(path: Path, inputs: Sequence[Path | str], *, force: bool) -> None:
-    same = (path.resolve() == Path(entry).resolve() or _is_same_file(path, entry) for entry in inputs)
-    if any(same):
-        text = "is an input of this call and would be overwritten; give another name"
-        raise OutputError(Notice(code="output.is-input", text=text, file=str(path)))
-    if os.path.lexists(path) and not force:
-        text = "exists already; give another name, or --force to overwrite it"
-        raise OutputError(Notice(code="output.exists", text=text, file=str(path)))
-    if not os.path.isdir(path.parent):  # noqa: PTH112  Path.is_dir fails on names that are too long
-        text = f"the folder {path.parent} does not exist; make it first"
-        raise OutputError(Notice(code="output.no-folder", text=text, file=str(path)))
-
-
-def _is_same_file(path: Path, other: Path | str) -> bool:
-    try:
-        return path.samefile(other)
-    except (OSError, ValueError):
-        return False
+        for entry in filter(None, inputs):
+            same = path.resolve() == Path(entry).resolve()
+            with contextlib.suppress(OSError, ValueError):
+                same = same or path.samefile(entry)
+            if same:
+                text = "is an input of this call and would be overwritten; give another name"
+                raise OutputError(Notice(code="output.is-input", text=text, file=str(path)))
+        if os.path.lexists(path) and not force:
+            text = "exists already; give another name, or --force to overwrite it"
+            raise OutputError(Notice(code="output.exists", text=text, file=str(path)))
+        if not os.path.isdir(path.parent):  # noqa: PTH112  Path.is_dir fails on names that are too long
+            text = f"the folder {path.parent} does not exist; make it first"
+            raise OutputError(Notice(code="output.no-folder", text=text, file=str(path)))
 
 
 force_option = OUTPUT.option("--force", "Overwrite an existing output file, whoever wrote it.", is_flag=True)
