@@ -381,7 +381,7 @@ def test_doubts_of_an_estimate_are_passed_on(arm, tmp_path):
     estimate = dataclasses.replace(build_estimate(robot), notices=(doubt,))
     write_fit(estimate, tmp_path / "ours.json")
     table = write_table(tmp_path / "table.csv", [("fv1", 1.0, 0.1)])
-    _, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", table)
+    answer = do("compare", folder / "arm.toml", tmp_path / "ours.json", table)
     assert [(entry["code"], entry["text"]) for entry in answer["warnings"]] == [
         ("compare.pattern", "deviations are up to 2.9 times too small")
     ]

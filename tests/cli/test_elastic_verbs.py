@@ -91,7 +91,7 @@ def test_the_gate_is_missed_by_wrong_springs_too(folder, estimate, tmp_path):
     for spring in springs:
         spring["elasticity"]["stiffness"] *= 1.3
     wrong = change(estimate, tmp_path / "wrong.json", springs=springs)
-    _, right = ask("validate", ROBOT, estimate, folder / "tc.npz", "--gate", "2")
+    right = do("validate", ROBOT, estimate, folder / "tc.npz", "--gate", "2")
     means = [table["mean_relative_percent"] for table in right["result"]["tables"]]
     assert max(means) < 2.0
     code, answer = ask("validate", ROBOT, wrong, folder / "tc.npz", "--gate", "2")
@@ -106,7 +106,7 @@ def test_the_gate_is_missed_by_wrong_springs_too(folder, estimate, tmp_path):
 
 def test_settings_of_signals_are_followed_or_refused(folder, estimate, tmp_path):
     call = ("validate", ROBOT, estimate, folder / "tc.npz")
-    _, plain = ask(*call)
+    plain = do(*call)
     ends = ("--set", "processing.drop_first=1000", "--set", "processing.filter_cutoff=8")
     answer = do(*call, *ends)
     assert answer["result"]["samples"] < plain["result"]["samples"] - 500
@@ -138,7 +138,7 @@ def test_validate_says_what_is_no_test(folder, estimate, tmp_path):
     springs = read(estimate, "springs")
     springs = [spring | {"torsion": 1e-3} for spring in springs]
     timid = change(estimate, tmp_path / "timid.json", springs=springs)
-    _, answer = ask("validate", ROBOT, timid, folder / "tc.npz")
+    answer = do("validate", ROBOT, timid, folder / "tc.npz")
     told = find_texts(answer, "validate.beyond-torsion")
     assert "shoulder" in told
     assert "0.001 rad" in told
@@ -276,7 +276,7 @@ def test_values_that_no_robot_file_can_have_are_refused(estimate, tmp_path):
 def test_a_motor_side_estimate_is_tried_and_written_as_rigid(folder, motor_side, tmp_path):
     found, log = motor_side
     answer = do("validate", ROBOT, found, log, "--gate", "20")
-    _, both = ask("validate", ROBOT, found, folder / "tc.npz")
+    both = do("validate", ROBOT, found, folder / "tc.npz")
     assert both["result"]["residual"] == answer["result"]["residual"]
     assert "log.motor-position" in {entry["code"] for entry in both["warnings"]}
     assert re.search(r"\(.*\brigid\b.*\)", say("validate", ROBOT, found, log))

@@ -188,7 +188,7 @@ def test_a_missed_gate_is_exit_code_one(identify, other_log):
 
 def test_processing_of_the_fit_is_followed_and_may_be_set(identify, other_log):
     result = identify("coulomb-viscous-offset")
-    _, answer = ask("validate", "emps", result, other_log)
+    answer = do("validate", "emps", result, other_log)
     # The identification was in the published band, without its decimation; the robot file states neither.
     assert "estimate.settings-differ" in find_codes(answer)
     samples = answer["result"]["samples"]
@@ -253,5 +253,5 @@ def test_emps_foretells_its_pulses(shared_data, tmp_path, model, percent):
     code, out, _ = call("validate", "emps", result, pulses, "--gate", "5.5")
     assert f"mean relative residual {percent:.4f} %" in out
     assert code == (0 if percent < 5.5 else 1)
-    _, answer = ask("validate", "emps", result, pulses)
+    answer = do("validate", "emps", result, pulses)
     assert answer["result"]["mean_relative_percent"] == pytest.approx(percent, abs=5.1e-5)

@@ -213,7 +213,7 @@ def test_a_log_too_short_for_a_delay_is_taken_as_it_is(tmp_path):
 
 def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(experiment):
     call = ("identify", "two_link_elastic", experiment, "--method", "linear-spring")
-    _, plain = ask(*call)
+    plain = do(*call)
     assert plain["result"]["settings"]["cutoff"] is None
     answer = do(*call, "--cutoff", "15", "--drop-first", "3000", "--drop-last", "2000")
     settings = answer["result"]["settings"]

@@ -127,7 +127,7 @@ def test_calls_that_do_not_fit_are_refused(table, monkeypatch, case):
 
 
 def test_base_gives_formulas_in_the_symbols_of_the_file():
-    _, answer = ask("base", "two_link_symbols")
+    answer = do("base", "two_link_symbols")
     found = {entry["name"]: entry["form"] for entry in answer["result"]["parameters"]}
     assert found["ZZR1"] == "I1 + L1^2*m2 + lc1^2*m1"
     assert found["MY1"] is None

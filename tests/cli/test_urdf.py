@@ -27,9 +27,9 @@ def test_check_reads_a_urdf(urdf):
 
 
 def test_base_of_a_urdf_and_of_a_part_of_it(urdf):
-    _, whole = ask("base", urdf)
+    whole = do("base", urdf)
     assert whole["result"]["count"] == 43
-    _, dh = ask("base", "panda")
+    dh = do("base", "panda")
     names = [[entry["name"] for entry in answer["result"]["parameters"]] for answer in (whole, dh)]
     assert names[0] == names[1]
     code, part = ask("base", urdf, "--base", "joint1_link", "--tip", "joint3_link")
@@ -107,10 +107,10 @@ def test_rounding_of_angles_can_be_turned_off(tmp_path):
         '<origin rpy="1.5708 0 0"/></joint></robot>',
         encoding="utf-8",
     )
-    _, rounded = ask("base", path)
+    rounded = do("base", path)
     assert rounded["result"]["parameters"][0]["expression"] == "ZZ1 + YY2"
     assert "robot.angle-snapped" in {warning["code"] for warning in rounded["warnings"]}
-    _, exact = ask("base", path, "--snap", "0")
+    exact = do("base", path, "--snap", "0")
     assert "MZ2" not in rounded["result"]["parameters"][0]["expression"]
     assert exact["result"]["parameters"][0]["expression"].startswith("ZZ1 + ~0.99999999998")
     assert fail("base", "panda", "--snap", "0") == (2, "usage.no-urdf")

@@ -174,12 +174,6 @@ def test_arguments_out_of_range_say_what_was_allowed(call):
         call(symid.load("two_link"))
 
 
-def test_what_only_c_has_is_refused_for_other_targets(tmp_path):
-    for option in ({"precision": "float"}, {"trigonometry": "library"}):
-        with raises(symid.UsageError, "usage.precision"):
-            symid.load("two_link").write("python", tmp_path / "code", **option)
-
-
 def test_a_log_keeps_the_map_that_it_was_read_with(tmp_path):
     robot = symid.load("two_link")
     path = robot.simulate(seed=1, duration=3.0).save(tmp_path / "a.npz")

@@ -89,8 +89,5 @@ def test_a_prior_is_percent_of_the_robot_or_a_factor_on_a_fit():
         )
 
 
-def test_what_a_target_does_not_have_is_refused():
-    assert (
-        find_notices(lambda: GenerateOptions(target="python", precision="float"))[0][0] == "usage.precision"
-    )
+def test_a_self_test_has_states():
     assert find_notices(lambda: GenerateOptions(states=0))[0][0] == "usage.states"
