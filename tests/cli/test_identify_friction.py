@@ -32,6 +32,13 @@ def save_axis(path, velocity, friction, rate=250.0):
     return path
 
 
+def fit_axis(log, model, *options):
+    """Return the answer for a law of the axis, and its joint."""
+    answer = do("identify", "emps", log, *AXIS_LAW, "--model", model, *options)
+    (joint,) = answer["result"]["joints"]
+    return answer, joint
+
+
 @pytest.fixture
 def axis_log(tmp_path):
     """Return a log of slow and fast sines of an axis with a break-away bump."""
@@ -82,8 +89,7 @@ def test_a_law_is_chosen_and_its_parameters_told(axis_log, tmp_path):
 
 
 def test_a_named_law_gives_what_the_motion_had(axis_log):
-    answer = do("identify", "emps", axis_log, *AXIS_LAW, "--model", "stribeck+offset")
-    (joint,) = answer["result"]["joints"]
+    _, joint = fit_axis(axis_log, "stribeck+offset")
     assert (joint["law"], joint["selection"]) == ("stribeck+offset", None)
     values = {entry["name"]: entry["value"] for entry in joint["parameters"]}
     assert values["fC"] == pytest.approx(20.0, rel=0.02)
@@ -98,18 +104,7 @@ def test_a_named_law_gives_what_the_motion_had(axis_log):
 
 @pytest.mark.parametrize("estimator", ["varpro", "nlp", "genetic", "annealing", "differential-evolution"])
 def test_every_estimator_can_be_named(axis_log, estimator):
-    arguments = (
-        "identify",
-        "emps",
-        axis_log,
-        *AXIS_LAW,
-        "--model",
-        "stribeck+offset",
-        "--estimator",
-        estimator,
-    )
-    answer = do(*arguments, "--seed", 3)
-    (joint,) = answer["result"]["joints"]
+    _, joint = fit_axis(axis_log, "stribeck+offset", "--estimator", estimator, "--seed", 3)
     assert joint["estimator"] == estimator
     # 5.9 to 7.5, by the processor and the estimator: the axis sticks, which amplifies the last bit.
     assert joint["residual"]["relative_percent"] < 8.0
