@@ -44,12 +44,6 @@ def test_derive_and_check_cut_too(urdf):
     assert do("derive", urdf, "--tip", "joint1_link")["result"]["robot"] == "panda"
 
 
-def test_generate_cuts_too(urdf, tmp_path):
-    arguments = ("--tip", "joint2_link", "--target", "python", "-o", tmp_path / "code")
-    answer = do("generate", urdf, *arguments, "--function", "inverse_dynamics")
-    assert answer["result"]["selftest"] == "passed"
-
-
 @pytest.mark.parametrize("verb", ["check", "base", "derive"])
 @pytest.mark.parametrize("option", ["--base", "--tip"])
 def test_only_a_urdf_is_cut(verb, option):
