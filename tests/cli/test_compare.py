@@ -86,10 +86,7 @@ def test_a_group_of_standard_parameters_is_in_its_own_deviations(wrist, tmp_path
 
 def plant_coupling(values, path):
     """Write a table in which two groups hold what drive m6 adds to their joints."""
-    held = values | {
-        "Fv5": values["Fv5"] + values["Fvm6"],
-        "Fv6": values["Fv6"] + values["Fvm6"],
-    }
+    held = values | {"Fv5": values["Fv5"] + values["Fvm6"], "Fv6": values["Fv6"] + values["Fvm6"]}
     return write_table(path, [(name, value, STD) for name, value in held.items()])
 
 
@@ -102,12 +99,7 @@ def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(wri
     away = {entry["group"]: entry["deviations"] for entry in found["groups"]}
     assert away["Fv5"] == pytest.approx(-values["Fvm6"] / (np.sqrt(2) * STD))
     read = {entry["read_as"]: entry["decisive"] for entry in found["readings"]}
-    assert read == {
-        "Fv5 + Fvm6": True,
-        "Fv6 + Fvm6": True,
-        "IA5 + IAm6": False,
-        "IA6 + IAm6": False,
-    }
+    assert read == {"Fv5 + Fvm6": True, "Fv6 + Fvm6": True, "IA5 + IAm6": False, "IA6 + IAm6": False}
     text = answer["warnings"][0]["text"]
     assert "'m6'" in text
     assert '--read-as "Fv6 = Fv6 + Fvm6"' in text

@@ -137,17 +137,7 @@ def test_dynamics_and_friction_become_one_file(arm_logs, tmp_path):
     names = ("estimate.json", "friction.json", "dynamics.toml", "identified.toml")
     estimate, result, dynamics, identified = (tmp_path / name for name in names)
     ask("identify", "two_link", *arm_logs, *PLAIN_PROCESSING, "--partial", "-o", estimate)
-    ask(
-        "identify",
-        "two_link",
-        *arm_logs[:2],
-        *LAW,
-        "--model",
-        "asymmetric",
-        *PLAIN_PROCESSING,
-        "-o",
-        result,
-    )
+    ask("identify", "two_link", *arm_logs[:2], *LAW, "--model", "asymmetric", *PLAIN_PROCESSING, "-o", result)
     do("export", "two_link", estimate, "-o", dynamics)
     assert list(do("export", dynamics, result, "-o", identified)["result"]["written"]) == ["shoulder"]
     before, after = read_robot(dynamics), read_robot(identified)

@@ -84,12 +84,7 @@ def test_what_was_assumed_stands_in_the_file(folder):
 def test_what_real_robots_have_is_asked_for(folder):
     write_log(folder, PLAIN)
     answer = do(*order("--gear", "50"))
-    assert list_codes(answer) == [
-        "new.no-friction",
-        "new.no-rotor",
-        "new.assumed-order",
-        "new.assumed-side",
-    ]
+    assert list_codes(answer) == ["new.no-friction", "new.no-rotor", "new.assumed-order", "new.assumed-side"]
 
 
 def test_the_text_shows_the_columns_and_what_to_do_next(folder):
@@ -200,12 +195,7 @@ def test_all_that_is_wrong_is_said_at_once(folder):
         (("--units", "position=dgr"), 3, "new.wrong-unit", "did you mean deg"),
         (("--units", "position=deg,mm"), 3, "new.unit-count", "2 units for 'shoulder pos', 'elbow pos'"),
         (("--units", "position=deg,mm,mm"), 3, "new.wrong-unit", "'elbow pos' is in 'mm', a unit of length"),
-        (
-            ("--units", "velocity=deg/s"),
-            3,
-            "new.unit-of-nothing",
-            "--units velocity: ",
-        ),
+        (("--units", "velocity=deg/s"), 3, "new.unit-of-nothing", "--units velocity: "),
         (("--torque-constant", "nan"), 2, "usage.numbers", "such as --torque-constant 0.12,0.12,0.05"),
         (("--columns", "posision=a"), 2, "usage.quantity", "did you mean position"),
         (("--columns", "position"), 2, "usage.quantity", "such as --columns position=NAME,NAME"),
@@ -302,8 +292,7 @@ def test_logs_of_known_programs_are_known(folder, preset):
 
 
 @pytest.mark.parametrize(
-    ("unit", "codes"),
-    [("foo", ["new.wrong-unit"] * 2), ("A", ["new.mixed-units", "new.torque-constant"])],
+    ("unit", "codes"), [("foo", ["new.wrong-unit"] * 2), ("A", ["new.mixed-units", "new.torque-constant"])]
 )
 def test_names_of_symid_with_other_units_are_read_as_any_others(folder, unit, codes):
     write_log(folder, ",".join(PRESETS["symid"]).replace("N m", unit))

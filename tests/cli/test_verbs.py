@@ -132,13 +132,7 @@ def test_all_wrong_logs_are_told_at_once(tmp_path):
 
 def test_a_unit_that_does_not_exist(log):
     code, answer = ask(
-        "identify",
-        "two_link",
-        log,
-        "--set",
-        "log.torque.columns=tau",
-        "--set",
-        "log.torque.unit=furlong",
+        "identify", "two_link", log, "--set", "log.torque.columns=tau", "--set", "log.torque.unit=furlong"
     )
     assert code == 2
     assert "furlong" in answer["errors"][0]["text"]
