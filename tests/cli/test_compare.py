@@ -28,13 +28,19 @@ def compare(*arguments):
 
 
 @pytest.fixture(scope="module")
-def wrist(robots_folder, tmp_path_factory):
-    """Return the robot with a coupled wrist, an estimate of it, and its values by name."""
-    folder = tmp_path_factory.mktemp("wrist")
-    robot = fill_robot(read_robot(robots_folder / "tx40.toml"))
-    path = store_estimate(robot, folder / "ours.json")
-    estimate = build_estimate(robot)
-    return robot, path, {entry.name: entry.value for entry in estimate.parameters}
+def wrist(robots_folder):
+    """Return the robot with a coupled wrist."""
+    return fill_robot(read_robot(robots_folder / "tx40.toml"))
+
+
+@pytest.fixture(scope="module")
+def ours(wrist, tmp_path_factory):
+    return store_estimate(wrist, tmp_path_factory.mktemp("wrist") / "ours.json")
+
+
+@pytest.fixture(scope="module")
+def values(wrist):
+    return {entry.name: entry.value for entry in build_estimate(wrist).parameters}
 
 
 def write_table(path, rows, heading="group,value,std"):
@@ -54,8 +60,7 @@ def list_all(values):
     return [*rows, (names[-1], values[names[-1]], STD)]
 
 
-def test_the_same_values_in_other_groups_agree(wrist, tmp_path):
-    _, ours, values = wrist
+def test_the_same_values_in_other_groups_agree(ours, values, tmp_path):
     table = write_table(tmp_path / "table.csv", list_all(values))
     answer = do("compare", "tx40", ours, table, "--gate", "0.001")
     assert (answer["ok"], answer["warnings"]) == (True, [])
@@ -72,8 +77,7 @@ def test_the_same_values_in_other_groups_agree(wrist, tmp_path):
     assert (second["line"], second["read_as"]) == (3, None)
 
 
-def test_a_group_of_standard_parameters_is_in_its_own_deviations(wrist, tmp_path):
-    _, ours, values = wrist
+def test_a_group_of_standard_parameters_is_in_its_own_deviations(ours, values, tmp_path):
     rows = [(HEAD, values["ZZR1"] - 3 * STD, 100 * np.sqrt(3) * STD / abs(values["ZZR1"] - 3 * STD))]
     table = write_table(tmp_path / "table.csv", rows, "parameter,x,x_std_percent")
     _, found = compare("tx40", ours, table)
@@ -90,8 +94,7 @@ def plant_coupling(values, path):
     return write_table(path, [(name, value, STD) for name, value in held.items()])
 
 
-def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(wrist, tmp_path):
-    _, ours, values = wrist
+def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(ours, values, tmp_path):
     table = plant_coupling(values, tmp_path / "table.csv")
     answer, found = compare("tx40", ours, table)
     assert list_codes(answer) == ["compare.coupled-reading"]
@@ -113,8 +116,7 @@ def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(wri
     }
 
 
-def test_a_term_for_which_only_numbers_speak_is_said_to_be_that(wrist, tmp_path):
-    _, ours, values = wrist
+def test_a_term_for_which_only_numbers_speak_is_said_to_be_that(ours, values, tmp_path):
     held = values | {"Fc2": values["Fc2"] - values["Fc4"]}
     table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
     answer = do("compare", "tx40", ours, table)
@@ -124,8 +126,7 @@ def test_a_term_for_which_only_numbers_speak_is_said_to_be_that(wrist, tmp_path)
     assert text.endswith('--read-as "Fc2 = Fc2 - Fc4"')
 
 
-def test_values_that_are_plainly_different_find_no_term(wrist, tmp_path):
-    _, ours, values = wrist
+def test_values_that_are_plainly_different_find_no_term(ours, values, tmp_path):
     held = values | {"Fc2": values["Fc2"] * 0.9321, "Fv5": values["Fv5"] * 1.1234}
     table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
     code, answer = ask("compare", "tx40", ours, table, "--gate", "3")
@@ -135,8 +136,7 @@ def test_values_that_are_plainly_different_find_no_term(wrist, tmp_path):
     assert answer["result"]["accepted"] is False
 
 
-def test_the_text_has_the_table_and_the_words(capsys, wrist, tmp_path):
-    _, ours, values = wrist
+def test_the_text_has_the_table_and_the_words(capsys, ours, values, tmp_path):
     table = plant_coupling(values, tmp_path / "table.csv")
     arguments = ["compare", "tx40", str(ours), str(table)]
     assert run(arguments) == 0
@@ -154,8 +154,7 @@ def test_the_text_has_the_table_and_the_words(capsys, wrist, tmp_path):
     assert first.out.splitlines()[-1].endswith(", exactly")
 
 
-def test_all_mistakes_of_a_table_are_told_at_once(wrist, tmp_path):
-    _, ours, _ = wrist
+def test_all_mistakes_of_a_table_are_told_at_once(ours, tmp_path):
     rows = [("Izz1", 1, 0.1), ("fv1", "one", 0.1), ("what", 1, 0.1), ("fv2", 1, -1), ("fv3", 1)]
     table = write_table(tmp_path / "table.csv", rows)
     code, answer = ask("compare", "tx40", ours, table)
@@ -171,8 +170,7 @@ def test_all_mistakes_of_a_table_are_told_at_once(wrist, tmp_path):
     assert "is left over when ZZR1 = ZZ1 + IA1" in answer["errors"][0]["text"]
 
 
-def test_a_group_that_follows_from_others_is_told_with_its_line(wrist, tmp_path):
-    _, ours, _ = wrist
+def test_a_group_that_follows_from_others_is_told_with_its_line(ours, tmp_path):
     table = write_table(tmp_path / "table.csv", [("fv1", 1, 1), ("fv1 + fv2", 1, 1), ("2*fv2", 1, 1)])
     code, answer = ask("compare", "tx40", ours, table)
     assert (code, list_codes(answer, "errors")) == (3, ["usage.other-groups"])
@@ -180,8 +178,7 @@ def test_a_group_that_follows_from_others_is_told_with_its_line(wrist, tmp_path)
     assert "'2*fv2' follows from 'fv1', 'fv1 + fv2'" in answer["errors"][0]["text"]
 
 
-def test_rows_without_value_and_tables_without_deviation(wrist, tmp_path):
-    _, ours, values = wrist
+def test_rows_without_value_and_tables_without_deviation(ours, values, tmp_path):
     rows = [("fv1", values["Fv1"] + STD), ("fv2", "")]
     table = write_table(tmp_path / "table.csv", rows, "name,value")
     answer = do("compare", "tx40", ours, table)
@@ -191,8 +188,7 @@ def test_rows_without_value_and_tables_without_deviation(wrist, tmp_path):
     assert group["deviations"] == pytest.approx(-1.0)
 
 
-def test_percent_of_zero_are_no_deviation(wrist, tmp_path):
-    _, ours, values = wrist
+def test_percent_of_zero_are_no_deviation(ours, values, tmp_path):
     rows = [("fv1", values["Fv1"], 3), ("fv2", 0, 3)]
     table = write_table(tmp_path / "table.csv", rows, "name,value,std_percent")
     answer = do("compare", "tx40", ours, table)
@@ -214,14 +210,12 @@ def test_percent_of_zero_are_no_deviation(wrist, tmp_path):
         (("--value", "wls"), "usage.table-column"),
     ],
 )
-def test_wrong_options_of_a_table(wrist, tmp_path, options, code):
-    _, ours, _ = wrist
+def test_wrong_options_of_a_table(ours, tmp_path, options, code):
     table = write_table(tmp_path / "table.csv", [("fv1", 1, 1)])
     assert refuse("compare", "tx40", ours, table, *options) == (2, [code])
 
 
-def test_wrong_files(wrist, tmp_path):
-    _, ours, _ = wrist
+def test_wrong_files(ours, tmp_path):
     assert refuse("compare", "tx40", ours, tmp_path / "none.csv", tmp_path / "none.json") == (
         3,
         ["estimate.format"] * 2,
