@@ -113,7 +113,7 @@ def test_a_noisy_log_convicts_wls(folder, logs, tmp_path):
         logs["instrumental"][0], tmp_path / "noisy.npz", q=lambda q: q + 2e-4 * rng.normal(size=q.shape)
     )
     order = ("identify", folder / "arm.toml", log, *HIGH)
-    usual = do(*order, "--estimator", "wls")
+    _, usual = ask(*order, "--estimator", "wls")
     answer = do(*order, *INSTRUMENTS)
     assert "identify.biased-wls" in find_codes(answer)
     assert answer["result"]["settings"]["fit"]["wls"]["biased"] is True
