@@ -18,16 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 from symid import identification, logs as log_files, report, robot as robots
 from symid.api.dynamics import RobotDynamics
-from symid.api.log import (
-    LogLike,
-    Logs,
-    Part,
-    Parts,
-    Settings,
-    list_logs,
-    list_pairs,
-    take_one_log,
-)
+from symid.api.log import LogLike, Logs, Part, Parts, Settings, list_logs, list_pairs, take_one_log
 from symid.api.result import DrawnResult, JudgedResult, Of, SavedResult
 from symid.api.robot_files import ExportedFile, export_fit
 from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit

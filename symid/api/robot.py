@@ -56,15 +56,7 @@ from symid.identification import (
     friction as friction_fits,
     rigid as rigid_fits,
 )
-from symid.options import (
-    ExciteOptions,
-    PayloadOptions,
-    Precision,
-    SimulateOptions,
-    check_value,
-    merge,
-    words,
-)
+from symid.options import ExciteOptions, PayloadOptions, Precision, SimulateOptions, check_value, merge, words
 from symid.serialization import describe_record
 
 if TYPE_CHECKING:
@@ -208,11 +200,7 @@ class RobotModel(RobotDynamics):
         return build_dynamics_fit(found, self)
 
     def _gather(
-        self,
-        logs: Logs,
-        pairs: tuple[tuple[str, str], ...],
-        friction: str | None,
-        train: Parts | None,
+        self, logs: Logs, pairs: tuple[tuple[str, str], ...], friction: str | None, train: Parts | None
     ) -> "tuple[Robot, tuple[Recording, ...]]":
         """Return the robot with the settings of the call, and what it fits of the recordings."""
         given = list_logs(logs, pairs)

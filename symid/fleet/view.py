@@ -43,25 +43,8 @@ from symid.arrays import FloatArray
 from symid.environment import describe_duration, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
 from symid.fleet.jobs import FleetJob, compute_key, digest_robot, read_study
-from symid.fleet.running import (
-    Ended,
-    FleetLimits,
-    FleetRow,
-    Task,
-    run_dask,
-    run_job,
-    run_processes,
-)
-from symid.report import (
-    Block,
-    Drawing,
-    FitVerdict,
-    Line,
-    Page,
-    Table,
-    build_line_figure,
-    write_page,
-)
+from symid.fleet.running import Ended, FleetLimits, FleetRow, Task, run_dask, run_job, run_processes
+from symid.report import Block, Drawing, FitVerdict, Line, Page, Table, build_line_figure, write_page
 from symid.serialization import read_record, write_json
 
 Progress = Callable[[str], None]
