@@ -120,8 +120,7 @@ def test_the_urdf_is_changed_in_place(made, tmp_path):
 
 def test_a_robot_file_in_another_folder_still_names_its_urdf(made, tmp_path):
     (tmp_path / "out").mkdir()
-    code, _ = ask("export", "arm.toml", "estimate.json", "-o", "out/identified.toml")
-    assert code == 0
+    do("export", "arm.toml", "estimate.json", "-o", "out/identified.toml")
     assert 'file = "../cad/arm.urdf"' in (tmp_path / "out" / "identified.toml").read_text(encoding="utf-8")
     assert "robot.cut-off" not in find_codes(do("export", "out/identified.toml", "-o", "out/identified.urdf"))
     assert_identified(tmp_path / "out" / "identified.urdf", made, [0, 1, 2])
@@ -186,11 +185,9 @@ def test_a_file_of_the_same_name_elsewhere_is_not_touched(made, tmp_path, monkey
 
 def test_a_new_robot_file_in_another_folder_names_its_urdf(made, tmp_path):
     (tmp_path / "out").mkdir()
-    code, _ = ask("new", "out/arm.toml", "--from-urdf", "cad/arm.urdf")
-    assert code == 0
+    do("new", "out/arm.toml", "--from-urdf", "cad/arm.urdf")
     assert 'file = "../cad/arm.urdf"' in (tmp_path / "out" / "arm.toml").read_text(encoding="utf-8")
-    code, _ = ask("new", "copy.toml", "--from", "out/arm.toml")
-    assert code == 0
+    do("new", "copy.toml", "--from", "out/arm.toml")
     assert 'file = "cad/arm.urdf"' in (tmp_path / "copy.toml").read_text(encoding="utf-8")
 
 

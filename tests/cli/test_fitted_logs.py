@@ -101,8 +101,7 @@ def runs(folder):
 def test_a_diagnosis_reads_runs_as_the_fit_did(folder, runs, tmp_path, options):
     found, page = tmp_path / "estimate.json", tmp_path / "page.html"
     freedom = ("--set", "processing.noise_freedom=one")
-    code, _ = ask("identify", folder / "arm.toml", runs, *options, *freedom, "--drop-first", 50, "-o", found)
-    assert code == 0
+    do("identify", folder / "arm.toml", runs, *options, *freedom, "--drop-first", 50, "-o", found)
     call = ("report", found, "--robot", folder / "arm.toml", "--diagnose", "-o", page)
     answer = do(*call)
     assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] <= 1e-12

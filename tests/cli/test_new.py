@@ -80,8 +80,7 @@ def test_a_file_that_exists_is_kept_without_force(tmp_path, table):
     arguments = ("new", path, "--from-dh", table, "--convention", "modified")
     code, answer = ask(*arguments)
     assert (code, answer["errors"][0]["code"], path.read_text()) == (3, "output.exists", "mine")
-    code, _ = ask(*arguments, "--force")
-    assert code == 0
+    do(*arguments, "--force")
     assert read_robot(path).size == 2
 
 
@@ -152,8 +151,7 @@ def test_values_of_a_urdf_that_no_body_has_are_kept(tmp_path):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF.replace('ixx="0.01"', 'ixx="0.01" ').replace('iyy="0.02"', 'iyy="0.2"'))
     path = tmp_path / "arm.toml"
-    code, _ = ask("new", path, "--from-urdf", source)
-    assert code == 0
+    do("new", path, "--from-urdf", source)
     wanted, found = read_urdf(source), read_robot(path)
     np.testing.assert_allclose(
         [joint.inertial for joint in found.joints], [joint.inertial for joint in wanted.joints], atol=1e-13
