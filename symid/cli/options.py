@@ -278,8 +278,8 @@ def check_output(*outputs: Path | None, force: bool, inputs: Sequence[Path | str
             exist.
     """
     for path in filter(None, outputs):
-        for entry in filter(None, inputs):
-            same = path.resolve() == Path(entry).resolve()
+        for entry in [Path(given) for given in inputs if given]:
+            same = path.resolve() == entry.resolve()
             with contextlib.suppress(OSError, ValueError):
                 same = same or path.samefile(entry)
             if same:

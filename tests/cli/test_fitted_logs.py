@@ -108,7 +108,7 @@ def test_a_diagnosis_reads_runs_as_the_fit_did(folder, runs, tmp_path, options):
     assert not {"diagnosis.other-values", "diagnosis.changed-log"} & set(list_codes(answer))
     # Settings for a held-out log do not touch the logs of the fit.
     held = ("--validation", folder / "noisy.npz", "--set", "processing.filter_cutoff=20", "--force")
-    code, answer = ask(*call, *held)
+    _, answer = ask(*call, *held)
     assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] <= 1e-12
     (used,) = answer["result"]["processing"]
     assert (used["filter_cutoff"], used["origin"]["filter_cutoff"]) == (20.0, "stated")
