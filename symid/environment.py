@@ -229,13 +229,13 @@ def report_count(
 
     def report(done: int, count: int) -> None:
         left = (clock() - start) * (count - done) / done if done else 0.0
-        rest = f", {_describe_duration(left)} left" if left >= _WORTH_SAYING else ""
+        rest = f", {describe_duration(left)} left" if left >= _WORTH_SAYING else ""
         progress(f"{what} {done} of {count}{rest}".strip())
 
     return report
 
 
-def _describe_duration(seconds: float) -> str:
+def describe_duration(seconds: float) -> str:
     """Return seconds as "40 s", "12 min" or "3.5 h"."""
     if seconds < 90.0:
         return f"{seconds:.0f} s"

@@ -14,7 +14,7 @@ Loads nothing heavy: the command line reads the records before it knows what to 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from os import PathLike
 from typing import Any, Literal, TypeVar
@@ -196,8 +196,12 @@ class Options:
             value = given.tolist() if hasattr(given, "tolist") else given
             if kind.many and isinstance(value, int | float | str):
                 value = (value,)
-            if kind.many or kind.name == "numbers":
-                value = _freeze(value)
+            if (
+                (kind.many or kind.name == "numbers")
+                and isinstance(value, Sequence)
+                and not isinstance(value, str)
+            ):
+                value = tuple(part.tolist() if hasattr(part, "tolist") else part for part in value)
             if value is not given:
                 object.__setattr__(self, entry.name, value)
             expected = "" if value is None and entry.default is None else kind.describe_mistake(value)
@@ -221,23 +225,19 @@ def _explain(entry: "Field[Any]") -> str:
     return text if unit is None or f" {unit}." in text or f"({unit})" in text else f"{text} In {unit}."
 
 
-def _freeze(values: object) -> object:
-    """Return a list as a tuple of Python's own numbers; other values as they are."""
-    if isinstance(values, Sequence) and not isinstance(values, str):
-        return tuple(entry.tolist() if hasattr(entry, "tolist") else entry for entry in values)
-    return values
-
-
 R = TypeVar("R", bound=Options)
 
 
-def merge(options: R | None, default: R, **given: object) -> R:
+def merge(options: R | None, default: R, given: Mapping[str, object]) -> R:
     """Return options with the keywords that a call was given; None stands for one that was not.
+
+    `given` are the `locals()` of the call, of which the record's fields are taken.
 
     Raises:
         UsageError: a value is refused.
     """
-    return replace(options or default, **{name: value for name, value in given.items() if value is not None})
+    known = {name: given[name] for name in list_options(type(default)) if given.get(name) is not None}
+    return replace(options or default, **known)
 
 
 _UNSTATED = "where the robot file states none"

@@ -26,7 +26,7 @@ def ask(*arguments):
 def do(*arguments):
     """Return the answer of a call that must succeed."""
     code, answer = ask(*arguments)
-    assert code == 0, answer
+    assert code == 0, answer.get("errors")
     return answer
 
 

@@ -128,7 +128,7 @@ def store_estimate(robot, path: Path, **fields) -> Path:
     return write_fit(build_estimate(robot, **fields), path)
 
 
-def build_elastic_estimate(robot, *, shift=0.0, sources=("log.npz",)) -> ElasticEstimate:
+def build_springless_estimate(robot, *, shift=0.0, sources=("log.npz",)) -> ElasticEstimate:
     """Return an estimate of elastic joints without springs: the values of the robot file plus `shift`."""
     card = build_model_card(robot, derive_base_parameters(robot), ())
     cards = (*card.beta, *card.rotors, *card.friction)

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WrittenCode(Result):
     """A folder of generated code, independent of symid.
 
@@ -68,8 +67,7 @@ class WrittenCode(Result):
         """Return a headline, and the operations and sizes of every function."""
         return report.show_code(self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return files, operations and sizes in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_code("" if self.robot is None else self.robot.name, self.product)
 
 

@@ -19,7 +19,7 @@ from symid.codegen import BACKENDS
 from symid.environment import check_suffix, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
 from symid.identification import regression
-from symid.options import GenerateOptions, Precision, Target, check_value, words
+from symid.options import GenerateOptions, Precision, Target, check_value, merge, words
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -37,7 +37,6 @@ BaseForm = Literal["torque", "energy", "momentum", "gravity"]
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class BaseSet(Result):
     """The base parameters of a robot; iteration yields their names in Khalil's order.
 
@@ -134,25 +133,12 @@ class BaseSet(Result):
     def _tabulate(self) -> "tuple[Block, ...]":
         return report.tabulate_base(self.robot, self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return names, expressions, reasons, values and the null space in plain types."""
+    def _describe(self) -> dict[str, object]:
         return {**report.describe_base(self.robot, self.product), "of": self.form}
 
     def _repr_latex_(self) -> str:
         """Return names and groupings as formulas for a notebook."""
         return report.write_base_latex(self.robot, self.product)
-
-
-def derive_base_set(robot: "Robot", form: BaseForm = "torque") -> BaseSet:
-    """Derive the base parameters of `robot`; see `BaseSet`.
-
-    Raises:
-        UsageError: there is no such form.
-    """
-    if form not in dynamics.BASE_FORMS:
-        text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
-        raise UsageError(Notice(code="usage.base-form", text=text))
-    return BaseSet(robot=robot, form=form, product=dynamics.derive_base_parameters(robot, form=form))
 
 
 Notation = Literal["symid", "siciliano", "craig", "khalil"]
@@ -169,7 +155,6 @@ class LessonLetters(TypedDict, total=False):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WrittenLesson(Result):
     """A lesson that was written as a page.
 
@@ -221,8 +206,7 @@ class WrittenLesson(Result):
         lines += [f"exercises to fill in: {self.sheet}", f"answers: {self.answers}"] if self.answers else []
         return ("\n".join(lines),)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return file, size and notation."""
+    def _describe(self) -> dict[str, object]:
         return {
             "robot": self.robot.name,
             "file": str(self.path),
@@ -253,31 +237,31 @@ def write_lesson(
         given = f"exercises={exercises}: they are" if exercises else "log: its motion is"
         what = f"{given} part of a page; write a .html for that"
         raise UsageError(Notice(code="usage.lesson-option", text=what))
+    answers = sheet = executed = None
     if suffix == ".tex":
         text = lessons.write_lesson_tex(robot, book, parameters)
-        size = len(text.encode())
-        return WrittenLesson(robot=robot, path=write_file(file, text), size=size, notation=notation)
-    if suffix == ".ipynb":
-        text, done = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
-        size = len(text.encode())
-        return WrittenLesson(
-            robot=robot, path=write_file(file, text), size=size, notation=notation, executed=done
+    elif suffix == ".ipynb":
+        text, executed = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
+    else:
+        sheet_file = file.with_suffix(".exercises.txt")
+        if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
+            said = "has answers that were typed; move it, or name the page otherwise"
+            raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
+        moved = None if log is None else _sample_log(robot, log)
+        page = lessons.write_lesson_page(
+            robot, book, parameters, exercises=exercises, seed=seed, logged=moved
         )
-    sheet_file = file.with_suffix(".exercises.txt")
-    if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
-        text = "has answers that were typed; move it, or name the page otherwise"
-        raise OutputError(Notice(code="output.answers", text=text, file=str(sheet_file)))
-    logged = None if log is None else _sample_log(robot, log)
-    page = lessons.write_lesson_page(robot, book, parameters, exercises=exercises, seed=seed, logged=logged)
-    answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
-    sheet = write_file(sheet_file, page.sheet) if page.sheet else None
+        answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
+        sheet = write_file(sheet_file, page.sheet) if page.sheet else None
+        text = page.html
     return WrittenLesson(
         robot=robot,
-        path=write_file(file, page.html),
-        size=len(page.html.encode()),
+        path=write_file(file, text),
+        size=len(text.encode()),
         notation=notation,
         answers=answers,
         sheet=sheet,
+        executed=executed,
     )
 
 
@@ -326,7 +310,6 @@ def _read_sheet(path: Path) -> "AnswerSheet":
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class MarkedSheet(Result):
     """Answers to the exercises of a lesson with their marks; accepted where all are right.
 
@@ -382,8 +365,7 @@ class MarkedSheet(Result):
         ]
         return (self.summarise(), report.Table(("exercise", "mark", "answer", "note"), rows, left=(1, 2, 3)))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the marks in plain types."""
+    def _describe(self) -> dict[str, object]:
         return {
             "robot": self.robot.name,
             "file": str(self.path),
@@ -392,16 +374,7 @@ class MarkedSheet(Result):
         }
 
 
-def check_answers(robot: "Robot", path: str | PathLike[str]) -> MarkedSheet:
-    """Mark a sheet of exercises; see `RobotModel.check_answers`."""
-    file = Path(fspath(path))
-    return MarkedSheet(
-        robot=robot, path=file, answers=lessons.mark_sheet(robot, _read_sheet(file), str(file))
-    )
-
-
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Derivation(Result):
     """The derivation of a robot's dynamics.
 
@@ -432,25 +405,20 @@ class Derivation(Result):
         Raises:
             OutputError: the page cannot be written.
         """
-        return self._write(path, ".html", letters)
+        check_suffix(Path(path), "such a lesson", (".html",))
+        return write_lesson(self.robot, path, **letters).path
 
     def tex(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
-        """Write the derivation as a document for pdflatex, and return its path.
-
-        `path` ends in .tex; `letters` are those of `html`.
-        """
-        return self._write(path, ".tex", letters)
+        """Write the derivation as a document for pdflatex at `path`, .tex; `letters` are those of `html`."""
+        check_suffix(Path(path), "such a lesson", (".tex",))
+        return write_lesson(self.robot, path, **letters).path
 
     def ipynb(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
-        """Write the derivation as a notebook, executed where that is possible, and return its path.
+        """Write the derivation as a notebook at `path`, .ipynb, executed where that is possible, as `html`.
 
-        `path` ends in .ipynb; `letters` are those of `html`.
+        The `letters` are those of `html`.
         """
-        return self._write(path, ".ipynb", letters)
-
-    def _write(self, path: str | PathLike[str], suffix: str, letters: LessonLetters) -> Path:
-
-        check_suffix(Path(fspath(path)), "such a lesson", (suffix,))
+        check_suffix(Path(path), "such a lesson", (".ipynb",))
         return write_lesson(self.robot, path, **letters).path
 
     def summarise(self) -> str:
@@ -461,8 +429,7 @@ class Derivation(Result):
         """Return the steps, and the operations of generated functions."""
         return report.show_derivation(self.steps, self.operations, latex=self.latex)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return steps and operations of all routes in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_derivation(self.robot.name, self.steps, self.operations)
 
     def _repr_html_(self) -> str:
@@ -556,15 +523,25 @@ class RobotDynamics:
     @cached_property
     def base(self) -> BaseSet:
         """Return the base parameters: the smallest set that describes all motions and torques."""
-        return derive_base_set(self.description)
+        return self._derive_base("torque")
 
     def derive_base(self, form: BaseForm = "torque") -> BaseSet:
         """Return the base parameters of the torques, energies, momentum, or torques at rest ("gravity").
 
         Args:
             form: "torque", "energy", "momentum" or "gravity".
+
+        Raises:
+            UsageError: there is no such form.
         """
-        return self.base if form == "torque" else derive_base_set(self.description, form)
+        return self.base if form == "torque" else self._derive_base(form)
+
+    def _derive_base(self, form: BaseForm) -> BaseSet:
+        if form not in dynamics.BASE_FORMS:
+            text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
+            raise UsageError(Notice(code="usage.base-form", text=text))
+        product = dynamics.derive_base_parameters(self.description, form=form)
+        return BaseSet(robot=self.description, form=form, product=product)
 
     # Derivation, exact functions and code.
 
@@ -632,7 +609,9 @@ class RobotDynamics:
         Raises:
             InputError: the file is no such sheet, or one of another robot.
         """
-        return check_answers(self.description, path)
+        file = Path(fspath(path))
+        answers = lessons.mark_sheet(self.description, _read_sheet(file), str(file))
+        return MarkedSheet(robot=self.description, path=file, answers=answers)
 
     def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.
@@ -740,11 +719,9 @@ class RobotDynamics:
             folder: new, or written by symid earlier; other files in it are not changed.
             functions: the names of those wanted; all by default.
             precision: type of all numbers in C.
-            parameters: arguments of the functions: "base" for beta, "standard" for all standard parameters
-                pi.
+            parameters: the functions' arguments: "base" for beta, "standard" for all standard parameters pi.
             constant: use the robot file's values as constants.
-            trigonometry: sines in C: "own" (code that computes all angles at once) or "library" (the C
-                library).
+            trigonometry: sines in C by "own" code for all angles at once, or of the C "library".
             friction_laws: add all static friction laws to the C library.
             force: overwrite files that were edited since.
 
@@ -755,15 +732,7 @@ class RobotDynamics:
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
         """
-        order = GenerateOptions(
-            target=target,
-            functions=None if functions is None else tuple(functions),
-            precision=precision,
-            parameters=parameters,
-            constant=constant,
-            trigonometry=trigonometry,
-            friction_laws=friction_laws,
-        )
+        order = merge(None, GenerateOptions(), locals())
         path = Path(fspath(folder))
         made = codegen.generate_folder(self.description, order, path, progress=self.progress, force=force)
         springs, notices = codegen.generate_springs(

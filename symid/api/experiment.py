@@ -6,7 +6,7 @@ paper: identifications of simulated robots with known parameters.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, final
@@ -30,7 +30,6 @@ T_co = TypeVar("T_co", covariant=True)
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExcitedTrajectory(DrawnResult, PagedResult):
     """A finite Fourier series of every joint, within all limits at all times.
 
@@ -103,13 +102,11 @@ class ExcitedTrajectory(DrawnResult, PagedResult):
         """Return its condition number beside those of random series, and the used part of each limit."""
         return report.show_excitation(self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return coefficients, criteria, limits and starts in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_excitation(self.robot, self.product, self.seed)
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Simulation(Measurements):
     """The measured log of a simulated robot.
 
@@ -163,8 +160,7 @@ class Simulation(Measurements):
         """Return one line."""
         return (f"{self.robot.name}: {self.summarise()}",)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the settings of the simulation in plain types."""
+    def _describe(self) -> dict[str, object]:
         return {
             "robot": self.robot.name,
             "trajectory": self.trajectory,
@@ -179,7 +175,6 @@ class Simulation(Measurements):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Study(Result, Generic[T_co]):
     """The result of a study.
 
@@ -211,8 +206,7 @@ class Study(Result, Generic[T_co]):
         """Return its tables."""
         return self.tables
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the numbers in plain types."""
+    def _describe(self) -> dict[str, object]:
         return dict(self.described)
 
 
@@ -228,7 +222,6 @@ def list_seeds(seeds: int, seed: int) -> range:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrictionTables(Result):
     """The tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs.
 
@@ -260,8 +253,7 @@ class FrictionTables(Result):
         """Return all tables, and the claims."""
         return report.show_friction_tables(self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the numbers in plain types."""
+    def _describe(self) -> dict[str, object]:
         return asdict(self.product)
 
 
@@ -275,13 +267,9 @@ def study_friction_tables(
 ) -> FrictionTables:
     """Return the tables of a paper on joint friction, with our results beside theirs.
 
-    Args:
-        seeds: number of noise draws, at least two; some tables use fewer.
-        seed: the first one.
-        jobs: number of processes; one for each core by default. A script starts them below `if __name__ ==
-            "__main__":`.
-        timed: measure the time of each estimator, which differs from run to run.
-        progress: called with a short text at each stage, and with the number of finished tasks.
+    `seeds` are draws of the noise, at least two; some tables use fewer. With `timed` the time of each
+    estimator is measured, which differs from run to run. `seed` and `jobs` are those of
+    `RobotModel.study_precision`; `progress` is called with the stage, and the number of finished tasks.
 
     Raises:
         UsageError: fewer than two draws.
@@ -315,16 +303,10 @@ def study_foreign(
     The arms are simulated by code of their own, with Bouc-Wen springs, LuGre friction, torque ripple and
     others. Each truth takes half a minute, and each draw of its noise as much again.
 
-    Args:
-        arm: "2r", planar, or "3r", spatial.
-        truths: names of hidden models; all if empty.
-        sizes: factors of what is foreign in them.
-        seeds: draws of the noise.
-        seed: the first one.
-        jobs: number of processes; one for each core by default. A script starts them below `if __name__ ==
-            "__main__":`.
-        share: of the full length of the logs.
-        progress: called with the number of finished tasks.
+    The `arm` is "2r", planar, or "3r", spatial; `truths` are names of hidden models, all if empty, `sizes`
+    factors of what is foreign in them, and `share` is that of the full length of the logs. `seeds`, `seed`
+    and `jobs` are those of `RobotModel.study_precision`; `progress` is called with the number of finished
+    tasks.
 
     Raises:
         UsageError: an unknown arm or truth, a size or a share out of range.

@@ -13,10 +13,10 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, final
+from typing import TYPE_CHECKING, cast, final
 
 from symid import codegen, excitation, identification, logs as log_files, report, simulation, study as studies
-from symid.api.fit import ElasticFit
+from symid.api.fit import ElasticFit, build_dynamics_fit
 from symid.api.log import Log, read_log
 from symid.api.result import JudgedResult, Progress, Result, ignore
 from symid.api.robot import RobotModel, load
@@ -29,7 +29,6 @@ from symid.options import ExportOptions
 if TYPE_CHECKING:
     from symid.identification.elastic import TrackingRun
     from symid.report import Block, FitVerdict
-    from symid.simulation import ElasticRun
     from symid.study import ForeignRun
 
 
@@ -101,7 +100,6 @@ def _measure_cache(folder: Path) -> tuple[int, int]:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Doctor(Result):
     """The checks of an installation.
 
@@ -141,8 +139,7 @@ class Doctor(Result):
         rows = [(entry.name, entry.found, entry.remedy or "ok") for entry in self.findings]
         return (report.Table(("item", "found", "remedy"), rows, left=(0, 1, 2)),)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the findings in plain types."""
+    def _describe(self) -> dict[str, object]:
         from symid import __version__
 
         return {
@@ -190,7 +187,6 @@ DemoErrors = tuple[float, float]
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DemoResult(JudgedResult):
     """The result of the demo, and its errors.
 
@@ -336,17 +332,47 @@ def demo(
     _prepare_folder(place, force=force)
     robot = load(_ROBOT, backend=backend, progress=progress)
     code = robot.write("c", place / "code", force=True)
-    runs, logs = _simulate_logs(robot, place, seed)
-    training = [logs[name] for name in _TRAINING]
-    fits = _identify_by_methods(robot, training)
-    deviations = {method: _compute_errors(robot, fit, runs[_HELD_OUT]) for method, fit in fits.items()}
+    library, card = robot.library, robot.library.card
+    progress("simulating five experiments with noisy sensors")
+    noisy = studies.SensorCondition.NOISY
+    runs, logs = studies.simulate_runs(robot.description, library, noisy), dict[str, Log]()
+    for name, file in _LOGS.items():
+        # Written and read again, like those of a real robot.
+        (recording,) = studies.observe_runs(runs, (name,), noisy, seed)
+        logs[name] = read_log(log_files.write_recording(recording, place / file, robot.description), robot)
+    training = [logs[name].recording for name in _TRAINING]
+    # What `robot.identify` gives by each method; the equations are built once.
+    identify = identification.prepare_elastic_methods(
+        robot.description, training, identification.IdentifyOptions(), robot.context
+    )
+    fits = {method: cast("ElasticFit", build_dynamics_fit(identify(method), robot)) for method in _METHODS}
+    models = {method: fit.estimate.build_fit(card) for method, fit in fits.items()}
+    truth, last = studies.get_true_parameters(card), runs[_HELD_OUT]
+    deviations = {
+        method: (
+            studies.compute_parameter_error(model, truth),
+            float(studies.compute_hysteresis_errors(model, last.phi, last.joint_torque).max()),
+        )
+        for method, model in models.items()
+    }
     estimate = fits[_AUTOMATIC].save(place / "estimate.json")
     export_fit(robot.description, estimate, place / "identified.toml", ExportOptions(accept=True), progress)
-    tracking = _simulate_tracking(robot, fits)
+    progress("tracking the held-out motion with feed-forward of the identified models")
+    tracking = elastic.simulate_tracking(
+        robot.description,
+        library,
+        {
+            "Case 1: identified together": models[_AUTOMATIC],
+            "Case 2: identified apart": models["independent"],
+        },
+        excitation.build_tc(),
+        simulation.build_noisy_options(),
+        progress=progress,
+    )
     progress("simulating and identifying an arm with friction of another kind")
     foreign = studies.try_foreign(_FOREIGN, seed, report.judge_fit, share=_SHARE)
     progress("writing the report")
-    library, best = robot.library, fits[_AUTOMATIC].estimate
+    best = fits[_AUTOMATIC].estimate
     initial = [spring.elasticity for spring in fits["linear-spring"].estimate.springs]
     held_out = [logs[name].recording for name in (_HELD_OUT, "TA")]
     page = report.build_elastic_page(
@@ -390,66 +416,6 @@ def _prepare_folder(folder: Path, *, force: bool) -> None:
     except OSError as error:
         text = f"cannot be created: {error.strerror}"
         raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
-
-
-def _simulate_logs(
-    robot: RobotModel, folder: Path, seed: int
-) -> "tuple[Mapping[str, ElasticRun], dict[str, Log]]":
-    """Return runs with true values, and their logs, written and read again like those of a real robot."""
-    library = robot.library
-    robot.progress("simulating five experiments with noisy sensors")
-    runs = studies.simulate_runs(robot.description, library, studies.SensorCondition.NOISY)
-    logs = {}
-    for name, file in _LOGS.items():
-        (recording,) = studies.observe_runs(runs, (name,), studies.SensorCondition.NOISY, seed)
-        logs[name] = read_log(log_files.write_recording(recording, folder / file, robot.description), robot)
-    return runs, logs
-
-
-def _identify_by_methods(robot: RobotModel, logs: "Sequence[Log]") -> dict[str, ElasticFit]:
-    """Return what `robot.identify` gives by each method; the equations are built once."""
-    recordings = [log.recording for log in logs]
-    identify = identification.prepare_elastic_methods(
-        robot.description, recordings, identification.IdentifyOptions(), robot.context
-    )
-    fits = {}
-    for method in _METHODS:
-        found = identify(method)
-        extra = {"backend": found.backend}
-        fits[method] = ElasticFit(
-            estimate=found.estimate,
-            model=robot,
-            remarks=found.notices,
-            extra=extra,
-            alignment=found.alignment,
-        )
-    return fits
-
-
-def _compute_errors(robot: RobotModel, fit: ElasticFit, held_out: "ElasticRun") -> DemoErrors:
-    """Return the errors of a fit."""
-    card = robot.library.card
-    found = fit.estimate.build_fit(card)
-    hysteresis = studies.compute_hysteresis_errors(found, held_out.phi, held_out.joint_torque)
-    return studies.compute_parameter_error(found, studies.get_true_parameters(card)), float(hysteresis.max())
-
-
-def _simulate_tracking(robot: RobotModel, fits: Mapping[str, ElasticFit]) -> "tuple[TrackingRun, ...]":
-    """Return closed loops along the held-out motion with feed-forward of the fits."""
-    robot.progress("tracking the held-out motion with feed-forward of the identified models")
-    card = robot.library.card
-    models = {
-        "Case 1: identified together": fits[_AUTOMATIC].estimate.build_fit(card),
-        "Case 2: identified apart": fits["independent"].estimate.build_fit(card),
-    }
-    return elastic.simulate_tracking(
-        robot.description,
-        robot.library,
-        models,
-        excitation.build_tc(),
-        simulation.build_noisy_options(),
-        progress=robot.progress,
-    )
 
 
 def judge_demo(deviations: DemoErrors, tracking: "Sequence[TrackingRun]") -> tuple[Notice, ...]:

@@ -10,7 +10,7 @@ Estimates, of now or from a file -> `RigidFit`, `ElasticFit`, `FrictionFit`, all
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
@@ -18,18 +18,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, final
 
 from symid import identification, logs as log_files, report, robot as robots
 from symid.api.dynamics import RobotDynamics
-from symid.api.log import (
-    LogLike,
-    Logs,
-    Part,
-    Parts,
-    Settings,
-    list_logs,
-    list_pairs,
-    list_parts,
-    take_one_log,
-)
-from symid.api.result import DrawnResult, JudgedResult, Of
+from symid.api.log import LogLike, Logs, Part, Parts, Settings, list_logs, list_pairs, take_one_log
+from symid.api.result import DrawnResult, JudgedResult, Of, SavedResult
 from symid.api.robot_files import ExportedFile, export_fit
 from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
 from symid.errors import Notice, UsageError
@@ -47,8 +37,7 @@ if TYPE_CHECKING:
     from symid.report import Block, Drawing, FitVerdict
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Fit(JudgedResult, DrawnResult):
+class Fit(JudgedResult, DrawnResult, SavedResult):
     """The result of an identification, of any kind.
 
     Attributes:
@@ -179,15 +168,8 @@ class Fit(JudgedResult, DrawnResult):
             text = f"{name!r} is not a parameter of this fit: {hint}"
         raise UsageError(Notice(code="usage.unknown-parameter", text=text))
 
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the fit to `path` as JSON and return the path; `symid.load_fit` reads it back.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
-        return identification.write_fit(
-            self.estimate, Path(fspath(path)), verdict=describe_record(self.verdict)
-        )
+    def _save(self, file: Path) -> Path:
+        return identification.write_fit(self.estimate, file, verdict=describe_record(self.verdict))
 
     def validate(
         self,
@@ -240,11 +222,7 @@ class Fit(JudgedResult, DrawnResult):
 
     def _list_test_parts(self, test: Parts | None) -> "tuple[LogPart, ...]":
         """Return parts to predict; a number without unit has that of the parts that were fitted."""
-        return (
-            ()
-            if test is None
-            else list_parts(test, "--test", log_files.get_train_unit(self.estimate.settings))
-        )
+        return log_files.read_parts(test, "--test", log_files.get_train_unit(self.estimate.settings))
 
     def compare(
         self,
@@ -362,7 +340,6 @@ class Fit(JudgedResult, DrawnResult):
         return f"{self.product.robot}: {len(self)} parameters, mean relative residual {left:.4g} %"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class _DynamicsFit(Fit):
     """Parameters of the dynamics, with their covariance."""
 
@@ -421,7 +398,6 @@ class _DynamicsFit(Fit):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RigidFit(_DynamicsFit):
     """Base parameters and friction of a robot with rigid joints, or with joints taken as rigid.
 
@@ -474,7 +450,6 @@ class RigidFit(_DynamicsFit):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ElasticFit(_DynamicsFit):
     """Dynamics, friction and springs with hysteresis of a robot whose joints are elastic.
 
@@ -530,7 +505,6 @@ class ElasticFit(_DynamicsFit):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FrictionFit(Fit):
     """A friction law and its parameters for every joint that moves.
 

@@ -5,7 +5,7 @@ read_columns(path)      input, output and time from a file
 load(path)              a fit that was saved
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
 from symid import codegen, identification, logs as log_files, report, robot as robots
 from symid.api.code import WrittenCode
 from symid.api.log import take_samples
-from symid.api.result import Figures, JudgedResult, Of, PagedResult, Progress, ignore
+from symid.api.result import Figures, JudgedResult, Of, PagedResult, Progress, SavedResult, ignore
 from symid.errors import LogError, Notice
 from symid.identification import hysteresis as elements
 from symid.options import HysteresisOptions, Target
@@ -84,8 +84,7 @@ def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = N
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ElementFit(JudgedResult, PagedResult):
+class ElementFit(JudgedResult, PagedResult, SavedResult):
     """An element that was identified from its input and output; printed with its verdict first.
 
     Attributes:
@@ -163,15 +162,8 @@ class ElementFit(JudgedResult, PagedResult):
         trial = elements.validate_element(self.record, given, take_samples(y, None)[0], time)
         return ElementValidation(record=self.record, trial=trial)
 
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the fit to `path` as JSON, for `symid.hysteresis.load`, and return the path.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
-        return identification.write_fit(
-            self.record, Path(fspath(path)), verdict=describe_record(self.verdict)
-        )
+    def _save(self, file: Path) -> Path:
+        return identification.write_fit(self.record, file, verdict=describe_record(self.verdict))
 
     def plot(self, ax: object = None) -> Figures:
         """Return figures: loops, time, residuals, energy of cycles, branches; in axes `ax` of matplotlib."""
@@ -227,7 +219,6 @@ class ElementFit(JudgedResult, PagedResult):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ElementValidation(JudgedResult):
     """What an element predicts of a recording that it was not fitted to.
 

@@ -6,7 +6,7 @@ joints as expressions, whose methods return new problems; `OneShotSolution`: its
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
@@ -16,7 +16,7 @@ from symid import identification, report
 from symid.api import hysteresis
 from symid.api.dynamics import RobotDynamics
 from symid.api.log import Log, Logged, LogLike
-from symid.api.result import Of, PagedResult, Result
+from symid.api.result import Of, PagedResult, Result, SavedResult
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
 
@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Stiffness(PagedResult):
+class Stiffness(PagedResult, SavedResult):
     """The stiffness of every joint with 95 % intervals, and delay and offsets of the encoders.
 
     Attributes:
@@ -62,13 +61,7 @@ class Stiffness(PagedResult):
         """Return the result of every joint by its name."""
         return {entry.joint: entry for entry in self.estimate.joints}
 
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the result to `path` as JSON and return the path; `symid.load_stiffness` reads it back.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
-        file = Path(fspath(path))
+    def _save(self, file: Path) -> Path:
         return identification.write_result("stiffness", self.estimate, file, {**self.to_dict(), "file": file})
 
     def _write_page(self, file: Path) -> Path:
@@ -83,8 +76,7 @@ class Stiffness(PagedResult):
         """Return delay, offsets and stiffness."""
         return report.show_stiffness(self.estimate)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return delay, offsets and stiffness in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_stiffness(self.estimate)
 
 
@@ -127,8 +119,7 @@ PayloadSide: TypeAlias = "GivenResult | LogLike | Sequence[LogLike]"
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class PayloadResult(PagedResult):
+class PayloadResult(PagedResult, SavedResult):
     """The payload of a robot, in the link frame of the robot file; a physically consistent body.
 
     Attributes:
@@ -163,27 +154,26 @@ class PayloadResult(PagedResult):
     @property
     def mass(self) -> float:
         """Return the mass in kg."""
-        return self._list_values("mass")[0]
+        return self._get_value("mass")
 
     @property
     def com(self) -> "FloatArray":
         """Return the centre of mass in m: (3,), NaN where it is not identifiable."""
         import numpy as np
 
-        return np.array(self._list_values("cx", "cy", "cz"))
+        return np.array([self._get_value(name) for name in ("cx", "cy", "cz")])
 
     @property
     def inertia(self) -> "FloatArray":
         """Return the inertia about the centre of mass in kg m^2: (3, 3), NaN where it is not identifiable."""
         import numpy as np
 
-        xx, xy, xz, yy, yz, zz = self._list_values("Jxx", "Jxy", "Jxz", "Jyy", "Jyz", "Jzz")
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        rows = (("Jxx", "Jxy", "Jxz"), ("Jxy", "Jyy", "Jyz"), ("Jxz", "Jyz", "Jzz"))
+        return np.array([[self._get_value(name) for name in row] for row in rows])
 
-    def _list_values(self, *names: str) -> list[float]:
-        return [
-            float("nan") if self[name].value is None else float(self[name].value or 0.0) for name in names
-        ]
+    def _get_value(self, name: str) -> float:
+        value = self[name].value
+        return float("nan") if value is None else float(value)
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -201,8 +191,7 @@ class PayloadResult(PagedResult):
         """Return the tables of identified and of refused quantities, with the reasons."""
         return report.show_payload(self.product.robot, self.payload)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return quantities, deviations and other changes in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_payload(self.product.robot, self.payload)
 
     def for_controller(self, controller: str, frame: "FlangeFrame" = None) -> "PayloadCommand":
@@ -220,13 +209,8 @@ class PayloadResult(PagedResult):
         """
         return identification.build_payload_command(self.carrier, self.payload, controller, frame)
 
-    def save(self, path: str | PathLike[str]) -> Path:
-        """Write the result to `path` as JSON, and return the path; `symid.load_payload` reads it back.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
-        return identification.write_result("payload", self.product, Path(path), self.to_dict())
+    def _save(self, file: Path) -> Path:
+        return identification.write_result("payload", self.product, file, self.to_dict())
 
 
 def load_payload(path: str | PathLike[str], robot: "RobotDynamics | None" = None) -> PayloadResult:
@@ -261,7 +245,6 @@ def list_payload_side(side: PayloadSide) -> "GivenSide":
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class OneShotProblem(Result):
     """Dynamics, friction and springs of elastic joints in one problem, all of CasADi expressions (MX).
 
@@ -397,8 +380,7 @@ class OneShotProblem(Result):
         rows = [(name, entry.start, entry.lower, entry.upper) for name, entry in entries]
         return (self.summarise(), report.Table(("variable", "start", "lower", "upper"), rows))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return robot, rows and variables in plain types."""
+    def _describe(self) -> dict[str, object]:
         entries = self.graph.variables.items()
         bounds = [
             {"name": name, "start": entry.start, "lower": entry.lower, "upper": entry.upper}
@@ -408,7 +390,6 @@ class OneShotProblem(Result):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class OneShotSolution(Result):
     """The optimum of a one-shot problem, values by name in SI units.
 
@@ -482,8 +463,7 @@ class OneShotSolution(Result):
         header = ("constraint", "lower", "value", "upper", "active")
         return self.summarise(), values, report.Table(header, rows)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return values and outcome in plain types."""
+    def _describe(self) -> dict[str, object]:
         return {
             "robot": self.problem.robot.name,
             "outcome": self.answer.outcome.name.lower(),

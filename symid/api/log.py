@@ -7,10 +7,10 @@ Supported: csv, npz, mat, hdf5, parquet, ROS 2 bags (db3, mcap, folders), files 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar, final, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, final, runtime_checkable
 
 from symid import logs as log_files, report
 from symid.api.result import DrawnResult, Of, PagedResult
@@ -23,12 +23,11 @@ if TYPE_CHECKING:
     from symid.arrays import FloatArray
     from symid.identification import Described
     from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
-    from symid.logs import LogPart, Recording
+    from symid.logs import Recording
     from symid.report import Block, Drawing
     from symid.robot import Robot
 
 
-T = TypeVar("T")
 Settings = str | Mapping[str, object]
 """Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
 
@@ -56,15 +55,10 @@ def list_pairs(
     return tuple((key.strip(), _write_value(value)) for key, value in pairs)
 
 
-def _to_plain(value: T) -> T:
-    """Return a number or an array of NumPy in Python's own types, and all else as it is."""
-    plain: T = value.tolist() if hasattr(value, "tolist") else value
-    return plain
-
-
 def _write_value(value: object) -> str:
     """Return a value as a robot file has it."""
-    value = _to_plain(value)
+    # A number or an array of NumPy.
+    value = value.tolist() if hasattr(value, "tolist") else value
     match value:
         case None:
             return "none"
@@ -75,7 +69,6 @@ def _write_value(value: object) -> str:
     return str(value).strip()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Measurements(DrawnResult):
     """What was measured of a robot, in SI units on the joint side.
 
@@ -106,7 +99,6 @@ class Measurements(DrawnResult):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Log(Measurements):
     """A log as it was read.
 
@@ -171,8 +163,7 @@ class Log(Measurements):
         summary = log_files.summarise_joints(self.recording, self.robot)
         return (self.summarise(), report.show_joints(self.source, summary))
 
-    def to_dict(self) -> dict[str, object]:
-        """Return samples, timing and the range of every joint in plain types."""
+    def _describe(self) -> dict[str, object]:
         summary = log_files.summarise_joints(self.recording, self.robot)
         return report.describe_log(self.recording, log_files.measure_timing(self.time), summary)
 
@@ -210,17 +201,14 @@ def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path 
     entries = _list_files_and_logs(logs)
     read = [entry for entry in entries if isinstance(entry, Log)]
     late = [key for key, _ in pairs if key.startswith("log.")]
-    late += [f"settings {name!r}" for key, name in pairs if key == "settings" and _changes_map(read, name)]
+    # A set of settings that reads any of the logs otherwise than it was read.
+    named = [(log.robot.log, entry) for log in read for entry in log.robot.settings]
+    changed = {entry.name for own, entry in named if entry.log not in (None, own)}
+    late += [f"settings {name!r}" for key, name in pairs if key == "settings" and name in changed]
     if late and read:
         text = f"{', '.join(late)}: the log is already read; read it again with a robot that has this setting"
         raise UsageError(Notice(code="usage.read-before", text=text))
     return tuple(entry.recording if isinstance(entry, Log) else entry for entry in entries)
-
-
-def _changes_map(logs: Sequence[Log], name: str) -> bool:
-    """Return whether a named set of settings reads any of the logs otherwise than it was read."""
-    named = [(log.robot.log, entry.log) for log in logs for entry in log.robot.settings if entry.name == name]
-    return any(other not in (None, own) for own, other in named)
 
 
 def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
@@ -228,23 +216,6 @@ def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
     given = (logs,) if isinstance(logs, str | PathLike | Log | Logged) else tuple(logs)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in given)
     return tuple(entry if isinstance(entry, Log) else Path(fspath(entry)) for entry in found)
-
-
-def list_parts(given: Parts | None, name: str, unit: str = "") -> "tuple[LogPart, ...]":
-    """Return the parts of logs that an argument states, one for all logs or one for each.
-
-    Args:
-        given: one part, several, or None.
-        name: of the argument, for messages.
-        unit: of numbers without one, empty for seconds.
-
-    Raises:
-        UsageError: an entry is no part.
-    """
-    if given is None:
-        return ()
-
-    return log_files.read_parts(given, name, unit)
 
 
 def pair_parts(
@@ -443,7 +414,6 @@ def build_log(
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotCheck(DrawnResult, PagedResult):
     """Summary of a robot file, and which parameters are identifiable from logs; `errors` if too few are.
 
@@ -495,6 +465,5 @@ class RobotCheck(DrawnResult, PagedResult):
         """Return the robot, the joints of every log, and the identifiability of the parameters."""
         return report.show_robot_check(self.robot, self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return joints, logs, and identifiability of every parameter in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_robot_check(self.robot, self.product)

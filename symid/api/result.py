@@ -8,12 +8,12 @@ in a notebook           tables, texts and figures; `Figures` are also written as
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from operator import attrgetter
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast, final
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast, dataclass_transform, final
 
 from symid import report
 from symid.environment import write_file
@@ -51,8 +51,9 @@ class Of(Generic[T_co]):
         return cast("T_co", self if result is None else attrgetter(self.path)(result))
 
 
+@dataclass_transform(eq_default=False, kw_only_default=True, frozen_default=True)
 class Result(ABC):
-    """A result of the API, immutable.
+    """A result of the API, immutable: each kind is a frozen dataclass with keywords alone.
 
     Example:
         >>> import symid
@@ -64,6 +65,10 @@ class Result(ABC):
         >>> base.to_dict()["count"]
         6
     """
+
+    def __init_subclass__(cls) -> None:
+        """Make the kind of result a dataclass."""
+        dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -95,8 +100,12 @@ class Result(ABC):
         """Return the paragraphs and tables of the printed form."""
 
     @abstractmethod
+    def _describe(self) -> dict[str, object]:
+        """Return the result in plain types, without a verdict."""
+
     def to_dict(self) -> dict[str, object]:
-        """Return the result in plain types, as `--json` prints it."""
+        """Return the result in plain types, as `--json` prints it; a verdict stands first."""
+        return self._describe()
 
     def opening(self) -> "tuple[Block, ...]":
         """Return what stands before all other blocks, such as a verdict."""
@@ -166,6 +175,22 @@ class PagedResult(Result):
         return self._write_page(Path(fspath(path)))
 
 
+class SavedResult(Result):
+    """A result that can be written as JSON, which one of the functions `load_*` reads back."""
+
+    @abstractmethod
+    def _save(self, file: Path) -> Path:
+        """Write the file and return its path."""
+
+    def save(self, path: str | PathLike[str]) -> Path:
+        """Write the result to `path` as JSON, and return the path.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        return self._save(Path(fspath(path)))
+
+
 class JudgedResult(Result):
     """A result with a verdict, which stands first in all that it prints; a wrong one is an error."""
 
@@ -208,10 +233,6 @@ class JudgedResult(Result):
         """Return the details of the verdict, then all blocks."""
         details = "\n".join(self.verdict.details)
         return (*([details] if details else []), *self.blocks())
-
-    @abstractmethod
-    def _describe(self) -> Mapping[str, object]:
-        """Return the result in plain types, without its verdict."""
 
     def to_dict(self) -> dict[str, object]:
         """Return the verdict, then all else, in plain types."""

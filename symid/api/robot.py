@@ -41,7 +41,6 @@ from symid.api.log import (
     adopt_log_map,
     list_logs,
     list_pairs,
-    list_parts,
     take_one_log,
 )
 from symid.api.result import Figures, Progress, ignore
@@ -57,15 +56,7 @@ from symid.identification import (
     friction as friction_fits,
     rigid as rigid_fits,
 )
-from symid.options import (
-    ExciteOptions,
-    PayloadOptions,
-    Precision,
-    SimulateOptions,
-    check_value,
-    merge,
-    words,
-)
+from symid.options import ExciteOptions, PayloadOptions, Precision, SimulateOptions, check_value, merge, words
 from symid.serialization import describe_record
 
 if TYPE_CHECKING:
@@ -106,7 +97,7 @@ class RobotModel(RobotDynamics):
             OutputError: the copy cannot be written.
         """
         if resample is not None and len(logs) != 1:
-            text = f"resample: a copy is made of one log at a time, got {len(logs)}"
+            text = f"resample (--resample): a copy is made of one log at a time, got {len(logs)}"
             raise UsageError(Notice(code="usage.one-log", text=text))
         found = diagnostics.LogsCheck()
         if logs:
@@ -196,19 +187,7 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: too few parameters are identifiable; the message names the others.
             SolverError: a search ended without a usable result.
         """
-        order = merge(
-            options,
-            IdentifyOptions(),
-            rows=rows,
-            estimator=estimator,
-            method=method,
-            friction=friction,
-            cutoff=cutoff,
-            decimate=decimate,
-            period=period,
-            known=known,
-            partial=partial,
-        )
+        order = merge(options, IdentifyOptions(), locals())
         rigid_fits.check_estimator(order.rows or "torque", order.estimator)
         law = identification.read_joint_laws(order.friction, self.description)
         searched = law if identification.needs_search(law) else None
@@ -221,16 +200,12 @@ class RobotModel(RobotDynamics):
         return build_dynamics_fit(found, self)
 
     def _gather(
-        self,
-        logs: Logs,
-        pairs: tuple[tuple[str, str], ...],
-        friction: str | None,
-        train: Parts | None,
+        self, logs: Logs, pairs: tuple[tuple[str, str], ...], friction: str | None, train: Parts | None
     ) -> "tuple[Robot, tuple[Recording, ...]]":
         """Return the robot with the settings of the call, and what it fits of the recordings."""
         given = list_logs(logs, pairs)
         described = robots.override_settings(adopt_log_map(self.description, logs), pairs, friction)
-        parts = list_parts(train, "--train")
+        parts = log_files.read_parts(train, "--train")
         return described, log_files.take_parts(
             log_files.read_fit_recordings(given, described), parts, "--train", keep=True
         )
@@ -266,17 +241,7 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: no joint has an identifiable law.
             SolverError: a search ended without usable numbers.
         """
-        order = merge(
-            options,
-            LawOptions(),
-            model=model,
-            estimator=estimator,
-            known=known,
-            smoothing=smoothing,
-            period=period,
-            seed=seed,
-            friction=friction,
-        )
+        order = merge(options, LawOptions(), locals())
         given = self._gather(logs, list_pairs(settings, order), order.friction, train)
         found = identification.identify_robot_friction(*given, order, self.context)
         extra = {"backend": found.backend}
@@ -402,16 +367,7 @@ class RobotModel(RobotDynamics):
         """
         import numpy as np
 
-        order = merge(
-            options,
-            SimulateOptions(),
-            duration=duration,
-            scale=scale,
-            noise=noise,
-            clean=clean,
-            bandwidth=bandwidth,
-            seed=seed,
-        )
+        order = merge(options, SimulateOptions(), locals())
         robot = self.description
         simulation.check_sensor_options(robot, order)
         # Before minutes go into the derivation.

@@ -5,7 +5,7 @@ URDF, table of rows or existing robot, and a log -> `RobotDraft`; robot with val
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotDraft(Result):
     """A new robot file, not yet written.
 
@@ -75,8 +74,7 @@ class RobotDraft(Result):
         """Return the robot, and the columns and units of its log."""
         return report.show_draft(self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return robot, joints and log in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_draft(self.product)
 
 
@@ -103,8 +101,7 @@ def new_robot(
         robot: an existing robot: a robot file is copied, a URDF or MJCF is converted.
         log: a log of the robot: its columns and their units become the `[log]` table.
         columns: columns of the log by quantity (time, position, torque, velocity), or the topic of a bag
-            ("topic"); recognised by their names
-            by default.
+            ("topic"); recognised by their names by default.
         units: units of the columns by quantity, one for each or one for all, if the log states none.
         convention: for the table: "modified" or "standard"; it is never guessed.
         friction: the friction model of all joints.
@@ -127,9 +124,7 @@ def new_robot(
     source = urdf or table or robot
     if source is not None:
         progress(f"reading {fspath(source)}")
-    given = merge(
-        options, DraftOptions(), convention=convention, rotors=rotors, torque_constant=torque_constant
-    )
+    given = merge(options, DraftOptions(), locals())
     order = log_files.DraftOrder(
         urdf=None if urdf is None else Path(urdf),
         base=given.base,
@@ -150,7 +145,6 @@ def new_robot(
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExportedFile(Result):
     """A written file.
 
@@ -183,8 +177,7 @@ class ExportedFile(Result):
         """Return the format and the path, and the accuracy of bodies or the laws of joints."""
         return report.show_export(self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the file, the accuracy of bodies, and the parts left out, in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_export(self.product)
 
 

@@ -5,7 +5,7 @@ estimate, other estimates or tables of values -> `Comparison`, group by group.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LogValidation(JudgedResult, DrawnResult):
     """Prediction error of a fit on a held-out log.
 
@@ -109,7 +108,6 @@ class LogValidation(JudgedResult, DrawnResult):
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FitDiagnosis(Result):
     """Diagnosis of a fit with its own logs: correlations, bootstrap, drift, structure of the residual.
 
@@ -137,13 +135,11 @@ class FitDiagnosis(Result):
         """Return the findings, and a table of residual structure."""
         return report.show_diagnosis(self.product)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the diagnosis in plain types."""
+    def _describe(self) -> dict[str, object]:
         return report.describe_diagnosis(self.product)
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FitPage(JudgedResult):
     """A page that was written, with validation and diagnosis.
 
@@ -203,7 +199,6 @@ _TABLE_OPTIONS = ("--name", "--value", "--deviation", "--deviation-unit", "--rea
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Comparison(PagedResult):
     """A comparison of a fit with one or more others, in the groupings of the others.
 
@@ -288,8 +283,7 @@ class Comparison(PagedResult):
         """Return values of both sides, counts, chi-square and largest differences, for every other."""
         return report.show_comparison(self.ours, self.found)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return all values, differences and counts in plain types."""
+    def _describe(self) -> dict[str, object]:
         found = report.describe_comparison(self.ours, self.found)
         return {**found, "gate": self.gate, "accepted": self.accepted}
 

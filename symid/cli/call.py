@@ -35,7 +35,7 @@ from symid.errors import MOST_WARNINGS, Notice, SymidError, arrange_notices, sor
 from symid.serialization import write_json
 
 if TYPE_CHECKING:
-    from symid.api import Result
+    from symid import Result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,6 +58,20 @@ class Answer:
         wrong = tuple(entry for entry in self.errors if entry.code in _VERDICTS)
         code = self.exit_code if kept else 0
         return replace(self, warnings=(*wrong, *self.warnings), errors=kept, exit_code=code)
+
+    def add(self, results: "Sequence[Result]") -> "Answer":
+        """Return the answer with warnings and errors of further results, those that it has not yet."""
+        known = {(notice.code, notice.text) for notice in self.warnings}
+        new = [
+            entry for result in results for entry in result.notices if (entry.code, entry.text) not in known
+        ]
+        errors = [error for result in results for error in result.errors]
+        return replace(
+            self,
+            warnings=(*self.warnings, *new),
+            errors=(*self.errors, *errors),
+            exit_code=self.exit_code or (1 if errors else 0),
+        )
 
 
 _VERDICTS = frozenset({"identify.wrong", "validate.wrong"})

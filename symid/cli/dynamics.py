@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import symid
-from symid.api import BaseForm, GenerateOptions
+from symid.api import BaseForm
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
     COUNT,
@@ -39,6 +39,7 @@ from symid.cli.options import (
 )
 from symid.environment import check_suffix, show_path
 from symid.errors import Notice, UsageError
+from symid.options import GenerateOptions
 
 
 @verb("derive")
@@ -148,9 +149,6 @@ def generate_command(
     folder that is up to date is not changed.
     """
     target = options.pop("target")
-    if options["friction_laws"] and target != "c":
-        text = f"--friction-laws: only for C; leave out --target {target}"
-        raise UsageError(Notice(code="usage.friction-laws", text=text))
     model = robot.load(console, friction=friction)
     names = options.pop("functions") or None
     return make_answer(model.write(target, output, functions=names, **options))
@@ -185,8 +183,7 @@ def excite_command(
     if output is not None:
         check_suffix(output, "a trajectory", (".csv",))
     workspace = search["workspace"]
-    for written in (output, page):
-        check_output(written, force=force, inputs=(model.path, *([workspace] if workspace else [])))
+    check_output(output, page, force=force, inputs=(model.path, workspace))
     found = model.excite(options=take_record(symid.ExciteOptions, search, len(model.joints)))
     if output is None:
         return add_page(make_answer(found, file=None, samples=0, rate=rate), found, page)

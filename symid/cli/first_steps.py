@@ -108,7 +108,7 @@ def new_command(
     if file.suffix.lower() != ".toml":
         text = f"{file}: a robot file needs the suffix .toml, such as {file.stem}.toml"
         raise UsageError(Notice(code="usage.suffix", text=text))
-    check_output(file, force=force, inputs=[entry for entry in (urdf, table, log) if entry is not None])
+    check_output(file, force=force, inputs=(urdf, table, log))
     code, shape = "usage.quantity", "QUANTITY=..., such as"
     draft = symid.new_robot(
         urdf=urdf,
@@ -168,12 +168,8 @@ def check_command(
     units, signs, exchanged joints, delays and insufficient excitation. Exit code 4 if less than three
     quarters of the parameters are identifiable.
     """
-    if resample is not None and len(logs) != 1:
-        text = f"--resample {resample}: expected one log, got {len(logs)}"
-        raise UsageError(Notice(code="usage.one-log", text=text))
     model = robot.load(console, settings=settings, friction=friction)
-    for written in (resample, page):
-        check_output(written, force=force, inputs=(model.path, *logs))
+    check_output(resample, page, force=force, inputs=(model.path, *logs))
     found = model.check(*logs, resample=resample)
     return add_page(make_answer(found, exit_code=_TOO_LITTLE), found, page)
 
@@ -195,7 +191,7 @@ def plot_command(
     `symid check` found in it; a trajectory its motion beside the limits; a fit its parameters or curves.
     """
     model = robot.load(console)
-    check_output(output, force=force, inputs=(model.path, *([file] if file else [])))
+    check_output(output, force=force, inputs=(model.path, file))
     try:
         values = None if pose is None else [float(part) for part in pose.split(",")]
     except ValueError as error:

@@ -8,15 +8,8 @@ from typing import Any, Literal
 import click
 
 import symid
-from symid.api import (
-    Fit,
-    FleetOptions,
-    HysteresisOptions,
-    PayloadOptions,
-    RobotModel,
-    list_options,
-    pair_parts,
-)
+from symid import Fit, RobotModel
+from symid.api import pair_parts
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.cli.options import (
     FILE,
@@ -38,6 +31,7 @@ from symid.cli.options import (
 )
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
+from symid.options import FleetOptions, HysteresisOptions, PayloadOptions, list_options
 
 
 @verb("identify")
@@ -89,8 +83,7 @@ def identify_command(
     _check_mixed({**further, "method": method}, rows)
     # Wrong settings are refused before anything else.
     model = robot.load(console, settings=settings)
-    for written in (output, page):
-        check_output(written, force=force, inputs=(model.path, *logs))
+    check_output(output, page, force=force, inputs=(model.path, *logs))
     parts, tests = pair_parts(train, test, logs)
     before: Path | RobotModel | None = known
     if known is not None and known.suffix.lower() in (".urdf", ".xml", ".mjcf"):
@@ -127,17 +120,10 @@ def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]], page
     if not tests:
         return add_page(answer, fit, page)
     found = [fit.validate(log, test=part) for log, part in tests]
-    texts, errors = [entry.to_text() for entry in found], [error for entry in found for error in entry.errors]
-    known = {(notice.code, notice.text) for notice in answer.warnings}
-    notices = [notice for entry in found for notice in entry.notices]
-    new = [notice for notice in notices if (notice.code, notice.text) not in known]
     answer = replace(
-        answer,
-        text="\n\n".join((answer.text, *texts)),
+        answer.add(found),
+        text="\n\n".join((answer.text, *(entry.to_text() for entry in found))),
         result={**answer.result, "validations": [entry.to_dict() for entry in found]},
-        warnings=(*answer.warnings, *new),
-        errors=(*answer.errors, *errors),
-        exit_code=answer.exit_code or (1 if errors else 0),
     )
     logs, parts = zip(*tests, strict=True)
     return add_page(answer, fit, page, validation=logs, test=parts)
@@ -214,8 +200,7 @@ def payload_command(
         text = "--frame is the flange of a controller; name that by --for, or leave --frame out"
         raise UsageError(Notice(code="usage.payload-frame", text=text))
     model = robot.load(console)
-    for written in (output, page):
-        check_output(written, force=force, inputs=(model.path, *loaded, *empty))
+    check_output(output, page, force=force, inputs=(model.path, *loaded, *empty))
     found = model.payload(loaded, empty, **options)
     if controller is None:
         return add_page(answer_saved(found, output, "payload"), found, page)
@@ -266,8 +251,7 @@ def hysteresis_command(
     """
     saved = symid.hysteresis.is_saved(file)
     _check_columns(names, saved=saved, chosen=bool(model or passive), validate=validate)
-    for written in (save, page):
-        check_output(written, force=force, inputs=(file, *(() if validate is None else (validate,))))
+    check_output(save, page, force=force, inputs=(file, validate))
     if saved:
         fit = symid.hysteresis.load(file)
     else:
@@ -286,11 +270,7 @@ def hysteresis_command(
         )
         lines.append(made.to_text())
         added["code"] = made.to_dict()
-    answer = make_answer(fit, *lines, **added)
-    if tried is None:
-        return answer
-    notices, errors = (*answer.warnings, *tried.notices), (*answer.errors, *tried.errors)
-    return replace(answer, warnings=notices, errors=errors, exit_code=1 if errors else 0)
+    return make_answer(fit, *lines, **added).add([] if tried is None else [tried])
 
 
 def _check_columns(
@@ -340,8 +320,7 @@ def fleet_command(
     if cluster is not None and executor not in {None, "dask"}:
         text = f"--cluster needs the executor dask, got {executor}; leave one of both out"
         raise UsageError(Notice(code="usage.cluster", text=text))
-    for written in (table, page):
-        check_output(written, force=force, inputs=(study,))
+    check_output(table, page, force=force, inputs=(study,))
     found = symid.fleet.run(
         study,
         output or study.with_suffix(""),

@@ -3,6 +3,7 @@
 Then the options that several verbs have, and what they stand for: robot, settings, friction model, outputs.
 """
 
+import contextlib
 import functools
 import math
 import os
@@ -247,16 +248,6 @@ class NamedRobot:
         return symid.load(options.pop("name"), progress=console.progress, **options)
 
 
-def split_settings(texts: Sequence[str]) -> dict[str, str]:
-    """Return keys and values of --set KEY=VALUE; a later one wins.
-
-    Raises:
-        UsageError: a text has no equals sign.
-    """
-    expected = "KEY=VALUE, such as processing.filter_cutoff=50"
-    return split_pairs("--set", texts, expected, "usage.bad-setting")
-
-
 def split_pairs(
     name: str, texts: Sequence[str], expected: str, code: str, *, once: bool = False
 ) -> dict[str, str]:
@@ -279,32 +270,27 @@ def split_pairs(
     return pairs
 
 
-def check_output(path: Path | None, *, force: bool, inputs: Sequence[Path | str] = ()) -> None:
-    """Check an output file before the work begins.
+def check_output(*outputs: Path | None, force: bool, inputs: Sequence[Path | str | None] = ()) -> None:
+    """Check output files before the work begins; None stands for one that is not asked for.
 
     Raises:
-        OutputError: the file exists and --force is not given, it is one of `inputs`, or its folder does not
+        OutputError: a file exists and --force is not given, it is one of `inputs`, or its folder does not
             exist.
     """
-    if path is None:
-        return
-    same = (path.resolve() == Path(entry).resolve() or _is_same_file(path, entry) for entry in inputs)
-    if any(same):
-        text = "is an input of this call and would be overwritten; give another name"
-        raise OutputError(Notice(code="output.is-input", text=text, file=str(path)))
-    if os.path.lexists(path) and not force:
-        text = "exists already; give another name, or --force to overwrite it"
-        raise OutputError(Notice(code="output.exists", text=text, file=str(path)))
-    if not os.path.isdir(path.parent):  # noqa: PTH112  Path.is_dir fails on names that are too long
-        text = f"the folder {path.parent} does not exist; make it first"
-        raise OutputError(Notice(code="output.no-folder", text=text, file=str(path)))
-
-
-def _is_same_file(path: Path, other: Path | str) -> bool:
-    try:
-        return path.samefile(other)
-    except (OSError, ValueError):
-        return False
+    for path in filter(None, outputs):
+        for entry in [Path(given) for given in inputs if given]:
+            same = path.resolve() == entry.resolve()
+            with contextlib.suppress(OSError, ValueError):
+                same = same or path.samefile(entry)
+            if same:
+                text = "is an input of this call and would be overwritten; give another name"
+                raise OutputError(Notice(code="output.is-input", text=text, file=str(path)))
+        if os.path.lexists(path) and not force:
+            text = "exists already; give another name, or --force to overwrite it"
+            raise OutputError(Notice(code="output.exists", text=text, file=str(path)))
+        if not os.path.isdir(path.parent):  # noqa: PTH112  Path.is_dir fails on names that are too long
+            text = f"the folder {path.parent} does not exist; make it first"
+            raise OutputError(Notice(code="output.no-folder", text=text, file=str(path)))
 
 
 force_option = OUTPUT.option("--force", "Overwrite an existing output file, whoever wrote it.", is_flag=True)
@@ -324,7 +310,9 @@ def _gather_settings(function: Callable[..., R]) -> Callable[..., R]:
     @functools.wraps(function)
     def call(*, named_settings: str | None, pairs: tuple[str, ...], **options: object) -> R:
         named = {} if named_settings is None else {"settings": named_settings}
-        return function(settings=named | split_settings(pairs), **options)
+        expected = "KEY=VALUE, such as processing.filter_cutoff=50"
+        single = split_pairs("--set", pairs, expected, "usage.bad-setting")
+        return function(settings=named | single, **options)
 
     return call
 

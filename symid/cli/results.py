@@ -1,6 +1,5 @@
 """The verbs on an estimate: `symid validate`, `symid compare`, `symid report`, `symid export`."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,8 @@ from typing import Any
 import click
 
 import symid
-from symid.api import ElasticFit, ExportOptions, RigidFit, compare_fit, export_fit, load_other
+from symid import ElasticFit, RigidFit
+from symid.api import compare_fit, export_fit, load_other
 from symid.cli.call import Answer, Console, make_answer
 from symid.cli.options import (
     FILE,
@@ -30,11 +30,13 @@ from symid.cli.options import (
     robot_argument,
     robot_option,
     settings_options,
+    split_pairs,
     take_record,
     verb,
 )
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
+from symid.options import ExportOptions
 
 
 @verb("validate")
@@ -157,26 +159,11 @@ def compare_command(
     ours are regrouped exactly. Differences are in standard deviations of both sides. Exit code 1 if the
     gate is missed.
     """
-    model, readings = robot.load(console).description, _split_readings(read_as)
+    model, expected = robot.load(console).description, 'GROUP = SUM, such as "fv5 = fv5 + fvm6"'
+    readings = split_pairs("--read-as", read_as, expected, "usage.read-as", once=True)
     check_output(page, force=force, inputs=(estimate, *others))
     found = compare_fit(model, estimate, others, read_as=readings, progress=console.progress, **options)
     return add_page(make_answer(found), found, page)
-
-
-def _split_readings(texts: Sequence[str]) -> dict[str, str]:
-    """Return the readings of groups by their text without blanks; refuse a group given twice."""
-    readings: dict[str, str] = {}
-    for text in texts:
-        group, sign, other = text.partition("=")
-        key = "".join(group.split())
-        if not sign or not key or not other.strip():
-            message = f'--read-as {text!r}: expected GROUP = SUM, such as "fv5 = fv5 + fvm6"'
-            raise UsageError(Notice(code="usage.read-as", text=message))
-        if key in readings:
-            message = f"--read-as {text!r}: the group is read as {readings[key]!r} already; give it once"
-            raise UsageError(Notice(code="usage.read-as", text=message))
-        readings[key] = other.strip()
-    return readings
 
 
 @verb("report")
@@ -281,7 +268,7 @@ def export_command(
         raise UsageError(Notice(code="usage.export-file", text=text))
     options = take_record(ExportOptions, values)
     model = robot.load(console)
-    check_output(output, force=force, inputs=(model.path, *([estimate] if estimate else [])))
+    check_output(output, force=force, inputs=(model.path, estimate))
     if estimate is None:
         if output is None:
             text = "--in-place writes the values of ESTIMATE; give one"

@@ -34,8 +34,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symid import __version__
-from symid.api import load
+from symid import __version__, load
 from symid.errors import InputError, Notice, SymidError, UsageError
 from symid.options import SimulateOptions, list_flags
 from symid.robot import NOT_NEGATIVE, POSITIVE, Section, locate_robot_file, parse_toml, read_text_file

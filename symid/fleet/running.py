@@ -29,7 +29,7 @@ from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
-from symid.api import Fit, RobotModel, load
+from symid import Fit, RobotModel, load
 from symid.environment import KEEP_MEMORY, THREAD_VARIABLES, make_scratch_folder
 from symid.errors import InputError, Notice, SolverError, SymidError, UsageError
 from symid.fleet.jobs import FleetJob, is_remote, open_address
@@ -330,11 +330,6 @@ class JobProcess:
         if code == -signal.SIGKILL:
             return "was killed; memory may have run out"
         return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
-
-
-def run_serial(tasks: Iterable[Task]) -> Iterator[Ended]:
-    """Yield the rows of jobs that are run one after the other in this process."""
-    yield from map(run_job, tasks)
 
 
 def run_processes(tasks: Iterable[Task], workers: int, limits: FleetLimits) -> Iterator[Ended]:

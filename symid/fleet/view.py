@@ -38,29 +38,13 @@ from typing import Literal, final
 import numpy as np
 from scipy.special import chdtri, ndtr
 
-from symid.api import Result
+from symid.api import PagedResult
 from symid.arrays import FloatArray
-from symid.environment import read_file, write_file
+from symid.environment import describe_duration, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
 from symid.fleet.jobs import FleetJob, compute_key, digest_robot, read_study
-from symid.fleet.running import (
-    FleetLimits,
-    FleetRow,
-    Task,
-    run_dask,
-    run_processes,
-    run_serial,
-)
-from symid.report import (
-    Block,
-    Drawing,
-    FitVerdict,
-    Line,
-    Page,
-    Table,
-    build_line_figure,
-    write_page,
-)
+from symid.fleet.running import Ended, FleetLimits, FleetRow, Task, run_dask, run_job, run_processes
+from symid.report import Block, Drawing, FitVerdict, Line, Page, Table, build_line_figure, write_page
 from symid.serialization import read_record, write_json
 
 Progress = Callable[[str], None]
@@ -243,8 +227,7 @@ def find_changes(
 
 
 @final
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Fleet(Result):
+class Fleet(PagedResult):
     """The rows of a fleet, in the order of its jobs.
 
     Attributes:
@@ -357,8 +340,7 @@ class Fleet(Result):
         names = ", ".join(f"{name} ({value:.2g} times)" for name, value in found[:_MOST_SHOWN])
         return (f"Nights differ by more than the stated deviations, which were enlarged, in: {names}.",)
 
-    def to_dict(self) -> dict[str, object]:
-        """Return counts and changes; `save` writes the rows."""
+    def _describe(self) -> dict[str, object]:
         return {"folder": self.folder, "counts": self.counts, "changes": self.changes()}
 
     def save(self, path: str | PathLike[str]) -> Path:
@@ -403,12 +385,8 @@ class Fleet(Result):
             if not row.values:
                 yield head
 
-    def report(self, path: str | PathLike[str]) -> Path:
-        """Write one page with all that is printed, and figures, to `path`, and return the path.
-
-        Raises:
-            OutputError: the file cannot be written.
-        """
+    def _write_page(self, file: Path) -> Path:
+        """Write all that is printed, and figures."""
         found, lost = self.changes(), len(self.rows) - self.counts.get("done", 0)
         robots = len({row.job.name for row in self.rows})
         changed = len({entry.name for entry in found})
@@ -427,7 +405,7 @@ class Fleet(Result):
             more=("== Jobs ==", self.summarise(), *self._show_reasons(), *self._show_scatter()),
             settings=(("level", f"{self.level:g}"), ("control", self.control)),
         )
-        return write_page(Path(fspath(path)), page)
+        return write_page(file, page)
 
     def figures(self) -> tuple[Drawing, ...]:
         """Return the surest changes over the nights."""
@@ -520,8 +498,9 @@ def run(
         store = _Store(place / "results", again=again)
         keys: list[str] = []
         tasks = store.list_missing(jobs, keys)
+        ended: Iterator[Ended]
         if executor == "serial":
-            ended = run_serial(tasks)
+            ended = map(run_job, tasks)
         elif executor == "dask":
             ended = run_dask(tasks, cluster, count, limits, progress)
         else:
@@ -543,7 +522,7 @@ def run(
                 now, left = time.monotonic(), count - store.found - done
                 if now - told >= _SECONDS_BETWEEN or not left:
                     told = now
-                    rest = f", about {_describe_time((now - start) / done * left)} left" if left else ""
+                    rest = f", about {describe_duration((now - start) / done * left)} left" if left else ""
                     without = f", {lost} without a fit" if lost else ""
                     progress(f"{store.found + done} of {count} jobs{without}{rest}")
         listed = {"format": _FORMAT, "version": 1, "jobs": keys}
@@ -655,9 +634,3 @@ class _Store:
 
 
 _SECONDS_BETWEEN = 2.0
-
-
-def _describe_time(seconds: float) -> str:
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import symid
-from tests.calls import do
+from tests.calls import do, find_texts
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
@@ -66,8 +66,7 @@ def identify(urdf, log, *options):
 def test_one_command_identifies_from_a_bag(bag, tmp_path):
     name, urdf, options, path = bag
     found = identify(urdf, path, *options)
-    (topic,) = (entry["text"] for entry in found["warnings"] if entry["code"] == "log.topic-read")
-    assert ("3441 messages" if name == "ur10" else "727 messages") in topic
+    assert ("3441 messages" if name == "ur10" else "727 messages") in find_texts(found, "log.topic-read")
     parameters = found["result"]["parameters"]
     assert len(parameters) == {"ur10": 36, "panda": 57}[name]
     robot = symid.load(urdf, **({"tip": options[1]} if options else {}))

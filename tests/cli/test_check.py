@@ -49,8 +49,8 @@ def write(tmp_path, columns):
 
 
 def test_a_good_log(write):
-    code, answer = ask("check", "two_link", write())
-    assert (code, answer["ok"], answer["warnings"]) == (0, True, [])
+    answer = do("check", "two_link", write())
+    assert (answer["ok"], answer["warnings"]) == (True, [])
     (entry,) = answer["result"]["logs"]
     assert entry["timing"]["even"]
     assert [joint["name"] for joint in entry["joints"]] == ["shoulder", "elbow"]
@@ -73,7 +73,7 @@ def test_a_good_log(write):
 
 def test_expected_deviations_are_those_of_an_identification(capsys, write):
     log = write()
-    _, answer = ask("check", "two_link", log)
+    answer = do("check", "two_link", log)
     expected = {e["name"]: e["relative_std_percent"] for e in answer["result"]["excitation"]["parameters"]}
     assert run(["identify", "two_link", str(log), "--estimator", "wls", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["result"]["parameters"]
@@ -123,18 +123,17 @@ def test_a_delay_is_found_to_a_part_of_a_sample(write, columns, delay):
 
 
 def test_units_that_no_robot_has(write, columns):
-    _, answer = ask("check", "two_link", write(tau=1e6 * columns["tau"]))
+    answer = do("check", "two_link", write(tau=1e6 * columns["tau"]))
     assert "joint 'shoulder'" in codes(answer)["log.torque-size"]
     assert " kg, " in codes(answer)["log.torque-size"]
     assert "milliamperes" in codes(answer)["log.torque-size"]
-    _, answer = ask("check", "two_link", write(tau=1e-6 * columns["tau"]))
-    assert "motor side" in codes(answer)["log.torque-size"]
+    assert "motor side" in codes(do("check", "two_link", write(tau=1e-6 * columns["tau"])))["log.torque-size"]
 
 
 @pytest.mark.parametrize(("factor", "said"), [(0.1, True), (10.0, True), (1.0, False), (2.0, False)])
 def test_torques_that_masses_of_the_robot_file_do_not_explain(write, columns, factor, said):
     """Efforts that are currents: the masses that they need are those of another robot."""
-    _, answer = ask("check", "two_link", write(tau=factor * columns["tau"]))
+    answer = do("check", "two_link", write(tau=factor * columns["tau"]))
     assert ("log.effort-size" in codes(answer)) == said
     if said:
         assert "--units torque=A" in codes(answer)["log.effort-size"]
@@ -178,8 +177,8 @@ def test_runs_are_checked_together(write, tmp_path):
     path.write_text(
         '[[run]]\nfile = "a.npz"\ndrop_last = 6000\n[[run]]\nfile = "a.npz"\ndrop_first = 6000\noffset = 0\n'
     )
-    code, answer = ask("check", "two_link", path)
-    assert (code, len(answer["result"]["logs"])) == (0, 2)
+    answer = do("check", "two_link", path)
+    assert len(answer["result"]["logs"]) == 2
     assert [entry["samples"] for entry in answer["result"]["logs"]] == [6000, 6000]
     assert answer["result"]["excitation"]["rank"] == 12
     path.write_text("[[run]]\n")
@@ -226,8 +225,7 @@ class TestTimes:
         assert np.ptp(np.diff(t)) < 1e-9
         truth = np.column_stack([np.interp(t, columns["t"], column) for column in columns["q"].T])
         assert np.abs(q - truth).max() < 0.01
-        code, answer = ask("check", "two_link", output)
-        assert (code, answer["result"]["logs"][0]["timing"]["even"]) == (0, True)
+        assert do("check", "two_link", output)["result"]["logs"][0]["timing"]["even"]
 
     def test_what_exists_is_not_written_over(self, uneven):
         assert fail("check", "two_link", uneven, "--resample", uneven) == (3, "output.is-input")
@@ -264,5 +262,5 @@ def test_a_wrong_sign_in_a_real_log(shared_data, tmp_path, joint):
     content["tau_motor"][:, joint] *= -1.0
     np.savez(tmp_path / "turned.npz", **content)
     cut = ["--set", "processing.drop_first=600", "--set", "processing.decimation.factor=25"]
-    _, answer = ask("check", "tx40", tmp_path / "turned.npz", *cut)
+    answer = do("check", "tx40", tmp_path / "turned.npz", *cut)
     assert f"'joint{joint + 1}'" in codes(answer)["log.torque-sign"]

@@ -15,19 +15,32 @@ from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
 from tests.calls import ask, do, list_codes, refuse, say
 from tests.chains import PUMA560
-from tests.estimates import STD, build_elastic_estimate, build_estimate, fill_robot, store_estimate
+from tests.estimates import STD, build_estimate, build_springless_estimate, fill_robot, store_estimate
 
 HEAD = "Izz1 + 1.0*Ia1 + Iyy2 + Iyy3 + 0.07*mz3 + 0.05185*m3 + 0.05185*m4 + 0.05185*m5 + 0.05185*m6"
 
 
+def compare(*arguments):
+    """Return the answer of a comparison that must succeed, and what it found for the one other."""
+    answer = do("compare", *arguments)
+    (found,) = answer["result"]["others"]
+    return answer, found
+
+
 @pytest.fixture(scope="module")
-def wrist(robots_folder, tmp_path_factory):
-    """Return the robot with a coupled wrist, an estimate of it, and its values by name."""
-    folder = tmp_path_factory.mktemp("wrist")
-    robot = fill_robot(read_robot(robots_folder / "tx40.toml"))
-    path = store_estimate(robot, folder / "ours.json")
-    estimate = build_estimate(robot)
-    return robot, path, {entry.name: entry.value for entry in estimate.parameters}
+def wrist(robots_folder):
+    """Return the robot with a coupled wrist."""
+    return fill_robot(read_robot(robots_folder / "tx40.toml"))
+
+
+@pytest.fixture(scope="module")
+def ours(wrist, tmp_path_factory):
+    return store_estimate(wrist, tmp_path_factory.mktemp("wrist") / "ours.json")
+
+
+@pytest.fixture(scope="module")
+def values(wrist):
+    return {entry.name: entry.value for entry in build_estimate(wrist).parameters}
 
 
 def write_table(path, rows, heading="group,value,std"):
@@ -47,11 +60,10 @@ def list_all(values):
     return [*rows, (names[-1], values[names[-1]], STD)]
 
 
-def test_the_same_values_in_other_groups_agree(wrist, tmp_path):
-    _, ours, values = wrist
+def test_the_same_values_in_other_groups_agree(ours, values, tmp_path):
     table = write_table(tmp_path / "table.csv", list_all(values))
-    code, answer = ask("compare", "tx40", ours, table, "--gate", "0.001")
-    assert (code, answer["ok"], answer["warnings"]) == (0, True, [])
+    answer = do("compare", "tx40", ours, table, "--gate", "0.001")
+    assert (answer["ok"], answer["warnings"]) == (True, [])
     (found,) = answer["result"]["others"]
     assert (found["judged"], found["absent"], found["lacking"]) == (60, ["IA6"], 0)
     assert found["within"] == {"2": 60, "3": 60}
@@ -65,14 +77,11 @@ def test_the_same_values_in_other_groups_agree(wrist, tmp_path):
     assert (second["line"], second["read_as"]) == (3, None)
 
 
-def test_a_group_of_standard_parameters_is_in_its_own_deviations(wrist, tmp_path):
-    _, ours, values = wrist
+def test_a_group_of_standard_parameters_is_in_its_own_deviations(ours, values, tmp_path):
     rows = [(HEAD, values["ZZR1"] - 3 * STD, 100 * np.sqrt(3) * STD / abs(values["ZZR1"] - 3 * STD))]
     table = write_table(tmp_path / "table.csv", rows, "parameter,x,x_std_percent")
-    code, answer = ask("compare", "tx40", ours, table)
-    (found,) = answer["result"]["others"]
+    _, found = compare("tx40", ours, table)
     (group,) = found["groups"]
-    assert code == 0
     assert group["deviations"] == pytest.approx(3 / np.sqrt(1 + 3))
     assert group["unit"] == "kg m^2"
     assert found["lacking"] == 0
@@ -81,56 +90,43 @@ def test_a_group_of_standard_parameters_is_in_its_own_deviations(wrist, tmp_path
 
 def plant_coupling(values, path):
     """Write a table in which two groups hold what drive m6 adds to their joints."""
-    held = values | {
-        "Fv5": values["Fv5"] + values["Fvm6"],
-        "Fv6": values["Fv6"] + values["Fvm6"],
-    }
+    held = values | {"Fv5": values["Fv5"] + values["Fvm6"], "Fv6": values["Fv6"] + values["Fvm6"]}
     return write_table(path, [(name, value, STD) for name, value in held.items()])
 
 
-def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(wrist, tmp_path):
-    _, ours, values = wrist
+def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(ours, values, tmp_path):
     table = plant_coupling(values, tmp_path / "table.csv")
-    code, answer = ask("compare", "tx40", ours, table)
-    (found,) = answer["result"]["others"]
-    assert (code, list_codes(answer)) == (0, ["compare.coupled-reading"])
+    answer, found = compare("tx40", ours, table)
+    assert list_codes(answer) == ["compare.coupled-reading"]
     assert found["within"] == {"2": 59, "3": 59}
     away = {entry["group"]: entry["deviations"] for entry in found["groups"]}
     assert away["Fv5"] == pytest.approx(-values["Fvm6"] / (np.sqrt(2) * STD))
     read = {entry["read_as"]: entry["decisive"] for entry in found["readings"]}
-    assert read == {
-        "Fv5 + Fvm6": True,
-        "Fv6 + Fvm6": True,
-        "IA5 + IAm6": False,
-        "IA6 + IAm6": False,
-    }
+    assert read == {"Fv5 + Fvm6": True, "Fv6 + Fvm6": True, "IA5 + IAm6": False, "IA6 + IAm6": False}
     text = answer["warnings"][0]["text"]
     assert "'m6'" in text
     assert '--read-as "Fv6 = Fv6 + Fvm6"' in text
 
     options = ("--read-as", "Fv6 = Fv6 + Fvm6", "--read-as", "Fv5=fv5+fvm6", "--gate", "0.01")
-    code, answer = ask("compare", "tx40", ours, table, *options)
-    (found,) = answer["result"]["others"]
-    assert (code, answer["warnings"], found["within"]["2"]) == (0, [], 61)
+    answer, found = compare("tx40", ours, table, *options)
+    assert (answer["warnings"], found["within"]["2"]) == ([], 61)
     assert {entry["group"]: entry["read_as"] for entry in found["groups"] if entry["read_as"]} == {
         "Fv5": "fv5+fvm6",
         "Fv6": "Fv6 + Fvm6",
     }
 
 
-def test_a_term_for_which_only_numbers_speak_is_said_to_be_that(wrist, tmp_path):
-    _, ours, values = wrist
+def test_a_term_for_which_only_numbers_speak_is_said_to_be_that(ours, values, tmp_path):
     held = values | {"Fc2": values["Fc2"] - values["Fc4"]}
     table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
-    code, answer = ask("compare", "tx40", ours, table)
-    assert (code, list_codes(answer)) == (0, ["compare.other-reading"])
+    answer = do("compare", "tx40", ours, table)
+    assert list_codes(answer) == ["compare.other-reading"]
     text = answer["warnings"][0]["text"]
     assert " -Fc4 too. " in text
     assert text.endswith('--read-as "Fc2 = Fc2 - Fc4"')
 
 
-def test_values_that_are_plainly_different_find_no_term(wrist, tmp_path):
-    _, ours, values = wrist
+def test_values_that_are_plainly_different_find_no_term(ours, values, tmp_path):
     held = values | {"Fc2": values["Fc2"] * 0.9321, "Fv5": values["Fv5"] * 1.1234}
     table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
     code, answer = ask("compare", "tx40", ours, table, "--gate", "3")
@@ -140,8 +136,7 @@ def test_values_that_are_plainly_different_find_no_term(wrist, tmp_path):
     assert answer["result"]["accepted"] is False
 
 
-def test_the_text_has_the_table_and_the_words(capsys, wrist, tmp_path):
-    _, ours, values = wrist
+def test_the_text_has_the_table_and_the_words(capsys, ours, values, tmp_path):
     table = plant_coupling(values, tmp_path / "table.csv")
     arguments = ["compare", "tx40", str(ours), str(table)]
     assert run(arguments) == 0
@@ -159,8 +154,7 @@ def test_the_text_has_the_table_and_the_words(capsys, wrist, tmp_path):
     assert first.out.splitlines()[-1].endswith(", exactly")
 
 
-def test_all_mistakes_of_a_table_are_told_at_once(wrist, tmp_path):
-    _, ours, _ = wrist
+def test_all_mistakes_of_a_table_are_told_at_once(ours, tmp_path):
     rows = [("Izz1", 1, 0.1), ("fv1", "one", 0.1), ("what", 1, 0.1), ("fv2", 1, -1), ("fv3", 1)]
     table = write_table(tmp_path / "table.csv", rows)
     code, answer = ask("compare", "tx40", ours, table)
@@ -176,8 +170,7 @@ def test_all_mistakes_of_a_table_are_told_at_once(wrist, tmp_path):
     assert "is left over when ZZR1 = ZZ1 + IA1" in answer["errors"][0]["text"]
 
 
-def test_a_group_that_follows_from_others_is_told_with_its_line(wrist, tmp_path):
-    _, ours, _ = wrist
+def test_a_group_that_follows_from_others_is_told_with_its_line(ours, tmp_path):
     table = write_table(tmp_path / "table.csv", [("fv1", 1, 1), ("fv1 + fv2", 1, 1), ("2*fv2", 1, 1)])
     code, answer = ask("compare", "tx40", ours, table)
     assert (code, list_codes(answer, "errors")) == (3, ["usage.other-groups"])
@@ -185,23 +178,21 @@ def test_a_group_that_follows_from_others_is_told_with_its_line(wrist, tmp_path)
     assert "'2*fv2' follows from 'fv1', 'fv1 + fv2'" in answer["errors"][0]["text"]
 
 
-def test_rows_without_value_and_tables_without_deviation(wrist, tmp_path):
-    _, ours, values = wrist
+def test_rows_without_value_and_tables_without_deviation(ours, values, tmp_path):
     rows = [("fv1", values["Fv1"] + STD), ("fv2", "")]
     table = write_table(tmp_path / "table.csv", rows, "name,value")
-    code, answer = ask("compare", "tx40", ours, table)
-    assert (code, list_codes(answer)) == (0, ["compare.empty-value", "compare.no-deviation"])
+    answer = do("compare", "tx40", ours, table)
+    assert list_codes(answer) == ["compare.empty-value", "compare.no-deviation"]
     (group,) = answer["result"]["others"][0]["groups"]
     assert group["other_std"] is None
     assert group["deviations"] == pytest.approx(-1.0)
 
 
-def test_percent_of_zero_are_no_deviation(wrist, tmp_path):
-    _, ours, values = wrist
+def test_percent_of_zero_are_no_deviation(ours, values, tmp_path):
     rows = [("fv1", values["Fv1"], 3), ("fv2", 0, 3)]
     table = write_table(tmp_path / "table.csv", rows, "name,value,std_percent")
-    code, answer = ask("compare", "tx40", ours, table)
-    assert (code, list_codes(answer)) == (0, ["compare.no-deviation"])
+    answer = do("compare", "tx40", ours, table)
+    assert list_codes(answer) == ["compare.no-deviation"]
     assert answer["warnings"][0]["text"].startswith("1 of 2 ")
     assert "zero" in answer["warnings"][0]["text"]
     spreads = [entry["other_std"] for entry in answer["result"]["others"][0]["groups"]]
@@ -219,14 +210,12 @@ def test_percent_of_zero_are_no_deviation(wrist, tmp_path):
         (("--value", "wls"), "usage.table-column"),
     ],
 )
-def test_wrong_options_of_a_table(wrist, tmp_path, options, code):
-    _, ours, _ = wrist
+def test_wrong_options_of_a_table(ours, tmp_path, options, code):
     table = write_table(tmp_path / "table.csv", [("fv1", 1, 1)])
     assert refuse("compare", "tx40", ours, table, *options) == (2, [code])
 
 
-def test_wrong_files(wrist, tmp_path):
-    _, ours, _ = wrist
+def test_wrong_files(ours, tmp_path):
     assert refuse("compare", "tx40", ours, tmp_path / "none.csv", tmp_path / "none.json") == (
         3,
         ["estimate.format"] * 2,
@@ -285,9 +274,8 @@ def test_two_estimates_parameter_by_parameter(arm, tmp_path):
     theirs = change_estimate(theirs, shifts, refused=("Fc2", "Fc4"))
     write_fit(ours, tmp_path / "ours.json")
     write_fit(theirs, tmp_path / "theirs.json")
-    code, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
-    (found,) = answer["result"]["others"]
-    assert (code, answer["warnings"]) == (0, [])
+    answer, found = compare(folder / "arm.toml", tmp_path / "ours.json", tmp_path / "theirs.json")
+    assert answer["warnings"] == []
     assert (found["absent"], found["neither"], found["not_ours"]) == (["Fc4"], ["Fc2"], ["Fv3"])
     assert (found["judged"], found["shared_logs"], found["columns"]) == (count - 3, [], None)
     names = [entry.name for entry in build_estimate(robot).parameters]
@@ -311,8 +299,8 @@ def test_estimates_from_the_same_log_are_not_independent(arm, tmp_path):
     for path, estimate in (("ours", ours), ("same", same), ("other", other)):
         write_fit(estimate, tmp_path / f"{path}.json")
     paths = [tmp_path / f"{name}.json" for name in ("ours", "same", "other")]
-    code, answer = ask("compare", folder / "arm.toml", *paths)
-    assert (code, list_codes(answer)) == (0, ["compare.shared-logs"] * 2)
+    answer = do("compare", folder / "arm.toml", *paths)
+    assert list_codes(answer) == ["compare.shared-logs"] * 2
     assert all(entry["shared_logs"] == ["log.npz"] for entry in answer["result"]["others"])
     assert all(entry["chi_square"]["probability"] is None for entry in answer["result"]["others"])
     out = say("compare", folder / "arm.toml", *paths)
@@ -379,7 +367,7 @@ def test_doubts_of_an_estimate_are_passed_on(arm, tmp_path):
     estimate = dataclasses.replace(build_estimate(robot), notices=(doubt,))
     write_fit(estimate, tmp_path / "ours.json")
     table = write_table(tmp_path / "table.csv", [("fv1", 1.0, 0.1)])
-    _, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", table)
+    answer = do("compare", folder / "arm.toml", tmp_path / "ours.json", table)
     assert [(entry["code"], entry["text"]) for entry in answer["warnings"]] == [
         ("compare.pattern", "deviations are up to 2.9 times too small")
     ]
@@ -390,22 +378,21 @@ def test_an_estimate_without_covariance_says_so(arm, tmp_path):
     write_fit(build_estimate(robot), tmp_path / "ours.json")
     bare = dataclasses.replace(build_estimate(robot, sources=("other.npz",)), covariance=())
     write_fit(bare, tmp_path / "bare.json")
-    code, answer = ask("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "bare.json")
-    assert (code, list_codes(answer)) == (0, ["compare.no-covariance"])
+    answer = do("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "bare.json")
+    assert list_codes(answer) == ["compare.no-covariance"]
     assert answer["warnings"][0]["file"] == str(tmp_path / "bare.json")
 
 
 def store_elastic(robot, path, shift=0.0):
     sources = (f"{path.stem}.npz",)
-    return write_fit(build_elastic_estimate(robot, shift=shift, sources=sources), path)
+    return write_fit(build_springless_estimate(robot, shift=shift, sources=sources), path)
 
 
 def test_estimates_of_elastic_joints_are_compared_without_their_springs(robots_folder, tmp_path):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
     ours = store_elastic(robot, tmp_path / "ours.json")
     theirs = store_elastic(robot, tmp_path / "theirs.json", shift=STD)
-    code, answer = ask("compare", "two_link_elastic", ours, theirs)
-    assert code == 0, answer
+    answer = do("compare", "two_link_elastic", ours, theirs)
     codes = list_codes(answer)
     assert [code for code in codes if code.startswith("compare")] == ["compare.springs"] * 2
     (found,) = answer["result"]["others"]
@@ -415,9 +402,7 @@ def test_estimates_of_elastic_joints_are_compared_without_their_springs(robots_f
     assert [entry["deviations"] for entry in found["groups"]] == pytest.approx([-np.sqrt(0.5)] * len(names))
     # Taken as rigid, rotors turn with the links: groups that hold one are other groups.
     rigid = store_estimate(build_rigid_variant(robot), tmp_path / "rigid.json")
-    code, answer = ask("compare", "two_link_elastic", ours, rigid)
-    (found,) = answer["result"]["others"]
-    assert code == 0, answer
+    answer, found = compare("two_link_elastic", ours, rigid)
     assert len(found["other_model"]) > 0
     assert set(found["other_model"]) | {entry["group"] for entry in found["groups"]} >= set(names) - {"ZZR1"}
     assert all(abs(entry["deviations"]) < 1e-6 for entry in found["groups"])

@@ -25,7 +25,7 @@ from symid.errors import (
     SymidError,
     UsageError,
 )
-from tests.calls import ask, call, fail
+from tests.calls import ask, call, fail, hear, say
 
 CODES = {
     SymidError: 70,
@@ -70,15 +70,13 @@ def fail_with(monkeypatch, error):
 
 @pytest.mark.parametrize("name", VERBS)
 def test_every_verb_has_help_and_the_common_options(name):
-    code, out, _ = call(name, "--help")
-    assert code == 0
+    out = say(name, "--help")
     for option in ("--json", "--quiet", "--verbose"):
         assert option in out
 
 
 def test_help_names_every_verb_with_its_first_line():
-    code, out, _ = call("--help")
-    assert code == 0
+    out = say("--help")
     listed = "".join(out.split())
     for name in VERBS:
         first = symid.get_command(click.Context(symid), name).get_short_help_str(1000)
@@ -86,8 +84,7 @@ def test_help_names_every_verb_with_its_first_line():
 
 
 def test_version():
-    code, out, _ = call("--version")
-    assert code == 0
+    out = say("--version")
     assert out.startswith("symid, version ")
 
 
@@ -108,11 +105,7 @@ def test_without_a_verb_the_verbs_are_named():
 
 
 def test_unknown_robot_gets_the_nearest_names():
-    code, answer = ask("base", "pando")
-    assert code == 2
-    (error,) = answer["errors"]
-    assert error["code"] == "usage.unknown-robot"
-    assert "panda" in error["text"]
+    assert "panda" in hear(2, "usage.unknown-robot", "base", "pando")
 
 
 def test_five_mistakes_are_said_at_once_each_with_its_place(tmp_path):
@@ -231,8 +224,7 @@ def test_quiet_says_nothing_but_the_result():
 
 
 def test_json_is_the_only_thing_on_stdout():
-    code, out, _ = call("check", "two_link", "--json")
-    assert code == 0
+    out = say("check", "two_link", "--json")
     assert set(json.loads(out)) == {"ok", "result", "warnings"}
 
 

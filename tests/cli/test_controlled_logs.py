@@ -195,7 +195,9 @@ def test_wrong_gains_are_noticed(folder, logs):
 @both
 def test_what_is_missing_is_told_at_once(logs, tmp_path, estimator):
     log = change_log(logs[estimator][0], tmp_path / "bare.npz", only=("t", "q", "tau"))
-    text = hear(2, "usage.controlled-robot", "identify", "two_link", log, "--estimator", estimator)
+    code, answer = ask("identify", "two_link", log, "--estimator", estimator)
+    assert (code, find_codes(answer)) == (2, {"usage.controlled-robot"})
+    text = find_texts(answer)
     assert "no reference position" in text
     assert "[controller]" in text
 

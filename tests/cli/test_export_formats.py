@@ -131,8 +131,7 @@ def test_symid_reads_the_identified_values_in_the_urdf(tmp_path, robots_folder):
     robot = fill_robot(read_robot(robots_folder / "panda.toml"))
     store_estimate(robot, tmp_path / "estimate.json")
     file = tmp_path / "panda.urdf"
-    code, answer = ask("export", "panda", tmp_path / "estimate.json", "-o", file)
-    assert (code, answer["result"]["left_out"]) == (0, [])
+    assert do("export", "panda", tmp_path / "estimate.json", "-o", file)["result"]["left_out"] == []
     back = parse_urdf(file.read_text(encoding="utf-8"))
     base = derive_base_parameters(back)
     found, wanted = (
@@ -204,8 +203,7 @@ def test_the_c_header_drives_the_generated_library(c_compiler, arm, real, close)
     called = ("--function", "inverse_dynamics", "--function", "friction")
     do("generate", "two_link", *called, "--precision", real, "-o", folder)
     header = folder / "symid_two_link_values.h"
-    code, answer = ask("export", "two_link", estimate, "--precision", real, "-o", header)
-    assert (code, list_codes(answer)) == (0, [])
+    assert list_codes(do("export", "two_link", estimate, "--precision", real, "-o", header)) == []
     state = np.random.default_rng(2).uniform(-1, 1, (3, 2)).round(3)
     suffix = "F" if real == "float" else ""
     rows = ", ".join("{" + ", ".join(f"{value}{suffix}" for value in row) + "}" for row in state)
@@ -218,16 +216,7 @@ def test_the_c_header_drives_the_generated_library(c_compiler, arm, real, close)
     )
     done = subprocess.run([program], check=True, capture_output=True, text=True, timeout=20)
     found = np.array(done.stdout.split(), dtype=float)
-    columns = regress(robot, *state)
-    values = {
-        (index, name): value
-        for index, joint in enumerate(robot.joints)
-        for name, value in [
-            *zip(INERTIAL, joint.inertial, strict=True),
-            *zip(("Fv", "Fc", "offset"), joint.friction.values, strict=True),
-        ]
-    }
-    expected = sum(values[label] * column for label, column in columns.items())
+    expected = find_truth(robot, state)
     np.testing.assert_allclose(found[:2], expected, rtol=close)
     np.testing.assert_allclose(found[2], robot.joints[1].friction.values[1], rtol=close)
 
@@ -235,7 +224,7 @@ def test_the_c_header_drives_the_generated_library(c_compiler, arm, real, close)
 def test_the_c_header_does_not_fit_another_library(c_compiler, arm, tmp_path):
     _, estimate = arm
     header = tmp_path / "values.h"
-    assert ask("export", "two_link", estimate, "-o", header)[0] == 0
+    do("export", "two_link", estimate, "-o", header)
     text = "#define SYMID_TWO_LINK_H\n#define SYMID_TWO_LINK_BETA {}\n#define SYMID_TWO_LINK_FRICTION 6\n"
     for count, fits in ((6, True), (7, False)):
         source = tmp_path / f"main{count}.c"
@@ -287,8 +276,7 @@ def test_the_json_has_values_bodies_and_what_was_identified(wrist, tmp_path):
 def test_a_robot_file_is_exported_without_an_estimate(tmp_path):
     for suffix in ("urdf", "xml", "h", "json", "toml"):
         file = tmp_path / f"arm.{suffix}"
-        code, answer = ask("export", "two_link", "-o", file)
-        assert (code, answer["result"]["outcome"]) == (0, "stated")
+        assert do("export", "two_link", "-o", file)["result"]["outcome"] == "stated"
         assert "two_link" in file.read_text(encoding="utf-8")
     values = json.loads((tmp_path / "arm.json").read_text(encoding="utf-8"))
     assert values["sources"] == []
@@ -297,7 +285,7 @@ def test_a_robot_file_is_exported_without_an_estimate(tmp_path):
 
 def test_springs_and_rotors_are_vectors_of_their_own(tmp_path):
     file = tmp_path / "elastic.h"
-    assert ask("export", "two_link_elastic", "-o", file)[0] == 0
+    do("export", "two_link_elastic", "-o", file)
     text = file.read_text(encoding="utf-8")
     assert "symid_two_link_elastic_IA[2]" in text
     assert "#define SYMID_TWO_LINK_ELASTIC_H_k0_1 0" in text
@@ -344,8 +332,8 @@ def test_values_that_were_moved_say_what_was_identified(arm, tmp_path):
         if entry["name"] == "ZZ2":
             entry["value"] = -entry["value"]
     path.write_text(json.dumps(estimate), encoding="utf-8")
-    code, answer = ask("export", "two_link", path, "-o", tmp_path / "moved.h")
-    assert (code, answer["result"]["outcome"]) == (0, "nearest")
+    answer = do("export", "two_link", path, "-o", tmp_path / "moved.h")
+    assert answer["result"]["outcome"] == "nearest"
     assert "export.inconsistent" in list_codes(answer)
     (line,) = (
         line for line in (tmp_path / "moved.h").read_text(encoding="utf-8").splitlines() if "] ZZ2" in line

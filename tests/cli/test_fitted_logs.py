@@ -48,7 +48,7 @@ def validate(folder, log, *options):
 def test_validation_filters_as_the_fit_did(folder, estimate):
     stored = json.loads(estimate.read_text())["settings"]["processing"]
     call = ("identify", folder / "arm.toml", folder / "clean.npz")
-    assert ask(*call, "-o", folder / "clean.json")[0] == 0
+    do(*call, "-o", folder / "clean.json")
     assert json.loads((folder / "clean.json").read_text())["settings"]["processing"] != stored
     answer = validate(folder, "clean.npz")
     used = answer["result"]["processing"]
@@ -101,15 +101,14 @@ def runs(folder):
 def test_a_diagnosis_reads_runs_as_the_fit_did(folder, runs, tmp_path, options):
     found, page = tmp_path / "estimate.json", tmp_path / "page.html"
     freedom = ("--set", "processing.noise_freedom=one")
-    code, _ = ask("identify", folder / "arm.toml", runs, *options, *freedom, "--drop-first", 50, "-o", found)
-    assert code == 0
+    do("identify", folder / "arm.toml", runs, *options, *freedom, "--drop-first", 50, "-o", found)
     call = ("report", found, "--robot", folder / "arm.toml", "--diagnose", "-o", page)
     answer = do(*call)
     assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] <= 1e-12
     assert not {"diagnosis.other-values", "diagnosis.changed-log"} & set(list_codes(answer))
     # Settings for a held-out log do not touch the logs of the fit.
     held = ("--validation", folder / "noisy.npz", "--set", "processing.filter_cutoff=20", "--force")
-    code, answer = ask(*call, *held)
+    _, answer = ask(*call, *held)
     assert answer["result"]["diagnosis"]["refit"]["largest_difference_stds"] <= 1e-12
     (used,) = answer["result"]["processing"]
     assert (used["filter_cutoff"], used["origin"]["filter_cutoff"]) == (20.0, "stated")

@@ -163,8 +163,7 @@ def test_what_is_written_has_the_name_of_today(tmp_path, name):
     (tmp_path / "arm.csv").write_text("alpha,a,d,theta\n0,0,0,q\n")
     do(*call, "--friction", name)
     assert f'model = "{OLD_NAMES[name]}"' in (tmp_path / "arm.toml").read_text()
-    code, answer = ask("check", tmp_path / "arm.toml")
-    assert (code, answer["result"]["joints"][0]["friction"]) == (0, OLD_NAMES[name])
+    assert do("check", tmp_path / "arm.toml")["result"]["joints"][0]["friction"] == OLD_NAMES[name]
 
 
 def test_a_law_that_does_not_exist_is_refused_with_the_nearest():

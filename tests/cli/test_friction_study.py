@@ -3,7 +3,6 @@
 import json
 import re
 import xml.etree.ElementTree as ET
-from types import SimpleNamespace
 
 import pytest
 
@@ -73,24 +72,6 @@ def test_the_page_has_a_counterpart_of_every_figure(answer):
     assert "1.5, 5.7, 19.8 %" in text
     assert "script" not in text
     assert "ms*" not in text
-
-
-def test_people_read_the_paper_next_to_ours(monkeypatch):
-    # The tables of the terminal and of the page are one text.
-    from symid.report import Table, study_text
-
-    rows = (("paper", "a"), ("ours", "b"))
-    table = Table(("who", "estimator"), rows, (0, 1), title="title", note="n")
-    monkeypatch.setattr(study_text, "list_tables", lambda _: (table,))
-    shown, _ = study_text.show_friction_tables(SimpleNamespace(checks=()))
-    assert str(shown).splitlines() == [
-        "title",
-        "who    estimator",
-        "-----  ---------",
-        "paper  a",
-        "ours   b",
-        "n",
-    ]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from tests.calls import ask, call, do, find_codes, refuse
+from tests.calls import ask, call, do, find_codes, hear, refuse
 from tests.unit.identification.friction.cosine_rigs import PLAIN, STRIBECK, record
 
 LAW = ("--rows", "friction")
@@ -30,6 +30,13 @@ def save_axis(path, velocity, friction, rate=250.0):
     force = 95.0 * np.gradient(velocity) * rate + friction + 0.5 * rng.normal(size=len(q))
     np.savez(path, t=np.arange(len(q)) / rate, qm=q, vir=force / 35.15065188)
     return path
+
+
+def fit_axis(log, model, *options):
+    """Return the answer for a law of the axis, and its joint."""
+    answer = do("identify", "emps", log, *AXIS_LAW, "--model", model, *options)
+    (joint,) = answer["result"]["joints"]
+    return answer, joint
 
 
 @pytest.fixture
@@ -59,8 +66,7 @@ def test_a_law_is_chosen_and_its_parameters_told(axis_log, tmp_path):
     assert "Traceback" not in err
     data = json.loads(output.read_text())
     assert (data["format"], data["kind"]) == ("symid fit", "friction")
-    code, answer = ask("report", output, "-o", page)
-    assert (code, answer["result"]["robot"]) == (0, "emps")
+    assert do("report", output, "-o", page)["result"]["robot"] == "emps"
     text = page.read_text()
     assert "emps: identified friction" in text
     assert "velocity (m/s)" in text
@@ -83,8 +89,7 @@ def test_a_law_is_chosen_and_its_parameters_told(axis_log, tmp_path):
 
 
 def test_a_named_law_gives_what_the_motion_had(axis_log):
-    answer = do("identify", "emps", axis_log, *AXIS_LAW, "--model", "stribeck+offset")
-    (joint,) = answer["result"]["joints"]
+    _, joint = fit_axis(axis_log, "stribeck+offset")
     assert (joint["law"], joint["selection"]) == ("stribeck+offset", None)
     values = {entry["name"]: entry["value"] for entry in joint["parameters"]}
     assert values["fC"] == pytest.approx(20.0, rel=0.02)
@@ -99,18 +104,7 @@ def test_a_named_law_gives_what_the_motion_had(axis_log):
 
 @pytest.mark.parametrize("estimator", ["varpro", "nlp", "genetic", "annealing", "differential-evolution"])
 def test_every_estimator_can_be_named(axis_log, estimator):
-    arguments = (
-        "identify",
-        "emps",
-        axis_log,
-        *AXIS_LAW,
-        "--model",
-        "stribeck+offset",
-        "--estimator",
-        estimator,
-    )
-    answer = do(*arguments, "--seed", 3)
-    (joint,) = answer["result"]["joints"]
+    _, joint = fit_axis(axis_log, "stribeck+offset", "--estimator", estimator, "--seed", 3)
     assert joint["estimator"] == estimator
     # 5.9 to 7.5, by the processor and the estimator: the axis sticks, which amplifies the last bit.
     assert joint["residual"]["relative_percent"] < 8.0
@@ -198,11 +192,7 @@ def test_no_low_velocities_get_no_stribeck_velocity(axis_log):
     ],
 )
 def test_wrong_options_say_what_is_meant(axis_log, options, code, hint):
-    exit_code, answer = ask("identify", "emps", axis_log, *options)
-    assert exit_code == 2
-    (error,) = answer["errors"]
-    assert error["code"] == code
-    assert hint in error["text"]
+    assert hint in hear(2, code, "identify", "emps", axis_log, *options)
 
 
 def test_options_without_a_part_in_the_result_are_told(axis_log):

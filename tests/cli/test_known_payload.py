@@ -48,7 +48,7 @@ def test_both_runs_tell_the_robot_without_it(folder, rows):
     (told,) = [entry for entry in answer["warnings"] if entry["code"] == "log.payload"]
     assert told["file"] == str(folder / "with.npz")
     assert "'disc'" in told["text"]
-    _, forgotten = ask("identify", "two_link", folder / "forgotten.toml", "--rows", rows)
+    forgotten = do("identify", "two_link", folder / "forgotten.toml", "--rows", rows)
     errors = [
         np.abs([e["value"] - e["truth"] for e in found["result"]["parameters"]])
         for found in (answer, forgotten)
@@ -61,8 +61,8 @@ def test_the_run_with_it_alone_and_its_validation(folder, tmp_path):
     arguments = ("identify", "two_link", folder / "alone.toml", "--estimator", "wls", "-o", estimate)
     assert np.abs(measure(do(*arguments))).max() < 5.0
     code, empty = ask("validate", "two_link", estimate, folder / "empty.npz")
-    _, told = ask("validate", "two_link", estimate, folder / "alone.toml")
-    _, untold = ask("validate", "two_link", estimate, folder / "with.npz")
+    told = do("validate", "two_link", estimate, folder / "alone.toml")
+    untold = do("validate", "two_link", estimate, folder / "with.npz")
     means = [entry["result"]["mean_relative_percent"] for entry in (empty, told, untold)]
     assert code == 0
     assert max(means[:2]) < 0.2 * means[2]
@@ -96,10 +96,8 @@ def test_check_knows_it(folder):
     ],
 )
 def test_what_cannot_take_it_into_account_refuses_it(folder, robot, options, what):
-    code, answer = ask("identify", robot, folder / "alone.toml", *options)
-    (error,) = answer["errors"]
-    assert (code, error["code"]) == (3, "log.known-payload")
-    assert f"which {what} does not support" in error["text"]
+    text = hear(3, "log.known-payload", "identify", robot, folder / "alone.toml", *options)
+    assert f"which {what} does not support" in text
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from tests.calls import ask, do, fail, find_values, list_codes
+from tests.calls import ask, do, fail, find_texts, find_values, list_codes
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 SAMPLES, BOUND = 6001, 3601
@@ -36,7 +36,7 @@ def estimate(folder):
 
 
 def test_a_part_is_fitted_as_a_file_with_its_samples(folder):
-    _, alone = ask("identify", "two_link", folder / "head.npz")
+    alone = do("identify", "two_link", folder / "head.npz")
     for part in ("0:60%", ":60%", "0:3.601", "0s:60%"):
         answer = do("identify", "two_link", folder / "whole.npz", "--train", part)
         assert find_values(answer) == find_values(alone)
@@ -45,7 +45,7 @@ def test_a_part_is_fitted_as_a_file_with_its_samples(folder):
 
 def test_each_log_may_have_its_own_part(folder):
     logs = (folder / "whole.npz", folder / "other.npz")
-    _, alone = ask("identify", "two_link", folder / "head.npz", logs[1])
+    alone = do("identify", "two_link", folder / "head.npz", logs[1])
     answer = do("identify", "two_link", *logs, "--train", "0:60%", "--train", "0:100%")
     assert find_values(answer) == find_values(alone)
     for count in (3, 4):
@@ -56,7 +56,7 @@ def test_each_log_may_have_its_own_part(folder):
 def test_a_file_of_runs_states_parts(folder):
     runs = folder / "runs.toml"
     runs.write_text('[[run]]\nfile = "whole.npz"\ntrain = "0:60%"\n[[run]]\nfile = "other.npz"\n')
-    _, alone = ask("identify", "two_link", folder / "head.npz", folder / "other.npz")
+    alone = do("identify", "two_link", folder / "head.npz", folder / "other.npz")
     assert find_values(do("identify", "two_link", runs)) == find_values(alone)
     call = ("identify", "two_link", runs, "--train", "0:50%")
     assert fail(*call) == (2, "usage.log-part")
@@ -65,7 +65,7 @@ def test_a_file_of_runs_states_parts(folder):
 @pytest.mark.parametrize("options", [(), ("--band", "20")])
 def test_the_rest_is_predicted_as_a_log_of_its_own(folder, estimate, options):
     call = ("validate", "two_link", estimate)
-    _, alone = ask(*call, folder / "tail.npz", *options)
+    alone = do(*call, folder / "tail.npz", *options)
     for part in ("60%:", "60:", "3.601s:"):
         answer = do(*call, folder / "whole.npz", "--test", part, *options)
         assert answer["result"]["mean_relative_percent"] == pytest.approx(
@@ -83,25 +83,23 @@ def test_the_rest_is_predicted_as_a_log_of_its_own(folder, estimate, options):
 )
 def test_fitted_samples_are_no_test(folder, estimate, part, words):
     """The robot file cuts 0.1 s off at either end of what is fitted, and of what is predicted."""
-    _, answer = ask("validate", "two_link", estimate, folder / "whole.npz", *part)
-    (text,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "validate.fitted-log"]
-    assert words in text
+    answer = do("validate", "two_link", estimate, folder / "whole.npz", *part)
+    assert words in find_texts(answer, "validate.fitted-log")
 
 
 def test_samples_that_processing_cut_off_are_a_test(folder, tmp_path):
     """Both ends are cut by settings, once without and once with fitted samples in what is predicted."""
     found, log = tmp_path / "estimate.json", folder / "whole.npz"
     call = ("identify", "two_link", log, "--drop-first", 0, "--drop-last", 2000, "-o", found)
-    assert ask(*call)[0] == 0
+    do(*call)
     for first, fitted in ((4001, False), (3000, True)):
         ends = ("--set", f"processing.drop_first={first}", "--set", "processing.drop_last=0")
-        _, answer = ask("validate", "two_link", found, log, *ends)
-        assert ("validate.fitted-log" in list_codes(answer)) is fitted
+        assert ("validate.fitted-log" in list_codes(do("validate", "two_link", found, log, *ends))) is fitted
 
 
 def test_one_call_fits_and_predicts(capsys, folder, estimate):
     call = ("identify", "two_link", folder / "whole.npz")
-    _, alone = ask("validate", "two_link", estimate, folder / "whole.npz", "--test", "60%:")
+    alone = do("validate", "two_link", estimate, folder / "whole.npz", "--test", "60%:")
     for parts in (("0:60%", "60:"), ("0:60", "60%:"), ("0:60%", "60%:100%")):
         answer = do(*call, "--train", parts[0], "--test", parts[1])
         (found,) = answer["result"]["validations"]
@@ -156,16 +154,16 @@ def test_a_page_and_its_diagnosis_follow_parts(folder, estimate, tmp_path):
 def test_friction_and_springs_take_parts_too(folder, tmp_path):
     found, log = tmp_path / "law.json", folder / "whole.npz"
     law = ("--rows", "friction", "--model", "coulomb-viscous")
-    assert ask("identify", "two_link", log, *law, "--train", "0:60%", "-o", found)[0] == 0
+    do("identify", "two_link", log, *law, "--train", "0:60%", "-o", found)
     for part, fitted in (("60:", False), ("40:", True)):
-        _, answer = ask("validate", "two_link", found, log, "--test", part)
+        answer = do("validate", "two_link", found, log, "--test", part)
         assert ("validate.fitted-log" in list_codes(answer)) is fitted
     springs, log = tmp_path / "springs.json", tmp_path / "elastic.npz"
     do("simulate", "two_link_elastic", "--duration", "6", "-o", log)
     call = ("identify", "two_link_elastic", log, "--method", "linear-spring", "--train", "0:60%")
     assert ask(*call, "-o", springs)[0] in {0, 1}
     for part, fitted in (("60:", False), ("40:", True)):
-        _, answer = ask("validate", "two_link_elastic", springs, log, "--test", part)
+        answer = do("validate", "two_link_elastic", springs, log, "--test", part)
         assert ("validate.fitted-log" in list_codes(answer)) is fitted
 
 

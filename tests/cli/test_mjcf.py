@@ -8,7 +8,7 @@ import pytest
 
 from symid.robot import read_robot
 from symid.robot.mjcf_reader import read_xml_robot
-from tests.calls import ask, do, find_codes, refuse, say
+from tests.calls import do, find_codes, refuse, say
 from tests.estimates import store_estimate
 
 MODEL = """<mujoco model="arm">
@@ -42,7 +42,7 @@ def test_models_are_checked_and_cut(model):
     answer = do("check", model)
     assert answer["result"]["convention"] == "mjcf"
     assert find_codes(answer) == {"robot.mjcf-unused"}
-    _, part = ask("base", model, "--base", "upper")
+    part = do("base", model, "--base", "upper")
     assert {entry["joint"] for entry in part["result"]["parameters"]} == {"elbow"}
     assert "arm, 2 joints, MJCF: no mistakes" in say("check", model)
 

@@ -37,15 +37,16 @@ def test_a_named_set_is_what_its_keys_say(axis_log):
         "decimation.factor=10",
     )
     single = [part for pair in pairs for part in ("--set", f"processing.{pair}")]
-    _, other = ask(*arguments, *single)
+    other = do(*arguments, *single)
     assert other["result"]["parameters"] == answer["result"]["parameters"]
     assert other["result"]["settings"]["processing"] == processing
 
 
 def test_single_settings_and_options_win(axis_log):
     arguments = ("identify", "emps", axis_log, "--set", "processing.filter_cutoff=60")
-    _, answer = ask(*arguments, "--settings", "published", "--decimate", "5")
-    processing = answer["result"]["settings"]["processing"]
+    processing = do(*arguments, "--settings", "published", "--decimate", "5")["result"]["settings"][
+        "processing"
+    ]
     assert (processing["filter_cutoff"], processing["drop_first"]) == (60.0, 49)
     assert processing["decimation"]["factor"] == 5
 
@@ -53,15 +54,15 @@ def test_single_settings_and_options_win(axis_log):
 def test_a_fit_knows_the_set_again(axis_log, tmp_path):
     fit = tmp_path / "fit.json"
     ask("identify", "emps", axis_log, "--settings", "published", "-o", fit)
-    _, answer = ask("validate", "emps", fit, axis_log)
+    answer = do("validate", "emps", fit, axis_log)
     assert find_texts(answer, "estimate.settings-differ") == [
         "the estimate has the settings 'published' of the robot file, and they are used"
     ]
-    _, named = ask("validate", "emps", fit, axis_log, "--settings", "published")
+    named = do("validate", "emps", fit, axis_log, "--settings", "published")
     assert not find_texts(named, "estimate.settings-differ")
     assert named["result"]["mean_relative_percent"] == answer["result"]["mean_relative_percent"]
     ask("identify", "emps", axis_log, "--cutoff", "60", "--decimate", "5", "-o", fit, "--force")
-    _, other = ask("validate", "emps", fit, axis_log, "--settings", "published")
+    other = do("validate", "emps", fit, axis_log, "--settings", "published")
     assert other["result"]["samples"] == answer["result"]["samples"]
 
 
@@ -84,6 +85,6 @@ def test_an_unknown_set_is_a_mistake_of_the_call(axis_log, tmp_path):
 def test_an_exported_robot_keeps_its_sets(axis_log, tmp_path):
     fit, file = tmp_path / "fit.json", tmp_path / "axis.toml"
     ask("identify", "emps", axis_log, "--settings", "published", "-o", fit)
-    assert ask("export", "emps", fit, "-o", file)[0] == 0
-    code, answer = ask("identify", file, axis_log, "--settings", "published")
-    assert (code, answer["result"]["settings"]["processing"]["drop_first"]) == (0, 49)
+    do("export", "emps", fit, "-o", file)
+    answer = do("identify", file, axis_log, "--settings", "published")
+    assert answer["result"]["settings"]["processing"]["drop_first"] == 49

@@ -53,8 +53,7 @@ def test_a_table_becomes_a_robot_file(tmp_path, table):
 def test_gravity_may_be_given(tmp_path, table):
     path = tmp_path / "arm.toml"
     options = ("--convention", "modified", "--gravity", "0, -9.81, 0")
-    code, answer = ask("new", path, "--from-dh", table, *options)
-    assert (code, answer["warnings"]) == (0, [])
+    assert do("new", path, "--from-dh", table, *options)["warnings"] == []
     assert [str(entry) for entry in read_robot(path).gravity] == ["0", "-981/100", "0"]
 
 
@@ -71,8 +70,7 @@ def test_a_urdf_becomes_a_robot_file(tmp_path):
 
 def test_a_robot_at_hand_is_copied(tmp_path, robots_folder):
     path = tmp_path / "mine.toml"
-    code, answer = ask("new", path, "--from", "scara")
-    assert (code, answer["result"]["robot"]) == (0, "scara")
+    assert do("new", path, "--from", "scara")["result"]["robot"] == "scara"
     assert path.read_text() == (robots_folder / "scara.toml").read_text()
 
 
@@ -82,8 +80,7 @@ def test_a_file_that_exists_is_kept_without_force(tmp_path, table):
     arguments = ("new", path, "--from-dh", table, "--convention", "modified")
     code, answer = ask(*arguments)
     assert (code, answer["errors"][0]["code"], path.read_text()) == (3, "output.exists", "mine")
-    code, _ = ask(*arguments, "--force")
-    assert code == 0
+    do(*arguments, "--force")
     assert read_robot(path).size == 2
 
 
@@ -129,7 +126,7 @@ def test_calls_that_do_not_fit_are_refused(table, monkeypatch, case):
 
 
 def test_base_gives_formulas_in_the_symbols_of_the_file():
-    _, answer = ask("base", "two_link_symbols")
+    answer = do("base", "two_link_symbols")
     found = {entry["name"]: entry["form"] for entry in answer["result"]["parameters"]}
     assert found["ZZR1"] == "I1 + L1^2*m2 + lc1^2*m1"
     assert found["MY1"] is None
@@ -145,7 +142,7 @@ def test_what_is_new_is_filtered_by_itself(tmp_path, table):
     )
     for number, options in enumerate(sources):
         path = tmp_path / f"new{number}.toml"
-        assert ask("new", path, *options)[0] == 0
+        do("new", path, *options)
         assert "[processing]" not in path.read_text()
         assert read_robot(path).processing.automatic
 
@@ -154,8 +151,7 @@ def test_values_of_a_urdf_that_no_body_has_are_kept(tmp_path):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF.replace('ixx="0.01"', 'ixx="0.01" ').replace('iyy="0.02"', 'iyy="0.2"'))
     path = tmp_path / "arm.toml"
-    code, _ = ask("new", path, "--from-urdf", source)
-    assert code == 0
+    do("new", path, "--from-urdf", source)
     wanted, found = read_urdf(source), read_robot(path)
     np.testing.assert_allclose(
         [joint.inertial for joint in found.joints], [joint.inertial for joint in wanted.joints], atol=1e-13
@@ -168,7 +164,7 @@ def test_a_urdf_at_hand_is_converted(tmp_path):
     source = tmp_path / "arm"
     source.write_text("\ufeff\n" + URDF, encoding="utf-8")
     path = tmp_path / "arm.toml"
-    assert ask("new", path, "--from", source)[0] == 0
+    do("new", path, "--from", source)
     assert [joint.name for joint in read_robot(path).joints] == ["shoulder", "elbow"]
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import symid
-from symid.logs.files import RawLog
+from symid.logs.files import RawLog, split_heading
 from symid.logs.headings import read_headings
 from symid.logs.reader import read_recording
 from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, call, hear, list_codes, refuse, say
+from tests.calls import ask, call, do, find_texts, hear, list_codes, refuse, say
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
 SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
@@ -33,8 +33,8 @@ def write_log(folder, heading, name="log.csv", separator=","):
     return np.array(moves).T
 
 
-def ask_new(*arguments, source=SOURCE, log="log.csv"):
-    return ask("new", "arm.toml", *source, "--log", log, *arguments)
+def order(*arguments, source=SOURCE, log="log.csv"):
+    return ("new", "arm.toml", *source, "--log", log, *arguments)
 
 
 def find_only(answer):
@@ -44,8 +44,7 @@ def find_only(answer):
 
 def test_columns_are_known_by_names_of_joints_and_by_numbers(folder):
     values = write_log(folder, PLAIN)
-    code, answer = ask_new("--friction", "coulomb-viscous")
-    assert code == 0
+    answer = do(*order("--friction", "coulomb-viscous"))
     assert answer["result"]["log"] == {
         "file": "log.csv",
         "preset": None,
@@ -58,9 +57,9 @@ def test_columns_are_known_by_names_of_joints_and_by_numbers(folder):
         "unused": [],
     }
     assert list_codes(answer) == ["new.assumed-order"]
-    (order,) = answer["warnings"]
-    assert order["text"].endswith(": 0 is 'shoulder', 1 is 'elbow_joint', 2 is 'slide'")
-    assert (order["file"], order["line"]) == ("log.csv", 1)
+    (told,) = answer["warnings"]
+    assert told["text"].endswith(": 0 is 'shoulder', 1 is 'elbow_joint', 2 is 'slide'")
+    assert (told["file"], told["line"]) == ("log.csv", 1)
     recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
     np.testing.assert_allclose(recording.position, values[:, :3] * SI, atol=1e-6)
     np.testing.assert_allclose(recording.torque, values[:, 3:], atol=1e-5)
@@ -68,7 +67,7 @@ def test_columns_are_known_by_names_of_joints_and_by_numbers(folder):
 
 def test_what_was_assumed_stands_in_the_file(folder):
     write_log(folder, PLAIN)
-    assert ask_new("--friction", "coulomb-viscous", "--gear", "50,-30,200", "--rotors")[0] == 0
+    do(*order("--friction", "coulomb-viscous", "--gear", "50,-30,200", "--rotors"))
     text = " ".join((folder / "arm.toml").read_text().partition("name =")[0].replace("#", "").split())
     assert "0 is 'shoulder'" in text
     assert "positions and torques are assumed to be on the joint side" in text
@@ -84,14 +83,8 @@ def test_what_was_assumed_stands_in_the_file(folder):
 
 def test_what_real_robots_have_is_asked_for(folder):
     write_log(folder, PLAIN)
-    code, answer = ask_new("--gear", "50")
-    assert code == 0
-    assert list_codes(answer) == [
-        "new.no-friction",
-        "new.no-rotor",
-        "new.assumed-order",
-        "new.assumed-side",
-    ]
+    answer = do(*order("--gear", "50"))
+    assert list_codes(answer) == ["new.no-friction", "new.no-rotor", "new.assumed-order", "new.assumed-side"]
 
 
 def test_the_text_shows_the_columns_and_what_to_do_next(folder):
@@ -110,15 +103,13 @@ def test_what_to_do_next_can_be_typed(folder):
 def test_currents_need_torque_constants(folder):
     heading = "t [s],q1 [rad],q2 [rad],q3 [mm],motor current 1 [mA],motor current 2 [mA],motor current 3 [mA]"
     values = write_log(folder, heading)
-    code, answer = ask_new()
+    code, answer = ask(*order())
     assert code == 3
     assert find_only(answer)["code"] == "new.torque-constant"
     assert "give --torque-constant K1,K2,K3" in find_only(answer)["text"]
     assert not (folder / "arm.toml").exists()
-    code, answer = ask_new("--torque-constant", "0.1,0.2,0.05", "--gear", "1,1,400")
-    assert code == 0
-    (gear,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "new.assumed-gear"]
-    assert "'shoulder', 'elbow_joint'; give --gear" in gear
+    answer = do(*order("--torque-constant", "0.1,0.2,0.05", "--gear", "1,1,400"))
+    assert "'shoulder', 'elbow_joint'; give --gear" in find_texts(answer, "new.assumed-gear")
     assert "factor" not in (folder / "arm.toml").read_text().partition("torque = {")[2]
     recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
     np.testing.assert_allclose(recording.torque, values[:, 3:] * 1e-3 * [0.1, 0.2, 20.0], atol=1e-6)
@@ -127,8 +118,7 @@ def test_currents_need_torque_constants(folder):
 def test_options_name_columns_and_units(folder):
     write_log(folder, "stamp [s],a,b,c,d [N m],e [N m],f [N],cmd position [deg]")
     options = ("--columns", "position=a,b,c", "--columns", "torque=d,e,f", "--units", "position=SI")
-    code, answer = ask_new(*options)
-    assert code == 0
+    answer = do(*order(*options))
     assert answer["result"]["log"]["columns"]["position"] == ["a", "b", "c"]
     assert answer["result"]["log"]["unused"] == ["cmd position"]
     assert "new.unused-columns" in list_codes(answer)
@@ -136,8 +126,7 @@ def test_options_name_columns_and_units(folder):
 
 def test_units_are_given_for_each_column(folder):
     values = write_log(folder, "time [s],q1,q2 [rad],q3,tau0 [N m],tau1 [N m],tau2 [N]")
-    code, answer = ask_new("--units", "position=deg,deg,mm")
-    assert code == 0
+    answer = do(*order("--units", "position=deg,deg,mm"))
     assert answer["result"]["log"]["units"]["position"] == "deg, deg, mm"
     recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
     np.testing.assert_allclose(recording.position, values[:, :3] * SI, atol=1e-6)
@@ -145,10 +134,9 @@ def test_units_are_given_for_each_column(folder):
 
 def test_a_column_without_a_name_is_told_as_one(folder):
     write_log(folder, f"{PLAIN},")
-    code, answer = ask_new()
-    assert (code, answer["result"]["log"]["unused"]) == (0, [""])
-    (unused,) = [entry["text"] for entry in answer["warnings"] if entry["code"] == "new.unused-columns"]
-    assert "not used: ''; --columns" in unused
+    answer = do(*order())
+    assert answer["result"]["log"]["unused"] == [""]
+    assert "not used: ''; --columns" in find_texts(answer, "new.unused-columns")
 
 
 @pytest.mark.parametrize(
@@ -183,7 +171,7 @@ def test_a_column_without_a_name_is_told_as_one(folder):
 def test_what_is_not_certain_is_refused(folder, case):
     heading, code, words = case
     write_log(folder, heading)
-    exit_code, answer = ask_new()
+    exit_code, answer = ask(*order())
     assert exit_code == 3
     texts = {entry["text"] for entry in answer["errors"] if entry["code"] == code}
     assert any(words in text for text in texts), answer["errors"]
@@ -193,9 +181,7 @@ def test_what_is_not_certain_is_refused(folder, case):
 
 def test_all_that_is_wrong_is_said_at_once(folder):
     write_log(folder, "x,q1,q2,q3,tau1 [N m],tau1b [N m],tau3 [N]")
-    code, answer = ask_new()
-    assert code == 3
-    assert list_codes(answer, "errors") == ["new.unknown-column", "new.no-unit", "new.unknown-column"]
+    assert refuse(*order()) == (3, ["new.unknown-column", "new.no-unit", "new.unknown-column"])
 
 
 @pytest.mark.parametrize(
@@ -209,12 +195,7 @@ def test_all_that_is_wrong_is_said_at_once(folder):
         (("--units", "position=dgr"), 3, "new.wrong-unit", "did you mean deg"),
         (("--units", "position=deg,mm"), 3, "new.unit-count", "2 units for 'shoulder pos', 'elbow pos'"),
         (("--units", "position=deg,mm,mm"), 3, "new.wrong-unit", "'elbow pos' is in 'mm', a unit of length"),
-        (
-            ("--units", "velocity=deg/s"),
-            3,
-            "new.unit-of-nothing",
-            "--units velocity: ",
-        ),
+        (("--units", "velocity=deg/s"), 3, "new.unit-of-nothing", "--units velocity: "),
         (("--torque-constant", "nan"), 2, "usage.numbers", "such as --torque-constant 0.12,0.12,0.05"),
         (("--columns", "posision=a"), 2, "usage.quantity", "did you mean position"),
         (("--columns", "position"), 2, "usage.quantity", "such as --columns position=NAME,NAME"),
@@ -228,7 +209,7 @@ def test_all_that_is_wrong_is_said_at_once(folder):
 def test_options_that_do_not_fit_are_refused(folder, case):
     options, exit_code, code, words = case
     write_log(folder, PLAIN)
-    found, answer = ask_new(*options)
+    found, answer = ask(*order(*options))
     assert found == exit_code
     assert code in list_codes(answer, "errors")
     assert any(words in entry["text"] for entry in answer["errors"]), answer["errors"]
@@ -248,7 +229,7 @@ def test_options_of_a_log_want_one(folder, options, words):
 
 def test_a_robot_file_is_copied_as_it_is(folder):
     write_log(folder, PLAIN)
-    code, answer = ask_new("--rotors", source=("--from", "scara"))
+    code, answer = ask(*order("--rotors", source=("--from", "scara")))
     assert code == 2
     assert find_only(answer)["code"] == "usage.copied"
     assert find_only(answer)["text"].startswith("--log, --rotors: a robot file is copied")
@@ -258,7 +239,7 @@ def test_a_robot_file_is_copied_as_it_is(folder):
 def test_what_the_source_states_is_not_changed(folder, project):
     source = ("--from-urdf", str(project / "docs" / "own_robot" / "arm.urdf"))
     log = str(project / "docs" / "own_robot" / "training.csv")
-    code, answer = ask_new("--gear", "100", source=source, log=log)
+    code, answer = ask(*order("--gear", "100", source=source, log=log))
     assert code == 2
     assert find_only(answer)["code"] == "usage.completion"
     assert "joint 'elbow' has the gear 80 in its source, not 100" in find_only(answer)["text"]
@@ -302,8 +283,7 @@ def test_logs_of_known_programs_are_known(folder, preset):
         text[1:] = [",".join((f"{float(row[0]) * scale:.0f}", *row[1:])) for row in rows]
         (folder / "log.csv").write_text("\n".join(text) + "\n")
     constants = ("--torque-constant", "0.1,0.1,0.1") if preset == "ur-rtde" else ()
-    code, answer = ask_new(*constants)
-    assert code == 0, answer
+    answer = do(*order(*constants))
     assert answer["result"]["log"]["preset"] == preset
     robot = read_robot(folder / "arm.toml")
     assert (robot.log.preset, robot.log.position) == (preset, None)
@@ -312,74 +292,57 @@ def test_logs_of_known_programs_are_known(folder, preset):
 
 
 @pytest.mark.parametrize(
-    ("unit", "codes"),
-    [("foo", ["new.wrong-unit"] * 2), ("A", ["new.mixed-units", "new.torque-constant"])],
+    ("unit", "codes"), [("foo", ["new.wrong-unit"] * 2), ("A", ["new.mixed-units", "new.torque-constant"])]
 )
 def test_names_of_symid_with_other_units_are_read_as_any_others(folder, unit, codes):
     write_log(folder, ",".join(PRESETS["symid"]).replace("N m", unit))
-    code, answer = ask_new()
-    assert (code, list_codes(answer, "errors")) == (3, codes)
+    assert refuse(*order()) == (3, codes)
 
 
 def test_currents_of_a_known_program_need_torque_constants(folder):
     write_log(folder, ",".join(PRESETS["ur-rtde"]))
-    code, answer = ask_new()
-    assert (code, list_codes(answer, "errors")) == (3, ["new.torque-constant"])
+    assert refuse(*order()) == (3, ["new.torque-constant"])
 
 
 def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(folder):
     heading = ",".join(name.replace("time", "time [s]").replace("2]", "2] [m]") for name in PRESETS["franka"])
     write_log(folder, heading)
-    code, answer = ask_new()
+    code, answer = ask(*order())
     assert code == 3
     assert "new.no-unit" in list_codes(answer, "errors")
     assert "for 'q[0]', 'q[1]'; " in answer["errors"][0]["text"]
 
 
-@pytest.mark.parametrize(
-    "heading",
-    [
-        "waist angle [deg]",
-        "waist_pos_deg",
-        "WaistPosition (deg)",
-        "actual waist position (deg)",
-        "q1 [deg]",
-        "joint1 [deg]",
-        "q_1 [deg]",
-        "Joint_01_Position [deg]",
-    ],
-)
-def test_headings_are_read_as_words(heading, robots_folder):
+def read_heading(heading, robots_folder):
     (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
-    from symid.logs.files import split_heading
-
     name, unit = split_heading(heading)
     raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})
     (found,) = read_headings(raw, (joint,))
-    assert (found.quantity, found.unit, found.commanded) == ("position", "deg", False)
-    assert found.words in {("waist",), ("1",)}
-    assert found.number == (1 if found.words == ("1",) else None)
+    return found
 
 
 @pytest.mark.parametrize(
-    "heading",
+    ("headings", "words", "number"),
     [
-        "motor position 1 [deg]",
-        "q1 tau1 [deg]",
-        "temperature 1",
-        "voltage1 [V]",
-        "acc1_rad/s\u00b2",
-        "q\u00b2 [rad]",
+        (("waist angle [deg]", "waist_pos_deg", "WaistPosition (deg)"), ("waist",), None),
+        (("actual waist position (deg)",), ("waist",), None),
+        (("q1 [deg]", "joint1 [deg]", "q_1 [deg]", "Joint_01_Position [deg]"), ("1",), 1),
     ],
 )
-def test_what_is_not_a_quantity_of_a_joint_is_none(heading, robots_folder):
-    (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
-    from symid.logs.files import split_heading
+def test_headings_are_read_as_words(headings, words, number, robots_folder):
+    for heading in headings:
+        found = read_heading(heading, robots_folder)
+        assert (found.quantity, found.unit, found.commanded) == ("position", "deg", False)
+        assert (found.words, found.number) == (words, number)
 
-    name, unit = split_heading(heading)
-    raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})
-    (found,) = read_headings(raw, (joint,))
-    assert not found.quantity or found.number is None
+
+def test_what_is_not_a_quantity_of_a_joint_is_none(robots_folder):
+    for heading in ("motor position 1 [deg]", "q1 tau1 [deg]", "temperature 1", "voltage1 [V]"):
+        found = read_heading(heading, robots_folder)
+        assert not found.quantity or found.number is None
+    for heading in ("acc1_rad/s\u00b2", "q\u00b2 [rad]"):
+        found = read_heading(heading, robots_folder)
+        assert not found.quantity or found.number is None
 
 
 def test_arrays_and_single_joints_need_no_numbers(folder):
@@ -388,22 +351,19 @@ def test_arrays_and_single_joints_need_no_numbers(folder):
     moves = np.sin(time[:, None] * [1.0, 2.0, 3.0])
     units = np.array(["time [s]", "position [SI]", "effort [SI]"])
     np.savez(folder / "log.npz", time=time, position=moves, effort=moves, units=units)
-    code, answer = ask_new(log="log.npz")
-    assert (code, answer["result"]["log"]["columns"]["torque"]) == (0, ["effort"])
+    assert do(*order(log="log.npz"))["result"]["log"]["columns"]["torque"] == ["effort"]
     (folder / "rows.csv").write_text("\n".join(TABLE.splitlines()[:2]) + "\n")
     write_log(folder, "time [s],angle [deg],torque [N m]")
     (folder / "arm.toml").unlink()
-    code, answer = ask_new()
-    assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["angle"])
+    assert do(*order())["result"]["log"]["columns"]["position"] == ["angle"]
 
 
 def test_a_wrong_unit_is_seen_at_once(folder, project):
     pages = project / "docs" / "own_robot"
     options = ("--units", "position=rad", "--torque-constant", "0.1")
-    code, answer = ask_new(
-        *options, source=("--from-urdf", str(pages / "arm.urdf")), log=str(pages / "training.csv")
+    answer = do(
+        *order(*options, source=("--from-urdf", str(pages / "arm.urdf")), log=str(pages / "training.csv"))
     )
-    assert code == 0
     texts = [entry["text"] for entry in answer["warnings"] if "beyond its limits" in entry["text"]]
     assert len(texts) == 3
     assert "beyond its limits" not in (folder / "arm.toml").read_text()
@@ -414,14 +374,13 @@ def test_a_log_without_enough_rows_is_refused(folder, rows):
     write_log(folder, PLAIN)
     lines = (folder / "log.csv").read_text().splitlines()
     (folder / "log.csv").write_text("\n".join(lines[: rows + 1]) + "\n")
-    code, answer = ask_new()
-    assert (code, list_codes(answer, "errors")) == (3, ["log.time-order"])
+    assert refuse(*order()) == (3, ["log.time-order"])
     assert not (folder / "arm.toml").exists()
 
 
 def test_columns_apart_by_spaces_are_refused(folder):
     (folder / "log.csv").write_text("time [s] q1 [rad]\n0 1.5 2\n1 2.5 3\n")
-    code, answer = ask_new()
+    code, answer = ask(*order())
     assert (code, list_codes(answer, "errors")) == (3, ["log.separator"])
     assert answer["errors"][0]["line"] == 1
 
@@ -429,86 +388,89 @@ def test_columns_apart_by_spaces_are_refused(folder):
 def test_an_order_is_told_once(folder):
     heading = "t [s],q1 [rad],q2 [rad],q3 [m],dq1 [rad/s],dq2 [rad/s],dq3 [m/s],i1 [A],i2 [A],i3 [A]"
     write_log(folder, heading)
-    code, answer = ask_new("--torque-constant", "0.1")
-    assert (code, list_codes(answer).count("new.assumed-order")) == (0, 1)
+    answer = do(*order("--torque-constant", "0.1"))
+    assert list_codes(answer).count("new.assumed-order") == 1
     assert list(answer["result"]["log"]["columns"]) == ["time", "position", "torque", "velocity"]
 
 
-@pytest.mark.parametrize("time", ["t [s]", "clock [s]"])
-def test_numbers_in_names_of_joints_that_are_out_of_order_are_refused(folder, time):
-    rows = ["joint,alpha,a,d,theta", "axis_2,0,0,0,q", "axis_1,0,0.5,0,q", "axis_3,0,0.3,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, f"{time},q1 [rad],q2 [rad],q3 [rad],tau1 [Nm],tau2 [Nm],tau3 [Nm]")
-    code, answer = ask_new()
-    assert (code, list_codes(answer, "errors")) == (3, ["new.ambiguous-column"] * 2)
-    assert "position of joint 'axis_2' could be 'q2' or 'q1'" in answer["errors"][0]["text"]
+THREE = "{time},q1 [rad],q2 [rad],q3 [rad],tau1 [Nm],tau2 [Nm],tau3 [Nm]"
+TWO = "{time},q1 [rad],q2 [rad],tau1 [Nm],tau2 [Nm]"
 
 
+def name_joints(folder, *names):
+    rows = [f"{name},0,0,0,q" for name in names]
+    (folder / "rows.csv").write_text("\n".join(("joint,alpha,a,d,theta", *rows)) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("joints", "heading", "text"),
+    [
+        ("axis_2 axis_1 axis_3", THREE, "position of joint 'axis_2' could be 'q2' or 'q1'"),
+        # Of joints wrist_j2 and wrist_j1, in this order, nobody can tell whose column q1 is.
+        ("wrist_j2 wrist_j1", TWO, "position of joint 'wrist_j2' could be 'q2' or 'q1'"),
+    ],
+)
 @pytest.mark.parametrize("time", ["t [s]", "stamp [s]"])
-def test_numbers_at_the_end_of_longer_names_count_too(folder, time):
-    """Of joints wrist_j2 and wrist_j1, in this order, nobody can tell whose column q1 is."""
-    rows = ["joint,alpha,a,d,theta", "wrist_j2,0,0,0,q", "wrist_j1,0,0.5,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, f"{time},q1 [rad],q2 [rad],tau1 [Nm],tau2 [Nm]")
-    code, answer = ask_new()
+def test_numbers_in_names_of_joints_that_are_out_of_order_are_refused(folder, joints, heading, text, time):
+    name_joints(folder, *joints.split())
+    write_log(folder, heading.format(time=time))
+    code, answer = ask(*order())
     assert (code, list_codes(answer, "errors")) == (3, ["new.ambiguous-column"] * 2)
-    assert "position of joint 'wrist_j2' could be 'q2' or 'q1'" in answer["errors"][0]["text"]
+    assert text in answer["errors"][0]["text"]
 
 
 def test_the_name_of_a_joint_is_no_unit(folder):
     """Torques of the joint A, in N m or whatever, were taken for its current in ampere."""
-    (folder / "rows.csv").write_text("joint,alpha,a,d,theta\nA,0,0,0,q\n")
+    name_joints(folder, "A")
     write_log(folder, "stamp [s],pos_A [rad],tau_A")
-    code, answer = ask_new("--torque-constant", "0.1")
-    assert (code, list_codes(answer, "errors")) == (3, ["new.no-unit"])
-    code, answer = ask_new("--units", "torque=Nm")
-    assert (code, answer["result"]["log"]["units"]["torque"]) == (0, "Nm")
+    assert refuse(*order("--torque-constant", "0.1")) == (3, ["new.no-unit"])
+    assert do(*order("--units", "torque=Nm"))["result"]["log"]["units"]["torque"] == "Nm"
 
 
-def test_numbers_of_columns_count_from_0_whatever_the_joints_are_called(folder):
-    rows = ["joint,alpha,a,d,theta", "arm_j1,0,0,0,q", "arm_j2,0,0.5,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, "stamp [s],q0 [rad],q1 [rad],tau0 [Nm],tau1 [Nm]")
-    code, answer = ask_new()
-    assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["q0", "q1"])
-    (order,) = (entry for entry in answer["warnings"] if entry["code"] == "new.assumed-order")
-    assert order["text"].endswith("0 is 'arm_j1', 1 is 'arm_j2'")
-
-
-def test_numbers_in_names_of_joints_are_those_of_columns(folder):
-    rows = ["joint,alpha,a,d,theta", "axis_2,0,0,0,q", "axis_3,0,0.5,0,q", "axis_4,0,0.3,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, "t [s],q4 [rad],q2 [rad],q3 [rad],tau2 [Nm],tau3 [Nm],tau4 [Nm]")
-    code, answer = ask_new()
-    assert (code, answer["result"]["log"]["columns"]["position"]) == (0, ["q2", "q3", "q4"])
-    assert "new.assumed-order" not in list_codes(answer)
+@pytest.mark.parametrize(
+    ("joints", "heading", "positions", "told"),
+    [
+        # Numbers of columns count from 0, whatever the joints are called.
+        (
+            "arm_j1 arm_j2",
+            "stamp [s],q0 [rad],q1 [rad],tau0 [Nm],tau1 [Nm]",
+            "q0 q1",
+            "0 is 'arm_j1', 1 is 'arm_j2'",
+        ),
+        # Numbers in names of joints are those of columns.
+        (
+            "axis_2 axis_3 axis_4",
+            "t [s],q4 [rad],q2 [rad],q3 [rad],tau2 [Nm],tau3 [Nm],tau4 [Nm]",
+            "q2 q3 q4",
+            "",
+        ),
+        # The name of a gripper has no number, and its column has.
+        ("joint1 joint2 jointGripper", THREE.replace("Nm", "N m"), "q1 q2 q3", ""),
+        ("joint1 joint2 joint3", THREE.replace("Nm", "N m"), "q1 q2 q3", ""),
+    ],
+)
+def test_numbers_tell_joints(folder, joints, heading, positions, told):
+    name_joints(folder, *joints.split())
+    write_log(folder, heading.format(time="t [s]"))
+    answer = do(*order())
+    assert answer["result"]["log"]["columns"]["position"] == positions.split()
+    assert answer["result"]["log"]["preset"] == ("symid" if "N m" in heading else None)
+    assert find_texts(answer, "new.assumed-order").endswith(told)
+    assert ("new.assumed-order" in list_codes(answer)) == bool(told)
 
 
 def test_mixed_currents_are_refused(folder):
     write_log(folder, PLAIN.replace("tau0 [N m]", "tau0 [A]").replace("tau1 [N m]", "tau1 [mA]"))
-    code, answer = ask_new("--torque-constant", "0.1")
-    assert (code, list_codes(answer, "errors")) == (3, ["new.mixed-units"])
-
-
-@pytest.mark.parametrize("last", ["jointGripper", "joint3"])
-def test_columns_of_symid_are_known_whatever_the_joints_are_called(folder, last):
-    """The name of a gripper has no number, and its column has."""
-    rows = ["joint,alpha,a,d,theta", "joint1,0,0,0,q", "joint2,0,0.5,0,q", f"{last},0,0.3,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
-    write_log(folder, "t [s],q1 [rad],q2 [rad],q3 [rad],tau1 [N m],tau2 [N m],tau3 [N m]")
-    code, answer = ask_new()
-    assert (code, answer["result"]["log"]["preset"]) == (0, "symid")
-    assert answer["result"]["log"]["columns"]["position"] == ["q1", "q2", "q3"]
+    assert refuse(*order("--torque-constant", "0.1")) == (3, ["new.mixed-units"])
 
 
 @pytest.mark.parametrize(("size", "code"), [(3, 0), (4, 3)])
 def test_elements_of_arrays_count_from_0_and_name_no_joint(folder, size, code):
     """Of joints j1 to j3, tau_J[1] was read as that of j1."""
-    rows = ["joint,alpha,a,d,theta", "j1,0,0,0,q", "j2,0,0.5,0,q", "j3,0,0.3,0,q"]
-    (folder / "rows.csv").write_text("\n".join(rows) + "\n")
+    name_joints(folder, "j1", "j2", "j3")
     names = [*(f"q[{k}] [rad]" for k in range(size)), *(f"tau_J[{k}] [N m]" for k in range(size))]
     write_log(folder, ",".join(("t [s]", *names)))
-    found, answer = ask_new()
+    found, answer = ask(*order())
     assert found == code
     if not code:
         assert answer["result"]["log"]["columns"]["torque"] == ["tau_J[0]", "tau_J[1]", "tau_J[2]"]

@@ -24,67 +24,37 @@ name = "waist"
 kind = "revolute"
 origin = { xyz = [0, 0, 0.32] }
 frame = { xyz = [0, 0, -0.18] }
+drive = { gear = 100, rotor_inertia = 2.4e-5, rotor_inertia_side = "motor" }
+friction = { model = "coulomb-viscous-offset", Fv = 4.2, Fc = 3.1, offset = 0.15 }
+limits = { position = [-2.9671, 2.9671], velocity = 2.618, torque = 110 }
 [joint.link]
 mass = 6.1
 com = [0.004, 0.014, 0.1]
 inertia = { xx = 0.034, yy = 0.031, yz = -0.0026, zz = 0.0228 }
-[joint.drive]
-gear = 100
-rotor_inertia = 2.4e-5
-rotor_inertia_side = "motor"
-[joint.friction]
-model = "coulomb-viscous-offset"
-Fv = 4.2
-Fc = 3.1
-offset = 0.15
-[joint.limits]
-position = [-2.9671, 2.9671]
-velocity = 2.618
-torque = 110
 
 [[joint]]
 name = "shoulder"
 kind = "revolute"
 origin = { xyz = [0, 0, 0.18], rpy = ["-pi/2", 0, 0] }
+drive = { gear = 100, rotor_inertia = 2.4e-5, rotor_inertia_side = "motor" }
+friction = { model = "coulomb-viscous-offset", Fv = 5.1, Fc = 3.8, offset = -0.4 }
+limits = { position = [-2.0944, 2.0944], velocity = 2.618, torque = 110 }
 [joint.link]
 mass = 4.9
 com = [0.171, 0.006, 0.026]
 inertia = { xx = 0.012, xz = -0.0023, yy = 0.067, zz = 0.0641 }
-[joint.drive]
-gear = 100
-rotor_inertia = 2.4e-5
-rotor_inertia_side = "motor"
-[joint.friction]
-model = "coulomb-viscous-offset"
-Fv = 5.1
-Fc = 3.8
-offset = -0.4
-[joint.limits]
-position = [-2.0944, 2.0944]
-velocity = 2.618
-torque = 110
 
 [[joint]]
 name = "elbow"
 kind = "revolute"
 origin = { xyz = [0.35, 0, 0] }
+drive = { gear = 80, rotor_inertia = 9e-6, rotor_inertia_side = "motor" }
+friction = { model = "coulomb-viscous-offset", Fv = 1.6, Fc = 1.9, offset = 0.1 }
+limits = { position = [-2.618, 2.618], velocity = 3.1416, torque = 48 }
 [joint.link]
 mass = 2.65
 com = [0.135, 0.009, 0.004]
 inertia = { xx = 0.0041, xy = 0.0007, yy = 0.0271, zz = 0.0278 }
-[joint.drive]
-gear = 80
-rotor_inertia = 9e-6
-rotor_inertia_side = "motor"
-[joint.friction]
-model = "coulomb-viscous-offset"
-Fv = 1.6
-Fc = 1.9
-offset = 0.1
-[joint.limits]
-position = [-2.618, 2.618]
-velocity = 3.1416
-torque = 48
 """
 """The robot that the logs of the page were simulated with."""
 

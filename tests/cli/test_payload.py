@@ -14,9 +14,9 @@ from symid.identification.stored import write_fit
 from symid.joint_models import FrictionValues
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
-from tests.calls import ask, do, fail, hear, list_codes, say
+from tests.calls import do, fail, hear, list_codes, say
 from tests.chains import PUMA560, regress
-from tests.estimates import add_payload, build_elastic_estimate, build_estimate, fill_robot, store_estimate
+from tests.estimates import add_payload, build_estimate, build_springless_estimate, fill_robot, store_estimate
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -173,8 +173,8 @@ def test_calls_that_cannot_be_answered(arm, logs, tmp_path):
 
 def test_estimates_of_elastic_joints_give_the_payload(tmp_path, robots_folder):
     robot = read_robot(robots_folder / "two_link_elastic.toml")
-    empty = write_fit(build_elastic_estimate(robot), tmp_path / "empty.json")
-    loaded = write_fit(build_elastic_estimate(add_payload(robot, *BODY)), tmp_path / "loaded.json")
+    empty = write_fit(build_springless_estimate(robot), tmp_path / "empty.json")
+    loaded = write_fit(build_springless_estimate(add_payload(robot, *BODY)), tmp_path / "loaded.json")
     answer = do("payload", "two_link_elastic", loaded, "--empty", empty)
     assert answer["result"]["mass"] == pytest.approx(MASS, rel=1e-6)
     np.testing.assert_allclose(answer["result"]["com"][:2], CENTRE[:2], atol=1e-7)
@@ -219,7 +219,7 @@ def test_a_stored_payload_is_reported_as_it_was_found(arm, tmp_path):
 def test_a_stored_payload_with_mistakes_is_refused(arm, tmp_path):
     folder, _ = arm
     stored = tmp_path / "payload.json"
-    assert ask(*order(folder), "-o", stored)[0] == 0
+    do(*order(folder), "-o", stored)
     text = stored.read_text(encoding="utf-8")
     for place, value, said in (
         (("standard",), [1.0], "(10,) numbers"),

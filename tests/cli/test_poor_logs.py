@@ -11,7 +11,7 @@ from symid.excitation.trajectories import FourierOptions, build_random_fourier
 from symid.notation import INERTIAL
 from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask
+from tests.calls import ask, do, refuse
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -60,14 +60,14 @@ def log(robot, tmp_path_factory):
     return write
 
 
-def ask_of(verb, *arguments):
-    return ask(verb, "panda", "--friction", FRICTION, *arguments)
+def order(verb, *arguments):
+    return (verb, "panda", "--friction", FRICTION, *arguments)
 
 
 @pytest.mark.parametrize("still", [(0, 1), (0, 2), (1, 4), (5, 6)])
 def test_two_joints_still(log, still):
     path = log(*still)
-    code, answer = ask_of("identify", path)
+    code, answer = ask(*order("identify", path))
     assert (code, answer["ok"]) == (4, False)
     texts = [entry["text"] for entry in answer["errors"]]
     assert [entry["code"] for entry in answer["errors"][:3]] == [
@@ -85,32 +85,30 @@ def test_two_joints_still(log, still):
 
 
 def test_what_can_be_told_is_fitted_where_that_is_asked_for(log):
-    code, answer = ask_of("identify", log(1, 4), "--partial")
-    assert (code, answer["ok"]) == (0, True)
+    answer = do(*order("identify", log(1, 4), "--partial"))
+    assert answer["ok"]
     told = [entry["name"] for entry in answer["result"]["parameters"]]
     assert "Fv1" in told
     assert "Fv2" not in told
 
 
 def test_a_static_log(log):
-    code, answer = ask_of("identify", log(*range(7)))
-    assert code == 4
-    assert [entry["code"] for entry in answer["errors"]] == ["identify.standstill"]
+    assert refuse(*order("identify", log(*range(7)))) == (4, ["identify.standstill"])
 
 
 def test_check_says_it_before(log):
-    code, answer = ask_of("check", log(1, 4))
+    code, answer = ask(*order("check", log(1, 4)))
     assert code == 4
     assert [entry["code"] for entry in answer["errors"]] == ["check.poor"]
     assert "at rest: joint2, joint5" in next(
         entry["text"] for entry in answer["warnings"] if entry["code"] == "log.not-excited"
     )
-    assert ask_of("check", log())[0] == 0
+    do(*order("check", log()))
 
 
 def test_a_log_that_moves_what_another_does_not(log):
-    code, answer = ask_of("identify", log(1, 4), log(6))
-    assert (code, answer["ok"]) == (0, True)
+    answer = do(*order("identify", log(1, 4), log(6)))
+    assert answer["ok"]
     assert [entry for entry in answer["warnings"] if entry["code"] == "identify.refused"] == []
     # Neither log can predict the other: stretches of both are held out, not whole logs.
     assert answer["result"]["verdict"]["level"] == "good"

@@ -12,7 +12,7 @@ from symid.identification.stored import write_fit
 from symid.robot.loading import load_robot
 from symid.robot.toml_settings import describe_settings
 from tests.calls import ask, do, find_codes
-from tests.estimates import build_elastic_estimate
+from tests.estimates import build_springless_estimate
 
 ROBOT = "two_link_elastic"
 
@@ -36,7 +36,7 @@ def estimate():
         for joint, spring in zip(card.joints, card.elasticity, strict=True)
     )
     settings = {**describe_settings(robot), "stops": 8, "rate": 60.0, "cutoff": None}
-    plain = build_elastic_estimate(robot, sources=("training.npz",))
+    plain = build_springless_estimate(robot, sources=("training.npz",))
     parameters = tuple(replace(entry, std=0.01, truth=entry.value) for entry in plain.parameters)
     return replace(plain, parameters=parameters, springs=springs, settings=settings, covariance=())
 

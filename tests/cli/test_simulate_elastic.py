@@ -62,14 +62,7 @@ def test_a_spring_without_values_is_refused_first(tmp_path, monkeypatch, robots_
 
 def test_tc_moves_any_rigid_robot_too(tmp_path):
     result = simulate(
-        tmp_path / "a.npz",
-        "--trajectory",
-        "tc",
-        "--duration",
-        "2",
-        "--scale",
-        "0.5",
-        robot="two_link",
+        tmp_path / "a.npz", "--trajectory", "tc", "--duration", "2", "--scale", "0.5", robot="two_link"
     )
     assert result["trajectory"].endswith("amplitudes times 0.5")
     assert result["noise"] == 0.05

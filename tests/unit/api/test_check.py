@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 import symid
-from symid.errors import UsageError
 from tests.recovery.closed_form import TWO_LINK_TRUTH, find_friction, find_two_link_torque
-from tests.refusals import raises
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
 
 
 @pytest.fixture(scope="module")
@@ -38,16 +31,6 @@ def test_a_log_that_was_read_is_checked_as_its_file(robot, log, tmp_path):
     assert len(robot.check(path, read).logs) == 2
 
 
-def test_a_log_at_rest_is_refused(robot):
-    time = np.arange(2000) * 1e-3
-    still = symid.build_log(robot, time=time, q=np.ones((2000, 2)), tau=np.ones((2000, 2)))
-    found = robot.check(still)
-    assert not found.accepted
-    assert found.errors[0].code == "identify.standstill"
-    assert found.excitation is None
-    assert "excitation" not in found.to_dict()
-
-
 @pytest.mark.parametrize("own", [0.0, 0.02])
 def test_joints_that_move_in_proportion_are_named(robot, own):
     """Where the second joint has a small motion of its own, nothing is said."""
@@ -72,18 +55,3 @@ def test_joints_that_move_in_proportion_are_named(robot, own):
     assert fit.verdict.level != "good"
     # No mistake is looked for among columns that cannot be told apart.
     assert "log.swapped-joints" not in codes
-
-
-def test_an_even_copy_is_written(robot, log, tmp_path):
-    rng = np.random.default_rng(4)
-    kept = np.sort(rng.choice(len(log), size=len(log) - 50, replace=False))
-    np.savez(tmp_path / "uneven.npz", t=log.time[kept], q=log.q[kept], tau=log.tau[kept])
-    found = robot.check(tmp_path / "uneven.npz", resample=tmp_path / "even.npz")
-    file, notice = found.product.copy
-    assert notice.code == "log.resampled"
-    assert notice in found.notices
-    copy = symid.read_log(file, robot)
-    assert np.ptp(np.diff(copy.time)) < 1e-9
-    np.testing.assert_allclose(copy.q, log.q[: len(copy)], atol=1e-4)
-    with raises(UsageError, "usage.one-log"):
-        robot.check(resample=tmp_path / "even.npz")

@@ -12,11 +12,6 @@ from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
-
-
-@pytest.fixture(scope="module")
 def lib(robot):
     return robot.compile()
 
@@ -168,6 +163,7 @@ def test_a_folder_is_written_once(robot, tmp_path, target):
         ("c", {"parameters": "all"}, "usage.parameters"),
         ("python", {"friction_laws": True}, "usage.friction-laws"),
         ("casadi", {"precision": "float"}, "usage.precision"),
+        ("python", {"trigonometry": "library"}, "usage.precision"),
         ("python", {"functions": ["gravty"]}, "usage.unknown-function"),
     ],
 )

@@ -13,11 +13,6 @@ from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
-
-
-@pytest.fixture(scope="module")
 def found(robot):
     return robot.excite(harmonics=2, period=2, candidates=20, starts=1, seed=3)
 
@@ -89,26 +84,10 @@ def test_a_motion_is_scaled_about_its_centre_and_cut(robot, found):
         (lambda robot: robot.simulate(bandwidth=0.0), "usage.range"),
         (lambda robot: simulate(robot, control_period=-1e-3), "usage.range"),
         (lambda robot: simulate(robot, stiffness=[100.0, 10.0]), "usage.gains"),
-        (
-            lambda robot: robot.simulate(
-                options=SimulateOptions(stiffness=[100.0, 10.0], damping=[-1.0, 1.0])
-            ),
-            "usage.gains",
-        ),
-        (
-            lambda robot: robot.simulate(
-                bandwidth=5, options=SimulateOptions(stiffness=[9.0, 9.0], damping=[1.0, 1.0])
-            ),
-            "usage.gains",
-        ),
-        (
-            lambda robot: robot.simulate(options=SimulateOptions(stiffness=[9.0], damping=[1.0])),
-            "usage.experiment",
-        ),
-        (
-            lambda robot: robot.simulate(options=SimulateOptions(stiffness=["a", "b"], damping=[1.0, 1.0])),
-            "usage.range",
-        ),
+        (lambda robot: simulate(robot, stiffness=[9.0, 1.0], damping=[-1.0, 1.0]), "usage.gains"),
+        (lambda robot: simulate(robot, bandwidth=5, stiffness=[9, 9], damping=[1, 1]), "usage.gains"),
+        (lambda robot: simulate(robot, stiffness=[9.0], damping=[1.0]), "usage.experiment"),
+        (lambda robot: simulate(robot, stiffness=["a", "b"], damping=[1.0, 1.0]), "usage.range"),
         (lambda robot: simulate(robot, stiffness=9.0, damping=1.0), "usage.range"),
         (lambda robot: robot.excite(start=[0.0]), "usage.excitation"),
         (lambda robot: robot.excite(options=symid.ExciteOptions(stiffness=[1.0, 1.0])), "usage.excitation"),
@@ -144,15 +123,13 @@ def test_a_study_is_of_the_robot_with_its_settings():
 
 
 def test_the_controller_can_be_set(robot, tmp_path):
-    assert robot.simulate(
-        duration=1, options=SimulateOptions(control_period=2e-3)
-    ).recording.period == pytest.approx(2e-3)
+    assert simulate(robot, duration=1, control_period=2e-3).recording.period == pytest.approx(2e-3)
     slow = robot.simulate(duration=1, bandwidth=6.0)
     usual = robot.simulate(duration=1).to_dict()["controller"]
     # Kp = w^2 J and Kd = 2 w J.
     np.testing.assert_allclose(slow.to_dict()["controller"]["stiffness"], np.array(usual["stiffness"]) / 4.0)
     np.testing.assert_allclose(slow.to_dict()["controller"]["damping"], np.array(usual["damping"]) / 2.0)
-    own = robot.simulate(duration=1, options=SimulateOptions(stiffness=[4000.0, 900.0], damping=[90.0, 9.0]))
+    own = simulate(robot, duration=1, stiffness=[4000.0, 900.0], damping=[90.0, 9.0])
     assert own.to_dict()["controller"]["stiffness"] == (4000.0, 900.0)
     log = tmp_path / "own.npz"
     gains = ("--stiffness", "4000,900", "--damping", "90,9")

@@ -5,10 +5,8 @@ import pytest
 import symid
 from symid.api.robot_files import export_fit
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
-from symid.errors import UsageError
 from symid.identification.stored import write_fit
 from tests.estimates import build_estimate, fill_robot
-from tests.refusals import raises
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
@@ -32,17 +30,6 @@ def test_a_fit_in_memory_becomes_the_file_that_its_own_file_becomes(tmp_path):
     assert str(tmp_path / "arm.toml") in str(found)
     assert found.to_dict()["outcome"] == "consistent"
     assert repr(found) == f"<ExportedFile robot file: {tmp_path / 'arm.toml'}>"
-
-
-def test_a_stated_robot_is_the_same_to_pinocchio(tmp_path):
-    robot = symid.load("two_link")
-    found = robot.export(tmp_path / "arm.urdf")
-    model = pin.buildModelFromUrdf(str(found.file))
-    total = sum(joint.inertial[9] for joint in robot.joints)
-    assert pin.computeTotalMass(model) == pytest.approx(total)
-    assert found.to_dict()["outcome"] == "stated"
-    with raises(UsageError, "usage.export-precision", match="float"):
-        robot.export(tmp_path / "arm.urdf", precision="float")
 
 
 def test_a_urdf_that_was_cut_is_written_whole(tmp_path):

@@ -14,11 +14,6 @@ from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
-
-
-@pytest.fixture(scope="module")
 def logs(robot, tmp_path_factory):
     """Return the files of two logs of other motions."""
     folder = tmp_path_factory.mktemp("logs")

@@ -26,6 +26,12 @@ def fit(recording):
     return symid.hysteresis.fit(x, y, t, model="maxwell_slip")
 
 
+@pytest.fixture(scope="module")
+def passive(recording):
+    t, x, y = recording
+    return symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
+
+
 def test_a_fit_prints_its_verdict_first(fit):
     lines = str(fit).splitlines()
     assert lines[0].startswith("verdict: good - maxwell-slip with ")
@@ -41,11 +47,10 @@ def test_a_parameter_that_is_not_there(fit):
         fit["nothing"]
 
 
-def test_the_inverse_of_the_fit_returns_the_input(recording):
-    t, x, y = recording
-    found = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
-    output = found.predict(x[:200], t[:200])
-    np.testing.assert_allclose(found.invert(output, t[:200]), x[:200], atol=1e-9)
+def test_the_inverse_of_the_fit_returns_the_input(recording, passive):
+    t, x, _ = recording
+    output = passive.predict(x[:200], t[:200])
+    np.testing.assert_allclose(passive.invert(output, t[:200]), x[:200], atol=1e-9)
 
 
 def test_another_amplitude_is_an_extrapolation(fit):
@@ -193,13 +198,11 @@ def test_the_page_has_its_figures(fit, tmp_path):
     assert "First-order" not in text
 
 
-def test_reversal_curves_are_shown_where_the_recording_has_them(recording):
-    t, x, y = recording
-    fit = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
+def test_reversal_curves_are_shown_where_the_recording_has_them(passive):
     turns = [1.0, -0.8, 1.0, -0.4, 1.0, 0.0, 1.0, 0.4, 1.0]
     path = np.interp(np.arange(900) / 100.0, range(9), turns)
     other = symid.hysteresis.fit(path, make_stops(path, path), model="dahl")
-    assert not any("First-order" in entry.caption for entry in fit.plot().drawings)
+    assert not any("First-order" in entry.caption for entry in passive.plot().drawings)
     assert sum("First-order" in entry.caption for entry in other.plot().drawings) == 1
 
 
@@ -223,12 +226,11 @@ def test_cycles_lose_what_closed_loops_enclose():
     np.testing.assert_allclose(predicted, 0.5 * measured, rtol=1e-9)
 
 
-def test_an_inverse_that_goes_too_far_is_refused(recording):
-    t, x, y = recording
-    found = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
+def test_an_inverse_that_goes_too_far_is_refused(recording, passive):
+    _, x, y = recording
     with raises(UsageError, "usage.inverse-beyond", match="need inputs from"):
-        found.invert(20.0 * y)
-    assert np.ptp(found.invert(20.0 * y, beyond=True)) > np.ptp(x)
+        passive.invert(20.0 * y)
+    assert np.ptp(passive.invert(20.0 * y, beyond=True)) > np.ptp(x)
 
 
 def test_a_slope_that_may_be_zero_has_no_inverse():
@@ -240,10 +242,9 @@ def test_a_slope_that_may_be_zero_has_no_inverse():
         found.invert(y)
 
 
-def test_a_validation_says_what_the_inverse_misses(recording):
+def test_a_validation_says_what_the_inverse_misses(recording, passive):
     t, x, y = recording
-    found = symid.hysteresis.fit(x, y, t, model="prandtl-ishlinskii", passive=True)
-    tried = found.validate(x, y, t)
+    tried = passive.validate(x, y, t)
     # Noise of 1 % in the output becomes noise of the input, at slopes near those of the element.
     assert 0.1 < tried.trial.inverse < 3.0
     assert "Inverse: misses the input by" in str(tried)

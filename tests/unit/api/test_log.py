@@ -8,11 +8,6 @@ from tests.refusals import raises
 
 
 @pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
-
-
-@pytest.fixture(scope="module")
 def log(robot):
     return robot.simulate(seed=3, duration=2.0).log
 

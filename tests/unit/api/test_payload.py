@@ -1,22 +1,14 @@
 """Payloads from fits in memory and from logs that were read, against the body that was added."""
 
-import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 import symid
-from symid.errors import UsageError
 from tests.estimates import add_payload, build_estimate
-from tests.refusals import raises
 
 BODY = MASS, CENTRE, INERTIA = 1.5, (0.03, -0.02, 0.09), (0.004, 0.0003, -0.0002, 0.005, 0.0001, 0.003)
-
-
-@pytest.fixture(scope="module")
-def robot():
-    return symid.load("two_link")
 
 
 def test_two_fits_in_memory_give_the_payload(robot, tmp_path):
@@ -44,12 +36,3 @@ def test_a_known_mass_is_taken(robot):
     found = robot.payload(loaded, empty, mass=MASS, joint="elbow")
     assert found.mass == pytest.approx(MASS, rel=1e-14)
     assert found["cx"].std < robot.payload(loaded, empty)["cx"].std
-
-
-def test_logs_that_were_read_give_the_payload(robot):
-    heavy = dataclasses.replace(robot, description=add_payload(robot.description, *BODY), backend="python")
-    sides = [[model.simulate(duration=4, seed=seed).log for seed in (1, 2)] for model in (heavy, robot)]
-    found = robot.payload(*sides)
-    assert abs(found.mass - MASS) < 4 * found["mass"].std < 0.1
-    with raises(UsageError, "usage.payload-inputs"):
-        robot.payload([*sides[0], build_estimate(robot.description)], sides[1])

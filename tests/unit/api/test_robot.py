@@ -55,11 +55,6 @@ def test_names_of_shipped_robots_are_listed_and_load():
     assert names == tuple(sorted(names))
 
 
-def test_an_unknown_robot_gets_the_nearest_names():
-    with pytest.raises(symid.UsageError, match="panda"):
-        symid.load("pando")
-
-
 def test_a_table_of_rows_wants_its_convention(tmp_path):
     table = tmp_path / "arm.csv"
     table.write_text(ROWS)

@@ -96,47 +96,6 @@ def test_small_changes_are_found_as_often_as_the_power_says():
     assert power - 3.0 * spread <= hits / trials <= power + 3.0 * spread + 0.1
 
 
-@pytest.mark.slow
-def test_a_plant_of_500_robots_finds_small_drifts_as_often_as_the_power_says():
-    """20 of 500 robots drift by 3 to 6 deviations from night 4 of 7 on, in each of 20 plants."""
-    robots, level, plants, tests = 500, 0.05, 20, 500 * PARAMETERS
-    # Holm's first step, and the bound of Sidak over all cuts.
-    limit = norm.isf((1.0 - (1.0 - level / tests) ** (1.0 / (NIGHTS - 1))) / 2.0)
-    hits, power, alarmed, shares = 0, [], 0, []
-    for seed in range(plants):
-        rng = np.random.default_rng(seed)
-        shifts = dict(zip(range(0, robots, 25), rng.uniform(3.0, 6.0, 20).tolist(), strict=True))
-        rows = make_rows(rng, robots, shifts)
-        right = {(f"r{robot:03}", "ZZ2") for robot in shifts}
-        surest = {(entry.name, entry.quantity) for entry in view.find_changes(rows, control="holm")}
-        hits += len(surest & right)
-        alarmed += bool(surest - right)
-        found = {(entry.name, entry.quantity) for entry in view.find_changes(rows)}
-        shares.append(len(found - right) / max(len(found), 1))
-        power += [simulate_power(rng, shift, limit) for shift in shifts.values()]
-    expected, spread = np.sum(power), math.sqrt(np.sum([p * (1.0 - p) for p in power]))
-    with_false = plants * level + 3.0 * math.sqrt(plants * level * (1.0 - level))
-    said = (
-        f"{hits} of {len(power)} drifts found, {expected:.0f} +- {spread:.0f} by the power; false alarms: in"
-    )
-    said += f" {alarmed} of {plants} plants (Holm), {np.mean(shares):.1%} of all (Benjamini and Hochberg)"
-    print(f"\n{said}")  # noqa: T201
-    assert abs(hits - expected) <= 3.0 * spread
-    assert alarmed <= with_false
-    assert np.mean(shares) <= level
-
-
-def simulate_power(rng, shift, limit):
-    """Return how often the largest of all cuts of normal nights is above the limit, by 4000 trials."""
-    nights = rng.standard_normal((4000, NIGHTS))
-    nights[:, 3:] += shift
-    cuts = [
-        np.abs(nights[:, k:].mean(axis=1) - nights[:, :k].mean(axis=1)) / math.sqrt(1 / k + 1 / (NIGHTS - k))
-        for k in range(1, NIGHTS)
-    ]
-    return float(np.mean(np.max(cuts, axis=0) > limit))
-
-
 def test_residuals_and_small_deviations_are_judged_by_the_scatter_of_the_fleet():
     rows = make_rows(np.random.default_rng(3), 60, {5: 10.0}, residuals=2)
     found = [entry for entry in view.find_changes(rows) if entry.residual]

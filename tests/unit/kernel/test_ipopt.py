@@ -110,10 +110,7 @@ def test_a_scaled_problem_has_the_derivatives_of_its_value():
 def test_ends_that_are_no_optimum_are_told_and_the_last_point_is_kept():
     assert minimise(build(), np.zeros(3), IpoptOptions(tolerance=1e-10, iterations=0)).outcome is Ending.LIMIT
     broken = SmoothProblem(
-        value=lambda _: float("nan"),
-        gradient=lambda x: x,
-        lower=np.zeros(3),
-        upper=np.ones(3),
+        value=lambda _: float("nan"), gradient=lambda x: x, lower=np.zeros(3), upper=np.ones(3)
     )
     run = minimise(broken, np.full(3, 0.5), OPTIONS)
     assert run.outcome is Ending.FAILED

@@ -47,8 +47,9 @@ def test_numbers_of_numpy_and_lists_become_python_s_own():
 
 def test_keywords_win_over_fields_where_they_are_given():
     options = SimulateOptions(seed=5, clean=True)
-    assert merge(options, SimulateOptions(), seed=None, clean=False) == SimulateOptions(seed=5)
-    assert merge(None, SimulateOptions(), seed=7).seed == 7
+    given = {"seed": None, "clean": False, "self": 1}
+    assert merge(options, SimulateOptions(), given) == SimulateOptions(seed=5)
+    assert merge(None, SimulateOptions(), {"seed": 7}).seed == 7
 
 
 @pytest.mark.parametrize("record", RECORDS)
@@ -88,8 +89,5 @@ def test_a_prior_is_percent_of_the_robot_or_a_factor_on_a_fit():
         )
 
 
-def test_what_a_target_does_not_have_is_refused():
-    assert (
-        find_notices(lambda: GenerateOptions(target="python", precision="float"))[0][0] == "usage.precision"
-    )
+def test_a_self_test_has_states():
     assert find_notices(lambda: GenerateOptions(states=0))[0][0] == "usage.states"
