@@ -22,6 +22,8 @@ from fractions import Fraction
 from functools import cache, partial
 from typing import Any
 
+import numpy as np
+
 from symid.errors import Notice, UsageError
 from symid.joint_models import friction_columns as columns
 from symid.joint_models.carriers import build_float_carrier, smooth
@@ -37,7 +39,7 @@ from symid.joint_models.friction_law import (
 
 _ANY = -math.inf
 # Parameters that laws have as linear ones, F.., and as printed ones, f..; and their lower bounds.
-_TWINS = (
+_TWINS: tuple[tuple[Any, ...], ...] = (
     ("V", "V", "viscous", "viscous friction", 0.0),
     ("C", "C", "level", "Coulomb friction", 0.0),
     ("Vp", "V^+", "viscous", "viscous friction, positive velocity", 0.0),
@@ -79,11 +81,8 @@ _POSITIVE: tuple[tuple[Any, ...], ...] = (
 _PARAMETERS: dict[str, LawParameter] = {
     parameter.name: parameter
     for parameter in (
-        *(build_parameter(f"f{end}", f"f_{tex}", kind, text, low) for end, tex, kind, text, low in _TWINS),
-        *(
-            build_parameter(f"F{end.lower()}", f"F_{tex}", kind, text, low)
-            for end, tex, kind, text, low in _TWINS
-        ),
+        *(build_parameter(f"f{end}", f"f_{tex}", *rest) for end, tex, *rest in _TWINS),
+        *(build_parameter(f"F{end.lower()}", f"F_{tex}", *rest) for end, tex, *rest in _TWINS),
         *(build_parameter(*row) for row in _OTHERS),
         *(build_parameter(*row, allowed=False) for row in _POSITIVE),
     )
@@ -94,11 +93,8 @@ def _build_power_parameters(order: int) -> tuple[LawParameter, LawParameter]:
     """Return the coefficient of |v|^(order - 1) v, linear and as printed."""
     units = (f"N m s^{order}/rad^{order}", f"N s^{order}/m^{order}")
     meaning = f"friction that grows with the velocity to the power of {order}"
-    linear = LawParameter(_POWERS.get(order, f"Fv{order}"), f"F_{{V{order}}}", *units, meaning)
+    linear = LawParameter({2: "Fvq", 3: "Fvc"}.get(order, f"Fv{order}"), f"F_{{V{order}}}", *units, meaning)
     return linear, replace(linear, name=f"fV{order}", latex=f"f_{{V{order}}}")
-
-
-_POWERS = {2: "Fvq", 3: "Fvc"}
 
 
 _GAUSSIAN = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083-1138"
@@ -144,21 +140,22 @@ def build_law(
     **fields: Any,  # noqa: ANN401 - the other fields of the law
 ) -> FrictionLaw:
     """Return a law from names of parameters, "linear | shape | printed", `further` ones (linear, printed)."""
-    linear, shape, physical = (part.split() for part in parameters.split("|"))
-    names = [*linear, *(own.name for own, _ in further), *shape]
-    of_further = {printed.name: own.name for own, printed in further}
-    fields = {"own": tuple(name for name in names[: len(names) - len(shape)] if name not in _PLAIN), **fields}
-    mixing = []
-    for printed in (*physical, *of_further):
-        parts = _BEYOND.get(printed) or (of_further.get(printed) or _LINEAR.get(printed, printed),)
-        mixing.append(tuple(int(entry in parts) for entry in names))
+    linear, shape, physical = (
+        tuple(_PARAMETERS[entry] for entry in part.split()) for part in parameters.split("|")
+    )
+    linear, physical = (*linear, *(own for own, _ in further)), (*physical, *(own for _, own in further))
+    names = [entry.name for entry in (*linear, *shape)]
+    # Of printed parameters, the sum of which others they are.
+    parts = {printed.name: (own.name,) for own, printed in further} | _BEYOND
+    sums = [parts.get(entry.name, (_LINEAR.get(entry.name, entry.name),)) for entry in physical]
+    own = tuple(entry.name for entry in linear if entry.name not in _PLAIN)
     return FrictionLaw(
         name=name,
-        linear=(*(_PARAMETERS[entry] for entry in linear), *(own for own, _ in further)),
-        shape=tuple(_PARAMETERS[entry] for entry in shape),
-        physical=(*(_PARAMETERS[entry] for entry in physical), *(printed for _, printed in further)),
-        mixing=tuple(mixing),
-        **fields,
+        linear=linear,
+        shape=shape,
+        physical=physical,
+        mixing=tuple(tuple(int(entry in whole) for entry in names) for whole in sums),
+        **{"own": own} | fields,
     )
 
 
@@ -330,14 +327,14 @@ def build_position_dependent(
 def with_offset(law: FrictionLaw) -> FrictionLaw:
     """Return a law with a constant torque as its last linear parameter, named `offset`."""
     offset, count = _PARAMETERS["offset"], len(law.linear)
-    mixing = [(*row[:count], 0, *row[count:]) for row in law.mixing]
-    mixing.append(tuple(int(k == count) for k in range(count + 1 + len(law.shape))))
+    mixing = np.insert(np.array(law.mixing), count, 0, axis=1).tolist()
+    mixing.append([int(k == count) for k in range(len(mixing[0]))])
     return replace(
         law,
         name=f"{law.name}+offset",
         linear=(*law.linear, offset),
         physical=(*law.physical, offset),
-        mixing=tuple(mixing),
+        mixing=tuple(map(tuple, mixing)),
         columns=lambda carrier, inputs, shape: (*law.columns(carrier, inputs, shape), carrier.one),
         formula=f"{law.formula} + offset",
         passivity="Not dissipative where the offset exceeds the friction; without offset: " + law.passivity,
@@ -559,10 +556,8 @@ _OTHER_NAMES = {
 def _match_law(name: str) -> tuple[FrictionLaw | None, str]:
     """Return the law of a name; None and why where there is none."""
     name = _OTHER_NAMES.get(name, name)
-    if name in FRICTION_LAWS:
-        return FRICTION_LAWS[name], ""
-    if name in STATE_LAWS:
-        return STATE_LAWS[name], ""
+    if law := FRICTION_LAWS.get(name) or STATE_LAWS.get(name):
+        return law, ""
     if name.endswith("+offset"):
         law, reason = _match_law(name.removesuffix("+offset"))
         if law is not None and law.linear[-1].name == "offset":
@@ -578,13 +573,13 @@ def _match_law(name: str) -> tuple[FrictionLaw | None, str]:
 
 def _describe_mistake(match: re.Match[str]) -> str:
     """Return what is wrong with the exponent, the gear or the orders of a name; nothing if all is well."""
-    found = match.groupdict()
-    exponent, gear, orders = (found.get(key) for key in ("exponent", "gear", "orders"))
-    if exponent and exponent != "exponent" and not 0.0 < float(exponent) <= _LARGEST_EXPONENT:
+    found = match.groupdict("")
+    exponent, gear, orders = (found.get(key, "") for key in ("exponent", "gear", "orders"))
+    if exponent not in {"", "exponent"} and not 0.0 < float(exponent) <= _LARGEST_EXPONENT:
         return f"its exponent must be above 0 and at most {_LARGEST_EXPONENT:g}"
     if gear and not 0.0 < float(gear) < math.inf:
         return "its gear ratio must be above 0 and finite"
-    listed = (orders or "").split(",")
+    listed = orders.split(",")
     return "" if len(set(listed)) == len(listed) else "its orders must differ from each other"
 
 
@@ -667,13 +662,13 @@ def get_friction_law(friction: FrictionValues) -> FrictionLaw | None:
 def list_value_names(friction: FrictionValues) -> tuple[str, ...]:
     """Return the names of the linear parameters of a joint's friction."""
     law = get_friction_law(friction)
-    return () if law is None else tuple(entry.name for entry in law.linear)
+    return tuple(entry.name for entry in law.linear) if law else ()
 
 
 def list_shape_names(friction: FrictionValues) -> tuple[str, ...]:
     """Return the names of the shape values of a joint's friction."""
     law = get_friction_law(friction)
-    return () if law is None else tuple(entry.name for entry in law.shape)
+    return tuple(entry.name for entry in law.shape) if law else ()
 
 
 def name_values(friction: FrictionValues) -> dict[str, float]:

@@ -52,10 +52,11 @@ from symid.identification.elastic.regression import (
     list_parameter_cards,
     locate_settled,
     mark_rigid_rotors,
+    measure_noise,
 )
 from symid.identification.elastic.together import compute_spring_torques, filter_spring
 from symid.identification.estimators import Residual, list_parameters
-from symid.identification.regression import check_joints, list_measured_joints, warn_of_energy
+from symid.identification.regression import check_joints, warn_of_energy
 from symid.ipopt import Ending
 from symid.logs import Recording, differentiate
 
@@ -176,12 +177,12 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
             "columns of the log and their factors"
         )
         raise IdentifiabilityError(Notice(code="elastic.no-torque", text=text))
-    pairs = [get_encoder_positions(recording) for recording in recordings]
-    motors, links = (np.array([np.ptp(pair[side], axis=0) for pair in pairs]) for side in (0, 1))
-    gaps = [motor - link for motor, link in pairs]
-    torsions, scatters = (np.array([measure(gap, axis=0) for gap in gaps]) for measure in (np.ptp, np.std))
-    thirds = [[np.diff(side, n=3, axis=0) for side in pair] for pair in pairs]
-    noises = np.array([np.sqrt(sum(np.mean(step**2, axis=0) for step in pair) / 20.0) for pair in thirds])
+    found = []
+    for motor, link in map(get_encoder_positions, recordings):
+        ranges = [np.ptp(values, axis=0) for values in (motor, link, motor - link)]
+        noise = np.hypot(measure_noise(motor), measure_noise(link))
+        found.append([*ranges, np.std(motor - link, axis=0), noise])
+    motors, links, torsions, scatters, noises = np.swapaxes(found, 0, 1)
     if np.all(np.maximum(motors, links) <= _CLEAR * noises):
         text = (
             "no joint moves in these logs beyond the noise of its encoders: record motions in which every "
@@ -230,15 +231,12 @@ def warn_of_fit(
     if unknown:
         notices.append(build_warning("elastic.not-identifiable", names=", ".join(unknown)))
     percents = 100.0 * compute_relative_deviations(work, fit)
-    poor = [
-        card.name
-        for card, percent in zip(list_parameter_cards(library.card), percents, strict=True)
-        if _POOR_PERCENT < percent < np.inf and card.name not in unknown
-    ]
+    names = np.array([card.name for card in list_parameter_cards(library.card)])
+    poor = ", ".join(
+        name for name in names[(percents > _POOR_PERCENT) & (percents < np.inf)] if name not in unknown
+    )
     if poor:
-        notices.append(
-            build_warning("elastic.poorly-identifiable", percent=_POOR_PERCENT, names=", ".join(poor))
-        )
+        notices.append(build_warning("elastic.poorly-identifiable", percent=_POOR_PERCENT, names=poor))
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
     return (
         *notices,
@@ -259,12 +257,9 @@ def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str,
     card, signals = work.problem.library.card, work.problem.signals
     deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     torque = np.sqrt(np.mean(np.concatenate([part.tau for part in signals]) ** 2, axis=0))
-    loads = {joint.name: float(load) for joint, load in zip(card.joints, torque, strict=True)}
-    rates = [(part.dtheta, differentiate(part.dtheta, part.period)) for part in signals]
-    speed, pull = (
-        max(float(np.sqrt(np.mean(part**2, axis=0)).max()) for part in side)
-        for side in zip(*rates, strict=True)
-    )
+    loads = dict(zip((joint.name for joint in card.joints), torque.tolist(), strict=True))
+    rates = [np.stack([part.dtheta, differentiate(part.dtheta, part.period)]) for part in signals]
+    speed, pull = np.max([np.sqrt(np.mean(rate**2, axis=1)).max(axis=1) for rate in rates], axis=0).tolist()
     # What a parameter of each unit is multiplied by in the torque, RMS, at the fastest joint.
     motions = {
         "kg m^2": pull + speed**2,
@@ -354,7 +349,7 @@ def prepare_methods(
             torsions are below the noise of the encoders, or no spring explains any joint's torque.
     """
     hidden = _check_recordings(library, recordings)
-    work = build_elastic_equations(library, _fill_loads(library, recordings, options), options)
+    work = _build_equations(library, recordings, options)
 
     @cache
     def spring() -> tuple[MethodFit, tuple[str, ...]]:
@@ -362,10 +357,12 @@ def prepare_methods(
 
     @cache
     def fit(method: str) -> MethodFit:
+        start = None
         if method == "simultaneous":
-            return fit_method(work, method, spring()[0])
-        starts = method == "nlp" and work.problem.options.moves_stops
-        return fit_method(work, method, fit("weighted") if starts else None)
+            start = spring()[0]
+        elif method == "nlp" and work.problem.options.moves_stops:
+            start = fit("weighted")
+        return fit_method(work, method, start)
 
     def identify(method: str) -> ElasticEstimate:
         stated, automatic = replace(options, method=method), method == "automatic"
@@ -387,14 +384,12 @@ def prepare_methods(
                 choice = replace(choice, fit=choose_springs(work, choice.fit, hidden)[0])
         # As JSON would give them back, with the cut-offs that were chosen.
         cutoffs = [part.cutoff for part in work.problem.signals]
-        grid = [list(map(float, entry)) for entry in work.problem.thresholds]
+        grid = [entry.tolist() for entry in work.problem.thresholds]
         settings = {**(echo or {}), **asdict(stated), "cutoffs": cutoffs, "grid": grid}
-        if stated.nlp == NlpOptions():
-            del settings["nlp"]
-        if not stated.known:
-            del settings["known"]
-        settings = json.loads(json.dumps(settings))
+        left_out = {"nlp": stated.nlp == NlpOptions(), "known": not stated.known}
+        settings = {name: value for name, value in settings.items() if not left_out.get(name)}
         sources = [recording.source for recording in recordings]
+        settings = json.loads(json.dumps(settings))
         return _build_estimate(work, choice, fits, hidden, settings=settings, sources=sources)
 
     return identify
@@ -503,25 +498,22 @@ def build_one_shot(library: Library, recordings: Sequence[Recording], options: E
     from symid.identification.elastic.nlp import build_nlp_graph
 
     _check_recordings(library, recordings)
-    work = build_elastic_equations(library, _fill_loads(library, recordings, options), options)
+    work = _build_equations(library, recordings, options)
     return build_nlp_graph(fit_one_shot(work), work.wide, options.nlp)
 
 
-def _fill_loads(
+def _build_equations(
     library: Library, recordings: Sequence[Recording], options: ElasticOptions
-) -> tuple[Recording, ...]:
-    """Return recordings with the loads of a fit that agrees with them, where friction reads loads."""
-    if "load" not in library.card.friction_inputs or all(list_measured_joints(recordings)):
-        return tuple(recordings)
+) -> ElasticEquations:
+    """Return the equations; loads that friction reads are measured, or those of a fit that agrees."""
     beta = np.zeros(len(library.card.beta))
     loaded = fill_motor_loads(library, recordings, beta)
-    for _ in range(_REPEATS):
-        work = build_elastic_equations(library, loaded, options)
-        before, beta = beta, fit_method(work, "elimination").beta
+    for _ in range(_REPEATS if loaded != tuple(recordings) else 0):
+        before, beta = beta, fit_method(build_elastic_equations(library, loaded, options), "elimination").beta
         loaded = fill_motor_loads(library, recordings, beta)
         if np.linalg.norm(beta - before) <= _SAME_LOAD * np.linalg.norm(beta):
             break
-    return loaded
+    return build_elastic_equations(library, loaded, options)
 
 
 _REPEATS = 6

@@ -52,7 +52,6 @@ from symid.identification.elastic.nlp_cost import (
     SpringGrid,
     SpringLayout,
     StepSums,
-    WindowSums,
     build_nlp_recording,
     list_weights,
     move_stops,
@@ -152,12 +151,14 @@ def optimise_nlp(
     ipopt = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
     run = minimise(scaled, begin, replace(ipopt, barrier=_BARRIER) if near else ipopt)
     if near and run.outcome is not Ending.CONVERGED:
-        second = minimise(scaled, begin, ipopt)
-        ranks = [
-            (one.outcome is not Ending.CONVERGED, not one.outcome.usable, scaled.value(one.x))
-            for one in (run, second)
-        ]
-        run = second if ranks[1] < ranks[0] else run
+        run = min(
+            (run, minimise(scaled, begin, ipopt)),
+            key=lambda one: (
+                one.outcome is not Ending.CONVERGED,
+                not one.outcome.usable,
+                scaled.value(one.x),
+            ),
+        )
     outcome, reason = run.outcome, run.reason
     x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
     certificate = compute_certificate(cost, x, scales)
@@ -250,39 +251,38 @@ class NlpSetting:
 
     def lay_out(self, springs: Sequence[Elasticity]) -> NlpLayout:
         """Return the unknowns, with knees for what `springs` reach."""
-        grids = []
+        grids, problem = [], self.problem
         for joint, thresholds in enumerate(self.thresholds):
             bases = [part.bases[joint] for part in self.recordings]
-            if not self.problem.gives[joint]:
+            if not problem.gives[joint]:
                 grids.append(SpringGrid(thresholds=np.zeros(0), knees=(), stiffness=0.0, reach=0.0))
                 continue
-            if self.knees is not None:
-                knees = self.knees[joint]
-            else:
-                weights = list_weights(springs[joint], thresholds)
-                count, odd = self.problem.options.knees, self.options.odd
-                grid = build_knee_grid([basis @ weights for basis in bases], count, odd=odd)
-                knees = tuple(sorted(map(float, grid)))
+            if self.knees is None:
+                inner = [basis @ list_weights(springs[joint], thresholds) for basis in bases]
+                grid = build_knee_grid(inner, problem.options.knees, odd=self.options.odd)
+            knees = tuple(sorted(grid.tolist())) if self.knees is None else self.knees[joint]
             stiffness, reach = float(self.stiffness[joint]), max(float(np.abs(b[:, 0]).max()) for b in bases)
             grids.append(SpringGrid(thresholds=thresholds, knees=knees, stiffness=stiffness, reach=reach))
-        return NlpLayout.build(self.problem.library.card, grids, self.options, self.problem.known)
+        return NlpLayout.build(problem.library.card, grids, self.options, problem.known)
 
     def shift(self, places: Sequence[NlpPlace], steps: FloatArray) -> "NlpSetting":
         """Return the setting with each of the places moved by a step (places,)."""
         knees = [list(entries) for entries in self.knees or ()]
-        grids = [grid.copy() for grid in self.thresholds]
         moves: list[dict[int, float]] = [{} for _ in self.thresholds]
         for place, step in zip(places, steps.tolist(), strict=True):
             if place.knee:
                 knees[place.joint][place.index] += step
             elif step:
-                grids[place.joint][place.index] += step
-                moves[place.joint][place.index] = float(grids[place.joint][place.index])
-        moved = replace(self, knees=None if self.knees is None else tuple(map(tuple, knees)))
-        if not any(moves):
-            return moved
-        recordings = tuple(move_stops(recording, moves) for recording in self.recordings)
-        return replace(moved, thresholds=tuple(map(freeze, grids)), recordings=recordings)
+                moves[place.joint][place.index] = float(self.thresholds[place.joint][place.index]) + step
+        grids = [grid.copy() for grid in self.thresholds]
+        for grid, moved in zip(grids, moves, strict=True):
+            grid[list(moved)] = list(moved.values())
+        return replace(
+            self,
+            knees=None if self.knees is None else tuple(map(tuple, knees)),
+            thresholds=tuple(map(freeze, grids)),
+            recordings=tuple(move_stops(recording, moves) for recording in self.recordings),
+        )
 
 
 def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodFit) -> NlpSetting:
@@ -463,10 +463,7 @@ def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[N
         text = f"nlp did not converge: {run.reason}; parameters and springs are those of its last point"
         yield Notice(code="elastic.nlp-not-converged", text=text)
     # Dynamic parameters with one bound are known, and rigid joints have no spring.
-    places = [
-        *range(*layout.dynamics.indices(layout.size)),
-        *(entry.weights.start for entry in layout.springs),
-    ]
+    places = [*range(layout.dynamics.stop), *(entry.weights.start for entry in layout.springs)]
     known = {layout.names[place] for place in places if layout.lower[place] == layout.upper[place]}
     unknown = [name for name in run.certificate.undetermined if name not in known]
     if unknown:
@@ -653,21 +650,13 @@ def _add_steps(sums: StepSums, steps: Any) -> Any:  # noqa: ANN401
     """Return the rows (M, 1) of step means (N - 1, 1)."""
     if isinstance(steps, int):
         return steps
-    if isinstance(sums, WindowSums):
-        places = np.repeat(np.arange(sums.count), sums.length), np.arange(sums.span.start, sums.span.stop)
-        shape = (sums.count, len(sums.weights))
-        return casadi.DM(scipy.sparse.csc_matrix((sums.weights[sums.span], places), shape=shape)) @ steps
-    # What flows in between two rows, then what is left of it in all later ones.
-    late = np.maximum(np.arange(sums.last) - sums.first, -1) // sums.length + 1
-    ends = sums.first + late * sums.length
-    shares = (1.0 - sums.decay) * sums.decay ** (ends - 1 - np.arange(sums.last))
-    inflow = scipy.sparse.csc_matrix((shares, (late, np.arange(sums.last))), shape=(sums.count, sums.steps))
-    reach = int(np.log(_FADED) / (np.log(sums.decay) * sums.length)) + 1
-    left = [sums.decay ** (sums.length * row) for row in range(min(reach, sums.count))]
-    outflow = scipy.sparse.diags(
-        left, [-row for row in range(len(left))], shape=(sums.count, sums.count), format="csc"
-    )
-    return casadi.DM(outflow) @ (casadi.DM(inflow) @ steps)
+    rows, count = casadi.DM(scipy.sparse.csc_matrix(sums.inflow)) @ steps, sums.inflow.shape[0]
+    if not sums.kept:
+        return rows
+    # Of each row, what is left of it in all later ones.
+    left = sums.kept ** np.arange(min(int(np.log(_FADED) / np.log(sums.kept)) + 1, count))
+    places = [-row for row in range(len(left))]
+    return casadi.DM(scipy.sparse.diags(left, places, shape=(count, count), format="csc")) @ rows
 
 
 def get_variable(graph: NlpGraph, name: str) -> Any:  # noqa: ANN401

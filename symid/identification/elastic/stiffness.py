@@ -105,16 +105,13 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
         return low_pass(values, period=period, cutoff=limited, order=_ORDER)
 
     theta, q = low(found.theta), low(found.q)
-    speed = differentiate(theta, period)
+    link, rest = np.where(found.present, q, theta), np.zeros_like(theta)
+    speed, link_speed = differentiate(theta, period), differentiate(link, period)
     acceleration = differentiate(speed, period)
-    link = np.where(found.present, q, theta)
-    rest = np.zeros_like(link)
-    link_speed = differentiate(link, period)
     (still,) = library.evaluate("torque_regressor", link, rest, rest)
     (whole,) = library.evaluate("torque_regressor", link, link_speed, differentiate(link_speed, period))
-    extra = [np.zeros((*theta.shape, 0))]
-    if library.card.rotors:
-        extra.append(acceleration[:, :, None] * np.eye(theta.shape[1]))
+    rotors = acceleration[:, :, None] * np.eye(theta.shape[1])
+    extra = [rotors if library.card.rotors else rotors[:, :, :0]]
     if library.card.friction:
         # Dry friction changes its sign faster than the low-pass lets pass: friction first, then the filter.
         angle = low(found.theta, 4.0 * _CUTOFF)
@@ -162,21 +159,25 @@ _LOADS = 4
 """Fits after which loads that friction takes part of stay where they are."""
 
 
-def _build_loaded_rows(library: Library, recordings: Sequence[Recording]) -> list[RigidRows]:
-    """Return the equations of all recordings; loads that friction reads are measured, or those of the fit."""
-    measured = list_measured_joints(recordings)
-    if "load" not in library.card.friction_inputs or all(measured):
-        return [build_rigid_rows(library, recording) for recording in recordings]
+def _build_loaded_rows(
+    library: Library, recordings: Sequence[Recording]
+) -> tuple[list[RigidRows], FloatArray]:
+    """Return the equations of all recordings, and the base parameters (p,) that explain their torque.
+
+    Loads that friction reads are measured, or those of the fit.
+    """
+    measured, loaded = list_measured_joints(recordings), tuple(recordings)
+    sought = "load" in library.card.friction_inputs and not all(measured)
     loads = [np.zeros_like(recording.position) for recording in recordings]
-    runs: list[RigidRows] = []
-    for _ in range(_LOADS):
-        runs = [
-            build_rigid_rows(library, replace(recording, load=fill_load(recording.load, load, measured)))
-            for recording, load in zip(recordings, loads, strict=True)
-        ]
+    for _ in range(_LOADS if sought else 1):
+        if sought:
+            pairs = zip(recordings, loads, strict=True)
+            loaded = tuple(replace(one, load=fill_load(one.load, load, measured)) for one, load in pairs)
+        runs = [build_rigid_rows(library, recording) for recording in loaded]
         x, _ = fit_rigid(np.concatenate([rows.compute_grams() for rows in runs]).sum(axis=0))
-        loads = [rows.whole @ x[: rows.whole.shape[2]] for rows in runs]
-    return runs
+        beta = x[: runs[0].whole.shape[2]]
+        loads = [rows.whole @ beta for rows in runs]
+    return runs, beta
 
 
 def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]) -> Alignment:
@@ -190,9 +191,7 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
     moved = tuple(recordings)
     used, delay = np.zeros((len(recordings), library.card.size)), 0.0
     for _ in range(_PASSES):
-        runs = _build_loaded_rows(library, moved)
-        x, _ = fit_rigid(np.concatenate([rows.compute_grams() for rows in runs]).sum(axis=0))
-        beta = x[: runs[0].whole.shape[2]]
+        runs, beta = _build_loaded_rows(library, moved)
         peak = np.max([np.max(np.abs(rows.whole @ beta), axis=0) for rows in runs], axis=0)
         scale, width = np.where(peak > 0.0, peak, 1.0), _compute_reversal_widths(runs)
         # What the torsion may follow, (N, n, 7), all of one scale: gravity, the torque of motion, plays of
@@ -264,11 +263,10 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
     them apart: tau = [ddtheta, friction, spring and stops of the torsion] x, fitted with and without it.
     """
     # Where motor and link move as one, no torque tells a delay from friction: the delay is the likelier.
-    pairs = [get_encoder_positions(recording) for recording in recordings]
-    apart, moves = (
-        float(sum(np.mean(np.diff(values, axis=0) ** 2) for values in side))
-        for side in ([motor - link for motor, link in pairs], [motor for motor, _ in pairs])
-    )
+    apart = moves = 0.0
+    for motor, link in map(get_encoder_positions, recordings):
+        apart += float(np.mean(np.diff(motor - link, axis=0) ** 2))
+        moves += float(np.mean(np.diff(motor, axis=0) ** 2))
     if not any(library.card.yielding) or apart < _APART * moves:
         return False
     bases, lefts = len(library.card.beta), []
@@ -278,7 +276,7 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
         for run, recording in enumerate(recordings):
             signals = prepare_elastic_signals(shift_link_channel(recording, entry, run=run), ElasticOptions())
             rate = partial(differentiate, period=signals.period)
-            design = build_equations(library, signals, rate, lambda values: values)
+            design = build_equations(library, signals, rate, np.asarray)
             for joint in range(library.card.size):
                 torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
                 if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
@@ -357,22 +355,21 @@ class ComplianceFits(FrozenArrays):
 def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
     """Return the compliance of every joint in every run, with and without each block."""
     widths, count = _compute_reversal_widths(runs), runs[0].still.shape[2]
-    torsion_grams = []
+    torsion = []
     for rows in runs:
         nuisances = (np.ones_like(rows.gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
         parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, rows.gap[:, :, None]]
-        torsion_grams.append(rows.compute_grams(np.concatenate(parts, axis=2)))
+        torsion.append(rows.compute_grams(np.concatenate(parts, axis=2)))
     rigid = np.concatenate([rows.compute_grams() for rows in runs])
-    torsion = np.concatenate(torsion_grams)
-    owner = np.repeat(np.arange(len(runs)), [len(rows.blocks) for rows in runs])
     whole, norms = fit_rigid(rigid.sum(axis=0))
-    sums = np.array([grams.sum(axis=0) for grams in torsion_grams])
+    sums = np.array([grams.sum(axis=0) for grams in torsion])
     first = _solve_runs(sums, whole[:count])
     replicates = [first[0]]
-    for out, run in enumerate(owner):
-        beta = fit_rigid(rigid.sum(axis=0) - rigid[out], norms**-2.0)[0][:count]
+    owned = ((run, grams) for run, blocks in enumerate(torsion) for grams in blocks)
+    for left_out, (run, grams) in zip(rigid, owned, strict=True):
+        beta = fit_rigid(rigid.sum(axis=0) - left_out, norms**-2.0)[0][:count]
         without = sums.copy()
-        without[run] -= torsion[out]
+        without[run] -= grams
         replicates.append(_solve_runs(without, beta)[0])
     samples = sum(part.stop - part.start for rows in runs for part in rows.blocks)
     still = np.concatenate([rows.still @ whole[:count] for rows in runs])
@@ -478,7 +475,7 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
         LogError: a recording has one encoder only, is uneven or too short, or no joint has both encoders.
     """
     moved, alignment, _, notices = _align(library, recordings)
-    fits = fit_compliances(_build_loaded_rows(library, moved))
+    fits = fit_compliances(_build_loaded_rows(library, moved)[0])
     return StiffnessEstimate(
         robot=library.card.robot,
         alignment=alignment,
