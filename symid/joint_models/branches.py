@@ -1,3 +1,5 @@
+# ruff: noqa: D102 - members that all branches share are described here
+
 """Branches of an element, in parallel with its spring: values, states, one exact step, stored energy.
 
     slip spring    f(E), E = x - P_r[x], f piecewise linear: a slider behind a spring of any shape
@@ -7,10 +9,13 @@
     attracted      Maxwell-slip elements that reach their level only slowly
     relaxation     df/dt = k dx/dt - f / T: a spring behind a damper
 
-A step goes from the position before to another without turning back. `values` hold the numbers by name, in
-a carrier: floats, arrays, CasADi expressions, references of generated code. Krasnosel'skii and Pokrovskii,
-Systems with Hysteresis (1989); Bouc 1967, Wen 1976, normalised as by Ikhouane and Rodellar, Systems with
-Hysteresis (2007).
+Of a branch, `needs_time` is whether its force depends on the velocity, `passive` whether no motion gives
+work. Its slope, N m/rad or N/m, is at most `most_slope` at a held speed, at least `least_slope` over any way
+without reversal. `start` gives the states where the input stands still, come from below (`side` 1), from
+above (-1) or virgin (0); `advance` what a step to another position leads to, without turning back. `values`
+hold the numbers of `list_values` by name, in a carrier: floats, arrays, CasADi expressions, references of
+generated code. Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989); Bouc 1967, Wen 1976, normalised
+as by Ikhouane and Rodellar, Systems with Hysteresis (2007).
 
 Supported: any carrier, any length of a step. Exact but for Bouc-Wen, whose error falls with the square of the
 step over L (and is zero for n = 1 away from u = 0).
@@ -124,7 +129,6 @@ class SlipSpring:
 
     @property
     def needs_time(self) -> bool:
-        """Return whether the force depends on the velocity."""
         return any(self.falls)
 
     @property
@@ -146,7 +150,6 @@ class SlipSpring:
 
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope at a held speed, N m/rad or N/m."""
         return max(0.0, *self._list_slopes())
 
     @property
@@ -174,7 +177,6 @@ class SlipSpring:
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         count = len(self.deflections)
         places = [values[f"e{k}"] for k in range(1, count + 1)]
         forces = [values[f"f{k}"] for k in range(1, count + 1)]
@@ -242,7 +244,6 @@ class Relays:
 
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope, N m/rad or N/m."""
         return (max(0.0, *self.ramps) + math.fsum(map(abs, self.weights))) / self.step
 
     @property
@@ -288,7 +289,6 @@ class Relays:
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         step, inverse = values["step"], algebra.div(algebra.one, values["step"])
         z = algebra.sub(motion.position, values["low"])
         count = len(self.ramps)
@@ -374,27 +374,22 @@ class BoucWen:
 
     @property
     def passive(self) -> bool:
-        """Return whether no loop gives work."""
         return self.level >= 0.0
 
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope, N m/rad or N/m."""
         steepest = 1.0 + (2.0 * self.loop - 1.0 + abs(self.lean)) / (1.0 - abs(self.skew))
         return abs(self.level) * steepest / self.length
 
     @property
     def least_slope(self) -> float:
-        """Return a bound below of the slope over a way without reversal, N m/rad or N/m."""
         return 0.0 if self.level >= 0.0 else -self.most_slope
 
     def list_values(self) -> dict[str, float]:
-        """Return the numbers by name."""
         names = ("level", "length", "sharpness", "loop", "skew", *(["lean"] if self.lean else []))
         return {name: getattr(self, name) for name in names}
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
-        """Return u where the input stands still: `side` -1, 0, 1 times its bound."""
         del position
         bound = (1.0 + side * self.skew) ** (-1.0 / self.sharpness)
         return (algebra.scale(side * bound, algebra.one),)
@@ -402,7 +397,6 @@ class BoucWen:
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         length, power = values["length"], values["sharpness"]
         sign = algebra.sign(motion.way)
         way = algebra.div(algebra.absolute(motion.way), length)
@@ -486,7 +480,6 @@ class BristleBranch:
 
     @property
     def needs_time(self) -> bool:
-        """Return whether the force depends on the velocity."""
         given = dict(self.values)
         return any(given.get(name, 0.0) != 0.0 for name in ("Fv", "Fe", "sigma1"))
 
@@ -505,7 +498,7 @@ class BristleBranch:
 
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope at a held speed, N m/rad or N/m: after a reversal."""
+        """Return the slope after a reversal, N m/rad or N/m."""
         given = dict(self.values)
         springs = (value for name, value in given.items() if name.startswith("stiffness"))
         return 2.0 * given["sigma0"] if "sigma0" in given else math.fsum(springs)
@@ -529,7 +522,6 @@ class BristleBranch:
         return 0.0 if viscous >= fall and (excess == 0.0 or given.get("sigma1", 0.0) == 0.0) else -math.inf
 
     def list_values(self) -> dict[str, float]:
-        """Return the numbers by name."""
         return {"Fv": 0.0} | dict(self.values)
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
@@ -544,7 +536,6 @@ class BristleBranch:
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         force, after = advance_memory(algebra, values, motion.velocity, motion.way, states)
         names = ["sigma0"] if "sigma0" in values else [f"stiffness{k}" for k in range(1, len(states) + 1)]
         pairs = zip(names, after, strict=True)
@@ -590,7 +581,6 @@ class AttractedSlip:
 
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope at a held speed, N m/rad or N/m."""
         return math.fsum(map(abs, self.stiffnesses))
 
     def list_values(self) -> dict[str, float]:
@@ -611,7 +601,6 @@ class AttractedSlip:
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         count = len(self.thresholds)
         sign = algebra.sign(motion.way)
         moved = algebra.absolute(sign)
@@ -667,22 +656,18 @@ class Relaxation:
 
     @property
     def most_slope(self) -> float:
-        """Return its slope in a fast motion, N m/rad or N/m."""
         return self.stiffness
 
     def list_values(self) -> dict[str, float]:
-        """Return the numbers by name."""
         return {"stiffness": self.stiffness, "time": self.time}
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
-        """Return the force of an input that stands still."""
         del position, side
         return (algebra.zero,)
 
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         stiffness, time = values["stiffness"], values["time"]
         half = algebra.tanh(algebra.scale(0.5, algebra.div(motion.period, time)))
         gone = algebra.div(algebra.scale(2.0, half), algebra.add(algebra.one, half))

@@ -448,20 +448,18 @@ _CLAMP = "Fk = clamp(stiffness_k zk, -+share_k g), dzk/dt = dq until it slips, t
 STATE_LAWS: dict[str, FrictionLaw] = {
     law.name: law
     for law in (
-        build_law(
-            "dahl",
-            "Fv Fc |  | fC fV",
-            columns=columns.compute_coulomb_viscous_columns,
+        replace(
+            _COULOMB_VISCOUS,
+            name="dahl",
             formula="sigma0 z + fV dq, dz/dt = dq - sigma0 |dq| / fC z; steady: fC sign(dq) + fV dq",
             source="Dahl 1968, exponent one, with viscous friction",
             smoothness=_BENDS,
             passivity=_FOLLOWS,
             memory=BRISTLES[:1],
         ),
-        build_law(
-            "lugre",
-            "Fv Fc Fe | vs gamma | fC fS vs gamma fV",
-            columns=partial(columns.compute_stribeck_columns, exponent=None, orders=()),
+        replace(
+            build_stribeck(exponent=None),
+            name="lugre",
             formula="sigma0 z + sigma1 dz/dt + fV dq, dz/dt = dq - sigma0 |dq| / g z, "
             f"g = fC + (fS - fC) exp(-|dq / vs|^gamma); steady: {_STEADY}",
             source="Canudas de Wit, Olsson, Astrom and Lischinsky 1995",
@@ -469,10 +467,9 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             passivity="Passive where fV >= sigma1 |fS - fC| / min(fC, fS); the state is bounded always.",
             memory=BRISTLES,
         ),
-        build_law(
-            "maxwell-slip",
-            "Fv Fc |  | fC fV",
-            columns=columns.compute_coulomb_viscous_columns,
+        replace(
+            _COULOMB_VISCOUS,
+            name="maxwell-slip",
             formula=f"{_CLAMP}, g = fC; steady: fC sign(dq) + fV dq",
             source="Iwan, J. Applied Mechanics 33 (1966) 893-900, with viscous friction",
             smoothness=_BENDS,
@@ -480,10 +477,9 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             memory=ELEMENTS,
             elements=True,
         ),
-        build_law(
-            "generalised-maxwell-slip",
-            "Fv Fc Fe | vs gamma | fC fS vs gamma fV",
-            columns=partial(columns.compute_stribeck_columns, exponent=None, orders=()),
+        replace(
+            build_stribeck(exponent=None),
+            name="generalised-maxwell-slip",
             formula=f"{_CLAMP}, g = fC + (fS - fC) exp(-|dq / vs|^gamma); steady: {_STEADY}",
             source="Lampaert, Al-Bender, Swevers, IEEE Physics and Control (2003) 1170-1177, for an "
             "attraction without end: what slips is at its level",

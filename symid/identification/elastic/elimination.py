@@ -38,11 +38,10 @@ from symid.identification.elastic.regression import (
     build_spring_data,
     center_held,
     filter_derivative,
-    fit_joint_spring,
     mark_sliding,
     solve_with_signs,
 )
-from symid.identification.hysteresis import build_elasticity, filter_smooth
+from symid.identification.hysteresis import filter_smooth
 from symid.identification.regression import choose_windows, integrate_windows
 from symid.logs import Recording, differentiate_smooth, low_pass
 
@@ -360,7 +359,7 @@ def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> Method
         parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]
         data = build_spring_data(problem.options, joint, parts, signals, rows)
         target = np.concatenate([part.compute_motor_side(chi)[:, joint] for part in rows])
-        springs.append(build_elasticity(fit_joint_spring(problem.options, data, joint, target)))
+        springs.append(problem.fit_spring(joint, data, target))
     fit = build_method_fit("independent", chi, problem.sizes, tuple(springs))
     if set(together) != set(apart):
         return fit

@@ -739,34 +739,43 @@ class ElasticProblem:
 
     def fit_springs(self, torque: FloatArray) -> tuple[Elasticity, ...]:
         """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows."""
+        pairs = zip(self.springs, torque.T, self.gives, strict=True)
         return tuple(
-            build_elasticity(fit_joint_spring(self.options, data, joint, torque[:, joint]))
-            if self.gives[joint]
-            else RIGID
-            for joint, data in enumerate(self.springs)
+            self.fit_spring(joint, data, target) if gives else RIGID
+            for joint, (data, target, gives) in enumerate(pairs)
         )
+
+    def fit_spring(self, joint: int, data: SpringData, target: FloatArray) -> Elasticity:
+        """Return the spring of one joint that explains F[tau_J] (M,) best, along the torsions of `data`."""
+        weights = fit_spring(data, target, self.start_spring(joint, data, target))
+        moved = refine_spring(data, target, weights) if self.options.moves_stops else weights
+        return build_elasticity(moved)
+
+    def start_spring(self, joint: int, data: SpringData, target: FloatArray) -> SpringWeights:
+        """Return the best spring without knees for F[tau_J] (M,), with knees that are to be fitted next."""
+        weights, given = data.fit_stops(target), self.options.knee_torques
+        if given is None:
+            knees = build_knee_grid([part @ weights.stiffness for part in data.basis], self.options.knees)
+        else:
+            knees = np.array(
+                sorted(given[joint], key=lambda torque: (torque > 0, abs(torque))), dtype=np.float64
+            )
+        return replace(weights, knees=knees, slopes=np.ones(len(knees)))
 
     def average_sides(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n), the mean of motor and link side, each weighted by 1 / its variance.
 
         The variances are those about a spring on the grid, so that a side with more noise counts less; chi
-        (p + n + pf,) are the dynamic parameters.
+        (p + n + pf,) are the dynamic parameters. A motor near rest tells of friction that is not known.
         """
-        motor = self.compute_motor_side(chi)
-        link = self.compute_link_side(chi)
-        joined = np.empty_like(motor)
-        for joint, data in enumerate(self.springs):
-            sides = [motor[:, joint], link[:, joint]]
-            if not self.gives[joint]:
-                joined[:, joint] = sides[1]
-                continue
-            if self.limits[joint]:
-                # What a motor near rest says holds friction that is not known.
-                sides[0] = np.where(self.slides[:, joint], sides[0], sides[1])
-            start = build_start_spring(self.options, data, joint, sides[1])
-            value = data.compute_torque(fit_spring(data, (sides[0] + sides[1]) / 2.0, start))
-            inverse = [1.0 / max(float(np.mean((side - value) ** 2)), 1e-300) for side in sides]
-            joined[:, joint] = (inverse[0] * sides[0] + inverse[1] * sides[1]) / (inverse[0] + inverse[1])
+        joined = self.compute_link_side(chi)
+        motor = np.where(self.slides | (self.limits == 0.0), self.compute_motor_side(chi), joined)
+        for joint in np.flatnonzero(self.gives).tolist():
+            data, sides = self.springs[joint], np.stack([motor[:, joint], joined[:, joint]])
+            spring = fit_spring(data, np.mean(sides, axis=0), self.start_spring(joint, data, sides[1]))
+            left = np.mean((sides - data.compute_torque(spring)) ** 2, axis=1)
+            inverse = 1.0 / np.maximum(left, 1e-300)
+            joined[:, joint] = inverse @ sides / np.sum(inverse)
         return joined
 
 
@@ -819,24 +828,3 @@ def build_spring_data(
         grid = freeze(np.arange(1, options.stops + 1) / (options.stops + 1.0) * largest)
     periods, keeps = tuple(part.period for part in signals), tuple(part.keep for part in rows)
     return SpringData(torsions=tuple(torsions), periods=periods, keeps=keeps, rate=options.rate).rebuild(grid)
-
-
-def fit_joint_spring(
-    options: ElasticOptions, data: SpringData, joint: int, target: FloatArray
-) -> SpringWeights:
-    """Return the spring of one joint that explains F[tau_J] (M,) best."""
-    weights = fit_spring(data, target, build_start_spring(options, data, joint, target))
-    return refine_spring(data, target, weights) if options.moves_stops else weights
-
-
-def build_start_spring(
-    options: ElasticOptions, data: SpringData, joint: int, target: FloatArray
-) -> SpringWeights:
-    """Return the best spring without knees for F[tau_J] (M,), with the knees that are to be fitted next."""
-    weights = data.fit_stops(target)
-    if options.knee_torques is not None:
-        torques = np.array(options.knee_torques[joint], dtype=np.float64)
-        knees = np.concatenate([torques[torques < 0][::-1], torques[torques > 0]])
-    else:
-        knees = build_knee_grid([part @ weights.stiffness for part in data.basis], options.knees)
-    return replace(weights, knees=knees, slopes=np.ones(len(knees)))

@@ -49,7 +49,6 @@ from symid.identification.elastic.estimate import (
 )
 from symid.identification.elastic.regression import (
     ElasticProblem,
-    build_start_spring,
     compute_joint_torque,
     solve_with_signs,
 )
@@ -118,7 +117,7 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
             continue
         known, start = data[joint], springs[joint]
         if not state.springs:
-            start = build_start_spring(problem.options, known, joint, aim)
+            start = problem.start_spring(joint, known, aim)
         if count == _GRID_STEPS:
             start = refine_spring(known, aim, start)
         elif count == _GRID_STEPS + 1:

@@ -1,3 +1,5 @@
+# ruff: noqa: D102 - methods that `ElementFamily` describes
+
 """Families of elements: for given shape values the output is linear in coefficients.
 
     y = sum_j c_j Phi_j(x; s)       s: thresholds, lengths, exponents;  c: stiffnesses and forces
@@ -177,7 +179,6 @@ class Stops(ElementFamily):
         return np.hstack([x, x - path.compute_plays(shape)])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         joined: dict[float, float] = {}
         for threshold, stiffness in sorted(zip(shape.tolist(), coefficients[1:].tolist(), strict=True)):
             joined[threshold] = joined.get(threshold, 0.0) + stiffness
@@ -245,7 +246,6 @@ class NonlinearStops(ElementFamily):
         return np.where(low == high, -_LEAST, low), np.where(low == high, _LEAST, high)
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         radii, falls = self._split(shape)
         forces = np.zeros(self._free.shape)
         forces[self._free] = coefficients[1:]
@@ -269,7 +269,6 @@ class RelayGrid(ElementFamily):
     searched: bool = False
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return no shape: the grid is given."""
         del path
         return [np.zeros(0)]
 
@@ -311,7 +310,6 @@ class RelayGrid(ElementFamily):
         return (f"{self.count} places",)
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         del shape
         return Elasticity(stiffness=0.0, branches=(self._build(coefficients),))
 
@@ -360,7 +358,6 @@ class BoucWenFamily(ElementFamily):
         return np.column_stack([path.position, path.trace(self._build_unit(shape))])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         branch = self._build_unit(shape, float(coefficients[1]))
         return Elasticity(stiffness=float(coefficients[0]), branches=(branch,))
 
@@ -428,7 +425,6 @@ class BristleFamily(ElementFamily):
         return np.hstack([x, x - compute_clamps(x - radii, x + radii, begin - grid * side, turns)])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         spring, elements = Elasticity(stiffness=float(coefficients[0])), {}
         force = max(float(coefficients[1]), _LEAST)
         if self.grid:
@@ -484,7 +480,6 @@ class AttractedFamily(ElementFamily):
         return np.column_stack([path.position, states[:, : len(self.grid)]])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         kept = np.any(coefficients[1:] > 0.0)
         branches = (self._build_branch(shape, coefficients[1:]),) if kept else ()
         return Elasticity(stiffness=float(coefficients[0]), branches=branches)
@@ -508,7 +503,6 @@ class _Extended(ElementFamily):
     part: str = ""
 
     def describe(self) -> tuple[str, ...]:
-        """Return the form of the base, and the part."""
         return (*self.base.describe(), self.part)
 
     @property
@@ -536,11 +530,9 @@ class _Extended(ElementFamily):
         return [np.array([first, *rest]) for first in firsts]
 
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
-        """Return those of the base."""
         return self.base.list_limits(self._own(shape), count, passive=passive)
 
     def list_penalties(self, count: int) -> FloatArray:
-        """Return those of the base."""
         return self.base.list_penalties(count)
 
 
@@ -561,7 +553,6 @@ class WithBacklash(_Extended):
         return self.base.compute_columns(replace(path, position=behind), self._own(shape))
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         return replace(self.base.build(self._own(shape), coefficients), backlash=float(shape[0]))
 
 
@@ -589,11 +580,9 @@ class WithRelaxation(_Extended):
         return np.append(low, 0.0), np.append(high, np.inf)
 
     def list_penalties(self, count: int) -> FloatArray:
-        """Return those of the base."""
         return np.pad(self.base.list_penalties(count - 1), ((0, 0), (0, 1)))
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         found = self.base.build(self._own(shape), coefficients[:-1])
         if not coefficients[-1] > 0.0:
             return found

@@ -98,11 +98,9 @@ def test_solutions_are_short_where_rows_do_not_tell(arm, rows, sign):
 
 def refuse(estimate):
     """Return the estimate with the second spring refused."""
-    springs = (
-        estimate.springs[0],
-        replace(estimate.springs[1], identifiable=False, reason="it is for the test"),
-    )
-    return replace(estimate, springs=springs)
+    first, second = estimate.springs
+    second = replace(second, identifiable=False, reason="it is for the test")
+    return replace(estimate, springs=(first, second))
 
 
 def test_springs_are_read_as_they_were_written(tmp_path, arm, estimate):
@@ -123,13 +121,11 @@ def test_springs_are_read_as_they_were_written(tmp_path, arm, estimate):
 
 
 def test_a_refused_spring_is_not_exported(capsys, tmp_path, robots_folder, estimate):
-    path = write_fit(refuse(estimate), tmp_path / "estimate.json")
-    file = tmp_path / "found.toml"
+    path, file = write_fit(refuse(estimate), tmp_path / "estimate.json"), tmp_path / "found.toml"
     code = run(["export", "two_link_elastic", str(path), "-o", str(file), "--json"])
     answer = json.loads(capsys.readouterr().out)
     assert code == 0, answer
-    told = [entry["text"] for entry in answer["warnings"] if entry["code"] == "export.spring"]
-    (text,) = told
+    (text,) = (entry["text"] for entry in answer["warnings"] if entry["code"] == "export.spring")
     assert "'elbow'" in text
     assert "it is for the test" in text
     assert answer["result"]["not_identified"] == ["the spring of 'elbow'"]
