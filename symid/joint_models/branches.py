@@ -443,12 +443,7 @@ def _relax(algebra: Carrier[V], side: float, value: V, given: tuple[V, V, V]) ->
     return value
 
 
-_KEYS = {
-    "dahl": "sigma0",
-    "lugre": "sigma0",
-    "maxwell-slip": "share1",
-    "generalised-maxwell-slip": "share1",
-}
+_KEYS = {"dahl": "sigma0", "lugre": "sigma0", "maxwell-slip": "share1", "generalised-maxwell-slip": "share1"}
 """Laws with a state, and a value that each must have."""
 
 

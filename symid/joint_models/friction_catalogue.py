@@ -341,18 +341,6 @@ def with_offset(law: FrictionLaw) -> FrictionLaw:
     )
 
 
-def with_smoothing(law: FrictionLaw, speed: float) -> FrictionLaw:
-    """Return a law with tanh(v / speed) in place of the sign; speed in rad/s or m/s, 0 for the sign."""
-    if speed == 0.0:
-        return law
-    return replace(
-        law,
-        columns=lambda carrier, inputs, shape: law.columns(smooth(carrier, speed), inputs, shape),
-        smoothing=speed,
-        smoothness=f"Dry friction changes its sign over {speed:g} rad/s or m/s as tanh does.",
-    )
-
-
 _COULOMB_VISCOUS = build_law(
     "coulomb-viscous",
     "Fv Fc |  | fC fV",
@@ -590,7 +578,14 @@ def get_law(name: str, *, smoothing: float = 0.0) -> FrictionLaw:
         end = "" if reason.endswith("?") else "."
         text = f"unknown friction law {name!r}{reason}{end} Known laws: {list_known_laws()}"
         raise UsageError(Notice(code="usage.unknown-friction-law", text=text))
-    return with_smoothing(law, smoothing)
+    if smoothing == 0.0:
+        return law
+    return replace(
+        law,
+        columns=lambda carrier, inputs, shape: law.columns(smooth(carrier, smoothing), inputs, shape),
+        smoothing=smoothing,
+        smoothness=f"Dry friction changes its sign over {smoothing:g} rad/s or m/s as tanh does.",
+    )
 
 
 def list_known_laws(*further: str) -> str:

@@ -133,12 +133,7 @@ def compute_asymmetric_stribeck_columns(
 
 
 def compute_improved_columns(
-    carrier: Carrier[V],
-    inputs: Inputs[V],
-    shape: Values[V],
-    *,
-    exponent: float | None,
-    bias_everywhere: bool,
+    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, bias_everywhere: bool
 ) -> Columns[V]:
     """Return v, s, s exp(-(max(|v|, dq0) / vs)^gamma), and the bias; s = clip(v / dq0, -1, 1).
 

@@ -189,10 +189,7 @@ def advance_spring(
 
 
 def advance_inverse_spring(
-    algebra: Carrier[V],
-    inverse: tuple[Plays[V], Terms[V], Terms[V]],
-    torque: V,
-    memory: Sequence[V],
+    algebra: Carrier[V], inverse: tuple[Plays[V], Terms[V], Terms[V]], torque: V, memory: Sequence[V]
 ) -> tuple[V, tuple[V, ...]]:
     """Return the torsion after the torque (N m, N; no damping) has gone to `torque`, and the plays there.
 
@@ -216,11 +213,11 @@ def invert_spring(algebra: Carrier[V], spring: SpringTerms[V]) -> tuple[Plays[V]
     first = reduce(algebra.add, (stiffness for _, stiffness in spring.stops), spring.stiffness)
     weights = (first, *(algebra.sub(algebra.zero, stiffness) for _, stiffness in spring.stops))
     plays = Plays(weights=weights, thresholds=tuple(threshold for threshold, _ in spring.stops))
-    above, below = (invert_outer_terms(algebra, side) for side in (spring.above, spring.below))
+    above, below = (invert_pieces(algebra, algebra.one, side) for side in (spring.above, spring.below))
     return invert_plays(algebra, plays), above, below
 
 
-def _invert_pieces(algebra: Carrier[V], slope: V, terms: Terms[V]) -> Terms[V]:
+def invert_pieces(algebra: Carrier[V], slope: V, terms: Terms[V]) -> Terms[V]:
     """Return the pieces of the inverse of a piecewise linear function that begins with `slope`.
 
     A_j = A_{j-1} + s_j,  R'_j = sum_{i <= j} A_{i-1} (R_i - R_{i-1}),  s'_j = -s_j / (A_j A_{j-1}).
@@ -239,7 +236,7 @@ def _invert_pieces(algebra: Carrier[V], slope: V, terms: Terms[V]) -> Terms[V]:
 def invert_plays(algebra: Carrier[V], plays: Plays[V]) -> Plays[V]:
     """Return the inverse of a sum of plays that rises, itself a sum of plays."""
     terms = tuple(zip(plays.thresholds, plays.weights[1:], strict=True))
-    pieces = _invert_pieces(algebra, plays.weights[0], terms)
+    pieces = invert_pieces(algebra, plays.weights[0], terms)
     weights = (algebra.div(algebra.one, plays.weights[0]), *(change for _, change in pieces))
     return Plays(weights=weights, thresholds=tuple(image for image, _ in pieces))
 
@@ -252,11 +249,6 @@ def invert_plays_memory(algebra: Carrier[V], plays: Plays[V], memory: Sequence[V
         result.append(algebra.add(algebra.mul(slope, play), rest))
         rest = algebra.add(rest, algebra.mul(weight, play))
     return tuple(reversed(result))
-
-
-def invert_outer_terms(algebra: Carrier[V], terms: Terms[V]) -> Terms[V]:
-    """Return one side of the inverse of an outer function, outwards."""
-    return _invert_pieces(algebra, algebra.one, terms)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,7 +32,7 @@ from symid.joint_models.hysteresis import (
     SpringTerms,
     Stop,
     compute_outer_function,
-    invert_outer_terms,
+    invert_pieces,
     invert_plays,
     invert_plays_memory,
 )
@@ -71,7 +71,7 @@ def compute_outer_torque(terms: SpringTerms[float], value: FloatArray) -> FloatA
 
 def invert_outer(terms: SpringTerms[float], torque: FloatArray) -> FloatArray:
     """Return v with S(v) = torque, N m or N, for torques of any shape."""
-    above, below = invert_outer_terms(_FLOATS, terms.above), invert_outer_terms(_FLOATS, terms.below)
+    above, below = (invert_pieces(_FLOATS, 1.0, side) for side in (terms.above, terms.below))
     return np.asarray(compute_outer_function(_ARRAYS, torque, above, below))
 
 
@@ -224,10 +224,7 @@ def compute_play_output(model: PlayModel, values: FloatArray, memory: FloatArray
 
 
 def compute_hysteresis_torque(
-    elasticity: Elasticity,
-    phi: FloatArray,
-    dphi: FloatArray | None = None,
-    memory: FloatArray | None = None,
+    elasticity: Elasticity, phi: FloatArray, dphi: FloatArray | None = None, memory: FloatArray | None = None
 ) -> FloatArray:
     """Return the torque (N,) of an elastic joint along its torsion.
 

@@ -38,7 +38,6 @@ from symid.identification.elastic.regression import (
     DriveEffect,
     ElasticProblem,
     ElasticSignals,
-    center_held,
     compute_joint_torque,
     mark_sliding,
 )
@@ -101,7 +100,7 @@ class _Rows(FrozenArrays):
         columns = []
         for part in self.signals:
             if effect.kind == "torque-lag":
-                columns.append(differentiate_smooth(_center(part), part.period)[..., None])
+                columns.append(differentiate_smooth(part.centred_torque, part.period)[..., None])
                 continue
             angle = effect.order * part.theta[:, effect.joint]
             shape = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -141,10 +140,6 @@ class _Rows(FrozenArrays):
             last[number] = values[-1] * lengths[-1] / lengths[-2]
         # What is left of exact logs is rounding, which no effect explains.
         return losses + _EXACT / len(whole), last
-
-
-def _center(part: ElasticSignals) -> FloatArray:
-    return center_held(part.tau) if part.hold == "zero" else part.tau
 
 
 def _build_rows(library: Library, signals: Sequence[ElasticSignals], edge: float) -> _Rows:
@@ -280,7 +275,7 @@ def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[Drive
         step, before = left / slope, left
         lag += step
         signals = tuple(replace(part, tau=shift_channel(part.time, part.tau, -lag)) for part in rows.signals)
-        torques = replace(rows, signals=signals).stack([_center(part)[..., None] for part in signals])
+        torques = replace(rows, signals=signals).stack([part.centred_torque[..., None] for part in signals])
         moved = replace(rows, signals=signals, torque=torques[:, 0])
     whole = np.hstack([moved.design, *parts]) * weights[:, None]
     lengths = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)

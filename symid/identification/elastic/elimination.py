@@ -36,7 +36,6 @@ from symid.identification.elastic.regression import (
     build_equations,
     build_filtered_rows,
     build_spring_data,
-    center_held,
     filter_derivative,
     mark_sliding,
     solve_with_signs,
@@ -195,7 +194,7 @@ def filter_band(
     Every column is made of hardly filtered states and then filtered exactly as the torque is, so that kinks
     of friction stay in place. Noise of the rows is nearly independent.
     """
-    period, torque = signals.period, center_held(signals.tau) if signals.hold == "zero" else signals.tau
+    period, torque = signals.period, signals.centred_torque
     keep, low = (
         keep_band(len(torque), period, edge),
         partial(low_pass, period=period, cutoff=edge, order=_ORDER),

@@ -60,15 +60,7 @@ from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import ElasticProblem, average_steps
 from symid.identification.elastic.together import fit_linear_spring
 from symid.identification.hysteresis import SpringWeights, build_knee_grid, compute_place_limits
-from symid.ipopt import (
-    Ending,
-    GraphProblem,
-    IpoptOptions,
-    SmoothProblem,
-    keep_last,
-    minimise,
-    minimise_graph,
-)
+from symid.ipopt import Ending, GraphProblem, IpoptOptions, SmoothProblem, keep_last, minimise, minimise_graph
 from symid.joint_models import Elasticity, build_casadi_carrier, compute_play, compute_stribeck_derivatives
 from symid.robot import suggest_names
 

@@ -40,12 +40,7 @@ from symid.identification.hysteresis import (
     fit_spring,
     refine_spring,
 )
-from symid.identification.regression import (
-    RankRule,
-    fill_load,
-    list_measured_joints,
-    list_resting_joints,
-)
+from symid.identification.regression import RankRule, fill_load, list_measured_joints, list_resting_joints
 from symid.joint_models import (
     Elasticity,
     compute_hysteresis_torque,
@@ -110,6 +105,11 @@ class ElasticSignals(FrozenArrays):
     def link_drag(self) -> FloatArray:
         """Return the friction (N, n) of the links' bearings, N m or N."""
         return np.zeros_like(self.dq) if self.drag is None else self.drag
+
+    @property
+    def centred_torque(self) -> FloatArray:
+        """Return the torque (N, n) about each sample."""
+        return center_held(self.tau) if self.hold == "zero" else self.tau
 
     @property
     def step_torque(self) -> FloatArray:

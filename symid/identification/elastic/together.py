@@ -47,11 +47,7 @@ from symid.identification.elastic.estimate import (
     list_spring_numbers,
     move_spring,
 )
-from symid.identification.elastic.regression import (
-    ElasticProblem,
-    compute_joint_torque,
-    solve_with_signs,
-)
+from symid.identification.elastic.regression import ElasticProblem, compute_joint_torque, solve_with_signs
 from symid.identification.hysteresis import (
     SpringData,
     SpringWeights,

@@ -595,10 +595,7 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
     grid = tuple((path.reach * 0.7 ** np.arange(_GRID, 0, -1)).tolist())
     low, high = float(path.position.min()), float(path.position.max())
     forms: dict[str, tuple[ElementFamily, ...]] = {
-        "prandtl-ishlinskii": (
-            *(Stops(count=count, searched=True) for count in (2, 3)),
-            Stops(count=_GRID),
-        ),
+        "prandtl-ishlinskii": (*(Stops(count=count, searched=True) for count in (2, 3)), Stops(count=_GRID)),
         "nonlinear-stops": (
             NonlinearStops(places=_UNIFORM),
             NonlinearStops(places=_UNIFORM, falling=True, needs_time=True),
