@@ -365,17 +365,6 @@ BranchRunner = Callable[[SteppedBranch, BranchPath, FloatArray], FloatArray]
 states before it (n,)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BranchTrace:
-    """A branch along a path: states (N + 1, n) before it and after every sample; what each step led to.
-
-    `steps` is None where the states are found without.
-    """
-
-    states: FloatArray
-    steps: BranchStep[FloatArray] | None = None
-
-
 def run_element(
     elasticity: Elasticity,
     position: FloatArray,
@@ -421,9 +410,9 @@ def run_element(
     path, taken = (middle[1:], np.diff(middle), velocity, periods), []
     for branch in elasticity.branches:
         size = count_states(branch)
-        trace = trace_branch(branch, path, states[at : at + size], runner)
-        traces += list(trace.states.T)
-        taken.append(trace.steps)
+        trace, steps = trace_branch(branch, path, states[at : at + size], runner)
+        traces += list(trace.T)
+        taken.append(steps)
         at += size
     step = advance_element(
         build_numpy_carrier(),
@@ -455,8 +444,11 @@ def _read_periods(elasticity: Elasticity, count: int, time: FloatArray | None) -
 
 def trace_branch(
     branch: Branch, path: BranchPath, states: Sequence[float], runner: BranchRunner | None = None
-) -> BranchTrace:
-    """Return what a branch does along a path, from the states before it (n,)."""
+) -> tuple[FloatArray, BranchStep[FloatArray] | None]:
+    """Return states (N + 1, n) of a branch along a path, the first those before it, and what steps led to.
+
+    The latter is None where the states are found without.
+    """
     (position, _, velocity, _), memory, steps = path, np.array(states, dtype=np.float64), None
     if isinstance(branch, SlipSpring):
         speed = np.abs(velocity)
@@ -471,7 +463,7 @@ def trace_branch(
         found = (runner or run_branch)(branch, path, memory)
         after = found[:, :-2]
         steps = BranchStep(force=found[:, -2], states=tuple(after.T), stored=found[:, -1])
-    return BranchTrace(states=np.vstack([memory, after]), steps=steps)
+    return np.vstack([memory, after]), steps
 
 
 def run_branch(branch: SteppedBranch, path: BranchPath, states: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ Not supported: the state itself (`dynamic_friction`).
 import difflib
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache, partial
@@ -487,41 +487,24 @@ _EXPONENT = rf"(?:-(?P<exponent>exponent|{_NUMBER}))?"
 _WAVES = rf"(?P<orders>[1-9]\d*(?:,[1-9]\d*)*)(?:x(?P<gear>{_NUMBER}))?"
 
 
-def _read_exponent(match: re.Match[str]) -> float | None:
-    text = match["exponent"] or f"{DEFAULT_EXPONENT:g}"
-    return None if text == "exponent" else float(text)
-
-
-_PATTERNS: tuple[tuple[str, Callable[[re.Match[str]], FrictionLaw]], ...] = (
-    (
-        rf"stribeck{_EXPONENT}(?P<cubic>\+cubic)?",
-        lambda m: build_stribeck(exponent=_read_exponent(m), orders=(2, 3) if m["cubic"] else ()),
+_PATTERNS: dict[str, Callable[[Mapping[str, Any]], FrictionLaw]] = {
+    rf"stribeck{_EXPONENT}(?P<cubic>\+cubic)?": lambda part: build_stribeck(
+        exponent=part["exponent"], orders=(2, 3) if part["cubic"] else ()
     ),
-    (
-        rf"improved-stribeck(?:-(?P<reading>h[1-4]))?{_EXPONENT}",
-        lambda m: build_improved(reading=(m["reading"] or "h1").upper(), exponent=_read_exponent(m)),
+    rf"improved-stribeck(?:-(?P<reading>h[1-4]))?{_EXPONENT}": lambda part: build_improved(
+        exponent=part["exponent"], reading=(part["reading"] or "h1").upper()
     ),
-    (
-        rf"asymmetric-stribeck(?P<both>-both)?{_EXPONENT}",
-        lambda m: build_asymmetric_stribeck(exponent=_read_exponent(m), bumps=2 if m["both"] else 1),
+    rf"asymmetric-stribeck(?P<both>-both)?{_EXPONENT}": lambda part: build_asymmetric_stribeck(
+        exponent=part["exponent"], bumps=2 if part["both"] else 1
     ),
-    (
-        rf"load-dependent-stribeck{_EXPONENT}",
-        lambda m: build_load_dependent(exponent=_read_exponent(m), falls=True),
+    rf"load-dependent-stribeck{_EXPONENT}": lambda part: build_load_dependent(
+        exponent=part["exponent"], falls=True
     ),
-    (
-        rf"position-(?P<what>dependent|torque)-{_WAVES}",
-        lambda m: build_position_dependent(
-            tuple(map(int, m["orders"].split(","))),
-            gear=float(m["gear"] or 1.0),
-            dry=m["what"] == "dependent",
-        ),
+    rf"position-(?P<what>dependent|torque)-{_WAVES}": lambda part: build_position_dependent(
+        part["orders"], gear=part["gear"], dry=part["what"] == "dependent"
     ),
-    (
-        r"polynomial-(?P<orders>[2-9](?:,[2-9])*)",
-        lambda m: build_polynomial(tuple(map(int, m["orders"].split(",")))),
-    ),
-)
+    r"polynomial-(?P<orders>[2-9](?:,[2-9])*)": lambda part: build_polynomial(part["orders"]),
+}
 
 
 _OTHER_NAMES = {
@@ -547,24 +530,26 @@ def _match_law(name: str) -> tuple[FrictionLaw | None, str]:
         if law is not None and law.linear[-1].name == "offset":
             return None, ": it has an offset already"
         return law and with_offset(law), reason
-    for pattern, build in _PATTERNS:
+    for pattern, build in _PATTERNS.items():
         if match := re.fullmatch(pattern, name):
-            mistake = _describe_mistake(match)
-            return (None, f": {mistake}") if mistake else (build(match), "")
+            part, mistake = _read_parts(match)
+            return (None, f": {mistake}") if mistake else (build(part), "")
     near = difflib.get_close_matches(name, (*FRICTION_LAWS, *STATE_LAWS), n=3, cutoff=0.5)
     return None, f"; did you mean {' or '.join(near)}?" if near else ""
 
 
-def _describe_mistake(match: re.Match[str]) -> str:
-    """Return what is wrong with the exponent, the gear or the orders of a name; nothing if all is well."""
-    found = match.groupdict("")
-    exponent, gear, orders = (found.get(key, "") for key in ("exponent", "gear", "orders"))
-    if exponent not in {"", "exponent"} and not 0.0 < float(exponent) <= _LARGEST_EXPONENT:
-        return f"its exponent must be above 0 and at most {_LARGEST_EXPONENT:g}"
-    if gear and not 0.0 < float(gear) < math.inf:
-        return "its gear ratio must be above 0 and finite"
-    listed = orders.split(",")
-    return "" if len(set(listed)) == len(listed) else "its orders must differ from each other"
+def _read_parts(match: re.Match[str]) -> tuple[dict[str, Any], str]:
+    """Return the parts of a name, and what is wrong with exponent, gear or orders; nothing if all is well."""
+    part: dict[str, Any] = {"exponent": "", "gear": "", "orders": ""} | match.groupdict("")
+    searched, orders = part["exponent"] == "exponent", list(filter(None, part["orders"].split(",")))
+    exponent = DEFAULT_EXPONENT if searched else float(part["exponent"] or DEFAULT_EXPONENT)
+    gear = float(part["gear"] or 1.0)
+    part |= {"exponent": None if searched else exponent, "gear": gear, "orders": tuple(map(int, orders))}
+    if not 0.0 < exponent <= _LARGEST_EXPONENT:
+        return part, f"its exponent must be above 0 and at most {_LARGEST_EXPONENT:g}"
+    if not 0.0 < gear < math.inf:
+        return part, "its gear ratio must be above 0 and finite"
+    return part, "" if len(set(orders)) == len(orders) else "its orders must differ from each other"
 
 
 @cache

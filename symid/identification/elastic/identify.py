@@ -108,12 +108,11 @@ def _list_springs(
     for joint, (entry, elasticity) in enumerate(zip(card.joints, fit.elasticity, strict=True)):
         if not problem.gives[joint]:
             continue
-        phi = [part.phi[:, joint] for part in signals]
-        torque = [compute_joint_torque(elasticity, part, joint) for part in signals]
+        phi, stated = [part.phi[:, joint] for part in signals], card.elasticity[joint]
+        torque = np.concatenate([compute_joint_torque(elasticity, part, joint) for part in signals])
         # A stop is sure to have slipped once the torsion's range exceeds twice its threshold.
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
-        stated = card.elasticity[joint]
         torque_std, slope_std = None, None
         # Sums of parameters that cannot be told apart have deviations that are not kept.
         if joint not in refused and fit.covariance is not None and np.all(np.isfinite(covariance)):
@@ -123,7 +122,7 @@ def _list_springs(
                 elasticity,
                 partial(filter_spring, problem, joint=joint),
                 [rows.design[:, joint, :count] for rows in problem.filtered],
-                [torque - part for torque, part in zip(link, own, strict=True)],
+                [passed - part for passed, part in zip(link, own, strict=True)],
                 covariance,
             )
         yield SpringEstimate(
@@ -131,9 +130,9 @@ def _list_springs(
             torque_unit=entry.torque_unit,
             position_unit=entry.position_unit,
             elasticity=elasticity,
-            torsion=max(float(np.abs(part).max()) for part in phi),
+            torsion=float(np.abs(np.concatenate(phi)).max()),
             excited=max(slipped, default=0.0),
-            torque=max(float(np.abs(part).max()) for part in torque),
+            torque=float(np.abs(torque).max()),
             truth=stated if stated is not None and stated.initial_stiffness is not None else None,
             identifiable=joint not in refused,
             reason=refused[joint].text if joint in refused else "",
@@ -309,18 +308,16 @@ def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection
             phi = signals.phi[:, joint]
             most = float(np.max(np.abs(compute_joint_torque(spring, signals, joint))))
             span, before = float(np.ptp(phi)), float(np.ptp(phi[: signals.settled + 1]))
-            late = [
-                (stop.threshold, stop.stiffness)
-                for stop in spring.stops
-                if stop.stiffness is not None
-                and stop.threshold * stop.stiffness > _FELT * most
-                and before < 2.0 * stop.threshold <= 0.95 * span
-            ]
+            pairs = ((stop.threshold, stop.threshold * (stop.stiffness or 0.0)) for stop in spring.stops)
+            late = {
+                radius: felt
+                for radius, felt in pairs
+                if felt > _FELT * most and before < 2.0 * radius <= 0.95 * span
+            }
             if late:
-                radius = late[-1][0]
-                end = float(signals.time[locate_settled(phi, radius)] - signals.time[0])
-                start = float(signals.time[signals.settled] - signals.time[0])
-                torque = sum(threshold * stiffness for threshold, stiffness in late)
+                radius, torque = max(late), sum(late.values())
+                samples = [locate_settled(phi, radius), signals.settled]
+                end, start = (signals.time[samples] - signals.time[0]).tolist()
                 text = (
                     f"joint {card.name!r}: the state of its stop at {radius:.3g} {card.position_unit} is "
                     f"known from {end:.3g} s on, but rows begin at {start:.3g} s: until then its torque may "

@@ -49,8 +49,7 @@ def list_unused_settings(robot: Robot, kind: str) -> tuple[Notice, ...]:
 def get_stated_cutoff(robot: Robot, settings: Sequence[tuple[str, str]]) -> float | None:
     """Return the cut-off in Hz that robot file or call state: 0 for no filter, None to choose one."""
     stated = robot.processing.filter_cutoff
-    is_given = any(key == _PREFIX + _CUTOFF for key, _ in settings)
-    return 0.0 if stated is None and is_given else stated
+    return 0.0 if stated is None and _PREFIX + _CUTOFF in dict(settings) else stated
 
 
 def cut_logs(recordings: Sequence[Recording], processing: Processing) -> tuple[Recording, ...]:
@@ -154,8 +153,7 @@ def list_unidentifiable(robot: Robot) -> tuple[tuple[str, str], ...]:
     for number, joint in enumerate(robot.joints, start=1):
         if joint.elasticity is not None:
             refused += [(f"stiffness{number}", _STIFFNESS), (f"hysteresis{number}", _HYSTERESIS)]
-            if joint.drive.has_rotor:
-                refused.append((f"IA{number} apart from the link", _SPLIT))
+            refused += [(f"IA{number} apart from the link", _SPLIT)] * joint.drive.has_rotor
     return tuple(refused)
 
 

@@ -228,8 +228,7 @@ def _align(
     notices: tuple[Notice, ...] = ()
     refuted = kept is not None and kept.delay != 0.0 and _refute_delay(library, recordings, kept)
     if kept is not None and refuted:
-        offsets = np.nan_to_num(kept.offsets, nan=0.0)
-        kept = replace(kept, delay=0.0) if np.any(offsets) else None
+        kept = replace(kept, delay=0.0) if np.any(np.nan_to_num(kept.offsets)) else None
     if kept is not None:
         moved = tuple(align(recording, kept, run=run) for run, recording in enumerate(recordings))
         notices = tuple(recording.notices[-1] for recording in moved)
@@ -389,12 +388,8 @@ def _solve_runs(sums: FloatArray, beta: FloatArray) -> FloatArray:
 
     Gravity and torsion are cleared of nuisances and of the torque of motion first (Frisch and Waugh).
     """
-    own, count, size = _NUISANCES, len(beta), sums.shape[-1]
-    change = np.zeros((size, own + 3))
-    change[:own, :own] = np.eye(own)
-    change[own : own + count, own] = beta
-    change[own + count : size - 1, own + 1] = beta
-    change[-1, -1] = 1.0
+    own = _NUISANCES
+    change = scipy.linalg.block_diag(np.eye(own), beta[:, None], beta[:, None], 1.0)
     found = np.zeros((*sums.shape[:2], 3))
     for place in np.ndindex(sums.shape[:2]):
         small = change.T @ sums[place] @ change
@@ -493,54 +488,48 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) 
     explained, left, unit = float(fits.explained[index]), float(fits.left[index]), card.position_unit
     runs = run_stds = np.full(fits.compliances.shape[1], np.nan)
     mean = std = low = high = float("nan")
-    against: tuple[tuple[StiffnessVerdict, str], ...]
+    against: list[tuple[StiffnessVerdict, str]] = []
     if not present:
         explained = left = float("nan")
         text = "its link encoder's channel is constant or a copy: there is no link encoder"
-        against = ((StiffnessVerdict.NO_ENCODER, text),)
+        against.append((StiffnessVerdict.NO_ENCODER, text))
     elif fits.loading[index] <= _FLAT:
-        explained = 0.0
-        load = "gravity does not load this joint"
+        explained, load = 0.0, "gravity does not load this joint"
         if fits.steady[index] > _FLAT:
             load = "the torque of gravity on this joint does not change"
         text = (
             f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; {left:.3g} "
             f"{unit} of its torsion are left (root mean square)"
         )
-        against = ((StiffnessVerdict.NO_GRAVITY, text),)
+        against.append((StiffnessVerdict.NO_GRAVITY, text))
     else:
-        runs = fits.compliances[0, :, index]
         # Runs are averaged with the inverse of their variances.
-        others = fits.compliances[1:, :, index]
+        runs, others = fits.compliances[0, :, index], fits.compliances[1:, :, index]
         n, freedom, chance = len(others), len(runs) - 1, 1.0
         spread = others - others.mean(axis=0)
         covariance = (n - 1) / n * spread.T @ spread
         run_stds = np.sqrt(np.diag(covariance))
         weights = 1.0 / np.maximum(run_stds, 1e-300) ** 2
         weights /= weights.sum()
-        mean = float(weights @ runs)
-        std = float(np.sqrt(weights @ covariance @ weights))
+        mean, std = float(weights @ runs), float(np.sqrt(weights @ covariance @ weights))
         if freedom:
             excess = float(np.sum(((runs - mean) / np.maximum(run_stds, 1e-300)) ** 2))
             # The Birge ratio; and the chance that equal springs differ so much.
             std, chance = std * max(1.0, excess / freedom) ** 0.5, float(scipy.stats.chi2.sf(excess, freedom))
         half = float(scipy.stats.t.ppf(0.5 + 0.5 * _LEVEL, max(1, n - 1))) * std
         low, high = mean - half, mean + half
-        small = (
-            f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
-            f"{left:.3g} {unit} (root mean square)"
-        )
-        apart = f"the runs contradict each other: equal springs differ so much with probability {chance:.2g}"
-        wide = (
-            f"the 95 % interval of the compliance, {low:.3g} to {high:.3g} {unit}/({card.torque_unit}), "
-            "includes a rigid joint"
-        )
-        checks = (
-            (explained <= left, StiffnessVerdict.BELOW_NOISE, small),
-            (chance < _UNLIKELY, StiffnessVerdict.INCONSISTENT, apart),
-            (low <= 0.0, StiffnessVerdict.VAGUE, wide),
-        )
-        against = tuple((verdict, text) for is_broken, verdict, text in checks if is_broken)
+        if explained <= left:
+            text = (
+                f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
+                f"{left:.3g} {unit} (root mean square)"
+            )
+            against.append((StiffnessVerdict.BELOW_NOISE, text))
+        if chance < _UNLIKELY:
+            text = "the runs contradict each other: equal springs differ so much with probability"
+            against.append((StiffnessVerdict.INCONSISTENT, f"{text} {chance:.2g}"))
+        if low <= 0.0:
+            text = f"the 95 % interval of the compliance, {low:.3g} to {high:.3g} {unit}/({card.torque_unit})"
+            against.append((StiffnessVerdict.VAGUE, f"{text}, includes a rigid joint"))
     reason = "; ".join(text for _, text in against) or (
         f"gravity explains {explained:.3g} {unit} of the torsion and leaves {left:.3g} {unit}; the 95 % "
         "interval is that of the jackknife over blocks of time"

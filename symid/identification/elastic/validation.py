@@ -122,17 +122,16 @@ def evaluate_elastic(
     except (TypeError, UsageError) as error:
         text = f"its settings cannot be used: {error}; identify again"
         raise EstimateError(Notice(code="estimate.settings", text=text)) from error
-    # Springs of all joints, None for those without one; nothing where there are none.
-    known = {spring.joint: spring for spring in estimate.springs}
-    springs = [known.get(joint.name) for joint in library.card.joints] if known else []
+    known = {spring.joint: (spring.identifiable, spring.truth) for spring in estimate.springs}
+    springs = [known.get(joint.name, (None, None)) for joint in library.card.joints] if known else []
     return predict_elastic(
         library,
         recording,
         options,
         estimate.build_fit(library.card),
         initial=initial,
-        identifiable=[None if spring is None else spring.identifiable for spring in springs],
-        truth=[None if spring is None else spring.truth for spring in springs],
+        identifiable=[told for told, _ in springs],
+        truth=[truth for _, truth in springs],
         effects=estimate.effects,
         fitted=measure_overlap(recording, estimate.sources, estimate.settings) > 0.0,
     )
@@ -236,11 +235,10 @@ def compute_elastic_reference(
     remembers = any(port.name == "Q" for port in spec.inputs)
     memory = np.zeros(sum(len(spring.stops) for spring in fit.elasticity))
     call = library.bind(_FUNCTION)
-    motion = np.stack(trajectory.evaluate_derivatives(time, 4), axis=1)
-    angle, speed, torque = (np.empty((len(time), library.card.size)) for _ in range(3))
-    for tick, state in enumerate(motion):
+    torque, angle, speed = found = np.empty((3, len(time), library.card.size))
+    for tick, state in enumerate(np.stack(trajectory.evaluate_derivatives(time, 4), axis=1)):
         outputs = call(*state, *parameters, *([memory] if remembers else []))
-        torque[tick], angle[tick], speed[tick] = outputs[:3]
+        found[:, tick] = outputs[:3]
         if remembers:
             memory = outputs[3].copy()
     return MotorReference(angle=angle, speed=speed, torque=torque)

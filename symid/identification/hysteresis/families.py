@@ -97,7 +97,7 @@ class ElementPath(FrozenArrays):
         begin, side = self.origin
         states = branch.start(build_float_carrier(), begin, side)
         path = (self.position, np.diff(self.position, prepend=begin), self.velocity, self.period)
-        return trace_branch(branch, path, states, run_compiled_branch).states[1:]
+        return trace_branch(branch, path, states, run_compiled_branch)[0][1:]
 
 
 Limits = tuple[FloatArray, FloatArray]
