@@ -2,15 +2,14 @@
 
 As functions of arrays, fitted in rounds:
 
-    rows         linear parts once, knees and Stribeck friction as steps          (nlp_rows)
-    unknowns     chi, weights k >= 0, slopes c > 0, Fs, vs                        (nlp_cost)
     rounds       minimise sum_b |r_b|^2 / sigma_b^2 by Ipopt, then sigma_b <- rms r_b, until nothing moves
     places       those of a start move between rounds: [dx; dr] = -H^-1 g,
                  H = sum J'J / sigma^2, g = sum J'r / sigma^2
     certificate  kkt = max_i |z_i - min(u_i, max(l_i, z_i - df/dz_i))|
 
-Unknowns are scaled by the lengths of their columns at the start, x = d z; all constraints are bounds. Stops
-and knees that are given, or on a grid, stay; knees of a grid follow the torque that the springs reach.
+Unknowns, those of `nlp_cost`, are scaled by the lengths of their columns at the start, x = d z; all
+constraints are bounds. Stops and knees that are given, or on a grid, stay; knees of a grid follow the torque
+that the springs reach.
 
 As expressions of CasADi, the last round open to further unknowns, torques, terms and constraints:
 
@@ -324,8 +323,7 @@ def compute_place_slopes(
     setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray, places: Sequence[NlpPlace]
 ) -> list[list[FloatArray]]:
     """Return the derivatives of all residuals (M_b,) of every block by each place."""
-    before = cost.compute_state(x).residuals
-    slopes = []
+    before, slopes = cost.compute_state(x).residuals, []
     for place in places:
         grids = (setting.knees or ()) if place.knee else setting.thresholds
         step = _SHIFT * abs(float(grids[place.joint][place.index]))
@@ -488,7 +486,7 @@ _ACTIVE = 1e-6
 """Relative distance from its limit within which a constraint counts as active."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ElasticMotion:
     """One joint along one recording, (N, 1) each, as matrices of CasADi.
 
@@ -512,7 +510,7 @@ class ElasticMotion:
         return step.mapaccum(count)(0.0, self.phi.T, casadi.repmat(threshold, 1, count)).T
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class NlpVariable:
     """An unknown: its symbol of MX, where it starts, its bounds, SI units per scaled unknown (None: open)."""
 
@@ -569,12 +567,9 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
     """Return the last round of a one-shot fit: the same cost, starting where the fit ended."""
     cost, start = found.cost, found.run.x
     layout = cost.layout
-    numbers = zip(start, layout.lower, layout.upper, compute_scales(cost, start), strict=True)
+    numbers = np.array([start, layout.lower, layout.upper, compute_scales(cost, start)]).T.tolist()
     variables = {
-        name: NlpVariable(symbol=casadi.MX.sym(name), start=value, lower=low, upper=high, scale=scale)
-        for name, (value, low, high, scale) in zip(
-            layout.names, (map(float, row) for row in numbers), strict=True
-        )
+        name: NlpVariable(casadi.MX.sym(name), *row) for name, row in zip(layout.names, numbers, strict=True)
     }
     x = casadi.vertcat(*(entry.symbol for entry in variables.values()))
     residuals, motions, blocks = [], [], []
@@ -583,20 +578,16 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
         pairs = zip(layout.springs, part.bases, strict=True)
         knees = [_build_knee_steps(spring, basis, x) for spring, basis in pairs]
         # Step means (N - 1, 1) of the Stribeck friction of every joint that has some.
-        triples = zip(
-            part.speed.T, casadi.vertsplit(x[layout.excess]), casadi.vertsplit(x[layout.speed]), strict=False
-        )
+        excesses, scales = (casadi.vertsplit(x[place]) for place in (layout.excess, layout.speed))
         drags = []
-        for rates, excess, scale in triples:
+        for rates, excess, scale in zip(part.speed.T, excesses, scales, strict=False):
             speed = casadi.MX(casadi.DM(rates))
             shape, _, _ = compute_stribeck_derivatives(carrier, speed, scale, cost.smoothing)
             drags.append(excess * average_steps(shape))
         along = []
         for states in zip(signals.q.T, signals.dq.T, signals.theta.T, signals.dtheta.T, strict=True):
             q, dq, theta, dtheta = map(casadi.DM, states)
-            along.append(
-                ElasticMotion(q=q, dq=dq, theta=theta, dtheta=dtheta, phi=theta - q, dphi=dtheta - dq)
-            )
+            along.append(ElasticMotion(q, dq, theta, dtheta, phi=theta - q, dphi=dtheta - dq))
         for block in part.blocks:
             sigma = next(sigmas)
             rows = casadi.DM(block.values) - casadi.DM(block.matrix) @ x[layout.dynamics]
@@ -668,7 +659,7 @@ def add_variable(graph: NlpGraph, name: str, start: float, lower: float, upper: 
     if not (lower <= start <= upper and lower < upper and np.isfinite(start)):
         text = f"{name}: the start {start:g} must be finite and between the bounds {lower:g} and {upper:g}"
         raise UsageError(Notice(code="usage.variable-bounds", text=text))
-    added = NlpVariable(symbol=casadi.MX.sym(name), start=start, lower=lower, upper=upper)
+    added = NlpVariable(casadi.MX.sym(name), start, lower, upper)
     return replace(graph, variables={**graph.variables, name: added})
 
 
