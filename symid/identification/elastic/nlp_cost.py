@@ -72,25 +72,16 @@ class StepSums:
     inflow: scipy.sparse.csr_array
     kept: float = 0.0
 
-    @classmethod
-    def build(cls, shares: FloatArray, ends: NDArray[np.intp], count: int, kept: float = 0.0) -> "StepSums":
-        """Return the sums of steps with these shares (N - 1,), each in the first row that ends after it.
-
-        `ends` (count,) are the samples of the rows; what comes before the first one belongs to it.
-        """
-        rows = np.searchsorted(ends, np.arange(len(shares)), side="right")
-        taken = np.flatnonzero((rows < count) & (shares != 0.0))
-        shape = (count, len(shares))
-        return cls(
-            inflow=scipy.sparse.csr_array((shares[taken], (rows[taken], taken)), shape=shape), kept=kept
-        )
-
     def add(self, steps: FloatArray) -> FloatArray:
         """Return the rows of step means."""
-        rows = self.inflow @ steps.reshape(len(steps), -1)
+        flat, count = steps.reshape(len(steps), -1), self.inflow.shape[0]
         if self.kept:
-            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], rows, axis=0)
-        return np.asarray(rows).reshape(-1, *steps.shape[1:])
+            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], self.inflow @ flat, axis=0)
+        else:
+            # Windows are of one length.
+            blocks = flat[self.inflow.indices].reshape(count, -1, flat.shape[1])
+            rows = np.matmul(self.inflow.data.reshape(count, 1, -1), blocks)
+        return np.asarray(rows).reshape(count, *steps.shape[1:])
 
     def spread(self, rows: FloatArray) -> FloatArray:
         """Return the steps (N - 1,) that the adjoint makes of rows (M,)."""
@@ -100,25 +91,27 @@ class StepSums:
 
     def mask(self, counted: NDArray[np.bool_]) -> "StepSums":
         """Return the sums with empty rows where these do not count (M,)."""
-        return StepSums(
-            inflow=scipy.sparse.diags_array(counted.astype(np.float64)) @ self.inflow, kept=self.kept
-        )
+        inflow = self.inflow.copy()
+        inflow.data *= np.repeat(counted, np.diff(inflow.indptr))
+        return StepSums(inflow=inflow, kept=self.kept)
 
 
 def build_window_sums(ends: slice, weights: FloatArray) -> StepSums:
     """Return sums of steps, each with its weight (N - 1,), over the windows between the samples `ends`."""
     edges = np.arange(ends.start, ends.stop, ends.step)
-    steps = np.arange(len(weights))
-    inside = np.where((steps >= edges[0]) & (steps < edges[-1]), weights, 0.0)
-    return StepSums.build(inside, edges[1:], len(edges) - 1)
+    steps = np.arange(edges[0], edges[-1])
+    parts = weights[steps], steps, edges - edges[0]
+    return StepSums(inflow=scipy.sparse.csr_array(parts, shape=(len(edges) - 1, len(weights))))
 
 
 def build_filter_sums(keep: slice, steps: int, decay: float) -> StepSums:
     """Return the low-pass from rest over `steps`, at the samples `keep`; `decay` is exp(-rate period)."""
     ends = np.arange(steps + 1)[keep]
-    row = np.minimum(np.searchsorted(ends, np.arange(steps), side="right"), len(ends) - 1)
-    left: FloatArray = (1.0 - decay) * np.power(decay, ends[row] - 1.0 - np.arange(steps))
-    return StepSums.build(left, ends, len(ends), kept=decay**keep.step)
+    places = np.arange(ends[-1])
+    rows = np.searchsorted(ends, places, side="right")
+    left = (1.0 - decay) * np.power(decay, ends[rows] - 1.0 - places)
+    inflow = scipy.sparse.csr_array((left, (rows, places)), shape=(len(ends), steps))
+    return StepSums(inflow=inflow, kept=decay**keep.step)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
