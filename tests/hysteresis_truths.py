@@ -1,5 +1,7 @@
 """Recordings of elements, from integrators that are not symid's: uneven, noisy, quantised."""
 
+from itertools import accumulate
+
 import numpy as np
 from scipy.integrate import solve_ivp
 
@@ -14,10 +16,9 @@ def make_input(seed, amplitude=1.0, count=4000):
 
 def slide(x, stiffness, threshold):
     """Return springs behind sliders, one sample after the other."""
-    deflection, before, total = np.zeros(len(stiffness)), 0.0, []
-    for place in x:
-        deflection = np.clip(deflection + place - before, -np.array(threshold), threshold)
-        before = place
+    deflection, total = np.zeros(len(stiffness)), []
+    for way in np.diff(x, prepend=0.0):
+        deflection = np.clip(deflection + way, -np.array(threshold), threshold)
         total.append(float(deflection @ np.array(stiffness)))
     return np.array(total)
 
@@ -35,15 +36,13 @@ def solve_path(t, x, rate):
     return np.array(found)
 
 
-def make_stops(t, x):
+def make_stops(_t, x):
     """Four springs behind sliders."""
-    del t
     return 0.8 * x + slide(x, [2.0, 1.5, 0.7], [0.05, 0.2, 0.5])
 
 
-def make_signed(t, x):
+def make_signed(_t, x):
     """Plays of either sign: a loop that turns its sense."""
-    del t
     return 4.0 * x - slide(x, [1.0], [0.1]) + slide(x, [0.8], [0.4])
 
 
@@ -53,9 +52,8 @@ def make_hardening(t, x):
     return v + 0.8 * np.maximum(v - 0.8, 0.0) + 0.5 * np.minimum(v + 0.6, 0.0)
 
 
-def make_gap(t, x):
+def make_gap(_t, x):
     """A slider behind a spring that has a gap."""
-    del t
     bent = slide(x, [1.0], [0.25])
     return 10.0 * np.sign(bent) * np.maximum(np.abs(bent) - 0.08, 0.0)
 
@@ -72,9 +70,8 @@ def make_dahl(t, x):
     return 0.5 * x + 9.0 * z
 
 
-def make_one_sided(t, x):
+def make_one_sided(_t, x):
     """One-sided plays of a pressure-like input that is never negative."""
-    del t
     plays, found = np.zeros(3), []
     for place in x + 1.5:
         plays = np.maximum(place - np.array([0.2, 0.6, 1.2]), np.minimum(place, plays))
@@ -82,9 +79,8 @@ def make_one_sided(t, x):
     return np.array(found)
 
 
-def make_preisach(t, x):
+def make_preisach(_t, x):
     """Relays one by one, on a fine triangle, with a density that is not symmetric."""
-    del t
     places = np.linspace(-1.4, 1.4, 300)
     up, down = (part.ravel() for part in np.meshgrid(places, places))
     kept = up >= down
@@ -116,16 +112,18 @@ def make_lugre(t, x):
     """LuGre with Stribeck friction: a stiff equation in time."""
     v = find_velocity(t, x)
 
-    def rate(time, z):
-        speed = np.interp(time, t, v)
-        level = 2.0 + 1.0 * np.exp(-((speed / 0.5) ** 2))
-        return speed - 60.0 * abs(speed) / level * z
+    def rate(time, z, speed=None):
+        speed = np.interp(time, t, v) if speed is None else speed
+        return speed - 60.0 * np.abs(speed) / (2.0 + np.exp(-((speed / 0.5) ** 2))) * z
 
-    z = solve_ivp(
-        rate, (t[0], t[-1]), [0.0], t_eval=t, method="LSODA", rtol=1e-8, atol=1e-10, max_step=0.01
-    ).y[0]
-    level = 2.0 + 1.0 * np.exp(-((v / 0.5) ** 2))
-    return 1.5 * x + 60.0 * z + 0.5 * (v - 60.0 * np.abs(v) / level * z)
+    z = solve(rate, t)
+    return 1.5 * x + 60.0 * z + 0.5 * rate(t, z, v)
+
+
+def solve(rate, t):
+    """Return z of dz/dt = rate(t, z) from zero, at times."""
+    settings = {"t_eval": t, "method": "LSODA", "rtol": 1e-8, "atol": 1e-10, "max_step": 0.01}
+    return solve_ivp(rate, (t[0], t[-1]), [0.0], **settings).y[0]
 
 
 def make_attracted(t, x):
@@ -153,26 +151,14 @@ def make_viscous(t, x):
 
 def make_lost_motion(t, x):
     """Stops behind a gap in the input, in which nothing moves."""
-    behind, found = 0.0, []
-    for place in x:
-        behind = min(max(behind, place - 0.06), place + 0.06)
-        found.append(behind)
-    return make_stops(t, np.array(found))
+    behind = accumulate(x, lambda before, place: min(max(before, place - 0.06), place + 0.06), initial=0.0)
+    return make_stops(t, np.array(list(behind)[1:]))
 
 
 def make_relaxing(t, x):
     """Stops beside a spring behind a damper, whose force dies out in 0.4 s."""
     v = find_velocity(t, x)
-    force = solve_ivp(
-        lambda time, f: 3.0 * np.interp(time, t, v) - f / 0.4,
-        (t[0], t[-1]),
-        [0.0],
-        t_eval=t,
-        rtol=1e-8,
-        atol=1e-10,
-        max_step=0.01,
-    ).y[0]
-    return make_stops(t, x) + force
+    return make_stops(t, x) + solve(lambda time, force: 3.0 * np.interp(time, t, v) - force / 0.4, t)
 
 
 TRUTHS = {

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
         advance_element as advance_element,
         build_branch_step as build_branch_step,
         describe_inverse as describe_inverse,
-        find_input as find_input,
         find_least_slope as find_least_slope,
         find_most_slope as find_most_slope,
         has_closed_inverse as has_closed_inverse,

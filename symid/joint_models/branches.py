@@ -1,3 +1,5 @@
+# ruff: noqa: D102 - members that all branches share are described here
+
 """Branches of an element, in parallel with its spring: values, states, one exact step, stored energy.
 
     slip spring    f(E), E = x - P_r[x], f piecewise linear: a slider behind a spring of any shape
@@ -7,10 +9,13 @@
     attracted      Maxwell-slip elements that reach their level only slowly
     relaxation     df/dt = k dx/dt - f / T: a spring behind a damper
 
-A step goes from the position before to another without turning back. `values` hold the numbers by name, in
-a carrier: floats, arrays, CasADi expressions, references of generated code. Krasnosel'skii and Pokrovskii,
-Systems with Hysteresis (1989); Bouc 1967, Wen 1976, normalised as by Ikhouane and Rodellar, Systems with
-Hysteresis (2007).
+Of a branch, `needs_time` is whether its force depends on the velocity, `passive` whether no motion gives
+work. Its slope, N m/rad or N/m, is at most `most_slope` at a held speed, at least `least_slope` over any way
+without reversal. `start` gives the states where the input stands still, come from below (`side` 1), from
+above (-1) or virgin (0); `advance` what a step to another position leads to, without turning back. `values`
+hold the numbers of `list_values` by name, in a carrier: floats, arrays, CasADi expressions, references of
+generated code. Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989); Bouc 1967, Wen 1976, normalised
+as by Ikhouane and Rodellar, Systems with Hysteresis (2007).
 
 Supported: any carrier, any length of a step. Exact but for Bouc-Wen, whose error falls with the square of the
 step over L (and is zero for n = 1 away from u = 0).
@@ -18,10 +23,10 @@ Not supported: Bouc-Wen outside |lean| <= 2 loop - 1, |skew| < 1, n >= 1, where 
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import ClassVar, Generic, TypeVar
 
 from symid.errors import Notice, RobotError
@@ -71,6 +76,17 @@ def clamp(algebra: Carrier[V], value: V, low: V, high: V) -> V:
     return algebra.maximum(low, algebra.minimum(high, value))
 
 
+def _find_least(pieces: Iterable[tuple[float, float, float]]) -> float:
+    """Return the least integral, J, of a force in straight pieces: forces at their ends, length."""
+    total, least = 0.0, 0.0
+    for force, after, length in pieces:
+        if force < 0.0 < after:
+            least = min(least, total - 0.5 * force * force * length / (after - force))
+        total += 0.5 * (force + after) * length
+        least = min(least, total)
+    return least
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SlipSpring:
     """A slider behind a spring of any shape: force f(E), deflection E = x - P[x] between -r and r.
@@ -113,7 +129,6 @@ class SlipSpring:
 
     @property
     def needs_time(self) -> bool:
-        """Return whether the force depends on the velocity."""
         return any(self.falls)
 
     @property
@@ -124,23 +139,17 @@ class SlipSpring:
             return all(force * place >= 0.0 for place, force in pairs)
         return self.forces[0] <= 0.0 <= self.forces[-1]
 
-    def _find_least(self) -> float:
-        """Return the least integral of f from -r to any deflection, J: at a place, or where f is zero."""
-        total, least = 0.0, 0.0
-        for (start, force), (end, after) in pairwise(zip(self.deflections, self.forces, strict=True)):
-            if force < 0.0 < after:
-                least = min(least, total - 0.5 * force * force * (end - start) / (after - force))
-            total += 0.5 * (force + after) * (end - start)
-            least = min(least, total)
-        return least
+    @property
+    def _pieces(self) -> list[tuple[float, float, float]]:
+        """Return the forces at the ends of every straight piece of f, and its length."""
+        pairs = pairwise(zip(self.deflections, self.forces, strict=True))
+        return [(force, after, end - start) for (start, force), (end, after) in pairs]
 
     def _list_slopes(self) -> list[float]:
-        pairs = pairwise(zip(self.deflections, self.forces, strict=True))
-        return [(after - force) / (end - start) for (start, force), (end, after) in pairs]
+        return [(after - force) / length for force, after, length in self._pieces]
 
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope at a held speed, N m/rad or N/m."""
         return max(0.0, *self._list_slopes())
 
     @property
@@ -155,7 +164,7 @@ class SlipSpring:
 
     def list_values(self) -> dict[str, float]:
         """Return the numbers by name: least (of the energy), e1, ... (deflections), f1, ... (forces)."""
-        named = {"least": self._find_least()}
+        named = {"least": _find_least(self._pieces)}
         if self.needs_time:
             named |= {"fall_low": self.falls[0], "fall_high": self.falls[1]}
         named |= {f"e{k}": value for k, value in enumerate(self.deflections, start=1)}
@@ -168,7 +177,6 @@ class SlipSpring:
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         count = len(self.deflections)
         places = [values[f"e{k}"] for k in range(1, count + 1)]
         forces = [values[f"f{k}"] for k in range(1, count + 1)]
@@ -185,12 +193,12 @@ class SlipSpring:
         # f, and its integral from the first place.
         bend = algebra.sub(motion.position, play)
         force, energy = forces[0], algebra.zero
-        for k in range(len(places) - 1):
-            gap = algebra.sub(places[k + 1], places[k])
-            part = clamp(algebra, algebra.sub(bend, places[k]), algebra.zero, gap)
-            slope = algebra.div(algebra.sub(forces[k + 1], forces[k]), gap)
+        for (start, before), (end, after) in pairwise(zip(places, forces, strict=True)):
+            gap = algebra.sub(end, start)
+            part = clamp(algebra, algebra.sub(bend, start), algebra.zero, gap)
+            slope = algebra.div(algebra.sub(after, before), gap)
             half = algebra.scale(0.5, algebra.mul(slope, algebra.mul(part, part)))
-            energy = algebra.add(energy, algebra.add(algebra.mul(forces[k], part), half))
+            energy = algebra.add(energy, algebra.add(algebra.mul(before, part), half))
             force = algebra.add(force, algebra.mul(slope, part))
         return BranchStep(force=force, states=(play,), stored=algebra.sub(energy, values["least"]))
 
@@ -220,8 +228,7 @@ class Relays:
         """Raise a RobotError for a step that is not positive, or a count that does not fit."""
         count = len(self.ramps)
         mistakes = [] if self.step > 0.0 else ["the step of relays must be positive"]
-        if len(self.weights) != count * (count - 1) // 2:
-            needed = count * (count - 1) // 2
+        if len(self.weights) != (needed := count * (count - 1) // 2):
             mistakes.append(f"{count} ramps need {needed} relays, got {len(self.weights)}")
         refuse_element(mistakes)
 
@@ -235,21 +242,8 @@ class Relays:
         """Return whether no loop gives work, and stored energy has a least value."""
         return all(weight >= 0.0 for weight in self.weights) and math.fsum(self.ramps) >= 0.0
 
-    def _find_least(self) -> float:
-        """Return the least integral of the ramps' force up to any place, J."""
-        total, force, least = 0.0, 0.0, 0.0
-        for rise in self.ramps:
-            after = force + rise
-            if force < 0.0 < after:
-                least = min(least, total - 0.5 * force * force / rise * self.step)
-            total += 0.5 * (force + after) * self.step
-            least = min(least, total)
-            force = after
-        return least
-
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope, N m/rad or N/m."""
         return (max(0.0, *self.ramps) + math.fsum(map(abs, self.weights))) / self.step
 
     @property
@@ -272,7 +266,9 @@ class Relays:
 
     def list_values(self) -> dict[str, float]:
         """Return the numbers by name: low, step, least (of the energy), d1, ..., c2_1, c3_1, ..."""
-        named = {"low": self.low, "step": self.step, "least": self._find_least()}
+        heights = pairwise(accumulate(self.ramps, initial=0.0))
+        least = _find_least((force, after, self.step) for force, after in heights)
+        named = {"low": self.low, "step": self.step, "least": least}
         named |= {f"d{k}": value for k, value in enumerate(self.ramps, start=1)}
         return named | {
             f"c{i + 1}_{j + 1}": value for (i, j), value in zip(self.pairs, self.weights, strict=True)
@@ -293,7 +289,6 @@ class Relays:
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         step, inverse = values["step"], algebra.div(algebra.one, values["step"])
         z = algebra.sub(motion.position, values["low"])
         count = len(self.ramps)
@@ -302,13 +297,10 @@ class Relays:
             for k in range(2 * count - 1)
         ]
         forces, energies, after = [], [], []
-        for k in range(count):
-            value = values[f"d{k + 1}"]
-            forces.append(algebra.mul(value, heights[2 * k]))
-            whole = _integrate_ramp(
-                algebra, algebra.sub(z, algebra.scale(float(k), step)), step, heights[2 * k]
-            )
-            energies.append(algebra.mul(value, whole))
+        for k, height in enumerate(heights[::2]):
+            value, distance = values[f"d{k + 1}"], algebra.sub(z, algebra.scale(float(k), step))
+            forces.append(algebra.mul(value, height))
+            energies.append(algebra.mul(value, _integrate_ramp(algebra, distance, step, height)))
         for (i, j), before in zip(self.pairs, states, strict=True):
             value = values[f"c{i + 1}_{j + 1}"]
             state = clamp(algebra, before, heights[2 * i], heights[2 * j])
@@ -382,27 +374,22 @@ class BoucWen:
 
     @property
     def passive(self) -> bool:
-        """Return whether no loop gives work."""
         return self.level >= 0.0
 
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope, N m/rad or N/m."""
         steepest = 1.0 + (2.0 * self.loop - 1.0 + abs(self.lean)) / (1.0 - abs(self.skew))
         return abs(self.level) * steepest / self.length
 
     @property
     def least_slope(self) -> float:
-        """Return a bound below of the slope over a way without reversal, N m/rad or N/m."""
         return 0.0 if self.level >= 0.0 else -self.most_slope
 
     def list_values(self) -> dict[str, float]:
-        """Return the numbers by name."""
         names = ("level", "length", "sharpness", "loop", "skew", *(["lean"] if self.lean else []))
         return {name: getattr(self, name) for name in names}
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
-        """Return u where the input stands still: `side` -1, 0, 1 times its bound."""
         del position
         bound = (1.0 + side * self.skew) ** (-1.0 / self.sharpness)
         return (algebra.scale(side * bound, algebra.one),)
@@ -410,7 +397,6 @@ class BoucWen:
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         length, power = values["length"], values["sharpness"]
         sign = algebra.sign(motion.way)
         way = algebra.div(algebra.absolute(motion.way), length)
@@ -457,12 +443,7 @@ def _relax(algebra: Carrier[V], side: float, value: V, given: tuple[V, V, V]) ->
     return value
 
 
-_KEYS = {
-    "dahl": "sigma0",
-    "lugre": "sigma0",
-    "maxwell-slip": "share1",
-    "generalised-maxwell-slip": "share1",
-}
+_KEYS = {"dahl": "sigma0", "lugre": "sigma0", "maxwell-slip": "share1", "generalised-maxwell-slip": "share1"}
 """Laws with a state, and a value that each must have."""
 
 
@@ -494,7 +475,6 @@ class BristleBranch:
 
     @property
     def needs_time(self) -> bool:
-        """Return whether the force depends on the velocity."""
         given = dict(self.values)
         return any(given.get(name, 0.0) != 0.0 for name in ("Fv", "Fe", "sigma1"))
 
@@ -513,10 +493,10 @@ class BristleBranch:
 
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope at a held speed, N m/rad or N/m: after a reversal."""
+        """Return the slope after a reversal, N m/rad or N/m."""
         given = dict(self.values)
-        stiffnesses = (value for name, value in given.items() if name.startswith("stiffness"))
-        return 2.0 * given["sigma0"] if "sigma0" in given else math.fsum(stiffnesses)
+        springs = (value for name, value in given.items() if name.startswith("stiffness"))
+        return 2.0 * given["sigma0"] if "sigma0" in given else math.fsum(springs)
 
     @property
     def least_slope(self) -> float:
@@ -537,7 +517,6 @@ class BristleBranch:
         return 0.0 if viscous >= fall and (excess == 0.0 or given.get("sigma1", 0.0) == 0.0) else -math.inf
 
     def list_values(self) -> dict[str, float]:
-        """Return the numbers by name."""
         return {"Fv": 0.0} | dict(self.values)
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
@@ -545,17 +524,13 @@ class BristleBranch:
         del position
         given = dict(self.values)
         level = side * (given["Fc"] + given.get("Fe", 0.0))
-        numbers = range(1, self.count + 1)
-        bounds = [
-            level * given[f"share{k}"] / given[f"stiffness{k}"] for k in numbers if "sigma0" not in given
-        ]
-        bounds = bounds or [level / given["sigma0"]]
-        return tuple(algebra.scale(bound, algebra.one) for bound in bounds)
+        numbers = range(1, self.count + 1) if "sigma0" not in given else ()
+        bounds = [level * given[f"share{k}"] / given[f"stiffness{k}"] for k in numbers]
+        return tuple(algebra.scale(bound, algebra.one) for bound in bounds or [level / given["sigma0"]])
 
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         force, after = advance_memory(algebra, values, motion.velocity, motion.way, states)
         names = ["sigma0"] if "sigma0" in values else [f"stiffness{k}" for k in range(1, len(states) + 1)]
         pairs = zip(names, after, strict=True)
@@ -601,7 +576,6 @@ class AttractedSlip:
 
     @property
     def most_slope(self) -> float:
-        """Return a bound above of the slope at a held speed, N m/rad or N/m."""
         return math.fsum(map(abs, self.stiffnesses))
 
     def list_values(self) -> dict[str, float]:
@@ -622,7 +596,6 @@ class AttractedSlip:
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         count = len(self.thresholds)
         sign = algebra.sign(motion.way)
         moved = algebra.absolute(sign)
@@ -666,43 +639,30 @@ class Relaxation:
 
     kind: ClassVar[str] = "relaxation"
     needs_time: ClassVar[bool] = True
+    passive: ClassVar[bool] = True
     least_slope: ClassVar[float] = 0.0
     stiffness: float
     time: float
 
     def __post_init__(self) -> None:
         """Raise a RobotError for numbers that are not positive."""
-        refuse_element(
-            [
-                f"relaxation: {name} must be positive"
-                for name in ("stiffness", "time")
-                if not getattr(self, name) > 0.0
-            ]
-        )
-
-    @property
-    def passive(self) -> bool:
-        """Return True."""
-        return True
+        wrong = [name for name in ("stiffness", "time") if not getattr(self, name) > 0.0]
+        refuse_element([f"relaxation: {name} must be positive" for name in wrong])
 
     @property
     def most_slope(self) -> float:
-        """Return its slope in a fast motion, N m/rad or N/m."""
         return self.stiffness
 
     def list_values(self) -> dict[str, float]:
-        """Return the numbers by name."""
         return {"stiffness": self.stiffness, "time": self.time}
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
-        """Return the force of an input that stands still."""
         del position, side
         return (algebra.zero,)
 
     def advance(
         self, algebra: Carrier[V], values: Mapping[str, V], motion: ElementMotion[V], states: Sequence[V]
     ) -> BranchStep[V]:
-        """Return what a step leads to."""
         stiffness, time = values["stiffness"], values["time"]
         half = algebra.tanh(algebra.scale(0.5, algebra.div(motion.period, time)))
         gone = algebra.div(algebra.scale(2.0, half), algebra.add(algebra.one, half))

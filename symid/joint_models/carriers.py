@@ -3,21 +3,20 @@
 """Kinds of numbers that joint models are evaluated on: one protocol, and its carriers.
 
 A friction law or a spring is written once over a `Carrier`; what the carrier is decides whether floats,
-arrays, formulas or code come out. `Dual` numbers are arrays with their derivatives by s variables, exact
-after every operation, one-sided at kinks (zero velocity, the edge of a zone).
+arrays, formulas or code come out. Complex arrays give derivatives, exact to rounding, one-sided at kinks
+(zero velocity, the edge of a zone): Squire and Trapp, SIAM Review 40 (1998) 110-112.
 
-Supported: floats, fractions, mpmath, arrays, expressions of SymPy and CasADi; dual numbers over arrays.
+Supported: floats, fractions, mpmath, arrays, complex ones too, expressions of SymPy and CasADi.
 Not supported: second derivatives.
 """
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 
@@ -147,75 +146,29 @@ def build_casadi_carrier() -> OperatorCarrier[Any]:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Dual:
-    """A value (N,) or scalar and its derivatives, one a variable."""
-
-    value: FloatArray
-    rates: tuple[FloatArray, ...]
-
-    def __add__(self, other: "Dual") -> "Dual":
-        pairs = zip(self.rates, other.rates, strict=True)
-        return Dual(self.value + other.value, tuple(a + b for a, b in pairs))
-
-    def __sub__(self, other: "Dual") -> "Dual":
-        pairs = zip(self.rates, other.rates, strict=True)
-        return Dual(self.value - other.value, tuple(a - b for a, b in pairs))
-
-    def __mul__(self, other: "Dual") -> "Dual":
-        pairs = zip(self.rates, other.rates, strict=True)
-        rates = tuple(a * other.value + self.value * b for a, b in pairs)
-        return Dual(self.value * other.value, rates)
-
-    def __truediv__(self, other: "Dual") -> "Dual":
-        value = self.value / other.value
-        pairs = zip(self.rates, other.rates, strict=True)
-        return Dual(value, tuple((a - value * b) / other.value for a, b in pairs))
-
-    def __abs__(self) -> "Dual":
-        return self.apply(np.abs(self.value), np.sign(self.value))
-
-    def __pow__(self, other: "Dual") -> "Dual":
-        # The derivative by a base of 0 may be infinite (exponent below one); no torque depends on it.
-        result, positive = np.power(self.value, other.value), self.value > 0.0
-        safe = np.where(positive, self.value, 1.0)
-        by_base = np.where(positive, other.value * result / safe, 0.0)
-        by_exponent = np.where(positive, result * np.log(safe), 0.0)
-        pairs = zip(self.rates, other.rates, strict=True)
-        return Dual(result, tuple(by_base * a + by_exponent * b for a, b in pairs))
-
-    def apply(self, result: FloatArray, slope: FloatArray | float) -> "Dual":
-        """Return the function of this number that has this value and slope (chain rule)."""
-        return Dual(result, tuple(slope * rate for rate in self.rates))
-
-    def choose(self, other: "Dual", condition: NDArray[np.bool_]) -> "Dual":
-        """Return this number where the condition holds, the other one elsewhere."""
-        pairs = zip(self.rates, other.rates, strict=True)
-        rates = tuple(np.where(condition, a, b) for a, b in pairs)
-        return Dual(np.where(condition, self.value, other.value), rates)
+_STEP = 1e-40
 
 
-def lift_dual(value: FloatArray | float, size: int, own: int | None = None) -> Dual:
-    """Return a number that depends on none of `size` variables, or is the variable number `own`."""
-    return Dual(np.asarray(value, dtype=np.float64), tuple(np.array(float(k == own)) for k in range(size)))
-
-
-def build_dual_carrier(size: int) -> OperatorCarrier[Dual]:
-    """Return the carrier of dual numbers of `size` variables."""
-
-    def tanh(value: Dual) -> Dual:
-        result = np.tanh(value.value)
-        return value.apply(result, 1.0 - result * result)
-
+def build_complex_carrier() -> OperatorCarrier[Any]:
+    """Return the carrier of complex arrays: kinks are those of the real parts, slopes there those of rest."""
     return OperatorCarrier(
-        zero=lift_dual(0.0, size),
-        one=lift_dual(1.0, size),
-        scale=lambda factor, x: x.apply(factor * x.value, factor),
-        exp=lambda x: x.apply(np.exp(x.value), np.exp(x.value)),
-        tanh=tanh,
-        sin=lambda x: x.apply(np.sin(x.value), np.cos(x.value)),
-        cos=lambda x: x.apply(np.cos(x.value), -np.sin(x.value)),
-        sign=lambda x: lift_dual(np.sign(x.value), size),
-        maximum=lambda x, y: x.choose(y, x.value > y.value),
-        minimum=lambda x, y: x.choose(y, x.value < y.value),
+        zero=np.zeros(()),
+        one=np.ones(()),
+        absolute=lambda x: x * np.sign(np.real(x)),
+        maximum=lambda x, y: np.where(np.real(x) > np.real(y), x, y),
+        minimum=lambda x, y: np.where(np.real(x) < np.real(y), x, y),
+        # The derivative by a base of 0 may be infinite (exponent below one); no torque depends on it.
+        power=lambda base, exponent: np.power(np.where(np.real(base) == 0.0, _TINY**3, base), exponent),
+        **_read_functions(np) | {"sign": lambda x: np.sign(np.real(x))},
     )
+
+
+def list_complex_steps(values: Sequence[float], which: Sequence[int]) -> Iterator[tuple[list[Any], float]]:
+    """Yield values of which one is moved by a small imaginary step, and the step (Squire and Trapp 1998).
+
+    The derivative of a function of the `build_complex_carrier` is its imaginary part over the step.
+    """
+    for k in which:
+        step, moved = _STEP * (abs(values[k]) or 1.0), [np.complex128(value) for value in values]
+        moved[k] += 1j * step
+        yield moved, step

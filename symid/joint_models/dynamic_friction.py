@@ -6,9 +6,9 @@
     LuGre: g = fC + (fS - fC) exp(-|v / vs|^gamma)
     v held over h:  z(h) = z_e + (z - z_e) exp(-sigma0 |v| h / g),  z_e = g sign(v) / sigma0
 
-The step is exact while the velocity is held, therefore stable for any length. Derivatives are complex steps
-(Squire and Trapp, SIAM Review 40 (1998) 110-112). Dahl, Aerospace Corporation report TOR-0158(3107-18)-1
-(1968); Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control 40 (1995) 419-425.
+The step is exact while the velocity is held, therefore stable for any length. Dahl, Aerospace Corporation
+report TOR-0158(3107-18)-1 (1968); Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control
+40 (1995) 419-425.
 
 Joints of a robot have one of `STATE_LAWS` of the catalogue. What their bristles do follows the way x alone,
 v h where v is held; elements of Maxwell-slip are springs that slip at their share a_k of g:
@@ -32,7 +32,12 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze, freeze_fields
 from symid.errors import Notice, UsageError
-from symid.joint_models.carriers import Carrier, OperatorCarrier, build_numpy_carrier, build_symbol_carrier
+from symid.joint_models.carriers import (
+    Carrier,
+    build_complex_carrier,
+    build_symbol_carrier,
+    list_complex_steps,
+)
 from symid.joint_models.friction_law import FrictionLaw, FrictionValues, LawParameter, build_parameter
 
 V = TypeVar("V")
@@ -130,33 +135,27 @@ def is_passive(law: DynamicLaw, values: Sequence[float]) -> bool | None:
     |a z v| <= v^2 max g / min g: fV >= sigma1 (max g - min g) / min g suffices. Compare Barabanov and Ortega,
     IEEE Transactions on Automatic Control 45 (2000) 675-686.
     """
-    named = dict(zip(law.names, values, strict=True))
-    largest = compute_largest_level(law, values)
-    least = min(named["fC"], named.get("fS", named["fC"]))
-    damping, viscous = named.get("sigma1", 0.0), named.get("fV", 0.0)
-    return True if viscous * least >= damping * (largest - least) else None
+    named = {"sigma1": 0.0, "fV": 0.0} | dict(zip(law.names, values, strict=True))
+    levels = named["fC"], named.get("fS", named["fC"])
+    return named["fV"] * min(levels) >= named["sigma1"] * (max(levels) - min(levels)) or None
 
 
 def check_dynamic_values(law: DynamicLaw, values: Sequence[float]) -> None:
     """Refuse, by a UsageError, a wrong number of values, and those not finite or out of bounds."""
+    mistakes = []
     if len(values) != len(law.parameters):
-        text = (
-            f"friction {law.name!r} takes {len(law.names)} values ({', '.join(law.names)}), got {len(values)}"
-        )
-        raise UsageError(Notice(code="joint.friction-values", text=text))
-    notices = []
-    for parameter, value in zip(law.parameters, values, strict=True):
+        mistakes.append(f" takes {len(law.names)} values ({', '.join(law.names)}), got {len(values)}")
+    for parameter, value in zip(law.parameters, values, strict=False) if not mistakes else ():
         kept = value >= parameter.lower if parameter.lower_is_allowed else value > parameter.lower
         if not (math.isfinite(value) and kept and value <= parameter.upper):
             bound = "at least" if parameter.lower_is_allowed else "above"
             upper = f" and at most {parameter.upper:g}" if math.isfinite(parameter.upper) else ""
-            text = (
-                f"friction {law.name!r}: {parameter.name} ({parameter.meaning}) must be {bound} "
-                f"{parameter.lower:g}{upper}, got {value:g}"
-            )
-            notices.append(Notice(code="joint.friction-values", text=text))
-    if notices:
-        raise UsageError(*notices)
+            text = f": {parameter.name} ({parameter.meaning}) must be {bound} {parameter.lower:g}{upper}"
+            mistakes.append(f"{text}, got {value:g}")
+    if mistakes:
+        raise UsageError(
+            *(Notice(code="joint.friction-values", text=f"friction {law.name!r}{text}") for text in mistakes)
+        )
 
 
 def get_dynamic_law(name: str) -> DynamicLaw:
@@ -297,7 +296,6 @@ def advance_memory(
     return algebra.add(torque, values["offset"]) if "offset" in values else torque, tuple(after)
 
 
-_TINY = 1e-40
 Numbers = Any
 """An array of real or complex numbers."""
 
@@ -323,7 +321,7 @@ class FrictionPath:
         freeze_fields(self)
         arrays = (self.held, self.velocity, self.period, self.start)
         alike = self.held.ndim == 1 and all(array.shape == self.held.shape for array in arrays)
-        if not (alike and all(np.all(np.isfinite(array)) for array in arrays) and np.all(self.period >= 0)):
+        if not (alike and np.all(np.isfinite(arrays)) and np.all(self.period >= 0)):
             text = (
                 "held, velocity, period and start must have one length, finite values and no negative period"
             )
@@ -347,18 +345,13 @@ def build_held_path(velocity: FloatArray, period: float) -> FrictionPath:
 
 
 def _compute_run(law: DynamicLaw, values: Sequence[Numbers], path: FrictionPath, state: float) -> Numbers:
-    # Zero to a complex power is not defined in every NumPy.
-    algebra: OperatorCarrier[Numbers] = replace(
-        build_numpy_carrier(), power=lambda base, exponent: np.power(base + 1e-300 * (base == 0), exponent)
-    )
+    algebra = build_complex_carrier()
     decay, rest = compute_step_parts(algebra, law, path.held, path.period, values)
     # z of the linear recursion, from `state` at the first sample and from zero at later starts.
-    shape = np.broadcast(path.held, decay).shape
-    steps = (np.broadcast_to(part, shape).tolist() for part in (decay, rest, path.start))
+    steps = np.broadcast_arrays(decay, rest, path.start, path.held)[:3]
     found: list[complex] = []
-    for factor, goal, begins in zip(*steps, strict=True):
-        before = found[-1] if found else state
-        before = 0.0 if begins and found else before
+    for factor, goal, begins in zip(*(part.tolist() for part in steps), strict=True):
+        before = (0.0 if begins else found[-1]) if found else state
         found.append(goal + factor * (before - goal))
     states = np.array(found, dtype=np.result_type(decay, rest))
     return compute_dynamic_torque(algebra, law, path.velocity, states, values), states
@@ -380,14 +373,9 @@ def compute_torque_derivatives(
     law: DynamicLaw, values: Sequence[float], path: FrictionPath, which: Sequence[int]
 ) -> FloatArray:
     """Return the derivatives (N, p) of the torque by the values numbered `which`; bristles begin straight."""
-    columns = np.empty((len(path.held), len(which)))
-    for column, k in zip(columns.T, which, strict=True):
-        step = _TINY * (abs(values[k]) or 1.0)
-        moved = [np.complex128(value) for value in values]
-        moved[k] += 1j * step
-        torque, _ = _compute_run(law, moved, path, 0.0)
-        column[:] = np.imag(torque) / step
-    return columns
+    steps = list_complex_steps(values, which)
+    columns = [np.imag(_compute_run(law, moved, path, 0.0)[0]) / step for moved, step in steps]
+    return np.reshape(columns, (len(which), len(path.held))).T
 
 
 Expression = Any

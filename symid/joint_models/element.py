@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import zip_longest
+from itertools import accumulate, zip_longest
 from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
@@ -109,18 +109,18 @@ def list_element_values(elasticity: Elasticity) -> dict[str, float]:
     if elasticity.knees and not elasticity.cubic:
         # The least value of the formula of its energy, J.
         inverse, _, _ = invert_spring(build_float_carrier(), terms)
-        total = 0.0
-        for weight, radius in zip(inverse.weights[1:], inverse.thresholds, strict=True):
-            # S(p + r) + S(p - r) rises with p, and is zero between -r and r.
-            low, high = -radius, radius
-            for _ in range(_HALVINGS):
-                middle = 0.5 * (low + high)
-                ends = np.array([middle + radius, middle - radius])
-                below = np.sum(compute_outer_torque(terms, ends)) < 0.0
-                low, high = (middle, high) if below else (low, middle)
-            ends = np.array([low + radius, low - radius])
-            total += 0.5 * weight * float(np.sum(compute_outer_integral(terms, ends)))
-        named["least"] = total
+        weights, radii = np.array(inverse.weights[1:]), np.array(inverse.thresholds)
+        # S(p + r) + S(p - r) rises with p, and is zero between -r and r.
+        low, high = -radii, radii
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            below = (
+                compute_outer_torque(terms, middle + radii) + compute_outer_torque(terms, middle - radii)
+                < 0.0
+            )
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        ends = compute_outer_integral(terms, low + radii) + compute_outer_integral(terms, low - radii)
+        named["least"] = math.fsum((0.5 * weights * ends).tolist())
     for head, branch in _name_branches(elasticity):
         named |= {head + name: value for name, value in branch.list_values().items()}
     return named
@@ -142,8 +142,10 @@ def start_element(
     def shift(place: V, distance: float) -> V:
         return algebra.sub(place, algebra.scale(side * distance, algebra.one))
 
-    centre = shift(position, elasticity.backlash) if elasticity.backlash else position
-    states = [position, centre] if elasticity.backlash else [position]
+    centre, states = position, [position]
+    if elasticity.backlash:
+        centre = shift(position, elasticity.backlash)
+        states.append(centre)
     states += [shift(centre, stop.threshold) for stop in elasticity.stops]
     for branch in elasticity.branches:
         states += branch.start(algebra, centre, side)
@@ -213,12 +215,11 @@ def advance_element(
 def _gather_spring(elasticity: Elasticity, values: Mapping[str, V], algebra: Carrier[V]) -> SpringTerms[V]:
     """Return the numbers of the spring in a carrier; without stiffness, stops and knees it is zero."""
     terms = read_spring_terms(elasticity)
-    stops = tuple((values[f"r{k}"], values[f"k{k}"]) for k in range(1, len(terms.stops) + 1))
     knees = [(values[f"R{k}"], values[f"s{k}"]) for k in range(1, len(elasticity.knees) + 1)]
     return SpringTerms(
         stiffness=values["k0"] if terms.stiffness else algebra.zero,
         cubic=values["kc"] if elasticity.cubic else None,
-        stops=stops,
+        stops=tuple((values[f"r{k}"], values[f"k{k}"]) for k in range(1, len(terms.stops) + 1)),
         above=tuple(knees[: len(terms.above)]),
         below=tuple(knees[len(terms.above) :]),
     )
@@ -281,23 +282,26 @@ def is_passive_element(elasticity: Elasticity) -> bool:
 
 def find_least_slope(elasticity: Elasticity) -> float:
     """Return a bound below of dy/dx on ways without reversal, N m/rad or N/m; it may be minus infinity."""
-    terms = read_spring_terms(elasticity)
-    slopes = np.cumsum([terms.stiffness, *(k for _, k in reversed(terms.stops))])
-    outer = [np.cumsum([1.0, *(slope for _, slope in side)]) for side in (terms.above, terms.below)]
-    edges = np.concatenate(outer)
-    least = float(np.min(slopes))
-    spring = least * float(edges.min() if least > 0.0 else edges.max())
     if elasticity.cubic < 0.0:
         return -math.inf
+    terms = read_spring_terms(elasticity)
+    least = min(accumulate((k for _, k in reversed(terms.stops)), initial=terms.stiffness))
+    outer = [
+        slope
+        for side in (terms.above, terms.below)
+        for slope in accumulate((s for _, s in side), initial=1.0)
+    ]
+    spring = least * (min(outer) if least > 0.0 else max(outer))
     return spring + math.fsum(branch.least_slope for branch in elasticity.branches)
 
 
 def find_most_slope(elasticity: Elasticity) -> float:
     """Return a bound above of dy/dx at a held speed, its cubic part and damping left out, N m/rad or N/m."""
-    knees = [[knee.slope for knee in elasticity.knees if knee.threshold * side > 0.0] for side in (1.0, -1.0)]
-    outer = 1.0 + max(0.0, *map(math.fsum, knees))
-    slopes = (branch.most_slope for branch in elasticity.branches)
-    return (elasticity.initial_stiffness or 0.0) * outer + math.fsum(slopes)
+    knees = (
+        math.fsum(knee.slope for knee in elasticity.knees if knee.threshold * side > 0.0) for side in (1, -1)
+    )
+    slopes = math.fsum(branch.most_slope for branch in elasticity.branches)
+    return (elasticity.initial_stiffness or 0.0) * (1.0 + max(0.0, *knees)) + slopes
 
 
 def describe_inverse(elasticity: Elasticity) -> str:
@@ -361,17 +365,6 @@ BranchRunner = Callable[[SteppedBranch, BranchPath, FloatArray], FloatArray]
 states before it (n,)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BranchTrace:
-    """A branch along a path: states (N + 1, n) before it and after every sample; what each step led to.
-
-    `steps` is None where the states are found without.
-    """
-
-    states: FloatArray
-    steps: BranchStep[FloatArray] | None = None
-
-
 def run_element(
     elasticity: Elasticity,
     position: FloatArray,
@@ -417,9 +410,9 @@ def run_element(
     path, taken = (middle[1:], np.diff(middle), velocity, periods), []
     for branch in elasticity.branches:
         size = count_states(branch)
-        trace = trace_branch(branch, path, states[at : at + size], runner)
-        traces += list(trace.states.T)
-        taken.append(trace.steps)
+        trace, steps = trace_branch(branch, path, states[at : at + size], runner)
+        traces += list(trace.T)
+        taken.append(steps)
         at += size
     step = advance_element(
         build_numpy_carrier(),
@@ -451,9 +444,12 @@ def _read_periods(elasticity: Elasticity, count: int, time: FloatArray | None) -
 
 def trace_branch(
     branch: Branch, path: BranchPath, states: Sequence[float], runner: BranchRunner | None = None
-) -> BranchTrace:
-    """Return what a branch does along a path, from the states before it (n,)."""
-    (position, _, velocity, _), memory = path, np.array(states, dtype=np.float64)
+) -> tuple[FloatArray, BranchStep[FloatArray] | None]:
+    """Return states (N + 1, n) of a branch along a path, the first those before it, and what steps led to.
+
+    The latter is None where the states are found without.
+    """
+    (position, _, velocity, _), memory, steps = path, np.array(states, dtype=np.float64), None
     if isinstance(branch, SlipSpring):
         speed = np.abs(velocity)
         low, high = (-branch.threshold / (1.0 + fall * speed) for fall in branch.falls)
@@ -465,10 +461,9 @@ def trace_branch(
         after = compute_clamps(ramps[0], ramps[1], memory, find_turns(position))
     else:
         found = (runner or run_branch)(branch, path, memory)
-        after, (force, stored) = found[:, :-2], found[:, -2:].T
-        steps = BranchStep(force=force, states=tuple(after.T), stored=stored)
-        return BranchTrace(states=np.vstack([memory, after]), steps=steps)
-    return BranchTrace(states=np.vstack([memory, after]))
+        after = found[:, :-2]
+        steps = BranchStep(force=found[:, -2], states=tuple(after.T), stored=found[:, -1])
+    return np.vstack([memory, after]), steps
 
 
 def run_branch(branch: SteppedBranch, path: BranchPath, states: FloatArray) -> FloatArray:
@@ -586,13 +581,9 @@ def find_input(step: Callable[[float], _Step], goal: float, start: float, slope:
     enough = _ROUNDING * max(abs(first), abs(goal))
     if abs(error) <= enough:
         return start
-    low = high = start
-    low_error = high_error = error
     bound = start - _MARGIN * error / slope
-    if error > 0.0:
-        low, low_error = bound, step(bound).output - goal
-    else:
-        high, high_error = bound, step(bound).output - goal
+    ends = (bound, step(bound).output - goal), (start, error)
+    (low, low_error), (high, high_error) = ends if error > 0.0 else ends[::-1]
     side = 0
     for count in range(_MOST_STEPS):
         middle = high - high_error * (high - low) / (high_error - low_error)

@@ -16,11 +16,13 @@ Not supported: the state itself (`dynamic_friction`).
 import difflib
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache, partial
 from typing import Any
+
+import numpy as np
 
 from symid.errors import Notice, UsageError
 from symid.joint_models import friction_columns as columns
@@ -37,7 +39,7 @@ from symid.joint_models.friction_law import (
 
 _ANY = -math.inf
 # Parameters that laws have as linear ones, F.., and as printed ones, f..; and their lower bounds.
-_TWINS = (
+_TWINS: tuple[tuple[Any, ...], ...] = (
     ("V", "V", "viscous", "viscous friction", 0.0),
     ("C", "C", "level", "Coulomb friction", 0.0),
     ("Vp", "V^+", "viscous", "viscous friction, positive velocity", 0.0),
@@ -79,11 +81,8 @@ _POSITIVE: tuple[tuple[Any, ...], ...] = (
 _PARAMETERS: dict[str, LawParameter] = {
     parameter.name: parameter
     for parameter in (
-        *(build_parameter(f"f{end}", f"f_{tex}", kind, text, low) for end, tex, kind, text, low in _TWINS),
-        *(
-            build_parameter(f"F{end.lower()}", f"F_{tex}", kind, text, low)
-            for end, tex, kind, text, low in _TWINS
-        ),
+        *(build_parameter(f"f{end}", f"f_{tex}", *rest) for end, tex, *rest in _TWINS),
+        *(build_parameter(f"F{end.lower()}", f"F_{tex}", *rest) for end, tex, *rest in _TWINS),
         *(build_parameter(*row) for row in _OTHERS),
         *(build_parameter(*row, allowed=False) for row in _POSITIVE),
     )
@@ -94,11 +93,8 @@ def _build_power_parameters(order: int) -> tuple[LawParameter, LawParameter]:
     """Return the coefficient of |v|^(order - 1) v, linear and as printed."""
     units = (f"N m s^{order}/rad^{order}", f"N s^{order}/m^{order}")
     meaning = f"friction that grows with the velocity to the power of {order}"
-    linear = LawParameter(_POWERS.get(order, f"Fv{order}"), f"F_{{V{order}}}", *units, meaning)
+    linear = LawParameter({2: "Fvq", 3: "Fvc"}.get(order, f"Fv{order}"), f"F_{{V{order}}}", *units, meaning)
     return linear, replace(linear, name=f"fV{order}", latex=f"f_{{V{order}}}")
-
-
-_POWERS = {2: "Fvq", 3: "Fvc"}
 
 
 _GAUSSIAN = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083-1138"
@@ -144,21 +140,22 @@ def build_law(
     **fields: Any,  # noqa: ANN401 - the other fields of the law
 ) -> FrictionLaw:
     """Return a law from names of parameters, "linear | shape | printed", `further` ones (linear, printed)."""
-    linear, shape, physical = (part.split() for part in parameters.split("|"))
-    names = [*linear, *(own.name for own, _ in further), *shape]
-    of_further = {printed.name: own.name for own, printed in further}
-    fields = {"own": tuple(name for name in names[: len(names) - len(shape)] if name not in _PLAIN), **fields}
-    mixing = []
-    for printed in (*physical, *of_further):
-        parts = _BEYOND.get(printed) or (of_further.get(printed) or _LINEAR.get(printed, printed),)
-        mixing.append(tuple(int(entry in parts) for entry in names))
+    linear, shape, physical = (
+        tuple(_PARAMETERS[entry] for entry in part.split()) for part in parameters.split("|")
+    )
+    linear, physical = (*linear, *(own for own, _ in further)), (*physical, *(own for _, own in further))
+    names = [entry.name for entry in (*linear, *shape)]
+    # Of printed parameters, the sum of which others they are.
+    parts = {printed.name: (own.name,) for own, printed in further} | _BEYOND
+    sums = [parts.get(entry.name, (_LINEAR.get(entry.name, entry.name),)) for entry in physical]
+    own = tuple(entry.name for entry in linear if entry.name not in _PLAIN)
     return FrictionLaw(
         name=name,
-        linear=(*(_PARAMETERS[entry] for entry in linear), *(own for own, _ in further)),
-        shape=tuple(_PARAMETERS[entry] for entry in shape),
-        physical=(*(_PARAMETERS[entry] for entry in physical), *(printed for _, printed in further)),
-        mixing=tuple(mixing),
-        **fields,
+        linear=linear,
+        shape=shape,
+        physical=physical,
+        mixing=tuple(tuple(int(entry in whole) for entry in names) for whole in sums),
+        **{"own": own} | fields,
     )
 
 
@@ -330,29 +327,17 @@ def build_position_dependent(
 def with_offset(law: FrictionLaw) -> FrictionLaw:
     """Return a law with a constant torque as its last linear parameter, named `offset`."""
     offset, count = _PARAMETERS["offset"], len(law.linear)
-    mixing = [(*row[:count], 0, *row[count:]) for row in law.mixing]
-    mixing.append(tuple(int(k == count) for k in range(count + 1 + len(law.shape))))
+    mixing = np.insert(np.array(law.mixing), count, 0, axis=1).tolist()
+    mixing.append([int(k == count) for k in range(len(mixing[0]))])
     return replace(
         law,
         name=f"{law.name}+offset",
         linear=(*law.linear, offset),
         physical=(*law.physical, offset),
-        mixing=tuple(mixing),
+        mixing=tuple(map(tuple, mixing)),
         columns=lambda carrier, inputs, shape: (*law.columns(carrier, inputs, shape), carrier.one),
         formula=f"{law.formula} + offset",
         passivity="Not dissipative where the offset exceeds the friction; without offset: " + law.passivity,
-    )
-
-
-def with_smoothing(law: FrictionLaw, speed: float) -> FrictionLaw:
-    """Return a law with tanh(v / speed) in place of the sign; speed in rad/s or m/s, 0 for the sign."""
-    if speed == 0.0:
-        return law
-    return replace(
-        law,
-        columns=lambda carrier, inputs, shape: law.columns(smooth(carrier, speed), inputs, shape),
-        smoothing=speed,
-        smoothness=f"Dry friction changes its sign over {speed:g} rad/s or m/s as tanh does.",
     )
 
 
@@ -451,20 +436,18 @@ _CLAMP = "Fk = clamp(stiffness_k zk, -+share_k g), dzk/dt = dq until it slips, t
 STATE_LAWS: dict[str, FrictionLaw] = {
     law.name: law
     for law in (
-        build_law(
-            "dahl",
-            "Fv Fc |  | fC fV",
-            columns=columns.compute_coulomb_viscous_columns,
+        replace(
+            _COULOMB_VISCOUS,
+            name="dahl",
             formula="sigma0 z + fV dq, dz/dt = dq - sigma0 |dq| / fC z; steady: fC sign(dq) + fV dq",
             source="Dahl 1968, exponent one, with viscous friction",
             smoothness=_BENDS,
             passivity=_FOLLOWS,
             memory=BRISTLES[:1],
         ),
-        build_law(
-            "lugre",
-            "Fv Fc Fe | vs gamma | fC fS vs gamma fV",
-            columns=partial(columns.compute_stribeck_columns, exponent=None, orders=()),
+        replace(
+            build_stribeck(exponent=None),
+            name="lugre",
             formula="sigma0 z + sigma1 dz/dt + fV dq, dz/dt = dq - sigma0 |dq| / g z, "
             f"g = fC + (fS - fC) exp(-|dq / vs|^gamma); steady: {_STEADY}",
             source="Canudas de Wit, Olsson, Astrom and Lischinsky 1995",
@@ -472,10 +455,9 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             passivity="Passive where fV >= sigma1 |fS - fC| / min(fC, fS); the state is bounded always.",
             memory=BRISTLES,
         ),
-        build_law(
-            "maxwell-slip",
-            "Fv Fc |  | fC fV",
-            columns=columns.compute_coulomb_viscous_columns,
+        replace(
+            _COULOMB_VISCOUS,
+            name="maxwell-slip",
             formula=f"{_CLAMP}, g = fC; steady: fC sign(dq) + fV dq",
             source="Iwan, J. Applied Mechanics 33 (1966) 893-900, with viscous friction",
             smoothness=_BENDS,
@@ -483,10 +465,9 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             memory=ELEMENTS,
             elements=True,
         ),
-        build_law(
-            "generalised-maxwell-slip",
-            "Fv Fc Fe | vs gamma | fC fS vs gamma fV",
-            columns=partial(columns.compute_stribeck_columns, exponent=None, orders=()),
+        replace(
+            build_stribeck(exponent=None),
+            name="generalised-maxwell-slip",
             formula=f"{_CLAMP}, g = fC + (fS - fC) exp(-|dq / vs|^gamma); steady: {_STEADY}",
             source="Lampaert, Al-Bender, Swevers, IEEE Physics and Control (2003) 1170-1177, for an "
             "attraction without end: what slips is at its level",
@@ -506,41 +487,24 @@ _EXPONENT = rf"(?:-(?P<exponent>exponent|{_NUMBER}))?"
 _WAVES = rf"(?P<orders>[1-9]\d*(?:,[1-9]\d*)*)(?:x(?P<gear>{_NUMBER}))?"
 
 
-def _read_exponent(match: re.Match[str]) -> float | None:
-    text = match["exponent"] or f"{DEFAULT_EXPONENT:g}"
-    return None if text == "exponent" else float(text)
-
-
-_PATTERNS: tuple[tuple[str, Callable[[re.Match[str]], FrictionLaw]], ...] = (
-    (
-        rf"stribeck{_EXPONENT}(?P<cubic>\+cubic)?",
-        lambda m: build_stribeck(exponent=_read_exponent(m), orders=(2, 3) if m["cubic"] else ()),
+_PATTERNS: dict[str, Callable[[Mapping[str, Any]], FrictionLaw]] = {
+    rf"stribeck{_EXPONENT}(?P<cubic>\+cubic)?": lambda part: build_stribeck(
+        exponent=part["exponent"], orders=(2, 3) if part["cubic"] else ()
     ),
-    (
-        rf"improved-stribeck(?:-(?P<reading>h[1-4]))?{_EXPONENT}",
-        lambda m: build_improved(reading=(m["reading"] or "h1").upper(), exponent=_read_exponent(m)),
+    rf"improved-stribeck(?:-(?P<reading>h[1-4]))?{_EXPONENT}": lambda part: build_improved(
+        exponent=part["exponent"], reading=(part["reading"] or "h1").upper()
     ),
-    (
-        rf"asymmetric-stribeck(?P<both>-both)?{_EXPONENT}",
-        lambda m: build_asymmetric_stribeck(exponent=_read_exponent(m), bumps=2 if m["both"] else 1),
+    rf"asymmetric-stribeck(?P<both>-both)?{_EXPONENT}": lambda part: build_asymmetric_stribeck(
+        exponent=part["exponent"], bumps=2 if part["both"] else 1
     ),
-    (
-        rf"load-dependent-stribeck{_EXPONENT}",
-        lambda m: build_load_dependent(exponent=_read_exponent(m), falls=True),
+    rf"load-dependent-stribeck{_EXPONENT}": lambda part: build_load_dependent(
+        exponent=part["exponent"], falls=True
     ),
-    (
-        rf"position-(?P<what>dependent|torque)-{_WAVES}",
-        lambda m: build_position_dependent(
-            tuple(map(int, m["orders"].split(","))),
-            gear=float(m["gear"] or 1.0),
-            dry=m["what"] == "dependent",
-        ),
+    rf"position-(?P<what>dependent|torque)-{_WAVES}": lambda part: build_position_dependent(
+        part["orders"], gear=part["gear"], dry=part["what"] == "dependent"
     ),
-    (
-        r"polynomial-(?P<orders>[2-9](?:,[2-9])*)",
-        lambda m: build_polynomial(tuple(map(int, m["orders"].split(",")))),
-    ),
-)
+    r"polynomial-(?P<orders>[2-9](?:,[2-9])*)": lambda part: build_polynomial(part["orders"]),
+}
 
 
 _OTHER_NAMES = {
@@ -559,33 +523,33 @@ _OTHER_NAMES = {
 def _match_law(name: str) -> tuple[FrictionLaw | None, str]:
     """Return the law of a name; None and why where there is none."""
     name = _OTHER_NAMES.get(name, name)
-    if name in FRICTION_LAWS:
-        return FRICTION_LAWS[name], ""
-    if name in STATE_LAWS:
-        return STATE_LAWS[name], ""
+    if law := FRICTION_LAWS.get(name) or STATE_LAWS.get(name):
+        return law, ""
     if name.endswith("+offset"):
         law, reason = _match_law(name.removesuffix("+offset"))
         if law is not None and law.linear[-1].name == "offset":
             return None, ": it has an offset already"
         return law and with_offset(law), reason
-    for pattern, build in _PATTERNS:
+    for pattern, build in _PATTERNS.items():
         if match := re.fullmatch(pattern, name):
-            mistake = _describe_mistake(match)
-            return (None, f": {mistake}") if mistake else (build(match), "")
+            part, mistake = _read_parts(match)
+            return (None, f": {mistake}") if mistake else (build(part), "")
     near = difflib.get_close_matches(name, (*FRICTION_LAWS, *STATE_LAWS), n=3, cutoff=0.5)
     return None, f"; did you mean {' or '.join(near)}?" if near else ""
 
 
-def _describe_mistake(match: re.Match[str]) -> str:
-    """Return what is wrong with the exponent, the gear or the orders of a name; nothing if all is well."""
-    found = match.groupdict()
-    exponent, gear, orders = (found.get(key) for key in ("exponent", "gear", "orders"))
-    if exponent and exponent != "exponent" and not 0.0 < float(exponent) <= _LARGEST_EXPONENT:
-        return f"its exponent must be above 0 and at most {_LARGEST_EXPONENT:g}"
-    if gear and not 0.0 < float(gear) < math.inf:
-        return "its gear ratio must be above 0 and finite"
-    listed = (orders or "").split(",")
-    return "" if len(set(listed)) == len(listed) else "its orders must differ from each other"
+def _read_parts(match: re.Match[str]) -> tuple[dict[str, Any], str]:
+    """Return the parts of a name, and what is wrong with exponent, gear or orders; nothing if all is well."""
+    part: dict[str, Any] = {"exponent": "", "gear": "", "orders": ""} | match.groupdict("")
+    searched, orders = part["exponent"] == "exponent", list(filter(None, part["orders"].split(",")))
+    exponent = DEFAULT_EXPONENT if searched else float(part["exponent"] or DEFAULT_EXPONENT)
+    gear = float(part["gear"] or 1.0)
+    part |= {"exponent": None if searched else exponent, "gear": gear, "orders": tuple(map(int, orders))}
+    if not 0.0 < exponent <= _LARGEST_EXPONENT:
+        return part, f"its exponent must be above 0 and at most {_LARGEST_EXPONENT:g}"
+    if not 0.0 < gear < math.inf:
+        return part, "its gear ratio must be above 0 and finite"
+    return part, "" if len(set(orders)) == len(orders) else "its orders must differ from each other"
 
 
 @cache
@@ -599,7 +563,14 @@ def get_law(name: str, *, smoothing: float = 0.0) -> FrictionLaw:
         end = "" if reason.endswith("?") else "."
         text = f"unknown friction law {name!r}{reason}{end} Known laws: {list_known_laws()}"
         raise UsageError(Notice(code="usage.unknown-friction-law", text=text))
-    return with_smoothing(law, smoothing)
+    if smoothing == 0.0:
+        return law
+    return replace(
+        law,
+        columns=lambda carrier, inputs, shape: law.columns(smooth(carrier, smoothing), inputs, shape),
+        smoothing=smoothing,
+        smoothness=f"Dry friction changes its sign over {smoothing:g} rad/s or m/s as tanh does.",
+    )
 
 
 def list_known_laws(*further: str) -> str:
@@ -667,13 +638,13 @@ def get_friction_law(friction: FrictionValues) -> FrictionLaw | None:
 def list_value_names(friction: FrictionValues) -> tuple[str, ...]:
     """Return the names of the linear parameters of a joint's friction."""
     law = get_friction_law(friction)
-    return () if law is None else tuple(entry.name for entry in law.linear)
+    return tuple(entry.name for entry in law.linear) if law else ()
 
 
 def list_shape_names(friction: FrictionValues) -> tuple[str, ...]:
     """Return the names of the shape values of a joint's friction."""
     law = get_friction_law(friction)
-    return () if law is None else tuple(entry.name for entry in law.shape)
+    return tuple(entry.name for entry in law.shape) if law else ()
 
 
 def name_values(friction: FrictionValues) -> dict[str, float]:

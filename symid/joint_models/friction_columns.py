@@ -62,40 +62,31 @@ def compute_asymmetric_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: V
     velocity = inputs["velocity"]
     size, sign = carrier.absolute(velocity), carrier.sign(velocity)
     # sign^2 is |sign|: one away from standstill, zero at it.
-    moving = carrier.absolute(sign)
-    return (
-        carrier.scale(0.5, carrier.add(velocity, size)),
-        carrier.scale(0.5, carrier.add(sign, moving)),
-        carrier.scale(0.5, carrier.sub(velocity, size)),
-        carrier.scale(0.5, carrier.sub(sign, moving)),
-    )
+    pairs = ((velocity, size), (sign, carrier.absolute(sign)))
+    halves = [change(*pair) for change in (carrier.add, carrier.sub) for pair in pairs]
+    return tuple(carrier.scale(0.5, half) for half in halves)
 
 
 def _compute_decay(
     carrier: Carrier[V], size: V, shape: Values[V], exponent: float | None, *, is_positive: bool = False
 ) -> V:
-    """Return exp(-|size / vs|^gamma): vs first in `shape`, gamma last where `exponent` is None.
-
-    `is_positive`: size >= 0 is known.
-    """
+    """Return exp(-|size / vs|^gamma): vs is first in `shape`, gamma last where `exponent` is None."""
     if exponent == _GAUSSIAN:
         return _compute_gaussian_decay(carrier, size, shape[0])
     ratio = carrier.div(size, shape[0])
-    if not is_positive:
-        ratio = carrier.absolute(ratio)
-    if exponent == 1.0:
-        return carrier.exp(carrier.scale(-1.0, ratio))
-    gamma = shape[-1] if exponent is None else carrier.scale(exponent, carrier.one)
-    return carrier.exp(carrier.scale(-1.0, carrier.power(ratio, gamma)))
+    power = ratio if is_positive else carrier.absolute(ratio)
+    if exponent != 1.0:
+        gamma = shape[-1] if exponent is None else carrier.scale(exponent, carrier.one)
+        power = carrier.power(power, gamma)
+    return carrier.exp(carrier.scale(-1.0, power))
 
 
 def _compute_powers(carrier: Carrier[V], velocity: V, orders: Sequence[int]) -> Columns[V]:
     """Return |v|^(k-1) v for each order k, by products."""
-    result, power, size = {1: velocity}, velocity, carrier.absolute(velocity)
-    for order in range(2, max(orders, default=1) + 1):
-        power = carrier.mul(size, power)
-        result[order] = power
-    return tuple(result[order] for order in orders)
+    size, powers = carrier.absolute(velocity), [velocity]
+    for _ in range(max(orders, default=1) - 1):
+        powers.append(carrier.mul(size, powers[-1]))
+    return tuple(powers[order - 1] for order in orders)
 
 
 def compute_stribeck_columns(
@@ -142,12 +133,7 @@ def compute_asymmetric_stribeck_columns(
 
 
 def compute_improved_columns(
-    carrier: Carrier[V],
-    inputs: Inputs[V],
-    shape: Values[V],
-    *,
-    exponent: float | None,
-    bias_everywhere: bool,
+    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, bias_everywhere: bool
 ) -> Columns[V]:
     """Return v, s, s exp(-(max(|v|, dq0) / vs)^gamma), and the bias; s = clip(v / dq0, -1, 1).
 

@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -21,9 +22,9 @@ from symid.arrays import FloatArray
 from symid.joint_models.carriers import (
     Carrier,
     OperatorCarrier,
-    build_dual_carrier,
+    build_complex_carrier,
     build_numpy_carrier,
-    lift_dual,
+    list_complex_steps,
 )
 
 V = TypeVar("V")
@@ -150,8 +151,8 @@ class FrictionLaw:
     @property
     def unmixing(self) -> tuple[tuple[int, ...], ...]:
         """Return the inverse of `mixing`."""
-        inverse = np.rint(np.linalg.inv(np.array(self.mixing, dtype=np.float64)))
-        return tuple(tuple(int(entry) for entry in row) for row in inverse)
+        inverse = np.rint(np.linalg.inv(np.array(self.mixing, dtype=np.float64))).astype(int)
+        return tuple(map(tuple, inverse.tolist()))
 
     @property
     def latex(self) -> str:
@@ -159,16 +160,14 @@ class FrictionLaw:
         carrier = _build_latex_carrier()
         inputs = {name: Phrase(_INPUTS[name]) for name in self.inputs}
         columns = self.columns(carrier, inputs, [Phrase(parameter.latex) for parameter in self.shape])
-        total: Phrase | None = None
+        terms = []
         for row, column in zip(self.unmixing, columns, strict=False):
             # A linear parameter is a sum of physical ones, those that are added first.
             parts = [(factor, p.latex) for factor, p in zip(row, self.physical, strict=True) if factor]
             parts.sort(key=lambda part: -part[0])
             text = " ".join(f"{'+' if factor > 0 else '-'} {latex}" for factor, latex in parts)
-            coefficient = Phrase(text.removeprefix("+ "), _ATOM if len(parts) == 1 else _SUM)
-            term = coefficient * column
-            total = term if total is None else total + term
-        return rf"\tau_f = {total.text if total else '0'}"
+            terms.append(Phrase(text.removeprefix("+ "), _ATOM if len(parts) == 1 else _SUM) * column)
+        return rf"\tau_f = {reduce(Phrase.__add__, terms).text}"
 
 
 NO_FRICTION = "none"
@@ -210,21 +209,18 @@ def compute_friction_torque(
     law: FrictionLaw, inputs: Mapping[str, FloatArray], linear: Sequence[float], shape: Sequence[float]
 ) -> FloatArray:
     """Return the friction torque (N,) in N m or N, at inputs (N,) each; linear (p,), shape (s,)."""
-    result: FloatArray = compute_columns(law, inputs, shape) @ np.asarray(linear, dtype=np.float64)
-    return result
+    return np.asarray(compute_columns(law, inputs, shape) @ np.asarray(linear, dtype=np.float64))
 
 
 def compute_column_derivatives(
     law: FrictionLaw, inputs: Mapping[str, FloatArray], shape: Sequence[float]
 ) -> FloatArray:
     """Return the derivatives (N, p, s) of the columns by the shape values, exact."""
-    size = len(law.shape)
-    lifted = {name: lift_dual(values, size) for name, values in inputs.items()}
-    variables = [lift_dual(value, size, k) for k, value in enumerate(shape)]
+    size, carrier = len(law.shape), build_complex_carrier()
     result = np.zeros((len(inputs[law.inputs[0]]), len(law.linear), size))
-    for k, column in enumerate(law.columns(build_dual_carrier(size), lifted, variables)):
-        for j, rate in enumerate(column.rates):
-            result[:, k, j] = rate
+    for j, (moved, step) in enumerate(list_complex_steps(shape, range(size))):
+        for k, column in enumerate(law.columns(carrier, inputs, moved)):
+            result[:, k, j] = np.imag(column) / step
     return result
 
 

@@ -18,10 +18,12 @@ Not supported: the inverse of a cubic spring; elements in series with a damper.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import accumulate
 from typing import Generic, TypeVar
 
 from symid.errors import Notice, RobotError
-from symid.joint_models.branches import Branch, refuse_element
+from symid.joint_models.branches import Branch, clamp, refuse_element
 from symid.joint_models.carriers import Carrier
 from symid.serialization import Finite
 
@@ -85,14 +87,13 @@ class Elasticity:
             mistakes.append("the thresholds of stops must be positive and increase, each once")
         if any(not threshold for threshold in knees) or knees != sorted(set(knees)):
             mistakes.append("the thresholds of knees must differ from 0 and increase, each once")
-        for side in (1.0, -1.0):
-            slope = 1.0
-            outer = [knee for knee in self.knees if knee.threshold * side > 0]
-            for knee in sorted(outer, key=lambda knee: abs(knee.threshold)):
-                slope += knee.slope
-                if not slope > 0:
-                    text = f"beyond {knee.threshold:g} the outer function's slope is {slope:g}"
-                    mistakes.append(f"{text}; it must be positive")
+        slopes = {1.0: 1.0, -1.0: 1.0}
+        for knee in sorted(self.knees, key=lambda knee: (knee.threshold < 0, abs(knee.threshold))):
+            side = math.copysign(1.0, knee.threshold)
+            slopes[side] += knee.slope
+            if not slopes[side] > 0:
+                text = f"beyond {knee.threshold:g} the outer function's slope is {slopes[side]:g}"
+                mistakes.append(f"{text}; it must be positive")
         if not self.backlash >= 0.0:
             mistakes.append(f"the backlash is {self.backlash:g}; it must not be negative")
         refuse_element(mistakes)
@@ -106,8 +107,7 @@ class Elasticity:
     def initial_stiffness(self) -> float | None:
         """Return the stiffness right after a reversal, k0 + sum k_i; None where a part is unknown."""
         parts = [self.stiffness, *(stop.stiffness for stop in self.stops)]
-        known = [part for part in parts if part is not None]
-        return math.fsum(known) if len(known) == len(parts) else None
+        return None if None in parts else math.fsum(part or 0.0 for part in parts)
 
 
 def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[float]) -> tuple[Knee, ...]:
@@ -123,11 +123,10 @@ def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[floa
     mistakes += [] if 0 < torques[0] < torques[1] else ["T1 and T2 must be positive and increase"]
     refuse_element(mistakes)
     first, second, third = stiffnesses
-    places = (torques[0], torques[0] + (torques[1] - torques[0]) * first / second)
-    slopes = ((second - first) / first, (third - second) / first)
-    above = [Knee(threshold=place, slope=slope) for place, slope in zip(places, slopes, strict=True) if slope]
-    below = [Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(above)]
-    return (*below, *above)
+    far = torques[0] + (torques[1] - torques[0]) * first / second
+    pairs = ((torques[0], (second - first) / first), (far, (third - second) / first))
+    ordered = sorted((side * place, slope) for place, slope in pairs for side in (-1.0, 1.0) if slope)
+    return tuple(Knee(threshold=place, slope=slope) for place, slope in ordered)
 
 
 V = TypeVar("V")
@@ -159,9 +158,7 @@ class Plays(Generic[V]):
 
 def compute_play(algebra: Carrier[V], value: V, threshold: V, memory: V) -> V:
     """Return the play after the input has gone to `value`: P = max(x - r, min(x + r, P before))."""
-    lower = algebra.sub(value, threshold)
-    upper = algebra.add(value, threshold)
-    return algebra.maximum(lower, algebra.minimum(upper, memory))
+    return clamp(algebra, memory, algebra.sub(value, threshold), algebra.add(value, threshold))
 
 
 def compute_outer_function(algebra: Carrier[V], value: V, above: Terms[V], below: Terms[V]) -> V:
@@ -181,35 +178,30 @@ def advance_spring(
 
     `memory` has the plays before, rad or m, one a stop.
     """
-    pairs = zip(spring.stops, memory, strict=True)
-    plays = tuple(compute_play(algebra, torsion, threshold, before) for (threshold, _), before in pairs)
-    inner = algebra.mul(spring.stiffness, torsion)
+    inner, plays = algebra.mul(spring.stiffness, torsion), []
     if spring.cubic is not None:
         square = algebra.mul(torsion, torsion)
         inner = algebra.add(inner, algebra.mul(spring.cubic, algebra.mul(square, torsion)))
-    for (_, stiffness), play in zip(spring.stops, plays, strict=True):
-        inner = algebra.add(inner, algebra.mul(stiffness, algebra.sub(torsion, play)))
-    return compute_outer_function(algebra, inner, spring.above, spring.below), plays
+    for (threshold, stiffness), before in zip(spring.stops, memory, strict=True):
+        plays.append(compute_play(algebra, torsion, threshold, before))
+        inner = algebra.add(inner, algebra.mul(stiffness, algebra.sub(torsion, plays[-1])))
+    return compute_outer_function(algebra, inner, spring.above, spring.below), tuple(plays)
 
 
 def advance_inverse_spring(
-    algebra: Carrier[V],
-    inverse: tuple[Plays[V], Terms[V], Terms[V]],
-    torque: V,
-    memory: Sequence[V],
+    algebra: Carrier[V], inverse: tuple[Plays[V], Terms[V], Terms[V]], torque: V, memory: Sequence[V]
 ) -> tuple[V, tuple[V, ...]]:
     """Return the torsion after the torque (N m, N; no damping) has gone to `torque`, and the plays there.
 
     `inverse` comes from `invert_spring`; `memory` has the plays of the inverse before, N m or N, one a stop.
     """
     plays, above, below = inverse
-    value = compute_outer_function(algebra, torque, above, below)
-    pairs = zip(plays.thresholds, memory, strict=True)
-    after = tuple(compute_play(algebra, value, threshold, before) for threshold, before in pairs)
+    value, after = compute_outer_function(algebra, torque, above, below), []
     result = algebra.mul(plays.weights[0], value)
-    for weight, play in zip(plays.weights[1:], after, strict=True):
-        result = algebra.add(result, algebra.mul(weight, play))
-    return result, after
+    for threshold, weight, before in zip(plays.thresholds, plays.weights[1:], memory, strict=True):
+        after.append(compute_play(algebra, value, threshold, before))
+        result = algebra.add(result, algebra.mul(weight, after[-1]))
+    return result, tuple(after)
 
 
 def invert_spring(algebra: Carrier[V], spring: SpringTerms[V]) -> tuple[Plays[V], Terms[V], Terms[V]]:
@@ -218,16 +210,14 @@ def invert_spring(algebra: Carrier[V], spring: SpringTerms[V]) -> tuple[Plays[V]
     The outer function of the inverse comes first and has slope one at zero; then the plays:
     phi = w'_0 v + sum_i w'_i P'_i[v] with v = S^-1(tau). The cubic part must be absent.
     """
-    weights = [spring.stiffness]
-    for _, stiffness in spring.stops:
-        weights[0] = algebra.add(weights[0], stiffness)
-        weights.append(algebra.sub(algebra.zero, stiffness))
-    thresholds = tuple(threshold for threshold, _ in spring.stops)
-    plays = invert_plays(algebra, Plays(weights=tuple(weights), thresholds=thresholds))
-    return plays, invert_outer_terms(algebra, spring.above), invert_outer_terms(algebra, spring.below)
+    first = reduce(algebra.add, (stiffness for _, stiffness in spring.stops), spring.stiffness)
+    weights = (first, *(algebra.sub(algebra.zero, stiffness) for _, stiffness in spring.stops))
+    plays = Plays(weights=weights, thresholds=tuple(threshold for threshold, _ in spring.stops))
+    above, below = (invert_pieces(algebra, algebra.one, side) for side in (spring.above, spring.below))
+    return invert_plays(algebra, plays), above, below
 
 
-def _invert_pieces(algebra: Carrier[V], slope: V, terms: Terms[V]) -> Terms[V]:
+def invert_pieces(algebra: Carrier[V], slope: V, terms: Terms[V]) -> Terms[V]:
     """Return the pieces of the inverse of a piecewise linear function that begins with `slope`.
 
     A_j = A_{j-1} + s_j,  R'_j = sum_{i <= j} A_{i-1} (R_i - R_{i-1}),  s'_j = -s_j / (A_j A_{j-1}).
@@ -245,30 +235,20 @@ def _invert_pieces(algebra: Carrier[V], slope: V, terms: Terms[V]) -> Terms[V]:
 
 def invert_plays(algebra: Carrier[V], plays: Plays[V]) -> Plays[V]:
     """Return the inverse of a sum of plays that rises, itself a sum of plays."""
-    first = algebra.div(algebra.one, plays.weights[0])
     terms = tuple(zip(plays.thresholds, plays.weights[1:], strict=True))
-    pieces = _invert_pieces(algebra, plays.weights[0], terms)
-    weights = (first, *(change for _, change in pieces))
+    pieces = invert_pieces(algebra, plays.weights[0], terms)
+    weights = (algebra.div(algebra.one, plays.weights[0]), *(change for _, change in pieces))
     return Plays(weights=weights, thresholds=tuple(image for image, _ in pieces))
 
 
 def invert_plays_memory(algebra: Carrier[V], plays: Plays[V], memory: Sequence[V]) -> tuple[V, ...]:
     """Return the memory of the inverse, P'_i = W_i P_i + sum_{j > i} w_j P_j."""
-    slope = plays.weights[0]
-    slopes = []
-    for weight in plays.weights[1:]:
-        slope = algebra.add(slope, weight)
-        slopes.append(slope)
+    slopes = list(accumulate(plays.weights, algebra.add))[1:]
     rest, result = algebra.zero, []
     for slope, weight, play in reversed(list(zip(slopes, plays.weights[1:], memory, strict=True))):
         result.append(algebra.add(algebra.mul(slope, play), rest))
         rest = algebra.add(rest, algebra.mul(weight, play))
     return tuple(reversed(result))
-
-
-def invert_outer_terms(algebra: Carrier[V], terms: Terms[V]) -> Terms[V]:
-    """Return one side of the inverse of an outer function, outwards."""
-    return _invert_pieces(algebra, algebra.one, terms)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,7 +32,7 @@ from symid.joint_models.hysteresis import (
     SpringTerms,
     Stop,
     compute_outer_function,
-    invert_outer_terms,
+    invert_pieces,
     invert_plays,
     invert_plays_memory,
 )
@@ -71,7 +71,7 @@ def compute_outer_torque(terms: SpringTerms[float], value: FloatArray) -> FloatA
 
 def invert_outer(terms: SpringTerms[float], torque: FloatArray) -> FloatArray:
     """Return v with S(v) = torque, N m or N, for torques of any shape."""
-    above, below = invert_outer_terms(_FLOATS, terms.above), invert_outer_terms(_FLOATS, terms.below)
+    above, below = (invert_pieces(_FLOATS, 1.0, side) for side in (terms.above, terms.below))
     return np.asarray(compute_outer_function(_ARRAYS, torque, above, below))
 
 
@@ -109,12 +109,9 @@ class PlayModel(Plays[float]):
 
 def build_play_model(elasticity: Elasticity) -> PlayModel:
     """Return the plays of an elasticity, knees and cubic part left out: w_0 = k0 + sum k_i, w_i = -k_i."""
-    terms = read_spring_terms(elasticity)
-    first = terms.stiffness + sum(weight for _, weight in terms.stops)
-    return PlayModel(
-        weights=(first, *(-weight for _, weight in terms.stops)),
-        thresholds=tuple(threshold for threshold, _ in terms.stops),
-    )
+    terms, radii, stiffness = _read_spring(elasticity)
+    weights = (terms.stiffness + sum(stiffness.tolist()), *(-stiffness).tolist())
+    return PlayModel(weights=weights, thresholds=tuple(radii.tolist()))
 
 
 def build_stops(model: PlayModel) -> Elasticity:
@@ -194,11 +191,9 @@ def compute_clamps(
     length = max(1, math.isqrt(count))
     blocks = -(-count // length)
     # Samples of one place in their blocks are contiguous: each pass of the loops works on one slab.
-    slabs = []
-    for bound in (lower, upper):
-        padded = np.concatenate([bound, np.broadcast_to(bound[-1:], (blocks * length - count, state.size))])
-        slabs.append(np.ascontiguousarray(padded.reshape(blocks, length, -1).transpose(1, 0, 2)))
-    low_slabs, high_slabs = slabs
+    padding = ((0, blocks * length - count), (0, 0))
+    padded = (np.pad(bound, padding, mode="edge").reshape(blocks, length, -1) for bound in (lower, upper))
+    low_slabs, high_slabs = (np.ascontiguousarray(bound.transpose(1, 0, 2)) for bound in padded)
     ends = np.stack([low_slabs[0], high_slabs[0]])
     for least, most in zip(low_slabs[1:], high_slabs[1:], strict=True):
         np.maximum(least, np.minimum(most, ends, out=ends), out=ends)
@@ -217,26 +212,19 @@ def compute_stop_basis(
     phi: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None
 ) -> FloatArray:
     """Return [phi, E_1 .. E_m] (N, m + 1); times k0, k_1 .. k_m they are the torque without knees."""
-    phi = np.asarray(phi, dtype=np.float64)
-    basis = np.empty((len(phi), len(thresholds) + 1))
-    basis[:, 0] = phi
-    np.subtract(phi[:, None], compute_plays(phi, thresholds, memory), out=basis[:, 1:])
-    return basis
+    phi = np.asarray(phi, dtype=np.float64)[:, None]
+    return np.hstack([phi, phi - compute_plays(phi[:, 0], thresholds, memory)])
 
 
 def compute_play_output(model: PlayModel, values: FloatArray, memory: FloatArray | None = None) -> FloatArray:
     """Return w_0 x + sum_i w_i P_i[x] (N,) for an input (N,) and the plays (m,) before it."""
-    values = np.asarray(values, dtype=np.float64)
+    values, weights = np.asarray(values, dtype=np.float64), np.array(model.weights)
     plays = compute_plays(values, np.array(model.thresholds), memory)
-    weights = np.array(model.weights)
     return np.asarray(weights[0] * values + plays @ weights[1:], dtype=np.float64)
 
 
 def compute_hysteresis_torque(
-    elasticity: Elasticity,
-    phi: FloatArray,
-    dphi: FloatArray | None = None,
-    memory: FloatArray | None = None,
+    elasticity: Elasticity, phi: FloatArray, dphi: FloatArray | None = None, memory: FloatArray | None = None
 ) -> FloatArray:
     """Return the torque (N,) of an elastic joint along its torsion.
 
@@ -274,12 +262,10 @@ def compute_work_columns(
     phi^2 / 2, and E_i^2 / 2 + r_i times the way of P_i, less their values at the first sample.
     """
     phi = np.asarray(phi, dtype=np.float64)
-    radii = np.asarray(thresholds, dtype=np.float64)
-    plays = compute_plays(phi, radii, memory)
+    plays = compute_plays(phi, thresholds, memory)
     stored = 0.5 * np.square(np.column_stack([phi, phi[:, None] - plays]))
-    lost = radii * np.cumsum(np.abs(_diff(plays)), axis=0)
     columns = stored - stored[:1]
-    columns[:, 1:] += lost
+    columns[:, 1:] += thresholds * np.cumsum(np.abs(_diff(plays)), axis=0)
     return columns
 
 
@@ -293,7 +279,6 @@ def compute_inverse_plays(
     _refuse_cubic(elasticity)
     inverse, _ = invert_play_model(build_play_model(elasticity))
     terms, radii, weights = _read_spring(elasticity)
-    phi = np.asarray(phi, dtype=np.float64)
     plays = np.column_stack([phi, compute_plays(phi, radii, memory)])
     weights = np.concatenate([[0.0], weights])
     slopes = terms.stiffness + np.sum(weights) - np.cumsum(weights)
@@ -377,8 +362,7 @@ def compute_dissipation(
 def _compute_first_torque(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
     """Return v(A) = k0 A + sum_i k_i min(r_i, A), odd in A, without the cubic part."""
     terms, radii, weights = _read_spring(elasticity)
-    clipped = np.clip(phi[..., None], -radii, radii)
-    return np.asarray(terms.stiffness * phi + clipped @ weights, dtype=np.float64)
+    return np.asarray(terms.stiffness * phi + np.clip(phi[..., None], -radii, radii) @ weights)
 
 
 def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:

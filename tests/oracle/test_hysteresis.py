@@ -4,6 +4,7 @@ The numbers V1 to V14 are those of the matrix that the model was specified by.
 """
 
 import itertools
+from dataclasses import replace
 from fractions import Fraction
 
 import hypothesis.strategies as st
@@ -71,6 +72,7 @@ UNEVEN = Elasticity(
     stops=SHOULDER.stops,
     knees=knees((-2.0, 0.7), (-0.4, -0.3), (0.6, 0.2), (1.5, -0.4)),
 )
+CUBIC = Elasticity(stiffness=380.0, cubic=1e5, stops=SHOULDER.stops)
 SPRINGS = pytest.mark.parametrize("elasticity", [SHOULDER, SOFT, UNEVEN], ids=["mpi", "stops", "uneven"])
 
 
@@ -87,7 +89,7 @@ def wander(seed=0, count=3000, size=0.02):
 
 def find_legal_memory(thresholds, seed):
     """Return plays that a history leaves: those at the end of a random path."""
-    path = np.random.default_rng(seed).uniform(-2, 2, 5) * thresholds[-1]
+    path = np.random.default_rng(seed).uniform(-2, 2, 5) * max(thresholds, default=1.0)
     return compute_plays(path, thresholds)[-1]
 
 
@@ -101,24 +103,13 @@ def play_models(draw):
     return PlayModel(weights=weights, thresholds=tuple(np.cumsum(gaps).tolist()))
 
 
-def draw_memory(model, seed):
-    radii = np.array(model.thresholds)
-    return find_legal_memory(radii, seed) if radii.size else radii
-
-
 @given(play_models(), st.integers(0, 1000))
-def test_v1_the_inverse_of_plays_undoes_them(model, seed):
-    values = np.random.default_rng(seed).uniform(-5, 5, 60)
-    memory = draw_memory(model, seed)
+def test_v1_v2_the_inverse_of_plays_undoes_them_and_its_inverse_is_the_model(model, seed):
+    values, radii = np.random.default_rng(seed).uniform(-5, 5, 60), np.array(model.thresholds)
+    memory = find_legal_memory(radii, seed)
     inverse, image = invert_play_model(model, memory)
     back = compute_play_output(inverse, compute_play_output(model, values, memory), image)
     assert_near(back, values, 2e-13)
-
-
-@given(play_models(), st.integers(0, 1000))
-def test_v2_the_inverse_of_the_inverse_is_the_model(model, seed):
-    memory = draw_memory(model, seed)
-    inverse, image = invert_play_model(model, memory)
     again, back = invert_play_model(inverse, image)
     np.testing.assert_allclose(again.weights, model.weights, rtol=1e-12, atol=1e-13)
     np.testing.assert_allclose(again.thresholds, model.thresholds, rtol=1e-12)
@@ -127,18 +118,6 @@ def test_v2_the_inverse_of_the_inverse_is_the_model(model, seed):
 
 def find_radii(elasticity):
     return np.array([stop.threshold for stop in elasticity.stops])
-
-
-@SPRINGS
-def test_v3_the_inverse_of_a_spring_undoes_it(elasticity):
-    radii = find_radii(elasticity)
-    for seed in range(20):
-        phi, memory = wander(seed), find_legal_memory(radii, seed)
-        torque = compute_hysteresis_torque(elasticity, phi, memory=memory)
-        back = invert_hysteresis(elasticity, torque, memory)
-        assert_near(back, phi, ROUNDING * 0.02)
-    torque = compute_hysteresis_torque(elasticity, phi)
-    assert_near(invert_hysteresis(elasticity, torque), phi, ROUNDING * 0.02)
 
 
 def find_balance(elasticity, phi, memory=None):
@@ -170,8 +149,7 @@ def springs(draw):
 
 @given(springs(), st.integers(0, 1000))
 def test_v3_and_v6_for_any_spring(elasticity, seed):
-    radii = find_radii(elasticity)
-    memory = find_legal_memory(radii, seed) if radii.size else radii
+    memory = find_legal_memory(find_radii(elasticity), seed)
     phi = np.random.default_rng(seed).uniform(-1.5, 1.5, 50)
     torque = compute_hysteresis_torque(elasticity, phi, memory=memory)
     assert_near(invert_hysteresis(elasticity, torque, memory), phi, 1e-13)
@@ -181,6 +159,8 @@ def test_v3_and_v6_for_any_spring(elasticity, seed):
 
 
 def test_v4_the_scale_of_the_outer_function_does_not_matter():
+    phi = wander(3)
+    torque = compute_hysteresis_torque(SHOULDER, phi)
     for factor in (0.25, 3.0, 17.0):
         scaled = Elasticity(
             stiffness=SHOULDER.stiffness * factor,
@@ -188,11 +168,9 @@ def test_v4_the_scale_of_the_outer_function_does_not_matter():
             knees=knees(*((knee.threshold * factor, knee.slope / factor) for knee in HARDENING)),
         )
         again = convert_to_normal_form(scaled, 1.0 / factor)
-        phi = wander(3)
-        torque = compute_hysteresis_torque(SHOULDER, phi)
         np.testing.assert_allclose(compute_hysteresis_torque(again, phi), torque, rtol=1e-14, atol=1e-14)
         # Kuhnen's form with the slope apart, written down anew.
-        inner = compute_hysteresis_torque(Elasticity(stiffness=scaled.stiffness, stops=scaled.stops), phi)
+        inner = compute_hysteresis_torque(replace(scaled, knees=()), phi)
         outer = inner / factor
         for knee in scaled.knees:
             beyond = np.maximum if knee.threshold > 0 else np.minimum
@@ -222,14 +200,20 @@ def integrate(torque_of, inputs, fine=4000):
     return total, np.concatenate([[0.0], np.cumsum(stieltjes)])[::fine]
 
 
-@SPRINGS
+@pytest.mark.parametrize(
+    "elasticity", [SHOULDER, SOFT, UNEVEN, CUBIC], ids=["mpi", "stops", "uneven", "cubic"]
+)
 def test_v6_work_is_energy_stored_and_lost(elasticity):
-    phi, memory = wander(7, 30), find_legal_memory(find_radii(elasticity), 7)
+    radii, phi = find_radii(elasticity), wander(7, 30)
+    memory = find_legal_memory(radii, 7)
     gap, work, lost = find_balance(elasticity, phi, memory)
     assert gap <= 1e-14
     assert lost[-1] > 0.005
     reference, _ = integrate(lambda x: compute_hysteresis_torque(elasticity, x, memory=memory), phi)
-    assert_near(work, reference, 4e-7 * np.abs(work).max())
+    assert_near(work, reference, 1e-6 * np.abs(work).max())
+    if elasticity is SOFT:
+        columns = compute_work_columns(phi, radii, memory)
+        assert_near(columns @ [380.0, 120.0, 60.0, 40.0], work, 1e-13)
 
 
 def test_v6_for_a_compliance():
@@ -246,15 +230,6 @@ def test_v6_for_a_compliance():
     assert np.all(np.diff(lost) >= 0)
 
 
-def test_v6_for_a_cubic_spring():
-    cubic = Elasticity(stiffness=380.0, cubic=1e5, stops=SHOULDER.stops)
-    phi = wander(9, 30)
-    gap, work, _ = find_balance(cubic, phi)
-    assert gap <= 1e-14
-    reference, _ = integrate(lambda x: compute_hysteresis_torque(cubic, x), phi)
-    assert_near(work, reference, 1e-6 * np.abs(work).max())
-
-
 def test_the_split_does_not_depend_on_the_form():
     # Very distant knees change nothing, but take the way over the inverse.
     other = Elasticity(stiffness=380.0, stops=SHOULDER.stops, knees=knees((-1e3, 0.5), (1e3, 0.5)))
@@ -266,19 +241,15 @@ def test_the_split_does_not_depend_on_the_form():
 def test_v7_positive_play_weights_create_energy():
     radii, amplitude = np.array([0.5, 1.0]), 2.0
     cycle = amplitude * np.array([1.0, 0.0, -1.0, 0.0, 1.0])
-    settled = np.concatenate([[0.0], cycle, cycle[1:]])
-    loss = {}
+    settled, loss = np.concatenate([[0.0], cycle, cycle[1:]]), {}
+    ways = np.abs(np.diff(compute_plays(settled, radii)[-5:], axis=0)).sum(axis=0)
     for sign in (1.0, -1.0):
         model = PlayModel(weights=(2.0, sign * 0.42, sign * 0.21), thresholds=tuple(radii.tolist()))
         work, _ = integrate(lambda x, model=model: compute_play_output(model, x), settled)
-        plays = compute_plays(settled, radii)
-        ways = np.abs(np.diff(plays[-5:], axis=0)).sum(axis=0)
-        formula = -sum(np.array(model.weights[1:]) * radii * ways)
         loss[sign] = work[-1] - work[-5]
-        assert loss[sign] == pytest.approx(formula, rel=1e-6)
+        assert loss[sign] == pytest.approx(-sum(np.array(model.weights[1:]) * radii * ways), rel=1e-6)
     assert loss[1.0] < 0 < loss[-1.0]
-    spring = build_stops(PlayModel(weights=(2.0, -0.42, -0.21), thresholds=tuple(radii.tolist())))
-    assert loss[-1.0] == pytest.approx(compute_cycle_loss(spring, amplitude), rel=1e-6)
+    assert loss[-1.0] == pytest.approx(compute_cycle_loss(build_stops(model), amplitude), rel=1e-6)
 
 
 @SPRINGS
@@ -288,10 +259,9 @@ def test_v8_branches_wiping_out_and_rate(elasticity):
     for side in (1.0, -1.0):
         torque = compute_hysteresis_torque(elasticity, side * np.concatenate([up, down]))
         assert_near(torque[:50], compute_first_curve(elasticity, side * up), 1e-14)
-        branch = compute_branch(elasticity, side * amplitude, side * down)
-        assert_near(torque[50:], branch, 2e-14)
-    plain = compute_hysteresis_torque(elasticity, np.array([0.0, 0.012, -0.005, 0.013]))
-    inner = compute_hysteresis_torque(elasticity, np.array([0.0, 0.012, -0.005, 0.009, 0.001, 0.008, 0.013]))
+        assert_near(torque[50:], compute_branch(elasticity, side * amplitude, side * down), 2e-14)
+    paths = ([0.0, 0.012, -0.005, 0.013], [0.0, 0.012, -0.005, 0.009, 0.001, 0.008, 0.013])
+    plain, inner = (compute_hysteresis_torque(elasticity, np.array(path)) for path in paths)
     assert plain[-1] == inner[-1]
     phi = wander(11)
     repeated = compute_hysteresis_torque(elasticity, np.repeat(phi, 3))
@@ -307,14 +277,6 @@ def test_v14_a_closed_loop_costs_what_a_cycle_loses(elasticity):
     assert work[3] - work[1] > 0
     if not elasticity.knees:
         assert work[3] - work[1] == pytest.approx(compute_cycle_loss(elasticity, 0.014), rel=1e-12)
-
-
-def test_work_columns_add_up_to_the_work():
-    phi, memory = wander(12), np.array([0.001, 0.002, 0.003])
-    columns = compute_work_columns(phi, np.array([0.002, 0.005, 0.010]), memory)
-    work = compute_spring_work(SOFT, phi, memory)
-    assert_near(columns @ [380.0, 120.0, 60.0, 40.0], work, 1e-13)
-    assert not columns[0].any()
 
 
 @settings(max_examples=100)
@@ -361,17 +323,9 @@ SYMPY = OperatorCarrier(zero=sympy.Integer(0), one=sympy.Integer(1), maximum=sym
 
 def lift(terms, number):
     """Return the terms of a spring with every number turned by `number`."""
-
-    def pairs(found):
-        return tuple((number(threshold), number(value)) for threshold, value in found)
-
-    return SpringTerms(
-        stiffness=number(terms.stiffness),
-        cubic=None if terms.cubic is None else number(terms.cubic),
-        stops=pairs(terms.stops),
-        above=pairs(terms.above),
-        below=pairs(terms.below),
-    )
+    names = ("stops", "above", "below")
+    pairs = {name: tuple(tuple(map(number, pair)) for pair in getattr(terms, name)) for name in names}
+    return SpringTerms(stiffness=number(terms.stiffness), **pairs)
 
 
 @pytest.mark.parametrize(
@@ -381,24 +335,19 @@ def lift(terms, number):
 )
 @SPRINGS
 def test_other_carriers_give_the_same(elasticity, carrier, number):
-    phi, radii = wander(13, 40), find_radii(elasticity)
-    memory = find_legal_memory(radii, 4)
+    phi, memory = wander(13, 40), find_legal_memory(find_radii(elasticity), 4)
     spring = lift(read_spring_terms(elasticity), number)
-    inverse = invert_spring(carrier, spring)
-    plays = tuple(number(float(entry)) for entry in memory)
-    first = carrier.add(spring.stiffness, sum((k for _, k in spring.stops), carrier.zero))
-    model = Plays(
-        weights=(first, *(-k for _, k in spring.stops)), thresholds=tuple(r for r, _ in spring.stops)
-    )
-    state = invert_plays_memory(carrier, model, plays)
-    torques, torsions = [], []
+    inverse, plays = invert_spring(carrier, spring), tuple(number(float(entry)) for entry in memory)
+    radii, stiffness = zip(*spring.stops, strict=True)
+    first = carrier.add(spring.stiffness, sum(stiffness, carrier.zero))
+    model = Plays(weights=(first, *(-k for k in stiffness)), thresholds=radii)
+    state, torques, torsions = invert_plays_memory(carrier, model, plays), [], []
     for value in phi:
         torque, plays = advance_spring(carrier, spring, number(float(value)), plays)
         torsion, state = advance_inverse_spring(carrier, inverse, torque, state)
         torques.append(float(torque))
         torsions.append(float(torsion))
-        if carrier is EXACT:
-            assert torsion == Fraction(float(value))
+        assert carrier is not EXACT or torsion == Fraction(float(value))
     assert_near(compute_hysteresis_torque(elasticity, phi, memory=memory), torques, 1e-14)
     assert_near(torsions, phi, 1e-15)
     found = compute_inverse_plays(elasticity, phi, memory)[0][-1, 1:]
@@ -421,13 +370,10 @@ def test_what_is_refused():
             find(cubic, np.zeros(2))
     with raises(RobotError, "robot.unknown-stiffness", match="unknown"):
         compute_hysteresis_torque(Elasticity(stiffness=1.0, stops=(Stop(threshold=1.0),)), np.zeros(2))
-    with pytest.raises(RobotError) as caught:
+    with raises(RobotError, *["robot.impossible-memory"] * 2, match=r"plays 1 and 2 are 0.01 .* 0.003"):
         invert_hysteresis(SOFT, np.zeros(2), np.array([0.0, 0.01, 0.0]))
-    assert [notice.code for notice in caught.value.notices] == ["robot.impossible-memory"] * 2
-    assert "plays 1 and 2 are 0.01 apart; allowed is 0.003" in str(caught.value)
-    with pytest.raises(RobotError) as caught:
+    with raises(RobotError, "robot.impossible-memory"):
         invert_play_model(PlayModel(weights=(1.0, 0.1, 0.1), thresholds=(1.0, 2.0)), [0.0])
-    assert [notice.code for notice in caught.value.notices] == ["robot.impossible-memory"]
     for weights, thresholds in [((1.0, -2.0), (1.0,)), ((1.0,), (1.0,)), ((1.0, 0.1, 0.1), (1.0, 1.0))]:
         with pytest.raises(RobotError):
             PlayModel(weights=weights, thresholds=thresholds)

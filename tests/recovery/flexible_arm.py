@@ -97,17 +97,15 @@ def _integrate(time, q, dq, ddq):
 def _find_load(q, dq, ddq, spring):
     """Return the torques (N, 2) of links and payload."""
     first, both = np.exp(1j * q[:, 0]), np.exp(1j * (q[:, 0] + q[:, 1]))
-    arms = (CENTRES[1], LENGTHS[1] + 1j * spring[0])
-    lengths = [(CENTRES[0] * first, 0.0), *((LENGTHS[0] * first + a * both, a * both) for a in arms)]
-    load = np.zeros((len(q), 2))
-    for mass, second, slopes in zip(
-        (*MASSES, PAYLOAD), _find_acceleration(q, dq, ddq, *spring), lengths, strict=True
-    ):
-        force = mass * (second + 1j * GRAVITY)
-        for joint, slope in enumerate(slopes):
-            load[:, joint] += (force * np.conj(1j * slope)).real
+    outer = [arm * both for arm in (CENTRES[1], LENGTHS[1] + 1j * spring[0])]
+    lengths = [(CENTRES[0] * first, 0.0), *((LENGTHS[0] * first + part, part) for part in outer)]
     turn = INERTIAS[1] * ddq.sum(axis=1)
-    return load + np.column_stack([INERTIAS[0] * ddq[:, 0] + turn, turn])
+    load = np.column_stack([INERTIAS[0] * ddq[:, 0] + turn, turn])
+    points = zip((*MASSES, PAYLOAD), _find_acceleration(q, dq, ddq, *spring), lengths, strict=True)
+    for mass, second, slopes in points:
+        force = mass * (second + 1j * GRAVITY)
+        load += np.column_stack([(force * np.conj(1j * slope)).real for slope in slopes])
+    return load
 
 
 def find_friction(dq, load):

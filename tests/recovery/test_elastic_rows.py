@@ -68,17 +68,6 @@ def test_filters_are_exact_for_the_signals_that_they_assume(rate):
     assert np.allclose(step, 1.0 - np.exp(-rate * time), atol=1e-12)
 
 
-def test_a_torque_times_a_number_scales_the_right_sides_alone(arm, run, signals):
-    library = arm[1]
-    more = replace(signals, tau=3.0 * signals.tau)
-    energy, tripled = (build_energy_windows(library, part, 0.1) for part in (signals, more))
-    assert np.array_equal(energy.design, tripled.design)
-    assert np.allclose(3.0 * energy.supplied, tripled.supplied, rtol=1e-12, atol=1e-12)
-    torque, thrice = (build_filtered_rows(library, part, 60.0) for part in (signals, more))
-    assert np.array_equal(torque.design, thrice.design)
-    assert np.allclose(3.0 * torque.torque, thrice.torque, rtol=1e-12, atol=1e-12)
-
-
 def test_a_slower_replay_changes_what_inertias_do_and_not_what_springs_do(arm, signals):
     library = arm[1]
     slow = replace(
@@ -114,15 +103,20 @@ def test_noisy_encoders_ask_for_a_filter_and_clean_ones_do_not(arm, run):
     middle = slice(500, len(prepared.time) - 100)
     error = prepared.tau[1:][middle] - held[: len(prepared.time) - 1][middle]
     assert np.all(np.abs(error.mean(axis=0)) < 0.01 * np.sqrt(np.mean(held**2, axis=0)))
-
-
-def test_signals_accept_either_encoder_as_the_position(run):
-    recording = run.recording
-    turned = replace(
-        recording,
-        position=recording.motor_position,
-        link_position=recording.position,
-        motor_position=None,
-    )
-    first, second = (prepare_elastic_signals(part, ElasticOptions()) for part in (recording, turned))
+    # Either encoder may be the position.
+    turned = replace(run.recording, position=run.recording.motor_position, motor_position=None)
+    turned = replace(turned, link_position=run.recording.position)
+    first, second = (prepare_elastic_signals(part, ElasticOptions()) for part in (run.recording, turned))
     assert np.array_equal(first.phi, second.phi)
+
+
+def test_a_torque_times_a_number_scales_the_right_sides_alone(arm, signals):
+    found = [
+        (build_energy_windows(arm[1], part, 0.1), build_filtered_rows(arm[1], part, 60.0))
+        for part in (signals, replace(signals, tau=3.0 * signals.tau))
+    ]
+    (energy, torque), (tripled, thrice) = found
+    assert np.array_equal(energy.design, tripled.design)
+    assert np.array_equal(torque.design, thrice.design)
+    assert np.allclose(3.0 * energy.supplied, tripled.supplied, rtol=1e-12, atol=1e-12)
+    assert np.allclose(3.0 * torque.torque, thrice.torque, rtol=1e-12, atol=1e-12)

@@ -44,20 +44,6 @@ def test_with_the_true_springs_the_links_follow_a_thousand_times_better(arm):
     assert np.all(straight < 0.5 * rigid)
 
 
-def test_the_reference_is_the_motion_of_the_motors_in_a_run_that_follows(arm):
-    """The torsion of the reference gives, through the spring, the torque that the links need."""
-    _, library = arm
-    truth = believe(library)
-    time = np.arange(0.0, _DURATION, 1e-3)
-    trajectory = build_tc()
-    q, dq, ddq = trajectory.evaluate(time)
-    (torque,) = library.evaluate("inverse_dynamics", q, dq, ddq, truth.beta)
-    reference = compute_elastic_reference(library, truth, trajectory, time)
-    for joint, spring in enumerate(truth.elasticity):
-        found = compute_hysteresis_torque(spring, reference.angle[:, joint] - q[:, joint])
-        np.testing.assert_allclose(found, torque[:, joint], rtol=0, atol=1e-10)
-
-
 def test_more_stops_and_knees_without_effect_change_nothing(arm):
     _, library = arm
     springs = library.card.elasticity

@@ -28,7 +28,7 @@ def test_the_plant_keeps_its_energy_balance_when_its_step_is_halved(motion):
     np.testing.assert_allclose(link, motion[2][: len(time)], atol=2e-5)
 
 
-def test_dynamics_and_the_one_spring_are_found(fit):
+def test_dynamics_and_the_one_spring_are_found(fit, mixed, motion):
     assert [entry.name for entry in fit.estimate.parameters] == [*TRUTH]
     for entry in fit.estimate.parameters:
         away = abs(entry.value - TRUTH[entry.name])
@@ -39,13 +39,12 @@ def test_dynamics_and_the_one_spring_are_found(fit):
     assert (spring.joint, spring.identifiable) == ("shoulder", True)
     assert not fit.estimate.refused or {name for name, _ in fit.estimate.refused} <= {"MY1", "MY2"}
     assert fit.verdict.level == "good"
-
-
-def test_the_spring_predicts_the_joint_torque(fit, motion):
     time, motor, link, _ = motion
     phi, true = compute_spring_torque(motor, link)
-    left = run_element(fit.springs[0].elasticity, phi, time).output - true
+    left = run_element(spring.elasticity, phi, time).output - true
     assert np.sqrt(np.mean(left**2) / np.mean(true**2)) < 0.02
+    with pytest.raises(UsageError, match="--method independent needs a robot whose joints are all elastic"):
+        mixed.identify(build(mixed, motion), method="independent")
 
 
 @pytest.mark.parametrize("method", ["linear-spring", "two-step", "elimination", "weighted", "nlp"])
@@ -71,13 +70,6 @@ def test_a_rigid_joint_with_two_encoders_has_one_position(mixed, motion):
     for entry in (plain, other):
         codes = {notice.code for notice in entry.notices}
         assert not codes & {"log.rigid-joint", "log.constant-position", "log.no-second-encoder"}
-
-
-def test_thresholds_of_a_rigid_joint_do_not_count(mixed, motion):
-    given = symid.IdentifyOptions(thresholds=((1e-3, 3e-3), (1e-3,)), method="nlp")
-    plain = symid.IdentifyOptions(thresholds=((1e-3, 3e-3), ()), method="nlp")
-    log = build(mixed, motion)
-    assert mixed.identify(log, options=given).values == mixed.identify(log, options=plain).values
 
 
 def test_a_coupled_drive_of_rigid_joints_is_no_obstacle(load_text):
@@ -133,8 +125,3 @@ def test_it_is_saved_validated_reported_and_exported(fit, mixed, motion, tmp_pat
     found = exported.identify(build(exported, motion), method="weighted")
     with pytest.raises(UsageError, match="are elbow"):
         found.track(build(exported, motion))
-
-
-def test_a_procedure_for_elastic_robots_alone_is_refused(mixed, motion):
-    with pytest.raises(UsageError, match="--method independent needs a robot whose joints are all elastic"):
-        mixed.identify(build(mixed, motion), method="independent")

@@ -6,7 +6,6 @@ import pytest
 from symid.codegen import prepare_library
 from symid.identification import IdentifyOptions, TaskContext, prepare_elastic_methods
 from symid.identification.elastic.methods import AUTOMATIC_METHODS
-from symid.identification.elastic.together import _Sides
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.joint_models import Elasticity, run_element
 from symid.study.foreign_truths import _prepare_scene, observe_plant
@@ -68,17 +67,3 @@ def test_rigid_joints_and_known_dynamics(mixed):
     # What the springs tell comes on top of what is known without them.
     assert fit["ZZR1"].std < plain["ZZR1"].std
     assert len(fit.springs) == 1
-
-
-def test_a_constant_torque_of_a_spring_is_free():
-    rng = np.random.default_rng(2)
-    pulls = rng.normal(size=(50, 2, 2))
-    pulls[:, 0, 1] = 0.0
-    side = _Sides(design=rng.normal(size=(50, 2, 2, 3)), right=np.zeros((50, 2, 2)), pulls=pulls)
-    for joint in range(2):
-        moved = np.zeros_like(pulls)
-        moved[:, :, joint] = 3.0 * pulls[:, :, joint]
-        np.testing.assert_allclose(side.free(moved), 0.0, atol=1e-12)
-    left = side.free(side.design)
-    np.testing.assert_allclose(np.einsum("msj,msjk->jk", pulls, left), 0.0, atol=1e-12)
-    np.testing.assert_allclose(side.free(left), left, atol=1e-12)

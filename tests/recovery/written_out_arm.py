@@ -33,7 +33,7 @@ LEVEL, REACH = 1.5, 2e-3
 
 def differentiate(state, torques):
     """Return the derivative of (theta1, q1, q2, their speeds, loop torque) under two motor torques."""
-    theta, q1, q2, dtheta, dq1, dq2, loop = state
+    theta, q1, q2, dtheta, dq1, dq2, loop = state.tolist()
     cosine, sine = math.cos(q2), math.sin(q2)
     m11 = TRUTH["ZZR1"] + TRUTH["ZZ2"] + 2.0 * LENGTH * TRUTH["MX2"] * cosine
     m12 = TRUTH["ZZ2"] + LENGTH * TRUTH["MX2"] * cosine
@@ -42,61 +42,43 @@ def differentiate(state, torques):
     outer = GRAVITY * TRUTH["MX2"] * math.sin(q1 + q2)
     inner = GRAVITY * TRUTH["MXR1"] * math.sin(q1) + outer
     spring = STIFFNESS * (theta - q1) + loop
-    drag = [
-        TRUTH[f"Fv{n}"] * speed + TRUTH[f"Fc{n}"] * math.tanh(speed / 0.01)
-        for n, speed in ((1, dtheta), (2, dq2))
-    ]
+    pairs = ((1, dtheta), (2, dq2))
+    drag = [TRUTH[f"Fv{n}"] * v + TRUTH[f"Fc{n}"] * math.tanh(v / 0.01) for n, v in pairs]
     right1 = spring + swing * dq2 * (2.0 * dq1 + dq2) - inner
     right2 = torques[1] - drag[1] - swing * dq1 * dq1 - outer
     determinant = m11 * m22 - m12 * m12
-    rate = dtheta - dq1
-    return (
-        dtheta,
-        dq1,
-        dq2,
-        (torques[0] - drag[0] - spring) / TRUTH["IA1"],
-        (m22 * right1 - m12 * right2) / determinant,
-        (m11 * right2 - m12 * right1) / determinant,
-        (LEVEL * rate - abs(rate) * loop) / REACH,
+    rate, pull = dtheta - dq1, torques[0] - drag[0] - spring
+    bends = (m22 * right1 - m12 * right2) / determinant, (m11 * right2 - m12 * right1) / determinant
+    return np.array(
+        [dtheta, dq1, dq2, pull / TRUTH["IA1"], *bends, (LEVEL * rate - abs(rate) * loop) / REACH]
     )
 
 
 def wave(time, joint):
     """Return the desired position of a motor."""
-    terms = (
-        ((0.55, 0.31), (0.3, 0.77), (0.12, 1.9)) if joint == 0 else ((0.6, 0.43), (0.35, 0.95), (0.15, 2.3))
-    )
+    terms = ((0.6, 0.43), (0.35, 0.95), (0.15, 2.3)) if joint else ((0.55, 0.31), (0.3, 0.77), (0.12, 1.9))
     return sum(size * math.sin(2.0 * math.pi * f * time + 0.7 * joint) for size, f in terms)
 
 
 def simulate(duration, seed, steps=8):
     """Return time, motor and link positions, torques of a loop with held torques, and measured torques."""
-    period, state = 1e-3, (0.0,) * 7
-    rows = []
+    period, state, rows = 1e-3, np.zeros(7), []
+    step = period / steps
     for tick in range(round(duration / period)):
-        time = tick * period
-        places, speeds = (state[0], state[2]), (state[3], state[5])
-        torques = tuple(
-            gain * (wave(time, joint) - place) - damp * speed
-            for joint, (gain, damp, place, speed) in enumerate(
-                zip((900.0, 300.0), (25.0, 8.0), places, speeds, strict=True)
-            )
+        time, (theta, q1, q2, dtheta, _, dq2, _) = tick * period, state.tolist()
+        torques = (
+            900.0 * (wave(time, 0) - theta) - 25.0 * dtheta,
+            300.0 * (wave(time, 1) - q2) - 8.0 * dq2,
         )
-        rows.append((time, state[0], state[2], state[1], state[2], *torques))
-        step = period / steps
+        rows.append((time, theta, q2, q1, q2, *torques))
         for _ in range(steps):
             k1 = differentiate(state, torques)
-            k2 = differentiate([x + 0.5 * step * k for x, k in zip(state, k1, strict=True)], torques)
-            k3 = differentiate([x + 0.5 * step * k for x, k in zip(state, k2, strict=True)], torques)
-            k4 = differentiate([x + step * k for x, k in zip(state, k3, strict=True)], torques)
-            state = tuple(
-                x + step / 6.0 * (a + 2.0 * b + 2.0 * c + d)
-                for x, a, b, c, d in zip(state, k1, k2, k3, k4, strict=True)
-            )
-    found = np.array(rows)
-    rng = np.random.default_rng(seed)
-    tick = 2.0 * np.pi / 2**20
-    motor, link = (np.round(found[:, part] / tick) * tick for part in (slice(1, 3), slice(3, 5)))
+            k2 = differentiate(state + 0.5 * step * k1, torques)
+            k3 = differentiate(state + 0.5 * step * k2, torques)
+            k4 = differentiate(state + step * k3, torques)
+            state = state + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    found, rng, count = np.array(rows), np.random.default_rng(seed), 2.0 * np.pi / 2**20
+    motor, link = (np.round(found[:, part] / count) * count for part in (slice(1, 3), slice(3, 5)))
     torque = found[:, 5:]
     noisy = torque + rng.normal(scale=0.02 * np.std(torque, axis=0), size=torque.shape)
     return found[:, 0], motor, link, noisy

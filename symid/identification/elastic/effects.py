@@ -22,6 +22,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import scipy
@@ -31,13 +32,12 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library
 from symid.errors import RobotError
 from symid.identification.diagnostics import sum_block_scores
+from symid.identification.elastic.elimination import compute_speeds, filter_band
 from symid.identification.elastic.estimate import compute_covariance, list_spring_numbers, move_spring
 from symid.identification.elastic.regression import (
     DriveEffect,
     ElasticProblem,
     ElasticSignals,
-    build_equations,
-    center_held,
     compute_joint_torque,
     mark_sliding,
 )
@@ -60,7 +60,7 @@ _ENOUGH = 20
 _LAG_ROUNDS, _LEAST_LAG, _LONGEST_LAG = 6, 0.05, 0.01
 """The least of the sample period, the longest in s."""
 _ORDER, _CUT = 4, 2.0
-"""Of the low-pass; and periods of its edge that are cut at both ends."""
+"""Of the low-pass; and periods of the signals' cut-off that are cut at both ends."""
 _RANK = 1e-10
 """Relative singular value of what is not identifiable."""
 _EXACT = 1e-8
@@ -74,7 +74,7 @@ class _Rows(FrozenArrays):
     Args:
         design: (m, p); torque: (m,).
         group: (m,) recording and joint; joint: (m,); block: (m,) of its recording; theta: (m,).
-        places: for each recording its samples; kept: for each recording (M, n) which rows count.
+        places: for each recording its samples and (M, n) which rows count.
     """
 
     signals: tuple[ElasticSignals, ...]
@@ -85,13 +85,12 @@ class _Rows(FrozenArrays):
     joint: NDArray[np.intp]
     block: NDArray[np.intp]
     theta: FloatArray
-    places: tuple[slice, ...]
-    kept: tuple[NDArray[np.bool_], ...]
+    places: tuple[tuple[slice, NDArray[np.bool_]], ...]
 
     def stack(self, columns: Sequence[FloatArray]) -> FloatArray:
         """Return the rows (m, k) of columns (N, n, k) of every recording, low-passed."""
         parts = []
-        for part, place, kept, values in zip(self.signals, self.places, self.kept, columns, strict=True):
+        for part, (place, kept), values in zip(self.signals, self.places, columns, strict=True):
             smooth = low_pass(values, period=part.period, cutoff=self.edge, order=_ORDER)
             parts.append(smooth[place][kept])
         return np.concatenate(parts)
@@ -100,16 +99,15 @@ class _Rows(FrozenArrays):
         """Return the columns (m, k) of an effect."""
         columns = []
         for part in self.signals:
-            size = part.dq.shape[1]
             if effect.kind == "torque-lag":
-                columns.append(differentiate_smooth(_center(part), part.period)[..., None])
+                columns.append(differentiate_smooth(part.centred_torque, part.period)[..., None])
                 continue
-            own = np.zeros((len(part.time), size, 1 + (effect.kind == "torque-ripple")))
+            angle = effect.order * part.theta[:, effect.joint]
+            shape = np.column_stack([np.cos(angle), np.sin(angle)])
             if effect.kind == "link-friction":
-                own[:, effect.joint, 0] = part.dq[:, effect.joint]
-            else:
-                angle = effect.order * part.theta[:, effect.joint]
-                own[:, effect.joint] = np.column_stack([np.cos(angle), np.sin(angle)])
+                shape = part.dq[:, [effect.joint]]
+            own = np.zeros((*part.dq.shape, shape.shape[1]))
+            own[:, effect.joint] = shape
             columns.append(own)
         return self.stack(columns)
 
@@ -117,11 +115,10 @@ class _Rows(FrozenArrays):
         """Return coefficients of [design, extra], errors (m,), and weights (m,) 1 / scatter of the group."""
         whole = np.hstack([self.design, extra])
         floor = 1e-9 * max(float(np.sqrt(np.mean(self.torque**2))), 1e-300)
-        weights = np.ones(len(self.torque))
+        counts, weights = np.maximum(np.bincount(self.group), 1), np.ones(len(self.torque))
         for _ in range(3):
             values = solve_scaled(whole * weights[:, None], self.torque * weights, rcond=_RANK)
             errors = self.torque - whole @ values
-            counts = np.maximum(np.bincount(self.group), 1)
             scatter = np.sqrt(np.bincount(self.group, errors**2) / counts)
             weights = 1.0 / np.maximum(scatter, floor)[self.group]
         return values, errors, weights
@@ -135,64 +132,30 @@ class _Rows(FrozenArrays):
         lengths = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
         whole /= lengths
         parts = [whole[self.block == number] for number in range(_BLOCKS)]
-        grams = [part.T @ part for part in parts]
-        total = sum(grams)
-        losses, last = [], []
-        for part, gram in zip(parts, grams, strict=True):
-            left = total - gram
+        grams = np.array([part.T @ part for part in parts])
+        losses, last = np.empty((2, _BLOCKS))
+        for number, left in enumerate(sum(grams) - grams):
             values = np.linalg.lstsq(left[:-1, :-1], left[:-1, -1], rcond=_RANK)[0]
-            losses.append(float(np.mean((part[:, -1] - part[:, :-1] @ values) ** 2)))
-            last.append(values[-1] * lengths[-1] / lengths[-2])
+            losses[number] = np.mean((parts[number][:, -1] - parts[number][:, :-1] @ values) ** 2)
+            last[number] = values[-1] * lengths[-1] / lengths[-2]
         # What is left of exact logs is rounding, which no effect explains.
-        return np.array(losses) + _EXACT / len(whole), np.array(last)
-
-
-def _center(part: ElasticSignals) -> FloatArray:
-    return center_held(part.tau) if part.hold == "zero" else part.tau
+        return losses + _EXACT / len(whole), last
 
 
 def _build_rows(library: Library, signals: Sequence[ElasticSignals], edge: float) -> _Rows:
-    designs, torques, groups, joints, blocks, angles, places, keeps = ([] for _ in range(8))
-    size = library.card.size
-    speeds = np.sqrt(np.mean(np.concatenate([part.dtheta for part in signals]) ** 2, axis=0))
+    size, speeds, places = library.card.size, compute_speeds(signals), []
+    parts: list[list[NDArray[Any]]] = []
     for number, part in enumerate(signals):
-        cut = int(np.ceil(_CUT / (edge * part.period)))
-        place = slice(cut, len(part.time) - cut, max(1, round(0.5 / (edge * part.period))))
-
-        def low(values: FloatArray, part: ElasticSignals = part) -> FloatArray:
-            return low_pass(values, period=part.period, cutoff=edge, order=_ORDER)
-
-        def rate(values: FloatArray, part: ElasticSignals = part, place: slice = place) -> FloatArray:
-            return differentiate_smooth(low(values), part.period)[place]
-
+        place, design, torque = filter_band(library, part, edge)
         kept = mark_sliding(part, 1.0 / edge, _STILL * speeds)[place]
-
-        def pick(values: FloatArray, place: slice = place) -> FloatArray:
-            return low(values)[place]
-
-        design = build_equations(library, part, rate, pick)
-        designs.append(design[kept])
-        torques.append(low(_center(part))[place][kept])
-        where = np.broadcast_to(np.arange(size), kept.shape)[kept]
-        joints.append(where)
-        groups.append(number * size + where)
-        time = np.arange(len(kept)) * _BLOCKS // max(1, len(kept))
-        blocks.append(np.broadcast_to(time[:, None], kept.shape)[kept])
-        angles.append(part.theta[place][kept])
-        places.append(place)
-        keeps.append(kept)
-    return _Rows(
-        signals=tuple(signals),
-        edge=edge,
-        design=np.concatenate(designs),
-        torque=np.concatenate(torques),
-        group=np.concatenate(groups),
-        joint=np.concatenate(joints),
-        block=np.concatenate(blocks),
-        theta=np.concatenate(angles),
-        places=tuple(places),
-        kept=tuple(keeps),
-    )
+        time, joint = np.arange(len(kept))[:, None], np.broadcast_to(np.arange(size), kept.shape)
+        block = np.broadcast_to(time * _BLOCKS // max(1, len(kept)), kept.shape)
+        places.append((place, kept))
+        columns = (design, torque, number * size + joint, joint, block, part.theta[place])
+        parts.append([values[kept] for values in columns])
+    names = ("design", "torque", "group", "joint", "block", "theta")
+    rows = dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True))
+    return _Rows(signals=tuple(signals), edge=edge, places=tuple(places), **rows)
 
 
 def measure_effects(
@@ -205,8 +168,8 @@ def measure_effects(
     rows = _build_rows(library, signals, edge)
     if len(rows.torque) < _ENOUGH * rows.design.shape[1] or len(set(rows.block.tolist())) < _BLOCKS:
         return ()
-    motor, link = (np.concatenate([getattr(part, name) for part in signals]) for name in ("dtheta", "dq"))
-    speeds, apart = (np.sqrt(np.mean(side**2, axis=0)) for side in (motor, motor - link))
+    apart = np.concatenate([part.dtheta - part.dq for part in signals])
+    speeds, apart = compute_speeds(signals), np.sqrt(np.mean(apart**2, axis=0))
     # Where motor and link move as one, their friction cannot be told apart: it is the motor's.
     shaken = (apart > _APART * speeds) & (speeds > _APART * float(np.max(speeds)))
     # Recordings of several rates are not late alike.
@@ -220,7 +183,7 @@ def measure_effects(
         _, errors, weights = rows.solve(extra)
         (before, _), tried = rows.predict(extra, weights), []
         candidates = [effect for effect in plain if effect not in found]
-        for joint in range(motor.shape[1]):
+        for joint in range(len(speeds)):
             # The largest peak of the joint's errors.
             own = rows.joint == joint
             if order := _find_order(rows.theta[own], (errors * weights)[own]):
@@ -233,8 +196,7 @@ def measure_effects(
             ):
                 continue
             after, values = rows.predict(further, weights)
-            gains = np.log(before / after)
-            mean, error = float(np.mean(gains)), float(np.std(gains, ddof=1)) / np.sqrt(_BLOCKS)
+            mean, error = _measure_gain(np.log(before / after))
             # Blocks gain unequally where motions differ: a number that all agree on needs less of it.
             deviation = np.sqrt(_BLOCKS - 1.0) * float(np.std(values))
             alone = further.shape[1] == extra.shape[1] + 1
@@ -245,7 +207,12 @@ def measure_effects(
             break
         _, best, extra = max(tried, key=lambda entry: entry[0])
         found.append(best)
-    return tuple(_measure_values(rows, found)) if found else ()
+    return tuple(_measure_values(rows, found))
+
+
+def _measure_gain(gains: FloatArray) -> tuple[float, float]:
+    """Return the mean of the gains (b,) of blocks, and its standard error."""
+    return float(np.mean(gains)), float(np.std(gains, ddof=1)) / math.sqrt(len(gains))
 
 
 _APART = 0.3
@@ -281,11 +248,11 @@ _WHOLE = 0.02
 def _compute_power(theta: FloatArray, errors: FloatArray, orders: FloatArray) -> FloatArray:
     """Return the power (k,) of errors (m,) over positions (m,) at orders (k,) that are evenly apart."""
     wave, turn = errors * np.exp(1j * theta * orders[0]), np.exp(1j * theta * (orders[1] - orders[0]))
-    power = np.empty(len(orders))
+    sums = np.empty(len(orders), dtype=np.complex128)
     for place in range(len(orders)):
-        power[place] = np.abs(np.sum(wave)) ** 2
+        sums[place] = np.sum(wave)
         wave *= turn
-    return power
+    return np.abs(sums) ** 2
 
 
 def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[DriveEffect]:
@@ -308,7 +275,7 @@ def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[Drive
         step, before = left / slope, left
         lag += step
         signals = tuple(replace(part, tau=shift_channel(part.time, part.tau, -lag)) for part in rows.signals)
-        torques = replace(rows, signals=signals).stack([_center(part)[..., None] for part in signals])
+        torques = replace(rows, signals=signals).stack([part.centred_torque[..., None] for part in signals])
         moved = replace(rows, signals=signals, torque=torques[:, 0])
     whole = np.hstack([moved.design, *parts]) * weights[:, None]
     lengths = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
@@ -344,11 +311,9 @@ def measure_gears(
     found: list[DriveEffect] = []
     loads = [compute_link_torque(library, part, beta) for part in signals]
     for joint, gives in enumerate(library.card.yielding):
-        rows = _build_gear_rows(signals, loads, joint) if gives else None
-        if rows is None:
-            continue
+        rows = _build_gear_rows(signals, loads, joint) if gives else []
         own: list[DriveEffect] = []
-        while len(own) < _MOST_ORDERS:
+        while rows and len(own) < _MOST_ORDERS:
             _, errors = _fit_gear(rows, own)
             theta = np.concatenate([part.theta[part.kept] for part in rows])
             # What a spring of stops misses is long: a few waves within the range of the motion.
@@ -357,13 +322,14 @@ def measure_gears(
                 break
             trial = [*own, DriveEffect(kind="kinematic-error", joint=joint, order=order, values=(0.0, 0.0))]
             better, after = _fit_gear(rows, trial)
-            gains = [
-                float(np.log(np.mean(old**2) / np.mean(new**2)))
-                for pair in zip(errors, after, strict=True)
-                for old, new in zip(*(np.array_split(part, _BLOCKS) for part in pair), strict=True)
-            ]
-            deviation = float(np.std(gains, ddof=1)) / np.sqrt(len(gains))
-            if not float(np.mean(gains)) > max(_GEAR_GAIN, _SURE * deviation):
+            squares = np.array(
+                [
+                    [np.mean(block**2) for part in side for block in np.array_split(part, _BLOCKS)]
+                    for side in (errors, after)
+                ]
+            )
+            mean, deviation = _measure_gain(np.log(squares[0] / squares[1]))
+            if not mean > max(_GEAR_GAIN, _SURE * deviation):
                 break
             own = better
         found += own
@@ -389,28 +355,34 @@ class _GearRows(FrozenArrays):
     period: float
     cutoff: float
 
+    @property
+    def counted(self) -> FloatArray:
+        """Return the torque (M,) of the samples that count."""
+        return self.torque[self.kept]
+
 
 def _build_gear_rows(
     signals: Sequence[ElasticSignals], loads: Sequence[FloatArray], joint: int
-) -> list[_GearRows] | None:
+) -> list[_GearRows]:
     """Return the recordings in which a joint moves well."""
     spans = [float(np.ptp(part.theta[:, joint])) for part in signals]
     rows = []
     for part, load, span in zip(signals, loads, spans, strict=True):
-        edge = int(np.ceil(_CUT / (part.cutoff * part.period))) if part.cutoff else 1
+        edge, step = 1, 1
+        if part.cutoff:
+            edge = int(np.ceil(_CUT / (part.cutoff * part.period)))
+            step = max(1, round(0.5 / (part.cutoff * part.period)))
         if span > _MOVES * max(spans) and len(part.time) > 4 * edge:
-            step = max(1, round(0.5 / (part.cutoff * part.period))) if part.cutoff else 1
-            rows.append(
-                _GearRows(
-                    theta=part.theta[:, joint],
-                    phi=part.phi[:, joint],
-                    torque=load[:, joint],
-                    kept=slice(max(edge, part.settled), len(part.time) - edge, step),
-                    period=part.period,
-                    cutoff=part.cutoff,
-                )
+            own = _GearRows(
+                theta=part.theta[:, joint],
+                phi=part.phi[:, joint],
+                torque=load[:, joint],
+                kept=slice(max(edge, part.settled), len(part.time) - edge, step),
+                period=part.period,
+                cutoff=part.cutoff,
             )
-    return rows or None
+            rows.append(own)
+    return rows
 
 
 _MOVES = 0.1
@@ -426,17 +398,14 @@ def _fit_gear(
         errors, steps, counts = [], [], []
         values = np.array([value for effect in found for value in effect.values])
         for part in rows:
-            shapes = np.zeros((len(part.theta), 0))
-            if found:
-                angles = np.stack([effect.order * part.theta for effect in found], axis=1)
-                shapes = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(len(angles), -1)
-                if part.cutoff:
-                    # As the signals were filtered.
-                    shapes = low_pass(shapes, period=part.period, cutoff=part.cutoff, order=_ORDER)
-            torsion = part.phi + shapes @ values
-            basis = _build_spring_basis(torsion)[part.kept]
-            torque, waves = part.torque[part.kept], shapes[part.kept]
-            weights = solve_scaled(np.hstack([basis, waves]), torque, rcond=_RANK)
+            angles = np.outer(part.theta, [effect.order for effect in found])
+            shapes = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(len(angles), -1)
+            if part.cutoff and found:
+                # As the signals were filtered.
+                shapes = low_pass(shapes, period=part.period, cutoff=part.cutoff, order=_ORDER)
+            basis = _build_spring_basis(part.phi + shapes @ values)[part.kept]
+            torque = part.counted
+            weights = solve_scaled(np.hstack([basis, shapes[part.kept]]), torque, rcond=_RANK)
             # Waves are short: the spring answers them with the stiffness it has after a reversal.
             slopes = weights[: _STOPS + 1]
             stiffness = max(float(np.sum(slopes)), _SOFT * float(np.max(np.abs(slopes)))) or 1.0
@@ -469,29 +438,28 @@ def measure_eccentricity(
         torsion = np.concatenate([part.phi[:, joint] for part in signals])
         # Where the link's zero is not known, it is turned, and the wave is that of wrong gravity.
         turned = abs(float(np.mean(torsion))) > float(np.ptp(torsion))
-        rows = _build_gear_rows(signals, loads, joint) if turns and not turned else None
-        if rows is None:
-            continue
+        rows = _build_gear_rows(signals, loads, joint) if turns and not turned else []
         waves = [np.column_stack([np.cos(part.theta), np.sin(part.theta)]) for part in rows]
         # A torque of the same form: a small wave of the torsion gives little more.
         bases = [_build_spring_basis(part.phi, part.period) for part in rows]
         wider = [np.hstack(pair) for pair in zip(bases, waves, strict=True)]
-        if _compute_gain(_leave_torque(rows, bases), _leave_torque(rows, wider)) < 0.5 * _DISC_GAIN:
+        gain = _compute_gain(_leave_torque(rows, bases), _leave_torque(rows, wider)) if rows else 0.0
+        if gain < 0.5 * _DISC_GAIN:
             continue
         values, covariance, gain = _fit_disc(rows, waves)
         # Where a joint turns little, a wave far longer than its torsion would do for a spring.
         small = math.hypot(*values) < 0.5 * float(np.ptp(torsion))
         if small and gain > _DISC_GAIN and values @ np.linalg.pinv(covariance) @ values > _DISC_SURE:
             found.append(
-                DriveEffect(
-                    kind="link-eccentricity",
-                    joint=joint,
-                    values=tuple(values.tolist()),
-                    deviations=tuple(np.sqrt(np.diag(covariance)).tolist()),
-                    order=1.0,
-                )
+                _state(DriveEffect(kind="link-eccentricity", joint=joint, order=1.0), values, covariance)
             )
     return tuple(found)
+
+
+def _state(effect: DriveEffect, values: FloatArray, covariance: FloatArray) -> DriveEffect:
+    """Return an effect with values (k,) of a covariance (k, k)."""
+    deviations = np.sqrt(np.diag(covariance)).tolist()
+    return replace(effect, values=tuple(values.tolist()), deviations=tuple(deviations))
 
 
 def refine_eccentricity(
@@ -508,21 +476,19 @@ def refine_eccentricity(
     for disc in discs:
         joint, spring = disc.joint, springs[disc.joint]
 
-        def compute(spring: Elasticity, wave: Sequence[float] = (0.0, 0.0), joint: int = joint) -> FloatArray:
+        def compute(
+            spring: Elasticity, wave: Sequence[float] | FloatArray = (0.0, 0.0), joint: int = joint
+        ) -> FloatArray:
             parts = []
             for signals, rows in zip(problem.signals, problem.filtered, strict=True):
-                q = signals.q[:, joint]
-                error = np.zeros_like(signals.q) if signals.error is None else signals.error.copy()
+                q, error = signals.q[:, joint], signals.phi - (signals.theta - signals.q)
                 error[:, joint] += wave[0] * np.cos(q) + wave[1] * np.sin(q)
                 torque = compute_joint_torque(spring, replace(signals, error=error), joint)
                 parts.append(filter_smooth(torque, problem.options.rate, signals.period)[rows.keep])
             return np.concatenate(parts)
 
         left, step = link[:, joint] - compute(spring), _WAVE_STEP * math.hypot(*disc.values)
-        columns = [
-            (compute(spring, (step, 0.0)) - compute(spring, (-step, 0.0))) / (2.0 * step),
-            (compute(spring, (0.0, step)) - compute(spring, (0.0, -step))) / (2.0 * step),
-        ]
+        columns = [(compute(spring, way) - compute(spring, -way)) / (2.0 * step) for way in step * np.eye(2)]
         for value, place in list_spring_numbers(spring):
             # At the edge of what springs can be, a number stays.
             with suppress(RobotError):
@@ -535,13 +501,7 @@ def refine_eccentricity(
         moved = solve_scaled(design, left, rcond=_RANK)
         errors = left - design @ moved
         covariance = compute_covariance(design, errors)[:2, :2]
-        refined.append(
-            replace(
-                disc,
-                values=tuple((np.array(disc.values) + moved[:2]).tolist()),
-                deviations=tuple(np.sqrt(np.diag(covariance)).tolist()),
-            )
-        )
+        refined.append(_state(disc, np.array(disc.values) + moved[:2], covariance))
     return tuple(refined)
 
 
@@ -557,8 +517,8 @@ def _leave_torque(rows: Sequence[_GearRows], bases: Sequence[FloatArray]) -> Flo
     """Return what columns of every recording leave of its torque (M,), each fitted alone."""
     errors = []
     for part, basis in zip(rows, bases, strict=True):
-        columns, torque = basis[part.kept], part.torque[part.kept]
-        errors.append(torque - columns @ solve_scaled(columns, torque, rcond=_RANK))
+        columns = basis[part.kept]
+        errors.append(part.counted - columns @ solve_scaled(columns, part.counted, rcond=_RANK))
     return np.concatenate(errors)
 
 

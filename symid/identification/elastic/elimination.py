@@ -18,7 +18,9 @@ Not supported: encoder noise as large as torque noise within the band; the motor
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import scipy
@@ -34,13 +36,11 @@ from symid.identification.elastic.regression import (
     build_equations,
     build_filtered_rows,
     build_spring_data,
-    center_held,
     filter_derivative,
-    fit_joint_spring,
     mark_sliding,
     solve_with_signs,
 )
-from symid.identification.hysteresis import build_elasticity, filter_smooth
+from symid.identification.hysteresis import filter_smooth
 from symid.identification.regression import choose_windows, integrate_windows
 from symid.logs import Recording, differentiate_smooth, low_pass
 
@@ -133,25 +133,6 @@ def fit_momentum(problem: ElasticProblem) -> MethodFit:
     return build_method_fit("momentum", chi, problem.sizes, springs)
 
 
-def _integrate_equations(
-    library: Library, signals: ElasticSignals, length: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return design (m, n, p + n + pf) and impulses (m, n) in N m s or N s of windows of `length` s."""
-    first = signals.settled
-    windows = choose_windows(len(signals.time) - first, signals.period, length)
-    design = build_equations(
-        library,
-        signals,
-        lambda values: np.diff(values[first:][windows.ends], axis=0),
-        lambda values: integrate_windows(values[first:], windows),
-    )
-    if signals.hold != "zero":
-        return design, integrate_windows(signals.tau[first:], windows)
-    # The integral of a held torque is exact.
-    held = signals.tau[first:][: windows.count * windows.intervals]
-    return design, windows.period * held.reshape(windows.count, windows.intervals, -1).sum(axis=1)
-
-
 _EDGE = 20.0
 """Hz; the band in which arms move, and in which white noise of the torque outweighs that of encoders."""
 _LEAST_RATIO, _FAST_RATIO = 25.0, 15.0
@@ -180,25 +161,68 @@ def get_wide_cutoff(period: float, band: float = 0.0) -> float:
     return min(_STATES * _choose_edge(period, band), 0.4 / period)
 
 
+def _integrate_equations(
+    library: Library, signals: ElasticSignals, length: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return design (m, n, p + n + pf) and impulses (m, n) in N m s or N s of windows of `length` s."""
+    first = signals.settled
+    windows = choose_windows(len(signals.time) - first, signals.period, length)
+    design = build_equations(
+        library,
+        signals,
+        lambda values: np.diff(values[first:][windows.ends], axis=0),
+        lambda values: integrate_windows(values[first:], windows),
+    )
+    if signals.hold != "zero":
+        return design, integrate_windows(signals.tau[first:], windows)
+    # The integral of a held torque is exact.
+    held = signals.tau[first:][: windows.count * windows.intervals]
+    return design, windows.period * held.reshape(windows.count, windows.intervals, -1).sum(axis=1)
+
+
+def keep_band(count: int, period: float, edge: float) -> slice:
+    """Return the samples of rows in the band below `edge` Hz: twice the edge, without the filters' ends."""
+    cut = int(np.ceil(_CUT / (edge * period)))
+    return slice(cut, count - cut, max(1, round(0.5 / (edge * period))))
+
+
+def filter_band(
+    library: Library, signals: ElasticSignals, edge: float
+) -> tuple[slice, FloatArray, FloatArray]:
+    """Return the samples of rows in the band below `edge` Hz, design (M, n, p + n + pf) and torque (M, n).
+
+    Every column is made of hardly filtered states and then filtered exactly as the torque is, so that kinks
+    of friction stay in place. Noise of the rows is nearly independent.
+    """
+    period, torque = signals.period, signals.centred_torque
+    keep, low = (
+        keep_band(len(torque), period, edge),
+        partial(low_pass, period=period, cutoff=edge, order=_ORDER),
+    )
+    design = build_equations(
+        library, signals, lambda values: differentiate_smooth(low(values), period), low, keep
+    )
+    return keep, design, low(torque - signals.link_drag)[keep]
+
+
 def build_band_rows(library: Library, signals: Sequence[ElasticSignals], band: float = 0.0) -> BandRows:
     """Return the equations of all recordings; their signals should pass `get_wide_cutoff`, or no filter.
 
-    Every column is made of hardly filtered states and then filtered exactly as the torque is, so that kinks
-    of friction stay in place. Rows are taken at twice the edge of the band: noise is nearly independent. The
-    edge lies above `band`, that of the motion in Hz.
+    The edge of their band lies above `band`, that of the motion in Hz.
     """
-    speeds = compute_speeds(signals)
-    parts = [_filter_equations(library, part, _choose_edge(part.period, band), speeds) for part in signals]
-    design, torque, time, slide = (np.concatenate(part) for part in zip(*parts, strict=True))
-    joints = library.card.size
-    owner = np.repeat(np.arange(len(parts)), [len(part[2]) for part in parts])
-    return BandRows(
-        design=design.reshape(-1, design.shape[2]),
-        torque=torque.reshape(-1),
-        group=(owner[:, None] * joints + np.arange(joints)).reshape(-1),
-        time=np.repeat(time, joints),
-        slide=slide.reshape(-1),
-    )
+    joints, speeds = library.card.size, compute_speeds(signals)
+    parts: list[tuple[NDArray[Any], ...]] = []
+    for number, part in enumerate(signals):
+        edge = _choose_edge(part.period, band)
+        keep, design, torque = filter_band(library, part, edge)
+        time = np.repeat(np.arange(len(part.time))[keep] / len(part.time), joints)
+        slide = np.sum([mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in _SHARES], axis=0)
+        group = np.broadcast_to(number * joints + np.arange(joints), torque.shape)
+        parts.append(
+            (design.reshape(-1, design.shape[2]), torque.ravel(), group.ravel(), time, slide.ravel())
+        )
+    names = ("design", "torque", "group", "time", "slide")
+    return BandRows(**dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True)))
 
 
 def measure_torque_noise(recordings: Sequence[Recording], band: float = 0.0) -> FloatArray:
@@ -260,12 +284,10 @@ def choose_sliding_rows(
     ] or sets[:1]
     scatter = fit_band(card, sets[-1], known=known).scatter
     fits = [fit_band(card, part, scatter=scatter, known=known) for part in sets]
-    number = 0
-    for number, fit in enumerate(fits[:-1]):
-        if all(_agree(fit, other) for other in fits[number + 1 :]):
-            break
-    else:
-        number = len(sets) - 1
+    agreed = (
+        number for number, fit in enumerate(fits) if all(_agree(fit, other) for other in fits[number + 1 :])
+    )
+    number = next(agreed)
     return sets[number], (0.0, *_SHARES)[number]
 
 
@@ -275,9 +297,10 @@ _ENOUGH = 20
 
 def _agree(fit: BandFit, other: BandFit) -> bool:
     """Return whether a fit of more rows agrees with one of fewer."""
-    known = np.isfinite(np.diag(other.covariance)) & np.isfinite(np.diag(fit.covariance))
-    if np.count_nonzero(known) < np.count_nonzero(np.isfinite(np.diag(fit.covariance))):
+    known, own = (np.isfinite(np.diag(entry.covariance)) for entry in (other, fit))
+    if np.any(own & ~known):
         return True
+    known &= own
     apart = (fit.chi - other.chi)[known]
     both = np.ix_(known, known)
     spread = other.covariance[both] - fit.covariance[both]
@@ -291,32 +314,6 @@ def _agree(fit: BandFit, other: BandFit) -> bool:
 
 
 _OPEN = 1e-3
-
-
-def _filter_equations(
-    library: Library, signals: ElasticSignals, edge: float, speeds: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, NDArray[np.intp]]:
-    """Return design (m, n, p + n + pf), torque (m, n), time (m,) from 0 to 1, and how fast motors are (m, n).
-
-    The latter is the number of limits of `_SHARES` times `speeds` (n,), RMS of the joints, that they keep.
-    """
-    period = signals.period
-    cut = int(np.ceil(_CUT / (edge * period)))
-    keep = slice(cut, len(signals.time) - cut, max(1, round(0.5 / (edge * period))))
-
-    def low(values: FloatArray) -> FloatArray:
-        return low_pass(values, period=period, cutoff=edge, order=_ORDER)
-
-    design = build_equations(
-        library,
-        signals,
-        lambda values: differentiate_smooth(low(values), period)[keep],
-        lambda values: low(values)[keep],
-    )
-    time = np.arange(len(signals.time))[keep] / len(signals.time)
-    torque = center_held(signals.tau) if signals.hold == "zero" else signals.tau
-    slide = sum(mark_sliding(signals, 1.0 / edge, share * speeds)[keep].astype(np.intp) for share in _SHARES)
-    return design, low(torque - signals.link_drag)[keep], time, np.asarray(slide)
 
 
 _MOVING = 0.1
@@ -334,7 +331,7 @@ _STEEP = 0.5
 
 def split_recordings(signals: Sequence[ElasticSignals]) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the recordings in which all joints move, and the others; all twice where a kind is missing."""
-    speeds = [np.sqrt(np.mean(part.dtheta**2, axis=0)) for part in signals]
+    speeds = [compute_speeds([part]) for part in signals]
     everything = tuple(range(len(signals)))
     together = tuple(i for i in everything if np.all(speeds[i] > _MOVING * speeds[i].max()))
     apart = tuple(i for i in everything if i not in together)
@@ -352,7 +349,7 @@ def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> Method
         number: problem.signals[number].phi if encoder else estimate_virtual_torsion(problem, number, chi)
         for number in apart
     }
-    speeds = [np.sqrt(np.mean(part.dtheta**2, axis=0)) for part in problem.signals]
+    speeds = [compute_speeds([part]) for part in problem.signals]
     springs = []
     for joint in range(problem.sizes[1]):
         most = max(speeds[number][joint] for number in apart)
@@ -361,7 +358,7 @@ def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> Method
         parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]
         data = build_spring_data(problem.options, joint, parts, signals, rows)
         target = np.concatenate([part.compute_motor_side(chi)[:, joint] for part in rows])
-        springs.append(build_elasticity(fit_joint_spring(problem.options, data, joint, target)))
+        springs.append(problem.fit_spring(joint, data, target))
     fit = build_method_fit("independent", chi, problem.sizes, tuple(springs))
     if set(together) != set(apart):
         return fit
@@ -395,13 +392,11 @@ def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArr
     phi = np.zeros_like(theta)
     for prior in (False, True):
         if prior:
-            for joint in range(phi.shape[1]):
-                # The linear spring that fits best where gravity's gradient is large.
-                slope = np.abs(gradient[:, joint, joint])
-                steep = slope >= _STEEP * slope.max()
-                moved = float(torque[steep, joint] @ torque[steep, joint])
-                compliance = max(0.0, float(phi[steep, joint] @ torque[steep, joint]) / max(moved, 1e-300))
-                phi[:, joint] = compliance * torque[:, joint]
+            # The linear springs that fit best where gravity's gradient is large.
+            slopes = np.abs(np.diagonal(gradient, axis1=1, axis2=2))
+            steep = np.where(slopes >= _STEEP * slopes.max(axis=0), torque, 0.0)
+            moved = np.maximum(np.sum(steep**2, axis=0), 1e-300)
+            phi = torque * np.maximum(np.sum(phi * steep, axis=0) / moved, 0.0)
         for _ in range(_TORSION_ROUNDS):
             q = theta - phi
             dq = differentiate_smooth(q, period)

@@ -21,9 +21,11 @@ import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle
@@ -34,8 +36,9 @@ from symid.identification.elastic.regression import (
     WAVES,
     DriveEffect,
     ElasticSignals,
-    average_steps,
     build_equations,
+    list_parameter_cards,
+    mark_rigid_rotors,
 )
 from symid.identification.estimators import DynamicsRecord, Residual
 from symid.identification.hysteresis import compute_slips, compute_spring_slopes, read_weights
@@ -193,8 +196,7 @@ class ElasticEstimate(DynamicsRecord):
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
         mistakes = DynamicsRecord.list_mistakes(self)
-        counts = dict.fromkeys(WAVES, 2)
-        counts |= dict.fromkeys(("torque-lag", "link-friction", "torsion-offset"), 1)
+        counts = dict.fromkeys(WAVES, 2) | dict.fromkeys(("torque-lag", "link-friction", "torsion-offset"), 1)
         for effect in self.effects:
             count, joints = counts.get(effect.kind), range(-1, len(self.residual))
             whole = len(effect.values) == len(effect.deviations) == count and effect.joint in joints
@@ -228,10 +230,9 @@ class ElasticEstimate(DynamicsRecord):
 
     def list_strangers(self, card: ModelCard) -> list[str]:
         """Return where parameters, springs or residuals are not those of the model, in its order."""
-        elastic = [joint for joint, gives in zip(card.joints, card.yielding, strict=True) if gives]
-        rotors = [f"IA{joint.number}" for joint in elastic]
-        expected = [*(entry.name for entry in card.beta), *rotors, *(entry.name for entry in card.friction)]
-        joints = [joint.name for joint in elastic]
+        entries = zip(list_parameter_cards(card), mark_rigid_rotors(card), strict=True)
+        expected = [entry.name for entry, merged in entries if not merged]
+        joints = [joint.name for joint, gives in zip(card.joints, card.yielding, strict=True) if gives]
         found = [entry.name for entry in self.parameters]
         springs = [entry.joint for entry in self.springs]
         if found == expected and springs in ([], joints) and len(self.residual) == card.size:
@@ -240,19 +241,17 @@ class ElasticEstimate(DynamicsRecord):
 
     def build_fit(self, card: ModelCard) -> MethodFit:
         """Return the values as a fit of the model of `card`; rigid joints have no rotor and no spring."""
-        bases, size = len(card.beta), card.size
-        places = [bases + joint for joint in range(size) if card.yielding[joint]]
-        places = [*range(bases), *places, *range(bases + size, bases + size + len(card.friction))]
-        values = np.zeros(bases + size + len(card.friction))
-        values[places] = [entry.value for entry in self.parameters]
-        springs = {spring.joint: spring.elasticity for spring in self.springs}
-        whole = tuple(springs.get(joint.name, Elasticity()) for joint in card.joints)
-        covariance = None
+        shown = ~mark_rigid_rotors(card)
+        values, covariance = np.zeros(len(shown)), None
+        values[shown] = [entry.value for entry in self.parameters]
         if self.covariance:
             covariance = np.zeros((len(values),) * 2)
-            covariance[np.ix_(places, places)] = self.covariance
+            covariance[np.ix_(shown, shown)] = self.covariance
+        springs = {spring.joint: spring.elasticity for spring in self.springs}
+        whole = tuple(springs.get(joint.name, Elasticity()) for joint in card.joints)
+        sizes = len(card.beta), card.size
         return replace(
-            build_method_fit(self.method, values, (bases, size), whole if springs else ()),
+            build_method_fit(self.method, values, sizes, whole if springs else ()),
             history=self.history,
             outcome=self.outcome,
             covariance=covariance,
@@ -339,19 +338,14 @@ def compute_covariance(
 
 def list_spring_numbers(spring: Elasticity) -> list[tuple[float, SpringPlace]]:
     """Return every number of a spring that data decide, and its place."""
-    places = [(name, -1, "") for name in ("stiffness", "cubic", "damping")]
-    places += [
-        (name, index, part.name)
+    found = [(getattr(spring, name), (name, -1, "")) for name in ("stiffness", "cubic", "damping")]
+    found += [
+        (getattr(entry, part.name), (name, index, part.name))
         for name in ("stops", "knees", "branches")
         for index, entry in enumerate(getattr(spring, name))
         for part in fields(entry)
     ]
-    found = []
-    for name, index, part in places:
-        value = getattr(spring, name) if index < 0 else getattr(getattr(spring, name)[index], part)
-        if isinstance(value, float) and value:
-            found.append((value, (name, index, part)))
-    return found
+    return [pair for pair in found if isinstance(pair[0], float) and pair[0]]
 
 
 def move_spring(spring: Elasticity, place: SpringPlace, value: float) -> Elasticity:
@@ -385,15 +379,13 @@ def measure_spring_spread(
     slopes, parts = [], []
     for number, place in list_spring_numbers(spring):
         step, sides = _SMALL * abs(number), []
-        for value in (number + step, number - step):
+        for value in (number + step, number - step, number):
             # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
             with suppress(RobotError):
                 sides.append((move_spring(spring, place, value), value))
-        if not sides:
-            continue
         if len(sides) == 1:
-            sides.append((spring, number))
-        (above, high), (below, low) = sides
+            continue
+        (above, high), (below, low) = sides[:2]
         pairs = zip(compute(above), compute(below), strict=True)
         parts.append([(ahead - behind) / (high - low) for ahead, behind in pairs])
         slopes.append((_get_slope(above) - _get_slope(below)) / (high - low))
@@ -440,19 +432,18 @@ def compute_elimination_bound(
     `signals` are the noise-free states of every recording, at the sample rate of the noisy ones, `noise` (n,)
     the standard deviation of the torque noise of each, N m or N.
     """
-    count = len(library.card.beta) + library.card.size + len(library.card.friction)
     pairs = zip(signals, noise, strict=True)
-    weighted = [_build_exact_equations(library, part) / sigma[:, None] for part, sigma in pairs]
-    rows = np.concatenate(weighted).reshape(-1, count)
+    weighted = np.concatenate([_build_exact(library, part) / sigma[:, None] for part, sigma in pairs])
+    rows = weighted.reshape(-1, weighted.shape[2])
     information = rows.T @ rows
     scales = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    bound: FloatArray = np.linalg.inv(information / np.outer(scales, scales)) / np.outer(scales, scales)
-    return bound
+    sizes = np.outer(scales, scales)
+    return np.asarray(np.linalg.inv(information / sizes) / sizes)
 
 
-def _build_exact_equations(library: Library, part: ElasticSignals) -> FloatArray:
+def _build_exact(library: Library, part: ElasticSignals) -> FloatArray:
     """Return the columns (N, n, p + n + pf) at all samples of noise-free states."""
-    return build_equations(library, part, lambda states: differentiate(states, part.period), lambda x: x)
+    return build_equations(library, part, partial(differentiate, period=part.period), np.asarray)
 
 
 _WINDOW = 0.02
@@ -473,23 +464,26 @@ def compute_spring_bound(
     """
     card = library.card
     beta, count = len(card.beta), len(card.beta) + card.size + len(card.friction)
-    springs = [spring for spring in card.elasticity if spring is not None]
+    springs = [read_weights(spring) for spring in card.elasticity if spring is not None]
     motor, link = [], []
     for part, sigma in zip(signals, noise, strict=True):
         # The derivatives (N, n, w) of the springs' torques by all their numbers.
         parts = []
-        for joint, spring in enumerate(springs):
-            weights = read_weights(spring)
+        for joint, weights in enumerate(springs):
             basis = compute_stop_basis(part.phi[:, joint], weights.thresholds)
             slopes = compute_spring_slopes(basis, weights, compute_slips(basis, weights.thresholds))[:, :-1]
             parts.append(np.zeros((len(basis), len(springs), slopes.shape[1])))
             parts[-1][:, joint] = slopes
         torques = np.concatenate(parts, axis=2)
-        drive = _build_exact_equations(library, part)[:, :, beta:]
+        drive = _build_exact(library, part)[:, :, beta:]
         motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
-        link.append(_build_link_rows(library, part, torques))
+        # Of links and springs, integrated over windows.
+        ends = slice(None, None, max(1, round(_WINDOW / part.period)))
+        links = build_equations(library, part, np.asarray, partial(_integrate, period=part.period), ends)
+        link.append(np.concatenate([links[:, :, :beta], -_integrate(torques, part.period)[ends]], axis=2))
     motors, links = (
-        np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side]) for side in (motor, link)
+        np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side])
+        for side in (motor, [np.diff(rows, axis=0) for rows in link])
     )
     # Directions of the null space, with columns scaled to one length.
     lengths = np.linalg.norm(links, axis=0)
@@ -510,13 +504,6 @@ def compute_spring_bound(
     return root @ root.T
 
 
-def _build_link_rows(library: Library, part: ElasticSignals, torques: FloatArray) -> FloatArray:
-    """Return the columns (M, n, p + w) of links and springs, integrated over windows."""
-    ends = slice(None, None, max(1, round(_WINDOW / part.period)))
-
-    def add(values: FloatArray) -> FloatArray:
-        steps = np.cumsum(average_steps(values), axis=0) * part.period
-        return np.diff(np.concatenate([np.zeros_like(values[:1]), steps])[ends], axis=0)
-
-    columns = build_equations(library, part, lambda values: np.diff(values[ends], axis=0), add)
-    return np.concatenate([columns[:, :, : len(library.card.beta)], -add(torques)], axis=2)
+def _integrate(values: FloatArray, period: float) -> FloatArray:
+    """Return the integrals (N, ...) up to every sample."""
+    return np.asarray(scipy.integrate.cumulative_trapezoid(values, dx=period, axis=0, initial=0.0))

@@ -52,10 +52,11 @@ from symid.identification.elastic.regression import (
     list_parameter_cards,
     locate_settled,
     mark_rigid_rotors,
+    measure_noise,
 )
 from symid.identification.elastic.together import compute_spring_torques, filter_spring
 from symid.identification.estimators import Residual, list_parameters
-from symid.identification.regression import check_joints, list_measured_joints, warn_of_energy
+from symid.identification.regression import check_joints, warn_of_energy
 from symid.ipopt import Ending
 from symid.logs import Recording, differentiate
 
@@ -107,12 +108,11 @@ def _list_springs(
     for joint, (entry, elasticity) in enumerate(zip(card.joints, fit.elasticity, strict=True)):
         if not problem.gives[joint]:
             continue
-        phi = [part.phi[:, joint] for part in signals]
-        torque = [compute_joint_torque(elasticity, part, joint) for part in signals]
+        phi, stated = [part.phi[:, joint] for part in signals], card.elasticity[joint]
+        torque = np.concatenate([compute_joint_torque(elasticity, part, joint) for part in signals])
         # A stop is sure to have slipped once the torsion's range exceeds twice its threshold.
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
-        stated = card.elasticity[joint]
         torque_std, slope_std = None, None
         # Sums of parameters that cannot be told apart have deviations that are not kept.
         if joint not in refused and fit.covariance is not None and np.all(np.isfinite(covariance)):
@@ -122,7 +122,7 @@ def _list_springs(
                 elasticity,
                 partial(filter_spring, problem, joint=joint),
                 [rows.design[:, joint, :count] for rows in problem.filtered],
-                [torque - part for torque, part in zip(link, own, strict=True)],
+                [passed - part for passed, part in zip(link, own, strict=True)],
                 covariance,
             )
         yield SpringEstimate(
@@ -130,9 +130,9 @@ def _list_springs(
             torque_unit=entry.torque_unit,
             position_unit=entry.position_unit,
             elasticity=elasticity,
-            torsion=max(float(np.abs(part).max()) for part in phi),
+            torsion=float(np.abs(np.concatenate(phi)).max()),
             excited=max(slipped, default=0.0),
-            torque=max(float(np.abs(part).max()) for part in torque),
+            torque=float(np.abs(torque).max()),
             truth=stated if stated is not None and stated.initial_stiffness is not None else None,
             identifiable=joint not in refused,
             reason=refused[joint].text if joint in refused else "",
@@ -176,12 +176,12 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
             "columns of the log and their factors"
         )
         raise IdentifiabilityError(Notice(code="elastic.no-torque", text=text))
-    pairs = [get_encoder_positions(recording) for recording in recordings]
-    motors, links = (np.array([np.ptp(pair[side], axis=0) for pair in pairs]) for side in (0, 1))
-    gaps = [motor - link for motor, link in pairs]
-    torsions, scatters = (np.array([measure(gap, axis=0) for gap in gaps]) for measure in (np.ptp, np.std))
-    thirds = [[np.diff(side, n=3, axis=0) for side in pair] for pair in pairs]
-    noises = np.array([np.sqrt(sum(np.mean(step**2, axis=0) for step in pair) / 20.0) for pair in thirds])
+    found = []
+    for motor, link in map(get_encoder_positions, recordings):
+        ranges = [np.ptp(values, axis=0) for values in (motor, link, motor - link)]
+        noise = np.hypot(measure_noise(motor), measure_noise(link))
+        found.append([*ranges, np.std(motor - link, axis=0), noise])
+    motors, links, torsions, scatters, noises = np.swapaxes(found, 0, 1)
     if np.all(np.maximum(motors, links) <= _CLEAR * noises):
         text = (
             "no joint moves in these logs beyond the noise of its encoders: record motions in which every "
@@ -230,15 +230,12 @@ def warn_of_fit(
     if unknown:
         notices.append(build_warning("elastic.not-identifiable", names=", ".join(unknown)))
     percents = 100.0 * compute_relative_deviations(work, fit)
-    poor = [
-        card.name
-        for card, percent in zip(list_parameter_cards(library.card), percents, strict=True)
-        if _POOR_PERCENT < percent < np.inf and card.name not in unknown
-    ]
+    names = np.array([card.name for card in list_parameter_cards(library.card)])
+    poor = ", ".join(
+        name for name in names[(percents > _POOR_PERCENT) & (percents < np.inf)] if name not in unknown
+    )
     if poor:
-        notices.append(
-            build_warning("elastic.poorly-identifiable", percent=_POOR_PERCENT, names=", ".join(poor))
-        )
+        notices.append(build_warning("elastic.poorly-identifiable", percent=_POOR_PERCENT, names=poor))
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
     return (
         *notices,
@@ -259,12 +256,9 @@ def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str,
     card, signals = work.problem.library.card, work.problem.signals
     deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     torque = np.sqrt(np.mean(np.concatenate([part.tau for part in signals]) ** 2, axis=0))
-    loads = {joint.name: float(load) for joint, load in zip(card.joints, torque, strict=True)}
-    rates = [(part.dtheta, differentiate(part.dtheta, part.period)) for part in signals]
-    speed, pull = (
-        max(float(np.sqrt(np.mean(part**2, axis=0)).max()) for part in side)
-        for side in zip(*rates, strict=True)
-    )
+    loads = dict(zip((joint.name for joint in card.joints), torque.tolist(), strict=True))
+    rates = [np.stack([part.dtheta, differentiate(part.dtheta, part.period)]) for part in signals]
+    speed, pull = np.max([np.sqrt(np.mean(rate**2, axis=1)).max(axis=1) for rate in rates], axis=0).tolist()
     # What a parameter of each unit is multiplied by in the torque, RMS, at the fastest joint.
     motions = {
         "kg m^2": pull + speed**2,
@@ -314,18 +308,16 @@ def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection
             phi = signals.phi[:, joint]
             most = float(np.max(np.abs(compute_joint_torque(spring, signals, joint))))
             span, before = float(np.ptp(phi)), float(np.ptp(phi[: signals.settled + 1]))
-            late = [
-                (stop.threshold, stop.stiffness)
-                for stop in spring.stops
-                if stop.stiffness is not None
-                and stop.threshold * stop.stiffness > _FELT * most
-                and before < 2.0 * stop.threshold <= 0.95 * span
-            ]
+            pairs = ((stop.threshold, stop.threshold * (stop.stiffness or 0.0)) for stop in spring.stops)
+            late = {
+                radius: felt
+                for radius, felt in pairs
+                if felt > _FELT * most and before < 2.0 * radius <= 0.95 * span
+            }
             if late:
-                radius = late[-1][0]
-                end = float(signals.time[locate_settled(phi, radius)] - signals.time[0])
-                start = float(signals.time[signals.settled] - signals.time[0])
-                torque = sum(threshold * stiffness for threshold, stiffness in late)
+                radius, torque = max(late), sum(late.values())
+                samples = [locate_settled(phi, radius), signals.settled]
+                end, start = (signals.time[samples] - signals.time[0]).tolist()
                 text = (
                     f"joint {card.name!r}: the state of its stop at {radius:.3g} {card.position_unit} is "
                     f"known from {end:.3g} s on, but rows begin at {start:.3g} s: until then its torque may "
@@ -354,7 +346,7 @@ def prepare_methods(
             torsions are below the noise of the encoders, or no spring explains any joint's torque.
     """
     hidden = _check_recordings(library, recordings)
-    work = build_elastic_equations(library, _fill_loads(library, recordings, options), options)
+    work = _build_equations(library, recordings, options)
 
     @cache
     def spring() -> tuple[MethodFit, tuple[str, ...]]:
@@ -362,10 +354,12 @@ def prepare_methods(
 
     @cache
     def fit(method: str) -> MethodFit:
+        start = None
         if method == "simultaneous":
-            return fit_method(work, method, spring()[0])
-        starts = method == "nlp" and work.problem.options.moves_stops
-        return fit_method(work, method, fit("weighted") if starts else None)
+            start = spring()[0]
+        elif method == "nlp" and work.problem.options.moves_stops:
+            start = fit("weighted")
+        return fit_method(work, method, start)
 
     def identify(method: str) -> ElasticEstimate:
         stated, automatic = replace(options, method=method), method == "automatic"
@@ -387,14 +381,12 @@ def prepare_methods(
                 choice = replace(choice, fit=choose_springs(work, choice.fit, hidden)[0])
         # As JSON would give them back, with the cut-offs that were chosen.
         cutoffs = [part.cutoff for part in work.problem.signals]
-        grid = [list(map(float, entry)) for entry in work.problem.thresholds]
+        grid = [entry.tolist() for entry in work.problem.thresholds]
         settings = {**(echo or {}), **asdict(stated), "cutoffs": cutoffs, "grid": grid}
-        if stated.nlp == NlpOptions():
-            del settings["nlp"]
-        if not stated.known:
-            del settings["known"]
-        settings = json.loads(json.dumps(settings))
+        left_out = {"nlp": stated.nlp == NlpOptions(), "known": not stated.known}
+        settings = {name: value for name, value in settings.items() if not left_out.get(name)}
         sources = [recording.source for recording in recordings]
+        settings = json.loads(json.dumps(settings))
         return _build_estimate(work, choice, fits, hidden, settings=settings, sources=sources)
 
     return identify
@@ -503,25 +495,22 @@ def build_one_shot(library: Library, recordings: Sequence[Recording], options: E
     from symid.identification.elastic.nlp import build_nlp_graph
 
     _check_recordings(library, recordings)
-    work = build_elastic_equations(library, _fill_loads(library, recordings, options), options)
+    work = _build_equations(library, recordings, options)
     return build_nlp_graph(fit_one_shot(work), work.wide, options.nlp)
 
 
-def _fill_loads(
+def _build_equations(
     library: Library, recordings: Sequence[Recording], options: ElasticOptions
-) -> tuple[Recording, ...]:
-    """Return recordings with the loads of a fit that agrees with them, where friction reads loads."""
-    if "load" not in library.card.friction_inputs or all(list_measured_joints(recordings)):
-        return tuple(recordings)
+) -> ElasticEquations:
+    """Return the equations; loads that friction reads are measured, or those of a fit that agrees."""
     beta = np.zeros(len(library.card.beta))
     loaded = fill_motor_loads(library, recordings, beta)
-    for _ in range(_REPEATS):
-        work = build_elastic_equations(library, loaded, options)
-        before, beta = beta, fit_method(work, "elimination").beta
+    for _ in range(_REPEATS if loaded != tuple(recordings) else 0):
+        before, beta = beta, fit_method(build_elastic_equations(library, loaded, options), "elimination").beta
         loaded = fill_motor_loads(library, recordings, beta)
         if np.linalg.norm(beta - before) <= _SAME_LOAD * np.linalg.norm(beta):
             break
-    return loaded
+    return build_elastic_equations(library, loaded, options)
 
 
 _REPEATS = 6

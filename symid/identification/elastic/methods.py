@@ -107,9 +107,7 @@ class MethodCandidate(NamedTuple):
 
 def assign_folds(time: FloatArray) -> NDArray[np.intp]:
     """Return the fold (m,) of rows at `time` (m,), from 0 to 1 within their recording."""
-    blocks = np.minimum((np.asarray(time) * _BLOCKS).astype(np.intp), _BLOCKS - 1)
-    folds: NDArray[np.intp] = blocks % FOLDS
-    return folds
+    return np.asarray(np.minimum((time * _BLOCKS).astype(np.intp), _BLOCKS - 1) % FOLDS)
 
 
 def choose_candidate(
@@ -187,17 +185,18 @@ def build_elastic_equations(
         UsageError: windows or thresholds do not fit.
     """
     band = measure_motion_band(recordings)
-    known = read_known(library.card, options.known)
+    known, bases = read_known(library.card, options.known), len(library.card.beta)
+    broader = []
+    for recording in recordings:
+        # Signals pass no filter where the options' pass none; a cut-off that suits fast sampling would be
+        # none for a slow one.
+        filtered = choose_cutoff(recording) if options.cutoff is None else options.cutoff
+        cutoff = get_wide_cutoff(recording.period, band) if filtered else 0.0
+        broader.append(replace(options, cutoff=cutoff))
 
     def prepare(effects: tuple[DriveEffect, ...]) -> list[ElasticSignals]:
-        # Signals pass no filter where the options' pass none.
-        broad = []
-        for recording in recordings:
-            filtered = choose_cutoff(recording) if options.cutoff is None else options.cutoff
-            # A cut-off that suits fast sampling would be none for a slow one.
-            cutoff = get_wide_cutoff(recording.period, band) if filtered else 0.0
-            broad.append(prepare_elastic_signals(recording, replace(options, cutoff=cutoff), effects))
-        return broad
+        pairs = zip(recordings, broader, strict=True)
+        return [prepare_elastic_signals(recording, wider, effects) for recording, wider in pairs]
 
     def free(effects: tuple[DriveEffect, ...]) -> tuple[list[ElasticSignals], BandRows, float, BandFit]:
         # Signals without effects, rows in the band of them, the share of their speeds, and a fit.
@@ -212,7 +211,6 @@ def build_elastic_equations(
     broad, rows, share, fit = free(effects)
     if options.effects:
         # What gears and encoders of the links add.
-        bases = len(library.card.beta)
         discs = measure_eccentricity(library, broad, fit.chi[:bases])
         for _ in range(_DISC_ROUNDS if discs else 0):
             broad, rows, share, fit = free((*effects, *discs))
@@ -229,12 +227,10 @@ def build_elastic_equations(
     limits = share * compute_speeds(broad)
     signals = [prepare_elastic_signals(recording, options, effects) for recording in recordings]
     problem = build_elastic_problem(library, signals, options, limits)
-    wide = problem
-    if any(part.cutoff for part in signals):
-        wide = build_elastic_problem(library, broad, options, limits)
+    filtered = any(part.cutoff for part in signals)
     return ElasticEquations(
         problem=problem,
-        wide=wide,
+        wide=build_elastic_problem(library, broad, options, limits) if filtered else problem,
         rows=rows,
         band=fit,
         noise=measure_torque_noise(recordings, band),
@@ -249,27 +245,34 @@ def fit_method(work: ElasticEquations, method: str, start: MethodFit | None = No
     What the rows do not identify has an infinite variance. "simultaneous" needs a `start` with springs of the
     kinds wanted, "nlp" takes that of `fit_one_shot`.
     """
-    makers: dict[str, Callable[[ElasticProblem], MethodFit]] = {
-        "linear-spring": fit_linear_spring,
-        "two-step": fit_alternation if work.problem.options.scheme == "same-cost" else fit_two_step,
-        "elimination": fit_elimination,
-        "weighted": lambda _: _fit_weighted(work),
-        "independent": fit_independent,
-    }
-    if method == "nlp":
-        fit = _widen(work, fit_one_shot(work, start).fit)
-    elif method == "simultaneous" and start is not None:
-        fit = _widen(work, fit_simultaneous(work.wide, work.problem, start))
-    else:
-        fit = makers[method](work.problem)
+    problem = work.problem
+    match method:
+        case "nlp":
+            fit = _widen(work, fit_one_shot(work, start).fit)
+        case "simultaneous" if start is not None:
+            fit = _widen(work, fit_simultaneous(work.wide, problem, start))
+        case "weighted":
+            fit = _fit_weighted(work)
+        case "two-step" if problem.options.scheme == "same-cost":
+            fit = fit_alternation(problem)
+        case _:
+            fit = _MAKERS[method](problem)
     # Variances are infinite where the rows do not identify.
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
-        covariance = compute_covariance(rows.design, rows.right - rows.design @ fit.chi, work.problem.known)
+        covariance = compute_covariance(rows.design, rows.right - rows.design @ fit.chi, problem.known)
     else:
-        identifiable = measure_identifiability(rows.design, work.problem.known)[0]
+        identifiable = measure_identifiability(rows.design, problem.known)[0]
         covariance = mark_unidentifiable(fit.covariance, identifiable)
     return _add_model_error(work, replace(fit, covariance=covariance))
+
+
+_MAKERS: dict[str, Callable[[ElasticProblem], MethodFit]] = {
+    "linear-spring": fit_linear_spring,
+    "two-step": fit_two_step,
+    "elimination": fit_elimination,
+    "independent": fit_independent,
+}
 
 
 def fit_one_shot(work: ElasticEquations, weighted: MethodFit | None = None) -> "NlpFit":
@@ -293,23 +296,20 @@ def _fit_weighted(work: ElasticEquations) -> MethodFit:
 def build_linear_rows(work: ElasticEquations, fit: MethodFit) -> LinearRows:
     """Return the equations that are linear in the dynamics of `fit`, its springs given."""
     problem, band = work.problem, work.rows
-    if fit.method in {"elimination", "independent", *SPRUNG_METHODS}:
-        numbers: Sequence[int] = range(len(problem.signals))
-        if fit.method == "independent":
-            numbers = split_recordings(problem.signals)[0]
-        design, torque = problem.stack_filtered(numbers)
-        time = np.concatenate(
-            [np.repeat(list_row_times(problem, number), problem.sizes[1]) for number in numbers]
-        )
-        return LinearRows(design.reshape(-1, design.shape[2]), torque.reshape(-1), time)
     if fit.method == "weighted":
         weights = 1.0 / work.band.scatter[band.group]
         return LinearRows(band.design * weights[:, None], band.torque * weights, band.time)
-    pairs = list(zip(problem.signals, problem.energy, strict=True))
-    times = [np.arange(len(signals.time))[rows.ends][:-1] / len(signals.time) for signals, rows in pairs]
-    return LinearRows(
-        problem.design, problem.supplied - problem.compute_work(fit.elasticity), np.concatenate(times)
-    )
+    if fit.method in ENERGY_METHODS:
+        pairs = zip(problem.signals, problem.energy, strict=True)
+        times = [(np.arange(len(part.time)) / len(part.time))[rows.ends][:-1] for part, rows in pairs]
+        right = problem.supplied - problem.compute_work(fit.elasticity)
+        return LinearRows(problem.design, right, np.concatenate(times))
+    numbers: Sequence[int] = range(len(problem.signals))
+    if fit.method == "independent":
+        numbers = split_recordings(problem.signals)[0]
+    design, torque = problem.stack_filtered(numbers)
+    times = [np.repeat(list_row_times(problem, number), problem.sizes[1]) for number in numbers]
+    return LinearRows(design.reshape(-1, design.shape[2]), torque.reshape(-1), np.concatenate(times))
 
 
 def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
@@ -396,16 +396,13 @@ def _measure_sizes(work: ElasticEquations, chi: FloatArray) -> FloatArray:
 
     A parameter near zero is measured by what would matter: 5 % of a joint's torque through its column alone.
     """
-    size = work.problem.sizes[1]
-    matter = np.full(len(chi), np.inf)
+    size, matter = work.problem.sizes[1], np.full(len(chi), np.inf)
     for joint in range(size):
         own = work.rows.group % size == joint
         lengths = np.linalg.norm(work.rows.design[own], axis=0)
         lengths[lengths == 0.0] = np.nan
         matter = np.fmin(matter, _MATTER * np.linalg.norm(work.rows.torque[own]) / lengths)
-    matter[~np.isfinite(matter)] = 0.0
-    sizes: FloatArray = np.maximum(np.abs(chi), matter)
-    return sizes
+    return np.maximum(np.abs(chi), np.where(np.isfinite(matter), matter, 0.0))
 
 
 AUTOMATIC_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp")
@@ -431,31 +428,30 @@ class MethodSelection:
 def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelection:
     """Return the choice among `fits`, at least one of which is usable."""
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
-    found = {fit.method: find_contradiction(work, fit) for fit in usable if fit.method in SPRUNG_METHODS}
-    notices = tuple(
+    found = {fit.method: find_contradiction(work, fit) for fit in usable}
+    kept = [fit for fit in usable if not found[fit.method][0]]
+    notices = [
         Notice(code="elastic.contradiction", text=f"the method {method} was left out of the choice: {why}")
         for method, (why, _) in found.items()
-        if why
-    )
-    kept = [fit for fit in usable if not found.get(fit.method, ("", 0.0))[0]] or usable
+        if why and kept
+    ]
+    kept = kept or usable
     candidates = [build_candidate(work, fit) for fit in kept]
     taken, errors, close = choose_candidate(candidates, work.rows, work.band.scatter)
     best = kept[taken]
     noise = f"(normalised error {errors[taken]:.3g}; 1 is the noise floor)"
+    reason = f"{best.method} predicts held-out torque best of {len(kept)} methods {noise} and was chosen"
     if close > 1:
         reason = (
             f"{close} of {len(kept)} methods predict held-out torque equally well {noise}. {best.method} has "
             "the smallest uncertainty of these and was chosen"
         )
-    else:
-        reason = f"{best.method} predicts held-out torque best of {len(kept)} methods {noise} and was chosen"
-    named = dict(zip((fit.method for fit in kept), errors.tolist(), strict=True))
     return MethodSelection(
         fit=best,
-        errors=named,
+        errors=dict(zip((fit.method for fit in kept), errors.tolist(), strict=True)),
         reason=reason,
         contradiction=max((ratio for _, ratio in found.values()), default=0.0),
-        notices=notices if kept != usable else (),
+        notices=tuple(notices),
     )
 
 
@@ -466,16 +462,13 @@ def find_contradiction(work: ElasticEquations, fit: MethodFit) -> tuple[str, flo
     """
     if fit.method not in SPRUNG_METHODS:
         return "", 0.0
-
     chi2, count = _measure_disagreement(work, fit, _TOLERATED)
     limit = float(scipy.special.chdtri(max(1, count), 1.0 - _LEVEL))
-    if chi2 <= limit:
-        return "", chi2 / limit
     text = (
         f"its dynamics contradict those identified without springs (chi^2 {chi2:.3g}, limit {limit:.3g}). "
         "Its spring model does not describe these joints well enough"
     )
-    return text, chi2 / limit
+    return text if chi2 > limit else "", chi2 / limit
 
 
 def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, float, float], ...]]:
@@ -483,31 +476,37 @@ def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, f
 
     The latter are names, what the weighted elimination finds where nothing is known, and its deviations.
     """
-    told = np.isfinite(work.problem.known) & ~mark_rigid_rotors(work.problem.library.card)
+    problem, card = work.problem, work.problem.library.card
+    rigid = mark_rigid_rotors(card)
+    told, unknown = np.isfinite(problem.known) & ~rigid, np.where(rigid, 0.0, np.nan)
     if not np.any(told):
         return 0.0, ()
-
-    problem = work.problem
-    rigid = np.where(mark_rigid_rotors(problem.library.card), 0.0, np.nan)
-    alone = fit_band(problem.library.card, work.rows, known=rigid)
+    alone = fit_band(card, work.rows, known=unknown)
     weights = 1.0 / alone.scatter[work.rows.group]
     design, errors = work.rows.design * weights[:, None], work.rows.torque - work.rows.design @ alone.chi
     # Noise that is not white must not look like a contradiction.
-    spread = compute_covariance(design, errors * weights, rigid)
+    spread = compute_covariance(design, errors * weights, unknown)
     known = np.flatnonzero(told & np.isfinite(np.diag(spread)))
     if not len(known):
         return 0.0, ()
     slack = _TOLERATED * _measure_sizes(work, alone.chi)[known]
-    covariance = spread[np.ix_(known, known)] + np.diag(slack**2)
-    lengths = np.sqrt(np.diag(covariance))
-    shift = (alone.chi - problem.known)[known] / lengths
-    inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
-    names = [card.name for card in list_parameter_cards(problem.library.card)]
+    chi2, shift, lengths = _compute_chi2(alone.chi - problem.known, spread, known, slack)
+    names = [entry.name for entry in list_parameter_cards(card)]
     # Where only a combination is wrong, those that are farthest off stand for it.
-    order = np.argsort(-np.abs(shift))
-    count = max(_NAMED, int(np.count_nonzero(np.abs(shift) > _FAR)))
-    far = tuple((names[known[k]], float(alone.chi[known[k]]), float(lengths[k])) for k in order[:count])
-    return float(shift @ inverse @ shift) / float(scipy.special.chdtri(len(known), 1.0 - _LEVEL)), far
+    order = np.argsort(-np.abs(shift))[: max(_NAMED, int(np.count_nonzero(np.abs(shift) > _FAR)))]
+    far = tuple((names[known[k]], float(alone.chi[known[k]]), float(lengths[k])) for k in order)
+    return chi2 / float(scipy.special.chdtri(len(known), 1.0 - _LEVEL)), far
+
+
+def _compute_chi2(
+    apart: FloatArray, covariance: FloatArray, known: NDArray[np.intp], slack: FloatArray
+) -> tuple[float, FloatArray, FloatArray]:
+    """Return chi^2 of the `known` of distances (p,), each over its deviation (k,), and the deviations."""
+    spread = covariance[np.ix_(known, known)] + np.diag(slack**2)
+    lengths = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    inverse = np.linalg.pinv(spread / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
+    shift = apart[known] / lengths
+    return float(shift @ inverse @ shift), shift, lengths
 
 
 _FAR, _NAMED = 3.0, 2
@@ -525,13 +524,9 @@ def _measure_disagreement(
     own = np.zeros_like(work.band.covariance) if plain is None else plain
     both = work.identifiable & np.isfinite(np.diag(own)) & np.isnan(work.problem.known)
     known = np.flatnonzero(both[: sum(work.problem.sizes)])
-    covariance = (work.band.covariance + own)[np.ix_(known, known)]
     slack = tolerated * _measure_sizes(work, work.band.chi)[known]
-    covariance = covariance + np.diag(slack**2)
-    lengths = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    inverse = np.linalg.pinv(covariance / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
-    shift = (fit.chi - work.band.chi)[known] / lengths
-    return float(shift @ inverse @ shift), len(known)
+    chi2, *_ = _compute_chi2(fit.chi - work.band.chi, work.band.covariance + own, known, slack)
+    return chi2, len(known)
 
 
 def _widen(work: ElasticEquations, fit: MethodFit) -> MethodFit:
@@ -581,34 +576,29 @@ def choose_springs(
     empty where the springs were kept.
     """
     problem, springs, notices = work.problem, list(fit.elasticity), []
-    kinds = [""] * len(problem.library.card.joints)
+    cards, beta = problem.library.card.joints, fit.chi[: problem.sizes[0]]
+    kinds = [""] * len(cards)
     if problem.options.thresholds is not None or problem.options.knee_torques is not None:
         return fit, tuple(kinds)
-    beta = fit.chi[: problem.sizes[0]]
-    for joint, card in enumerate(problem.library.card.joints):
-        if joint in hidden or not springs or not problem.gives[joint]:
+    for joint, (card, known) in enumerate(zip(cards, springs, strict=False)):
+        if joint in hidden or not problem.gives[joint]:
             continue
         # Torsion and torque of all recordings, one after the other, and the samples that count.
         spans = [float(np.ptp(part.phi[:, joint])) for part in problem.signals]
-        paths, torques, masks, speeds, periods = [], [], [], [], []
+        parts = []
         for part, span in zip(problem.signals, spans, strict=True):
             if span < _LOADED * max(spans):
                 continue
             edge = 1 + int(np.ceil(_EDGE / (part.cutoff * part.period))) if part.cutoff else 1
-            index = np.arange(len(part.time))
-            paths.append(part.phi[:, joint])
-            speeds.append(differentiate_smooth(paths[-1], part.period))
-            periods.append(np.full(len(index), part.period))
-            torques.append(compute_link_torque(problem.library, part, beta)[:, joint])
-            masks.append((index >= max(edge, part.settled)) & (index < len(index) - edge))
-        path = ElementPath(
-            position=np.concatenate(paths),
-            velocity=np.concatenate(speeds),
-            period=np.concatenate(periods),
-            begins=tuple(np.cumsum([0, *map(len, paths)])[:-1].tolist()),
-        )
-        known, torque, kept = springs[joint], np.concatenate(torques), np.concatenate(masks)
-        spring, name, left, before = choose_spring(path, torque, kept, known)
+            phi, index = part.phi[:, joint], np.arange(len(part.time))
+            torque = compute_link_torque(problem.library, part, beta)[:, joint]
+            kept = (index >= max(edge, part.settled)) & (index < len(index) - edge)
+            period = np.full(len(index), part.period)
+            parts.append((phi, differentiate_smooth(phi, part.period), period, torque, kept))
+        begins = np.cumsum([0, *(len(part[0]) for part in parts)])[:-1]
+        phi, velocity, period, torque, kept = (np.concatenate(part) for part in zip(*parts, strict=True))
+        path = ElementPath(position=phi, velocity=velocity, period=period, begins=tuple(begins.tolist()))
+        spring, name, left, before = choose_spring(path, torque, kept.astype(bool), known)
         if not name:
             continue
         # Stops are no other kind.

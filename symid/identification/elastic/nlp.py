@@ -2,15 +2,14 @@
 
 As functions of arrays, fitted in rounds:
 
-    rows         linear parts once, knees and Stribeck friction as steps          (nlp_rows)
-    unknowns     chi, weights k >= 0, slopes c > 0, Fs, vs                        (nlp_cost)
     rounds       minimise sum_b |r_b|^2 / sigma_b^2 by Ipopt, then sigma_b <- rms r_b, until nothing moves
     places       those of a start move between rounds: [dx; dr] = -H^-1 g,
                  H = sum J'J / sigma^2, g = sum J'r / sigma^2
     certificate  kkt = max_i |z_i - min(u_i, max(l_i, z_i - df/dz_i))|
 
-Unknowns are scaled by the lengths of their columns at the start, x = d z; all constraints are bounds. Stops
-and knees that are given, or on a grid, stay; knees of a grid follow the torque that the springs reach.
+Unknowns, those of `nlp_cost`, are scaled by the lengths of their columns at the start, x = d z; all
+constraints are bounds. Stops and knees that are given, or on a grid, stay; knees of a grid follow the torque
+that the springs reach.
 
 As expressions of CasADi, the last round open to further unknowns, torques, terms and constraints:
 
@@ -52,7 +51,6 @@ from symid.identification.elastic.nlp_cost import (
     SpringGrid,
     SpringLayout,
     StepSums,
-    WindowSums,
     build_nlp_recording,
     list_weights,
     move_stops,
@@ -61,15 +59,7 @@ from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import ElasticProblem, average_steps
 from symid.identification.elastic.together import fit_linear_spring
 from symid.identification.hysteresis import SpringWeights, build_knee_grid, compute_place_limits
-from symid.ipopt import (
-    Ending,
-    GraphProblem,
-    IpoptOptions,
-    SmoothProblem,
-    keep_last,
-    minimise,
-    minimise_graph,
-)
+from symid.ipopt import Ending, GraphProblem, IpoptOptions, SmoothProblem, keep_last, minimise, minimise_graph
 from symid.joint_models import Elasticity, build_casadi_carrier, compute_play, compute_stribeck_derivatives
 from symid.robot import suggest_names
 
@@ -152,12 +142,14 @@ def optimise_nlp(
     ipopt = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
     run = minimise(scaled, begin, replace(ipopt, barrier=_BARRIER) if near else ipopt)
     if near and run.outcome is not Ending.CONVERGED:
-        second = minimise(scaled, begin, ipopt)
-        ranks = [
-            (one.outcome is not Ending.CONVERGED, not one.outcome.usable, scaled.value(one.x))
-            for one in (run, second)
-        ]
-        run = second if ranks[1] < ranks[0] else run
+        run = min(
+            (run, minimise(scaled, begin, ipopt)),
+            key=lambda one: (
+                one.outcome is not Ending.CONVERGED,
+                not one.outcome.usable,
+                scaled.value(one.x),
+            ),
+        )
     outcome, reason = run.outcome, run.reason
     x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
     certificate = compute_certificate(cost, x, scales)
@@ -250,39 +242,38 @@ class NlpSetting:
 
     def lay_out(self, springs: Sequence[Elasticity]) -> NlpLayout:
         """Return the unknowns, with knees for what `springs` reach."""
-        grids = []
+        grids, problem = [], self.problem
         for joint, thresholds in enumerate(self.thresholds):
             bases = [part.bases[joint] for part in self.recordings]
-            if not self.problem.gives[joint]:
+            if not problem.gives[joint]:
                 grids.append(SpringGrid(thresholds=np.zeros(0), knees=(), stiffness=0.0, reach=0.0))
                 continue
-            if self.knees is not None:
-                knees = self.knees[joint]
-            else:
-                weights = list_weights(springs[joint], thresholds)
-                count, odd = self.problem.options.knees, self.options.odd
-                grid = build_knee_grid([basis @ weights for basis in bases], count, odd=odd)
-                knees = tuple(sorted(map(float, grid)))
+            if self.knees is None:
+                inner = [basis @ list_weights(springs[joint], thresholds) for basis in bases]
+                grid = build_knee_grid(inner, problem.options.knees, odd=self.options.odd)
+            knees = tuple(sorted(grid.tolist())) if self.knees is None else self.knees[joint]
             stiffness, reach = float(self.stiffness[joint]), max(float(np.abs(b[:, 0]).max()) for b in bases)
             grids.append(SpringGrid(thresholds=thresholds, knees=knees, stiffness=stiffness, reach=reach))
-        return NlpLayout.build(self.problem.library.card, grids, self.options, self.problem.known)
+        return NlpLayout.build(problem.library.card, grids, self.options, problem.known)
 
     def shift(self, places: Sequence[NlpPlace], steps: FloatArray) -> "NlpSetting":
         """Return the setting with each of the places moved by a step (places,)."""
         knees = [list(entries) for entries in self.knees or ()]
-        grids = [grid.copy() for grid in self.thresholds]
         moves: list[dict[int, float]] = [{} for _ in self.thresholds]
         for place, step in zip(places, steps.tolist(), strict=True):
             if place.knee:
                 knees[place.joint][place.index] += step
             elif step:
-                grids[place.joint][place.index] += step
-                moves[place.joint][place.index] = float(grids[place.joint][place.index])
-        moved = replace(self, knees=None if self.knees is None else tuple(map(tuple, knees)))
-        if not any(moves):
-            return moved
-        recordings = tuple(move_stops(recording, moves) for recording in self.recordings)
-        return replace(moved, thresholds=tuple(map(freeze, grids)), recordings=recordings)
+                moves[place.joint][place.index] = float(self.thresholds[place.joint][place.index]) + step
+        grids = [grid.copy() for grid in self.thresholds]
+        for grid, moved in zip(grids, moves, strict=True):
+            grid[list(moved)] = list(moved.values())
+        return replace(
+            self,
+            knees=None if self.knees is None else tuple(map(tuple, knees)),
+            thresholds=tuple(map(freeze, grids)),
+            recordings=tuple(move_stops(recording, moves) for recording in self.recordings),
+        )
 
 
 def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodFit) -> NlpSetting:
@@ -332,8 +323,7 @@ def compute_place_slopes(
     setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray, places: Sequence[NlpPlace]
 ) -> list[list[FloatArray]]:
     """Return the derivatives of all residuals (M_b,) of every block by each place."""
-    before = cost.compute_state(x).residuals
-    slopes = []
+    before, slopes = cost.compute_state(x).residuals, []
     for place in places:
         grids = (setting.knees or ()) if place.knee else setting.thresholds
         step = _SHIFT * abs(float(grids[place.joint][place.index]))
@@ -463,10 +453,7 @@ def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[N
         text = f"nlp did not converge: {run.reason}; parameters and springs are those of its last point"
         yield Notice(code="elastic.nlp-not-converged", text=text)
     # Dynamic parameters with one bound are known, and rigid joints have no spring.
-    places = [
-        *range(*layout.dynamics.indices(layout.size)),
-        *(entry.weights.start for entry in layout.springs),
-    ]
+    places = [*range(layout.dynamics.stop), *(entry.weights.start for entry in layout.springs)]
     known = {layout.names[place] for place in places if layout.lower[place] == layout.upper[place]}
     unknown = [name for name in run.certificate.undetermined if name not in known]
     if unknown:
@@ -499,7 +486,7 @@ _ACTIVE = 1e-6
 """Relative distance from its limit within which a constraint counts as active."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ElasticMotion:
     """One joint along one recording, (N, 1) each, as matrices of CasADi.
 
@@ -523,7 +510,7 @@ class ElasticMotion:
         return step.mapaccum(count)(0.0, self.phi.T, casadi.repmat(threshold, 1, count)).T
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class NlpVariable:
     """An unknown: its symbol of MX, where it starts, its bounds, SI units per scaled unknown (None: open)."""
 
@@ -580,12 +567,9 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
     """Return the last round of a one-shot fit: the same cost, starting where the fit ended."""
     cost, start = found.cost, found.run.x
     layout = cost.layout
-    numbers = zip(start, layout.lower, layout.upper, compute_scales(cost, start), strict=True)
+    numbers = np.array([start, layout.lower, layout.upper, compute_scales(cost, start)]).T.tolist()
     variables = {
-        name: NlpVariable(symbol=casadi.MX.sym(name), start=value, lower=low, upper=high, scale=scale)
-        for name, (value, low, high, scale) in zip(
-            layout.names, (map(float, row) for row in numbers), strict=True
-        )
+        name: NlpVariable(casadi.MX.sym(name), *row) for name, row in zip(layout.names, numbers, strict=True)
     }
     x = casadi.vertcat(*(entry.symbol for entry in variables.values()))
     residuals, motions, blocks = [], [], []
@@ -594,20 +578,16 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
         pairs = zip(layout.springs, part.bases, strict=True)
         knees = [_build_knee_steps(spring, basis, x) for spring, basis in pairs]
         # Step means (N - 1, 1) of the Stribeck friction of every joint that has some.
-        triples = zip(
-            part.speed.T, casadi.vertsplit(x[layout.excess]), casadi.vertsplit(x[layout.speed]), strict=False
-        )
+        excesses, scales = (casadi.vertsplit(x[place]) for place in (layout.excess, layout.speed))
         drags = []
-        for rates, excess, scale in triples:
+        for rates, excess, scale in zip(part.speed.T, excesses, scales, strict=False):
             speed = casadi.MX(casadi.DM(rates))
             shape, _, _ = compute_stribeck_derivatives(carrier, speed, scale, cost.smoothing)
             drags.append(excess * average_steps(shape))
         along = []
         for states in zip(signals.q.T, signals.dq.T, signals.theta.T, signals.dtheta.T, strict=True):
             q, dq, theta, dtheta = map(casadi.DM, states)
-            along.append(
-                ElasticMotion(q=q, dq=dq, theta=theta, dtheta=dtheta, phi=theta - q, dphi=dtheta - dq)
-            )
+            along.append(ElasticMotion(q, dq, theta, dtheta, phi=theta - q, dphi=dtheta - dq))
         for block in part.blocks:
             sigma = next(sigmas)
             rows = casadi.DM(block.values) - casadi.DM(block.matrix) @ x[layout.dynamics]
@@ -653,21 +633,13 @@ def _add_steps(sums: StepSums, steps: Any) -> Any:  # noqa: ANN401
     """Return the rows (M, 1) of step means (N - 1, 1)."""
     if isinstance(steps, int):
         return steps
-    if isinstance(sums, WindowSums):
-        places = np.repeat(np.arange(sums.count), sums.length), np.arange(sums.span.start, sums.span.stop)
-        shape = (sums.count, len(sums.weights))
-        return casadi.DM(scipy.sparse.csc_matrix((sums.weights[sums.span], places), shape=shape)) @ steps
-    # What flows in between two rows, then what is left of it in all later ones.
-    late = np.maximum(np.arange(sums.last) - sums.first, -1) // sums.length + 1
-    ends = sums.first + late * sums.length
-    shares = (1.0 - sums.decay) * sums.decay ** (ends - 1 - np.arange(sums.last))
-    inflow = scipy.sparse.csc_matrix((shares, (late, np.arange(sums.last))), shape=(sums.count, sums.steps))
-    reach = int(np.log(_FADED) / (np.log(sums.decay) * sums.length)) + 1
-    left = [sums.decay ** (sums.length * row) for row in range(min(reach, sums.count))]
-    outflow = scipy.sparse.diags(
-        left, [-row for row in range(len(left))], shape=(sums.count, sums.count), format="csc"
-    )
-    return casadi.DM(outflow) @ (casadi.DM(inflow) @ steps)
+    rows, count = casadi.DM(scipy.sparse.csc_matrix(sums.inflow)) @ steps, sums.inflow.shape[0]
+    if not sums.kept:
+        return rows
+    # Of each row, what is left of it in all later ones.
+    left = sums.kept ** np.arange(min(int(np.log(_FADED) / np.log(sums.kept)) + 1, count))
+    places = [-row for row in range(len(left))]
+    return casadi.DM(scipy.sparse.diags(left, places, shape=(count, count), format="csc")) @ rows
 
 
 def get_variable(graph: NlpGraph, name: str) -> Any:  # noqa: ANN401
@@ -687,7 +659,7 @@ def add_variable(graph: NlpGraph, name: str, start: float, lower: float, upper: 
     if not (lower <= start <= upper and lower < upper and np.isfinite(start)):
         text = f"{name}: the start {start:g} must be finite and between the bounds {lower:g} and {upper:g}"
         raise UsageError(Notice(code="usage.variable-bounds", text=text))
-    added = NlpVariable(symbol=casadi.MX.sym(name), start=start, lower=lower, upper=upper)
+    added = NlpVariable(casadi.MX.sym(name), start, lower, upper)
     return replace(graph, variables={**graph.variables, name: added})
 
 

@@ -38,9 +38,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, freeze
+from symid.arrays import FloatArray, freeze
 from symid.codegen import ModelCard
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import (
@@ -63,77 +63,55 @@ from symid.joint_models import (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WindowSums(FrozenArrays):
-    """Sums over `count` windows of `length` steps from step `first` on, with one weight a step (N - 1,)."""
+class StepSums:
+    """A linear map from step means (N - 1, ...) to rows (M, ...), with its adjoint.
 
-    first: int
-    length: int
-    count: int
-    weights: FloatArray
-
-    @property
-    def span(self) -> slice:
-        """Return the steps of all windows."""
-        return slice(self.first, self.first + self.count * self.length)
-
-    def add(self, steps: FloatArray) -> FloatArray:
-        """Return the rows (M, ...) of step means (N - 1, ...)."""
-        blocks = steps[self.span].reshape(self.count, self.length, -1)
-        weights = self.weights[self.span].reshape(self.count, 1, self.length)
-        sums: FloatArray = np.matmul(weights, blocks).reshape(self.count, *steps.shape[1:])
-        return sums
-
-    def spread(self, rows: FloatArray) -> FloatArray:
-        """Return the steps (N - 1,) that the adjoint makes of rows (M,)."""
-        steps = np.zeros_like(self.weights)
-        steps[self.span] = self.weights[self.span] * np.repeat(rows, self.length)
-        return steps
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FilterSums:
-    """The low-pass from rest over `steps` = N - 1 steps, at the `count` samples first, first + length, ...
-
-    `decay` is exp(-rate period).
+    `inflow` (M, N - 1), sparse, is what comes in between two rows; of a row `kept` is left in the next.
     """
 
-    steps: int
-    first: int
-    length: int
-    count: int
-    decay: float
-
-    @property
-    def last(self) -> int:
-        """Return the sample of the last row."""
-        return self.first + (self.count - 1) * self.length
+    inflow: scipy.sparse.csr_array
+    kept: float = 0.0
 
     def add(self, steps: FloatArray) -> FloatArray:
-        """Return the rows (M, ...) of step means (N - 1, ...)."""
-        flat = steps.reshape(self.steps, -1)
-        inflow = np.empty((self.count, flat.shape[1]))
-        inflow[0] = self._fade(self.first) @ flat[: self.first]
-        blocks = flat[self.first : self.last].reshape(self.count - 1, self.length, flat.shape[1])
-        inflow[1:] = np.matmul(self._fade(self.length), blocks)
-        rows: FloatArray = scipy.signal.lfilter([1.0], [1.0, -(self.decay**self.length)], inflow, axis=0)
-        return rows.reshape(self.count, *steps.shape[1:])
+        """Return the rows of step means."""
+        flat, count = steps.reshape(len(steps), -1), self.inflow.shape[0]
+        if self.kept:
+            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], self.inflow @ flat, axis=0)
+        else:
+            # Windows are of one length.
+            blocks = flat[self.inflow.indices].reshape(count, -1, flat.shape[1])
+            rows = np.matmul(self.inflow.data.reshape(count, 1, -1), blocks)
+        return np.asarray(rows).reshape(count, *steps.shape[1:])
 
     def spread(self, rows: FloatArray) -> FloatArray:
         """Return the steps (N - 1,) that the adjoint makes of rows (M,)."""
-        outflow = scipy.signal.lfilter([1.0], [1.0, -(self.decay**self.length)], rows[::-1])[::-1]
-        steps = np.zeros(self.steps)
-        steps[: self.first] = outflow[0] * self._fade(self.first)
-        steps[self.first : self.last] = np.outer(outflow[1:], self._fade(self.length)).ravel()
-        return steps
+        if self.kept:
+            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], rows[::-1])[::-1]
+        return np.asarray(self.inflow.T @ rows)
 
-    def _fade(self, length: int) -> FloatArray:
-        """Return what is left of each of `length` steps at the end of the last."""
-        left: FloatArray = self.decay ** np.arange(length - 1, -1, -1, dtype=np.float64)
-        return (1.0 - self.decay) * left
+    def mask(self, counted: NDArray[np.bool_]) -> "StepSums":
+        """Return the sums with empty rows where these do not count (M,)."""
+        inflow = self.inflow.copy()
+        inflow.data *= np.repeat(counted, np.diff(inflow.indptr))
+        return StepSums(inflow=inflow, kept=self.kept)
 
 
-StepSums = WindowSums | FilterSums
-"""A linear map from steps to rows, with its adjoint."""
+def build_window_sums(ends: slice, weights: FloatArray) -> StepSums:
+    """Return sums of steps, each with its weight (N - 1,), over the windows between the samples `ends`."""
+    edges = np.arange(ends.start, ends.stop, ends.step)
+    steps = np.arange(edges[0], edges[-1])
+    parts = weights[steps], steps, edges - edges[0]
+    return StepSums(inflow=scipy.sparse.csr_array(parts, shape=(len(edges) - 1, len(weights))))
+
+
+def build_filter_sums(keep: slice, steps: int, decay: float) -> StepSums:
+    """Return the low-pass from rest over `steps`, at the samples `keep`; `decay` is exp(-rate period)."""
+    ends = np.arange(steps + 1)[keep]
+    places = np.arange(ends[-1])
+    rows = np.searchsorted(ends, places, side="right")
+    left = (1.0 - decay) * np.power(decay, ends[rows] - 1.0 - places)
+    inflow = scipy.sparse.csr_array((left, (rows, places)), shape=(len(ends), steps))
+    return StepSums(inflow=inflow, kept=decay**keep.step)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -274,7 +252,7 @@ def build_nlp_recording(
             def build(grid: FloatArray, _: FloatArray) -> FloatArray:
                 return np.diff(compute_work_columns(torsion, grid)[ends], axis=0)
 
-            sums, columns = _build_window_sums(ends, np.diff(torsion)), build(thresholds[joint], torsion)
+            sums, columns = build_window_sums(ends, np.diff(torsion)), build(thresholds[joint], torsion)
             return SpringColumns(joint=joint, build=build, columns=columns, sums=sums)
 
         turn = np.diff(signals.theta, axis=0)
@@ -283,24 +261,22 @@ def build_nlp_recording(
             values=energy.supplied,
             sign=1.0,
             springs=tuple(place(joint, torsion) for joint, torsion in enumerate(phi.T)),
-            friction=tuple((joint, _build_window_sums(ends, part)) for joint, part in enumerate(turn.T)),
+            friction=tuple((joint, build_window_sums(ends, part)) for joint, part in enumerate(turn.T)),
         )
         blocks.append(block)
     if "filtered" in kinds:
         rows, rate = problem.filtered[index], problem.options.rate
         skip = max(1, int(1.0 / (_ROW_RATE * signals.period * rows.keep.step)))
         keep = slice(rows.keep.start, None, rows.keep.step * skip)
-        torque, decay = rows.torque[::skip], float(np.exp(-rate * signals.period))
-        steps, count = len(signals.time) - 1, len(torque)
-        passed = FilterSums(steps=steps, first=keep.start, length=keep.step, count=count, decay=decay)
+        passed = build_filter_sums(keep, len(signals.time) - 1, float(np.exp(-rate * signals.period)))
 
         def pass_basis(_: FloatArray, basis: FloatArray) -> FloatArray:
             return filter_smooth(basis, rate, signals.period)[keep]
 
-        filtered = rows.design[::skip], torque, rows.drag[::skip], pass_basis, passed
+        filtered = rows.design[::skip], rows.torque[::skip], rows.drag[::skip], pass_basis, passed
         blocks += _join_blocks(problem, bases, filtered)
     if "momentum" in kinds:
-        sums = _build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
+        sums = build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
 
         def add(values: FloatArray) -> FloatArray:
             return sums.add(average_steps(values))
@@ -351,44 +327,31 @@ def _join_blocks(
     design, torque, drag, build, sums = rows
     count = problem.sizes[0]
     for joint, basis in enumerate(bases):
-        columns = build(np.zeros(0), basis)
-        springs: tuple[SpringColumns, ...] = (
-            SpringColumns(joint=joint, build=build, columns=columns, sums=sums),
-        )
-        gives, torques = problem.gives[joint], torque[:, joint]
-        motor, link = design[:, joint].copy(), design[:, joint].copy()
-        link[:, count:] = 0.0
-        if gives:
-            motor[:, :count] = 0.0
-        else:
-            torques, springs = torques - drag[:, joint], ()
+        columns, gives = build(np.zeros(0), basis), problem.gives[joint]
         kept = np.ones(len(torque), dtype=bool) if slides is None else slides[:, joint]
-        own, adds = springs, sums
-        if isinstance(sums, WindowSums) and not np.all(kept):
-            weights = sums.weights.copy()
-            weights[sums.span] *= np.repeat(kept, sums.length)
-            adds = replace(sums, weights=weights)
-            masked = np.where(kept[:, None], columns, 0.0)
+        motor, link = design[:, joint].copy(), design[:, joint].copy()
+        motor[:, : count if gives else 0], link[:, count:] = 0.0, 0.0
+        own, adds, make = columns, sums, build
+        if not np.all(kept):
+            own, adds = np.where(kept[:, None], columns, 0.0), sums.mask(kept)
 
             def make(grid: FloatArray, basis: FloatArray, kept: NDArray[np.bool_] = kept) -> FloatArray:
                 return np.where(kept[:, None], build(grid, basis), 0.0)
 
-            own = (SpringColumns(joint=joint, build=make, columns=masked, sums=adds),) if gives else ()
+        motors, links = (
+            (SpringColumns(joint=joint, build=how, columns=part, sums=whole),) if gives else ()
+            for how, part, whole in ((make, own, adds), (build, columns, sums))
+        )
         yield RowBlock(
             matrix=np.where(kept[:, None], motor, 0.0),
-            values=np.where(kept, torques, 0.0),
+            values=np.where(kept, torque[:, joint] - (0.0 if gives else drag[:, joint]), 0.0),
             sign=1.0,
-            springs=own,
+            springs=motors,
             friction=((joint, adds),),
             counted=int(np.count_nonzero(kept)),
         )
         if gives:
-            yield RowBlock(matrix=link, values=-drag[:, joint], sign=-1.0, springs=springs)
-
-
-def _build_window_sums(ends: slice, weights: FloatArray) -> WindowSums:
-    count = (ends.stop - 1 - ends.start) // ends.step
-    return WindowSums(first=ends.start, length=ends.step, count=count, weights=weights)
+            yield RowBlock(matrix=link, values=-drag[:, joint], sign=-1.0, springs=links)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -417,16 +380,12 @@ class SpringLayout:
 
     def build_spring(self, values: FloatArray, least: float) -> Elasticity:
         """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
-        weights, changes = values[self.weights], self.compute_changes(values)
-        knees = [
-            Knee(threshold=torque, slope=float(changes[slot]))
-            for torque, slot in sorted(zip(self.knees, self.slots, strict=True))
-            if changes[slot]
-        ]
+        weights, changes = values[self.weights], self.compute_changes(values).tolist()
+        knees = sorted(zip(self.knees, (changes[slot] for slot in self.slots), strict=True))
         return Elasticity(
             stiffness=float(weights[0]),
             stops=build_stops(self.thresholds, weights[1:], least),
-            knees=tuple(knees),
+            knees=tuple(Knee(threshold=torque, slope=slope) for torque, slope in knees if slope),
         )
 
 
@@ -480,16 +439,15 @@ class NlpLayout:
         joints = range(1, card.size + 1)
         names = [entry.name for entry in list_parameter_cards(card)]
         free = np.full(len(names), True) if known is None else np.isnan(known)
-        lower = [np.where(free, list_lower_bounds(card), known if known is not None else 0.0)]
-        upper = [np.where(free, np.inf, lower[0])]
+        lower: list[ArrayLike] = [np.where(free, list_lower_bounds(card), 0.0 if known is None else known)]
+        upper: list[ArrayLike] = [np.where(free, np.inf, lower[0])]
         dynamics = slice(0, len(names))
-        excess = speed = slice(len(names), len(names))
-        if options.stribeck:
-            excess = slice(len(names), len(names) + card.size)
-            speed = slice(excess.stop, excess.stop + card.size)
-            names += [f"{parameter}{joint}" for parameter in ("Fs", "vs") for joint in joints]
-            lower += [np.zeros(card.size), np.full(card.size, options.speeds[0])]
-            upper += [np.full(card.size, np.inf), np.full(card.size, options.speeds[1])]
+        size = card.size if options.stribeck else 0
+        excess = slice(len(names), len(names) + size)
+        speed = slice(excess.stop, excess.stop + size)
+        names += [f"{parameter}{joint}" for parameter in ("Fs", "vs") for joint in joints[:size]]
+        lower += [np.zeros(size), np.full(size, options.speeds[0])]
+        upper += [np.full(size, np.inf), np.full(size, options.speeds[1])]
         springs = []
         for joint, grid in zip(joints, grids, strict=True):
             # Knees of both sides from zero outwards, or of their sizes where both share slopes.
@@ -517,12 +475,10 @@ class NlpLayout:
             names += [f"k{stop} of joint {joint}" for stop in range(len(grid.thresholds) + 1)]
             sign = "+-" if odd else ""
             names += [f"slope beyond {sign}{place:.6g} of joint {joint}" for place in places]
-            least, limit = (
-                factor * grid.stiffness for factor in (options.least_stiffness, options.weight_limit)
-            )
-            slopes = np.ones((2, len(places))) * np.array(options.slopes)[:, None]
-            lower += [np.array([least]), np.zeros(len(grid.thresholds)), slopes[0]]
-            upper += [np.array([limit]), np.where(grid.thresholds < grid.reach, limit, 0.0), slopes[1]]
+            limit = options.weight_limit * grid.stiffness
+            slopes = [np.full(len(places), bound) for bound in options.slopes]
+            lower += [[options.least_stiffness * grid.stiffness], np.zeros(len(grid.thresholds)), slopes[0]]
+            upper += [[limit], np.where(grid.thresholds < grid.reach, limit, 0.0), slopes[1]]
         return cls(
             names=tuple(names),
             lower=freeze(np.concatenate(lower)),
@@ -555,10 +511,11 @@ class NlpLayout:
         """Return x (x,) with slopes of that name as the ones before them: knees that no torque reaches."""
         flat = np.array(x)
         for spring in self.springs:
-            for entry, place in enumerate(range(spring.slopes.start, spring.slopes.stop)):
-                if self.names[place] in undetermined:
+            slopes = flat[spring.slopes]
+            for entry, name in enumerate(self.names[spring.slopes]):
+                if name in undetermined:
                     before = np.flatnonzero(spring.changes[entry] < 0.0)
-                    flat[place] = flat[spring.slopes.start + before[0]] if before.size else 1.0
+                    slopes[entry] = slopes[before[0]] if before.size else 1.0
         return flat
 
     def read_springs(self, x: FloatArray, least: FloatArray) -> tuple[Elasticity, ...]:
@@ -770,10 +727,9 @@ _FIRST_SHARE = 0.7
 
 def list_weights(spring: Elasticity, thresholds: FloatArray) -> FloatArray:
     """Return k0 .. km (m + 1,) on the thresholds (m,); a linear spring is shared between them."""
-    whole = spring.initial_stiffness or 0.0
     if len(thresholds) and not spring.stops:
-        weights = np.full(len(thresholds) + 1, (1.0 - _FIRST_SHARE) * whole / len(thresholds))
-        weights[0] = _FIRST_SHARE * whole
-        return weights
+        shares = np.full(len(thresholds) + 1, (1.0 - _FIRST_SHARE) / len(thresholds))
+        shares[0] = _FIRST_SHARE
+        return shares * (spring.initial_stiffness or 0.0)
     known = {stop.threshold: stop.stiffness or 0.0 for stop in spring.stops}
-    return np.array([spring.stiffness or 0.0, *(known.get(float(value), 0.0) for value in thresholds)])
+    return np.array([spring.stiffness or 0.0, *(known.get(value, 0.0) for value in thresholds.tolist())])

@@ -21,6 +21,7 @@ link side that is not viscous; full physical consistency of the links.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -39,12 +40,7 @@ from symid.identification.hysteresis import (
     fit_spring,
     refine_spring,
 )
-from symid.identification.regression import (
-    RankRule,
-    fill_load,
-    list_measured_joints,
-    list_resting_joints,
-)
+from symid.identification.regression import RankRule, fill_load, list_measured_joints, list_resting_joints
 from symid.joint_models import (
     Elasticity,
     compute_hysteresis_torque,
@@ -111,6 +107,11 @@ class ElasticSignals(FrozenArrays):
         return np.zeros_like(self.dq) if self.drag is None else self.drag
 
     @property
+    def centred_torque(self) -> FloatArray:
+        """Return the torque (N, n) about each sample."""
+        return center_held(self.tau) if self.hold == "zero" else self.tau
+
+    @property
     def step_torque(self) -> FloatArray:
         """Return the mean torque (N - 1, n) over each step between samples."""
         return self.tau[:-1] if self.hold == "zero" else average_steps(self.tau)
@@ -123,11 +124,10 @@ def mark_sliding(signals: ElasticSignals, width: float, limits: FloatArray) -> N
     that hardly anything is left is taken as it is: its friction changes its sign, and has no time to rest.
     """
     # Zero where the motor turns back between two samples.
-    turned = np.zeros(signals.dtheta.shape, dtype=bool)
-    turned[1:] = signals.dtheta[1:] * signals.dtheta[:-1] < 0.0
+    speeds = np.abs(signals.dtheta)
+    speeds[1:][signals.dtheta[1:] * signals.dtheta[:-1] < 0.0] = 0.0
     count = 1 + 2 * max(1, round(0.5 * width / signals.period))
-    least = scipy.ndimage.minimum_filter1d(np.where(turned, 0.0, np.abs(signals.dtheta)), count, axis=0)
-    slides: NDArray[np.bool_] = least > limits
+    slides: NDArray[np.bool_] = scipy.ndimage.minimum_filter1d(speeds, count, axis=0) > limits
     busy = np.sqrt(np.mean(signals.dtheta**2, axis=0)) > _BUSY * limits
     return np.asarray(slides | (busy & (np.mean(slides, axis=0) < _LEAST_SHARE)))
 
@@ -169,35 +169,14 @@ class DriveEffect:
     order: float = 0.0
 
 
-def correct_torque(
-    torque: FloatArray, theta: FloatArray, period: float, effects: Sequence[DriveEffect]
-) -> FloatArray:
-    """Return the torque (N, n) about each sample as it acts, without ripple.
-
-    Without a lag that was found it is held from sample to sample; theta (N, n) are positions of the motors.
-    """
-    lags = [effect.values[0] for effect in effects if effect.kind == "torque-lag"]
-    time = np.arange(len(torque), dtype=np.float64) * period
-    torque = np.asarray(shift_channel(time, torque, -lags[0]) if lags else center_held(torque))
-    return np.asarray(torque - _add_waves(theta, effects, "torque-ripple"))
-
-
 def _add_waves(theta: FloatArray, effects: Sequence[DriveEffect], kind: str) -> FloatArray:
+    """Return the sums (N, n) of waves of a kind over positions (N, n)."""
     waves = np.zeros_like(theta)
     for effect in effects:
         if effect.kind == kind:
             angle = effect.order * theta[:, effect.joint]
             waves[:, effect.joint] += effect.values[0] * np.cos(angle) + effect.values[1] * np.sin(angle)
     return waves
-
-
-def compute_drag(dq: FloatArray, effects: Sequence[DriveEffect]) -> FloatArray:
-    """Return the friction (N, n) of the links' bearings, N m or N."""
-    drag = np.zeros_like(dq)
-    for effect in effects:
-        if effect.kind == "link-friction":
-            drag[:, effect.joint] = effect.values[0] * dq[:, effect.joint]
-    return drag
 
 
 def prepare_elastic_signals(
@@ -235,21 +214,22 @@ def prepare_elastic_signals(
         text = f"the log has {len(recording.time)} samples; the filter and the cut ends need at least {least}"
         raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
     tau, load, warm = recording.torque, recording.load, recording.temperature
+    values = {(effect.kind, effect.joint): effect.values[0] for effect in effects}
     if cutoff or effects:
-        tau = correct_torque(tau, motor, period, effects)
+        # As it acts: without a lag that was found it is held from sample to sample.
+        lag, time = values.get(("torque-lag", -1)), np.arange(len(tau), dtype=np.float64) * period
+        tau = center_held(tau) if lag is None else shift_channel(time, tau, -lag)
+        tau = tau - _add_waves(motor, effects, "torque-ripple")
     # What is to be added to theta - q for the torsion of the springs.
-    error = _add_waves(motor, effects, "kinematic-error")
-    for effect in effects:
-        if effect.kind == "torsion-offset":
-            # Encoders that were brought into line have no offset left.
-            gap = float(np.median(motor[:, effect.joint] - link[:, effect.joint]))
-            error[:, effect.joint] -= effect.values[0] if gap / effect.values[0] > 0.5 else 0.0
+    error, joints = _add_waves(motor, effects, "kinematic-error"), range(motor.shape[1])
+    for joint in joints:
+        # Encoders that were brought into line have no offset left.
+        offset, gap = values.get(("torsion-offset", joint)), np.median(motor[:, joint] - link[:, joint])
+        error[:, joint] -= offset if offset and gap / offset > 0.5 else 0.0
     if cutoff:
-        motor, link, tau, error = (
-            low_pass(values, period=period, cutoff=cutoff, order=_ORDER)
-            for values in (motor, link, tau, error)
-        )
-        load = None if load is None else low_pass(load, period=period, cutoff=cutoff, order=_ORDER)
+        clean = partial(low_pass, period=period, cutoff=cutoff, order=_ORDER)
+        motor, link, tau, error = map(clean, (motor, link, tau, error))
+        load = None if load is None else clean(load)
     kept = slice(0, len(recording.time) - edge)
     # Rows begin where plays are settled and filters have forgotten their start.
     phi, starts = (motor - link + error)[kept], [int(np.ceil(5.0 / (options.rate * period)))]
@@ -270,7 +250,7 @@ def prepare_elastic_signals(
         settled=max(edge, min(max(starts), max(starts[0], int(_LATEST * len(phi))))),
         hold="first" if cutoff or effects else "zero",
         cutoff=cutoff,
-        drag=compute_drag(dq, effects) if effects else None,
+        drag=dq * [values.get(("link-friction", joint), 0.0) for joint in joints] if effects else None,
         error=error[kept] if effects else None,
         load=None if load is None else load[kept],
         temperature=None if warm is None else warm[kept],
@@ -335,9 +315,7 @@ def join_rigid_joints(
     joined, notices = [], []
     for recording, (first, second) in zip(recordings, pairs, strict=True):
         gap = first - second
-        noise = np.sqrt(
-            sum(np.mean(np.diff(side, n=3, axis=0) ** 2, axis=0) for side in (first, second)) / 20.0
-        )
+        noise = np.hypot(measure_noise(first), measure_noise(second))
         apart, moving = np.abs(np.mean(gap, axis=0)), np.std(gap, axis=0)
         for joint in np.flatnonzero(rigid & moves[0] & moves[1] & (np.hypot(apart, moving) > _SAME * noise)):
             name, unit = card.joints[joint].name, card.joints[joint].position_unit
@@ -361,17 +339,20 @@ _SAME = 3.0
 """Times the noise of both encoders."""
 
 
+def measure_noise(position: FloatArray) -> FloatArray:
+    """Return the noise (n,) of encoders from third differences d of (N, n): sigma = |d|_rms / sqrt(20)."""
+    return np.asarray(np.sqrt(np.mean(np.diff(position, n=3, axis=0) ** 2, axis=0) / 20.0))
+
+
 def choose_cutoff(recording: Recording) -> float:
     """Return the cut-off in Hz of the low-pass that the encoders' noise asks for; 0 for none.
 
-    The noise is taken from third differences d, sigma = |d|_rms / sqrt(20); that of a velocity by central
-    differences is sigma / (sqrt(2) T).
+    The noise of a velocity by central differences is sigma / (sqrt(2) T).
     """
     worst = 0.0
     for position in get_encoder_positions(recording):
-        noise = np.sqrt(np.mean(np.diff(position, n=3, axis=0) ** 2, axis=0) / 20.0)
         speed = np.sqrt(np.mean(np.diff(position, axis=0) ** 2, axis=0)) / recording.period
-        velocity_noise = noise / (np.sqrt(2.0) * recording.period)
+        velocity_noise = measure_noise(position) / (np.sqrt(2.0) * recording.period)
         # A joint at rest has no speed to compare with; the fastest joint gives the scale.
         worst = max(worst, float(np.max(velocity_noise) / max(float(np.max(speed)), 1e-300)))
     wanted = max(_CUTOFF, _ABOVE * measure_motion_band([recording]))
@@ -426,21 +407,22 @@ def build_equations(
     signals: ElasticSignals,
     differentiate_rows: Callable[[FloatArray], FloatArray],
     average_rows: Callable[[FloatArray], FloatArray],
+    keep: slice = slice(None),
 ) -> FloatArray:
     """Return the columns [link beta | rotor | friction] (M, n, p + n + pf) of the sum of both equations.
 
-    `differentiate_rows` makes of momenta and speeds (N, ...) the rows (M, ...) of their derivative,
-    `average_rows` of torques (N, ...) their rows, in the same way.
+    `differentiate_rows` makes of momenta and speeds (N, ...) the rows of their derivative, `average_rows` of
+    torques (N, ...) their rows, in the same way; those of `keep` (M, ...) are taken.
     """
     (momentum,) = library.evaluate("momentum_regressor", signals.q, signals.dq)
     (lagrange,) = library.evaluate("lagrange_regressor", signals.q, signals.dq)
     columns = [
-        differentiate_rows(momentum) - average_rows(lagrange),
-        differentiate_rows(signals.dtheta)[:, :, None] * np.eye(library.card.size),
+        differentiate_rows(momentum)[keep] - average_rows(lagrange)[keep],
+        differentiate_rows(signals.dtheta)[keep][:, :, None] * np.eye(library.card.size),
     ]
     if library.card.friction:
         (friction,) = evaluate_motor_friction(library, signals)
-        columns.append(average_rows(friction))
+        columns.append(average_rows(friction)[keep])
     return np.concatenate(columns, axis=2)
 
 
@@ -496,15 +478,12 @@ def build_filtered_rows(library: Library, signals: ElasticSignals, rate: float) 
     period = signals.period
     keep = slice(signals.settled, None, max(1, int(1.0 / (_ROW_RATE * period) + 1e-9)))
     pass_torque = filter_held if signals.hold == "zero" else filter_smooth
+    smooth = partial(filter_smooth, rate=rate, period=period)
+    slope = partial(filter_derivative, rate=rate, period=period)
     return FilteredRows(
-        design=build_equations(
-            library,
-            signals,
-            lambda values: filter_derivative(values, rate, period)[keep],
-            lambda values: filter_smooth(values, rate, period)[keep],
-        ),
+        design=build_equations(library, signals, slope, smooth, keep),
         torque=pass_torque(signals.tau, rate, period)[keep],
-        drag=filter_smooth(signals.link_drag, rate, period)[keep],
+        drag=smooth(signals.link_drag)[keep],
         keep=keep,
         bases=len(library.card.beta),
     )
@@ -595,8 +574,7 @@ def list_parameter_cards(card: ModelCard) -> tuple[ParameterCard, ...]:
 
     That of a rigid joint is a part of the base parameters, and its place in chi is known to be zero.
     """
-    known = {entry.name: entry for entry in card.rotors}
-    rotors = []
+    known, rotors = {entry.name: entry for entry in card.rotors}, []
     for joint, gives in zip(card.joints, card.yielding, strict=True):
         name = f"IA{joint.number}" if gives else f"IA{joint.number} (rigid)"
         unit = "kg" if joint.kind == "prismatic" else "kg m^2"
@@ -619,7 +597,6 @@ def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
     """Return what is known of chi (p + n + pf,), NaN where nothing is; raise UsageError for other names."""
     names = [entry.name for entry in list_parameter_cards(card)]
     values = np.array([known.get(name, np.nan) for name in names])
-    low = list_lower_bounds(card)
     rigid = mark_rigid_rotors(card)
     allowed = [name for name, merged in zip(names, rigid, strict=True) if not merged]
     mistakes = [
@@ -629,7 +606,7 @@ def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
     ]
     mistakes += [
         f"known {names[place]} {values[place]:g}: must not be negative"
-        for place in np.flatnonzero(values < low)
+        for place in np.flatnonzero(values < list_lower_bounds(card))
     ]
     if mistakes:
         raise UsageError(*(Notice(code="usage.elastic-option", text=text) for text in mistakes))
@@ -638,8 +615,7 @@ def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
 
 def mark_rigid_rotors(card: ModelCard) -> NDArray[np.bool_]:
     """Return which of chi (p + n + pf,) are rotors of rigid joints, which turn with their links."""
-    rigid = [not gives for gives in card.yielding]
-    return np.array([False] * len(card.beta) + rigid + [False] * len(card.friction))
+    return np.pad(~np.array(card.yielding), (len(card.beta), len(card.friction)))
 
 
 def solve_with_signs(
@@ -664,8 +640,7 @@ def solve_with_signs(
     rule = RankRule()
     alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), 1e-300)
     scales = np.where(alive, lengths, 1.0)
-    columns = np.where(alive, matrix, 0.0) / scales
-    triangle = compute_triangle(np.column_stack([columns, right]))
+    triangle = compute_triangle(np.column_stack([np.where(alive, matrix, 0.0) / scales, right]))
     left, values = triangle[:, :count], triangle[:, count]
     answer = np.linalg.lstsq(left, values, rcond=rule.singular)
     # What has no effect is zero, not what rounding makes of it: its sign would let bounds act.
@@ -686,8 +661,6 @@ def solve_with_signs(
 
 _MEMORY = 3.0
 """Time constants of the filter."""
-
-
 RIGID = Elasticity(stiffness=0.0)
 """In place of the spring of a rigid joint, whose torsion is zero; its torque is that of the link."""
 
@@ -754,8 +727,10 @@ class ElasticProblem:
 
     def compute_work(self, springs: Sequence[Elasticity]) -> FloatArray:
         """Return the work of all springs in the windows of the energy rows (m,), J."""
-        pairs = zip(self.signals, self.energy, strict=True)
-        return np.concatenate([rows.compute_work(springs, part) for part, rows in pairs])
+        parts = [
+            rows.compute_work(springs, part) for part, rows in zip(self.signals, self.energy, strict=True)
+        ]
+        return np.concatenate(parts)
 
     def compute_stop_work(self, thresholds: Sequence[FloatArray]) -> FloatArray:
         """Return the work of springs and stops per unit stiffness in every window (m, sum (m_i + 1)), J."""
@@ -764,34 +739,43 @@ class ElasticProblem:
 
     def fit_springs(self, torque: FloatArray) -> tuple[Elasticity, ...]:
         """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows."""
+        pairs = zip(self.springs, torque.T, self.gives, strict=True)
         return tuple(
-            build_elasticity(fit_joint_spring(self.options, data, joint, torque[:, joint]))
-            if self.gives[joint]
-            else RIGID
-            for joint, data in enumerate(self.springs)
+            self.fit_spring(joint, data, target) if gives else RIGID
+            for joint, (data, target, gives) in enumerate(pairs)
         )
+
+    def fit_spring(self, joint: int, data: SpringData, target: FloatArray) -> Elasticity:
+        """Return the spring of one joint that explains F[tau_J] (M,) best, along the torsions of `data`."""
+        weights = fit_spring(data, target, self.start_spring(joint, data, target))
+        moved = refine_spring(data, target, weights) if self.options.moves_stops else weights
+        return build_elasticity(moved)
+
+    def start_spring(self, joint: int, data: SpringData, target: FloatArray) -> SpringWeights:
+        """Return the best spring without knees for F[tau_J] (M,), with knees that are to be fitted next."""
+        weights, given = data.fit_stops(target), self.options.knee_torques
+        if given is None:
+            knees = build_knee_grid([part @ weights.stiffness for part in data.basis], self.options.knees)
+        else:
+            knees = np.array(
+                sorted(given[joint], key=lambda torque: (torque > 0, abs(torque))), dtype=np.float64
+            )
+        return replace(weights, knees=knees, slopes=np.ones(len(knees)))
 
     def average_sides(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n), the mean of motor and link side, each weighted by 1 / its variance.
 
         The variances are those about a spring on the grid, so that a side with more noise counts less; chi
-        (p + n + pf,) are the dynamic parameters.
+        (p + n + pf,) are the dynamic parameters. A motor near rest tells of friction that is not known.
         """
-        motor = self.compute_motor_side(chi)
-        link = self.compute_link_side(chi)
-        joined = np.empty_like(motor)
-        for joint, data in enumerate(self.springs):
-            sides = [motor[:, joint], link[:, joint]]
-            if not self.gives[joint]:
-                joined[:, joint] = sides[1]
-                continue
-            if self.limits[joint]:
-                # What a motor near rest says holds friction that is not known.
-                sides[0] = np.where(self.slides[:, joint], sides[0], sides[1])
-            start = build_start_spring(self.options, data, joint, sides[1])
-            value = data.compute_torque(fit_spring(data, (sides[0] + sides[1]) / 2.0, start))
-            inverse = [1.0 / max(float(np.mean((side - value) ** 2)), 1e-300) for side in sides]
-            joined[:, joint] = (inverse[0] * sides[0] + inverse[1] * sides[1]) / (inverse[0] + inverse[1])
+        joined = self.compute_link_side(chi)
+        motor = np.where(self.slides | (self.limits == 0.0), self.compute_motor_side(chi), joined)
+        for joint in np.flatnonzero(self.gives).tolist():
+            data, sides = self.springs[joint], np.stack([motor[:, joint], joined[:, joint]])
+            spring = fit_spring(data, np.mean(sides, axis=0), self.start_spring(joint, data, sides[1]))
+            left = np.mean((sides - data.compute_torque(spring)) ** 2, axis=1)
+            inverse = 1.0 / np.maximum(left, 1e-300)
+            joined[:, joint] = inverse @ sides / np.sum(inverse)
         return joined
 
 
@@ -844,24 +828,3 @@ def build_spring_data(
         grid = freeze(np.arange(1, options.stops + 1) / (options.stops + 1.0) * largest)
     periods, keeps = tuple(part.period for part in signals), tuple(part.keep for part in rows)
     return SpringData(torsions=tuple(torsions), periods=periods, keeps=keeps, rate=options.rate).rebuild(grid)
-
-
-def fit_joint_spring(
-    options: ElasticOptions, data: SpringData, joint: int, target: FloatArray
-) -> SpringWeights:
-    """Return the spring of one joint that explains F[tau_J] (M,) best."""
-    weights = fit_spring(data, target, build_start_spring(options, data, joint, target))
-    return refine_spring(data, target, weights) if options.moves_stops else weights
-
-
-def build_start_spring(
-    options: ElasticOptions, data: SpringData, joint: int, target: FloatArray
-) -> SpringWeights:
-    """Return the best spring without knees for F[tau_J] (M,), with the knees that are to be fitted next."""
-    weights = data.fit_stops(target)
-    if options.knee_torques is not None:
-        torques = np.array(options.knee_torques[joint], dtype=np.float64)
-        knees = np.concatenate([torques[torques < 0][::-1], torques[torques > 0]])
-    else:
-        knees = build_knee_grid([part @ weights.stiffness for part in data.basis], options.knees)
-    return replace(weights, knees=knees, slopes=np.ones(len(knees)))

@@ -40,19 +40,16 @@ def check_settings(settings: Sequence[tuple[str, str]], kind: str) -> None:
 def list_unused_settings(robot: Robot, kind: str) -> tuple[Notice, ...]:
     """Return a notice on the settings of the robot file that `kind`, as above, does not use."""
     stated, standard = robot.processing, replace(Processing(), automatic=robot.processing.automatic)
-    changed = [name for name in _OTHERS if getattr(stated, name) != getattr(standard, name)]
-    unused = [name for name in changed if name not in _USED[kind]]
-    if not unused:
-        return ()
-    text = f"[processing] {', '.join(unused)}: not used here: {_WHY}. Used are {', '.join(_USED[kind])}"
-    return (Notice(code="identify.unused-processing", text=text, file=robot.path),)
+    names = [name for name in _OTHERS if name not in _USED[kind]]
+    unused = ", ".join(name for name in names if getattr(stated, name) != getattr(standard, name))
+    text = f"[processing] {unused}: not used here: {_WHY}. Used are {', '.join(_USED[kind])}"
+    return (Notice(code="identify.unused-processing", text=text, file=robot.path),) if unused else ()
 
 
 def get_stated_cutoff(robot: Robot, settings: Sequence[tuple[str, str]]) -> float | None:
     """Return the cut-off in Hz that robot file or call state: 0 for no filter, None to choose one."""
     stated = robot.processing.filter_cutoff
-    is_given = any(key == _PREFIX + _CUTOFF for key, _ in settings)
-    return 0.0 if stated is None and is_given else stated
+    return 0.0 if stated is None and _PREFIX + _CUTOFF in dict(settings) else stated
 
 
 def cut_logs(recordings: Sequence[Recording], processing: Processing) -> tuple[Recording, ...]:
@@ -89,7 +86,7 @@ def build_rigid_variant(robot: Robot) -> Robot:
 
 def build_rigid_estimate(estimate: Estimate, robot: Robot) -> Estimate:
     """Return an estimate of the rigid variant without its refusals of what only `robot` has."""
-    elastic = {name for name, _ in list_unidentifiable(robot)}
+    elastic = dict(list_unidentifiable(robot))
     return replace(estimate, refused=tuple(entry for entry in estimate.refused if entry[0] not in elastic))
 
 
@@ -120,9 +117,10 @@ def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
 
 def check_motor_side(robot: Robot, recordings: Sequence[Recording]) -> None:
     """Raise LogError for logs whose one position is that of the links by the name of its columns."""
-    position, link = robot.log.position, robot.log.link_position
-    columns = () if position is None else position.columns
-    known = () if link is None else link.columns
+    columns, known = (
+        () if quantity is None else quantity.columns
+        for quantity in (robot.log.position, robot.log.link_position)
+    )
     if not columns or not all(name in known or _LINK_NAME.fullmatch(name) for name in columns):
         return
     text = (
@@ -136,14 +134,12 @@ def check_motor_side(robot: Robot, recordings: Sequence[Recording]) -> None:
 def warn_of_rotors(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...]:
     """Return a warning where rotor inertias are negative, which no motor has."""
     names = [entry.name for entry in parameters if _ROTOR_NAME.fullmatch(entry.name) and entry.value < 0.0]
-    if not names:
-        return ()
     text = (
         f"negative rotor inertia, which is impossible: {', '.join(names)}. Check whether the position is "
         "that of the links, and sign and factor of the torque; if the motions are too slow to separate "
         "rotors from links, take the inertia from the data sheet"
     )
-    return (Notice(code="elastic.negative-rotor", text=text),)
+    return (Notice(code="elastic.negative-rotor", text=text),) if names else ()
 
 
 def has_both_encoders(recordings: Sequence[Recording]) -> bool:
@@ -157,8 +153,7 @@ def list_unidentifiable(robot: Robot) -> tuple[tuple[str, str], ...]:
     for number, joint in enumerate(robot.joints, start=1):
         if joint.elasticity is not None:
             refused += [(f"stiffness{number}", _STIFFNESS), (f"hysteresis{number}", _HYSTERESIS)]
-            if joint.drive.has_rotor:
-                refused.append((f"IA{number} apart from the link", _SPLIT))
+            refused += [(f"IA{number} apart from the link", _SPLIT)] * joint.drive.has_rotor
     return tuple(refused)
 
 
@@ -167,17 +162,18 @@ def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -
 
     With `both` the logs have both positions, and coupled drives stand in the way.
     """
-    why = "the logs have one position a joint, taken as that of its motor"
-    if both:
-        why = "coupled drives turn with elastic joints"
+    one = "the logs have one position a joint, taken as that of its motor"
     text = (
-        f"{why}: the rigid model was identified, with rotor inertias merged into the base parameters; "
-        "stiffness and hysteresis are not identifiable"
+        f"{'coupled drives turn with elastic joints' if both else one}: the rigid model was identified, with "
+        "rotor inertias merged into the base parameters; stiffness and hysteresis are not identifiable"
     )
-    refused = (*estimate.refused, *list_unidentifiable(robot))
-    notices = (Notice(code="elastic.motor-side", text=text), *warn_of_rotors(estimate.parameters))
-    notices += estimate.notices
-    return replace(estimate, refused=refused, outcome=Outcome.SOME_REFUSED, notices=notices)
+    notice = Notice(code="elastic.motor-side", text=text)
+    return replace(
+        estimate,
+        refused=(*estimate.refused, *list_unidentifiable(robot)),
+        outcome=Outcome.SOME_REFUSED,
+        notices=(notice, *warn_of_rotors(estimate.parameters), *estimate.notices),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -105,16 +105,13 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
         return low_pass(values, period=period, cutoff=limited, order=_ORDER)
 
     theta, q = low(found.theta), low(found.q)
-    speed = differentiate(theta, period)
+    link, rest = np.where(found.present, q, theta), np.zeros_like(theta)
+    speed, link_speed = differentiate(theta, period), differentiate(link, period)
     acceleration = differentiate(speed, period)
-    link = np.where(found.present, q, theta)
-    rest = np.zeros_like(link)
-    link_speed = differentiate(link, period)
     (still,) = library.evaluate("torque_regressor", link, rest, rest)
     (whole,) = library.evaluate("torque_regressor", link, link_speed, differentiate(link_speed, period))
-    extra = [np.zeros((*theta.shape, 0))]
-    if library.card.rotors:
-        extra.append(acceleration[:, :, None] * np.eye(theta.shape[1]))
+    rotors = acceleration[:, :, None] * np.eye(theta.shape[1])
+    extra = [rotors if library.card.rotors else rotors[:, :, :0]]
     if library.card.friction:
         # Dry friction changes its sign faster than the low-pass lets pass: friction first, then the filter.
         angle = low(found.theta, 4.0 * _CUTOFF)
@@ -162,21 +159,25 @@ _LOADS = 4
 """Fits after which loads that friction takes part of stay where they are."""
 
 
-def _build_loaded_rows(library: Library, recordings: Sequence[Recording]) -> list[RigidRows]:
-    """Return the equations of all recordings; loads that friction reads are measured, or those of the fit."""
-    measured = list_measured_joints(recordings)
-    if "load" not in library.card.friction_inputs or all(measured):
-        return [build_rigid_rows(library, recording) for recording in recordings]
+def _build_loaded_rows(
+    library: Library, recordings: Sequence[Recording]
+) -> tuple[list[RigidRows], FloatArray]:
+    """Return the equations of all recordings, and the base parameters (p,) that explain their torque.
+
+    Loads that friction reads are measured, or those of the fit.
+    """
+    measured, loaded = list_measured_joints(recordings), tuple(recordings)
+    sought = "load" in library.card.friction_inputs and not all(measured)
     loads = [np.zeros_like(recording.position) for recording in recordings]
-    runs: list[RigidRows] = []
-    for _ in range(_LOADS):
-        runs = [
-            build_rigid_rows(library, replace(recording, load=fill_load(recording.load, load, measured)))
-            for recording, load in zip(recordings, loads, strict=True)
-        ]
+    for _ in range(_LOADS if sought else 1):
+        if sought:
+            pairs = zip(recordings, loads, strict=True)
+            loaded = tuple(replace(one, load=fill_load(one.load, load, measured)) for one, load in pairs)
+        runs = [build_rigid_rows(library, recording) for recording in loaded]
         x, _ = fit_rigid(np.concatenate([rows.compute_grams() for rows in runs]).sum(axis=0))
-        loads = [rows.whole @ x[: rows.whole.shape[2]] for rows in runs]
-    return runs
+        beta = x[: runs[0].whole.shape[2]]
+        loads = [rows.whole @ beta for rows in runs]
+    return runs, beta
 
 
 def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]) -> Alignment:
@@ -190,9 +191,7 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
     moved = tuple(recordings)
     used, delay = np.zeros((len(recordings), library.card.size)), 0.0
     for _ in range(_PASSES):
-        runs = _build_loaded_rows(library, moved)
-        x, _ = fit_rigid(np.concatenate([rows.compute_grams() for rows in runs]).sum(axis=0))
-        beta = x[: runs[0].whole.shape[2]]
+        runs, beta = _build_loaded_rows(library, moved)
         peak = np.max([np.max(np.abs(rows.whole @ beta), axis=0) for rows in runs], axis=0)
         scale, width = np.where(peak > 0.0, peak, 1.0), _compute_reversal_widths(runs)
         # What the torsion may follow, (N, n, 7), all of one scale: gravity, the torque of motion, plays of
@@ -229,8 +228,7 @@ def _align(
     notices: tuple[Notice, ...] = ()
     refuted = kept is not None and kept.delay != 0.0 and _refute_delay(library, recordings, kept)
     if kept is not None and refuted:
-        offsets = np.nan_to_num(kept.offsets, nan=0.0)
-        kept = replace(kept, delay=0.0) if np.any(offsets) else None
+        kept = replace(kept, delay=0.0) if np.any(np.nan_to_num(kept.offsets)) else None
     if kept is not None:
         moved = tuple(align(recording, kept, run=run) for run, recording in enumerate(recordings))
         notices = tuple(recording.notices[-1] for recording in moved)
@@ -264,11 +262,10 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
     them apart: tau = [ddtheta, friction, spring and stops of the torsion] x, fitted with and without it.
     """
     # Where motor and link move as one, no torque tells a delay from friction: the delay is the likelier.
-    pairs = [get_encoder_positions(recording) for recording in recordings]
-    apart, moves = (
-        float(sum(np.mean(np.diff(values, axis=0) ** 2) for values in side))
-        for side in ([motor - link for motor, link in pairs], [motor for motor, _ in pairs])
-    )
+    apart = moves = 0.0
+    for motor, link in map(get_encoder_positions, recordings):
+        apart += float(np.mean(np.diff(motor - link, axis=0) ** 2))
+        moves += float(np.mean(np.diff(motor, axis=0) ** 2))
     if not any(library.card.yielding) or apart < _APART * moves:
         return False
     bases, lefts = len(library.card.beta), []
@@ -278,7 +275,7 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
         for run, recording in enumerate(recordings):
             signals = prepare_elastic_signals(shift_link_channel(recording, entry, run=run), ElasticOptions())
             rate = partial(differentiate, period=signals.period)
-            design = build_equations(library, signals, rate, lambda values: values)
+            design = build_equations(library, signals, rate, np.asarray)
             for joint in range(library.card.size):
                 torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
                 if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
@@ -357,22 +354,21 @@ class ComplianceFits(FrozenArrays):
 def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
     """Return the compliance of every joint in every run, with and without each block."""
     widths, count = _compute_reversal_widths(runs), runs[0].still.shape[2]
-    torsion_grams = []
+    torsion = []
     for rows in runs:
         nuisances = (np.ones_like(rows.gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
         parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, rows.gap[:, :, None]]
-        torsion_grams.append(rows.compute_grams(np.concatenate(parts, axis=2)))
+        torsion.append(rows.compute_grams(np.concatenate(parts, axis=2)))
     rigid = np.concatenate([rows.compute_grams() for rows in runs])
-    torsion = np.concatenate(torsion_grams)
-    owner = np.repeat(np.arange(len(runs)), [len(rows.blocks) for rows in runs])
     whole, norms = fit_rigid(rigid.sum(axis=0))
-    sums = np.array([grams.sum(axis=0) for grams in torsion_grams])
+    sums = np.array([grams.sum(axis=0) for grams in torsion])
     first = _solve_runs(sums, whole[:count])
     replicates = [first[0]]
-    for out, run in enumerate(owner):
-        beta = fit_rigid(rigid.sum(axis=0) - rigid[out], norms**-2.0)[0][:count]
+    owned = ((run, grams) for run, blocks in enumerate(torsion) for grams in blocks)
+    for left_out, (run, grams) in zip(rigid, owned, strict=True):
+        beta = fit_rigid(rigid.sum(axis=0) - left_out, norms**-2.0)[0][:count]
         without = sums.copy()
-        without[run] -= torsion[out]
+        without[run] -= grams
         replicates.append(_solve_runs(without, beta)[0])
     samples = sum(part.stop - part.start for rows in runs for part in rows.blocks)
     still = np.concatenate([rows.still @ whole[:count] for rows in runs])
@@ -392,12 +388,8 @@ def _solve_runs(sums: FloatArray, beta: FloatArray) -> FloatArray:
 
     Gravity and torsion are cleared of nuisances and of the torque of motion first (Frisch and Waugh).
     """
-    own, count, size = _NUISANCES, len(beta), sums.shape[-1]
-    change = np.zeros((size, own + 3))
-    change[:own, :own] = np.eye(own)
-    change[own : own + count, own] = beta
-    change[own + count : size - 1, own + 1] = beta
-    change[-1, -1] = 1.0
+    own = _NUISANCES
+    change = scipy.linalg.block_diag(np.eye(own), beta[:, None], beta[:, None], 1.0)
     found = np.zeros((*sums.shape[:2], 3))
     for place in np.ndindex(sums.shape[:2]):
         small = change.T @ sums[place] @ change
@@ -478,7 +470,7 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
         LogError: a recording has one encoder only, is uneven or too short, or no joint has both encoders.
     """
     moved, alignment, _, notices = _align(library, recordings)
-    fits = fit_compliances(_build_loaded_rows(library, moved))
+    fits = fit_compliances(_build_loaded_rows(library, moved)[0])
     return StiffnessEstimate(
         robot=library.card.robot,
         alignment=alignment,
@@ -496,54 +488,48 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) 
     explained, left, unit = float(fits.explained[index]), float(fits.left[index]), card.position_unit
     runs = run_stds = np.full(fits.compliances.shape[1], np.nan)
     mean = std = low = high = float("nan")
-    against: tuple[tuple[StiffnessVerdict, str], ...]
+    against: list[tuple[StiffnessVerdict, str]] = []
     if not present:
         explained = left = float("nan")
         text = "its link encoder's channel is constant or a copy: there is no link encoder"
-        against = ((StiffnessVerdict.NO_ENCODER, text),)
+        against.append((StiffnessVerdict.NO_ENCODER, text))
     elif fits.loading[index] <= _FLAT:
-        explained = 0.0
-        load = "gravity does not load this joint"
+        explained, load = 0.0, "gravity does not load this joint"
         if fits.steady[index] > _FLAT:
             load = "the torque of gravity on this joint does not change"
         text = (
             f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; {left:.3g} "
             f"{unit} of its torsion are left (root mean square)"
         )
-        against = ((StiffnessVerdict.NO_GRAVITY, text),)
+        against.append((StiffnessVerdict.NO_GRAVITY, text))
     else:
-        runs = fits.compliances[0, :, index]
         # Runs are averaged with the inverse of their variances.
-        others = fits.compliances[1:, :, index]
+        runs, others = fits.compliances[0, :, index], fits.compliances[1:, :, index]
         n, freedom, chance = len(others), len(runs) - 1, 1.0
         spread = others - others.mean(axis=0)
         covariance = (n - 1) / n * spread.T @ spread
         run_stds = np.sqrt(np.diag(covariance))
         weights = 1.0 / np.maximum(run_stds, 1e-300) ** 2
         weights /= weights.sum()
-        mean = float(weights @ runs)
-        std = float(np.sqrt(weights @ covariance @ weights))
+        mean, std = float(weights @ runs), float(np.sqrt(weights @ covariance @ weights))
         if freedom:
             excess = float(np.sum(((runs - mean) / np.maximum(run_stds, 1e-300)) ** 2))
             # The Birge ratio; and the chance that equal springs differ so much.
             std, chance = std * max(1.0, excess / freedom) ** 0.5, float(scipy.stats.chi2.sf(excess, freedom))
         half = float(scipy.stats.t.ppf(0.5 + 0.5 * _LEVEL, max(1, n - 1))) * std
         low, high = mean - half, mean + half
-        small = (
-            f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
-            f"{left:.3g} {unit} (root mean square)"
-        )
-        apart = f"the runs contradict each other: equal springs differ so much with probability {chance:.2g}"
-        wide = (
-            f"the 95 % interval of the compliance, {low:.3g} to {high:.3g} {unit}/({card.torque_unit}), "
-            "includes a rigid joint"
-        )
-        checks = (
-            (explained <= left, StiffnessVerdict.BELOW_NOISE, small),
-            (chance < _UNLIKELY, StiffnessVerdict.INCONSISTENT, apart),
-            (low <= 0.0, StiffnessVerdict.VAGUE, wide),
-        )
-        against = tuple((verdict, text) for is_broken, verdict, text in checks if is_broken)
+        if explained <= left:
+            text = (
+                f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
+                f"{left:.3g} {unit} (root mean square)"
+            )
+            against.append((StiffnessVerdict.BELOW_NOISE, text))
+        if chance < _UNLIKELY:
+            text = "the runs contradict each other: equal springs differ so much with probability"
+            against.append((StiffnessVerdict.INCONSISTENT, f"{text} {chance:.2g}"))
+        if low <= 0.0:
+            text = f"the 95 % interval of the compliance, {low:.3g} to {high:.3g} {unit}/({card.torque_unit})"
+            against.append((StiffnessVerdict.VAGUE, f"{text}, includes a rigid joint"))
     reason = "; ".join(text for _, text in against) or (
         f"gravity explains {explained:.3g} {unit} of the torsion and leaves {left:.3g} {unit}; the 95 % "
         "interval is that of the jackknife over blocks of time"

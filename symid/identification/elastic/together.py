@@ -47,12 +47,7 @@ from symid.identification.elastic.estimate import (
     list_spring_numbers,
     move_spring,
 )
-from symid.identification.elastic.regression import (
-    ElasticProblem,
-    build_start_spring,
-    compute_joint_torque,
-    solve_with_signs,
-)
+from symid.identification.elastic.regression import ElasticProblem, compute_joint_torque, solve_with_signs
 from symid.identification.hysteresis import (
     SpringData,
     SpringWeights,
@@ -112,36 +107,29 @@ def fit_linear_spring(problem: ElasticProblem) -> MethodFit:
 def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     """Return the next iterate: the springs of all joints given chi, then chi given the springs."""
     count = len(state.history) if problem.options.moves_stops else -1
-    data: list[SpringData] = []
-    springs: list[SpringWeights] = []
-    for joint, (known, aim) in enumerate(
-        zip(state.data, problem.compute_motor_side(state.chi).T, strict=True)
-    ):
+    data, springs = list(state.data), list(state.springs) or [_NO_SPRING] * problem.sizes[1]
+    for joint, aim in enumerate(problem.compute_motor_side(state.chi).T):
         if not problem.gives[joint]:
-            data.append(known)
-            springs.append(_NO_SPRING)
             continue
-        first = not state.springs
-        start = build_start_spring(problem.options, known, joint, aim) if first else state.springs[joint]
+        known, start = data[joint], springs[joint]
+        if not state.springs:
+            start = problem.start_spring(joint, known, aim)
         if count == _GRID_STEPS:
             start = refine_spring(known, aim, start)
         elif count == _GRID_STEPS + 1:
             start = follow_spring(known, aim, start)
-        data.append(known.rebuild(start.thresholds))
-        springs.append(fit_spring(data[-1], aim, start))
+        data[joint] = known.rebuild(start.thresholds)
+        springs[joint] = fit_spring(data[joint], aim, start)
     work = problem.compute_work(list(map(build_elasticity, springs)))
     goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work, problem.known)
-    spring_torques = [known.compute_torque(spring) for known, spring in zip(data, springs, strict=True)]
-    rigid = [joint for joint, gives in enumerate(problem.gives) if not gives]
+    torques = np.column_stack([known.compute_torque(own) for known, own in zip(data, springs, strict=True)])
     fraction = 1.0
     for _ in range(_HALVINGS):
         chi = state.chi + fraction * (goal - state.chi)
-        motor_side = problem.compute_motor_side(chi).T
-        for joint in rigid:
-            spring_torques[joint] = problem.compute_link_side(chi)[:, joint]
+        passed = np.where(problem.gives, torques, problem.compute_link_side(chi))
         errors = [
             problem.supplied - work - problem.design @ chi,
-            *(aim - torque for aim, torque in zip(motor_side, spring_torques, strict=True)),
+            *(problem.compute_motor_side(chi) - passed).T,
         ]
         norms = tuple(float(np.linalg.norm(part)) for part in errors)
         scales = state.scales or tuple(max(norm, 1e-300) for norm in norms)
@@ -154,13 +142,12 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     sizes = np.maximum(np.abs(chi), 0.05 * float(np.linalg.norm(problem.supplied)) / lengths)
     change = float(np.max(np.abs(chi - state.chi) / sizes))
     entry = HistoryEntry(merit=merit, change=change, damping=fraction, norms=norms)
-    history = (*state.history, entry)
     return TwoStepState(
         chi=chi,
         data=tuple(data),
         springs=tuple(springs),
         scales=scales,
-        history=history,
+        history=(*state.history, entry),
         merit=merit,
     )
 
@@ -204,22 +191,19 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> M
     free, values = np.isnan(problem.known), np.nan_to_num(problem.known)
     design, supplied = problem.design[:, free], problem.supplied - problem.design @ values
     columns = problem.compute_stop_work(problem.thresholds)
-    chi = solve_scaled(design, supplied, rcond=_RANK)
-    stiffness = np.zeros(columns.shape[1])
+    chi, stiffness = solve_scaled(design, supplied, rcond=_RANK), np.zeros(columns.shape[1])
     lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     history: list[HistoryEntry] = []
     outcome = Ending.LIMIT
-    for _ in range(iterations):
-        stiffness = solve_scaled(columns, supplied - design @ chi, rcond=_RANK)
-        moved = solve_scaled(design, supplied - columns @ stiffness, rcond=_RANK)
-        size = max(float(np.linalg.norm(moved * lengths)), 1e-300)
-        change = float(np.linalg.norm((moved - chi) * lengths)) / size
-        chi = moved
+    while outcome is Ending.LIMIT and len(history) < iterations:
+        before, stiffness = chi, solve_scaled(columns, supplied - design @ chi, rcond=_RANK)
+        chi = solve_scaled(design, supplied - columns @ stiffness, rcond=_RANK)
+        size = max(float(np.linalg.norm(chi * lengths)), 1e-300)
+        change = float(np.linalg.norm((chi - before) * lengths)) / size
         norm = float(np.linalg.norm(supplied - design @ chi - columns @ stiffness))
         history.append(HistoryEntry(merit=norm**2, change=change, norms=(norm,)))
         if change <= problem.options.tolerance:
             outcome = Ending.CONVERGED
-            break
     ends = np.cumsum([len(grid) + 1 for grid in problem.thresholds])[:-1]
     springs = tuple(
         Elasticity(stiffness=float(own[0]), stops=build_stops(grid, own[1:], -1.0))
@@ -294,17 +278,17 @@ def _build_sides(problem: ElasticProblem, fit: MethodFit) -> list[_Sides]:
 
     Motors that are not trusted to slide have empty rows, and so have the links of rigid joints.
     """
-    slides, start, gives, sides = problem.slides, 0, np.array(problem.gives), []
-    for rows, spring in zip(problem.filtered, compute_spring_torques(problem, fit), strict=True):
+    gives, sides = np.array(problem.gives), []
+    ends = np.cumsum([len(rows.torque) for rows in problem.filtered])[:-1]
+    torques, slides = compute_spring_torques(problem, fit), np.split(problem.slides, ends)
+    for rows, spring, slide in zip(problem.filtered, torques, slides, strict=True):
         motor, link = rows.design.copy(), rows.design.copy()
         # The rows of a rigid joint's motor are those of both sides.
         motor[:, gives, : rows.bases], link[:, :, rows.bases :] = 0.0, 0.0
-        kept = np.stack([slides[start : start + len(spring)], np.broadcast_to(gives, spring.shape)], axis=1)
-        start += len(spring)
+        kept = np.stack([slide, np.broadcast_to(gives, spring.shape)], axis=1)
         passed = np.where(gives, spring, rows.drag)
-        right = np.stack([rows.torque - passed, spring - rows.drag], axis=1)
+        right = np.where(kept, np.stack([rows.torque - passed, spring - rows.drag], axis=1), 0.0)
         design = np.where(kept[..., None], np.stack([motor, link], axis=1), 0.0)
-        right = np.where(kept, right, 0.0)
         pulls = np.where(kept & gives, np.array([[-1.0], [1.0]]), 0.0)
         squares = np.sum((right - design @ fit.chi) ** 2, axis=0)
         floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
@@ -325,12 +309,13 @@ def build_side_rows(problem: ElasticProblem, fit: MethodFit, *, zeros: bool = Fa
 
 def _stack(sides: Sequence[_Sides], *, zeros: bool) -> tuple[FloatArray, FloatArray]:
     """Return design (M, p + n + pf) and right sides (M,) of all recordings; `zeros` as above."""
-    parts = [(entry.design, entry.right) for entry in sides]
-    if zeros:
-        parts = [(entry.free(entry.design), entry.free(entry.right)) for entry in sides]
-    designs, rights = zip(*parts, strict=True)
-    design = np.concatenate([entry.reshape(-1, entry.shape[-1]) for entry in designs])
-    return design, np.concatenate([entry.reshape(-1) for entry in rights])
+    design, right = (
+        np.concatenate(
+            [entry.free(getattr(entry, name)) if zeros else getattr(entry, name) for entry in sides]
+        )
+        for name in ("design", "right")
+    )
+    return design.reshape(-1, design.shape[-1]), right.reshape(-1)
 
 
 def calm_torsions(wide: ElasticProblem, narrow: ElasticProblem, fit: MethodFit) -> ElasticProblem:
@@ -339,13 +324,17 @@ def calm_torsions(wide: ElasticProblem, narrow: ElasticProblem, fit: MethodFit) 
     Noise that turns a torsion back moves springs with memory and no sharp thresholds a little every time;
     a cut-off that takes it away bends fast motion. `fit` has the springs, `narrow` the same recordings.
     """
-    scatters = []
-    for problem in (narrow, wide):
-        pairs = zip(compute_spring_torques(problem, fit), problem.filtered, strict=True)
-        left = [np.std(torque - rows.compute_link_side(fit.chi), axis=0) for torque, rows in pairs]
-        scatters.append(np.array(left))
-    calmer, signals = scatters[0] < scatters[1], []
-    for part, other, better in zip(wide.signals, narrow.signals, calmer, strict=True):
+    calmer, wilder = (
+        np.array(
+            [
+                np.std(torque - rows.compute_link_side(fit.chi), axis=0)
+                for torque, rows in zip(compute_spring_torques(problem, fit), problem.filtered, strict=True)
+            ]
+        )
+        for problem in (narrow, wide)
+    )
+    signals = []
+    for part, other, better in zip(wide.signals, narrow.signals, calmer < wilder, strict=True):
         # A lower cut-off cuts more of the end.
         count = min(len(part.time), len(other.time))
         error = part.phi - (part.theta - part.q)
@@ -402,9 +391,8 @@ class _Springs:
     def _change(self, joint: int, spring: Elasticity, before: Sequence[FloatArray]) -> FloatArray:
         """Return what another spring than that of `before` changes of the right sides."""
         parts = []
-        for side, old, new in zip(
-            self.sides, before, filter_spring(self.problem, spring, joint), strict=True
-        ):
+        torques = filter_spring(self.problem, spring, joint)
+        for side, old, new in zip(self.sides, before, torques, strict=True):
             moved = np.zeros_like(side.right)
             moved[:, :, joint] = side.pulls[:, :, joint] * (new - old)[:, None]
             parts.append(side.free(moved).reshape(-1))

@@ -77,8 +77,7 @@ class JointTrial(FrozenArrays):
 class ElasticTrial:
     """One log under the models; `residuals` are tables of residuals, each with its caption.
 
-    `joints` are the elastic ones.
-    `fitted` marks a log of the fit, which is no test.
+    `joints` are the elastic ones; `fitted` marks a log of the fit, which is no test.
     """
 
     source: str
@@ -94,9 +93,8 @@ class ElasticTrial:
     @property
     def means(self) -> tuple[float, ...]:
         """Return the mean over joints of the relative residuals of every table, in percent."""
-        return tuple(
-            float(np.mean([entry.relative_percent for entry in entries])) for _, entries in self.residuals
-        )
+        tables = ([entry.relative_percent for entry in entries] for _, entries in self.residuals)
+        return tuple(float(np.mean(percents)) for percents in tables)
 
 
 def evaluate_elastic(
@@ -124,17 +122,16 @@ def evaluate_elastic(
     except (TypeError, UsageError) as error:
         text = f"its settings cannot be used: {error}; identify again"
         raise EstimateError(Notice(code="estimate.settings", text=text)) from error
-    # Springs of all joints, None for those without one; nothing where there are none.
-    known = {spring.joint: spring for spring in estimate.springs}
-    springs = [known.get(joint.name) for joint in library.card.joints] if known else []
+    known = {spring.joint: (spring.identifiable, spring.truth) for spring in estimate.springs}
+    springs = [known.get(joint.name, (None, None)) for joint in library.card.joints] if known else []
     return predict_elastic(
         library,
         recording,
         options,
         estimate.build_fit(library.card),
         initial=initial,
-        identifiable=[None if spring is None else spring.identifiable for spring in springs],
-        truth=[None if spring is None else spring.truth for spring in springs],
+        identifiable=[told for told, _ in springs],
+        truth=[truth for _, truth in springs],
         effects=estimate.effects,
         fitted=measure_overlap(recording, estimate.sources, estimate.settings) > 0.0,
     )
@@ -168,9 +165,8 @@ def predict_elastic(
         spring = springs[joint] if springs else None
         if spring is None or spring.initial_stiffness is None:
             return None
-        return filter_smooth(compute_joint_torque(spring, signals, joint), options.rate, signals.period)[
-            rows.keep
-        ]
+        torque = compute_joint_torque(spring, signals, joint)
+        return filter_smooth(torque, options.rate, signals.period)[rows.keep]
 
     told = identifiable or [True] * len(final.elasticity)
     known = [spring if is_known else None for spring, is_known in zip(final.elasticity, told, strict=True)]
@@ -194,12 +190,13 @@ def predict_elastic(
     def measure(joint: str, unit: str, errors: FloatArray, measured: FloatArray) -> Residual:
         return Residual.measure(joint, errors, measured, unit, float(np.std(errors)))
 
-    columns = zip(library.card.joints, (motor - link).T, rows.torque.T, strict=True)
-    both = [measure(card.name, card.torque_unit, error, torque) for card, error, torque in columns]
+    cards = library.card.joints
+    torques = dict(zip((card.name for card in cards), rows.torque.T, strict=True))
+    pairs = zip(cards, (motor - link).T, strict=True)
+    both = [measure(card.name, card.torque_unit, error, torques[card.name]) for card, error in pairs]
     tables = [
         ("Torque of the motors by the dynamics of motors and links together, without springs.", tuple(both))
     ]
-    torques = {card.name: torque for card, torque in zip(library.card.joints, rows.torque.T, strict=True)}
     sprung = [(entry, torques[entry.joint], entry.final) for entry in joints if entry.final is not None]
     if sprung:
         motors = (measure(one.joint, one.unit, one.motor - own, torque) for one, torque, own in sprung)
@@ -238,11 +235,10 @@ def compute_elastic_reference(
     remembers = any(port.name == "Q" for port in spec.inputs)
     memory = np.zeros(sum(len(spring.stops) for spring in fit.elasticity))
     call = library.bind(_FUNCTION)
-    motion = np.stack(trajectory.evaluate_derivatives(time, 4), axis=1)
-    angle, speed, torque = (np.empty((len(time), library.card.size)) for _ in range(3))
-    for tick, state in enumerate(motion):
+    torque, angle, speed = found = np.empty((3, len(time), library.card.size))
+    for tick, state in enumerate(np.stack(trajectory.evaluate_derivatives(time, 4), axis=1)):
         outputs = call(*state, *parameters, *([memory] if remembers else []))
-        torque[tick], angle[tick], speed[tick] = outputs[:3]
+        found[:, tick] = outputs[:3]
         if remembers:
             memory = outputs[3].copy()
     return MotorReference(angle=angle, speed=speed, torque=torque)
@@ -265,14 +261,12 @@ class TrackingRun(FrozenArrays):
     @property
     def rms(self) -> FloatArray:
         """Return the root mean square error of each joint (n,), rad or m."""
-        result: FloatArray = np.sqrt(np.mean(self.error**2, axis=0))
-        return result
+        return np.asarray(np.sqrt(np.mean(self.error**2, axis=0)))
 
     @property
     def peak(self) -> FloatArray:
         """Return the largest error of each joint (n,), rad or m."""
-        result: FloatArray = np.max(np.abs(self.error), axis=0)
-        return result
+        return np.asarray(np.max(np.abs(self.error), axis=0))
 
 
 class SpringCounts(NamedTuple):
@@ -323,9 +317,8 @@ def simulate_tracking(
         for name, fit in models.items():
             wide = replace(fit, elasticity=widen_springs(fit.elasticity, counts))
             references[name] = compute_elastic_reference(controller, wide, trajectory, time)
-    runs = []
     # No noise is drawn for the loop; the logs of these runs are not used.
-    rng = np.random.default_rng(0)
+    runs, rng = [], np.random.default_rng(0)
     for name, reference in references.items():
         found = simulate_elastic(robot, library, trajectory, options, rng, reference=reference)
         runs.append(TrackingRun(name=name, time=found.time, error=found.q - found.desired))
@@ -334,28 +327,28 @@ def simulate_tracking(
 
 def _count(springs: Sequence[Elasticity]) -> SpringCounts:
     """Return the largest numbers that occur in any of the springs, counted up."""
-    stops = max(len(spring.stops) for spring in springs)
-    knees = [[knee.threshold < 0.0 for knee in spring.knees] for spring in springs]
-    numbers = (stops, max(map(sum, knees)), max(len(side) - sum(side) for side in knees))
-    return SpringCounts(*(-(-number // _MULTIPLE) * _MULTIPLE for number in numbers))
+    numbers = [
+        (len(spring.stops), below, len(spring.knees) - below)
+        for spring in springs
+        for below in [sum(knee.threshold < 0.0 for knee in spring.knees)]
+    ]
+    return SpringCounts(*(-(-number // _MULTIPLE) * _MULTIPLE for number in np.max(numbers, axis=0).tolist()))
 
 
 def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCounts]) -> tuple[Elasticity, ...]:
     """Return springs of the same torque with more stops and knees, which have no effect."""
 
     def extend(places: list[float], least: int, first: float) -> list[float]:
-        whole = list(places)
-        while len(whole) < least:
-            whole.append(_FURTHER * whole[-1] if whole else first)
-        return whole[len(places) :]
+        last = places[-1] if places else first / _FURTHER
+        return [last * _FURTHER**step for step in range(1, least - len(places) + 1)]
 
     wide = []
     for spring, count in zip(elasticity, counts, strict=True):
         radii = extend([stop.threshold for stop in spring.stops], count.stops, _FURTHER)
         places = sorted(knee.threshold for knee in spring.knees)
-        below = extend([place for place in places[::-1] if place < 0.0], count.below, -1.0)
-        above = extend([place for place in places if place > 0.0], count.above, 1.0)
+        further = extend([place for place in places[::-1] if place < 0.0], count.below, -1.0)
+        further += extend([place for place in places if place > 0.0], count.above, 1.0)
         stops = (*spring.stops, *(Stop(threshold=place, stiffness=0.0) for place in radii))
-        knees = [*spring.knees, *(Knee(threshold=place, slope=0.0) for place in (*below, *above))]
+        knees = [*spring.knees, *(Knee(threshold=place, slope=0.0) for place in further)]
         wide.append(replace(spring, stops=stops, knees=tuple(sorted(knees))))
     return tuple(wide)

@@ -1,3 +1,5 @@
+# ruff: noqa: D102 - methods that `ElementFamily` describes
+
 """Families of elements: for given shape values the output is linear in coefficients.
 
     y = sum_j c_j Phi_j(x; s)       s: thresholds, lengths, exponents;  c: stiffnesses and forces
@@ -17,6 +19,7 @@ from itertools import product
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import run_compiled_branch
@@ -29,6 +32,7 @@ from symid.joint_models import (
     Relays,
     SlipSpring,
     Start,
+    SteppedBranch,
     Stop,
     build_float_carrier,
     compute_clamps,
@@ -58,22 +62,20 @@ class ElementPath(FrozenArrays):
 
     def split(self) -> "list[ElementPath]":
         """Return the path of every recording."""
-        ends = [*self.begins[1:], len(self.position)]
-        parts = [slice(*pair) for pair in zip(self.begins, ends, strict=True)]
-        return [
-            ElementPath(
-                position=self.position[part],
-                velocity=self.velocity[part],
-                period=self.period[part],
-                start=self.start,
-            )
-            for part in parts
-        ]
+        names = ("position", "velocity", "period")
+        columns = (np.split(getattr(self, name), self.begins[1:]) for name in names)
+        parts = (dict(zip(names, part, strict=True)) for part in zip(*columns, strict=True))
+        return [ElementPath(**part, start=self.start) for part in parts]
 
     @property
     def reach(self) -> float:
         """Return half the range of the input."""
         return 0.5 * float(np.ptp(self.position))
+
+    @property
+    def speed(self) -> float:
+        """Return the largest speed of the input; one where it stands still."""
+        return float(np.max(np.abs(self.velocity))) or 1.0
 
     @property
     def origin(self) -> tuple[float, float]:
@@ -83,20 +85,19 @@ class ElementPath(FrozenArrays):
 
     def compute_plays(self, radii: FloatArray) -> FloatArray:
         """Return plays (N, m) of the input for thresholds (m,)."""
+        begin, side = self.origin
         if self.begins[1:]:
             return np.concatenate([part.compute_plays(radii) for part in self.split()])
-        begin, side = self.origin
         return compute_plays(self.position, radii, begin - side * radii)
 
-    def trace(self, branch: BoucWen | BristleBranch | AttractedSlip | Relaxation) -> FloatArray:
+    def trace(self, branch: SteppedBranch) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
         if self.begins[1:]:
             return np.concatenate([part.trace(branch) for part in self.split()])
         begin, side = self.origin
         states = branch.start(build_float_carrier(), begin, side)
-        ways = np.diff(self.position, prepend=begin)
-        path = (self.position, ways, self.velocity, self.period)
-        return trace_branch(branch, path, states, run_compiled_branch).states[1:]
+        path = (self.position, np.diff(self.position, prepend=begin), self.velocity, self.period)
+        return trace_branch(branch, path, states, run_compiled_branch)[0][1:]
 
 
 Limits = tuple[FloatArray, FloatArray]
@@ -165,12 +166,12 @@ class Stops(ElementFamily):
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return the grid, or geometric ones of several ratios."""
-        if not self.searched and self.ratio < 1.0:
-            return [path.reach * np.power(self.ratio, np.arange(self.count, 0, -1))]
-        if not self.searched:
-            return [path.reach * np.arange(1, self.count + 1) / (self.count + 1)]
-        ratios = (0.2, 0.4, 0.6)
-        return [0.7 * path.reach * np.power(ratio, np.arange(self.count)[::-1]) for ratio in ratios]
+        powers = np.arange(self.count, 0, -1)
+        if self.searched:
+            return [0.7 * path.reach * np.power(ratio, powers - 1) for ratio in (0.2, 0.4, 0.6)]
+        if self.ratio < 1.0:
+            return [path.reach * np.power(self.ratio, powers)]
+        return [path.reach * powers[::-1] / (self.count + 1)]
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x and the stops."""
@@ -178,10 +179,8 @@ class Stops(ElementFamily):
         return np.hstack([x, x - path.compute_plays(shape)])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
-        pairs = sorted(zip(shape.tolist(), coefficients[1:].tolist(), strict=True))
         joined: dict[float, float] = {}
-        for threshold, stiffness in pairs:
+        for threshold, stiffness in sorted(zip(shape.tolist(), coefficients[1:].tolist(), strict=True)):
             joined[threshold] = joined.get(threshold, 0.0) + stiffness
         stops = tuple(Stop(threshold=r, stiffness=k) for r, k in joined.items() if k != 0.0)
         return Elasticity(stiffness=float(coefficients[0]), stops=stops)
@@ -202,65 +201,59 @@ class NonlinearStops(ElementFamily):
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return thresholds over two decades, and small falls."""
         radii = path.reach * np.array([0.02, 0.05, 0.1, 0.2, 0.4])
-        speed = float(np.max(np.abs(path.velocity))) or 1.0
-        tail = [0.05 / speed] * 2 if self.falling else []
+        tail = [0.05 / path.speed] * 2 if self.falling else []
         sets = [radii[k : k + 1] for k in range(5)] if self.count == 1 else [radii[[0, 2]], radii[[1, 3]]]
         return [np.concatenate([chosen, tail]) for chosen in sets]
 
     def describe(self) -> tuple[str, ...]:
         """Return the number of springs and of places, and whether they slip earlier when fast."""
-        count = "one" if self.count == 1 else "two"
-        form = f"{count} of {len(self.places)} places"
+        form = f"{'one' if self.count == 1 else 'two'} of {len(self.places)} places"
         return (form, "falling with the speed") if self.falling else (form,)
 
     def _split(self, shape: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
         falls = (float(shape[-2]), float(shape[-1])) if self.falling else (0.0, 0.0)
         return shape[: self.count], falls
 
+    @property
+    def _free(self) -> NDArray[np.bool_]:
+        """Return which places (count, l) have a force: at rest a second spring has none."""
+        free = np.ones((self.count, len(self.places)), dtype=bool)
+        free[1:, len(self.places) // 2] = False
+        return free
+
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x, then hats over the deflection of every slip spring."""
         radii, falls = self._split(shape)
-        x, (begin, side) = path.position[:, None], path.origin
+        x, (begin, side), places = path.position[:, None], path.origin, np.array(self.places)
         columns = [x]
-        places = np.array(self.places)
         # Bounds that move with the speed do not follow the position up and down.
         turns = None if any(falls) else find_turns(path.position)
-        for number, radius in enumerate(radii):
+        for radius, free in zip(radii, self._free, strict=True):
             low, high = (float(radius) / (1.0 + fall * np.abs(path.velocity[:, None])) for fall in falls)
             memory = np.array([begin - float(radius) * side])
             deflection = (x - compute_clamps(x - high, x + low, memory, turns))[:, 0] / radius
-            hats = np.stack([np.interp(deflection, places, unit) for unit in np.eye(len(places))], axis=1)
-            # A second spring has no force of its own at rest: one constant is enough.
-            columns.append(hats if not number else np.delete(hats, len(places) // 2, axis=1))
+            hats = [np.interp(deflection, places, unit) for unit in np.eye(len(places))[free]]
+            columns.append(np.stack(hats, axis=1))
         return np.hstack(columns)
 
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
         """Return bounds of k0 and of the forces: those at the ends brake, with falls all do."""
         low, high = ElementFamily.list_limits(self, shape, count, passive=False)
-        if not passive:
-            return low, high
-        low[0], at = 0.0, 1
-        for number in range(self.count):
-            places = np.array(self.places) if not number else np.delete(self.places, len(self.places) // 2)
-            bound = np.ones(len(places), dtype=bool) if self.falling else np.abs(places) == 1.0
-            part = slice(at, at + len(places))
-            low[part][bound & (places >= 0.0)] = 0.0
-            high[part][bound & (places <= 0.0)] = 0.0
-            at += len(places)
+        if passive:
+            places = np.broadcast_to(self.places, self._free.shape)[self._free]
+            bound = (np.abs(places) == 1.0) | self.falling
+            low[0], low[1:][bound & (places >= 0.0)], high[1:][bound & (places <= 0.0)] = 0.0, 0.0, 0.0
         return np.where(low == high, -_LEAST, low), np.where(low == high, _LEAST, high)
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         radii, falls = self._split(shape)
-        branches, at = [], 1
-        places = np.array(self.places)
-        for number, radius in enumerate(radii):
-            size = len(places) - (number > 0)
-            forces = coefficients[at : at + size]
-            forces = np.insert(forces, len(places) // 2, 0.0) if number else forces
-            deflections = tuple((places * radius).tolist())
-            branches.append(SlipSpring(deflections=deflections, forces=tuple(forces.tolist()), falls=falls))
-            at += size
+        forces = np.zeros(self._free.shape)
+        forces[self._free] = coefficients[1:]
+        deflections: FloatArray = np.outer(radii, self.places)
+        branches = [
+            SlipSpring(deflections=tuple(bends.tolist()), forces=tuple(own.tolist()), falls=falls)
+            for bends, own in zip(deflections, forces, strict=True)
+        ]
         return Elasticity(stiffness=float(coefficients[0]), branches=tuple(branches))
 
 
@@ -276,7 +269,6 @@ class RelayGrid(ElementFamily):
     searched: bool = False
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return no shape: the grid is given."""
         del path
         return [np.zeros(0)]
 
@@ -318,7 +310,6 @@ class RelayGrid(ElementFamily):
         return (f"{self.count} places",)
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         del shape
         return Elasticity(stiffness=0.0, branches=(self._build(coefficients),))
 
@@ -367,7 +358,6 @@ class BoucWenFamily(ElementFamily):
         return np.column_stack([path.position, path.trace(self._build_unit(shape))])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         branch = self._build_unit(shape, float(coefficients[1]))
         return Elasticity(stiffness=float(coefficients[0]), branches=(branch,))
 
@@ -404,67 +394,53 @@ class BristleFamily(ElementFamily):
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return bendings over two decades, with two Stribeck velocities."""
         bends = [[]] if self.grid else [[share * path.reach] for share in (0.003, 0.01, 0.03, 0.1, 0.3)]
-        speed = float(np.max(np.abs(path.velocity))) or 1.0
-        falls = [[0.3, 0.05 * speed], [0.3, 0.3 * speed]] if self.stribeck else [[]]
+        falls = [[0.3, share * path.speed] for share in (0.05, 0.3)] if self.stribeck else [[]]
         return [np.array([*bend, *fall]) for bend, fall in product(bends, falls)]
 
     def describe(self) -> tuple[str, ...]:
         """Return whether the level falls with the speed, where there is a choice."""
         return ("falling with the speed",) if self.stribeck and self.grid else ()
 
-    def _list_level(self, shape: FloatArray) -> dict[str, float]:
-        if not self.stribeck:
-            return {"Fc": 1.0}
-        return {"Fc": 1.0, "Fe": float(shape[-2]), "vs": float(shape[-1]), "gamma": 2.0}
+    def _list_level(self, shape: FloatArray, force: float = 1.0) -> dict[str, float]:
+        fall = {"Fe": float(shape[-2]) * force, "vs": float(shape[-1]), "gamma": 2.0} if self.stribeck else {}
+        return {"Fc": force, **fall}
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x and the forces of bristles of unit level; of LuGre also those of their damping."""
-        level = self._list_level(shape)
+        # The level (N,) of unit dry friction.
+        height = np.ones(len(path.position))
+        if self.stribeck:
+            height += float(shape[-2]) * np.exp(-((path.velocity / shape[-1]) ** 2))
         if not self.grid:
-            values = {**level, "sigma0": 1.0 / float(shape[0])}
+            values = {**self._list_level(shape), "sigma0": 1.0 / float(shape[0])}
             states = path.trace(BristleBranch(law=self.law, values=tuple(values.items())))[:, 0]
             columns = [path.position, states / shape[0]]
             if self.law == "lugre":
-                slip = np.abs(path.velocity) * columns[1] / self._compute_level(path, shape)
-                columns.append(path.velocity - slip)
+                columns.append(path.velocity - np.abs(path.velocity) * columns[1] / height)
             return np.column_stack(columns)
-        height = self._compute_level(path, shape)[:, None]
-        radii = np.array(self.grid) * height
-        (begin, side), x = path.origin, path.position[:, None]
+        (begin, side), x, grid = path.origin, path.position[:, None], np.array(self.grid)
+        radii = grid * height[:, None]
         # Bounds that move with the speed: elements are held within them, as generated code does.
-        memory = begin - np.array(self.grid) * side
         turns = None if self.stribeck else find_turns(path.position)
-        return np.hstack([x, x - compute_clamps(x - radii, x + radii, memory, turns)])
-
-    def _compute_level(self, path: ElementPath, shape: FloatArray) -> FloatArray:
-        """Return the level (N,) of unit dry friction."""
-        if not self.stribeck:
-            return np.ones(len(path.position))
-        return np.asarray(1.0 + float(shape[-2]) * np.exp(-((path.velocity / shape[-1]) ** 2)))
+        return np.hstack([x, x - compute_clamps(x - radii, x + radii, begin - grid * side, turns)])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
-        level = self._list_level(shape)
-        spring = Elasticity(stiffness=float(coefficients[0]))
+        spring, elements = Elasticity(stiffness=float(coefficients[0])), {}
+        force = max(float(coefficients[1]), _LEAST)
         if self.grid:
             kept = [(r, float(k)) for r, k in zip(self.grid, coefficients[1:], strict=True) if k > 0.0]
             force = sum(r * k for r, k in kept)
             if not force:
                 return spring
-            values = {name: value * (force if name in {"Fc", "Fe"} else 1.0) for name, value in level.items()}
-            for number, (radius, stiffness) in enumerate(kept, start=1):
-                values |= {f"stiffness{number}": stiffness, f"share{number}": radius * stiffness / force}
+            # Stiffnesses first, then shares: as bristles of robot files.
+            elements = {f"stiffness{number}": k for number, (_, k) in enumerate(kept, start=1)}
+            elements |= {f"share{number}": r * k / force for number, (r, k) in enumerate(kept, start=1)}
         else:
-            force = max(float(coefficients[1]), _LEAST)
-            values = {name: value * (force if name in {"Fc", "Fe"} else 1.0) for name, value in level.items()}
-            values["sigma0"] = force / float(shape[0])
+            elements["sigma0"] = force / float(shape[0])
             if self.law == "lugre":
-                values["sigma1"] = float(coefficients[2])
-        order = ("Fc", "Fe", "vs", "gamma", "sigma0", "sigma1")
-        named = [(name, values.pop(name)) for name in order if name in values]
-        # Stiffnesses first, then shares: as bristles of robot files.
-        named += sorted(values.items(), key=lambda pair: pair[0].startswith("share"))
-        return replace(spring, branches=(BristleBranch(law=self.law, values=tuple(named)),))
+                elements["sigma1"] = float(coefficients[2])
+        values = tuple((self._list_level(shape, force) | elements).items())
+        return replace(spring, branches=(BristleBranch(law=self.law, values=values),))
 
 
 @final
@@ -483,10 +459,10 @@ class AttractedFamily(ElementFamily):
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return speeds and attractions over two decades."""
-        speed = float(np.max(np.abs(path.velocity))) or 1.0
-        rate = speed / path.reach
         pairs = product((0.1, 0.4), (1.0, 10.0, 100.0))
-        return [np.array([1.4, share * speed, times * rate]) for share, times in pairs]
+        return [
+            np.array([1.4, share * path.speed, times * path.speed / path.reach]) for share, times in pairs
+        ]
 
     def _build_branch(self, shape: FloatArray, stiffnesses: FloatArray) -> AttractedSlip:
         kept = stiffnesses > 0.0
@@ -504,11 +480,9 @@ class AttractedFamily(ElementFamily):
         return np.column_stack([path.position, states[:, : len(self.grid)]])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
-        spring = Elasticity(stiffness=float(coefficients[0]))
-        if not np.any(coefficients[1:] > 0.0):
-            return spring
-        return replace(spring, branches=(self._build_branch(shape, np.asarray(coefficients[1:])),))
+        kept = np.any(coefficients[1:] > 0.0)
+        branches = (self._build_branch(shape, coefficients[1:]),) if kept else ()
+        return Elasticity(stiffness=float(coefficients[0]), branches=branches)
 
 
 _UNIFORM = tuple((np.arange(-4, 5) / 4.0).tolist())
@@ -529,7 +503,6 @@ class _Extended(ElementFamily):
     part: str = ""
 
     def describe(self) -> tuple[str, ...]:
-        """Return the form of the base, and the part."""
         return (*self.base.describe(), self.part)
 
     @property
@@ -557,11 +530,9 @@ class _Extended(ElementFamily):
         return [np.array([first, *rest]) for first in firsts]
 
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
-        """Return those of the base."""
         return self.base.list_limits(self._own(shape), count, passive=passive)
 
     def list_penalties(self, count: int) -> FloatArray:
-        """Return those of the base."""
         return self.base.list_penalties(count)
 
 
@@ -582,7 +553,6 @@ class WithBacklash(_Extended):
         return self.base.compute_columns(replace(path, position=behind), self._own(shape))
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         return replace(self.base.build(self._own(shape), coefficients), backlash=float(shape[0]))
 
 
@@ -610,11 +580,9 @@ class WithRelaxation(_Extended):
         return np.append(low, 0.0), np.append(high, np.inf)
 
     def list_penalties(self, count: int) -> FloatArray:
-        """Return those of the base."""
         return np.pad(self.base.list_penalties(count - 1), ((0, 0), (0, 1)))
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        """Return the element."""
         found = self.base.build(self._own(shape), coefficients[:-1])
         if not coefficients[-1] > 0.0:
             return found
@@ -627,10 +595,7 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
     grid = tuple((path.reach * 0.7 ** np.arange(_GRID, 0, -1)).tolist())
     low, high = float(path.position.min()), float(path.position.max())
     forms: dict[str, tuple[ElementFamily, ...]] = {
-        "prandtl-ishlinskii": (
-            *(Stops(count=count, searched=True) for count in (2, 3)),
-            Stops(count=_GRID),
-        ),
+        "prandtl-ishlinskii": (*(Stops(count=count, searched=True) for count in (2, 3)), Stops(count=_GRID)),
         "nonlinear-stops": (
             NonlinearStops(places=_UNIFORM),
             NonlinearStops(places=_UNIFORM, falling=True, needs_time=True),

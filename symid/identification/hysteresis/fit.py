@@ -167,8 +167,7 @@ class ElementData:
         if every == 1:
             return self
         taken = np.zeros(len(self.output), dtype=bool)
-        taken[::every] = True
-        taken[list(path.begins)] = True
+        taken[::every] = taken[list(path.begins)] = True
         if turns:
             share = _SMALL_TURN
             while len(strokes := find_strokes(path.position, share)) > most:
@@ -176,18 +175,20 @@ class ElementData:
                 share *= 2.0
             taken[[low - 1 for low, _ in strokes[1:]]] = True
         index = np.flatnonzero(taken)
-        steps = np.diff(np.cumsum(path.period)[index])
-        return ElementData(
-            path=replace(
-                path,
-                position=path.position[index],
-                velocity=path.velocity[index],
-                period=np.concatenate([steps[:1], steps]),
-                begins=tuple(np.searchsorted(index, path.begins).tolist()),
-            ),
-            output=self.output[index],
-            kept=self.kept[index],
+        thinned = replace(
+            path,
+            position=path.position[index],
+            velocity=path.velocity[index],
+            period=_measure_steps(np.cumsum(path.period)[index]),
+            begins=tuple(np.searchsorted(index, path.begins).tolist()),
         )
+        return ElementData(path=thinned, output=self.output[index], kept=self.kept[index])
+
+
+def _measure_steps(time: FloatArray) -> FloatArray:
+    """Return the lengths (N,) of the steps to times (N,), s: the first as the second."""
+    steps = np.diff(time)
+    return np.concatenate([steps[:1], steps])
 
 
 _SMALL_TURN = 0.005
@@ -239,32 +240,30 @@ def compute_velocity(x: FloatArray, t: FloatArray) -> FloatArray:
     return np.asarray((number * products - times * places) / (number * squares - times**2))
 
 
-def prepare_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> ElementData:
-    """Return a recording with velocity and lengths of steps; without time one sample takes one second."""
-    check_recording(x, y, t)
+def build_path(x: FloatArray, t: FloatArray | None, start: Start = "zero") -> ElementPath:
+    """Return the path of an input (N,), at times (N,) in s; without them one sample takes one second."""
     time = np.arange(len(x), dtype=np.float64) if t is None else t
-    steps = np.diff(time)
-    path = ElementPath(
-        position=x, velocity=compute_velocity(x, time), period=np.concatenate([steps[:1], steps])
+    return ElementPath(
+        position=x, velocity=compute_velocity(x, time), period=_measure_steps(time), start=start
     )
-    return ElementData(path=path, output=y, kept=np.ones(len(y), dtype=bool))
 
 
-def _choose_start(data: ElementData) -> ElementData:
-    """Return the recording with what the element remembered first: that which explains the beginning best.
+def _prepare(x: FloatArray, y: FloatArray, t: FloatArray | None) -> ElementData:
+    """Return a recording with what the element remembered first: that which explains the beginning best.
 
     By stops or relays of any sign, whichever explain the whole better. The beginning lasts until the input
     has covered half its range: then most of the memory is another one. It is skipped where no start
     explains it as the rest is explained.
     """
+    check_recording(x, y, t)
+    data = ElementData(path=build_path(x, t), output=y, kept=np.ones(len(y), dtype=bool))
     thinned = data.thin(_SEARCHED)
     x = thinned.path.position
-    covered = np.maximum.accumulate(x) - np.minimum.accumulate(x)
-    rows = covered <= thinned.path.reach
+    rows = np.maximum.accumulate(x) - np.minimum.accumulate(x) <= thinned.path.reach
     low, step = float(x.min()), 2.0 * thinned.path.reach / _COARSE
+    tried = [replace(thinned, path=replace(thinned.path, start=start)) for start in _STARTS]
     errors: list[list[FloatArray]] = []
     for family in (Stops(count=_DENSE), RelayGrid(count=_COARSE, low=low, step=step)):
-        tried = [replace(thinned, path=replace(thinned.path, start=start)) for start in _STARTS]
         shape, found = family.list_starts(thinned.path)[0], list[FloatArray]()
         for one in tried:
             matrix = _build_matrix(family, one, shape, ())
@@ -327,17 +326,19 @@ class _ElementTrial:
         """Return the element."""
         return self.rebuild(self.point)
 
+    def scale(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the lengths (p,) of the columns, derivatives and held rows over them."""
+        lengths = np.linalg.norm(self.jacobian, axis=0)
+        lengths = np.where(lengths > 0.0, lengths, 1.0)
+        return lengths, self.jacobian / lengths, self.held / lengths
+
 
 def _build_matrix(family: ElementFamily, data: ElementData, shape: FloatArray, parts: Parts) -> FloatArray:
     """Return the columns of a family, then those of its parts, then a constant, at the samples fitted."""
     path = data.path
-    columns = [family.compute_columns(path, shape)]
-    if "viscous" in parts:
-        columns.append(path.velocity[:, None])
-    if "cubic" in parts:
-        columns.append(path.position[:, None] ** 3)
-    if family.has_offset:
-        columns.append(np.ones((len(path.position), 1)))
+    further = {"viscous": path.velocity, "cubic": path.position**3, "offset": np.ones_like(path.position)}
+    names = (*parts, *["offset"] * family.has_offset)
+    columns = [family.compute_columns(path, shape), *(further[name][:, None] for name in names)]
     return np.hstack(columns)[data.kept]
 
 
@@ -348,30 +349,19 @@ def _solve(
     shape, parts, passive = setting
     extra = len(parts) + family.has_offset
     low, high = family.list_limits(shape, matrix.shape[1] - extra, passive=passive)
-    low = np.concatenate(
-        [low, np.full(len(parts), 0.0 if passive else -np.inf), [-np.inf] * family.has_offset]
-    )
-    high = np.concatenate([high, np.full(extra, np.inf)])
+    least = [0.0 if passive else -np.inf] * len(parts) + [-np.inf] * family.has_offset
+    low, high = np.append(low, least), np.append(high, np.full(extra, np.inf))
     lengths = np.linalg.norm(matrix, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
-    # A hair of ridge keeps columns that are nearly alike apart.
-    ridge = np.sqrt(_RIDGE) * np.eye(len(lengths))
     held = np.sqrt(len(matrix)) * family.list_penalties(matrix.shape[1]) / lengths
-    stacked = np.vstack(
-        [
-            np.column_stack([matrix / lengths, output]),
-            np.column_stack([np.vstack([ridge, held]), np.zeros(len(ridge) + len(held))]),
-        ]
-    )
-    triangle = compute_triangle(stacked)
+    # A hair of ridge keeps columns that are nearly alike apart.
+    rows = np.vstack([matrix / lengths, np.sqrt(_RIDGE) * np.eye(len(lengths)), held])
+    triangle = compute_triangle(np.column_stack([rows, np.append(output, np.zeros(len(rows) - len(output)))]))
     square, right = triangle[: len(lengths), :-1], triangle[: len(lengths), -1]
     if np.all(np.isinf(low)) and np.all(np.isinf(high)):
         return np.asarray(np.linalg.lstsq(square, right, rcond=None)[0] / lengths)
-
-    found: FloatArray = scipy.optimize.lsq_linear(
-        square, right, (low * lengths, high * lengths), method="bvls"
-    ).x
-    return found / lengths
+    bounds = low * lengths, high * lengths
+    return np.asarray(scipy.optimize.lsq_linear(square, right, bounds, method="bvls").x / lengths)
 
 
 _RIDGE = 1e-9
@@ -393,9 +383,7 @@ def _search(
 
     rows = slice(None) if kept is None else kept
     # Positive values in their logarithm; an asymmetry, which may be negative, as it is.
-    positive = np.array(
-        [all(start[k] > 0.0 for start in family.list_starts(data.path)) for k in range(len(starts[0]))]
-    )
+    positive = np.all(np.array(family.list_starts(data.path)) > 0.0, axis=0)
 
     def unpack(packed: FloatArray) -> FloatArray:
         return np.where(positive, np.exp(np.clip(packed, -60.0, 60.0)), packed)
@@ -406,13 +394,12 @@ def _search(
         return np.asarray(output - matrix @ _solve(family, matrix, output, (shape, parts, passive)))
 
     packed = [np.where(positive, np.log(np.where(positive, s, 1.0)), s) for s in starts]
-    ranked = sorted(packed, key=lambda start: float(np.sum(errors(start) ** 2)))
-    runs = [
-        scipy.optimize.least_squares(
-            errors, start, diff_step=1e-4, max_nfev=_TRIES, bounds=(start - 6.0, start + 6.0)
+    runs = []
+    for start in sorted(packed, key=lambda start: float(np.sum(errors(start) ** 2)))[:_RANKED]:
+        bounds = start - 6.0, start + 6.0
+        runs.append(
+            scipy.optimize.least_squares(errors, start, diff_step=1e-4, max_nfev=_TRIES, bounds=bounds)
         )
-        for start in ranked[:_RANKED]
-    ]
     return unpack(min(runs, key=lambda run: float(run.cost)).x)
 
 
@@ -431,22 +418,19 @@ def _try(
     low, high = family.list_limits(shape, count, passive=passive)
     free = np.ones(len(found), dtype=bool)
     free[:count] = (found[:count] > low + _HAIR) & (found[:count] < high - _HAIR)
-    jacobian = [matrix[:, free]]
+    jacobian, known = [matrix[:, free]], np.count_nonzero(free)
     searched = len(shape) if family.searched else 0
     for k in range(searched):
-        step = _DIFFERENCE * (abs(float(shape[k])) or 1.0)
-        moved = shape.copy()
+        step, moved = _DIFFERENCE * (abs(float(shape[k])) or 1.0), shape.copy()
         moved[k] += step
         further = _build_matrix(family, data, moved, parts) @ found
         jacobian.append(((further - matrix @ found) / step)[:, None])
 
     def rebuild(point: FloatArray) -> Elasticity:
         values, own = found.copy(), shape.copy()
-        values[free] = point[: np.count_nonzero(free)]
-        own[:searched] = point[np.count_nonzero(free) :]
-        tail = dict(zip((*parts, "offset"), values[count:].tolist(), strict=False))
-        names = {"viscous": "damping", "cubic": "cubic", "offset": "offset"}
-        extra = {names[name]: value for name, value in tail.items()}
+        values[free], own[:searched] = point[:known], point[known:]
+        names = ["damping" if part == "viscous" else part for part in (*parts, "offset")]
+        extra = dict(zip(names, values[count:].tolist(), strict=False))
         return replace(family.build(own, values[:count]), **extra)
 
     def refit(mask: NDArray[np.bool_]) -> FloatArray:
@@ -488,12 +472,10 @@ def _fit_family(
         if folds.is_better(trial, best):
             best, chosen = trial, parts
     plain = folds.measure_wide(plain)
-    if not chosen:
-        return plain
-    if family.searched:
+    if chosen and family.searched:
         again = _search(family, data, chosen, passive=passive, begin=shape)
         best = _try(family, data, again, chosen, passive=passive)
-    best = folds.measure_wide(best)
+    best = folds.measure_wide(best) if chosen else plain
     return best if folds.is_better(best, plain) else plain
 
 
@@ -502,21 +484,17 @@ def _refine_places(family: NonlinearStops, data: ElementData, *, passive: bool) 
     shape = _search(family, data, (), passive=passive)
     fine = np.linspace(-1.0, 1.0, _FINE)
     matrix = _build_matrix(replace(family, places=tuple(fine.tolist())), data, shape, ())
-    whole = np.column_stack([matrix, data.counted])
-    triangle = compute_triangle(whole)
+    triangle = compute_triangle(np.column_stack([matrix, data.counted]))
 
     def measure(kept: FloatArray) -> float:
         hats = np.stack([np.interp(fine, kept, unit) for unit in np.eye(len(kept))], axis=1)
-        change = np.zeros((matrix.shape[1], 1 + len(kept)))
-        change[0, 0], change[1:, 1:] = 1.0, hats
-        square, right = triangle[:, :-1] @ change, triangle[:, -1]
+        square, right = triangle[:, :-1] @ scipy.linalg.block_diag(1.0, hats), triangle[:, -1]
         return float(np.sum((right - square @ np.linalg.lstsq(square, right, rcond=None)[0]) ** 2))
 
     kept, cost = fine, measure(fine)
     while len(kept) > _FEWEST:
-        inner = [k for k in range(1, len(kept) - 1) if kept[k] != 0.0]
-        trials = [(measure(np.delete(kept, k)), k) for k in inner]
-        least, place = min(trials)
+        inner = 1 + np.flatnonzero(kept[1:-1])
+        least, place = min((measure(np.delete(kept, k)), k) for k in inner.tolist())
         # Akaike's criterion: a place is worth two units of the log likelihood.
         if least > cost * (1.0 + 2.0 / len(matrix)):
             break
@@ -540,29 +518,25 @@ def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
     spring = spring.rebuild(grid)
     begun = spring.fit_stops(output)
     if knees:
-        inner = compute_stop_basis(torsion, grid) @ begun.stiffness
-        places = build_knee_grid([inner], _KNEES)
-        start_weights = replace(begun, knees=places, slopes=np.ones(len(places)))
-        begun = fit_spring(spring, output, start_weights)
-    found = refine_spring(spring, output, begun)
-    elasticity = build_elasticity(found)
+        places = build_knee_grid([compute_stop_basis(torsion, grid) @ begun.stiffness], _KNEES)
+        begun = fit_spring(spring, output, replace(begun, knees=places, slopes=np.ones(len(places))))
+    elasticity = build_elasticity(refine_spring(spring, output, begun))
     if knees and not elasticity.knees:
         return None
     found = read_weights(elasticity)
     basis = compute_stop_basis(torsion, found.thresholds)
     slopes = compute_spring_slopes(basis, found, compute_slips(basis, found.thresholds))[first:]
-    sizes = np.cumsum([len(found.stiffness), len(found.slopes), len(found.thresholds)])
+    names = ("stiffness", "slopes", "thresholds", "knees")
+    numbers = [getattr(found, name) for name in names]
+    ends = np.cumsum([len(part) for part in numbers])[:-1]
 
     def rebuild(point: FloatArray) -> Elasticity:
-        stiffness, outer, thresholds, edges = np.split(point, sizes)
-        return build_elasticity(
-            SpringWeights(thresholds=thresholds, stiffness=stiffness, knees=edges, slopes=outer)
-        )
+        return build_elasticity(SpringWeights(**dict(zip(names, np.split(point, ends), strict=True))))
 
     return _ElementTrial(
         model=("modified-" if knees else "") + "prandtl-ishlinskii",
         form="passive, thresholds from the data",
-        point=np.concatenate([found.stiffness, found.slopes, found.thresholds, found.knees]),
+        point=np.concatenate(numbers),
         rebuild=rebuild,
         jacobian=slopes[:, :-1],
         error=output - predict_output(elasticity, data.path)[data.kept],
@@ -620,9 +594,7 @@ def _leave_out(trial: _ElementTrial, mask: NDArray[np.bool_]) -> tuple[FloatArra
     """Return errors (n,) of samples left out, and the point (p,) without them: a step of least squares."""
     if not trial.jacobian.shape[1]:
         return trial.error[mask], trial.point
-    lengths = np.linalg.norm(trial.jacobian, axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    scaled, held = trial.jacobian / lengths, trial.held / lengths
+    lengths, scaled, held = trial.scale()
     kept, out = scaled[~mask], scaled[mask]
     normal = kept.T @ kept + held.T @ held + _RIDGE * np.eye(len(lengths))
     # What is left is not at its optimum where something was held: the step is from there all the same.
@@ -635,14 +607,13 @@ def _build_folds(data: ElementData) -> _Folds:
     """Return blocks of equal length, and the widest strokes where there are enough narrower ones."""
     x, count = data.path.position[data.kept], len(data.counted)
     edges = np.linspace(0, count, _BLOCKS + 1).astype(int)
-    index = np.arange(count)
-    blocks = tuple((index >= low) & (index < high) for low, high in itertools.pairwise(edges))
+    block = np.searchsorted(edges, np.arange(count), side="right") - 1
     widths = np.zeros(count)
     for low, high in find_strokes(x):
         widths[low:high] = np.ptp(x[low:high])
     wide = widths > _WIDE * widths.max()
-    share = float(np.mean(wide))
-    return _Folds(blocks=blocks, wide=wide if 0.2 <= share <= 0.8 else None)
+    enough = 0.2 <= float(np.mean(wide)) <= 0.8
+    return _Folds(blocks=tuple(block == number for number in range(_BLOCKS)), wide=wide if enough else None)
 
 
 def find_strokes(x: FloatArray, share: float = 0.05) -> list[tuple[int, int]]:
@@ -748,9 +719,7 @@ _RIVAL = 10.0
 
 def _compute_covariance(trial: _ElementTrial, folds: _Folds) -> FloatArray:
     """Return the covariance (p, p) of a point, for errors alike from sample to sample, and unlike in size."""
-    lengths = np.linalg.norm(trial.jacobian, axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    scaled, held = trial.jacobian / lengths, trial.held / lengths
+    lengths, scaled, held = trial.scale()
     inverse = np.linalg.inv(scaled.T @ scaled + held.T @ held + _RIDGE * np.eye(len(lengths)))
     scores = scaled * trial.error[:, None]
     count = len(scores)
@@ -790,8 +759,7 @@ def fit_hysteresis(
     options = options or HysteresisOptions()
     x, y = (np.asarray(part, dtype=np.float64) for part in (x, y))
     t = None if t is None else np.asarray(t, dtype=np.float64)
-    whole = prepare_recording(x, y, t)
-    whole = _choose_start(whole)
+    whole = _prepare(x, y, t)
     timed, passive = t is not None, bool(options.passive)
     tried: list[Start] = []
     while True:
@@ -895,11 +863,7 @@ def predict_element(
     if begun is None:
         text = f"unknown start {start!r}. Known: {', '.join(_STARTS)}"
         raise UsageError(Notice(code="usage.unknown-start", text=text))
-    time = np.arange(len(x), dtype=np.float64) if t is None else t
-    steps = np.diff(time)
-    periods = np.concatenate([steps[:1], steps])
-    path = ElementPath(position=x, velocity=compute_velocity(x, time), period=periods, start=begun)
-    return predict_output(record.elasticity, path)
+    return predict_output(record.elasticity, build_path(x, t, begun))
 
 
 def describe_inversion(record: HysteresisRecord) -> str:
@@ -1052,7 +1016,7 @@ def validate_element(
     x, y = (np.asarray(part, dtype=np.float64) for part in (x, y))
     t = None if t is None else np.asarray(t, dtype=np.float64)
     _check_time(record, t)
-    data = _choose_start(prepare_recording(x, y, t))
+    data = _prepare(x, y, t)
     error = (y - predict_output(record.elasticity, data.path))[data.kept]
     low, high = record.span
     slack = _SLACK * (high - low)

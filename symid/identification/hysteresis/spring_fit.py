@@ -66,15 +66,16 @@ class SpringWeights:
 
         A longer step also moves thresholds and knees.
         """
-        weights = len(self.stiffness) + len(self.slopes)
-        stiffness, slopes = np.split(step[:weights], [len(self.stiffness)])
-        moved = replace(
-            self, stiffness=np.maximum(self.stiffness + stiffness, 0.0), slopes=self.slopes + slopes
+        parts = [self.stiffness, self.slopes, self.thresholds, self.knees]
+        ends = np.cumsum([len(part) for part in parts])
+        stiffness, slopes, *places = np.split(step, ends[: 1 if len(step) == ends[1] else 3])
+        places = [own + by for own, by in zip(parts[2:], places, strict=True)] if places else parts[2:]
+        return SpringWeights(
+            thresholds=places[0],
+            stiffness=np.maximum(self.stiffness + stiffness, 0.0),
+            knees=places[1],
+            slopes=self.slopes + slopes,
         )
-        if len(step) == weights:
-            return moved
-        thresholds, knees = np.split(step[weights:], [len(self.thresholds)])
-        return replace(moved, thresholds=self.thresholds + thresholds, knees=self.knees + knees)
 
     def keep_knees(self, kept: NDArray[np.bool_]) -> "SpringWeights":
         """Return this spring with some of its knees (l,) alone."""
@@ -86,10 +87,7 @@ def compute_ramps(inner: FloatArray, weights: SpringWeights) -> FloatArray:
     knees = weights.knees
     further = np.copysign(np.inf, knees)
     further[:-1] = np.where(knees[:-1] * knees[1:] > 0.0, knees[1:], further[:-1])
-    columns = np.empty((len(inner), len(knees)))
-    for column, torque, end in zip(columns.T, knees, further, strict=True):
-        np.clip(inner, min(torque, end), max(torque, end), out=column)
-    return columns - knees
+    return np.clip(inner[:, None], np.minimum(knees, further), np.maximum(knees, further)) - knees
 
 
 def compute_outer(basis: FloatArray, weights: SpringWeights) -> FloatArray:
@@ -122,8 +120,10 @@ def build_knee_grid(inner: Sequence[FloatArray], count: int, *, odd: bool = Fals
     None lies nearer to zero than `hold_knees` allows; `inner` is v (N,) of every recording, N m or N. Odd
     grids reach as far on both sides.
     """
-    low = max(0.0, -min(float(part.min()) for part in inner))
-    high = max(0.0, *(float(part.max()) for part in inner))
+    low, high = (
+        max(0.0, *(-float(part.min()) for part in inner)),
+        max(0.0, *(float(part.max()) for part in inner)),
+    )
     if odd:
         low = high = max(low, high)
     steps = (np.arange(count) + 0.5) / max(count, 1)
@@ -133,15 +133,13 @@ def build_knee_grid(inner: Sequence[FloatArray], count: int, *, odd: bool = Fals
 
 def read_weights(spring: Elasticity) -> SpringWeights:
     """Return the numbers of a spring that has all its values, but for a cubic part and damping."""
-    sides = [
-        sorted((knee for knee in spring.knees if knee.threshold * side > 0.0), key=lambda k: abs(k.threshold))
-        for side in (-1.0, 1.0)
-    ]
+    knees = sorted(spring.knees, key=lambda knee: (knee.threshold > 0.0, abs(knee.threshold)))
+    sides = [[knee.slope for knee in knees if knee.threshold * side > 0.0] for side in (-1.0, 1.0)]
     return SpringWeights(
         thresholds=np.array([stop.threshold for stop in spring.stops]),
         stiffness=np.array([spring.stiffness or 0.0, *(stop.stiffness or 0.0 for stop in spring.stops)]),
-        knees=np.array([knee.threshold for side in sides for knee in side]),
-        slopes=np.concatenate([1.0 + np.cumsum([knee.slope for knee in side]) for side in sides]),
+        knees=np.array([knee.threshold for knee in knees]),
+        slopes=np.concatenate([1.0 + np.cumsum(side) for side in sides]),
     )
 
 
@@ -231,11 +229,8 @@ def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
     """
     decay = np.exp(-rate * period)
     ahead = 1.0 - (1.0 - decay) / (rate * period)
-    start = -ahead * values[:1]
-    result: FloatArray = scipy.signal.lfilter(
-        [ahead, 1.0 - decay - ahead], [1.0, -decay], values, axis=0, zi=start
-    )[0]
-    return result
+    gains, start = [ahead, 1.0 - decay - ahead], -ahead * values[:1]
+    return np.asarray(scipy.signal.lfilter(gains, [1.0, -decay], values, axis=0, zi=start)[0])
 
 
 def filter_parts(data: SpringData, parts: Sequence[FloatArray]) -> FloatArray:
@@ -260,21 +255,17 @@ def fit_spring(
     if not len(start.knees) and start.thresholds is data.thresholds:
         return data.fit_stops(target)
     best, cost = start, data.compute_cost(target, start)
-    floor = np.concatenate([np.zeros(len(best.stiffness)), np.full(len(best.knees), LEAST_SLOPE)])
+    floor = np.append(np.zeros(len(best.stiffness)), np.full(len(best.knees), LEAST_SLOPE))
     for _ in range(iterations):
         slopes = [compute_spring_slopes(basis, best) for basis in data.compute_basis(best.thresholds)]
         filtered = filter_parts(data, slopes)
-        jacobian, value = filtered[:, :-1], filtered[:, -1]
-        packed = np.concatenate([best.stiffness, best.slopes])
-        right = target - value + jacobian @ (packed - floor)
+        jacobian, packed = filtered[:, :-1], np.append(best.stiffness, best.slopes)
+        right = target - filtered[:, -1] + jacobian @ (packed - floor)
         goal = floor + solve_non_negative(jacobian, right)
-        fraction = 1.0
-        for _ in range(_HALVINGS):
-            trial = best.move(fraction * (goal - packed))
-            reached = data.compute_cost(target, trial)
-            if reached <= cost:
+        for halving in range(_HALVINGS):
+            trial = best.move((goal - packed) / 2.0**halving)
+            if (reached := data.compute_cost(target, trial)) <= cost:
                 break
-            fraction /= 2.0
         else:
             return best
         fall = (cost - reached) / max(cost, 1e-300)
@@ -286,12 +277,9 @@ def fit_spring(
 
 def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Return argmin |matrix x - right|, x >= 0, with columns scaled to length one; empty columns get zero."""
-    count = matrix.shape[1]
-    triangle = compute_triangle(np.column_stack([matrix, right]))
-    lengths = np.linalg.norm(matrix, axis=0)
+    triangle, lengths = compute_triangle(np.column_stack([matrix, right])), np.linalg.norm(matrix, axis=0)
     scales = np.where(lengths > 1e-12 * max(float(lengths.max(initial=0.0)), 1e-300), lengths, np.inf)
-    solution: FloatArray = scipy.optimize.nnls(triangle[:, :count] / scales, triangle[:, count])[0] / scales
-    return solution
+    return np.asarray(scipy.optimize.nnls(triangle[:, :-1] / scales, triangle[:, -1])[0] / scales)
 
 
 _STEPS = 20
@@ -309,9 +297,8 @@ def _evaluate_spring(
     """Return a spring, its knees held away from zero, its full stop bases, and cost |target - F[tau_J]|^2."""
     bases = tuple(compute_stop_basis(phi, weights.thresholds) for phi in data.torsions)
     weights = replace(weights, knees=hold_knees(weights.knees, *measure_reach(bases, weights)[1:]))
-    pairs = zip(bases, data.keeps, strict=True)
-    torques = [compute_outer(thin_samples(basis, keep), weights) for basis, keep in pairs]
-    errors = target - filter_parts(data, torques)
+    thin = map(thin_samples, bases, data.keeps)
+    errors = target - filter_parts(data, [compute_outer(basis, weights) for basis in thin])
     return weights, bases, float(errors @ errors)
 
 
@@ -350,16 +337,15 @@ def optimise_spring(
         lengths = np.linalg.norm(jacobian, axis=0)
         idle = lengths <= 1e-9 * np.linalg.norm(value)
         low, high, lengths = np.where(idle, 0.0, low), np.where(idle, 0.0, high), np.where(idle, 1.0, lengths)
-        columns = np.column_stack([jacobian / lengths, target - value])
-        scaled, fall = compute_triangle(columns), 0.0
-        square, right = scaled[: len(lengths), : len(lengths)], scaled[: len(lengths), len(lengths)]
+        scaled, fall = compute_triangle(np.column_stack([jacobian / lengths, target - value])), 0.0
+        square, right = scaled[: len(lengths), :-1], scaled[: len(lengths), -1]
         # Bounds that meet are held a hair apart, as the solver asks.
         low, high = np.minimum(low * lengths, 0.0), np.maximum(high * lengths, 0.0)
         low -= 1e-9 * (1.0 + np.abs(low))
         high = np.where(np.isfinite(high), high + 1e-9 * (1.0 + np.abs(high)), high)
+        whole = np.append(right, np.zeros(len(lengths)))
         for _ in range(_TRIES):
             matrix = np.vstack([square, np.sqrt(damping) * np.eye(len(lengths))])
-            whole = np.concatenate([right, np.zeros(len(lengths))])
             move = scipy.optimize.lsq_linear(matrix, whole, bounds=(low, high), method="bvls").x / lengths
             trial, trial_bases, reached = _evaluate_spring(data, target, best.move(move))
             if reached < cost:
@@ -456,15 +442,13 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
     independent = max(20.0, min(float(len(target)), span * data.rate / 2.0))
     allowed = 1.0 + 2.0 * np.log(independent) / independent
     enough = (_EXACT * float(np.linalg.norm(coarse))) ** 2
-    found = True
-    while found:
-        found = False
-        for fewer in _list_simpler(thinned, best):
-            goal = max(cost * allowed, enough)
-            trial, reached = optimise_spring(thinned, coarse, fewer, goal=goal)
-            if reached <= goal:
-                best, cost, found = trial, min(reached, cost), True
-                break
+    simpler = _list_simpler(thinned, best)
+    while simpler:
+        goal = max(cost * allowed, enough)
+        trial, reached = optimise_spring(thinned, coarse, simpler.pop(0), goal=goal)
+        if reached <= goal:
+            best, cost = trial, min(reached, cost)
+            simpler = _list_simpler(thinned, best)
     # Knees at the edge of the torques reached are not identifiable, and extrapolate.
     bases = [compute_stop_basis(phi, best.thresholds) for phi in data.torsions]
     _, lowest, highest = measure_reach(bases, best)
@@ -520,15 +504,18 @@ def _list_simpler(data: SpringData, weights: SpringWeights) -> list[SpringWeight
         loss = changes[place] * abs(torque) * 0.1
         options.append((loss, weights.keep_knees(np.arange(len(changes)) != place)))
     knees, above = weights.knees, weights.below
-    if above not in {0, len(knees)}:
+    if 0 < above < len(knees):
         # Without the innermost knees of both sides, where they lie near zero torque: the slope beyond them is
         # then the one at zero, and scales all weights. Left out one by one, the other would stand in the way.
         _, lowest, highest = measure_reach(data.compute_basis(weights.thresholds), weights)
         if -knees[0] <= _CLOSE * lowest and knees[above] <= _CLOSE * highest:
             slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
-            rest = weights.keep_knees(~np.isin(np.arange(len(knees)), (0, above)))
-            stiffness, further = weights.stiffness * slope, rest.slopes / slope
-            scaled = replace(rest, stiffness=stiffness, knees=rest.knees * slope, slopes=further)
+            scaled = SpringWeights(
+                thresholds=weights.thresholds,
+                stiffness=weights.stiffness * slope,
+                knees=np.delete(knees, (0, above)) * slope,
+                slopes=np.delete(weights.slopes, (0, above)) / slope,
+            )
             options.append((abs(slope - 1.0) * max(-knees[0], knees[above]) * 0.1, scaled))
     options.sort(key=lambda option: option[0])
     return [simpler for _, simpler in options[:3]]

@@ -125,50 +125,46 @@ def test_relaxation_dahl_and_maxwell_slip_against_closed_forms():
         assert total.sum() == pytest.approx(expected, abs=1e-12)
 
 
+UNIT = {"deflections": (-1.0, 1.0), "forces": (0.0, 1.0)}
+BOUC_WEN = {"level": 1.0, "length": 1.0}
+
+
 @pytest.mark.parametrize(
-    ("build", "text"),
+    ("build", "numbers", "text"),
     [
-        (lambda: SlipSpring(deflections=(0.0, 1.0), forces=(0.0, 1.0)), "from minus its largest one"),
-        (lambda: SlipSpring(deflections=(-1.0, 1.0), forces=(0.0,)), "need 2 forces"),
-        (lambda: SlipSpring(deflections=(-1.0, 1.0), forces=(0.0, np.nan)), "must be finite"),
+        (SlipSpring, UNIT | {"deflections": (0.0, 1.0)}, "from minus its largest one"),
+        (SlipSpring, UNIT | {"forces": (0.0,)}, "need 2 forces"),
+        (SlipSpring, UNIT | {"forces": (0.0, np.nan)}, "must be finite"),
+        (SlipSpring, UNIT | {"falls": (0.0, -1.0)}, "not be negative"),
         (
-            lambda: SlipSpring(deflections=(-1.0, 1.0), forces=(0.0, 1.0), falls=(0.0, -1.0)),
-            "not be negative",
+            Relays,
+            {"low": 0.0, "step": 0.0, "ramps": (1.0,), "weights": ()},
+            "step of relays must be positive",
         ),
-        (lambda: Relays(low=0.0, step=0.0, ramps=(1.0,), weights=()), "step of relays must be positive"),
-        (lambda: Relays(low=0.0, step=1.0, ramps=(1.0, 1.0), weights=()), "2 ramps need 1 relays, got 0"),
-        (lambda: BoucWen(level=1.0, length=0.0), "length must be positive"),
-        (lambda: BoucWen(level=1.0, length=1.0, loop=0.4), "a loop gives work"),
-        (lambda: BoucWen(level=1.0, length=1.0, skew=1.0), "one side has no bound"),
-        (lambda: BoucWen(level=1.0, length=1.0, loop=0.7, lean=0.5), "a loop gives work"),
-        (lambda: BristleBranch(law="coulomb", values=()), "known laws: dahl, lugre"),
-        (lambda: BristleBranch(law="dahl", values=(("Fc", 1.0),)), "sigma0 is missing"),
-        (
-            lambda: BristleBranch(law="dahl", values=(("Fc", 1.0), ("sigma0", -1.0))),
-            "sigma0 must be positive",
-        ),
-        (lambda: Relaxation(stiffness=1.0, time=0.0), "time must be positive"),
-        (lambda: Elasticity(stiffness=1.0, backlash=-1.0), "must not be negative"),
+        (Relays, {"low": 0.0, "step": 1.0, "ramps": (1.0, 1.0), "weights": ()}, "need 1 relays, got 0"),
+        (BoucWen, BOUC_WEN | {"length": 0.0}, "length must be positive"),
+        (BoucWen, BOUC_WEN | {"loop": 0.4}, "a loop gives work"),
+        (BoucWen, BOUC_WEN | {"skew": 1.0}, "one side has no bound"),
+        (BoucWen, BOUC_WEN | {"loop": 0.7, "lean": 0.5}, "a loop gives work"),
+        (BristleBranch, {"law": "coulomb", "values": ()}, "known laws: dahl, lugre"),
+        (BristleBranch, {"law": "dahl", "values": (("Fc", 1.0),)}, "sigma0 is missing"),
+        (BristleBranch, {"law": "dahl", "values": (("Fc", 1.0), ("sigma0", -1.0))}, "must be positive"),
+        (Relaxation, {"stiffness": 1.0, "time": 0.0}, "time must be positive"),
+        (Elasticity, {"stiffness": 1.0, "backlash": -1.0}, "must not be negative"),
     ],
 )
-def test_impossible_numbers_are_refused(build, text):
+def test_impossible_numbers_are_refused(build, numbers, text):
     with pytest.raises(RobotError, match=text):
-        build()
+        build(**numbers)
 
 
 def test_attracted_elements_against_another_integrator():
     # The truth takes tenfold finer steps and knows nothing of held velocities.
     stiffness, share = np.array([60.0, 25.0, 8.0]), np.array([0.4, 0.35, 0.25])
-    branch = AttractedSlip(
-        thresholds=tuple((2.0 * share / stiffness).tolist()),
-        stiffnesses=tuple(stiffness.tolist()),
-        excess=0.4,
-        speed=0.6,
-        attraction=20.0,
-    )
-    element = Elasticity(stiffness=1.2, branches=(branch,))
+    numbers = {"thresholds": tuple(2.0 * share / stiffness), "stiffnesses": tuple(stiffness)}
+    branch = AttractedSlip(**numbers, excess=0.4, speed=0.6, attraction=20.0)
     t = np.arange(0.0, 8.0, 6e-4)
     x = 0.6 * np.sin(2.1 * t) + 0.2 * np.sin(5.3 * t)
     y = make_attracted(t, x)
-    found = run_element(element, x, t, start="fresh").output
+    found = run_element(Elasticity(stiffness=1.2, branches=(branch,)), x, t, start="fresh").output
     assert np.std(found - y) < 2e-3 * np.std(y)

@@ -13,7 +13,6 @@ from symid.joint_models import (
     build_casadi_carrier,
     build_float_carrier,
     describe_inverse,
-    find_input,
     find_least_slope,
     invert_element,
     is_passive_element,
@@ -116,25 +115,3 @@ def test_the_inverse_returns_the_input(name):
 def test_what_has_no_inverse_is_refused_with_the_reason(element, reason):
     with raises(RobotError, "robot.no-inverse", match=reason):
         invert_element(element, np.zeros(3), np.arange(3.0))
-
-
-def test_one_sided_plays_are_plays_of_half_the_threshold_that_came_from_above():
-    x, _ = make_path(9)
-    play, expected = 0.0, []
-    for place in x:
-        play = max(place - 0.3, min(place, play))
-        expected.append(play)
-    element = Elasticity(stiffness=0.0, stops=(Stop(threshold=0.15, stiffness=1.0),))
-    stop = run_element(element, x, start=start_states(element, 0.0, -1.0)).output
-    np.testing.assert_allclose(x - stop - 0.15, expected, atol=1e-12)
-
-
-@given(st.floats(-3, 3), st.floats(-3, 3))
-@settings(max_examples=60, deadline=None)
-def test_find_input_against_a_closed_form(goal, start):
-    class Step:
-        def __init__(self, x):
-            self.output = x + 0.5 * abs(x) + x**3
-
-    found = find_input(Step, goal, start, 0.5)
-    assert Step(found).output == pytest.approx(goal, abs=1e-12)

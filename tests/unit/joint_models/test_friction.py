@@ -11,7 +11,7 @@ from symid.dynamics.base_parameters import build_standard_parameters, derive_bas
 from symid.errors import UsageError
 from symid.joint_models import FrictionValues, get_law, list_value_names
 from symid.joint_models.carriers import build_float_carrier
-from tests.chains import PLAIN_LAWS, build_chain
+from tests.chains import build_chain
 from tests.friction_forms import EVERY_LAW, find_linear_torque, give_shape
 from tests.refusals import raises
 
@@ -61,17 +61,6 @@ def test_functions_of_friction_equal_the_closed_form(name, standard):
         # The number of a wave or a power is kept apart from that of the joint.
         names = [f"{entry}_1" if entry[-1].isdigit() else f"{entry}1" for entry in own]
         assert [parameter.name for parameter in built.card.friction] == names
-
-
-@pytest.mark.parametrize("name", [name for name in PLAIN_LAWS if name != "none"])
-def test_friction_opposes_motion(name):
-    """With positive coefficients and no offset, power is never negative: friction cannot drive."""
-    robot = build_chain([ROW], friction=name)
-    (friction,) = build_functions(robot, names=("friction",)).functions
-    names = list_value_names(FrictionValues(law=name))
-    values = np.array([0.0 if entry == "offset" else 1.5 for entry in names])
-    for velocity in VELOCITIES:
-        assert float(friction(velocity, values)) * velocity >= 0.0
 
 
 def test_functions_have_the_inputs_that_any_joint_reads_in_one_order():

@@ -64,24 +64,22 @@ def test_all_carriers_agree(name, velocity):
 @LAWS
 def test_the_symbols_give_the_numbers_and_the_step_solves_the_rate(name):
     law, values = get_dynamic_law(name), VALUES[name]
-    equations = derive_equations(law)
+    equations, at = derive_equations(law), (-0.013, 3e-4, values)
     places = dict(zip(equations.values, values, strict=True))
-    places |= {equations.velocity: -0.013, equations.state: 3e-4, equations.period: 2e-3}
+    given = {**places, equations.velocity: -0.013, equations.state: 3e-4, equations.period: 2e-3}
     pairs = {
         equations.level: law.level(FLOATS, -0.013, values),
-        equations.rate: compute_bristle_rate(FLOATS, law, -0.013, 3e-4, values),
-        equations.torque: compute_dynamic_torque(FLOATS, law, -0.013, 3e-4, values),
+        equations.rate: compute_bristle_rate(FLOATS, law, *at),
+        equations.torque: compute_dynamic_torque(FLOATS, law, *at),
         equations.steady: compute_steady_torque(FLOATS, law, -0.013, values),
     }
     step = compute_bristle_step(FLOATS, law, (-0.013, 2e-3), 3e-4, values)
     pairs |= dict(zip((equations.state_after, equations.torque_after), step, strict=True))
     for expression, value in pairs.items():
-        assert float(expression.subs(places)) == pytest.approx(value, rel=1e-13)
+        assert float(expression.subs(given)) == pytest.approx(value, rel=1e-13)
     # Derivative of the step by its period, in symbols: nothing else was used to derive it.
-    equations = derive_equations(get_dynamic_law(name))
     rate = equations.rate.subs(equations.state, equations.state_after)
     gap = sympy.diff(equations.state_after, equations.period) - rate
-    places = dict(zip(equations.values, VALUES[name], strict=True))
     for velocity, state in ((0.3, 1e-4), (-0.02, 5e-4), (0.001, -2e-4)):
         at = {**places, equations.velocity: velocity, equations.state: state, equations.period: 0.004}
         assert abs(float(gap.subs(at))) < 1e-13 * abs(velocity)
@@ -91,14 +89,11 @@ def test_the_symbols_give_the_numbers_and_the_step_solves_the_rate(name):
 @LAWS
 def test_latex_has_every_parameter(name):
     law = get_dynamic_law(name)
-    level, rate, torque, step = write_dynamic_latex(law)
-    for parameter in law.parameters:
-        assert any(parameter.latex in line for line in (level, rate, torque, step))
-    assert level.startswith("g = ")
-    assert rate.startswith(r"\dot z = v - ")
-    assert torque.startswith(r"\tau_f = ")
-    assert r"\sigma_0 z" in torque
-    assert step.startswith("z_+ = ")
+    lines = write_dynamic_latex(law)
+    assert all(parameter.latex in "".join(lines) for parameter in law.parameters)
+    assert r"\sigma_0 z" in lines[2]
+    for line, start in zip(lines, ("g = ", r"\dot z = v - ", r"\tau_f = ", "z_+ = "), strict=True):
+        assert line.startswith(start)
 
 
 steps = st.tuples(
@@ -129,21 +124,16 @@ def test_a_run_is_its_steps_from_straight_bristles_on(name):
     assert state == 1e-4
     assert torque == pytest.approx(values[0] * 1e-4, rel=1e-15)
     velocity = 0.1 * np.sin(np.linspace(0.0, 30.0, 400))
-    run = simulate_dynamic_friction(law, values, build_held_path(velocity, 1e-3), state=1e-4)
-    state = 1e-4
+    path = build_held_path(velocity, 1e-3)
+    run = simulate_dynamic_friction(law, values, path, state=1e-4)
     for k, held in enumerate(velocity.tolist()):
         state, torque = compute_bristle_step(FLOATS, law, (held, 1e-3), state, values)
         assert run.state[k] == pytest.approx(state, rel=1e-12, abs=1e-17)
         assert run.torque[k] == pytest.approx(torque, rel=1e-11, abs=1e-11)
-    velocity = 0.1 * np.cos(np.linspace(0.0, 9.0, 100))
-    one = build_held_path(velocity, 1e-3)
-    two = FrictionPath(
-        held=np.tile(velocity, 2),
-        velocity=np.tile(velocity, 2),
-        period=np.full(200, 1e-3),
-        start=np.tile(one.start, 2),
+    parts = {name: np.tile(getattr(path, name), 2) for name in ("held", "velocity", "period", "start")}
+    alone, joined = (
+        simulate_dynamic_friction(law, values, each).torque for each in (path, FrictionPath(**parts))
     )
-    alone, joined = (simulate_dynamic_friction(law, values, path).torque for path in (one, two))
     np.testing.assert_array_equal(joined, np.tile(alone, 2))
 
 
@@ -181,16 +171,13 @@ def test_unknown_laws_and_values_out_of_bounds_are_refused():
     with raises(UsageError, *["joint.friction-values"] * 4, match=r"sigma0 .* above 0, got -1") as caught:
         check_dynamic_values(law, (-1.0, 0.0, 1.0, 1.0, 0.0, 5.0, float("nan")))
     texts = [notice.text for notice in caught.value.notices]
-    assert [name in text for name, text in zip(("sigma0", "vs", "gamma", "fV"), texts, strict=True)] == [
-        True
-    ] * 4
+    assert all(name in text for name, text in zip(("sigma0", "vs", "gamma", "fV"), texts, strict=True))
     assert all(number in texts[2] for number in (" 0.5 ", " 4, ", "got 5"))
     with raises(UsageError, "joint.friction-values", match=r" 2 .*sigma0, fC.*got 3"):
         check_dynamic_values(get_dynamic_law("dahl"), (1.0, 1.0, 1.0))
-    with raises(UsageError, "joint.no-dynamic-friction", match=r"'lugree'.* 'lugre'\?"):
-        get_dynamic_law("lugree")
-    with pytest.raises(UsageError, match=r"'zzz'.* dahl, lugre"):
-        get_dynamic_law("zzz")
+    for wrong, hint in (("lugree", r"'lugree'.* 'lugre'\?"), ("zzz", r"'zzz'.* dahl, lugre")):
+        with raises(UsageError, "joint.no-dynamic-friction", match=hint):
+            get_dynamic_law(wrong)
 
 
 @pytest.mark.parametrize(

@@ -88,17 +88,22 @@ def test_followers_and_couplings_show_what_samples_show(kind, other, multiplier)
     assert_rows_show_what_samples_show(robot)
 
 
-@pytest.mark.parametrize("friction", CURVED, ids=lambda friction: friction.law)
-@pytest.mark.parametrize("multiplier", [1, -1, 2, Fraction(-1, 2)], ids=str)
-def test_one_curve_at_several_drives_shows_what_samples_show(friction, multiplier):
-    assert_rows_show_what_samples_show(build_shared(friction, friction, Fraction(multiplier)))
-
-
-@pytest.mark.parametrize("friction", CATALOGUE, ids=lambda friction: friction.law)
-@pytest.mark.parametrize("other", [*CATALOGUE, FrictionValues(law="asymmetric")], ids=lambda f: f.law)
-@pytest.mark.parametrize("multiplier", [Fraction(1), Fraction(-1, 2)], ids=str)
-def test_two_curves_show_what_samples_show(friction, other, multiplier):
-    assert_rows_show_what_samples_show(build_shared(friction, other, multiplier))
+@pytest.mark.parametrize(
+    ("friction", "other", "multiplier"),
+    [
+        *((one, one, multiplier) for one in CURVED for multiplier in (1, -1, 2, Fraction(-1, 2))),
+        *(
+            (one, other, multiplier)
+            for one in CATALOGUE
+            for other in (*CATALOGUE, FrictionValues(law="asymmetric"))
+            if one is not other
+            for multiplier in (1, Fraction(-1, 2))
+        ),
+    ],
+    ids=lambda value: getattr(value, "law", str(value)),
+)
+def test_curves_at_several_drives_show_what_samples_show(friction, other, multiplier):
+    assert_rows_show_what_samples_show(build_shared(friction, other, Fraction(multiplier)))
 
 
 @pytest.mark.parametrize(
@@ -119,24 +124,20 @@ def test_two_laws_with_the_same_fall_share_it(law, other, multiplier):
 
 
 def test_constant_torques():
-    robot = build_chain([ROW], friction="asymmetric")
-    half = Fraction(1, 2)
-    assert compute_position_torques(robot) == {(0, "Fcp"): (half, 0, False), (0, "Fcn"): (-half, 0, False)}
-    robot = build_chain([ROW], friction="coulomb-viscous-offset")
-    assert compute_position_torques(robot) == {(0, "offset"): (1, 0, False)}
-    for name in ("improved-stribeck", "improved-stribeck-h3"):
-        joint = replace(robot.joints[0], friction=FrictionValues(law=name, shape=give_shape(name)))
+    def find(law, shape=()):
+        friction = FrictionValues(law=law, shape=shape)
+        robot = build_chain([ROW])
+        joint = replace(robot.joints[0], friction=friction)
         found = compute_position_torques(replace(robot, joints=(joint,)))
-        # With its origin shifted, viscous friction is not zero at standstill.
-        shifted = {(0, "Fv"): (-Fraction(joint.friction.shape[1]), 0, False)} if name.endswith("h4") else {}
-        assert found == {(0, "Fp"): (1, 0, False), **shifted}
-    # Viscous friction of this one is zero beside standstill.
-    h4 = FrictionValues(law="improved-stribeck-h4", shape=(0.1, 0.25))
-    joint = replace(robot.joints[0], friction=h4)
-    assert compute_position_torques(replace(robot, joints=(joint,))) == {
-        (0, "Fv"): (Fraction(-1, 4), 0, False),
-        (0, "Fp"): (1, 0, False),
-    }
+        return {name: torque for (_, name), torque in found.items()}
+
+    half = Fraction(1, 2)
+    assert find("asymmetric") == {"Fcp": (half, 0, False), "Fcn": (-half, 0, False)}
+    assert find("coulomb-viscous-offset") == {"offset": (1, 0, False)}
+    for name in ("improved-stribeck", "improved-stribeck-h3"):
+        assert find(name, give_shape(name)) == {"Fp": (1, 0, False)}
+    # With its origin shifted, viscous friction is not zero at standstill.
+    shifted = {"Fv": (Fraction(-1, 4), 0, False), "Fp": (1, 0, False)}
+    assert find("improved-stribeck-h4", (0.1, 0.25)) == shifted
     # The bias of this one is gone outside of the zone.
-    joint = replace(robot.joints[0], friction=FrictionValues(law="improved-stribeck-h2", shape=(0.03, 0.01)))
-    assert compute_position_torques(replace(robot, joints=(joint,))) == {}
+    assert find("improved-stribeck-h2", (0.03, 0.01)) == {}

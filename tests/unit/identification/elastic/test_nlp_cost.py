@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from symid.identification.elastic.nlp_cost import FilterSums, WindowSums, build_knee_steps
+from symid.identification.elastic.nlp_cost import build_filter_sums, build_knee_steps, build_window_sums
 from symid.identification.elastic.regression import filter_held
 from symid.joint_models.prandtl_ishlinskii import compute_stop_basis
 
@@ -77,27 +77,25 @@ RATE, PERIOD, COUNT = 60.0, 1e-3, 997
 
 
 def check_adjoint(sums, rng):
-    steps, rows = rng.normal(size=COUNT), rng.normal(size=sums.count)
+    steps, rows = rng.normal(size=COUNT), rng.normal(size=len(sums.add(np.zeros(COUNT))))
     assert sums.add(steps) @ rows == pytest.approx(steps @ sums.spread(rows), rel=1e-12)
 
 
 def test_the_filter_is_that_of_held_signals_and_spreads_as_its_adjoint():
-    rng = np.random.default_rng(0)
+    rng, kept = np.random.default_rng(0), slice(130, None, 7)
     steps = rng.normal(size=(COUNT, 3))
-    count = (COUNT - 130) // 7 + 1
-    sums = FilterSums(steps=COUNT, first=130, length=7, count=count, decay=float(np.exp(-RATE * PERIOD)))
+    sums = build_filter_sums(kept, COUNT, float(np.exp(-RATE * PERIOD)))
     whole = filter_held(np.vstack([steps, steps[-1:]]), RATE, PERIOD)
-    kept = slice(sums.first, None, sums.length)
-    np.testing.assert_allclose(sums.add(steps), whole[kept][: sums.count], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(sums.add(steps), whole[kept], rtol=1e-12, atol=1e-14)
     check_adjoint(sums, rng)
 
 
 def test_windows_are_weighted_sums_and_spread_as_their_adjoint():
-    rng = np.random.default_rng(1)
-    sums = WindowSums(first=40, length=31, count=(COUNT - 40) // 31, weights=rng.normal(size=COUNT))
-    steps = rng.normal(size=(COUNT, 2))
-    for row in (0, 5, sums.count - 1):
-        part = slice(sums.first + row * sums.length, sums.first + (row + 1) * sums.length)
-        expected = (sums.weights[part, None] * steps[part]).sum(axis=0)
-        np.testing.assert_allclose(sums.add(steps)[row], expected, rtol=1e-12)
+    rng, ends = np.random.default_rng(1), slice(40, 40 + 30 * 31 + 1, 31)
+    weights, steps = rng.normal(size=COUNT), rng.normal(size=(COUNT, 2))
+    sums = build_window_sums(ends, weights)
+    expected = [weights[k : k + 31] @ steps[k : k + 31] for k in range(40, 40 + 30 * 31, 31)]
+    np.testing.assert_allclose(sums.add(steps), expected, rtol=1e-12)
     check_adjoint(sums, rng)
+    counted = np.arange(30) % 3 > 0
+    np.testing.assert_allclose(sums.mask(counted).add(steps), sums.add(steps) * counted[:, None], rtol=1e-12)

@@ -71,16 +71,14 @@ def test_odd_springs_share_their_slopes():
     grid = SpringGrid(thresholds=np.array([0.01]), knees=(-2.0, -1.0, 1.0, 2.0), stiffness=100.0, reach=0.04)
     layout = NlpLayout.build(CARD, [grid], NlpOptions(odd=True))
     assert layout.names[-2:] == ("slope beyond +-1 of joint 1", "slope beyond +-2 of joint 1")
-    x = np.zeros(layout.size)
-    x[layout.springs[0].weights], x[layout.springs[0].slopes] = [80.0, 20.0], [1.5, 2.5]
-    knees = layout.springs[0].build_spring(x, 0.0).knees
-    assert [(knee.threshold, knee.slope) for knee in knees] == [(-2, 1.0), (-1, 0.5), (1, 0.5), (2, 1.0)]
+    (place,), x = layout.springs, np.zeros(layout.size)
+    x[place.weights], x[place.slopes] = [80.0, 20.0], [1.5, 2.5]
+    knees = [(knee.threshold, knee.slope) for knee in place.build_spring(x, 0.0).knees]
+    assert knees == [(-2, 1.0), (-1, 0.5), (1, 0.5), (2, 1.0)]
 
 
 def test_a_start_is_the_spring_itself_or_shares_of_a_linear_one():
-    knees = tuple(
-        Knee(threshold=place, slope=slope) for place, slope in ((-1.0, 0.5), (1.0, 1.0), (2.0, 0.5))
-    )
+    knees = tuple(Knee(threshold=place, slope=slope) for place, slope in ((-1, 0.5), (1, 1.0), (2, 0.5)))
     spring = Elasticity(stiffness=70.0, stops=(Stop(threshold=0.02, stiffness=30.0),), knees=knees)
     x = LAYOUT.build_start(np.arange(5.0), [spring])
     np.testing.assert_array_equal(x[LAYOUT.springs[0].weights], [70.0, 0.0, 30.0, 0.0])
@@ -101,16 +99,10 @@ def test_what_filters_leave_of_a_constant_is_no_information(trace):
     )
     torsion = np.zeros((200, 1))
     one = NlpRecording(blocks=blocks[:1], bases=(np.zeros((200, 4)),), phi=torsion, speed=torsion)
-    alone, both = (
-        ElasticNlpCost(recordings=(part,), layout=LAYOUT) for part in (one, replace(one, blocks=blocks))
-    )
-    x = LAYOUT.build_start(chi, [Elasticity(stiffness=100.0)])
-    found, expected = (
-        cost.weigh([block.values - block.matrix @ chi for block in cost.blocks], chi)
-        for cost in (both, alone)
-    )
-    assert found.sigmas[0] == expected.sigmas[0]
-    for part, reference in zip(
-        found.invert_normal_equations(x), expected.invert_normal_equations(x), strict=True
-    ):
-        np.testing.assert_allclose(part, reference, rtol=1e-12, atol=0.0)
+    x, found = LAYOUT.build_start(chi, [Elasticity(stiffness=100.0)]), []
+    for part in (one, replace(one, blocks=blocks)):
+        cost = ElasticNlpCost(recordings=(part,), layout=LAYOUT)
+        cost = cost.weigh([block.values - block.matrix @ chi for block in cost.blocks], chi)
+        found.append((cost.sigmas[0], *cost.invert_normal_equations(x)))
+    for alone, both in zip(*found, strict=True):
+        np.testing.assert_allclose(both, alone, rtol=1e-12, atol=0.0)

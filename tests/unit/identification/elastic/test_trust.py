@@ -9,9 +9,13 @@ import pytest
 from symid.identification.elastic.elimination import BandRows, measure_torque_noise
 from symid.identification.elastic.estimate import MethodFit
 from symid.identification.elastic.methods import (
+    FOLDS,
+    MethodCandidate,
     _add_model_error,
     _measure_disagreement,
     _widen,
+    assign_folds,
+    choose_candidate,
     find_contradiction,
 )
 from symid.identification.elastic.regression import DriveEffect
@@ -110,3 +114,34 @@ def test_no_parameter_is_surer_than_the_states_that_its_column_is_made_of():
     for work, method, size in ((rippled, "weighted", 2e-4), (build_work(), "simultaneous", 5e-4)):
         found = np.sqrt(np.diag(_add_model_error(work, replace(fit, method=method)).covariance))
         assert found == pytest.approx(size * np.hypot(own, largest), rel=1e-3)
+
+
+def test_a_biased_method_is_not_taken_and_among_equals_the_surest_is():
+    """However sure the biased one says it is; each fold is predicted by a fit without it."""
+    rng, truth = np.random.default_rng(3), np.array([2.0, -1.0])
+    design, time = rng.normal(size=(4000, 2)), np.tile(np.arange(2000) / 2000.0, 2)
+    rows = BandRows(
+        design=design,
+        torque=design @ truth + 0.5 * rng.normal(size=4000),
+        group=np.repeat([0, 1], 2000),
+        time=time,
+        slide=np.zeros(4000, dtype=np.intp),
+    )
+
+    def choose(*fits):
+        asked = []
+        candidates = [
+            MethodCandidate(lambda fold, chi=chi: asked.append(fold) or np.array(chi), spread)
+            for chi, spread in fits
+        ]
+        found = choose_candidate(candidates, rows, np.array([0.5, 0.5]))
+        assert asked == [*range(FOLDS)] * len(fits)
+        return found
+
+    best, errors, close = choose(([2.2, -1.0], 1e-6), (truth, 0.1))
+    assert (best, close) == (1, 1)
+    assert errors[1] == pytest.approx(1.0, abs=0.1)
+    assert errors[0] - errors[1] == pytest.approx(0.04 / 0.25, rel=0.3)
+    best, _, close = choose((truth, 0.1), (truth + 1e-3, 0.01))
+    assert (best, close) == (1, 2)
+    assert np.bincount(assign_folds(time)).tolist() == [1000] * FOLDS

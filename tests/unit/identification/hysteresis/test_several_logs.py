@@ -1,5 +1,7 @@
 """Springs of joints from several logs, one after the other: each begins with an empty memory."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -54,22 +56,20 @@ def test_a_log_that_begins_far_from_the_end_of_another_keeps_its_spring():
     # The second log moves little, so that nothing there erases what the first one would leave.
     large = 0.9 * np.sin(2.0 * np.pi * np.arange(4250) * PERIOD)
     small = 0.1 * np.sin(2.0 * np.pi * 2.0 * np.arange(6000) * PERIOD)
-    path = build_path(large, small)
-    torque = np.concatenate(
-        [run_element(SPRING, part, np.arange(len(part)) * PERIOD).output for part in (large, small)]
-    )
-    kept = np.ones(len(torque), dtype=bool)
-    spring, name, left, before = choose_spring(path, torque, kept, SPRING)
+    torque = np.concatenate([run_element(SPRING, part).output for part in (large, small)])
+    spring, name, left, before = choose(build_path(large, small), torque)
     assert (spring, name) == (SPRING, "")
     assert left == before < 1e-6
 
 
+def choose(path, torque, known=SPRING):
+    return choose_spring(path, torque, np.ones(len(torque), dtype=bool), known)
+
+
 def test_stops_with_a_cubic_part_are_found():
     path = build_path(*draw_waves(3, length=20000))
-    truth = Elasticity(stiffness=300.0, stops=SPRING.stops, cubic=150.0)
-    torque = predict_output(truth, path)
-    plain = Elasticity(stiffness=420.0, stops=SPRING.stops)
-    spring, name, left, before = choose_spring(path, torque, np.ones(len(torque), dtype=bool), plain)
+    torque = predict_output(replace(SPRING, cubic=150.0), path)
+    spring, name, left, before = choose(path, torque, replace(SPRING, stiffness=420.0))
     assert name.startswith("stops, ")
     assert "cubic" in name
     assert left < 0.5 < before
@@ -77,27 +77,27 @@ def test_stops_with_a_cubic_part_are_found():
 
 
 def test_thinning_keeps_beginnings_and_turning_points():
+    def thin(path):
+        kept = np.ones(len(path.position), dtype=bool)
+        return ElementData(path=path, output=path.position.copy(), kept=kept).thin(400, turns=True)
+
     waves = draw_waves(8, length=20000)
     path = build_path(*waves)
-    data = ElementData(path=path, output=path.position.copy(), kept=np.ones(40000, dtype=bool))
-    thin = data.thin(400, turns=True)
-    assert [float(thin.path.position[k]) for k in thin.path.begins] == [float(wave[0]) for wave in waves]
+    thinned = thin(path).path
+    assert [float(thinned.position[k]) for k in thinned.begins] == [float(wave[0]) for wave in waves]
     for wave in waves:
         inner = wave[1:-1]
         peaks = inner[(inner - wave[:-2]) * (inner - wave[2:]) > 0.0]
         assert len(peaks) > 20
-        assert set(peaks.tolist()) <= set(thin.path.position.tolist())
-    assert np.sum(thin.path.period[1:]) == pytest.approx(np.sum(path.period[1:]), rel=1e-2)
-    assert len(thin.output) < 700
+        assert set(peaks.tolist()) <= set(thinned.position.tolist())
+    assert np.sum(thinned.period[1:]) == pytest.approx(np.sum(path.period[1:]), rel=1e-2)
+    assert len(thinned.position) < 700
     # Noise does not keep every sample.
     noise = np.random.default_rng(1).standard_normal(40000)
-    path = build_path(draw_waves(8, count=1, length=40000)[0] + 0.02 * noise)
-    data = ElementData(path=path, output=path.position.copy(), kept=np.ones(40000, dtype=bool))
-    assert len(data.thin(400, turns=True).output) < 850
+    assert len(thin(build_path(draw_waves(8, count=1, length=40000)[0] + 0.02 * noise)).output) < 850
 
 
 def test_a_spring_of_another_scale_stays_of_its_kind():
     # What stops and knees were fitted to differs by a percent from the torque of the links.
     path = build_path(*draw_waves(3, length=8000))
-    torque = 1.01 * predict_output(SPRING, path) + 2.0
-    assert choose_spring(path, torque, np.ones(len(torque), dtype=bool), SPRING)[:2] == (SPRING, "")
+    assert choose(path, 1.01 * predict_output(SPRING, path) + 2.0)[:2] == (SPRING, "")

@@ -11,14 +11,11 @@ from symid.identification.hysteresis.spring_fit import (
     SpringWeights,
     build_elasticity,
     build_knee_grid,
-    compute_local_slopes,
-    compute_ramps,
     filter_parts,
     fit_spring,
     follow_spring,
     hold_knees,
     refine_spring,
-    solve_non_negative,
     thin_samples,
 )
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
@@ -49,15 +46,6 @@ def data(phi):
 @pytest.fixture(scope="module")
 def target(data):
     return data.compute_torque(TRUE)
-
-
-def test_slopes_are_the_derivative_of_the_outer_function():
-    inner = np.linspace(-8.0, 8.0, 4001)
-    outer = inner + compute_ramps(inner, TRUE) @ (TRUE.slopes - 1.0)
-    middle = (inner[1:] + inner[:-1]) / 2.0
-    inside = np.all(np.abs(middle[:, None] - np.array([-3.0, 2.0, 5.0])) > 0.01, axis=1)
-    slope = np.diff(outer) / np.diff(inner)
-    assert np.allclose(slope[inside], compute_local_slopes(middle, TRUE)[inside], atol=1e-9)
 
 
 def test_stops_and_knees_at_their_places_are_found(data, phi, target):
@@ -122,12 +110,6 @@ def test_knee_grids_lie_between_zero_and_the_torque_reached(data):
     # Knees are held away from zero torque in their order.
     held = hold_knees(np.array([-0.001, -4.0, 0.001, 0.002, 5.0]), 20.0, 10.0)
     assert np.allclose(held, [-0.6, -4.0, 0.3, 0.33, 5.0])
-
-
-def test_non_negative_least_squares_leaves_out_what_would_be_negative():
-    matrix = np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    found = solve_non_negative(matrix, np.array([1.0, -1.0, 2.0]))
-    assert np.allclose(found, [1.5, 0.0, 0.0])
 
 
 def test_a_spring_that_would_not_rise_gets_a_rest_and_one_without_stiffness_no_torque(phi):
