@@ -168,14 +168,14 @@ def test_ridge_of_weight_one_is_the_bayesian_answer():
     prior = Prior(
         names=rows.names, values=tuple(1.2 * TWO_LINK_TRUTH), deviations=tuple(deviations), source="test"
     )
-    fit = fit_ridge(rows, seen, prior=prior, weight=1.0)
+    fit = fit_ridge(rows, seen, prior=prior, prior_weight=1.0)
     weights = fit_wls(rows, seen).weights
     design, target = rows.matrix * weights[:, None], rows.values * weights
     precision = design.T @ design + np.diag(deviations**-2)
     expected = np.linalg.solve(precision, design.T @ target + 1.2 * TWO_LINK_TRUTH / deviations**2)
     np.testing.assert_allclose(fit.values, expected, rtol=1e-8)
     np.testing.assert_allclose(fit.covariance, np.linalg.inv(precision), rtol=1e-6)
-    none = fit_ridge(rows, seen, prior=prior, weight=0.0)
+    none = fit_ridge(rows, seen, prior=prior, prior_weight=0.0)
     np.testing.assert_allclose(none.values, fit_wls(rows, seen).values, rtol=1e-8)
 
 

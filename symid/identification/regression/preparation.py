@@ -17,10 +17,9 @@ power spectral density of the position (Welch) over the upper half of all freque
 
     noise   floor (2 pi)^4 b^5 / 5,     motion   integral to b of (density - floor) (2 pi f)^4 df
 
-Long logs have outlines, which are values, times, velocities and weights of all equations, and segments:
-stretches of time of one joint in one run, each with the triangle of [A y]. Fits, standard deviations and
-warnings are computed from the triangles; residuals take another pass. Segments begin wherever a block of
-`compute_block_deviations` or a run begins.
+Long logs have outlines (values, times, velocities and weights of all equations) and segments: stretches of
+time of one joint in one run, each with the triangle of [A y], from which all but residuals are computed.
+Segments begin wherever a block of `compute_block_deviations` or a run begins.
 
 Supported: several recordings (the best of them counts for each joint); encoders with white noise,
 quantisation included; known payloads, whose torque Y dbeta is subtracted; joints at rest, whose rows are
@@ -51,7 +50,6 @@ from symid.identification.regression.equations import (
     count_pieces,
     cut_matrix,
     drop_groups,
-    evaluate_rigid_torques,
     evaluate_torques,
     outline_part,
     select_rows,
@@ -80,16 +78,14 @@ NOISE_SHARE = 0.01
 """Part of the acceleration's power that noise may be."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JointBand:
-    """Noise of an encoder: density `floor` (rad or m over root Hz), standard deviation `noise` (rad or m).
+class JointBand(NamedTuple):
+    """Noise of an encoder: its density `floor` in rad or m over root Hz.
 
     Up to `clean` Hz it is less than `NOISE_SHARE` of the acceleration's power.
     """
 
     floor: float
     clean: float
-    noise: float
 
 
 def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
@@ -103,8 +99,8 @@ def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
         floor = float(np.median(column[frequency > 0.25 * rate]))
         motion = np.cumsum(np.maximum(column - floor, 0.0) * steep)
         below = np.flatnonzero(np.cumsum(floor * steep) <= NOISE_SHARE * motion)
-        clean, noise = float(frequency[below[-1]]) if len(below) else 0.0, float(np.sqrt(floor * rate / 2.0))
-        bands.append(JointBand(floor=float(np.sqrt(floor)), clean=clean, noise=noise))
+        clean = float(frequency[below[-1]]) if len(below) else 0.0
+        bands.append(JointBand(float(np.sqrt(floor)), clean))
     return tuple(bands)
 
 
@@ -211,24 +207,22 @@ def fill_loads(
     |load|, which noise of the accelerations would lift where the load changes its sign: loads are those of
     the clean bands of positions.
     """
-    if "load" not in library.card.friction_inputs:
+    measured = list_measured_joints(recordings)
+    if "load" not in library.card.friction_inputs or all(measured):
         return list(recordings)
-    found, measured = [], list_measured_joints(recordings)
+    found = []
     for recording in recordings:
         payload = get_payload(library, recording)
-        if not all(measured):
-            clean = [band.clean for band in measure_bands(recording) if band.clean > 0.0]
-            # A tenth of the sample rate is above all that robots move at.
-            cutoff = processing.filter_cutoff or 0.1 / recording.period
-            cutoff = min(cutoff, float(np.median(clean))) if clean else cutoff
-            whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
-            resting = list_resting_joints(recording)
-            signals = hold_resting_joints(prepare_signals(replace(recording, load=None), whole), resting)
-            whole_beta = beta if payload is None else beta + payload
-            (load,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, whole_beta)
-            found.append(replace(recording, load=fill_load(recording.load, load, measured)))
-        else:
-            found.append(recording)
+        clean = [band.clean for band in measure_bands(recording) if band.clean > 0.0]
+        # A tenth of the sample rate is above all that robots move at.
+        cutoff = processing.filter_cutoff or 0.1 / recording.period
+        cutoff = min(cutoff, float(np.median(clean))) if clean else cutoff
+        whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
+        resting = list_resting_joints(recording)
+        signals = hold_resting_joints(prepare_signals(replace(recording, load=None), whole), resting)
+        whole_beta = beta if payload is None else beta + payload
+        (load,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, whole_beta)
+        found.append(replace(recording, load=fill_load(recording.load, load, measured)))
     return found
 
 
@@ -344,10 +338,10 @@ def warn_of_load_gain(gain: LoadGain | None) -> tuple[Notice, ...]:
 
 
 def compute_payload_torque(library: Library, signals: Signals, recording: Recording) -> FloatArray | None:
-    """Return the torque (N, n) of a known payload in N m or N; LogError if it is of another model."""
+    """Return the torque (N, n) of a known payload in N m or N; else as `get_payload`."""
     load = get_payload(library, recording)
     # A payload has no friction.
-    return None if load is None else evaluate_rigid_torques(library, signals, load)
+    return None if load is None else evaluate_torques(library, signals, load)
 
 
 def get_payload(library: Library, recording: Recording) -> FloatArray | None:
@@ -514,16 +508,12 @@ class StatesKeeper:
 
     def prepare(self, library: Library, recording: Recording, processing: Processing) -> Signals:
         """Return the states as `prepare_states`, which reads no standstill speed."""
-        processing = replace(processing, standstill=None)
-        if self._last is not None:
-            (own, log, settings), signals = self._last
-            if own is library and log is recording and settings == processing:
-                return signals
-        # Before others are made: two logs need not be in memory.
-        self._last = None
-        signals = prepare_states(library, recording, processing)
-        self._last = (library, recording, processing), signals
-        return signals
+        wanted = library, recording, replace(processing, standstill=None)
+        if self._last is None or self._last[0] != wanted:
+            # Before others are made: two logs need not be in memory.
+            self._last = None
+            self._last = wanted, prepare_states(*wanted)
+        return self._last[1]
 
 
 class RowBuilder(NamedTuple):
@@ -545,12 +535,10 @@ class RowBuilder(NamedTuple):
         return prepare(self.library, recording, self.processing)
 
     def prepare(self, recording: Recording) -> Rows:
-        """Return the equations of a recording."""
-        signals = prepare_states(self.library, recording, self.processing)
-        rows = build_rows(
-            self.kind, self.library, signals, self.processing, window=self.window, overlap=self.overlap
+        """Return the equations of a recording, see `prepare_rows`."""
+        return prepare_rows(
+            self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
         )
-        return leave_out_rows(rows, self.library, recording, self.processing)
 
     def outline(self, recording: Recording) -> Rows:
         """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
