@@ -27,7 +27,6 @@ momentum rows: whatever the fit, those of torque rows are used.
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -149,7 +148,7 @@ class JointResidual:
     Args:
         error: (m,) residual torque, weighted; plain: (m,) not weighted.
         roots: (m,) of the weights, of mean square one.
-        span: (m, r) orthonormal basis of the model's columns, weighted.
+        model: (m, p) columns of the model, weighted.
         blocks: (m,) number of the block of time of each row.
         motions: of the logs, at full rate; rows are decimated, and one in `step` of them is taken.
     """
@@ -157,7 +156,7 @@ class JointResidual:
     error: FloatArray
     plain: FloatArray
     roots: FloatArray
-    span: FloatArray
+    model: FloatArray
     blocks: NDArray[np.intp]
     motions: tuple[JointMotion, ...]
     decimation: Decimation
@@ -194,13 +193,7 @@ def compute_joint_residuals(
         moving = [entry for entry in logs if joint not in entry[-1]]
         if not moving:
             continue
-        tables = []
-        for signals, *_ in moving:
-            # [Y | Yf] of the joint and its torque: (M, p + 1).
-            blocks = decimate_blocks(
-                partial(_evaluate_joint, library, signals, joint), len(signals.time), processing.decimation
-            )
-            tables.append(np.vstack([block[-part.start % step :: step] for part, block in blocks]))
+        tables = [_tabulate(library, entry[0], joint, processing.decimation, step) for entry in moving]
         lengths = [len(table) for table in tables]
         squares = np.repeat(np.asarray([weight for *_, weight, _ in moving], dtype=float), lengths)
         roots: FloatArray = np.sqrt(squares / squares.mean())
@@ -210,15 +203,11 @@ def compute_joint_residuals(
         # Rounding has no structure.
         if float(error @ error) <= 1e-20 * float(table[:, -1] @ table[:, -1]):
             error = np.zeros_like(error)
-        model = table[:, :-1]
-        sizes = np.linalg.norm(model, axis=0)
-        alive = sizes > 1e-12 * max(sizes.max(initial=0.0), _TINY)
-        left, singular, _ = np.linalg.svd(model[:, alive] / sizes[alive], full_matrices=False)
         found = JointResidual(
             error=error,
             plain=plain,
             roots=roots,
-            span=left[:, singular > 1e-9 * max(singular.max(initial=0.0), _TINY)],
+            model=table[:, :-1],
             # All logs are cut alike, so that each block holds a part of every log.
             blocks=np.concatenate([np.arange(length) * _BLOCKS // length for length in lengths]),
             motions=tuple(
@@ -231,9 +220,17 @@ def compute_joint_residuals(
         yield card, found
 
 
-def _evaluate_joint(library: Library, signals: Signals, joint: int, part: slice) -> FloatArray:
-    rows = evaluate_columns(library, *signals.pick_states(part))
-    return np.column_stack([rows[:, joint], signals.tau[part, joint]])
+def _tabulate(
+    library: Library, signals: Signals, joint: int, decimation: Decimation, step: int
+) -> FloatArray:
+    """Return [Y | Yf] of a joint and its torque: (M, p + 1)."""
+
+    def evaluate(part: slice) -> FloatArray:
+        rows = evaluate_columns(library, *signals.pick_states(part))
+        return np.column_stack([rows[:, joint], signals.tau[part, joint]])
+
+    blocks = decimate_blocks(evaluate, len(signals.time), decimation)
+    return np.vstack([rows[-part.start % step :: step] for part, rows in blocks])
 
 
 _LEAST_PERCENT = 5.0
@@ -307,7 +304,11 @@ def analyse_structure(
         size = float(residual.error @ residual.error)
         if not size:
             continue
-        span = residual.span
+        # An orthonormal basis (m, r) of the model's columns.
+        lengths = np.linalg.norm(residual.model, axis=0)
+        alive = lengths > 1e-12 * max(lengths.max(initial=0.0), _TINY)
+        left, singular, _ = np.linalg.svd(residual.model[:, alive] / lengths[alive], full_matrices=False)
+        span = left[:, singular > 1e-9 * max(singular.max(initial=0.0), _TINY)]
         new = residual.error - span @ (span.T @ residual.error)
         gain = _measure_gain(span, residual.error, residual.blocks)
         # Family, share, squares explained.

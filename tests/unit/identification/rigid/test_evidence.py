@@ -125,6 +125,7 @@ def test_a_validation_shows_what_joints_leave_when_they_rest():
 
 def test_a_joint_that_never_moves_is_left_out_and_what_it_would_add_is_said():
     estimate = identify_parameters(LIBRARY, [record(0)], AUTOMATIC)
+    assert identify_parameters(LIBRARY, [record(0)], AUTOMATIC, rows="energy").evidence is None
     held = record(1)
     still = replace(held, position=held.position * [0.0, 1.0] + [0.4, 0.0])
     validation = validate_estimate(estimate, LIBRARY, still, STATED)

@@ -23,7 +23,6 @@ from symid.identification.regression.preparation import (
     prepare_states,
 )
 from symid.identification.rigid.fit import fit_long, identify_parameters, is_long
-from symid.logs.signals import decimate, decimate_blocks
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
@@ -191,21 +190,6 @@ def test_what_blocks_cannot_do_is_done_in_memory(recordings):
     assert whole == again
 
 
-@pytest.mark.parametrize("samples", [200, 8191, 8192, 30007])
-@pytest.mark.parametrize("factor", [1, 2, 10, 37])
-def test_blocks_are_decimated_as_the_whole(samples, factor):
-    """White noise and a step at either end: what a filter remembers longest."""
-    values = np.random.default_rng(samples).normal(size=(samples, 3, 2)).cumsum(axis=0)
-    decimation = Decimation(factor=factor)
-    whole = decimate(values, decimation)
-    found, places = np.full_like(whole, np.nan), []
-    for part, rows in decimate_blocks(lambda part: values[part], samples, decimation):
-        found[part] = rows
-        places += range(part.start, part.stop)
-    assert places == list(range(len(whole)))
-    assert np.abs(found - whole).max() < 1e-12 * np.abs(whole).max()
-
-
 @pytest.mark.parametrize("overlap", [0.0, 0.5, 0.9])
 @pytest.mark.parametrize("kind", ["torque", "momentum"])
 def test_blocks_are_the_rows(recordings, kind, overlap, monkeypatch):
@@ -262,20 +246,3 @@ def test_memory_grows_by_the_log_and_not_by_its_matrix():
         assert len(found.rows.values) > 0.8 * LIBRARY.card.size * count
     matrix = 8 * LIBRARY.card.size * len(Wide.names) * (samples[1] - samples[0])
     assert peaks[1] - peaks[0] < 0.3 * matrix
-
-
-@pytest.mark.parametrize("kind", ["torque", "momentum", "power"])
-def test_regressors_are_never_asked_for_a_whole_log(kind):
-    asked = []
-
-    class Counting:
-        card, backend, notices = LIBRARY.card, LIBRARY.backend, LIBRARY.notices
-
-        def evaluate(self, name, *inputs, out=None):
-            asked.append(len(inputs[0]))
-            return LIBRARY.evaluate(name, *inputs, out=out)
-
-    log, processing = record(6, 70_001), replace(PROCESSING, decimation=Decimation(factor=10))
-    found = identify_parameters(Counting(), [log], processing, rows=kind, estimator="wls")
-    assert len(found.parameters) == len(TWO_LINK_TRUTH)
-    assert max(asked) < 14_500

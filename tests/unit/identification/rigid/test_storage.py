@@ -7,7 +7,6 @@ import pytest
 from symid.environment import write_file
 from symid.errors import EstimateError, OutputError
 from symid.identification.rigid.fit import identify_parameters
-from symid.identification.rigid.validation import validate_estimate
 from symid.identification.stored import is_fit, read_fit, write_fit
 from symid.joint_models import rename_law
 from symid.robot.description import Processing
@@ -134,26 +133,6 @@ def test_a_fit_with_the_names_of_earlier_laws_is_read(tmp_path, estimate, librar
     card = replace(library.card, signature="another", joints=joints)
     with pytest.raises(EstimateError, match=r"are coulomb-viscous-offset, .* cubic"):
         read_fit(path, card)
-
-
-def test_a_fit_with_a_law_that_does_not_exist_is_refused(tmp_path, estimate):
-    path = write_fit(replace(estimate, friction=("viscus", "viscus")), tmp_path / "estimate.json")
-    with pytest.raises(EstimateError, match="friction: unknown friction law 'viscus'") as caught:
-        read_fit(path)
-    assert str(caught.value).count("'viscus'") == 1
-
-
-def test_validation_counts_what_the_true_parameters_leave(library, estimate):
-    recording = build_recording(library, TWO_LINK_TRUTH, seed=9, noise=(0.1, 0.1), source="unseen")
-    validation = validate_estimate(estimate, library, recording, PROCESSING)
-    for entry, series in zip(validation.residual, validation.series, strict=True):
-        assert entry.std == pytest.approx(0.1, rel=0.05)
-        error = series.measured - series.predicted
-        assert entry.norm == pytest.approx((error @ error) ** 0.5)
-        whole = (series.measured @ series.measured) ** 0.5
-        assert entry.relative_percent == pytest.approx(100 * entry.norm / whole)
-    mean = sum(entry.relative_percent for entry in validation.residual) / 2
-    assert validation.mean_relative_percent == pytest.approx(mean)
 
 
 def nest(depth):
