@@ -6,13 +6,11 @@ import pytest
 from symid.identification.estimators.least_squares import fit_ols, fit_wls
 from symid.identification.regression.equations import ROW_KINDS, build_rows
 from symid.identification.regression.identifiability import analyse_identifiability
-from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import (
     ONE_AXIS_TRUTH,
     TWO_LINK_TRUTH,
     build_one_axis,
-    build_recording,
     build_signals,
     build_two_link,
 )
@@ -69,18 +67,3 @@ def test_wls_beats_ols_where_joints_are_not_equally_noisy():
     spread = {estimator: np.std(found, axis=0) for estimator, found in errors.items()}
     second_link = slice(3, 6)
     assert np.all(spread[fit_wls][second_link] < 0.2 * spread[fit_ols][second_link])
-
-
-@pytest.mark.parametrize("kind", ROW_KINDS)
-def test_whole_identification_from_sampled_positions(kind):
-    # Positions and torques alone: the velocities come from central differences, so the result
-    # is as good as those, not exact.
-    library = build_two_link()
-    recordings = [
-        build_recording(library, TWO_LINK_TRUTH, f"log{seed}", samples=10001, seed=seed) for seed in (3, 4)
-    ]
-    estimate = identify_parameters(library, recordings, Processing(drop_first=5, drop_last=5), rows=kind)
-    found = estimate.assemble(tuple(p.name for p in estimate.parameters))
-    np.testing.assert_allclose(found, TWO_LINK_TRUTH, atol=2e-3)
-    assert estimate.sources == ("log3", "log4")
-    assert not estimate.refused

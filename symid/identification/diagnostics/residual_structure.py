@@ -422,13 +422,12 @@ def predict_torques(
     processing: Processing,
     *,
     band: float,
-    ends: float = ENDS,
 ) -> TorquePrediction:
     """Return measured and predicted torques of `recording`, both low-passed at `band` Hz.
 
     `values` (p,) are base parameters and friction, in the order of the library's card. Of `processing` the
-    filter of the positions is used, chosen from the log if left open, and the samples cut at either end;
-    `ends` s of what is left do not count, at either end.
+    filter of the positions is used, chosen from the log if left open, and the samples cut at either end; half
+    a second of what is left does not count, at either end.
 
     Raises:
         LogError: the band does not fit the sample rate, or too little is left of the log.
@@ -436,11 +435,11 @@ def predict_torques(
     processing = choose_filters(processing, [recording]).processing
     resting = list_resting_joints(recording)
     signals = hold_resting_joints(prepare_signals(recording, processing), resting)
-    left = round(ends / signals.period)
+    left = round(ENDS / signals.period)
     if len(signals.time) < 2 * left + _FEWEST:
         text = (
             f"{len(signals.time) * signals.period:.3g} s are left of the log, too few for a comparison "
-            f"within a band that leaves out {ends:g} s at either end; cut off less, or use a longer log"
+            f"within a band that leaves out {ENDS:g} s at either end; cut off less, or use a longer log"
         )
         raise LogError(Notice(code="validate.short-log", text=text, file=recording.source))
     kept, joints = slice(left, len(signals.time) - left), library.card.joints

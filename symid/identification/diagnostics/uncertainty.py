@@ -88,6 +88,7 @@ def compute_ellipse(values: Sequence[float], covariance: FloatArray, level: floa
     )
 
 
+_DRAWN = 40
 _RANK = 1e-10
 """Singular value relative to the largest below which a drawn log does not identify a direction."""
 
@@ -128,12 +129,11 @@ def compute_bootstrap(
     identifiability: Identifiability,
     generator: np.random.Generator,
     *,
-    blocks: int = 40,
     replicates: int = 200,
 ) -> Bootstrap:
-    """Return the scatter of the parameters over logs drawn from `blocks` of time of all logs together."""
+    """Return the scatter of the parameters over logs drawn from forty blocks of time of all logs together."""
     basis, identifiable = identifiability.basis, identifiability.identifiable
-    number, count = cut_blocks(rows, blocks)
+    number, count = cut_blocks(rows, _DRAWN)
     stacked = np.column_stack([rows.matrix @ basis, rows.values]) * fit.weights[:, None]
     factors = [compute_triangle(stacked[number == block]) for block in range(count)]
     drawn = np.empty((replicates, len(rows.names)))

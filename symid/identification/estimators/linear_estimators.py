@@ -59,7 +59,7 @@ _SMALL = 0.1
 """Part of the root mean square of the values in one unit that counts as the size of a smaller one."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Prior:
     """Values and standard deviations of named parameters in SI units; `source` says where from, in words."""
 
@@ -95,23 +95,18 @@ def build_prior_of_card(card: ModelCard, fraction: float) -> Prior:
     units = np.array([entry.unit for entry in stated])
     usual = np.array([np.sqrt(np.mean(values[units == unit] ** 2)) for unit in units])
     sizes = np.maximum(np.abs(values), _SMALL * usual)
-    return Prior(
-        names=tuple(entry.name for entry in stated),
-        values=tuple(values.tolist()),
-        # Where all values of a unit are zero there is no size, and no prior.
-        deviations=tuple(np.where(sizes > 0.0, fraction * sizes, np.inf).tolist()),
-        source=f"robot file, each known to {100.0 * fraction:g} %",
-    )
+    # Where all values of a unit are zero there is no size, and no prior.
+    deviations = tuple(np.where(sizes > 0.0, fraction * sizes, np.inf).tolist())
+    source = f"robot file, each known to {100.0 * fraction:g} %"
+    return Prior(tuple(entry.name for entry in stated), tuple(values.tolist()), deviations, source)
 
 
 def build_prior_of_estimate(estimate: Estimate, factor: float = 1.0) -> Prior:
     """Return the values of an estimate, known to `factor` times their standard deviations."""
-    return Prior(
-        names=tuple(entry.name for entry in estimate.parameters),
-        values=tuple(entry.value for entry in estimate.parameters),
-        deviations=tuple(factor * entry.std for entry in estimate.parameters),
-        source=f"estimate of {', '.join(estimate.sources)}, its deviations times {factor:g}",
-    )
+    known = estimate.parameters
+    names, values = tuple(entry.name for entry in known), tuple(entry.value for entry in known)
+    source = f"estimate of {', '.join(estimate.sources)}, its deviations times {factor:g}"
+    return Prior(names, values, tuple(factor * entry.std for entry in known), source)
 
 
 PRIOR_WEIGHTS = tuple(float(10.0 ** (0.5 * k)) for k in range(-12, 13))
@@ -140,7 +135,7 @@ def fit_ridge(
     inverse_scatter = estimate_group_weights(rows, identifiability, freedom) * np.sqrt(independent)
     centre, deviations = prior.arrange(rows.names)
     known = np.isfinite(deviations)
-    # The prior as rows: (x - x0) / d for the parameters that have a finite deviation, [D | D x0].
+    # The prior as rows (x - x0) / d, [D | D x0].
     pull = np.column_stack([np.eye(len(centre)), centre])[known] / deviations[known, None]
     scores: dict[float, float] = {}
     weight = prior_weight

@@ -49,7 +49,6 @@ from symid.identification.regression.equations import (
     build_rows,
     count_pieces,
     cut_matrix,
-    drop_groups,
     evaluate_torques,
     outline_part,
     select_rows,
@@ -108,12 +107,10 @@ SAME_PERIOD = 0.01
 """Relative difference up to which sample periods count as the same: clocks drift."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FilterChoice:
-    """What was chosen, and why; `clean` bands (n,) in Hz of the joints, 0 where one does not move."""
+class FilterChoice(NamedTuple):
+    """What was chosen, and why."""
 
     processing: Processing
-    clean: tuple[float, ...] = ()
     notices: tuple[Notice, ...] = ()
 
 
@@ -158,11 +155,8 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
         f"{'noise' if noisy else 'rate'}; noise is below {100.0 * NOISE_SHARE:g} % of the accelerations up "
         f"to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation under [processing]"
     )
-    return FilterChoice(
-        processing=replace(usual, filter_cutoff=cutoff, decimation=decimation),
-        clean=tuple(clean),
-        notices=(Notice(code="identify.automatic", text=text),),
-    )
+    chosen = replace(usual, filter_cutoff=cutoff, decimation=decimation)
+    return FilterChoice(chosen, (Notice(code="identify.automatic", text=text),))
 
 
 _PERIODS = 2.0
@@ -235,12 +229,11 @@ def list_measured_joints(recordings: Sequence[Recording]) -> tuple[bool, ...]:
     """Return (n,) for which joints all recordings have a measured load; a constant channel is none."""
     if not recordings:
         return ()
-    moved = np.zeros(recordings[0].position.shape[1], dtype=np.bool_)
-    for recording in recordings:
-        if recording.load is None:
-            return (False,) * len(moved)
-        moved |= np.ptp(recording.load, axis=0) > 0.0
-    return tuple(moved.tolist())
+    loads = [recording.load for recording in recordings if recording.load is not None]
+    if len(loads) < len(recordings):
+        return (False,) * recordings[0].position.shape[1]
+    moved = np.any([np.ptp(load, axis=0) > 0.0 for load in loads], axis=0)
+    return tuple(map(bool, moved))
 
 
 def subtract_loads(recording: Recording, measured: Sequence[bool]) -> Recording:
@@ -266,10 +259,10 @@ def list_coupled_rotors(robot: Robot) -> tuple[Rotor, ...]:
     count, rows = len(robot.axes), robot.transmission[len(robot.joints) :]
     found = []
     for drive, terms in zip(robot.couplings, rows, strict=True):
-        turns = np.zeros(count)
+        turns = [0.0] * count
         for place, factor in terms:
             turns[place] += float(factor)
-        found.append(Rotor(f"IA{drive.name}", tuple(turns.tolist())))
+        found.append(Rotor(f"IA{drive.name}", tuple(turns)))
     return tuple(found)
 
 
@@ -453,45 +446,44 @@ def mask_fast(
                 if np.sum(~slow[own]) >= least:
                     break
                 reach *= 0.5
-    notices = []
-    for group in np.unique(rows.group[slow]):
-        own = rows.group == group
-        text = (
-            f"joint {rows.group_names[group]!r}: {int(np.sum(slow & own))} of {int(np.sum(own))} rows slower "
-            f"than processing.standstill = {limits[group]:g}{beside} were left out of the fit"
-        )
-        notices.append(Notice(code="identify.slow-rows", text=text, file=file))
-    return ~slow, tuple(notices)
+    lost, whole = np.bincount(rows.group[slow]), np.bincount(rows.group)
+    texts = (
+        f"joint {rows.group_names[group]!r}: {lost[group]} of {whole[group]} rows slower than "
+        f"processing.standstill = {limits[group]:g}{beside} were left out of the fit"
+        for group in np.flatnonzero(lost)
+    )
+    return ~slow, tuple(Notice(code="identify.slow-rows", text=text, file=file) for text in texts)
 
 
 def leave_out_rows(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
     if rows.kind in SCALAR_KINDS:
         return rows
-    fast, slow_notices = mask_fast(rows, rows.velocity, processing, recording.source)
-    notices = list(slow_notices)
-    rows = rows if fast.all() else select_rows(rows, fast)
+    fast, slow = mask_fast(rows, rows.velocity, processing, recording.source)
     joints = library.card.joints
     held = [joint for joint in list_resting_joints(recording) if joints[joint].friction != "none"]
-    for joint in held:
-        text = (
-            f"joint {joints[joint].name!r} does not move in this log: dry friction or a brake may hold any "
-            "torque, so its rows were left out"
-        )
-        notices.append(Notice(code=JOINT_AT_REST, text=text, file=recording.source))
-    return replace(drop_groups(rows, held), notices=(*rows.notices, *notices)) if notices else rows
+    if fast.all() and not held:
+        return rows
+    texts = (
+        f"joint {joints[joint].name!r} does not move in this log: dry friction or a brake may hold any "
+        "torque, so its rows were left out"
+        for joint in held
+    )
+    notices = (Notice(code=JOINT_AT_REST, text=text, file=recording.source) for text in texts)
+    kept = select_rows(rows, fast & ~np.isin(rows.group, held))
+    return replace(kept, notices=(*rows.notices, *slow, *notices))
 
 
 def check_joints(library: Library, recordings: Sequence[Recording]) -> None:
     """Raise LogError for recordings of another number of joints than the robot has."""
-    expected, wrong = library.card.size, []
-    for recording in recordings:
-        found = recording.position.shape[1]
-        if found != expected:
-            text = f"the log has {found} joints, robot {library.card.robot!r} has {expected}"
-            wrong.append(Notice(code="log.joints", text=text, file=recording.source))
+    card = library.card
+    wrong = [recording for recording in recordings if recording.position.shape[1] != card.size]
+    texts = (
+        f"the log has {one.position.shape[1]} joints, robot {card.robot!r} has {card.size}" for one in wrong
+    )
     if wrong:
-        raise LogError(*wrong)
+        pairs = zip(texts, wrong, strict=True)
+        raise LogError(*(Notice(code="log.joints", text=text, file=one.source) for text, one in pairs))
 
 
 LONG_KINDS = ("torque", "momentum")
@@ -572,11 +564,10 @@ class LongRows:
     def condense(self) -> Condensed:
         """Return the condensed equations of all runs, weighed."""
         groups, size = len(self.outline.group_names), self.triangles.shape[1]
-        factors, counts = np.zeros((groups, size, size)), np.zeros(groups, dtype=np.intp)
+        owner, factors = self.outline.group[self.starts[:-1]], np.zeros((groups, size, size))
         for group in range(groups):
-            members = self.outline.group == group
-            factors[group] = self._join(members[self.starts[:-1]])
-            counts[group] = members.sum()
+            factors[group] = self._join(owner == group)
+        counts = np.bincount(self.outline.group, minlength=groups).astype(np.intp)
         return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
 
     def sketch(self) -> Rows:

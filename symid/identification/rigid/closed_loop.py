@@ -44,6 +44,7 @@ velocity, in squares.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -358,13 +359,9 @@ def _iterate(
     solve: Callable[[FloatArray, Sequence[Signals]], ClosedLoopFit],
     progress: Callable[[str], None],
 ) -> ClosedLoopFit:
-    """Return the fit at which the iteration converges.
-
-    With instruments the choice among valid ones changes the parameters too: steps become shorter each time
-    that changes do not fall, and changes that stay small end the iteration.
-    """
-    cards = (*problem.library.card.beta, *problem.library.card.friction)
-    values = np.array([start[card.name] for card in cards])
+    """Return the fit at which the iteration converges."""
+    card = problem.library.card
+    values = np.array([start[entry.name] for entry in (*card.beta, *card.friction)])
     try:
         runs = _simulate(problem, values)
     except (UsageError, SolverError) as error:
@@ -387,6 +384,8 @@ def _iterate(
         moved = learnable & (np.abs(step) > _EXACT * np.abs(fit.values))
         changes.append(float(np.max(np.abs(step[moved]) / deviation[moved], initial=0.0)))
         progress(f"simulation {len(changes)}: parameters change by {changes[-1]:.2g} standard deviations")
+        # The choice among valid instruments changes the parameters too: steps become shorter each time that
+        # changes do not fall, and changes that stay small end the iteration.
         last, instrumental = changes[-_ROUNDS:], found.instrumental is not None
         steady = len(last) == _ROUNDS and max(last) < _CHANCE and last[-1] > _FALLING * last[-2]
         if changes[-1] < _CONVERGED or (instrumental and steady):
@@ -506,12 +505,11 @@ def fit_instrumental(
     """
     processing = choose_processing(problem.processing, problem.recordings[0].period)
     problem = replace(problem, processing=processing)
-    measured: list[Rows] = []
+    # Once the problem has been checked; no iteration changes them.
+    build = cache(lambda: _build_measured(problem))
 
     def solve(_: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
-        # Once the problem has been checked; no iteration changes them.
-        if not measured:
-            measured.extend(_build_measured(problem))
+        measured = build()
         rows = stack_rows(measured, problem.weights)
         simulated = _build_beside(problem, [run.q for run in runs], measured)
         found = fit_instruments(rows, simulated, rule, processing.noise_freedom)
@@ -546,14 +544,18 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
     return {name: values[k] for k, name in enumerate(measured[0].names) if learnable[k]}
 
 
+def _list_settings(problem: ClosedLoopProblem) -> list[tuple[Recording, Processing]]:
+    """Return each recording, processed from where the initial state of the simulation has no effect."""
+    pairs = list(zip(problem.recordings, problem.loops, strict=True))
+    firsts = [_select_compared(problem, recording, loop).start for recording, loop in pairs]
+    settings = [replace(problem.processing, drop_first=first) for first in firsts]
+    return list(zip(problem.recordings, settings, strict=True))
+
+
 def _build_measured(problem: ClosedLoopProblem) -> list[Rows]:
-    """Return the rows of each recording, after the initial state of the simulation has no effect."""
-    found = []
-    for recording, loop in zip(problem.recordings, problem.loops, strict=True):
-        first = _select_compared(problem, recording, loop).start
-        processing = replace(problem.processing, drop_first=first)
-        found.append(prepare_rows("torque", problem.library, recording, processing, window=WINDOW))
-    return found
+    """Return the rows of each recording."""
+    library, pairs = problem.library, _list_settings(problem)
+    return [prepare_rows("torque", library, *pair, window=WINDOW) for pair in pairs]
 
 
 def _build_beside(
@@ -561,11 +563,8 @@ def _build_beside(
 ) -> Rows:
     """Return the rows along other positions (N, n) of each recording, beside the measured ones."""
     parts = []
-    for recording, loop, position, rows in zip(
-        problem.recordings, problem.loops, positions, measured, strict=True
-    ):
-        first = _select_compared(problem, recording, loop).start
-        processing = replace(problem.processing, drop_first=first)
+    pairs = _list_settings(problem)
+    for (recording, processing), position, rows in zip(pairs, positions, measured, strict=True):
         signals = prepare_signals(replace(recording, position=position), processing)
         signals = hold_resting_joints(signals, list_resting_joints(recording))
         whole = build_rows("torque", problem.library, signals, processing)
@@ -622,11 +621,10 @@ def identify_closed_loop(
         processing=filters.processing,
         weights=weights,
     )
-    given = start or first
+    given, cards = start or first, (*library.card.beta, *library.card.friction)
     # What an estimate refuses is taken from the robot file, or is zero.
-    known = dict(given.unresolved) | {entry.name: entry.value for entry in given.parameters}
-    cards = (*library.card.beta, *library.card.friction)
-    begun = {card.name: known.get(card.name, card.value or 0.0) for card in cards}
+    begun = {card.name: card.value or 0.0 for card in cards} | dict(given.unresolved)
+    begun |= {entry.name: entry.value for entry in given.parameters}
     begun_with, instrumental = start_name or "torque rows by wls", estimator == INSTRUMENTAL
     if instrumental and start is None and (own := estimate_start(problem)) is not None:
         begun, begun_with = {**begun, **own}, "instruments along the references"

@@ -64,10 +64,7 @@ _ROUNDS = 6
 
 
 class _Reduced(NamedTuple):
-    """A joint without its own friction: S (t, p + 1, p + 1) of every training set, Q of every stretch.
-
-    With x the shared unknowns, what is left of a stretch is [-x 1] Q [-x 1]'.
-    """
+    """A joint without its own friction: S of training sets, Q of stretches that leave [-x 1] Q [-x 1]'."""
 
     schur: FloatArray
     left: FloatArray
@@ -106,10 +103,7 @@ def _reduce(table: JointTable, places: Sequence[int], weight: float) -> _Reduced
 
 
 class _Trial(NamedTuple):
-    """A law on a joint: best node, its linear values, losses (S,) of all joints and of its own.
-
-    `weak` names what is not identifiable.
-    """
+    """A law on a joint: best node, linear values, losses (S,) of all joints and its own; weak names."""
 
     law: FrictionLaw
     node: Node
@@ -238,10 +232,7 @@ def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> _State:
     for _ in range(_ROUNDS):
         before = [node.law.name for node in nodes]
         for joint, table in enumerate(tables):
-            reduced = [
-                _reduce(entry, node.places, float(weight))
-                for entry, node, weight in zip(tables, nodes, weights, strict=True)
-            ]
+            reduced = _reduce_all(tables, nodes, weights)
             others = _Reduced(np.zeros_like(reduced[joint].schur), np.zeros_like(reduced[joint].left))
             if count > 1:
                 rest = [entry for k, entry in enumerate(reduced) if k != joint]
@@ -256,13 +247,14 @@ def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> _State:
     return _State(nodes, weights, trials, taken, behind)
 
 
+def _reduce_all(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> list[_Reduced]:
+    triples = zip(tables, nodes, weights.tolist(), strict=True)
+    return [_reduce(table, node.places, weight) for table, node, weight in triples]
+
+
 def _solve_shared(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
     """Return x (p,) of the fit to all rows with these laws."""
-    reduced = [
-        _reduce(table, node.places, float(weight))
-        for table, node, weight in zip(tables, nodes, weights, strict=True)
-    ]
-    whole = sum(entry.schur[-1] for entry in reduced)
+    whole = sum(entry.schur[-1] for entry in _reduce_all(tables, nodes, weights))
     p = len(whole) - 1
     return _solve(whole[:p, :p], whole[:p, p:])[:, 0]
 
@@ -278,17 +270,6 @@ CANDIDATES = (
     *_WITH_OFFSET,
 )
 """Laws among which `auto` chooses; waves of the motor's angle are added where a gear is known."""
-
-
-def list_candidates(
-    gear: float, inputs: AbstractSet[str], names: Sequence[str] = CANDIDATES
-) -> list[FrictionLaw]:
-    """Return the laws that a joint's known inputs allow; waves once and twice a turn of joint and motor."""
-    found = [get_law(name) for name in names]
-    if names is CANDIDATES and abs(gear) != 1.0:
-        kinds = (f"position-{kind}-1,2x{abs(gear):.12g}" for kind in ("dependent", "torque"))
-        found += [get_law(f"{name}{end}") for name in kinds for end in ("", "+offset")]
-    return [law for law in found if set(law.inputs) <= inputs]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -424,7 +405,12 @@ def _list_wanted(wish: Wish, gear: float, inputs: AbstractSet[str], speeds: Floa
         return [(get_law(wish.law, smoothing=wish.smoothing), wish.shape)]
     if not len(speeds):
         return [(get_law(PLAIN), ())]
-    laws = list_candidates(gear, inputs, wish)
+    names = list(wish)
+    if wish is CANDIDATES and abs(gear) != 1.0:
+        # Waves once and twice a turn of joint and motor.
+        kinds = (f"position-{kind}-1,2x{abs(gear):.12g}" for kind in ("dependent", "torque"))
+        names += [f"{name}{end}" for name in kinds for end in ("", "+offset")]
+    laws = [law for law in map(get_law, names) if set(law.inputs) <= inputs]
     return [(law, shape) for law in laws for shape in list_shape_nodes(law, speeds)]
 
 

@@ -247,7 +247,7 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
     restored = _restore_settings(described, estimate.settings)
     # The settings that differ between the estimate and the robot file, but for overridden ones. Where the fit
     # has chosen some from its logs, ends that it cut, instruments and velocities are chosen too.
-    overridden = {key for key, _ in settings} | ({*_CHOSEN_TOO} if estimate.settings.get("chosen") else set())
+    overridden = {key for key, _ in settings} | (_CHOSEN_TOO if estimate.settings.get("chosen") else set())
     of_file, of_estimate = (_flatten(describe_settings(entry)) for entry in (described, restored))
     texts = []
     for key in sorted({*of_file, *of_estimate} - overridden):
@@ -317,9 +317,7 @@ def _make_exact(value: object) -> object:
     return value
 
 
-_CHOSEN_TOO = tuple(
-    f"processing.{name}" for name in ("drop_first", "drop_last", "instrument_cutoff", "states")
-)
+_CHOSEN_TOO = {f"processing.{name}" for name in ("drop_first", "drop_last", "instrument_cutoff", "states")}
 
 
 def _flatten(value: object, prefix: str = "") -> dict[str, object]:
@@ -531,12 +529,10 @@ def diagnose_estimate(
     library: Library,
     recordings: Sequence[Recording],
     processing: Processing,
-    *,
-    seed: int = 0,
 ) -> Diagnosis:
     """Return the diagnosis of `estimate` on the recordings that it was fitted to, as their runs are set.
 
-    What `processing` leaves open is taken from the estimate; `seed` is that of the bootstrap's draws.
+    What `processing` leaves open is taken from the estimate.
 
     Raises:
         EstimateError: the estimate belongs to another model, or its settings cannot be read.
@@ -609,7 +605,7 @@ def diagnose_estimate(
         correlated=correlated,
         ellipse=ellipse,
         essential=select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
-        bootstrap=compute_bootstrap(rows, fit, identifiability, np.random.default_rng(seed)),
+        bootstrap=compute_bootstrap(rows, fit, identifiability, np.random.default_rng(0)),
         drift=measure_drift(rows, fit, processing.noise_freedom),
         structure=analyse_structure(values, library, recordings, processing, weights=weights),
         profiles=compute_profiles(values, library, recordings, processing),

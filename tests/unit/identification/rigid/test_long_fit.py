@@ -20,7 +20,6 @@ from symid.identification.regression.preparation import (
     condense_recordings,
     predict_outlines,
     prepare_rows,
-    prepare_states,
 )
 from symid.identification.rigid.fit import fit_long, identify_parameters, is_long
 from symid.robot.description import Decimation, Processing
@@ -131,28 +130,6 @@ def test_outlines_are_predicted_by_one_pass(kind, recordings):
         rows = stack_rows([one._replace(keeper=None).prepare(log) for log in recordings])
         np.testing.assert_array_equal(rows.values, outline.values)
         np.testing.assert_allclose(predicted, rows.matrix @ values, rtol=1e-9, atol=1e-9)
-
-
-def test_states_are_prepared_once_for_neighbouring_passes(recordings, monkeypatch):
-    asked = []
-
-    def prepare(library, recording, processing):
-        asked.append(recording.source)
-        return prepare_states(library, recording, processing)
-
-    monkeypatch.setattr("symid.identification.regression.preparation.prepare_states", prepare)
-    first, second = recordings
-    keeper = StatesKeeper()
-    for log in (first, first, second, first):
-        kept = keeper.prepare(LIBRARY, log, PROCESSING)
-        np.testing.assert_array_equal(kept.ddq, prepare_states(LIBRARY, log, PROCESSING).ddq)
-    assert asked == ["made 1", "made 2", "made 1"]
-    for change, count in (({"standstill": None}, 3), ({"filter_cutoff": 30.0}, 4)):
-        keeper.prepare(LIBRARY, first, replace(PROCESSING, **change))
-        assert len(asked) == count
-    asked.clear()
-    fit_long(RowBuilder("torque", LIBRARY, PROCESSING, 0.1, 0.0), [first], "wls", rule=RankRule())
-    assert asked == ["made 1"]
 
 
 def test_every_sample_joints_at_rest_and_refused_parameters(recordings):

@@ -15,6 +15,7 @@ from symid.identification.rigid.settings_choice import choose_settings, pick_pie
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH
+from tests.refusals import raises
 from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES, record, record_sticking
 
 AUTOMATIC = Processing(automatic=True)
@@ -205,9 +206,8 @@ def test_of_long_logs_six_pieces_are_compared():
 
 def test_instruments_without_a_cutoff_are_refused():
     settled = Processing(filter_cutoff=40.0, standstill=0.0, decimation=Decimation(factor=3))
-    with pytest.raises(UsageError, match=r"set processing\.instrument_cutoff") as caught:
+    with raises(UsageError, "usage.no-instruments", match=r"set processing\.instrument_cutoff"):
         identify_parameters(LIBRARY, [record(0)], settled, estimator="filtered-instrumental")
-    assert caught.value.notices[0].code == "usage.no-instruments"
     stated = replace(settled, instrument_cutoff=3.0)
     estimate = identify_parameters(LIBRARY, [record(0)], stated, estimator="filtered-instrumental")
     assert estimate.choice is None
