@@ -231,9 +231,9 @@ def list_measured_joints(recordings: Sequence[Recording]) -> tuple[bool, ...]:
         return ()
     loads = [recording.load for recording in recordings if recording.load is not None]
     if len(loads) < len(recordings):
-        return (False,) * recordings[0].position.shape[1]
-    moved = np.any([np.ptp(load, axis=0) > 0.0 for load in loads], axis=0)
-    return tuple(map(bool, moved))
+        return (False,) * int(recordings[0].position.shape[1])
+    moved: list[bool] = np.any([np.ptp(load, axis=0) > 0.0 for load in loads], axis=0).tolist()
+    return tuple(moved)
 
 
 def subtract_loads(recording: Recording, measured: Sequence[bool]) -> Recording:
