@@ -8,7 +8,13 @@ import numpy as np
 from symid.codegen.functions import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.identification.elastic.estimate import ElasticEstimate, SpringEstimate
-from symid.identification.estimators.estimate import Estimate, Outcome, ParameterEstimate, Residual
+from symid.identification.estimators.estimate import (
+    Estimate,
+    Outcome,
+    ParameterEstimate,
+    Residual,
+    list_parameters,
+)
 from symid.identification.stored import write_fit
 from symid.ipopt import Ending
 from symid.joint_models import list_value_names
@@ -48,7 +54,8 @@ def fill_robot(robot, seed=1):
 def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
     """Return an estimate with the values that `robot` states; `covariance` of all of them, (p, p)."""
     card = build_model_card(robot, derive_base_parameters(robot), ())
-    cards = (*card.beta, *card.friction)
+    values = np.array([entry.value for entry in (*card.beta, *card.friction)])
+    cards = [dataclasses.replace(entry, value=None) for entry in (*card.beta, *card.friction)]
     given = np.diag([STD**2] * len(cards)) if covariance is None else np.asarray(covariance)
     processing = list_processing(robot.processing)
     return Estimate(
@@ -57,17 +64,7 @@ def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
         rows="torque",
         estimator="ols",
         friction=tuple(joint.friction for joint in card.joints),
-        parameters=tuple(
-            ParameterEstimate(
-                name=entry.name,
-                value=entry.value,
-                std=float(np.sqrt(given[k, k])),
-                unit=entry.unit,
-                expression=entry.expression,
-                reason=entry.reason,
-            )
-            for k, entry in enumerate(cards)
-        ),
+        parameters=list_parameters(cards, values, given),
         residual=tuple(
             Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=100, unit="N m")
             for joint in card.joints

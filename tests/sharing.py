@@ -21,7 +21,6 @@ SHARED = (
     ("symid.logs.signals", "decimate"),
     ("symid.identification.regression.equations", "build_rows"),
     ("symid.identification.diagnostics.residual_structure", "_tabulate"),
-    ("symid.identification.diagnostics.residual_structure", "_compute_span"),
 )
 LARGEST = 200_000_000
 """Bytes of arrays that are remembered."""

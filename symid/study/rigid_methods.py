@@ -228,10 +228,11 @@ def _fit_seed(task: tuple[Robot, str, int]) -> dict[str, _SeedErrors]:
     momentum = _condense_with_noise(scene, "momentum", integrals.transpose(2, 0, 1).ravel())
     identity = np.eye(len(scene.truth))
     weighted = fit_condensed(torque, identity)
-    triangle = regression.stack_condensed(torque, weighted.weights) / np.sqrt(weighted.variance)
+    best = float(regression.compute_square_sums(torque, weighted.values) @ weighted.weights**2)
+    variance = best / (torque.independent * int(torque.counts.sum()) - weighted.spent)
+    triangle = regression.stack_condensed(torque, weighted.weights) / np.sqrt(variance)
     consistent = solve_consistent(triangle, weighted.values, scene.bodies)
     whole = float(regression.compute_square_sums(torque, consistent.values) @ weighted.weights**2)
-    best = float(weighted.squares @ weighted.weights**2)
     price = 100.0 * (float(np.sqrt(whole / best)) - 1.0)
     errors = {
         name: _SeedErrors(fit.values - scene.truth, np.sqrt(np.diag(fit.covariance)))

@@ -18,7 +18,6 @@ from symid.identification.estimators.consistent import (
 )
 from symid.identification.estimators.least_squares import fit_wls
 from symid.identification.estimators.linear_estimators import EstimatorOptions
-from symid.identification.regression.equations import Rows
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
@@ -28,6 +27,7 @@ from symid.robot.toml_reader import read_robot
 from tests.chains import draw_parameters
 from tests.recovery.cone_programs import solve_closed_cone, solve_with_distance
 from tests.refusals import raises
+from tests.unit.identification.row_tables import make_rows as build_rows
 
 
 @pytest.fixture(scope="module")
@@ -46,19 +46,8 @@ def make_rows(bodies, truth, noise, seed=0, count=120):
     rng = np.random.default_rng(seed)
     size = len(truth)
     matrix = rng.normal(size=(2 * count, size))
-    return Rows(
-        kind="torque",
-        matrix=matrix,
-        values=matrix @ truth + noise * rng.normal(size=2 * count),
-        group=np.repeat([0, 1], count),
-        time=np.tile(np.arange(count) * 1.0, 2),
-        velocity=np.ones(2 * count),
-        names=bodies.names,
-        units=("1",) * size,
-        group_names=("one", "two"),
-        group_units=("N m", "N m"),
-        velocity_units=("rad/s", "rad/s"),
-    )
+    values = matrix @ truth + noise * rng.normal(size=2 * count)
+    return build_rows(matrix, values, np.repeat([0, 1], count), names=bodies.names)
 
 
 def spoil_rows(bodies, seed, name, factor, noise, *, rows_seed=0):

@@ -1,6 +1,7 @@
 """Every estimator brings back the truth; each does what it is there for."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -23,12 +24,13 @@ from symid.identification.estimators.linear_estimators import (
     fit_ridge,
     fit_rows,
 )
-from symid.identification.regression.equations import Rows, build_rows, select_rows, stack_rows
+from symid.identification.regression.equations import build_rows, select_rows, stack_rows
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_signals, build_two_link
 from tests.refusals import raises
+from tests.unit.identification.row_tables import make_rows
 
 PLAIN = Processing()
 FREE = tuple(name for name in ESTIMATORS if name not in {"ridge", "consistent"})
@@ -52,8 +54,10 @@ def test_exact_rows_give_the_truth(estimator):
     np.testing.assert_allclose(fit.values, TWO_LINK_TRUTH, atol=1e-7)
 
 
-@pytest.mark.parametrize("kind", ["torque", "momentum", "filtered"])
-@pytest.mark.parametrize("estimator", FREE)
+@pytest.mark.parametrize(
+    ("estimator", "kind"),
+    [*product(FREE, ("torque", "momentum", "filtered")), ("ols", "power"), ("ols", "energy")],
+)
 def test_deviations_cover_the_truth_as_often_as_they_say(estimator, kind):
     scores = []
     for seed in range(40):
@@ -141,19 +145,7 @@ def test_huber_says_where_it_does_not_settle():
     matrix = np.zeros((403, 2))
     matrix[:400, 0], matrix[400:, 1] = 1.0 + rng.random(400), (1.0, 1.95, 1.0)
     noise = np.concatenate([1e-3 * rng.normal(size=400), [0.0, 10.0, -10.0]])
-    rows = Rows(
-        kind="torque",
-        matrix=matrix,
-        values=matrix @ np.array([2.0, 3.0]) + noise,
-        group=np.zeros(403, dtype=int),
-        time=1e-3 * np.arange(403),
-        velocity=np.ones(403),
-        names=("a", "b"),
-        units=("", ""),
-        group_names=("axis",),
-        group_units=("N",),
-        velocity_units=("m/s",),
-    )
+    rows = make_rows(matrix, matrix @ np.array([2.0, 3.0]) + noise, time=1e-3 * np.arange(403))
     (notice,) = fit_huber(rows, analyse_identifiability(rows)).notices
     assert notice.code == "identify.huber-not-converged"
     assert "after 100 iterations" in notice.text
@@ -168,14 +160,14 @@ def test_ridge_of_weight_one_is_the_bayesian_answer():
     prior = Prior(
         names=rows.names, values=tuple(1.2 * TWO_LINK_TRUTH), deviations=tuple(deviations), source="test"
     )
-    fit = fit_ridge(rows, seen, prior=prior, weight=1.0)
+    fit = fit_ridge(rows, seen, prior=prior, prior_weight=1.0)
     weights = fit_wls(rows, seen).weights
     design, target = rows.matrix * weights[:, None], rows.values * weights
     precision = design.T @ design + np.diag(deviations**-2)
     expected = np.linalg.solve(precision, design.T @ target + 1.2 * TWO_LINK_TRUTH / deviations**2)
     np.testing.assert_allclose(fit.values, expected, rtol=1e-8)
     np.testing.assert_allclose(fit.covariance, np.linalg.inv(precision), rtol=1e-6)
-    none = fit_ridge(rows, seen, prior=prior, weight=0.0)
+    none = fit_ridge(rows, seen, prior=prior, prior_weight=0.0)
     np.testing.assert_allclose(none.values, fit_wls(rows, seen).values, rtol=1e-8)
 
 

@@ -1,12 +1,9 @@
 """Elastic joints whose dynamics are known, in part or all: from a robot with values, a fit, or by name."""
 
-import json
-
 import numpy as np
 import pytest
 
 import symid
-from symid.cli.main import run
 from tests.recovery.written_out_arm import DYNAMICS, LINKS, TRUTH, build, simulate
 
 FRICTION = ("Fv1", "Fc1", "Fv2", "Fc2")
@@ -160,15 +157,3 @@ def test_what_is_no_model_of_this_robot_is_refused(mixed, log, folder):
     text = r"--known cannot be used with 'two_link', identified as rigid"
     with pytest.raises(symid.UsageError, match=text):
         rigid.identify(record, known={"ZZ2": 0.1})
-
-
-def test_the_command_line_takes_a_robot_file(capsys, mixed, log, folder):
-    path = folder / "log.npz"
-    time, motor, link, torque = simulate(6.0, 5)
-    np.savez(path, t=time, q=link, theta=motor, tau=torque)
-    arguments = ["identify", str(mixed.path), str(path), "--method", "weighted", "--known", str(draw(folder))]
-    assert run([*arguments, "--json"]) == 0
-    answer = json.loads(capsys.readouterr().out)
-    found = {entry["name"]: entry for entry in answer["result"]["parameters"]}
-    assert (found["ZZR1"]["value"], found["ZZR1"]["std"]) == (pytest.approx(0.4), 0.0)
-    assert "elastic.known" in {entry["code"] for entry in answer["warnings"]}

@@ -222,14 +222,6 @@ def test_laws_of_the_whole_robot_are_chosen_on_the_motor_side(robot, recordings,
     assert "identify.measured-load" not in codes(blind)
 
 
-def test_values_of_the_motor_side_are_those_of_the_arm(robot, recordings):
-    found = choose_laws(robot.library, recordings, CUT, gears=(1.0, 1.0))
-    first, second = (law.friction for law in found.joints)
-    assert (first.law, second.law) == ("stribeck", "load-dependent")
-    np.testing.assert_allclose((*first.values, *first.shape), FRICTION["first"], rtol=0.05)
-    np.testing.assert_allclose(second.values, FRICTION["second"], rtol=0.05)
-
-
 def test_drag_on_the_links_is_no_friction_of_the_motors(robot, recordings):
     recording = recordings[0]
     drag = 1.5 * np.gradient(recording.position, recording.time, axis=0)

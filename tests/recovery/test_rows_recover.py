@@ -1,20 +1,16 @@
 """Parameters come back from data made with them: exactly without noise, within their std with it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from symid.identification.estimators.least_squares import fit_ols, fit_wls
-from symid.identification.regression.equations import ROW_KINDS, build_rows, stack_rows
+from symid.identification.regression.equations import ROW_KINDS, build_rows
 from symid.identification.regression.identifiability import analyse_identifiability
-from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import (
     ONE_AXIS_TRUTH,
     TWO_LINK_TRUTH,
     build_one_axis,
-    build_recording,
     build_signals,
     build_two_link,
 )
@@ -36,29 +32,6 @@ def test_exact_states_give_the_true_parameters(kind, robot, estimator):
     signals = build_signals(library, truth, samples=20001)
     found = fit(build_rows(kind, library, signals, PLAIN), estimator).values
     np.testing.assert_allclose(found, truth, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("kind", ROW_KINDS)
-def test_standard_deviations_cover_the_truth_as_often_as_they_say(kind):
-    library = build_two_link()
-    clean = build_signals(library, TWO_LINK_TRUTH, samples=4001, period=5e-3)
-    rng = np.random.default_rng(42)
-    hits = np.zeros(2)
-    runs = 200
-    rows = build_rows(kind, library, clean, PLAIN)
-    seen = analyse_identifiability(rows)
-    for _ in range(runs):
-        noisy = clean.tau + rng.normal(0.0, 0.3, clean.tau.shape)
-        if kind == "torque":
-            rows = replace(rows, values=noisy.T.ravel())
-        else:
-            rows = build_rows(kind, library, replace(clean, tau=noisy), PLAIN)
-        result = fit_ols(rows, seen)
-        score = np.abs(result.values - TWO_LINK_TRUTH) / np.sqrt(np.diag(result.covariance))
-        hits += [np.mean(score < 1), np.mean(score < 2)]
-    # Of a normal distribution. The deviation of energy rows is itself estimated row by row.
-    slack = 0.03 if kind != "energy" else 0.04
-    np.testing.assert_allclose(hits / runs, [0.683, 0.954], atol=slack)
 
 
 def test_parallel_decimation_does_not_bias():
@@ -94,36 +67,3 @@ def test_wls_beats_ols_where_joints_are_not_equally_noisy():
     spread = {estimator: np.std(found, axis=0) for estimator, found in errors.items()}
     second_link = slice(3, 6)
     assert np.all(spread[fit_wls][second_link] < 0.2 * spread[fit_ols][second_link])
-
-
-def test_two_logs_know_more_than_each_of_them():
-    library = build_two_link()
-    parts = [
-        build_rows("torque", library, build_signals(library, TWO_LINK_TRUTH, seed=seed, noise=(1, 1)), PLAIN)
-        for seed in (1, 2)
-    ]
-    stacked = stack_rows(parts)
-    # Rows stay ordered joint by joint.
-    assert np.all(np.diff(stacked.group) >= 0)
-    half = len(parts[0].values) // 2
-    np.testing.assert_array_equal(stacked.values[half : 2 * half], parts[1].values[:half])
-    both = fit(stacked)
-    deviation = np.sqrt(np.diag(both.covariance))
-    for part in parts:
-        assert np.all(deviation < np.sqrt(np.diag(fit(part).covariance)))
-    assert np.all(np.abs(both.values - TWO_LINK_TRUTH) < 4 * deviation)
-
-
-@pytest.mark.parametrize("kind", ROW_KINDS)
-def test_whole_identification_from_sampled_positions(kind):
-    # Positions and torques alone: the velocities come from central differences, so the result
-    # is as good as those, not exact.
-    library = build_two_link()
-    recordings = [
-        build_recording(library, TWO_LINK_TRUTH, f"log{seed}", samples=10001, seed=seed) for seed in (3, 4)
-    ]
-    estimate = identify_parameters(library, recordings, Processing(drop_first=5, drop_last=5), rows=kind)
-    found = estimate.assemble(tuple(p.name for p in estimate.parameters))
-    np.testing.assert_allclose(found, TWO_LINK_TRUTH, atol=2e-3)
-    assert estimate.sources == ("log3", "log4")
-    assert not estimate.refused

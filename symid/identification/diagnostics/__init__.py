@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         analyse_structure as analyse_structure,
         compute_band_residual as compute_band_residual,
         compute_profiles as compute_profiles,
+        pick_motion as pick_motion,
         predict_torques as predict_torques,
     )
     from symid.identification.diagnostics.stretches import (

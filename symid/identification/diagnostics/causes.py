@@ -26,13 +26,14 @@ payload or CAD value.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
+from symid.identification.diagnostics.fit_warnings import evaluate_inertia_columns
 from symid.identification.diagnostics.stretches import (
     ENDS,
     PART,
@@ -130,16 +131,11 @@ def build_quick_logs(
         count += each
         table = [part[places] for part in (signals.q, signals.dq, signals.ddq, tau)]
         parts.append((*table, kept, stretch, np.full(len(places), run)))
-    q, dq, ddq, tau, kept, stretch, runs = (np.concatenate(column) for column in zip(*parts, strict=True))
+    names = ("q", "dq", "ddq", "tau", "kept", "stretch", "run")
+    columns: dict[str, Any] = dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True))
     return QuickLogs(
         library=library,
-        q=q,
-        dq=dq,
-        ddq=ddq,
-        tau=tau,
-        kept=kept,
-        stretch=stretch,
-        run=runs,
+        **columns,
         period=step * recordings[-1].period,
         transmission=recordings[0].transmission,
     )
@@ -217,30 +213,24 @@ def list_proportions(velocity: FloatArray, moving: Sequence[int]) -> tuple[tuple
 
 def mask_impossible(logs: QuickLogs, fit: QuickResult) -> NDArray[np.bool_]:
     """Return the joints (n,) that a fit of `logs` has driven by friction, or with a negative inertia."""
-    columns, values, folds = _evaluate(logs), fit.values, fit.folds
-    inertial, joints = len(logs.library.card.beta), columns.shape[1]
-    still = np.zeros_like(logs.q)
-    (weight,) = logs.library.evaluate("torque_regressor", np.ascontiguousarray(logs.q), still, still)
-    found = np.zeros(joints, dtype=np.bool_)
-    for joint in range(joints):
+    columns, inertial = _evaluate(logs), len(logs.library.card.beta)
+    found = np.zeros(columns.shape[1], dtype=np.bool_)
+    inertias = evaluate_inertia_columns(logs.library, np.ascontiguousarray(logs.q))
+    for joint, inertia in enumerate(inertias):
         kept = logs.kept[:, joint]
         if not kept.any():
             continue
-        unit = still.copy()
-        unit[:, joint] = 1.0
-        (inertia,) = logs.library.evaluate("torque_regressor", np.ascontiguousarray(logs.q), still, unit)
         torque = float(np.sqrt(np.mean(logs.tau[kept, joint] ** 2))) or 1.0
+        dq, ddq = logs.dq[kept, joint], logs.ddq[kept, joint]
         quantities = (
-            ((inertia - weight)[kept, joint], logs.ddq[kept, joint] ** 2, logs.ddq[kept, joint], inertial, 0),
-            (columns[kept, joint], logs.dq[kept, joint], logs.dq[kept, joint], None, inertial),
+            (inertia[kept, joint, :inertial], ddq**2, ddq, slice(0, inertial)),
+            (columns[kept, joint, inertial:], dq, dq, slice(inertial, None)),
         )
-        for table, factor, motion, stop, start in quantities:
-            row = (table[:, start:stop] * factor[:, None]).mean(axis=0)
+        for table, factor, motion, part in quantities:
+            row = (table * factor[:, None]).mean(axis=0)
             scale = float(np.sqrt(np.mean(motion**2))) * torque or 1.0
-            share = float(row @ values[start : start + len(row)]) / scale
-            spread = (
-                np.sqrt(compute_jackknife((folds[:, start : start + len(row)] @ row)[:, None]))[0] / scale
-            )
+            share = float(row @ fit.values[part]) / scale
+            spread = np.sqrt(compute_jackknife((fit.folds[:, part] @ row)[:, None]))[0] / scale
             found[joint] |= share < -max(_CLEAR, _SURELY_BAD * float(spread))
     return found
 
@@ -274,7 +264,7 @@ _UNRELATED = 85.0
 """Percent left unexplained from which on torques have nothing to do with the motion."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class LikelyCause:
     """The likeliest single cause: a code, a sentence, what to do, and percent that is left without it.
 
@@ -329,32 +319,26 @@ def find_cause(
             found = fit_quick(trial.logs)
         except np.linalg.LinAlgError:
             continue
-        percent = found.percent
-        better = percent <= min(_CLEARLY * before.percent, most, _MOST) and (
-            _compare(before.losses.mean(axis=1), found.losses.mean(axis=1)) > _SURE
+        percent, helped = found.percent, None
+        better = (
+            percent <= min(_CLEARLY * before.percent, most, _MOST)
+            and _compare(before.losses.mean(axis=1), found.losses.mean(axis=1)) > _SURE
+            and float(np.mean(found.fitted)) <= _FITTED * float(np.mean(before.fitted))
         )
-        better = better and float(np.mean(found.fitted)) <= _FITTED * float(np.mean(before.fitted))
-        helped = None
         if not better and held_out is not None:
             helped = _find_helped_joint(before, found, held_out)
-        better = better or helped is not None
+            better = helped is not None
         may_cure = cures and wrong.any() and trial.code in _TURNED and percent <= _SAME * before.percent
         if not (better or may_cure):
             continue
         rest = int(mask_impossible(trial.logs, found).sum())
         sound = (better and rest <= int(wrong.sum())) or (may_cure and not rest)
         if sound and (best is None or (rest, percent) < best[:2]):
-            leaves = before.percent, percent
+            joint, leaves = "", (before.percent, percent)
             if helped is not None:
+                joint = names[before.moving[helped]]
                 leaves = float(before.held_out[helped]), float(found.held_out[helped])
-            cause = LikelyCause(
-                code=trial.code,
-                cause=trial.cause,
-                remedy=trial.remedy,
-                percent=percent,
-                joint="" if helped is None else names[before.moving[helped]],
-                leaves=leaves,
-            )
+            cause = LikelyCause(trial.code, trial.cause, trial.remedy, percent, joint, leaves)
             best = rest, percent, cause
     if best is not None:
         return best[2]
@@ -370,7 +354,7 @@ def find_cause(
         code = "log.impossible"
         said = f"inertia or friction of {', '.join(odd)} comes out negative, which no robot has"
         remedy = "check sign, unit and zero of position and torque of these joints, and the robot file"
-    return LikelyCause(code=code, cause=said, remedy=remedy, percent=float("inf"))
+    return LikelyCause(code, said, remedy, float("inf"))
 
 
 def _find_helped_joint(before: QuickResult, after: QuickResult, held_out: FloatArray) -> int | None:
@@ -400,6 +384,15 @@ def _compare(before: FloatArray, after: FloatArray) -> float:
 def list_hypotheses(logs: QuickLogs) -> Iterator[Hypothesis]:
     """Yield what the logs would be without each single mistake."""
     names = [joint.name for joint in logs.library.card.joints]
+    count = len(names)
+    units = np.eye(count)
+
+    def scale_torque(factors: FloatArray | float) -> QuickLogs:
+        return replace(logs, tau=logs.tau * factors)
+
+    def scale_position(factors: FloatArray | float) -> QuickLogs:
+        return replace(logs, q=logs.q * factors, dq=logs.dq * factors, ddq=logs.ddq * factors)
+
     if not logs.library.card.friction:
         yield Hypothesis(
             "robot.no-friction",
@@ -407,106 +400,69 @@ def list_hypotheses(logs: QuickLogs) -> Iterator[Hypothesis]:
             "give each joint a friction model ([joint.friction], or --friction coulomb-viscous-offset)",
             replace(logs, friction=True),
         )
-    yield Hypothesis(
-        "log.torque-sign",
-        "all torques have the wrong sign",
-        "state a factor of -1 in [log.torque]",
-        replace(logs, tau=-logs.tau),
-    )
-    for joint, name in enumerate(names):
-        yield Hypothesis(
-            "log.torque-sign",
-            f"the torque of joint {name!r} has the wrong sign",
-            "state its factor -1 in [log.torque], or turn its gear",
-            replace(logs, tau=_change(logs.tau, joint, np.negative)),
-        )
-        yield Hypothesis(
-            "log.position-sign",
+    code, remedy = "log.torque-sign", "state a factor of -1 in [log.torque]"
+    yield Hypothesis(code, "all torques have the wrong sign", remedy, scale_torque(-1.0))
+    for unit, name in zip(units, names, strict=True):
+        said = f"the torque of joint {name!r} has the wrong sign"
+        remedy = "state its factor -1 in [log.torque], or turn its gear"
+        yield Hypothesis(code, said, remedy, scale_torque(1.0 - 2.0 * unit))
+        said, remedy = (
             f"the position of joint {name!r} has the wrong sign",
             "state its factor -1 in [log.position]",
-            _scale_position(logs, [joint], -1.0),
         )
-    yield from _list_motor_signs(logs, names)
-    for first, second in combinations(range(len(names)), 2):
-        order = list(range(len(names)))
+        yield Hypothesis("log.position-sign", said, remedy, scale_position(1.0 - 2.0 * unit))
+    matrix = np.zeros((0, count)) if logs.transmission is None else logs.transmission
+    for motor in range(len(matrix)):
+        turn = np.linalg.solve(matrix, (1.0 - 2.0 * units[motor])[:, None] * matrix)
+        # Where that turns no joint's torque alone.
+        if not np.allclose(turn, np.diag(np.diag(turn))):
+            moved = " and ".join(repr(names[joint]) for joint in np.flatnonzero(matrix[motor]))
+            said = f"the torque of motor {motor + 1}, which moves {moved}, has the wrong sign"
+            remedy = "state its factor -1 in [log.torque]"
+            yield Hypothesis(code, said, remedy, replace(logs, tau=logs.tau @ turn))
+    for first, second in combinations(range(count), 2):
+        order = list(range(count))
         order[first], order[second] = second, first
         pair = f"{names[first]!r} and {names[second]!r}"
         tau = logs.tau[:, order]
-        moved = replace(
-            logs, q=logs.q[:, order], dq=logs.dq[:, order], ddq=logs.ddq[:, order], kept=logs.kept[:, order]
-        )
+        columns = {name: getattr(logs, name)[:, order] for name in ("q", "dq", "ddq", "kept")}
         swapped = (
             (f"the torques of {pair}", "[log.torque]", replace(logs, tau=tau)),
-            (f"the positions of {pair}", "[log.position]", moved),
-            (f"the joints {pair}", "[log]", replace(moved, tau=tau)),
+            (f"the positions of {pair}", "[log.position]", replace(logs, **columns)),
+            (f"the joints {pair}", "[log]", replace(logs, **columns, tau=tau)),
         )
         for what, where, other in swapped:
             remedy = f"correct the order of columns in {where}"
             yield Hypothesis("log.swapped-joints", f"{what} are exchanged", remedy, other)
-    everything = list(range(len(names)))
-    for factor, said in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
-        yield Hypothesis(
-            "log.wrong-unit",
-            f"positions are in {said}",
-            f'state unit = "{said[:3]}" in [log.position]',
-            _scale_position(logs, everything, factor),
-        )
-        for joint, name in enumerate(names):
-            yield Hypothesis(
-                "log.wrong-unit",
-                f"positions of joint {name!r} are in {said}",
-                "state its factor in [log.position]",
-                _scale_position(logs, [joint], factor),
-            )
+    code = "log.wrong-unit"
+    for factor, what in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
+        remedy = f'state unit = "{what[:3]}" in [log.position]'
+        yield Hypothesis(code, f"positions are in {what}", remedy, scale_position(factor))
+        for unit, name in zip(units, names, strict=True):
+            said, remedy = f"positions of joint {name!r} are in {what}", "state its factor in [log.position]"
+            yield Hypothesis(code, said, remedy, scale_position(np.where(unit, factor, 1.0)))
     # A joint whose torque is made tiny is cut off from the others, which may help any wrong model.
     size = np.log(np.maximum(np.sqrt(np.mean(logs.tau**2, axis=0)), np.finfo(float).tiny))
-    for factor, joint in product(_TORQUES, everything):
+    for factor, joint in product(_TORQUES, range(count)):
         away = size[joint] - float(np.mean(np.delete(size, joint))) if len(size) > 1 else 0.0
-        if abs(away + np.log(factor)) >= abs(away):
-            continue
-        yield Hypothesis(
-            "log.wrong-unit",
-            f"the torque of joint {names[joint]!r} is about {1.0 / factor:g} times what it should be",
-            "state its unit, factor or gear in [log.torque]",
-            replace(logs, tau=_change(logs.tau, joint, lambda x, factor=factor: factor * x)),
-        )
+        if abs(away + np.log(factor)) < abs(away):
+            said = f"the torque of joint {names[joint]!r} is about {1.0 / factor:g} times what it should be"
+            remedy = "state its unit, factor or gear in [log.torque]"
+            yield Hypothesis(code, said, remedy, scale_torque(np.where(units[joint], factor, 1.0)))
     for factor in _TIMES:
-        yield Hypothesis(
-            "log.time-scale",
-            f"the times of the log are about {1.0 / factor:.4g} times what they should be",
-            f"multiply them by {factor:.4g} (unit of [log.time])",
-            replace(logs, dq=logs.dq / factor, ddq=logs.ddq / factor**2),
-        )
-    for delay in _DELAYS:
-        if delay > _DELAYED * logs.period * len(logs.tau):
-            break
+        said = f"the times of the log are about {1.0 / factor:.4g} times what they should be"
+        remedy = f"multiply them by {factor:.4g} (unit of [log.time])"
+        faster = replace(logs, dq=logs.dq / factor, ddq=logs.ddq / factor**2)
+        yield Hypothesis("log.time-scale", said, remedy, faster)
+    for delay in (entry for entry in _DELAYS if entry <= _DELAYED * logs.period * len(logs.tau)):
         for sign, side in ((1.0, "after"), (-1.0, "before")):
-            yield Hypothesis(
-                "log.torque-delay",
-                f"torques are logged about {1e3 * delay:g} ms {side} the motion",
-                "shift them in the log; `symid check` states the delay",
-                _shift(logs, sign * delay),
-            )
-    for joint, name in enumerate(names):
-        for zero in _ZEROS:
-            yield Hypothesis(
-                "log.joint-zero",
-                f"the zero of joint {name!r} is off by about {zero:.2g} rad",
-                "state it as offset of [log.position], or correct theta of the robot file",
-                replace(logs, q=_change(logs.q, joint, lambda x, zero=zero: x - zero)),
-            )
-
-
-def _change(values: FloatArray, joint: int, change: object) -> FloatArray:
-    changed = values.copy()
-    changed[:, joint] = change(values[:, joint])  # type: ignore[operator]  # a function of a column
-    return changed
-
-
-def _scale_position(logs: QuickLogs, joints: list[int], factor: float) -> QuickLogs:
-    scale = np.ones(logs.q.shape[1])
-    scale[joints] = factor
-    return replace(logs, q=logs.q * scale, dq=logs.dq * scale, ddq=logs.ddq * scale)
+            said = f"torques are logged about {1e3 * delay:g} ms {side} the motion"
+            remedy = "shift them in the log; `symid check` states the delay"
+            yield Hypothesis("log.torque-delay", said, remedy, _shift(logs, sign * delay))
+    remedy = "state it as offset of [log.position], or correct theta of the robot file"
+    for joint, zero in product(range(count), _ZEROS):
+        said = f"the zero of joint {names[joint]!r} is off by about {zero:.2g} rad"
+        yield Hypothesis("log.joint-zero", said, remedy, replace(logs, q=logs.q - zero * units[joint]))
 
 
 def _shift(logs: QuickLogs, delay: float) -> QuickLogs:
@@ -520,23 +476,3 @@ def _shift(logs: QuickLogs, delay: float) -> QuickLogs:
         for joint in range(tau.shape[1]):
             tau[own, joint] = np.interp(time + delay, time, logs.tau[own, joint])
     return replace(logs, tau=tau, kept=kept)
-
-
-def _list_motor_signs(logs: QuickLogs, names: list[str]) -> Iterator[Hypothesis]:
-    """Yield the logs with the torque of one motor inverted, where that turns no joint's torque alone."""
-    if logs.transmission is None:
-        return
-    matrix = logs.transmission
-    for motor in range(len(matrix)):
-        flip = np.eye(len(matrix))
-        flip[motor, motor] = -1.0
-        turn = np.linalg.solve(matrix, flip @ matrix)
-        if np.allclose(turn, np.diag(np.diag(turn))):
-            continue
-        moved = " and ".join(repr(names[joint]) for joint in np.flatnonzero(matrix[motor]))
-        yield Hypothesis(
-            "log.torque-sign",
-            f"the torque of motor {motor + 1}, which moves {moved}, has the wrong sign",
-            "state its factor -1 in [log.torque]",
-            replace(logs, tau=logs.tau @ turn),
-        )

@@ -16,14 +16,8 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
-from symid.identification.estimators import ParameterEstimate, RegressionFit
-from symid.identification.regression import (
-    SCALAR_KINDS,
-    Identifiability,
-    Rows,
-    compute_inverse_root,
-    measure_moving_ends,
-)
+from symid.identification.estimators import ParameterEstimate, RegressionFit, measure_influence
+from symid.identification.regression import SCALAR_KINDS, Identifiability, Rows, measure_moving_ends
 from symid.logs import Recording
 from symid.robot import Processing
 
@@ -130,8 +124,7 @@ def warn_of_processing(processing: Processing, recordings: Sequence[Recording]) 
     cutoff, decimation = processing.filter_cutoff, processing.decimation
     if cutoff is None:
         return (build_warning("identify.no-filter"),)
-    period = min(recording.period for recording in recordings)
-    kept = 0.5 / period / decimation.factor * (decimation.band if decimation.factor > 1 else 1.0)
+    kept = 0.5 * decimation.band / min(recording.period for recording in recordings) / decimation.factor
     if decimation.factor == 1 or cutoff >= _LEAST_RATIO * kept:
         return ()
     return (build_warning("identify.low-cutoff", cutoff=cutoff, kept=kept, least=_LEAST_RATIO * kept),)
@@ -162,13 +155,9 @@ def compute_block_deviations(rows: Rows, fit: RegressionFit, identifiability: Id
 
     B G (sum_b F_b' e_b e_b' F_b) G B' with G = (F'F)^-1, F = A B.
     """
-    basis = identifiability.basis
-    design = (rows.matrix @ basis) * fit.weights[:, None]
-    root = compute_inverse_root(design)
-    total, _ = sum_block_scores(design, fit.residuals * fit.weights, rows.group, _BLOCKS)
-    left = basis @ root @ root.T
-    deviations: FloatArray = np.sqrt(np.maximum(np.diag(left @ total @ left.T), 0.0))
-    return deviations
+    found = measure_influence(rows, identifiability.basis, fit.weights, fit.residuals)
+    total, _ = sum_block_scores(found.scores, found.residuals, rows.group, _BLOCKS)
+    return np.asarray(np.sqrt(np.maximum(np.diag(found.left @ total @ found.left.T), 0.0)))
 
 
 def warn_of_correlated_residuals(
@@ -227,7 +216,6 @@ def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording])
     `processing` is the one used, its cut-off in Hz; see `measure_moving_ends`.
     """
     notices = []
-    cutoff = processing.filter_cutoff
     for recording in recordings:
         spoilt = measure_moving_ends(processing, [recording])
         ends = zip(("begins", "ends"), ("drop_first", "drop_last"), spoilt, strict=True)
@@ -238,7 +226,7 @@ def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording])
                     "identify.moving-ends",
                     file=recording.source,
                     ends=" and ".join(verb for verb, _ in bad),
-                    cutoff=cutoff,
+                    cutoff=processing.filter_cutoff,
                     spoilt=max(spoilt),
                     settings=" ".join(f"--set processing.{name}={max(spoilt)}" for _, name in bad),
                 )

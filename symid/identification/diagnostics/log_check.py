@@ -1,7 +1,6 @@
 """Check of logs before an identification: as they are, with the robot's dynamics, and their excitation.
 
-Robot, logs, even with uneven time stamps -> `LogsCheck`, by way of `QuickFit`s of the logs, from which
-`LogCheck`s (joints alone, single mistakes, the delay of the torque) and `LogExcitation` follow.
+Robot, logs, even with uneven time stamps -> `LogsCheck`.
 
 The torque of each joint is fitted by its own rows; inertia and friction as shares of the torque, with the
 deviation of leaving out one block:
@@ -114,14 +113,11 @@ class QuickFit:
     recording: Recording
     processing: Processing
 
-    def stack_rows(
-        self, weights: FloatArray, tau: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return matrix, values (of `tau` if given) and `keep` of all moving joints, with weights (k,)."""
+    def stack_rows(self, weights: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return matrix, values of `tau` (N, n) and `keep` of all moving joints, with weights (k,)."""
         joints = list(self.moving)
         matrix = (self.rows[:, joints] * weights[:, None]).reshape(-1, self.rows.shape[2])
-        torque = (self.tau if tau is None else tau)[:, joints]
-        return matrix, (torque * weights).ravel(), self.keep[:, joints].ravel()
+        return matrix, (tau[:, joints] * weights).ravel(), self.keep[:, joints].ravel()
 
 
 def build_quick_fit(library: Library, recording: Recording, processing: Processing) -> QuickFit:
@@ -143,8 +139,8 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
     signals = hold_resting_joints(prepare_signals(recording, processing), resting)
     load = compute_payload_torque(library, signals, recording)
     if load is not None:
-        torque = recording.torque.copy()
-        torque[processing.drop_first : processing.drop_first + len(load)] -= load
+        torque, first = recording.torque.copy(), processing.drop_first
+        torque[first : first + len(load)] -= load
         recording, signals = replace(recording, torque=torque), replace(signals, tau=signals.tau - load)
     columns = np.hstack([signals.q, signals.dq, signals.ddq, signals.tau])
     thin, blocks = _sample_blocks(columns, processing)
@@ -199,7 +195,7 @@ _HEAVIEST, _LIGHTEST = 2e4, 1e-4
 """kg at half the reach: no arm moves more, or so little."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class JointSigns:
     """The fit of joint `joint` alone: shares of inertia and friction, with deviations; `mass`.
 
@@ -228,7 +224,6 @@ def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[Joint
     subsets = [whole, *(np.setdiff1d(whole, group) for group in np.array_split(whole, _GROUPS))]
 
     def compute_shares(joint: int, samples: NDArray[np.intp]) -> tuple[float, float, float]:
-        """Return the shares of inertia and friction at some samples, and the mean inertia."""
         samples = samples[fit.keep[samples, joint] > 0.0]
         rows, tau = fit.rows[samples, joint], fit.tau[samples, joint]
         dq, ddq = fit.dq[samples, joint], fit.ddq[samples, joint]
@@ -245,18 +240,10 @@ def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[Joint
     found = []
     for joint in fit.moving:
         values = np.array([compute_shares(joint, samples) for samples in subsets])
-        stds = np.sqrt(compute_jackknife(values[1:]))
-        size = 1.0 if robot.axes[joint].kind is JointKind.PRISMATIC else reach**2
-        found.append(
-            JointSigns(
-                joint=joint,
-                inertia=float(values[0, 0]),
-                inertia_std=float(stds[0]),
-                friction=float(values[0, 1]),
-                friction_std=float(stds[1]),
-                mass=float(values[0, 2] / size),
-            )
-        )
+        stds = np.sqrt(compute_jackknife(values[1:])).tolist()
+        inertia, friction, mean = values[0].tolist()
+        mass = mean if robot.axes[joint].kind is JointKind.PRISMATIC else mean / reach**2
+        found.append(JointSigns(joint, inertia, stds[0], friction, stds[1], mass))
     return tuple(found)
 
 
@@ -314,24 +301,32 @@ class TorqueDelay:
 
     @property
     def late(self) -> bool:
-        """Return whether there is a significant delay, of a size that matters."""
+        """Return whether there is a significant delay."""
         return _LARGEST > abs(self.delay) > max(_DELAY_SURE * self.std, _SMALLEST * self.period)
 
 
 def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
     """Return the delay of the torques of `fit` behind its motion."""
-    joints = list(fit.moving)
+    joints, count = list(fit.moving), len(fit.moving)
     size = np.linalg.norm(fit.tau[:, joints], axis=0)
     weights = 1.0 / np.where(size > 0.0, size, 1.0)
-    matrix, values, keep = fit.stack_rows(weights)
-    errors = keep * (values - matrix @ _solve_kept(matrix, values, keep))
-    scatter = np.linalg.norm(errors.reshape(-1, len(joints)), axis=0) / weights
+
+    def predict(tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        matrix, values, keep = fit.stack_rows(weights, tau)
+        kept = solve_scaled(matrix * keep[:, None], values * keep, rcond=_SMALL)
+        return matrix, values, keep, matrix @ kept
+
+    def solve(gram: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.lstsq(gram[:-1, :-1], gram[:-1, -1], rcond=_RCOND)[0][-count:])
+
+    _, values, keep, predicted = predict(fit.tau)
+    errors = keep * (values - predicted)
+    scatter = np.linalg.norm(errors.reshape(-1, count), axis=0) / weights
     weights = 1.0 / np.maximum(scatter, 1e-6 * size + 1e-300)
     delay, tau = 0.0, fit.tau
     for _ in range(_ROUNDS):
-        matrix, values, keep = fit.stack_rows(weights, tau)
-        count = len(fit.moving)
-        smooth = (matrix @ _solve_kept(matrix, values, keep)).reshape(-1, count)
+        matrix, values, keep, predicted = predict(tau)
+        smooth = predicted.reshape(-1, count)
         slopes = np.zeros((len(smooth), count, count))
         for block in fit.blocks:
             slope = np.gradient(smooth[block], fit.period, axis=0)
@@ -344,8 +339,8 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
         grams = np.array([part.T @ part for part in parts])
         back = scales[-count - 1 : -1] / scales[-1]
         whole = grams.sum(axis=0)
-        replicates = np.array([_solve(whole - gram, count) for gram in grams])
-        values, replicates = _solve(whole, count) * back, replicates * back
+        replicates = np.array([solve(whole - gram) for gram in grams]) * back
+        values = solve(whole) * back
         stds = np.sqrt(compute_jackknife(replicates))
         shares = 1.0 / np.maximum(stds, 1e-9) ** 2
         shares /= shares.sum()
@@ -366,16 +361,6 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
         joint_stds=tuple(map(float, stds)),
         period=fit.recording.period,
     )
-
-
-def _solve_kept(matrix: FloatArray, values: FloatArray, keep: FloatArray) -> FloatArray:
-    """Return the solution of the rows of joints that move."""
-    return solve_scaled(matrix * keep[:, None], values * keep, rcond=_SMALL)
-
-
-def _solve(gram: FloatArray, count: int) -> FloatArray:
-    solution = np.linalg.lstsq(gram[:-1, :-1], gram[:-1, -1], rcond=_RCOND)[0]
-    return np.asarray(solution[-count:], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -422,8 +407,12 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     if mistake is not None:
         text = f"{mistake.cause}: undone, {mistake.effect}; {mistake.remedy}"
         notices += (Notice(code=mistake.code, text=text, file=file),)
-    clear = [entry for entry in signs if entry.inertia > max(_CLEAR, _SIGN_SURE * entry.inertia_std)]
-    odd = [entry for entry in clear if not _LIGHTEST < entry.mass < _HEAVIEST]
+    odd = [
+        entry
+        for entry in signs
+        if entry.inertia > max(_CLEAR, _SIGN_SURE * entry.inertia_std)
+        and not _LIGHTEST < entry.mass < _HEAVIEST
+    ]
     if odd and not notices:
         # Torques that correspond to masses that no robot has.
         worst = max(odd, key=lambda entry: abs(np.log(entry.mass)))
@@ -461,7 +450,7 @@ _LARGE_CONDITION = 1e3
 _SHOWN = 8
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ParameterVerdict:
     """The verdict on one parameter, and the reason where it is not "identifiable".
 
@@ -505,18 +494,16 @@ def analyse_excitation(fits: Sequence[QuickFit], joints: Sequence[str]) -> LogEx
     rule = RankRule()
 
     def stack(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        parts = [fit.stack_rows(weights[list(fit.moving)]) for fit in fits]
+        parts = [fit.stack_rows(weights[list(fit.moving)], fit.tau) for fit in fits]
         # A joint at rest may be held by dry friction, so its rows stay out.
         matrix = np.vstack([rows[keep > 0.0] for rows, _, keep in parts])
         return matrix, np.concatenate([values[keep > 0.0] for _, values, keep in parts])
 
-    def add(parts: Sequence[FloatArray]) -> FloatArray:
-        return np.asarray(np.vstack(parts).sum(axis=0))
-
     matrix, values = stack(np.ones(fits[0].tau.shape[1]))
     first = solve_scaled(matrix, values, rcond=_SMALL)
-    squares = add([(fit.keep * (fit.tau - fit.rows @ first)) ** 2 for fit in fits])
-    sizes, counts = add([(fit.keep * fit.tau) ** 2 for fit in fits]), add([fit.keep for fit in fits])
+    keep, tau = (np.vstack([getattr(fit, name) for fit in fits]) for name in ("keep", "tau"))
+    left = tau - np.vstack([fit.rows @ first for fit in fits])
+    squares, sizes, counts = (np.sum(part, axis=0) for part in ((keep * left) ** 2, (keep * tau) ** 2, keep))
     scatter = np.sqrt(np.maximum(squares, 1e-12 * sizes) / np.maximum(counts, 1.0))
     matrix, values = stack(1.0 / np.where(scatter > 0.0, scatter, 1.0))
     spectrum = compute_spectrum(matrix, rule.zero)
@@ -540,9 +527,7 @@ def analyse_excitation(fits: Sequence[QuickFit], joints: Sequence[str]) -> LogEx
         elif spectrum.lengths[index]:
             others = ", ".join(names[k] for k in spectrum.list_partners(index, rule)[:4])
             reason = f"it acts only together with {others}{still}"
-        verdicts.append(
-            ParameterVerdict(name=name, verdict=verdict, relative_std_percent=percent, reason=reason)
-        )
+        verdicts.append(ParameterVerdict(name, verdict, percent, reason))
     largest = spectrum.singular[0] or 1.0
     return LogExcitation(
         parameters=tuple(verdicts),
@@ -555,13 +540,13 @@ def analyse_excitation(fits: Sequence[QuickFit], joints: Sequence[str]) -> LogEx
 def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
     """Return notices on parameters that are not identifiable, and on a bad condition."""
     notices = []
-    refused = [entry for entry in found.parameters if entry.verdict == "refused"]
+    refused = [f"{entry.name}: {entry.reason}" for entry in found.parameters if entry.verdict == "refused"]
     if refused:
-        listed = "; ".join(f"{entry.name}: {entry.reason}" for entry in refused[:_SHOWN])
         more = f"; and {len(refused) - _SHOWN} more" if len(refused) > _SHOWN else ""
         text = (
             f"{len(refused)} of {len(found.parameters)} parameters have no value of their own in these logs "
-            f"({listed}{more}). Accelerate every joint on its own; `symid excite` makes such motions"
+            f"({'; '.join(refused[:_SHOWN])}{more}). Accelerate every joint on its own; `symid excite` makes "
+            "such motions"
         )
         notices.append(("log.not-excited", text))
     faint = found.list_names(NOT_IDENTIFIABLE)
@@ -636,11 +621,10 @@ def check_robot_logs(
     found: list[CheckedLog] = []
     notices: list[Notice] = []
     for recording in read_recordings(logs, robot, uneven=True):
-        entry = summarise_log(recording, robot)
-        notices += (*recording.notices, *describe_timing(recording.time, recording.source))
-        notices += entry.recording.notices[len(recording.notices) :]
-        notices += check_recording(entry.recording, robot)
-        found.append(entry)
+        found.append(summarise_log(recording, robot))
+        even, told = found[-1].recording, recording.notices
+        notices += (*told, *describe_timing(recording.time, recording.source), *even.notices[len(told) :])
+        notices += check_recording(even, robot)
     copy = None
     if output is not None:
         log = logs[0]
@@ -657,8 +641,7 @@ def check_robot_logs(
             "elastic joints: signs, order and excitation are checked for rigid joints only; `symid identify` "
             "lists what is not identifiable"
         )
-        note = Notice(code="check.elastic", text=text)
-        return replace(checked, notices=(*checked.notices, note))
+        return replace(checked, notices=(*notices, Notice(code="check.elastic", text=text)))
     library = prepare()
     progress("analysing the motion")
     fits: list[QuickFit] = []
@@ -670,7 +653,7 @@ def check_robot_logs(
             reasons += error.notices
     if not fits:
         return replace(checked, errors=tuple(reasons))
-    errors: list[Notice] = []
+    errors: tuple[Notice, ...] = ()
     checks = tuple(check_channels(fit, library, robot) for fit in fits)
     excitation = analyse_excitation(fits, [joint.name for joint in robot.axes])
     if excitation.empty:
@@ -678,7 +661,7 @@ def check_robot_logs(
         text = (
             f"no parameter is identifiable from these logs ({reason}): record logs in which joints accelerate"
         )
-        errors.append(Notice(code="check.nothing", text=text))
+        errors = (Notice(code="check.nothing", text=text),)
     elif excitation.poor:
         count, whole = len(excitation.list_names("refused")), len(excitation.parameters)
         text = (
@@ -686,17 +669,7 @@ def check_robot_logs(
             "in the table. Record a log in which every joint accelerates on its own, add logs, or fit what "
             "is identifiable with `symid identify --partial`"
         )
-        errors.append(Notice(code="check.poor", text=text))
-    return replace(
-        checked,
-        dynamics=checks,
-        excitation=excitation,
-        notices=(
-            *checked.notices,
-            *(notice for check in checks for notice in check.notices),
-            *reasons,
-            *describe_excitation(excitation),
-            *library.notices,
-        ),
-        errors=tuple(errors),
-    )
+        errors = (Notice(code="check.poor", text=text),)
+    notices += (notice for check in checks for notice in check.notices)
+    notices += (*reasons, *describe_excitation(excitation), *library.notices)
+    return replace(checked, dynamics=checks, excitation=excitation, notices=tuple(notices), errors=errors)

@@ -1,7 +1,7 @@
 """What a model leaves of a log: the terms that it misses, and the residual within a band of frequencies.
 
 Parameters, the library of their model, recordings -> `JointResidual` of each joint that moves ->
-`ResidualFinding`s, notices; a recording and a band -> `TorquePrediction` -> `BandResidual`.
+`ResidualFinding`s; a recording and a band -> `TorquePrediction` -> `BandResidual`.
 
 For every joint, families of functions that the model does not have are tried on the residual, one at a time.
 What the model's own columns at that joint explain is taken out of residual and functions first (e', C'), and
@@ -25,8 +25,8 @@ momentum rows: whatever the fit, those of torque rows are used.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +44,7 @@ from symid.identification.regression import (
     evaluate_torques,
     hold_resting_joints,
     list_resting_joints,
+    prepare_states,
 )
 from symid.logs import Recording, Signals, decimate, decimate_blocks, low_pass, prepare_signals
 from symid.robot import Decimation, Processing
@@ -51,7 +52,7 @@ from symid.serialization import name_key
 
 
 class JointMotion(NamedTuple):
-    """The motion of a joint in one log at full rate: its states, and the predicted torque `load`: (N,).
+    """The motion of a joint in one log: its states, and the predicted torque `load`: (N,).
 
     `others` are velocity and acceleration (N,) of each other joint; `period` in s.
     """
@@ -63,6 +64,15 @@ class JointMotion(NamedTuple):
     load: FloatArray
     others: list[tuple[FloatArray, FloatArray]]
     period: float
+
+
+def pick_motion(
+    states: Sequence[FloatArray], joint: int, load: FloatArray, period: float, resting: Collection[int] = ()
+) -> JointMotion:
+    """Return the motion of a joint from time (N,), q, dq and ddq (N, n); `resting` are no other joints."""
+    time, q, dq, ddq = states
+    others = [(dq[:, k], ddq[:, k]) for k in range(q.shape[1]) if k != joint and k not in resting]
+    return JointMotion(time, q[:, joint], dq[:, joint], ddq[:, joint], load, others, period)
 
 
 class Family(NamedTuple):
@@ -138,7 +148,7 @@ class JointResidual:
     Args:
         error: (m,) residual torque, weighted; plain: (m,) not weighted.
         roots: (m,) of the weights, of mean square one.
-        span: (m, r) orthonormal basis of the model's columns, weighted.
+        model: (m, p) columns of the model, weighted.
         blocks: (m,) number of the block of time of each row.
         motions: of the logs, at full rate; rows are decimated, and one in `step` of them is taken.
     """
@@ -146,7 +156,7 @@ class JointResidual:
     error: FloatArray
     plain: FloatArray
     roots: FloatArray
-    span: FloatArray
+    model: FloatArray
     blocks: NDArray[np.intp]
     motions: tuple[JointMotion, ...]
     decimation: Decimation
@@ -176,11 +186,9 @@ def compute_joint_residuals(
     step = max(1, math.ceil(8.0 * rows * (len(values) + 1) / largest))
     logs = []
     for recording, weight in zip(recordings, weights or [1.0] * len(recordings), strict=True):
-        resting = list_resting_joints(recording)
-        signals = hold_resting_joints(prepare_signals(recording, processing), resting)
-        load = compute_payload_torque(library, signals, recording)
-        signals = signals if load is None else replace(signals, tau=signals.tau - load)
-        logs.append((signals, evaluate_torques(library, signals, values), weight, resting))
+        signals = prepare_states(library, recording, processing)
+        predicted = evaluate_torques(library, signals, values)
+        logs.append((signals, predicted, weight, list_resting_joints(recording)))
     for joint, card in enumerate(library.card.joints):
         moving = [entry for entry in logs if joint not in entry[-1]]
         if not moving:
@@ -199,24 +207,12 @@ def compute_joint_residuals(
             error=error,
             plain=plain,
             roots=roots,
-            span=_compute_span(table[:, :-1]),
+            model=table[:, :-1],
             # All logs are cut alike, so that each block holds a part of every log.
             blocks=np.concatenate([np.arange(length) * _BLOCKS // length for length in lengths]),
             motions=tuple(
-                JointMotion(
-                    time=signals.time,
-                    q=signals.q[:, joint],
-                    dq=signals.dq[:, joint],
-                    ddq=signals.ddq[:, joint],
-                    load=predicted[:, joint],
-                    others=[
-                        (signals.dq[:, k], signals.ddq[:, k])
-                        for k in range(signals.dq.shape[1])
-                        if k != joint
-                    ],
-                    period=signals.period,
-                )
-                for signals, predicted, *_ in moving
+                pick_motion((one.time, one.q, one.dq, one.ddq), joint, predicted[:, joint], one.period)
+                for one, predicted, *_ in moving
             ),
             decimation=processing.decimation,
             step=step,
@@ -237,14 +233,6 @@ def _tabulate(
     return np.vstack([rows[-part.start % step :: step] for part, rows in blocks])
 
 
-def _compute_span(model: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (m, r) of the columns."""
-    lengths = np.linalg.norm(model, axis=0)
-    alive = lengths > 1e-12 * max(lengths.max(initial=0.0), _TINY)
-    left, singular, _ = np.linalg.svd(model[:, alive] / lengths[alive], full_matrices=False)
-    return np.asarray(left[:, singular > 1e-9 * max(singular.max(initial=0.0), _TINY)])
-
-
 _LEAST_PERCENT = 5.0
 _LEAST_GAIN = 0.03
 """Part of the whole residual's square below which a family is not reported."""
@@ -252,7 +240,7 @@ _NEW = 1e-6
 """Squared part of a function outside the model's columns above which it counts as new."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ResidualFinding:
     """A family of functions, key of `FAMILIES`, that explains part of a joint's residual.
 
@@ -281,7 +269,7 @@ class Profile:
     deviation: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class JointProfiles:
     """The residual of a joint, in `unit`, against its position, its velocity and the predicted torque."""
 
@@ -316,7 +304,11 @@ def analyse_structure(
         size = float(residual.error @ residual.error)
         if not size:
             continue
-        span = residual.span
+        # An orthonormal basis (m, r) of the model's columns.
+        lengths = np.linalg.norm(residual.model, axis=0)
+        alive = lengths > 1e-12 * max(lengths.max(initial=0.0), _TINY)
+        left, singular, _ = np.linalg.svd(residual.model[:, alive] / lengths[alive], full_matrices=False)
+        span = left[:, singular > 1e-9 * max(singular.max(initial=0.0), _TINY)]
         new = residual.error - span @ (span.T @ residual.error)
         gain = _measure_gain(span, residual.error, residual.blocks)
         # Family, share, squares explained.
@@ -333,17 +325,10 @@ def analyse_structure(
             gain = _measure_gain(left[:, singular**2 > _NEW], new, residual.blocks)
             if gain > _LEAST_GAIN * size:
                 found.append((name, gain / float(new @ new), gain))
-        findings += [
-            ResidualFinding(
-                joint=card.name,
-                family=name,
-                share_percent=100.0 * share,
-                rms=float(np.sqrt(gain / len(residual.error))),
-                unit=card.torque_unit,
-            )
-            for name, share, gain in sorted(found, key=lambda entry: -entry[2])
-            if 100.0 * share >= _LEAST_PERCENT
-        ]
+        for name, share, gain in sorted(found, key=lambda entry: -entry[2]):
+            if 100.0 * share >= _LEAST_PERCENT:
+                rms = float(np.sqrt(gain / len(residual.error)))
+                findings.append(ResidualFinding(card.name, name, 100.0 * share, rms, card.torque_unit))
     return tuple(findings)
 
 
@@ -357,10 +342,8 @@ def compute_profiles(
     found = []
     for card, residual in compute_joint_residuals(values, library, recordings, processing):
         table = residual.evaluate(lambda motion: [motion.q, motion.dq, motion.load])
-        columns = zip(("position", "velocity", "load"), table.T, strict=True)
-        profiles = {name: compute_profile(column, residual.plain) for name, column in columns}
-        unit, place = card.torque_unit, card.position_unit
-        found.append(JointProfiles(joint=card.name, unit=unit, position_unit=place, **profiles))
+        profiles = [compute_profile(column, residual.plain) for column in table.T]
+        found.append(JointProfiles(card.name, card.torque_unit, card.position_unit, *profiles))
     return tuple(found)
 
 
@@ -439,13 +422,12 @@ def predict_torques(
     processing: Processing,
     *,
     band: float,
-    ends: float = ENDS,
 ) -> TorquePrediction:
     """Return measured and predicted torques of `recording`, both low-passed at `band` Hz.
 
     `values` (p,) are base parameters and friction, in the order of the library's card. Of `processing` the
-    filter of the positions is used, chosen from the log if left open, and the samples cut at either end;
-    `ends` s of what is left do not count, at either end.
+    filter of the positions is used, chosen from the log if left open, and the samples cut at either end; half
+    a second of what is left does not count, at either end.
 
     Raises:
         LogError: the band does not fit the sample rate, or too little is left of the log.
@@ -453,20 +435,17 @@ def predict_torques(
     processing = choose_filters(processing, [recording]).processing
     resting = list_resting_joints(recording)
     signals = hold_resting_joints(prepare_signals(recording, processing), resting)
-    left = round(ends / signals.period)
+    left = round(ENDS / signals.period)
     if len(signals.time) < 2 * left + _FEWEST:
         text = (
             f"{len(signals.time) * signals.period:.3g} s are left of the log, too few for a comparison "
-            f"within a band that leaves out {ends:g} s at either end; cut off less, or use a longer log"
+            f"within a band that leaves out {ENDS:g} s at either end; cut off less, or use a longer log"
         )
         raise LogError(Notice(code="validate.short-log", text=text, file=recording.source))
-    kept = slice(left, len(signals.time) - left)
-    first = processing.drop_first
-    torque = recording.torque[first : first + len(signals.time)]
+    kept, joints = slice(left, len(signals.time) - left), library.card.joints
+    torque = recording.torque[processing.drop_first :][: len(signals.time)]
     load = compute_payload_torque(library, signals, recording)
     torque = torque if load is None else torque - load
-    joints = library.card.joints
-    counted = tuple(k for k, joint in enumerate(joints) if k not in resting or joint.friction == "none")
     measured, predicted = (
         low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]
         for torques in (torque, evaluate_torques(library, signals, values))
@@ -477,7 +456,7 @@ def predict_torques(
         time=signals.time[kept],
         measured=measured,
         predicted=predicted,
-        counted=counted,
+        counted=tuple(k for k, joint in enumerate(joints) if k not in resting or joint.friction == "none"),
         band=band,
     )
 
@@ -485,16 +464,17 @@ def predict_torques(
 def compute_band_residual(prediction: TorquePrediction) -> BandResidual:
     """Return the residual of every joint that counts."""
     joints, ranges = [], []
+    errors = prediction.measured - prediction.predicted
     for index in prediction.counted:
         measured = prediction.measured[:, index]
-        error = measured - prediction.predicted[:, index]
-        found = Residual.measure(prediction.joints[index], error, measured, prediction.units[index])
+        found = Residual.measure(
+            prediction.joints[index], errors[:, index], measured, prediction.units[index]
+        )
         spread = float(np.ptp(measured))
         joints.append(found)
         ranges.append(100.0 * found.std / spread if spread else float("inf"))
     counted = list(prediction.counted)
-    whole = float(np.linalg.norm(prediction.measured[:, counted]))
-    left = float(np.linalg.norm((prediction.measured - prediction.predicted)[:, counted]))
+    whole, left = (float(np.linalg.norm(part[:, counted])) for part in (prediction.measured, errors))
     alike = len(joints) > 1 and len({entry.unit for entry in joints}) == 1 and whole > 0.0
     return BandResidual(
         joints=tuple(joints),

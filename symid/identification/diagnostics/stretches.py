@@ -21,6 +21,8 @@ Not supported: estimators that are not linear in the torque; they are judged by 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,11 +182,9 @@ class Stretches:
     def predict(self, rows: Rows) -> FloatArray:
         """Return what the others predict of each row (m,): of several logs the other logs."""
         found = np.zeros(len(rows.values))
-        for stretch in range(len(self.logs)):
+        for stretch, log in enumerate(self.logs.tolist()):
             own = self.stretch == stretch
-            log = int(self.logs[stretch])
-            values = self.logwise[log] if len(self.logwise) else self.folds[stretch]
-            found[own] = rows.matrix[own] @ values
+            found[own] = rows.matrix[own] @ (self.logwise[log] if len(self.logwise) else self.folds[stretch])
         return found
 
 
@@ -196,16 +196,12 @@ def fit_stretches(
     groups, width = len(rows.group_names), rows.matrix.shape[1]
     sums = np.zeros((len(logs), groups, width + 1, width + 1))
     left = rows if instruments is None else instruments
-    for place in range(len(logs)):
-        for group in range(groups):
-            own = np.flatnonzero((stretch == place) & (rows.group == group) & kept)
-            if len(own):
-                root = np.sqrt(rows.weight[own])[:, None]
-                right = root * np.column_stack([rows.matrix[own], rows.values[own]])
-                first = (
-                    right if left is rows else root * np.column_stack([left.matrix[own], left.values[own]])
-                )
-                sums[place, group] = first.T @ right
+    for place, group in product(range(len(logs)), range(groups)):
+        own = np.flatnonzero((stretch == place) & (rows.group == group) & kept)
+        root = np.sqrt(rows.weight[own])[:, None]
+        right = root * np.column_stack([rows.matrix[own], rows.values[own]])
+        first = right if left is rows else root * np.column_stack([left.matrix[own], left.values[own]])
+        sums[place, group] = first.T @ right
     whole = sums.sum(axis=0)
     folds = solve_sums(whole - sums, weights)
     parts = np.stack([sums[logs == log].sum(axis=0) for log in range(int(logs.max()) + 1)])
@@ -246,8 +242,6 @@ def measure_gain(
     before, after = np.zeros(len(sums)), np.zeros(len(sums))
     for stretch, (upper, lower) in enumerate(sums):
         held = place == stretch
-        if not held.any():
-            continue
         side, bottom = weight * (whole[0] - upper), weight * (whole[1] - lower)
         inverse, base = stretches.inverses[stretch], stretches.folds[stretch]
         cross = bottom[:, : len(base)]
@@ -266,8 +260,7 @@ def measure_gain(
     return 1.0 - float(after.sum()) / total, float(logs.mean()) / error if error else 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HeldOutChoice:
+class HeldOutChoice(NamedTuple):
     """Indices of the best candidate and of the one taken; z (c,) of all candidates, in standard errors."""
 
     best: int
@@ -278,17 +271,15 @@ class HeldOutChoice:
 def choose_held_out(losses: FloatArray, costs: Sequence[float], margin: float = 1.0) -> HeldOutChoice:
     """Return the candidate of least cost among those within `margin` standard errors of the best.
 
-    Args:
-        losses: (c, blocks) of every candidate on every held-out block, two blocks or more.
-        costs: one a candidate, such as the number of its unknowns; of equal ones the smaller loss decides.
-        margin: in standard errors of the difference.
+    `losses` (c, blocks) are those of every candidate on every held-out block, two blocks or more; of equal
+    `costs` (c,), such as the number of unknowns, the smaller loss decides.
     """
     totals = losses.sum(axis=1)
     best = int(np.argmin(totals))
     behind = measure_behind(losses, best)
     close = np.flatnonzero(behind <= margin).tolist()
     taken = min(close, key=lambda index: (costs[index], totals[index]))
-    return HeldOutChoice(best=best, taken=taken, behind=behind)
+    return HeldOutChoice(best, taken, behind)
 
 
 def measure_behind(losses: FloatArray, best: int) -> FloatArray:

@@ -2,8 +2,7 @@
 
 Covariance -> correlated pairs, `Ellipse`;  rows, their fit -> `Bootstrap`, `Essential`, `Drift`.
 
-Bootstrap: logs are drawn with replacement from blocks of time, all joints of a block together, and fitted
-(Kuensch 1989).
+Bootstrap: logs are drawn with replacement from blocks of time, all joints together (Kuensch 1989).
 
 Essential parameters: backward elimination. The parameter whose removal costs least in its own noise goes
 first, until all are significant (the idea of Pham and Gautier 1991). Removing parameter k raises the sum of
@@ -58,27 +57,19 @@ class Ellipse:
         return outline
 
 
-def compute_correlations(covariance: FloatArray) -> FloatArray:
-    """Return the correlation coefficients (k, k); 0 with a parameter that has no deviation."""
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    inverse = np.where(deviation > 0.0, 1.0 / np.where(deviation > 0.0, deviation, 1.0), 0.0)
-    matrix: FloatArray = np.clip(covariance * inverse[:, None] * inverse, -1.0, 1.0)
-    return matrix
-
-
 def list_correlated(
     covariance: FloatArray, names: Sequence[str], least: float = 0.9
 ) -> tuple[tuple[str, str, float], ...]:
-    """Return (name, name, correlation) of pairs beyond `least` in size, the closest first."""
-    matrix = compute_correlations(covariance)
+    """Return (name, name, correlation) of pairs beyond `least` in size, the closest first.
+
+    The correlation with a parameter that has no deviation is 0.
+    """
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    inverse = np.where(deviation > 0.0, 1.0 / np.where(deviation > 0.0, deviation, 1.0), 0.0)
     first, second = np.triu_indices(len(names), 1)
-    size = np.abs(matrix[first, second])
-    order = np.argsort(-size, kind="stable")
-    return tuple(
-        (names[first[k]], names[second[k]], float(matrix[first[k], second[k]]))
-        for k in order
-        if size[k] >= least
-    )
+    found = np.clip(covariance * inverse[:, None] * inverse, -1.0, 1.0)[first, second]
+    order = [k for k in np.argsort(-np.abs(found), kind="stable") if abs(found[k]) >= least]
+    return tuple((names[first[k]], names[second[k]], float(found[k])) for k in order)
 
 
 def compute_ellipse(values: Sequence[float], covariance: FloatArray, level: float = 0.95) -> Ellipse:
@@ -97,6 +88,7 @@ def compute_ellipse(values: Sequence[float], covariance: FloatArray, level: floa
     )
 
 
+_DRAWN = 40
 _RANK = 1e-10
 """Singular value relative to the largest below which a drawn log does not identify a direction."""
 
@@ -117,10 +109,7 @@ class Bootstrap(FrozenArrays):
 
 
 def cut_blocks(rows: Rows, blocks: int) -> tuple[NDArray[np.intp], int]:
-    """Return the number of the block of each row (m,), and how many blocks there are.
-
-    Blocks are stretches of time of equal length within a log; longer logs have more of them.
-    """
+    """Return the block of time of each row (m,), and how many there are; longer logs have more of them."""
     runs = [rows.run == run for run in np.unique(rows.run)]
     spans = [(float(rows.time[part].min()), float(rows.time[part].max())) for part in runs]
     whole = sum(high - low for low, high in spans) or 1.0
@@ -140,12 +129,11 @@ def compute_bootstrap(
     identifiability: Identifiability,
     generator: np.random.Generator,
     *,
-    blocks: int = 40,
     replicates: int = 200,
 ) -> Bootstrap:
-    """Return the scatter of the parameters over logs drawn from `blocks` of time of all logs together."""
+    """Return the scatter of the parameters over logs drawn from forty blocks of time of all logs together."""
     basis, identifiable = identifiability.basis, identifiability.identifiable
-    number, count = cut_blocks(rows, blocks)
+    number, count = cut_blocks(rows, _DRAWN)
     stacked = np.column_stack([rows.matrix @ basis, rows.values]) * fit.weights[:, None]
     factors = [compute_triangle(stacked[number == block]) for block in range(count)]
     drawn = np.empty((replicates, len(rows.names)))
@@ -210,10 +198,9 @@ def select_essential(
     rest = others @ right[singular > 1e-9 * max(singular.max(initial=0.0), 1e-300)].T
     mixing = np.zeros((rows.matrix.shape[1], len(candidates) + rest.shape[1]))
     mixing[candidates, np.arange(len(candidates))] = 1.0
-    mixing[np.ix_(~identifiable, np.arange(len(candidates), mixing.shape[1]))] = rest
+    mixing[~identifiable, len(candidates) :] = rest
     weighted = (rows.matrix * fit.weights[:, None]) @ mixing
-    table = np.column_stack([weighted, rows.values * fit.weights])
-    factor = compute_triangle(table)
+    factor = compute_triangle(np.column_stack([weighted, rows.values * fit.weights]))
     stated = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     blocks = compute_block_deviations(rows, fit, identifiability)
     ratio: FloatArray = np.where(stated > 0.0, blocks / np.where(stated > 0.0, stated, 1.0), 1.0)
@@ -226,10 +213,7 @@ def select_essential(
     values, inverse, square = _solve_columns(matrix, target, kept)
     first = max(square, 1e-300)
     dropped: list[Dropped] = []
-    while True:
-        free = [place for place, column in enumerate(kept) if column < len(inflation)]
-        if not free:
-            break
+    while free := [place for place, column in enumerate(kept) if column < len(inflation)]:
         spread = np.sqrt(first / left * inverse[free]) * inflation[[kept[place] for place in free]]
         ratios = np.abs(values[free]) / np.maximum(spread, 1e-300)
         least = int(np.argmin(ratios))
@@ -270,7 +254,7 @@ _CHANCE = 0.01
 _BLOCKS = 20
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ParameterDrift:
     """A parameter as each log alone gives it: values, deviations, and the chance of so much scatter."""
 
@@ -330,7 +314,6 @@ def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drif
         if len(known) < 2:
             continue
         values, deviations = np.array(known).T
-        pairs = {"values": tuple(values.tolist()), "deviations": tuple(deviations.tolist())}
         # The probability that equal values scatter as much. The deviations rest on some tens of blocks,
         # whence the F distribution in place of chi-squared.
         safe = np.maximum(deviations, 1e-300)
@@ -338,7 +321,7 @@ def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drif
         mean = float(np.sum(shares * values) / np.sum(shares))
         square, count = float(np.sum(((values - mean) / safe) ** 2)), len(values) - 1
         chance = float(scipy.special.fdtrc(count, _BLOCKS - 1, square / count))
-        changes.append(ParameterDrift(name=name, **pairs, chance=chance))
+        changes.append(ParameterDrift(name, tuple(values.tolist()), tuple(deviations.tolist()), chance))
     limit = _CHANCE / max(len(changes), 1)
     changed = sorted((entry for entry in changes if entry.chance < limit), key=lambda entry: entry.chance)
     return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes), residual=tuple(residual))

@@ -19,6 +19,7 @@ wls are given, which the bounds can only make smaller.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +37,13 @@ from symid.dynamics import (
 )
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators.least_squares import RegressionFit, estimate_group_weights, fit_weighted
-from symid.identification.regression import Identifiability, Rows, condense_rows, stack_condensed
+from symid.identification.regression import (
+    Identifiability,
+    Rows,
+    condense_rows,
+    count_freedom,
+    stack_condensed,
+)
 from symid.joint_models import is_braking
 from symid.notation import INERTIAL
 from symid.robot import Robot, build_pseudo_inertias
@@ -80,15 +87,16 @@ def build_bodies(robot: Robot) -> Bodies:
     bounded = [label for label in used if is_braking(label[1])]
     others = [label for label in used if label[1] not in (*INERTIAL, "IA") and label not in bounded]
 
-    def take(labels: list[tuple[int, str]]) -> FloatArray:
-        return grouping.matrix[:, [column[label] for label in labels]].reshape(len(names), len(labels))
-
+    positive, bound, free = (
+        grouping.matrix[:, [column[label] for label in labels]].reshape(len(names), len(labels))
+        for labels in (rotors, bounded, others)
+    )
     return Bodies(
         names=names,
         links=grouping.matrix[:, places],
-        positive=take(rotors),
-        bounded=take(bounded),
-        free=take(others),
+        positive=positive,
+        bounded=bound,
+        free=free,
         stated=build_prior(robot, grouping.matrix[:, np.ravel(places)], np.zeros(len(names))),
         unit=all(joint.inertial is None for joint in robot.joints),
     )
@@ -101,25 +109,17 @@ LOOSE = 1e-9
 deviations: no effect where the rows determine them, and a unique answer where they do not."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ConsistentCost:
+class ConsistentCost(NamedTuple):
     """The cost of rows, and the parameters behind its unknowns.
 
-    Args:
-        problem: of blocks Q, rotors u, friction and the other observable parameters, over their deviations.
-        roots: (n, 4, 4) L; rotors: (a,) IA0; loose: (p, b + c) effect of one unit of friction and the rest.
+    `problem` has blocks Q, rotors u, friction and the other observable parameters, over their deviations;
+    `roots` (n, 4, 4) L, `rotors` (a,) IA0, `loose` (p, b + c) effect of one unit of friction and the rest.
     """
 
     problem: BodyProblem
     roots: FloatArray
     rotors: FloatArray
     loose: FloatArray
-
-    def compute_bodies(self, state: NearestBodies) -> FloatArray:
-        """Return the pseudo-inertias (n, 4, 4)."""
-        lower = self.roots @ state.factors
-        bodies: FloatArray = lower @ lower.transpose(0, 2, 1)
-        return bodies
 
 
 def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight: float) -> ConsistentCost:
@@ -142,7 +142,7 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
     forms = roots.transpose(0, 2, 1) @ np.einsum("pnk,kab->pnab", bodies.links, PSEUDO_INERTIA_FORMS) @ roots
     matrix = triangle[:, :-1]
     # Expected is half of the parameter that a rotor is part of.
-    sizes = np.array([float(np.abs(centre[column > 0.0]).max(initial=0.0)) for column in bodies.positive.T])
+    sizes = np.where(bodies.positive > 0.0, np.abs(centre)[:, None], 0.0).max(axis=0, initial=0.0)
     rotors = np.maximum(0.5 * sizes, _SMALL)
     loose = np.hstack([bodies.bounded, bodies.free])
     lengths = np.linalg.norm(matrix @ loose, axis=0)
@@ -168,7 +168,7 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
         loose=LOOSE,
         bounded=dissipating,
     )
-    return ConsistentCost(problem=problem, roots=roots, rotors=rotors, loose=loose / lengths)
+    return ConsistentCost(problem, roots, rotors, loose / lengths)
 
 
 _WEIGHT = 0.5
@@ -215,7 +215,7 @@ def fit_consistent(
         raise UsageError(Notice(code="usage.no-bodies", text=text))
     weights = estimate_group_weights(rows, identifiability, freedom)
     free = fit_weighted(rows, identifiability, weights, freedom)
-    independent = rows.independent if freedom == "band" else 1.0
+    _, independent = count_freedom(freedom, free.spent, rows.independent)
     weighted = free.residuals * free.weights
     square = float(weighted @ weighted)
     variance = max(square, 1e-18 * len(weighted)) / (len(weighted) - free.spent / independent) / independent
@@ -284,7 +284,8 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
             "steps; identify with wls, and export that"
         )
         raise SolverError(Notice(code="solver.consistent", text=text))
-    inertias = cost.compute_bodies(found)
+    lower = cost.roots @ found.factors
+    inertias = np.asarray(lower @ lower.transpose(0, 2, 1))
     eigenvalue = float(np.linalg.eigvalsh(inertias).min())
     if not eigenvalue > 0.0:
         text = (

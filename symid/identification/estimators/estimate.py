@@ -1,8 +1,7 @@
 """Records of results: what was identified, of any kind, what speaks for it, and what it explains of a log.
 
 A fit -> `FitRecord`: `Estimate` of rigid joints, `ElasticEstimate`, `FrictionIdentification`; a fit and a
-log -> `Validation`. Fits are stored by `identification/stored.py`. How settings were chosen and what a fit
-predicts of held-out stretches is judged by `report.verdict`; what a joint does at a row is
+log -> `Validation`. What a joint does at a row is
 
     at rest       its mean speed over 0.1 s is below a 500th of its top speed, for 0.1 s or longer
     at reversal   else, slower than a twentieth of its top speed
@@ -54,7 +53,7 @@ def find_phases(time: FloatArray, velocity: FloatArray, run: NDArray[np.intp]) -
     return phases
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class MotionResidual:
     """What is left of one joint's rows, by what the joint does.
 
@@ -75,14 +74,9 @@ class MotionResidual:
     ) -> "MotionResidual":
         """Return it from the errors (m,) and phases (m,) of all rows."""
         parts = [errors[phases == place] for place in range(len(PHASES))]
-        return cls(
-            joint=joint,
-            unit=unit,
-            rms=tuple(float(np.sqrt(np.mean(part**2))) if len(part) else None for part in parts),
-            rows=tuple(map(len, parts)),
-            left_out=left_out,
-            whole=float(np.sqrt(np.mean(errors**2))),
-        )
+        rms = tuple(float(np.sqrt(np.mean(part**2))) if len(part) else None for part in parts)
+        whole = float(np.sqrt(np.mean(errors**2)))
+        return cls(joint, unit, rms, tuple(map(len, parts)), left_out, whole)
 
 
 STILL = 1.5
@@ -268,7 +262,7 @@ class Outcome(Enum):
     SOME_REFUSED = "some parameters are not identifiable from these logs and were left out"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ParameterEstimate:
     """One identified parameter in SI units; `truth` where the robot file states it.
 
@@ -314,20 +308,12 @@ def list_parameters(
     """Return the parameters of cards with values (p,) and covariance (p, p), None for deviations of 0."""
     deviations = np.zeros(len(cards)) if covariance is None else np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return tuple(
-        ParameterEstimate(
-            name=card.name,
-            value=value,
-            std=deviation,
-            unit=card.unit,
-            expression=card.expression,
-            reason=card.reason,
-            truth=card.value,
-        )
-        for card, value, deviation in zip(cards, values.tolist(), deviations.tolist(), strict=True)
+        ParameterEstimate(card.name, value, std, card.unit, card.expression, card.reason, card.value)
+        for card, value, std in zip(cards, values.tolist(), deviations.tolist(), strict=True)
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Residual:
     """The residual of one joint, or of one scalar equation.
 
@@ -348,14 +334,9 @@ class Residual:
     ) -> "Residual":
         """Return the residual of errors and measured values (m,); `std` is the root mean square if None."""
         norm, whole = float(np.linalg.norm(errors)), float(np.linalg.norm(measured))
-        return cls(
-            joint=joint,
-            norm=norm,
-            relative_percent=100.0 * norm / whole if whole else float("inf"),
-            std=norm / float(np.sqrt(len(errors))) if std is None else std,
-            samples=len(errors),
-            unit=unit,
-        )
+        percent = 100.0 * norm / whole if whole else float("inf")
+        std = norm / float(np.sqrt(len(errors))) if std is None else std
+        return cls(joint, norm, percent, std, len(errors), unit)
 
 
 def compute_mean_relative(residual: Sequence[Residual]) -> float:
@@ -406,15 +387,16 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
             raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
         return
     check_robot(record, card.robot, file)
-    friction = tuple(joint.friction for joint in card.joints)
-    own = tuple(map(rename_law, record.friction))
     difference = (
         f"the model of robot {card.robot!r} has changed since: its signature is {card.signature[:12]}, "
         f"that of the fit {record.signature[:12]}"
     )
-    if own and own != friction:
-        models = ", ".join(own)
-        difference = f"its friction models are {models}, those of the robot {', '.join(friction)}"
+    own, theirs = (
+        ", ".join(names)
+        for names in (map(rename_law, record.friction), (joint.friction for joint in card.joints))
+    )
+    if own and own != theirs:
+        difference = f"its friction models are {own}, those of the robot {theirs}"
     raise _refuse_model(difference, file)
 
 
@@ -468,12 +450,12 @@ class DynamicsRecord(FitRecord):
                 mistakes += [f"friction: {notice.text}" for notice in error.notices]
         if not self.sources:
             mistakes.append("sources: expected at least one log, got none")
-        if not self.condition >= 0.0:
-            mistakes.append(f"condition: expected a number that is not negative, got {self.condition:g}")
+        numbers = [("condition", self.condition)]
+        numbers += [(f"parameters: {entry.name}: std", entry.std) for entry in self.parameters]
         mistakes += [
-            f"parameters: {entry.name}: std: expected a number that is not negative, got {entry.std:g}"
-            for entry in self.parameters
-            if not entry.std >= 0.0
+            f"{name}: expected a number that is not negative, got {number:g}"
+            for name, number in numbers
+            if not number >= 0.0
         ]
         return mistakes + [
             f"residual.samples: expected a count, got {entry.samples}"

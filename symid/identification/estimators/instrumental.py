@@ -121,7 +121,7 @@ def fit_instruments(
         left, strength = 1.0 - correlation**2, float("inf")
         if left >= _WHOLE:
             strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
-        spectrum = compute_spectrum(matrix)
+        singular = compute_spectrum(matrix).singular
         notices = []
         hidden = np.flatnonzero(measured.identifiable & ~identifiability.identifiable)
         states = "simulated" if simulated else "smooth"
@@ -145,7 +145,7 @@ def fit_instruments(
             covariance=variance * (gain @ gain.T),
             residuals=residuals,
             spent=used,
-            condition=float(spectrum.singular[0] / spectrum.singular[count - 1]),
+            condition=float(singular[0] / singular[count - 1]),
             weights=factors,
             notices=tuple(notices),
         )
@@ -227,10 +227,9 @@ def assess_exogeneity(rows: Rows, found: InstrumentalSolution, freedom: str = "b
     `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
     factors, basis = found.fit.weights, found.identifiability.basis
-    ratio = factors / np.sqrt(rows.weight)
     weights = np.ones(len(rows.group_names))
     groups, first = np.unique(rows.group, return_index=True)
-    weights[groups] = ratio[first]
+    weights[groups] = (factors / np.sqrt(rows.weight))[first]
     usual = fit_weighted(rows, found.identifiability, weights, freedom)
     weighted = (rows.matrix @ basis) * factors[:, None]
     columns, _ = np.linalg.qr(weighted)

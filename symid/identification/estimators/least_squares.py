@@ -1,6 +1,6 @@
 """Linear least squares: ordinary, weighted by the scatter of each joint, generalised; their covariance.
 
-Rows and what can be identified from them -> RegressionFit; triangles of them -> CondensedFit, no residuals.
+Rows, or triangles of them, and what can be identified from them -> RegressionFit.
 
     ols   min |A x - y|^2
     wls   min sum_j |A_j x - y_j|^2 / sigma_j^2, sigma_j = |e_j| / sqrt(m_j - p) from its own residuals e
@@ -37,7 +37,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze_fields
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
 from symid.identification.estimators.estimate import Residual
 from symid.identification.regression import (
@@ -59,24 +59,27 @@ _CONVERGED = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CondensedFit:
-    """A fit without its residuals.
+class RegressionFit(FrozenArrays):
+    """A fit of parameters to rows.
 
     Args:
         values: (p,) parameters; covariance: (p, p).
-        squares: (g,) sum of squared residuals of every group, in the rows' units.
-        weights: (g,) what residuals of every group were multiplied by.
-        spent: degrees of freedom taken from the rows; variance: of the weighted noise.
-        condition: of the column-scaled, weighted matrix.
+        residuals: (m,) y - A x, in the rows' units, whatever the weights; none of condensed rows.
+        spent: degrees of freedom taken from the rows for the noise.
+        condition: of the column-scaled matrix, weighted where the fit is.
+        weights: (m,) what the rows were multiplied by, of condensed rows (g,) each group.
+        notices: what a reader of the result should know of the fit.
+        report: what the estimator chose or reached, by name; plain numbers, texts and lists.
     """
 
     values: FloatArray
     covariance: FloatArray
-    squares: FloatArray
-    weights: FloatArray
+    residuals: FloatArray
     spent: int
-    variance: float
     condition: float
+    weights: FloatArray
+    notices: tuple[Notice, ...] = ()
+    report: Mapping[str, object] = field(default_factory=dict)
 
 
 def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArray], used: int) -> FloatArray:
@@ -101,8 +104,8 @@ def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArr
 
 def fit_condensed(
     condensed: Condensed, basis: FloatArray, weights: FloatArray | None = None, freedom: str = "band"
-) -> CondensedFit:
-    """Return the fit of condensed rows in the observable directions `basis` (p, r).
+) -> RegressionFit:
+    """Return the fit of condensed rows in the observable directions `basis` (p, r), without residuals.
 
     `weights` (g,) are those of the groups' residuals, None for the inverse of their scatter; `freedom` says
     how the variance of the noise is estimated, see `Processing.noise_freedom`.
@@ -111,16 +114,15 @@ def fit_condensed(
     if weights is None:
         weights = iterate_weights(condensed, lambda w: solve_condensed(condensed, basis, w).values, used)
     found = solve_condensed(condensed, basis, weights)
-    squares = compute_square_sums(condensed, found.values)
-    variance = float(squares @ weights**2) / (independent * int(condensed.counts.sum()) - used)
-    return CondensedFit(
+    square = float(compute_square_sums(condensed, found.values) @ weights**2)
+    variance = square / (independent * int(condensed.counts.sum()) - used)
+    return RegressionFit(
         values=found.values,
         covariance=variance * (found.root @ found.root.T),
-        squares=squares,
-        weights=weights,
+        residuals=np.empty(0),
         spent=used,
-        variance=variance,
         condition=found.condition,
+        weights=weights,
     )
 
 
@@ -146,46 +148,12 @@ def compute_residuals(rows: Rows, residuals: FloatArray, fitted: int) -> tuple[R
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RegressionFit:
-    """A fit of parameters to rows.
-
-    Args:
-        values: (p,) parameters; covariance: (p, p).
-        residuals: (m,) y - A x, in the rows' units, whatever the weights.
-        spent: degrees of freedom taken from the rows for the noise.
-        condition: of the column-scaled matrix, weighted where the fit is.
-        weights: (m,) what the rows were multiplied by; ones if empty.
-        notices: what a reader of the result should know of the fit.
-        report: what the estimator chose or reached, by name; plain numbers, texts and lists.
-    """
-
-    values: FloatArray
-    covariance: FloatArray
-    residuals: FloatArray
-    spent: int
-    condition: float
-    weights: FloatArray = field(default_factory=lambda: np.empty(0))
-    notices: tuple[Notice, ...] = ()
-    report: Mapping[str, object] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only."""
-        if len(self.weights) != len(self.residuals):
-            object.__setattr__(self, "weights", np.ones(len(self.residuals)))
-        freeze_fields(self)
-
-
-def fit_ols(
-    rows: Rows, identifiability: Identifiability, freedom: str = "band", _options: object = None
-) -> RegressionFit:
+def fit_ols(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the ordinary least-squares fit; `freedom` as in `Processing.noise_freedom`."""
     return fit_weighted(rows, identifiability, np.ones(len(rows.group_names)), freedom)
 
 
-def fit_wls(
-    rows: Rows, identifiability: Identifiability, freedom: str = "band", _options: object = None
-) -> RegressionFit:
+def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the fit with rows weighted by the inverse scatter of their joint; else as `fit_ols`."""
     weights = estimate_group_weights(rows, identifiability, freedom)
     return fit_weighted(rows, identifiability, weights, freedom)

@@ -27,10 +27,8 @@ Not supported: priors with correlations; wrong states (leverage); least variance
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import ModelCard
@@ -61,7 +59,7 @@ _SMALL = 0.1
 """Part of the root mean square of the values in one unit that counts as the size of a smaller one."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Prior:
     """Values and standard deviations of named parameters in SI units; `source` says where from, in words."""
 
@@ -97,23 +95,18 @@ def build_prior_of_card(card: ModelCard, fraction: float) -> Prior:
     units = np.array([entry.unit for entry in stated])
     usual = np.array([np.sqrt(np.mean(values[units == unit] ** 2)) for unit in units])
     sizes = np.maximum(np.abs(values), _SMALL * usual)
-    return Prior(
-        names=tuple(entry.name for entry in stated),
-        values=tuple(values.tolist()),
-        # Where all values of a unit are zero there is no size, and no prior.
-        deviations=tuple(np.where(sizes > 0.0, fraction * sizes, np.inf).tolist()),
-        source=f"robot file, each known to {100.0 * fraction:g} %",
-    )
+    # Where all values of a unit are zero there is no size, and no prior.
+    deviations = tuple(np.where(sizes > 0.0, fraction * sizes, np.inf).tolist())
+    source = f"robot file, each known to {100.0 * fraction:g} %"
+    return Prior(tuple(entry.name for entry in stated), tuple(values.tolist()), deviations, source)
 
 
 def build_prior_of_estimate(estimate: Estimate, factor: float = 1.0) -> Prior:
     """Return the values of an estimate, known to `factor` times their standard deviations."""
-    return Prior(
-        names=tuple(entry.name for entry in estimate.parameters),
-        values=tuple(entry.value for entry in estimate.parameters),
-        deviations=tuple(factor * entry.std for entry in estimate.parameters),
-        source=f"estimate of {', '.join(estimate.sources)}, its deviations times {factor:g}",
-    )
+    known = estimate.parameters
+    names, values = tuple(entry.name for entry in known), tuple(entry.value for entry in known)
+    source = f"estimate of {', '.join(estimate.sources)}, its deviations times {factor:g}"
+    return Prior(names, values, tuple(factor * entry.std for entry in known), source)
 
 
 PRIOR_WEIGHTS = tuple(float(10.0 ** (0.5 * k)) for k in range(-12, 13))
@@ -127,11 +120,11 @@ def fit_ridge(
     freedom: str = "band",
     *,
     prior: Prior | None,
-    weight: float | None = None,
+    prior_weight: float | None = None,
 ) -> RegressionFit:
     """Return the fit near a prior; arguments as for `fit_ols`, a UsageError where there is none.
 
-    `weight` of the prior is not negative; None to choose it by cross validation.
+    `prior_weight` is not negative; None to choose it by cross validation.
     """
     if prior is None:
         text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
@@ -142,9 +135,10 @@ def fit_ridge(
     inverse_scatter = estimate_group_weights(rows, identifiability, freedom) * np.sqrt(independent)
     centre, deviations = prior.arrange(rows.names)
     known = np.isfinite(deviations)
-    # The prior as rows: (x - x0) / d for the parameters that have a finite deviation, [D | D x0].
+    # The prior as rows (x - x0) / d, [D | D x0].
     pull = np.column_stack([np.eye(len(centre)), centre])[known] / deviations[known, None]
     scores: dict[float, float] = {}
+    weight = prior_weight
     if weight is None:
         # Weighted squared residuals of held-out blocks, equal spans of time of each run.
         block = np.zeros(len(rows.values), dtype=np.intp)
@@ -204,9 +198,7 @@ _CONVERGED = 1e-6
 """Change of the parameters, in standard deviations, below which the iteration ends."""
 
 
-def fit_huber(
-    rows: Rows, identifiability: Identifiability, freedom: str = "band", _options: object = None
-) -> RegressionFit:
+def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the robust fit; arguments as for `fit_ols`."""
     first = fit_ols(rows, identifiability, freedom)
     basis, values, residuals, spent = identifiability.basis, first.values, first.residuals, first.spent
@@ -255,9 +247,7 @@ def _estimate_scale(rows: Rows, residuals: FloatArray) -> FloatArray:
 _WELL_DETERMINED = 1e-3
 
 
-def fit_sequential(
-    rows: Rows, identifiability: Identifiability, freedom: str = "band", _options: object = None
-) -> RegressionFit:
+def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the fit joint by joint, as `fit_ols`; raise UsageError for rows that sum over the joints."""
     if rows.kind in SCALAR_KINDS:
         text = (
@@ -267,51 +257,41 @@ def fit_sequential(
     condensed, together = condense_rows(rows), fit_wls(rows, identifiability, freedom)
     _, independent = count_freedom(freedom, together.spent, condensed.independent)
     count = len(rows.names)
-    state = _KnownParameters(np.zeros(count), np.zeros((count, count)), identifiability.basis)
+    # Joint by joint its triangle, how many independent rows it has, and what counts as well determined.
+    stages = [
+        (rows.group_names[joint], condensed.factors[joint], int(condensed.counts[joint]), _WELL_DETERMINED)
+        for joint in range(len(rows.group_names) - 1, -1, -1)
+        if condensed.counts[joint]
+    ]
+    # What no joint determines well on its own.
+    whole = stack_condensed(condensed, estimate_group_weights(rows, identifiability, freedom))
+    stages.append(("all together", whole, len(rows.values), 0.0))
+    # x and its covariance so far, and the directions (p, k) that are still open.
+    values, covariance, unknown = np.zeros(count), np.zeros((count, count)), identifiability.basis
     order: list[dict[str, object]] = []
-    for joint in range(len(rows.group_names) - 1, -1, -1):
-        if not condensed.counts[joint]:
-            continue
-        before = state.unknown.shape[1]
-        state = _add_rows(
-            state, condensed.factors[joint], independent * int(condensed.counts[joint]), _WELL_DETERMINED
-        )
-        order.append({"joint": rows.group_names[joint], "directions": before - state.unknown.shape[1]})
-    if state.unknown.shape[1]:
-        # What no joint determines well on its own.
-        whole = stack_condensed(condensed, estimate_group_weights(rows, identifiability, freedom))
-        order.append({"joint": "all together", "directions": state.unknown.shape[1]})
-        state = _add_rows(state, whole, independent * len(rows.values), 0.0)
+    for name, triangle, number, least in stages:
+        if not unknown.shape[1]:
+            break
+        matrix, target = triangle[:, :-1], triangle[:, -1]
+        left, singular, right = np.linalg.svd(matrix @ unknown)
+        determined = np.zeros(unknown.shape[1], dtype=bool)
+        determined[: len(singular)] = singular > least * singular[0]
+        size = int(determined.sum())
+        step = unknown @ (right[determined].T / singular[:size]) @ left[:, :size].T
+        values = values + step @ (target - matrix @ values)
+        square = float(np.sum((target - matrix @ values) ** 2))
+        through = np.eye(count) - step @ matrix
+        variance = square / (independent * number - size)
+        covariance = through @ covariance @ through.T + variance * (step @ step.T)
+        unknown = unknown @ right[~determined].T
+        order.append({"joint": name, "directions": size})
     return replace(
         together,
-        values=state.values,
-        covariance=state.covariance,
-        residuals=rows.values - rows.matrix @ state.values,
+        values=values,
+        covariance=covariance,
+        residuals=rows.values - rows.matrix @ values,
         report={"order": order},
     )
-
-
-class _KnownParameters(NamedTuple):
-    """What is known so far: x (p,), its covariance (p, p), and the directions (p, k) still open."""
-
-    values: FloatArray
-    covariance: FloatArray
-    unknown: FloatArray
-
-
-def _add_rows(state: _KnownParameters, triangle: FloatArray, count: float, least: float) -> _KnownParameters:
-    """Return the state after what a triangle [A y] of `count` independent rows determines well."""
-    matrix, target = triangle[:, :-1], triangle[:, -1]
-    left, singular, right = np.linalg.svd(matrix @ state.unknown)
-    determined: NDArray[np.bool_] = np.zeros(state.unknown.shape[1], dtype=bool)
-    determined[: len(singular)] = singular > least * singular[0]
-    size = int(determined.sum())
-    step = state.unknown @ (right[determined].T / singular[:size]) @ left[:, :size].T
-    values = state.values + step @ (target - matrix @ state.values)
-    square = float(np.sum((target - matrix @ values) ** 2))
-    through = np.eye(len(values)) - step @ matrix
-    covariance = through @ state.covariance @ through.T + square / (count - size) * (step @ step.T)
-    return _KnownParameters(values, covariance, state.unknown @ right[~determined].T)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -328,23 +308,17 @@ class EstimatorOptions:
     noise: FloatArray | None = None
 
 
-Estimator = Callable[[Rows, Identifiability, str, EstimatorOptions], RegressionFit]
-"""Equations, what is identifiable from them, what counts as a degree of freedom, and options -> their fit."""
-ESTIMATORS: Mapping[str, Estimator] = {
+ESTIMATORS: Mapping[str, Callable[..., RegressionFit]] = {
     "ols": fit_ols,
     "wls": fit_wls,
-    "gls": lambda rows, identifiability, freedom, options: fit_gls(
-        rows, identifiability, freedom, options.noise
-    ),
+    "gls": fit_gls,
     "huber": fit_huber,
-    "ridge": lambda rows, identifiability, freedom, options: fit_ridge(
-        rows, identifiability, freedom, prior=options.prior, weight=options.prior_weight
-    ),
-    "consistent": lambda rows, identifiability, freedom, options: fit_consistent(
-        rows, identifiability, freedom, bodies=options.bodies
-    ),
+    "ridge": fit_ridge,
+    "consistent": fit_consistent,
     "sequential": fit_sequential,
 }
+_OWN = {"gls": ("noise",), "ridge": ("prior", "prior_weight"), "consistent": ("bodies",)}
+"""Options of each estimator."""
 
 
 def fit_rows(
@@ -354,10 +328,11 @@ def fit_rows(
     freedom: str = "band",
     options: EstimatorOptions | None = None,
 ) -> RegressionFit:
-    """Return the fit of the estimator called `estimator`, one of `ESTIMATORS`.
+    """Return the fit of one of `ESTIMATORS`; other arguments as for `fit_ols`.
 
     Raises:
         UsageError: it does not fit the rows, or lacks an option.
         SolverError: it found no optimum.
     """
-    return ESTIMATORS[estimator](rows, identifiability, freedom, options or EstimatorOptions())
+    own = {name: getattr(options or EstimatorOptions(), name) for name in _OWN.get(estimator, ())}
+    return ESTIMATORS[estimator](rows, identifiability, freedom, **own)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
         count_pieces as count_pieces,
         drop_groups as drop_groups,
         evaluate_columns as evaluate_columns,
-        evaluate_rigid_torques as evaluate_rigid_torques,
         evaluate_torques as evaluate_torques,
         integrate_windows as integrate_windows,
         select_rows as select_rows,

@@ -18,7 +18,7 @@ that share their ends, or overlap by equal parts.
 Not supported: elastic joints; samples at uneven times.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -143,26 +143,21 @@ def outline_part(
 def cut_matrix(
     kind: str, library: Library, signals: Signals, processing: Processing, *, window: float, pieces: int
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Return the matrix (k, n, p) of torque or momentum equations by blocks, with the rows of each."""
+    """Yield the matrix (k, n, p) of torque or momentum equations by blocks, with the rows of each."""
     if kind == "torque":
-        return decimate_blocks(
-            lambda part: evaluate_columns(library, *signals.pick_states(part)),
-            len(signals.time),
-            processing.decimation,
+        pick, count = signals.pick_states, len(signals.time)
+        blocks = decimate_blocks(
+            lambda part: evaluate_columns(library, *pick(part)), count, processing.decimation
         )
-    return _cut_momentum(library, signals, window, pieces)
-
-
-def _cut_momentum(
-    library: Library, signals: Signals, window: float, pieces: int
-) -> Iterator[tuple[slice, FloatArray]]:
+        yield from blocks
+        return
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     for rows, block, part in _cut_windows(windows, pieces):
         q, dq = signals.q[part], signals.dq[part]
         (momentum,) = library.evaluate("momentum_regressor", q[block.ends], dq[block.ends])
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
-        columns = np.concatenate([-lagrange, *_pick_friction(library, signals, part)], axis=2)
-        matrix = integrate_windows(columns, block)
+        friction = _evaluate_friction(library, *signals.pick_states(part))
+        matrix = integrate_windows(np.concatenate([-lagrange, *friction], axis=2), block)
         matrix[:, :, : momentum.shape[2]] += np.diff(momentum, axis=0)
         yield rows, _merge(matrix, pieces)
 
@@ -177,47 +172,32 @@ def evaluate_columns(  # noqa: PLR0917 - the states of a sample, in the order of
 ) -> FloatArray:
     """Return [Y | Yf] at states (N, n): (N, n, p); a UsageError where friction needs a load that is None."""
     # In pieces that stay in the cache, for new memory costs as much as the functions.
-    result, count, card = np.empty((0, 0, 0)), len(q), library.card
+    result, count = np.empty((0, 0, 0)), len(q)
     for start in range(0, count, _PIECE):
         part = slice(start, start + _PIECE)
-        states = {
-            "q": q[part],
-            "load": None if load is None else load[part],
-            "temperature": None if temperature is None else temperature[part],
-        }
-        columns = library.evaluate("torque_regressor", q[part], dq[part], ddq[part])
-        if card.friction:
-            columns += library.evaluate(
-                "friction_regressor", *card.gather_friction_inputs(dq[part], **states)
-            )
-        if card.searched:
-            columns += (_evaluate_shape_columns(card, dq[part], states),)
+        states = q[part], dq[part], ddq[part]
+        others = (None if entry is None else entry[part] for entry in (load, temperature))
+        columns = library.evaluate("torque_regressor", *states)
+        columns += _evaluate_friction(library, *states, *others)
         if not start:
             result = np.empty((count, dq.shape[1], sum(entry.shape[2] for entry in columns)))
         np.concatenate(columns, axis=2, out=result[part])
     return result
 
 
-def evaluate_rigid_torques(library: Library, signals: Signals, beta: FloatArray) -> FloatArray:
-    """Return the torques (N, n) in N m or N of base parameters (p,), without friction, at every sample."""
-    torques = np.empty(signals.q.shape)
-    for start in range(0, len(torques), _PIECE):
-        q, dq, ddq, *_ = signals.pick_states(slice(start, start + _PIECE))
-        (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
-        torques[start : start + _PIECE] = rigid @ beta
-    return torques
-
-
 def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> FloatArray:
-    """Return the torques (N, n) in N m or N that parameters (p,) predict at every sample."""
-    torques = np.zeros(signals.q.shape)
+    """Return the torques (N, n) in N m or N that parameters (p,) predict at every sample.
+
+    Of base parameters alone without friction.
+    """
+    torques, rigid = np.zeros(signals.q.shape), len(values) == len(library.card.beta)
     for start in range(0, len(torques), _PIECE):
         part, place = slice(start, start + _PIECE), 0
-        q, dq, ddq, *_ = signals.pick_states(part)
-        rigid = library.evaluate("torque_regressor", q, dq, ddq)
-        for columns in (*rigid, *_pick_friction(library, signals, part)):
-            torques[part] += columns @ values[place : place + columns.shape[2]]
-            place += columns.shape[2]
+        states = signals.pick_states(part)
+        columns = library.evaluate("torque_regressor", *states[:3])
+        for entry in columns if rigid else (*columns, *_evaluate_friction(library, *states)):
+            torques[part] += entry @ values[place : place + entry.shape[2]]
+            place += entry.shape[2]
     return torques
 
 
@@ -240,7 +220,7 @@ def _build_energy_part(library: Library, signals: Signals, length: float, pieces
     for _, block, part in _cut_windows(windows, pieces):
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q[block.ends], dq[block.ends])
-        friction = _pick_friction(library, signals, part)
+        friction = _evaluate_friction(library, *signals.pick_states(part))
         work = (integrate_windows(np.einsum("ij,ijk->ik", dq, one), block) for one in friction)
         matrix.append(_merge(np.hstack([np.diff(kinetic + potential, axis=0), *work]), pieces))
     power = np.einsum("ij,ij->i", signals.tau, signals.dq)
@@ -260,7 +240,7 @@ def _build_power_part(library: Library, signals: Signals, processing: Processing
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q, dq)
         energy = kinetic + potential
-        columns = _pick_friction(library, signals, part)
+        columns = _evaluate_friction(library, *signals.pick_states(part))
         friction = (average(np.einsum("ij,ijk->ik", dq, one)) for one in columns)
         supplied = average(np.einsum("ij,ij->i", signals.tau[part], dq))
         return np.column_stack([(energy[2:] - energy[:-2]) / (2.0 * signals.period), *friction, supplied])
@@ -299,7 +279,7 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
         q, dq = signals.q[part], signals.dq[part]
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
         (inner,) = library.evaluate("momentum_regressor", q, dq)
-        friction = _pick_friction(library, signals, part)
+        friction = _evaluate_friction(library, *signals.pick_states(part))
         columns = np.concatenate([-lagrange - rate * inner, *friction], axis=2)
         steps, momentum = _weigh_windows(columns, block, weights), inner[block.ends]
         steps[:, :, : inner.shape[2]] += rate * (momentum[1:] - keep * momentum[:-1])
@@ -313,12 +293,24 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
     )
 
 
-States = Mapping[str, FloatArray | None]
-
-
-def _evaluate_shape_columns(card: ModelCard, dq: FloatArray, states: States) -> FloatArray:
-    """Return sum_k c_k dPhi_k / ds (N, n, s) of the shape values s that are searched, c of the card."""
-    names = {"position": "q", "load": "load", "temperature": "temperature"}
+def _evaluate_friction(
+    library: Library,
+    q: FloatArray,
+    dq: FloatArray,
+    _ddq: FloatArray,
+    load: FloatArray | None,
+    temperature: FloatArray | None,
+) -> tuple[FloatArray, ...]:
+    """Return the columns of friction, and sum_k c_k dPhi_k / ds (N, n, s) of searched shape values s."""
+    card = library.card
+    if not card.friction:
+        return ()
+    inputs = card.gather_friction_inputs(dq, q=q, load=load, temperature=temperature)
+    columns = library.evaluate("friction_regressor", *inputs)
+    if not card.searched:
+        return columns
+    states = {"velocity": dq, "position": q, "load": load, "temperature": temperature}
+    given = {name: values for name, values in states.items() if values is not None}
     found, place = np.zeros((*dq.shape, len(card.searched))), 0
     for joint, entry in enumerate(card.joints):
         shape = [one.value or 0.0 for one in card.searched if one.joint == entry.name]
@@ -327,24 +319,11 @@ def _evaluate_shape_columns(card: ModelCard, dq: FloatArray, states: States) -> 
         law = get_law(entry.friction, smoothing=entry.smoothing)
         known = {one.name: one.value or 0.0 for one in card.friction if one.joint == entry.name}
         linear = [known.get(join_name(part.name, entry.number), 0.0) for part in law.linear]
-        inputs = {"velocity": dq[:, joint]}
-        inputs |= {
-            name: values[:, joint] for name, key in names.items() if (values := states.get(key)) is not None
-        }
-        rates = compute_column_derivatives(law, inputs, shape)
+        own = {name: values[:, joint] for name, values in given.items()}
+        rates = compute_column_derivatives(law, own, shape)
         found[:, joint, place : place + len(shape)] = np.einsum("nps,p->ns", rates, linear)
         place += len(shape)
-    return found
-
-
-def _pick_friction(library: Library, signals: Signals, part: slice) -> tuple[FloatArray, ...]:
-    """Return the columns of friction of some samples, and what searched shape values change; maybe none."""
-    q, dq, _, load, temperature = signals.pick_states(part)
-    states, card = {"q": q, "load": load, "temperature": temperature}, library.card
-    if not card.friction:
-        return ()
-    found = library.evaluate("friction_regressor", *card.gather_friction_inputs(dq, **states))
-    return (*found, _evaluate_shape_columns(card, dq, states)) if card.searched else found
+    return (*columns, found)
 
 
 def _merge(values: FloatArray, pieces: int) -> FloatArray:
@@ -469,11 +448,12 @@ def count_pieces(overlap: float) -> int:
 
 def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
     """Return equations of a kind joint by joint, with the names and units of their model."""
-    parameters, groups = card.fitted, part.values.shape[1]
+    groups = part.values.shape[1]
     extra = " s" if kind == "momentum" else ""
     labels = [(one.name, one.torque_unit + extra, f"{one.position_unit}/s") for one in card.joints]
     if kind in SCALAR_KINDS:
         labels = [("all joints", SCALAR_KINDS[kind], "")]
+    names, units, velocity_units = zip(*labels, strict=True)
     return Rows(
         kind=kind,
         matrix=np.swapaxes(part.matrix, 0, 1).reshape(-1, part.matrix.shape[2]),
@@ -481,11 +461,11 @@ def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
         group=np.repeat(np.arange(groups), len(part.values)),
         time=np.tile(part.time, groups),
         velocity=part.velocity.T.ravel(),
-        names=tuple(parameter.name for parameter in parameters),
-        units=tuple(parameter.unit for parameter in parameters),
-        group_names=tuple(label[0] for label in labels),
-        group_units=tuple(label[1] for label in labels),
-        velocity_units=tuple(label[2] for label in labels),
+        names=tuple(parameter.name for parameter in card.fitted),
+        units=tuple(parameter.unit for parameter in card.fitted),
+        group_names=names,
+        group_units=units,
+        velocity_units=velocity_units,
         independent=part.independent,
         notices=warn_of_energy(card.size, kind) if kind in SCALAR_KINDS else (),
     )

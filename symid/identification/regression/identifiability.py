@@ -15,10 +15,10 @@ parameters are fitted, and have a large standard deviation.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, compute_triangle, freeze
@@ -46,16 +46,14 @@ class Condensed:
     independent: float = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CondensedSolution:
+class CondensedSolution(NamedTuple):
     """The least-squares solution (p,); the covariance is the variance of the noise times root root'.
 
-    `square` is the sum of the weighted squares that remain, `condition` that of the column-scaled matrix.
+    `condition` is that of the column-scaled matrix.
     """
 
     values: FloatArray
     root: FloatArray
-    square: float
     condition: float
 
 
@@ -97,10 +95,8 @@ def condense_weighted(rows: Rows, weight: FloatArray) -> Condensed:
         together = len(places) and places[-1] - places[0] + 1 == len(places)
         members = slice(int(places[0]), int(places[-1]) + 1) if together else places
         matrix, values = rows.matrix[members], rows.values[members]
-        blocks = (
-            np.column_stack([matrix[start : start + BLOCK], values[start : start + BLOCK]])
-            for start in range(0, len(values), BLOCK)
-        )
+        parts = (slice(start, start + BLOCK) for start in range(0, len(values), BLOCK))
+        blocks = (np.column_stack([matrix[part], values[part]]) for part in parts)
         if root is not None:
             scales = root[members, None]
             blocks = (block * scales[k * BLOCK : (k + 1) * BLOCK] for k, block in enumerate(blocks))
@@ -140,12 +136,7 @@ def solve_condensed(condensed: Condensed, basis: FloatArray, weights: FloatArray
     left, singular, right = np.linalg.svd(factor[:count, :count])
     values: FloatArray = basis @ (right.T @ ((left.T @ factor[:count, count]) / singular))
     scaled = compute_spectrum(matrix[:, basis.any(axis=1)]).singular
-    return CondensedSolution(
-        values=values,
-        root=basis @ (right.T / singular),
-        square=float(np.sum((matrix @ values - target) ** 2)),
-        condition=float(scaled[0] / scaled[count - 1]),
-    )
+    return CondensedSolution(values, basis @ (right.T / singular), float(scaled[0] / scaled[count - 1]))
 
 
 WHOLE_MODEL = 0.75
@@ -251,19 +242,12 @@ def compute_spectrum(matrix: FloatArray, zero: float = 0.0) -> ScaledSpectrum:
 
 
 def solve_scaled(
-    matrix: FloatArray,
-    right: FloatArray,
-    *,
-    rcond: float | None = None,
-    low: FloatArray | float = -np.inf,
-    high: FloatArray | float = np.inf,
-    damping: float = 0.0,
+    matrix: FloatArray, right: FloatArray, *, rcond: float | None = None, damping: float = 0.0
 ) -> FloatArray:
-    """Return argmin |A x - b|^2 + damping |D x|^2, low <= x <= high, D the lengths of A's columns: (p,).
+    """Return argmin |A x - b|^2 + damping |D x|^2, D the lengths of A's columns: (p,).
 
-    A (m, p) and b (m,) are `matrix` and `right`, bounds (p,) or one number. Columns are scaled to length one;
-    of many solutions the one of least norm in these units is taken. Without bounds, singular values below
-    `rcond` times the largest count as zero.
+    A (m, p) and b (m,) are `matrix` and `right`. Columns are scaled to length one; of many solutions the one
+    of least norm in these units is taken. Singular values below `rcond` times the largest count as zero.
     """
     lengths = np.linalg.norm(matrix, axis=0)
     lengths[lengths == 0.0] = 1.0
@@ -271,15 +255,7 @@ def solve_scaled(
     if damping:
         scaled = np.vstack([scaled, np.sqrt(damping) * np.eye(len(lengths))])
         right = np.concatenate([right, np.zeros(len(lengths))])
-    if np.all(np.isneginf(low)) and np.all(np.isposinf(high)):
-        return np.asarray(np.linalg.lstsq(scaled, right, rcond=rcond)[0] / lengths)
-
-    triangle = compute_triangle(np.column_stack([scaled, right]))
-    bounds = (low * lengths, high * lengths)
-    answer = scipy.optimize.lsq_linear(
-        triangle[:, :-1], triangle[:, -1], bounds=bounds, method="bvls", tol=1e-14
-    )
-    return np.asarray(np.clip(answer.x / lengths, low, high))
+    return np.asarray(np.linalg.lstsq(scaled, right, rcond=rcond)[0] / lengths)
 
 
 def analyse_identifiability(rows: Rows, rule: RankRule | None = None) -> Identifiability:
@@ -303,11 +279,9 @@ def analyse_identifiability(rows: Rows, rule: RankRule | None = None) -> Identif
 def check_identifiable_share(
     found: Identifiability, names: tuple[str, ...], least: float, notices: tuple[Notice, ...] = ()
 ) -> None:
-    """Check that at least `least` of all parameters (by `names`) are identifiable.
+    """Raise IdentifiabilityError where less than `least` of the parameters `names` are identifiable.
 
-    Raises:
-        IdentifiabilityError: fewer are; every other one is named with the reason, after `notices` of joints
-            at rest.
+    Every other one is named with the reason, after `notices` of joints at rest.
     """
     count = int(found.identifiable.sum())
     if count >= least * len(names):

@@ -17,10 +17,9 @@ power spectral density of the position (Welch) over the upper half of all freque
 
     noise   floor (2 pi)^4 b^5 / 5,     motion   integral to b of (density - floor) (2 pi f)^4 df
 
-Long logs have outlines, which are values, times, velocities and weights of all equations, and segments:
-stretches of time of one joint in one run, each with the triangle of [A y]. Fits, standard deviations and
-warnings are computed from the triangles; residuals take another pass. Segments begin wherever a block of
-`compute_block_deviations` or a run begins.
+Long logs have outlines (values, times, velocities and weights of all equations) and segments: stretches of
+time of one joint in one run, each with the triangle of [A y], from which all but residuals are computed.
+Segments begin wherever a block of `compute_block_deviations` or a run begins.
 
 Supported: several recordings (the best of them counts for each joint); encoders with white noise,
 quantisation included; known payloads, whose torque Y dbeta is subtracted; joints at rest, whose rows are
@@ -50,8 +49,6 @@ from symid.identification.regression.equations import (
     build_rows,
     count_pieces,
     cut_matrix,
-    drop_groups,
-    evaluate_rigid_torques,
     evaluate_torques,
     outline_part,
     select_rows,
@@ -80,16 +77,14 @@ NOISE_SHARE = 0.01
 """Part of the acceleration's power that noise may be."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JointBand:
-    """Noise of an encoder: density `floor` (rad or m over root Hz), standard deviation `noise` (rad or m).
+class JointBand(NamedTuple):
+    """Noise of an encoder: its density `floor` in rad or m over root Hz.
 
     Up to `clean` Hz it is less than `NOISE_SHARE` of the acceleration's power.
     """
 
     floor: float
     clean: float
-    noise: float
 
 
 def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
@@ -103,8 +98,8 @@ def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
         floor = float(np.median(column[frequency > 0.25 * rate]))
         motion = np.cumsum(np.maximum(column - floor, 0.0) * steep)
         below = np.flatnonzero(np.cumsum(floor * steep) <= NOISE_SHARE * motion)
-        clean, noise = float(frequency[below[-1]]) if len(below) else 0.0, float(np.sqrt(floor * rate / 2.0))
-        bands.append(JointBand(floor=float(np.sqrt(floor)), clean=clean, noise=noise))
+        clean = float(frequency[below[-1]]) if len(below) else 0.0
+        bands.append(JointBand(float(np.sqrt(floor)), clean))
     return tuple(bands)
 
 
@@ -112,12 +107,10 @@ SAME_PERIOD = 0.01
 """Relative difference up to which sample periods count as the same: clocks drift."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FilterChoice:
-    """What was chosen, and why; `clean` bands (n,) in Hz of the joints, 0 where one does not move."""
+class FilterChoice(NamedTuple):
+    """What was chosen, and why."""
 
     processing: Processing
-    clean: tuple[float, ...] = ()
     notices: tuple[Notice, ...] = ()
 
 
@@ -162,11 +155,8 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
         f"{'noise' if noisy else 'rate'}; noise is below {100.0 * NOISE_SHARE:g} % of the accelerations up "
         f"to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation under [processing]"
     )
-    return FilterChoice(
-        processing=replace(usual, filter_cutoff=cutoff, decimation=decimation),
-        clean=tuple(clean),
-        notices=(Notice(code="identify.automatic", text=text),),
-    )
+    chosen = replace(usual, filter_cutoff=cutoff, decimation=decimation)
+    return FilterChoice(chosen, (Notice(code="identify.automatic", text=text),))
 
 
 _PERIODS = 2.0
@@ -211,24 +201,22 @@ def fill_loads(
     |load|, which noise of the accelerations would lift where the load changes its sign: loads are those of
     the clean bands of positions.
     """
-    if "load" not in library.card.friction_inputs:
+    measured = list_measured_joints(recordings)
+    if "load" not in library.card.friction_inputs or all(measured):
         return list(recordings)
-    found, measured = [], list_measured_joints(recordings)
+    found = []
     for recording in recordings:
         payload = get_payload(library, recording)
-        if not all(measured):
-            clean = [band.clean for band in measure_bands(recording) if band.clean > 0.0]
-            # A tenth of the sample rate is above all that robots move at.
-            cutoff = processing.filter_cutoff or 0.1 / recording.period
-            cutoff = min(cutoff, float(np.median(clean))) if clean else cutoff
-            whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
-            resting = list_resting_joints(recording)
-            signals = hold_resting_joints(prepare_signals(replace(recording, load=None), whole), resting)
-            whole_beta = beta if payload is None else beta + payload
-            (load,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, whole_beta)
-            found.append(replace(recording, load=fill_load(recording.load, load, measured)))
-        else:
-            found.append(recording)
+        clean = [band.clean for band in measure_bands(recording) if band.clean > 0.0]
+        # A tenth of the sample rate is above all that robots move at.
+        cutoff = processing.filter_cutoff or 0.1 / recording.period
+        cutoff = min(cutoff, float(np.median(clean))) if clean else cutoff
+        whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
+        resting = list_resting_joints(recording)
+        signals = hold_resting_joints(prepare_signals(replace(recording, load=None), whole), resting)
+        whole_beta = beta if payload is None else beta + payload
+        (load,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, whole_beta)
+        found.append(replace(recording, load=fill_load(recording.load, load, measured)))
     return found
 
 
@@ -241,12 +229,11 @@ def list_measured_joints(recordings: Sequence[Recording]) -> tuple[bool, ...]:
     """Return (n,) for which joints all recordings have a measured load; a constant channel is none."""
     if not recordings:
         return ()
-    moved = np.zeros(recordings[0].position.shape[1], dtype=np.bool_)
-    for recording in recordings:
-        if recording.load is None:
-            return (False,) * len(moved)
-        moved |= np.ptp(recording.load, axis=0) > 0.0
-    return tuple(moved.tolist())
+    loads = [recording.load for recording in recordings if recording.load is not None]
+    if len(loads) < len(recordings):
+        return (False,) * int(recordings[0].position.shape[1])
+    moved: list[bool] = np.any([np.ptp(load, axis=0) > 0.0 for load in loads], axis=0).tolist()
+    return tuple(moved)
 
 
 def subtract_loads(recording: Recording, measured: Sequence[bool]) -> Recording:
@@ -272,10 +259,10 @@ def list_coupled_rotors(robot: Robot) -> tuple[Rotor, ...]:
     count, rows = len(robot.axes), robot.transmission[len(robot.joints) :]
     found = []
     for drive, terms in zip(robot.couplings, rows, strict=True):
-        turns = np.zeros(count)
+        turns = [0.0] * count
         for place, factor in terms:
             turns[place] += float(factor)
-        found.append(Rotor(f"IA{drive.name}", tuple(turns.tolist())))
+        found.append(Rotor(f"IA{drive.name}", tuple(turns)))
     return tuple(found)
 
 
@@ -344,10 +331,10 @@ def warn_of_load_gain(gain: LoadGain | None) -> tuple[Notice, ...]:
 
 
 def compute_payload_torque(library: Library, signals: Signals, recording: Recording) -> FloatArray | None:
-    """Return the torque (N, n) of a known payload in N m or N; LogError if it is of another model."""
+    """Return the torque (N, n) of a known payload in N m or N; else as `get_payload`."""
     load = get_payload(library, recording)
     # A payload has no friction.
-    return None if load is None else evaluate_rigid_torques(library, signals, load)
+    return None if load is None else evaluate_torques(library, signals, load)
 
 
 def get_payload(library: Library, recording: Recording) -> FloatArray | None:
@@ -459,45 +446,44 @@ def mask_fast(
                 if np.sum(~slow[own]) >= least:
                     break
                 reach *= 0.5
-    notices = []
-    for group in np.unique(rows.group[slow]):
-        own = rows.group == group
-        text = (
-            f"joint {rows.group_names[group]!r}: {int(np.sum(slow & own))} of {int(np.sum(own))} rows slower "
-            f"than processing.standstill = {limits[group]:g}{beside} were left out of the fit"
-        )
-        notices.append(Notice(code="identify.slow-rows", text=text, file=file))
-    return ~slow, tuple(notices)
+    lost, whole = np.bincount(rows.group[slow]), np.bincount(rows.group)
+    texts = (
+        f"joint {rows.group_names[group]!r}: {lost[group]} of {whole[group]} rows slower than "
+        f"processing.standstill = {limits[group]:g}{beside} were left out of the fit"
+        for group in np.flatnonzero(lost)
+    )
+    return ~slow, tuple(Notice(code="identify.slow-rows", text=text, file=file) for text in texts)
 
 
 def leave_out_rows(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
     if rows.kind in SCALAR_KINDS:
         return rows
-    fast, slow_notices = mask_fast(rows, rows.velocity, processing, recording.source)
-    notices = list(slow_notices)
-    rows = rows if fast.all() else select_rows(rows, fast)
+    fast, slow = mask_fast(rows, rows.velocity, processing, recording.source)
     joints = library.card.joints
     held = [joint for joint in list_resting_joints(recording) if joints[joint].friction != "none"]
-    for joint in held:
-        text = (
-            f"joint {joints[joint].name!r} does not move in this log: dry friction or a brake may hold any "
-            "torque, so its rows were left out"
-        )
-        notices.append(Notice(code=JOINT_AT_REST, text=text, file=recording.source))
-    return replace(drop_groups(rows, held), notices=(*rows.notices, *notices)) if notices else rows
+    if fast.all() and not held:
+        return rows
+    texts = (
+        f"joint {joints[joint].name!r} does not move in this log: dry friction or a brake may hold any "
+        "torque, so its rows were left out"
+        for joint in held
+    )
+    notices = (Notice(code=JOINT_AT_REST, text=text, file=recording.source) for text in texts)
+    kept = select_rows(rows, fast & ~np.isin(rows.group, held))
+    return replace(kept, notices=(*rows.notices, *slow, *notices))
 
 
 def check_joints(library: Library, recordings: Sequence[Recording]) -> None:
     """Raise LogError for recordings of another number of joints than the robot has."""
-    expected, wrong = library.card.size, []
-    for recording in recordings:
-        found = recording.position.shape[1]
-        if found != expected:
-            text = f"the log has {found} joints, robot {library.card.robot!r} has {expected}"
-            wrong.append(Notice(code="log.joints", text=text, file=recording.source))
+    card = library.card
+    wrong = [recording for recording in recordings if recording.position.shape[1] != card.size]
+    texts = (
+        f"the log has {one.position.shape[1]} joints, robot {card.robot!r} has {card.size}" for one in wrong
+    )
     if wrong:
-        raise LogError(*wrong)
+        pairs = zip(texts, wrong, strict=True)
+        raise LogError(*(Notice(code="log.joints", text=text, file=one.source) for text, one in pairs))
 
 
 LONG_KINDS = ("torque", "momentum")
@@ -514,16 +500,12 @@ class StatesKeeper:
 
     def prepare(self, library: Library, recording: Recording, processing: Processing) -> Signals:
         """Return the states as `prepare_states`, which reads no standstill speed."""
-        processing = replace(processing, standstill=None)
-        if self._last is not None:
-            (own, log, settings), signals = self._last
-            if own is library and log is recording and settings == processing:
-                return signals
-        # Before others are made: two logs need not be in memory.
-        self._last = None
-        signals = prepare_states(library, recording, processing)
-        self._last = (library, recording, processing), signals
-        return signals
+        wanted = library, recording, replace(processing, standstill=None)
+        if self._last is None or self._last[0] != wanted:
+            # Before others are made: two logs need not be in memory.
+            self._last = None
+            self._last = wanted, prepare_states(*wanted)
+        return self._last[1]
 
 
 class RowBuilder(NamedTuple):
@@ -545,12 +527,10 @@ class RowBuilder(NamedTuple):
         return prepare(self.library, recording, self.processing)
 
     def prepare(self, recording: Recording) -> Rows:
-        """Return the equations of a recording."""
-        signals = prepare_states(self.library, recording, self.processing)
-        rows = build_rows(
-            self.kind, self.library, signals, self.processing, window=self.window, overlap=self.overlap
+        """Return the equations of a recording, see `prepare_rows`."""
+        return prepare_rows(
+            self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
         )
-        return leave_out_rows(rows, self.library, recording, self.processing)
 
     def outline(self, recording: Recording) -> Rows:
         """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
@@ -584,11 +564,10 @@ class LongRows:
     def condense(self) -> Condensed:
         """Return the condensed equations of all runs, weighed."""
         groups, size = len(self.outline.group_names), self.triangles.shape[1]
-        factors, counts = np.zeros((groups, size, size)), np.zeros(groups, dtype=np.intp)
+        owner, factors = self.outline.group[self.starts[:-1]], np.zeros((groups, size, size))
         for group in range(groups):
-            members = self.outline.group == group
-            factors[group] = self._join(members[self.starts[:-1]])
-            counts[group] = members.sum()
+            factors[group] = self._join(owner == group)
+        counts = np.bincount(self.outline.group, minlength=groups).astype(np.intp)
         return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
 
     def sketch(self) -> Rows:

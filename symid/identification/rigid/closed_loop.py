@@ -1,7 +1,6 @@
 """Output error and instrumental variables (IDIM-IV): the controlled robot is simulated beside each recording.
 
-Robot whose file states the controller, its library, recordings with references -> `Estimate`, by way of
-`ClosedLoop`, the controller of one recording, the `Signals` of the simulated robot, and `ClosedLoopFit`.
+Robot whose file states the controller, its library, recordings with references -> `Estimate`.
 
     tau[k] = o + tau_ff[k] + Kp (q_ref[k] - q[k]) + Kd (dq_ref[k] - v[k])      within +- limit, held to k + 1
     v[k]   = v[k-1] + b ((q[k] - q[k-1]) / T - v[k-1]),   b = 1 - exp(-2 pi f T)     velocity from differences
@@ -45,6 +44,7 @@ velocity, in squares.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -83,7 +83,7 @@ from symid.identification.regression import (
     select_rows,
     stack_rows,
 )
-from symid.identification.rigid.fit import FittedRows, build_estimate, identify_parameters
+from symid.identification.rigid.fit import build_estimate, identify_parameters
 from symid.identification.rigid.plan import INSTRUMENTAL
 from symid.logs import Recording, Signals, choose_processing, decimate, differentiate, prepare_signals
 from symid.robot import Controller, Processing, Robot, list_controller
@@ -130,11 +130,6 @@ class ClosedLoop(FrozenArrays):
     offset: FloatArray
     limit: FloatArray
 
-    @property
-    def settling(self) -> float:
-        """Return the time in s after which the initial state of a simulation has no effect."""
-        return _compute_settling(self.controller)
-
     def compute_blend(self, period: float) -> float:
         """Return b of the velocity's low-pass at a period in s."""
         cutoff = self.controller.velocity_filter
@@ -169,7 +164,9 @@ def build_closed_loop(recording: Recording, controller: Controller, limit: Float
     if controller.offset is not None:
         return loop
     missing = recording.torque - compute_demand(loop, recording)
-    return replace(loop, offset=missing[round(loop.settling / recording.period) :].mean(axis=0))
+    return replace(
+        loop, offset=missing[round(compute_settling(controller) / recording.period) :].mean(axis=0)
+    )
 
 
 def list_unusable(recording: Recording, controller: Controller | None = None) -> tuple[Notice, ...]:
@@ -203,7 +200,7 @@ def list_unusable(recording: Recording, controller: Controller | None = None) ->
                 "[log.reference], and that it belongs to this run"
             )
         length = len(recording.time) * recording.period
-        settling = 0.0 if controller is None else _compute_settling(controller)
+        settling = 0.0 if controller is None else compute_settling(controller)
         if controller is not None and settling + 2.0 * recording.period >= length:
             texts.append(
                 f"the log, {length:.3g} s long, is shorter than the settling time of the loop, "
@@ -213,7 +210,8 @@ def list_unusable(recording: Recording, controller: Controller | None = None) ->
     return tuple(Notice(code="usage.controlled-robot", text=text, file=recording.source) for text in texts)
 
 
-def _compute_settling(controller: Controller) -> float:
+def compute_settling(controller: Controller) -> float:
+    """Return the time in s after which the initial state of a simulation has no effect."""
     stiffness, damping = np.array(controller.stiffness), np.array(controller.damping)
     slow = np.divide(damping, stiffness, out=np.zeros_like(damping), where=stiffness > 0.0)
     return _FORGOTTEN * float(slow.max())
@@ -250,9 +248,7 @@ def simulate_closed_loop(
         SolverError: it runs away, or starts and stops without end.
     """
     valued = Library(set_card_values(library.card, values), library.engine)
-    plant = RigidPlant(valued)
-    period, gains = recording.period, loop.controller
-    known = recording.reference_velocity
+    period, gains, known = recording.period, loop.controller, recording.reference_velocity
     speed = differentiate(loop.reference, period)[0] if known is None else known[0]
     speed = np.where(np.abs(speed) > _AT_REST, speed, 0.0)
     order = RigidExperiment(
@@ -262,7 +258,7 @@ def simulate_closed_loop(
         stiffness=np.array(gains.stiffness),
         damping=np.array(gains.damping),
         limit=loop.limit,
-        step=np.zeros(plant.size),
+        step=np.zeros(library.card.size),
         reach=_LOST * np.maximum(np.ptp(loop.reference, axis=0), 1.0),
         period=period,
         substeps=1,
@@ -273,7 +269,7 @@ def simulate_closed_loop(
         measured=recording.position[0] - period * speed,
         velocity=speed,
     )
-    log = simulate_rigid_plant(valued, plant, order).log
+    log = simulate_rigid_plant(valued, RigidPlant(valued), order).log
     if log.end == "away":
         seconds = recording.time[len(log.q) - 1] - recording.time[0]
         text = (
@@ -342,7 +338,7 @@ class ClosedLoopFit:
         fit: its residuals are measured torques less those of the model.
         rows: the equations with the measured torques; simulated: those along the simulated states.
         instrumental: the solution by instruments, None of output error.
-        changes: largest change of a parameter in standard deviations, iteration by iteration.
+        changes: largest change of a parameter in standard deviations, a simulation of all recordings each.
         tracking: (n,) rad or m, root mean square between simulated and measured positions, low-passed and
             after the loops settled; lag: (n,) the same between references and measured positions.
     """
@@ -356,27 +352,16 @@ class ClosedLoopFit:
     tracking: FloatArray = field(default_factory=lambda: np.empty(0))
     lag: FloatArray = field(default_factory=lambda: np.empty(0))
 
-    @property
-    def iterations(self) -> int:
-        """Return the number of simulations of all recordings."""
-        return len(self.changes)
-
 
 def _iterate(
     problem: ClosedLoopProblem,
     start: Mapping[str, float],
     solve: Callable[[FloatArray, Sequence[Signals]], ClosedLoopFit],
     progress: Callable[[str], None],
-    *,
-    instrumental: bool = False,
 ) -> ClosedLoopFit:
-    """Return the fit at which the iteration converges.
-
-    With instruments the choice among valid ones changes the parameters too: steps become shorter each time
-    that changes do not fall, and changes that stay small end the iteration.
-    """
-    cards = (*problem.library.card.beta, *problem.library.card.friction)
-    values = np.array([start[card.name] for card in cards])
+    """Return the fit at which the iteration converges."""
+    card = problem.library.card
+    values = np.array([start[entry.name] for entry in (*card.beta, *card.friction)])
     try:
         runs = _simulate(problem, values)
     except (UsageError, SolverError) as error:
@@ -399,7 +384,9 @@ def _iterate(
         moved = learnable & (np.abs(step) > _EXACT * np.abs(fit.values))
         changes.append(float(np.max(np.abs(step[moved]) / deviation[moved], initial=0.0)))
         progress(f"simulation {len(changes)}: parameters change by {changes[-1]:.2g} standard deviations")
-        last = changes[-_ROUNDS:]
+        # The choice among valid instruments changes the parameters too: steps become shorter each time that
+        # changes do not fall, and changes that stay small end the iteration.
+        last, instrumental = changes[-_ROUNDS:], found.instrumental is not None
         steady = len(last) == _ROUNDS and max(last) < _CHANCE and last[-1] > _FALLING * last[-2]
         if changes[-1] < _CONVERGED or (instrumental and steady):
             break
@@ -428,21 +415,20 @@ def _iterate(
                 "to the model"
             )
             raise SolverError(Notice(code="solver.controlled-robot", text=text)) from refused
-    gaps: list[FloatArray] = []
-    lags: list[FloatArray] = []
-    decimation = problem.processing.decimation
+    apart: list[FloatArray] = []
     for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
         kept = _select_compared(problem, recording, loop)
         measured = recording.position[kept]
-        gaps.append(decimate(run.q[kept] - measured, decimation))
-        lags.append(decimate(loop.reference[kept] - measured, decimation))
-    tracking, lag = (np.sqrt(np.mean(np.vstack(parts) ** 2, axis=0)) for parts in (gaps, lags))
+        pair = np.hstack([run.q[kept] - measured, loop.reference[kept] - measured])
+        apart.append(decimate(pair, problem.processing.decimation))
+    tracking, lag = np.split(np.sqrt(np.mean(np.vstack(apart) ** 2, axis=0)), 2)
     return replace(found, changes=tuple(changes), tracking=tracking, lag=lag)
 
 
 def _select_compared(problem: ClosedLoopProblem, recording: Recording, loop: ClosedLoop) -> slice:
     """Return the samples that are compared, after the initial state of the simulation has no effect."""
-    first = max(problem.processing.drop_first, math.ceil(loop.settling / recording.period))
+    settled = math.ceil(compute_settling(loop.controller) / recording.period)
+    first = max(problem.processing.drop_first, settled)
     return slice(first, len(recording.time) - problem.processing.drop_last)
 
 
@@ -471,25 +457,22 @@ def fit_output_error(
     problem = replace(problem, processing=replace(processing, filter_cutoff=None, filter_torque=False))
 
     def solve(values: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
-        plain: list[Rows] = []
-        moved: list[Rows] = []
+        pairs: list[tuple[Rows, Rows]] = []
         library, processing = problem.library, problem.processing
         for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
             kept = _select_compared(problem, recording, loop)
             columns = {name: getattr(run, name)[kept] for name in ("time", "q", "dq", "ddq")}
             signals = Signals(**columns, tau=recording.torque[kept], period=run.period)
             built = build_rows("torque", library, signals, processing)
-            excess = decimate(
-                evaluate_torques(library, signals, values) - run.tau[kept], processing.decimation
-            )
-            away = replace(built, values=built.values + excess.T.ravel())
+            beyond = evaluate_torques(library, signals, values) - run.tau[kept]
+            excess = decimate(beyond, processing.decimation).T.ravel()
             # A brake may hold a joint at rest: its torque contains no information.
             joints = library.card.joints
             held = tuple(j for j in list_resting_joints(recording) if joints[j].friction != "none")
-            plain.append(drop_groups(built, held))
-            moved.append(drop_groups(away, held))
+            away = replace(built, values=built.values + excess)
+            pairs.append((drop_groups(built, held), drop_groups(away, held)))
         # With the measured torques, and with tau - tau_s + W x in their place.
-        rows, shifted = stack_rows(plain, problem.weights), stack_rows(moved, problem.weights)
+        rows, shifted = (stack_rows(parts, problem.weights) for parts in zip(*pairs, strict=True))
         try:
             identifiability = analyse_identifiability(shifted, rule)
         except IdentifiabilityError as error:
@@ -522,12 +505,11 @@ def fit_instrumental(
     """
     processing = choose_processing(problem.processing, problem.recordings[0].period)
     problem = replace(problem, processing=processing)
-    measured: list[Rows] = []
+    # Once the problem has been checked; no iteration changes them.
+    build = cache(lambda: _build_measured(problem))
 
     def solve(_: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
-        # Once the problem has been checked; no iteration changes them.
-        if not measured:
-            measured.extend(_build_measured(problem))
+        measured = build()
         rows = stack_rows(measured, problem.weights)
         simulated = _build_beside(problem, [run.q for run in runs], measured)
         found = fit_instruments(rows, simulated, rule, processing.noise_freedom)
@@ -539,13 +521,13 @@ def fit_instrumental(
             instrumental=found,
         )
 
-    return _iterate(problem, start, solve, progress, instrumental=True)
+    return _iterate(problem, start, solve, progress)
 
 
 def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
     """Return parameters by instruments along the references, None where these are too weak.
 
-    Nothing is simulated; noise in the states biases the result as little as that of `fit_instrumental`.
+    Nothing is simulated.
     """
     processing = choose_processing(problem.processing, problem.recordings[0].period)
     problem = replace(problem, processing=processing, weights=None)
@@ -562,14 +544,18 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
     return {name: values[k] for k, name in enumerate(measured[0].names) if learnable[k]}
 
 
+def _list_settings(problem: ClosedLoopProblem) -> list[tuple[Recording, Processing]]:
+    """Return each recording, processed from where the initial state of the simulation has no effect."""
+    pairs = list(zip(problem.recordings, problem.loops, strict=True))
+    firsts = [_select_compared(problem, recording, loop).start for recording, loop in pairs]
+    settings = [replace(problem.processing, drop_first=first) for first in firsts]
+    return list(zip(problem.recordings, settings, strict=True))
+
+
 def _build_measured(problem: ClosedLoopProblem) -> list[Rows]:
-    """Return the rows of each recording, after the initial state of the simulation has no effect."""
-    found = []
-    for recording, loop in zip(problem.recordings, problem.loops, strict=True):
-        first = _select_compared(problem, recording, loop).start
-        processing = replace(problem.processing, drop_first=first)
-        found.append(prepare_rows("torque", problem.library, recording, processing, window=WINDOW))
-    return found
+    """Return the rows of each recording."""
+    library, pairs = problem.library, _list_settings(problem)
+    return [prepare_rows("torque", library, *pair, window=WINDOW) for pair in pairs]
 
 
 def _build_beside(
@@ -577,11 +563,8 @@ def _build_beside(
 ) -> Rows:
     """Return the rows along other positions (N, n) of each recording, beside the measured ones."""
     parts = []
-    for recording, loop, position, rows in zip(
-        problem.recordings, problem.loops, positions, measured, strict=True
-    ):
-        first = _select_compared(problem, recording, loop).start
-        processing = replace(problem.processing, drop_first=first)
+    pairs = _list_settings(problem)
+    for (recording, processing), position, rows in zip(pairs, positions, measured, strict=True):
         signals = prepare_signals(replace(recording, position=position), processing)
         signals = hold_resting_joints(signals, list_resting_joints(recording))
         whole = build_rows("torque", problem.library, signals, processing)
@@ -638,18 +621,14 @@ def identify_closed_loop(
         processing=filters.processing,
         weights=weights,
     )
-    given = start or first
+    given, cards = start or first, (*library.card.beta, *library.card.friction)
     # What an estimate refuses is taken from the robot file, or is zero.
-    known = dict(given.unresolved) | {entry.name: entry.value for entry in given.parameters}
-    cards = (*library.card.beta, *library.card.friction)
-    begun = {card.name: known.get(card.name, card.value or 0.0) for card in cards}
-    begun_with = start_name or "torque rows by wls"
-    chosen = filters.notices if estimator == INSTRUMENTAL else ()
-    if estimator == INSTRUMENTAL:
-        own = estimate_start(problem) if start is None else None
-        if own is not None:
-            begun, begun_with = {**begun, **own}, "instruments along the references"
-    fit = fit_instrumental if estimator == INSTRUMENTAL else fit_output_error
+    begun = {card.name: card.value or 0.0 for card in cards} | dict(given.unresolved)
+    begun |= {entry.name: entry.value for entry in given.parameters}
+    begun_with, instrumental = start_name or "torque rows by wls", estimator == INSTRUMENTAL
+    if instrumental and start is None and (own := estimate_start(problem)) is not None:
+        begun, begun_with = {**begun, **own}, "instruments along the references"
+    fit = fit_instrumental if instrumental else fit_output_error
     found = fit(problem, begun, rule=rule, progress=progress)
     verdict, warnings = _assess_instruments(found, problem)
     # Percent of the logged torque that the controller does not explain.
@@ -657,13 +636,12 @@ def identify_closed_loop(
     missing = np.vstack([decimate(log.torque - compute_demand(loop, log), thin) for loop, log in pairs])
     size = np.linalg.norm(np.vstack([decimate(log.torque, thin) for log in recordings]), axis=0)
     share = 100.0 * np.linalg.norm(missing, axis=0) / np.where(size > 0.0, size, 1.0)
-    unexplained: list[float] = share.tolist()
     joints = zip(library.card.joints, found.tracking.tolist(), found.lag.tolist(), strict=True)
     stated = list_controller(controller)
     logged = all(recording.reference_velocity is not None for recording in problem.recordings)
     report = {
         "start": begun_with,
-        "iterations": found.iterations,
+        "iterations": len(found.changes),
         "changes": list(found.changes),
         "tracking": [
             {
@@ -688,7 +666,7 @@ def identify_closed_loop(
                 entry if np.isfinite(entry) else None for entry in problem.loops[0].limit.tolist()
             ],
         },
-        "controller_residual_percent": unexplained,
+        "controller_residual_percent": share.tolist(),
     }
     # Where simulated and measured robot do not follow the reference alike.
     apart = np.flatnonzero(found.tracking > _FAR * found.lag).tolist()
@@ -698,23 +676,24 @@ def identify_closed_loop(
             f"{found.rows.velocity_units[index].removesuffix('/s')} ({found.lag[index]:.2g})"
             for index in apart
         )
-        wider = "the standard deviations are larger"
-        warnings = (
-            build_warning(
-                "identify.tracking",
-                joints=listed,
-                limit=100.0 * _FAR,
-                effect=wider if estimator == INSTRUMENTAL else "the parameters are biased",
-                missed=", ".join(f"{unexplained[index]:.3g} %" for index in apart),
-            ),
-            *warnings,
+        effect = "the standard deviations are larger" if instrumental else "the parameters are biased"
+        missed = ", ".join(f"{share[index]:.3g} %" for index in apart)
+        told = build_warning(
+            "identify.tracking", joints=listed, limit=100.0 * _FAR, effect=effect, missed=missed
         )
-    fitted = FittedRows(found.rows, found.identifiability, found.fit)
+        warnings = (told, *warnings)
     left = robot.processing.left_open
-    settings = {**first.settings, **({"chosen": list(left)} if left else {}), "fit": report}
-    estimate = build_estimate(library.card, fitted, estimator, recordings, settings)
+    estimate = build_estimate(
+        library.card,
+        found.rows,
+        found.identifiability,
+        found.fit,
+        estimator=estimator,
+        recordings=recordings,
+        settings={**first.settings, **({"chosen": list(left)} if left else {}), "fit": report},
+    )
     notices = (
-        *chosen,
+        *(filters.notices if instrumental else ()),
         *(notice for notice in first.notices if notice.code == JOINT_AT_REST),
         *found.rows.notices,
         *found.identifiability.notices,
@@ -783,10 +762,7 @@ def _assess_instruments(
         },
     }
     # Instruments allow raw differences, but not a filter that damps the motion.
-    damping = [
-        notice
-        for notice in warn_of_processing(processing, problem.recordings)
-        if notice.code == "identify.low-cutoff"
-    ]
+    warnings = warn_of_processing(processing, problem.recordings)
+    damping = [notice for notice in warnings if notice.code == "identify.low-cutoff"]
     biased = [build_warning("identify.biased-wls", verdict=verdict)] if test.biased else []
     return report, (*biased, *damping)

@@ -1,7 +1,5 @@
 """Identification of rigid robots: recordings to parameters with their uncertainty, and what speaks for them.
 
-Library, recordings, settings -> `Estimate` with `Evidence`.
-
     Recording -> FitPlan -> Rows -> Identifiability -> RegressionFit -> Evidence -> Estimate
 
 Logs that are too long for memory are condensed block by block, and a second pass finds their residuals.
@@ -41,7 +39,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +64,7 @@ from symid.identification.diagnostics import (
     mask_inner,
     measure_gain,
     measure_scoring_band,
+    pick_motion,
     smooth_rows,
     warn_of_correlated_residuals,
     warn_of_mass_matrix,
@@ -89,6 +88,7 @@ from symid.identification.estimators import (
     find_phases,
     fit_condensed,
     fit_instruments,
+    fit_rows,
     fit_weighted,
     list_parameters,
     measure_influence,
@@ -99,7 +99,6 @@ from symid.identification.regression import (
     SCALAR_KINDS,
     WINDOW,
     Identifiability,
-    LongRows,
     RankRule,
     RowBuilder,
     Rows,
@@ -167,19 +166,8 @@ def list_missing_terms(  # noqa: PLR0917 - what was fitted, and how
             if len(own) > 1:
                 thin[own[:: max(1, math.floor(1.0 / (_RATE * band * period)))]] = True
             places = np.searchsorted(signals.time, rows.time[own] - 0.5 * signals.period)
-            q, dq, ddq = (part[places] for part in (signals.q, signals.dq, signals.ddq))
-            others = [k for k in range(q.shape[1]) if k != group and k not in resting]
-            parts.append(
-                JointMotion(
-                    time=rows.time[own],
-                    q=q[:, group],
-                    dq=dq[:, group],
-                    ddq=ddq[:, group],
-                    load=predicted[own],
-                    others=[(dq[:, k], ddq[:, k]) for k in others],
-                    period=period,
-                )
-            )
+            states = (rows.time[own], signals.q[places], signals.dq[places], signals.ddq[places])
+            parts.append(pick_motion(states, group, predicted[own], period, resting))
     table = smooth_rows(rows, np.column_stack([rows.matrix, rows.values]), band)
     smooth = select_rows(replace(rows, matrix=table[:, :-1], values=table[:, -1]), thin)
     stretches = fit_stretches(smooth, None, np.ones(len(smooth.values), dtype=np.bool_), weights)
@@ -207,51 +195,44 @@ def list_missing_terms(  # noqa: PLR0917 - what was fitted, and how
     return tuple(sorted(found, key=lambda entry: -entry.gain))
 
 
-class FittedRows(NamedTuple):
-    """Equations, what is identifiable from them, and their fit; notices on correlated residuals.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FittedRows:
+    """Equations of a fit, what is identifiable from them, the fit, and notices on correlated residuals.
 
-    `left` are all rows of a long log, slow ones too, and what the fit leaves of them; None in memory.
+    Args:
+        whole: all m rows, slow ones too; residuals: (m,) what the fit leaves of them.
+        speed: (m,) of smooth positions, rad/s or m/s; kept: (m,) whether the fit has a row.
+        smooth: `whole` along the states of the instruments, None where there are none.
+        stretches: fits without each stretch, None where rows do not go into memory.
     """
 
     rows: Rows
     identifiability: Identifiability
     fit: RegressionFit
     pattern: tuple[Notice, ...] = ()
-    left: tuple[Rows, FloatArray] | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JudgedRows:
-    """Rows of a fit.
-
-    Args:
-        rows: all of them, m; speed: (m,) of smooth positions, rad/s or m/s.
-        kept: (m,) whether the fit has them; residuals: (m,) of the fit.
-        smooth: the same along the states of the instruments, None where there are none.
-    """
-
-    rows: Rows
+    whole: Rows
+    residuals: FloatArray
     speed: FloatArray
     kept: NDArray[np.bool_]
-    residuals: FloatArray
     smooth: Rows | None = None
+    stretches: Stretches | None = None
 
 
 def list_joint_evidence(
-    judged: JudgedRows, stretches: Stretches, scoring: float
+    fitted: FittedRows, stretches: Stretches, scoring: float
 ) -> tuple[JointEvidence, ...]:
     """Return what is left unexplained of every joint within the `scoring` band in Hz."""
-    rows = judged.rows
+    rows = fitted.whole
     errors = rows.values - stretches.predict(rows)
     # Near rest, noise turns the sign of a velocity: that is no friction of another kind.
-    slow = errors if judged.smooth is None else rows.values - stretches.predict(judged.smooth)
-    table = smooth_rows(rows, np.column_stack([rows.values, errors, judged.residuals, slow]), scoring)
+    slow = errors if fitted.smooth is None else rows.values - stretches.predict(fitted.smooth)
+    table = smooth_rows(rows, np.column_stack([rows.values, errors, fitted.residuals, slow]), scoring)
     inner = mask_inner(rows)
     found = []
     for group in np.unique(rows.group):
         own = rows.group == group
         counted, phases = own & inner, np.full(len(own), -1)
-        phases[own] = find_phases(rows.time[own], judged.speed[own], rows.run[own])
+        phases[own] = find_phases(rows.time[own], fitted.speed[own], rows.run[own])
         torque = float(np.sqrt(np.mean(table[counted, 0] ** 2))) if counted.any() else 0.0
 
         def share(column: int, mask: NDArray[np.bool_], torque: float = torque) -> float:
@@ -262,12 +243,12 @@ def list_joint_evidence(
         found.append(
             JointEvidence(
                 joint=rows.group_names[group],
-                fitted=share(2, counted & judged.kept),
+                fitted=share(2, counted & fitted.kept),
                 held_out=share(1, counted),
                 moving=share(1, counted & (phases == 0)),
                 reversing=share(3, counted & (phases == 1)),
                 resting=share(3, counted & (phases == 2)),
-                share=float(np.mean(~judged.kept[own])),
+                share=float(np.mean(~fitted.kept[own])),
                 torque=torque,
             )
         )
@@ -283,49 +264,42 @@ _HELPS = 0.7
 _POSES = 60
 
 
-def collect_evidence(  # noqa: PLR0917 - what was fitted, and how
+def collect_evidence(
     library: Library,
     recordings: Sequence[Recording],
     plan: FitPlan,
-    judged: JudgedRows,
     fitted: FittedRows,
     stretches: Stretches,
 ) -> Evidence:
     """Return the evidence for a fit in memory."""
-    rows, fit = judged.rows, fitted.fit
-    scoring = plan.choice.scoring if plan.choice is not None else measure_scoring_band(recordings)
-    joints = list_joint_evidence(judged, stretches, scoring)
-    whole = not fitted.identifiability.refused
-    impossible = list_impossible(library, recordings, plan.processing, fitted.rows, fit, whole=whole)
-    found = Evidence(
-        joints=joints,
-        scoring=scoring,
-        stretches=len(stretches.logs),
-        logs=len(stretches.logwise),
-        movement=plan.choice.chosen.movement if plan.choice is not None else 0.0,
-        impossible=impossible,
-    )
-    if rows.kind == "torque" and found.unexplained <= _SUSPICIOUS:
-        found = replace(
-            found,
-            missing=list_missing_terms(
-                library, recordings, plan, rows, stretches.weights, fit.values, scoring
-            ),
-        )
+    values, choice = fitted.fit.values, plan.choice
+    scoring = choice.scoring if choice is not None else measure_scoring_band(recordings)
     logs = build_quick_logs(library, recordings, plan.processing, scoring)
     quick = fit_quick(logs)
-    names = [joint.name for joint in library.card.joints]
-    alike = tuple((names[one], names[other]) for one, other in list_proportions(logs.dq, quick.moving))
-    found = replace(found, in_proportion=alike)
+    resampled: tuple[float, ...] = ()
     if any(recording.stamps is not None for recording in recordings):
         before = [undo_resampling(recording) for recording in recordings]
         other = fit_quick(build_quick_logs(library, before, plan.processing, scoring))
-        found = replace(found, resampled=(quick.percent, other.percent))
+        resampled = quick.percent, other.percent
+    names = [joint.name for joint in library.card.joints]
+    found = Evidence(
+        joints=list_joint_evidence(fitted, stretches, scoring),
+        scoring=scoring,
+        stretches=len(stretches.logs),
+        logs=len(stretches.logwise),
+        movement=choice.chosen.movement if choice is not None else 0.0,
+        impossible=list_impossible(library, recordings, plan.processing, fitted),
+        in_proportion=tuple((names[j], names[k]) for j, k in list_proportions(logs.dq, quick.moving)),
+        resampled=resampled,
+    )
+    if fitted.whole.kind == "torque" and found.unexplained <= _SUSPICIOUS:
+        call = library, recordings, plan, fitted.whole, stretches.weights, values, scoring
+        found = replace(found, missing=list_missing_terms(*call))
     # A quick fit may itself be poor: undoing a mistake must leave less than the fit does.
-    left = {entry.joint: entry.held_out for entry in joints}
+    left = {entry.joint: entry.held_out for entry in found.joints}
     held_out = np.array([left.get(names[joint], np.inf) for joint in quick.moving])
-    most = _HELPS * found.unexplained
-    cause = find_cause(logs, quick, most, cures=bool(impossible), held_out=held_out)
+    most, impossible = _HELPS * found.unexplained, bool(found.impossible)
+    cause = find_cause(logs, quick, most, cures=impossible, held_out=held_out)
     if not (np.isfinite(cause.percent) or found.unexplained > _SUSPICIOUS or impossible):
         return found
     return replace(
@@ -362,16 +336,11 @@ def warn_of_evidence(evidence: Evidence) -> tuple[Notice, ...]:
 
 
 def list_impossible(
-    library: Library,
-    recordings: Sequence[Recording],
-    processing: Processing,
-    rows: Rows,
-    fit: RegressionFit,
-    *,
-    whole: bool = True,
+    library: Library, recordings: Sequence[Recording], processing: Processing, fitted: FittedRows
 ) -> tuple[str, ...]:
-    """Return in words what no robot can have; mass matrices count where the parameters are `whole`."""
-    card, deviations = library.card, np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    """Return in words what no robot can have; mass matrices count where no parameter is refused."""
+    card, rows, fit = library.card, fitted.rows, fitted.fit
+    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     found = []
     sizes = np.zeros(len(rows.names))
     for group in np.unique(rows.group):
@@ -386,7 +355,7 @@ def list_impossible(
         if (friction or rotor) and deviations[place] > 0.0 and surely:
             what = "friction drives the joint" if friction else "a rotor has a negative inertia"
             found.append(f"{entry.name} = {fit.values[place]:.3g} {entry.unit}: {what}")
-    if not whole:
+    if fitted.identifiability.refused:
         return tuple(found)
     # At how many poses the mass matrix is surely not positive definite; it counts where that matters.
     positions = np.vstack([recording.position for recording in recordings])
@@ -481,14 +450,13 @@ def identify_parameters(
     chosen = plan.choice is not None
     window = window or choose_window(rows, used, recordings[0].period, chosen=chosen)
     builder = RowBuilder(rows, library, used, window, overlap)
-    judged, fitted = None, None
+    fitted = None
     if is_long(builder, recordings, plan.estimator, largest):
         fitted = fit_long(builder, recordings, plan.estimator, rule=rule, weights=weights)
     if fitted is None:
+        fit = partial(fit_in_memory, builder, recordings, rule=rule, options=options, weights=weights)
         try:
-            fitted, judged, stretches = fit_in_memory(
-                builder, recordings, plan, rule=rule, options=options, weights=weights
-            )
+            fitted = fit(plan)
         except IdentifiabilityError:
             if estimator is not None or plan.estimator != FILTERED_INSTRUMENTAL:
                 raise
@@ -500,14 +468,7 @@ def identify_parameters(
             note = Notice(code="identify.automatic", text=text)
             used = replace(used, instrument_cutoff=None)
             plan = replace(plan, processing=used, estimator=usual, notices=(*plan.notices, note))
-            fitted, judged, stretches = fit_in_memory(
-                builder._replace(processing=used),
-                recordings,
-                plan,
-                rule=rule,
-                options=options,
-                weights=weights,
-            )
+            fitted = fit(plan)
     windowed = rows not in {"torque", "power"}
     settings = {
         **(echo or {}),
@@ -519,23 +480,30 @@ def identify_parameters(
         **({"window": window} if windowed else {}),
         **({"overlap": overlap} if overlap and windowed else {}),
     }
-    estimate = build_estimate(library.card, fitted, plan.estimator, recordings, settings)
+    estimate = build_estimate(
+        library.card,
+        fitted.rows,
+        fitted.identifiability,
+        fitted.fit,
+        estimator=plan.estimator,
+        recordings=recordings,
+        settings=settings,
+    )
     notices = [*plan.notices, *estimate.notices, *fitted.pattern]
     if plan.choice is None:
         notices += warn_of_processing(used, recordings)
     if not processing.automatic:
         notices += warn_of_moving_ends(used, recordings)
-    evidence, left, residual = None, fitted.left, estimate.residual
-    if judged is not None and rows not in SCALAR_KINDS:
-        evidence = collect_evidence(library, recordings, plan, judged, fitted, stretches)
-        left = judged.rows, judged.residuals
+    evidence, residual = None, estimate.residual
+    if fitted.stretches is not None and rows not in SCALAR_KINDS:
+        evidence = collect_evidence(library, recordings, plan, fitted, fitted.stretches)
         notices += warn_of_evidence(evidence)
     elif not fitted.identifiability.refused:
         notices += warn_of_mass_matrix(library, fitted.fit.values, recordings)
-    if left is not None:
+    if rows not in SCALAR_KINDS:
         # The residuals of all rows, slow ones too, with the scatter of those in the fit.
         scatter = {entry.joint: entry.std for entry in residual}
-        whole = compute_residuals(*left, 0)
+        whole = compute_residuals(fitted.whole, fitted.residuals, 0)
         residual = tuple(replace(entry, std=scatter.get(entry.joint, entry.std)) for entry in whole)
     return replace(estimate, choice=plan.choice, evidence=evidence, residual=residual, notices=tuple(notices))
 
@@ -548,10 +516,8 @@ def fit_in_memory(
     rule: RankRule,
     options: EstimatorOptions | None = None,
     weights: Sequence[float] | None = None,
-) -> tuple[FittedRows, JudgedRows, Stretches]:
-    """Return the fit of recordings whose equations are all in memory, all its rows, fits without stretches.
-
-    `weights` as for `stack_rows`.
+) -> FittedRows:
+    """Return the fit of recordings whose equations are all in memory; `weights` as for `stack_rows`.
 
     Raises:
         LogError, UsageError: as for `prepare_rows`.
@@ -575,8 +541,7 @@ def fit_in_memory(
     freedom = used.noise_freedom
     if instruments is None:
         identifiability = analyse_identifiability(built, rule)
-        estimate = ESTIMATORS[plan.estimator]
-        fit = estimate(built, identifiability, freedom, options or EstimatorOptions())
+        fit = fit_rows(plan.estimator, built, identifiability, freedom, options)
         influence = measure_influence(built, identifiability.basis, fit.weights, fit.residuals)
     else:
         found = fit_instruments(built, select_rows(instruments, kept), rule, freedom, simulated=False)
@@ -611,9 +576,18 @@ def fit_in_memory(
         ratio = np.where(white > 0.0, coloured / np.where(white > 0.0, white, 1.0), 1.0)
         ratio = np.sqrt(np.maximum(ratio, 1.0))
         fit = replace(fit, covariance=np.asarray(fit.covariance * ratio * ratio[:, None]))
-    residuals = whole.values - whole.matrix @ fit.values
-    judged = JudgedRows(rows=whole, speed=speed, kept=kept, residuals=residuals, smooth=instruments)
-    return FittedRows(built, identifiability, fit, pattern), judged, stretches
+    return FittedRows(
+        rows=built,
+        identifiability=identifiability,
+        fit=fit,
+        pattern=pattern,
+        whole=whole,
+        residuals=whole.values - whole.matrix @ fit.values,
+        speed=speed,
+        kept=kept,
+        smooth=instruments,
+        stretches=stretches,
+    )
 
 
 def is_long(builder: RowBuilder, recordings: Sequence[Recording], estimator: str, largest: float) -> bool:
@@ -652,7 +626,7 @@ def fit_long(
         return None
     every = builder._replace(processing=replace(builder.processing, standstill=None))
     whole = stack_rows(list(map(every.outline, recordings)), weights)
-    _, slow = mask_fast(whole, whole.velocity, builder.processing)
+    kept, slow = mask_fast(whole, whole.velocity, builder.processing)
     rows = replace(long.outline, notices=(*whole.notices, *slow))
     condensed, freedom = long.condense(), builder.processing.noise_freedom
     identifiability = analyse_condensed(condensed, rows.kind, rows.names, rule)
@@ -660,46 +634,29 @@ def fit_long(
     plain = None if estimator == "wls" else np.ones(len(condensed.counts))
     found = fit_condensed(condensed, identifiability.basis, plain, freedom)
     predicted, every_row = predict_outlines(every, recordings, (rows, whole), found.values)
-    fit = RegressionFit(
-        values=found.values,
-        covariance=found.covariance,
-        residuals=rows.values - predicted,
-        spent=found.spent,
-        condition=found.condition,
-        weights=found.weights[rows.group] * np.sqrt(rows.weight),
-    )
-    sketch = long.sketch()
-    blocks = RegressionFit(
-        values=fit.values,
-        covariance=fit.covariance,
-        residuals=sketch.values - sketch.matrix @ fit.values,
-        spent=int(identifiability.basis.shape[1]),
-        condition=1.0,
-        weights=found.weights[sketch.group],
-    )
+    groups, sketch = found.weights, long.sketch()
+    factors = groups[rows.group] * np.sqrt(rows.weight)
+    fit = replace(found, residuals=rows.values - predicted, weights=factors)
+    left = sketch.values - sketch.matrix @ found.values
+    blocks = replace(found, residuals=left, weights=groups[sketch.group])
     return FittedRows(
         rows=rows,
         identifiability=identifiability,
         fit=fit,
         pattern=warn_of_correlated_residuals(sketch, blocks, identifiability),
-        left=(whole, whole.values - every_row),
+        whole=whole,
+        residuals=whole.values - every_row,
+        speed=whole.velocity,
+        kept=kept,
     )
-
-
-def compute_long_covariance(long: LongRows, groups: FloatArray, freedom: str) -> FloatArray:
-    """Return the covariance (p, p) of the fit to all runs with weights (g,) of the joints, as `fit_weighted`.
-
-    Raises:
-        IdentifiabilityError: no parameter is identifiable.
-    """
-    condensed = long.condense()
-    identifiability = analyse_condensed(condensed, long.outline.kind, long.outline.names)
-    return fit_condensed(condensed, identifiability.basis, groups, freedom).covariance
 
 
 def build_estimate(
     card: ModelCard,
-    fitted: FittedRows,
+    rows: Rows,
+    identifiability: Identifiability,
+    fit: RegressionFit,
+    *,
     estimator: str,
     recordings: Sequence[Recording],
     settings: Mapping[str, object],
@@ -708,7 +665,6 @@ def build_estimate(
 
     `settings` are kept as JSON would give them back, so that a stored result equals its origin.
     """
-    fit, identifiability, rows = fitted.fit, fitted.identifiability, fitted.rows
     identifiable = np.flatnonzero(identifiability.identifiable)
     # Refused parameters that act together with others have a value in the fit, those without effect do not.
     acting = np.flatnonzero(identifiability.basis.any(axis=1) & ~identifiability.identifiable)

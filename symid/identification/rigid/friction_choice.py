@@ -64,10 +64,7 @@ _ROUNDS = 6
 
 
 class _Reduced(NamedTuple):
-    """A joint without its own friction: S (t, p + 1, p + 1) of every training set, Q of every stretch.
-
-    With x the shared unknowns, what is left of a stretch is [-x 1] Q [-x 1]'.
-    """
+    """A joint without its own friction: S of training sets, Q of stretches that leave [-x 1] Q [-x 1]'."""
 
     schur: FloatArray
     left: FloatArray
@@ -106,24 +103,23 @@ def _reduce(table: JointTable, places: Sequence[int], weight: float) -> _Reduced
 
 
 class _Trial(NamedTuple):
-    """A law on a joint: best node, its linear values, losses (S,) of all joints and of its own.
-
-    `fitted` are the squares that the fit to all stretches leaves of its own; `weak` names what is not
-    identifiable.
-    """
+    """A law on a joint: best node, linear values, losses (S,) of all joints and its own; weak names."""
 
     law: FrictionLaw
     node: Node
     linear: FloatArray
     losses: FloatArray
     own: FloatArray
-    fitted: float
     weak: tuple[str, ...]
+
+
+_ALIKE = 1e-6
+"""Part of a column's squares that must be independent of the rigid columns: a thousandth of its size."""
 
 
 def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[_Trial]:
     """Return a trial of every law of a table; `others` is the sum over the other joints."""
-    p = table.shared
+    p, size, count = table.shared, table.grams.shape[1], len(table.grams)
     sets = weight * _list_training(table.grams)
     outer = sets[:, :p, :].copy()
     outer[:, :, :p] += others.schur[:, :p, :p]
@@ -131,79 +127,42 @@ def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[_Trial
     gains = _solve(outer[:, :, :p], outer[:, :, p:])
     inner = sets[:, p:, p:] - np.swapaxes(outer[:, :, p:], 1, 2) @ gains
     inner[:, -1, -1] += others.schur[:, -1, -1]
-    found = []
-    for _, group in itertools.groupby(table.nodes, key=lambda node: node.law.name):
-        nodes = list(group)
-        found.append(_try_law(table, others, weight, nodes, inner, gains))
     # What the rigid columns are like differs from them by their filter alone.
     before, after = (np.maximum(np.diagonal(part[-1])[:-1], 0.0) for part in (sets[:, p:, p:], inner))
     alike = after <= _ALIKE * before
-    return [
-        trial._replace(
-            weak=tuple(
-                dict.fromkeys(
-                    (
-                        *[
-                            entry.name
-                            for entry, k in zip(trial.node.law.linear, trial.node.places, strict=True)
-                            if alike[k]
-                        ],
-                        *trial.weak,
-                    )
-                )
-            )
-        )
-        for trial in found
-    ]
-
-
-_ALIKE = 1e-6
-"""Part of a column's squares that must be independent of the rigid columns: a thousandth of its size."""
-
-
-def _try_law(  # noqa: PLR0917 - the parts of one problem
-    table: JointTable,
-    others: _Reduced,
-    weight: float,
-    nodes: Sequence[Node],
-    inner: FloatArray,
-    gains: FloatArray,
-) -> _Trial:
-    places = np.array([node.places for node in nodes], dtype=np.intp)
-    matrix = inner[:, places[:, :, None], places[:, None, :]]
-    right = inner[:, places, -1]
-    linear = _solve(matrix, right[..., None])[..., 0]
-    losses = inner[:, -1, -1][:, None] - np.sum(right * linear, axis=2)
-    best = np.argmin(losses, axis=1)
-    size, p, count = table.grams.shape[1], table.shared, len(table.grams)
-    total, own = np.zeros(count), np.zeros(count)
-    for h in range(count):
-        node, values = nodes[best[h]], linear[h, best[h]]
-        shared = gains[h, :, -1] - gains[h][:, list(node.places)] @ values
-        v = np.zeros(size)
-        v[:p], v[-1] = -shared, 1.0
-        v[[p + k for k in node.places]] = -values
-        own[h] = weight * float(v @ table.grams[h] @ v)
-        u = np.append(-shared, 1.0)
-        total[h] = own[h] + float(u @ others.left[h] @ u)
-    k = int(best[-1])
-    weak: tuple[str, ...] = ()
-    if nodes[k].places:
-        # Linear parameters with a part in a direction that the rows do not determine.
-        lengths = np.sqrt(np.maximum(np.diag(matrix[-1, k]), 1e-300))
-        sizes, vectors = np.linalg.eigh(matrix[-1, k] / lengths / lengths[:, None])
-        poor = sizes < _CONDITION * max(float(sizes[-1]), 1e-300)
-        lost = np.any(np.abs(vectors[:, poor]) > 1e-3, axis=1)
-        weak = tuple(entry.name for entry, bad in zip(nodes[k].law.linear, lost, strict=True) if bad)
-    return _Trial(
-        law=nodes[k].law,
-        node=nodes[k],
-        linear=linear[-1, k],
-        losses=total,
-        own=own / weight,
-        fitted=float(losses[-1, k]) / weight,
-        weak=weak,
-    )
+    found = []
+    for _, group in itertools.groupby(table.nodes, key=lambda node: node.law.name):
+        nodes = list(group)
+        places = np.array([node.places for node in nodes], dtype=np.intp)
+        matrix = inner[:, places[:, :, None], places[:, None, :]]
+        right = inner[:, places, -1]
+        linear = _solve(matrix, right[..., None])[..., 0]
+        losses = inner[:, -1, -1][:, None] - np.sum(right * linear, axis=2)
+        best = np.argmin(losses, axis=1)
+        total, own = np.zeros(count), np.zeros(count)
+        for h in range(count):
+            chosen, values = list(nodes[best[h]].places), linear[h, best[h]]
+            shared = gains[h, :, -1] - gains[h][:, chosen] @ values
+            v = np.zeros(size)
+            v[:p], v[-1] = -shared, 1.0
+            v[[p + k for k in chosen]] = -values
+            own[h] = weight * float(v @ table.grams[h] @ v)
+            u = np.append(-shared, 1.0)
+            total[h] = own[h] + float(u @ others.left[h] @ u)
+        k = int(best[-1])
+        node, products = nodes[k], matrix[-1, k]
+        order: list[int] = []
+        if node.places:
+            weak = alike[list(node.places)]
+            # Linear parameters with a part in a direction that the rows do not determine.
+            lengths = np.sqrt(np.maximum(np.diag(products), 1e-300))
+            sizes, vectors = np.linalg.eigh(products / lengths / lengths[:, None])
+            poor = sizes < _CONDITION * max(float(sizes[-1]), 1e-300)
+            lost = np.any(np.abs(vectors[:, poor]) > 1e-3, axis=1)
+            order = [*np.flatnonzero(weak), *np.flatnonzero(lost & ~weak)]
+        named = tuple(node.law.linear[place].name for place in order)
+        found.append(_Trial(node.law, node, linear[-1, k], total, own / weight, named))
+    return found
 
 
 _SURE = 3.0
@@ -238,40 +197,28 @@ def choose_trial(trials: Sequence[_Trial]) -> tuple[int, FloatArray]:
     def rank(place: int) -> tuple[int, bool, int, float]:
         law, loss = trials[place].law, float(trials[place].losses.sum())
         shape = law.about if isinstance(law, TangentLaw) else law.shape
-        return count_unknowns(law), bool(behind[place] > _EQUAL), len(shape), loss
+        return len(law.linear) + len(law.shape), bool(behind[place] > _EQUAL), len(shape), loss
 
     return min(near, key=rank), behind
 
 
-def count_unknowns(law: FrictionLaw) -> int:
-    """Return the number of a law's values, linear and shape ones."""
-    return len(law.linear) + len(law.shape)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _State:
+class _State(NamedTuple):
     """Laws so far: a node and a weight of every joint, and how the laws of each were compared."""
 
-    nodes: tuple[Node, ...]
+    nodes: Sequence[Node]
     weights: FloatArray
-    trials: tuple[tuple[_Trial, ...], ...]
-    taken: tuple[int, ...]
-    behind: tuple[FloatArray, ...]
+    trials: Sequence[Sequence[_Trial]]
+    taken: Sequence[int]
+    behind: Sequence[FloatArray]
 
 
-def _find_node(table: JointTable, law: str) -> Node:
-    """Return the first node of a law in a table, or of the table where it has no such law."""
-    return next((node for node in table.nodes if node.law.name == law), table.nodes[0])
-
-
-def _measure_scatter(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
-    """Return the mean squares (n,) that a fit with these laws leaves of every joint."""
-    shared, found = _solve_shared(tables, nodes, weights), []
+def _weigh(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
+    """Return weights (n,) from the mean squares that a fit with these laws leaves of every joint."""
+    u, found = np.append(-_solve_shared(tables, nodes, weights), 1.0), []
     for table, node in zip(tables, nodes, strict=True):
-        u = np.append(-shared, 1.0)
         left = float(u @ _reduce(table, node.places, 1.0).schur[-1] @ u)
         found.append(left / max(int(table.rows.sum()), 1))
-    return np.maximum(found, 1e-300)
+    return 1.0 / np.maximum(found, 1e-300)
 
 
 def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> _State:
@@ -279,43 +226,35 @@ def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> _State:
     nodes, count = list(start), len(tables)
     weights = np.ones(count)
     for _ in range(3):
-        weights = 1.0 / _measure_scatter(tables, nodes, weights)
-    trials: list[tuple[_Trial, ...]] = [()] * count
+        weights = _weigh(tables, nodes, weights)
+    trials: list[Sequence[_Trial]] = [()] * count
     taken, behind = [0] * count, [np.zeros(0)] * count
     for _ in range(_ROUNDS):
         before = [node.law.name for node in nodes]
         for joint, table in enumerate(tables):
-            reduced = [
-                _reduce(entry, node.places, float(weight))
-                for entry, node, weight in zip(tables, nodes, weights, strict=True)
-            ]
+            reduced = _reduce_all(tables, nodes, weights)
             others = _Reduced(np.zeros_like(reduced[joint].schur), np.zeros_like(reduced[joint].left))
             if count > 1:
                 rest = [entry for k, entry in enumerate(reduced) if k != joint]
                 others = _Reduced(*(np.sum(parts, axis=0) for parts in zip(*rest, strict=True)))
             found = _try_laws(table, others, float(weights[joint]))
             taken[joint], behind[joint] = choose_trial(found)
-            trials[joint] = tuple(found)
+            trials[joint] = found
             nodes[joint] = found[taken[joint]].node
-            weights = 1.0 / _measure_scatter(tables, nodes, weights)
+            weights = _weigh(tables, nodes, weights)
         if before == [node.law.name for node in nodes]:
             break
-    return _State(
-        nodes=tuple(nodes),
-        weights=weights,
-        trials=tuple(trials),
-        taken=tuple(taken),
-        behind=tuple(behind),
-    )
+    return _State(nodes, weights, trials, taken, behind)
+
+
+def _reduce_all(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> list[_Reduced]:
+    triples = zip(tables, nodes, weights.tolist(), strict=True)
+    return [_reduce(table, node.places, weight) for table, node, weight in triples]
 
 
 def _solve_shared(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
     """Return x (p,) of the fit to all rows with these laws."""
-    reduced = [
-        _reduce(table, node.places, float(weight))
-        for table, node, weight in zip(tables, nodes, weights, strict=True)
-    ]
-    whole = sum(entry.schur[-1] for entry in reduced)
+    whole = sum(entry.schur[-1] for entry in _reduce_all(tables, nodes, weights))
     p = len(whole) - 1
     return _solve(whole[:p, :p], whole[:p, p:])[:, 0]
 
@@ -331,17 +270,6 @@ CANDIDATES = (
     *_WITH_OFFSET,
 )
 """Laws among which `auto` chooses; waves of the motor's angle are added where a gear is known."""
-
-
-def list_candidates(
-    gear: float, inputs: AbstractSet[str], names: Sequence[str] = CANDIDATES
-) -> list[FrictionLaw]:
-    """Return the laws that a joint's known inputs allow; waves once and twice a turn of joint and motor."""
-    found = [get_law(name) for name in names]
-    if names is CANDIDATES and abs(gear) != 1.0:
-        kinds = (f"position-{kind}-1,2x{abs(gear):.12g}" for kind in ("dependent", "torque"))
-        found += [get_law(f"{name}{end}") for name in kinds for end in ("", "+offset")]
-    return [law for law in found if set(law.inputs) <= inputs]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -406,14 +334,13 @@ def choose_laws(
     tables = tabulate_laws(motion, plain)
     moving = [int(table.rows.sum()) >= _FEWEST for table in tables]
     nodes = [table.nodes[0] for table in tables]
-    weights = 1.0 / _measure_scatter(tables, nodes, np.ones(count))
+    weights = _weigh(tables, nodes, np.ones(count))
     motion = load_joints(motion, _solve_shared(tables, nodes, weights))
     inputs = set.intersection(*(set(gather_inputs(one, slice(0, 1), 0)) for one in motion.signals))
     lacking = []
     for card, wish in zip(library.card.joints, wishes, strict=True):
-        name = wish.law if isinstance(wish, FrictionValues) else wish[0]
-        single = isinstance(wish, FrictionValues) or len(wish) == 1
-        if single and name != NO_FRICTION and (missing := set(get_law(name).inputs) - inputs):
+        name, *more = (wish.law,) if isinstance(wish, FrictionValues) else wish
+        if not more and name != NO_FRICTION and (missing := set(get_law(name).inputs) - inputs):
             what = " and ".join(sorted(missing))
             text = (
                 f"joint {card.name!r}: the friction law {name!r} reads the {what}, which not all logs have: "
@@ -423,14 +350,18 @@ def choose_laws(
     if lacking:
         raise IdentifiabilityError(*lacking)
     speeds = [motion.speeds(joint) if moving[joint] else np.zeros(0) for joint in range(count)]
-    wanted = [
-        _list_wanted(wish, gear, inputs, own) for wish, gear, own in zip(wishes, gears, speeds, strict=True)
-    ]
+    calls = zip(wishes, gears, speeds, strict=True)
+    wanted = [_list_wanted(wish, gear, inputs, own) for wish, gear, own in calls]
     kept = [isinstance(wish, FrictionValues) for wish in wishes]
     laws = [PLAIN] * count
     for step in range(_PASSES):
         tables = tabulate_laws(motion, wanted)
-        state = _settle_laws(tables, list(map(_find_node, tables, laws)))
+        # The first node of a law in a table, or of the table where it has no such law.
+        begun = [
+            next((node for node in table.nodes if node.law.name == law), table.nodes[0])
+            for table, law in zip(tables, laws, strict=True)
+        ]
+        state = _settle_laws(tables, begun)
         motion = load_joints(motion, _solve_shared(tables, state.nodes, state.weights))
         laws = [node.law.name for node in state.nodes]
         chosen = [trials[k] for trials, k in zip(state.trials, state.taken, strict=True)]
@@ -474,7 +405,12 @@ def _list_wanted(wish: Wish, gear: float, inputs: AbstractSet[str], speeds: Floa
         return [(get_law(wish.law, smoothing=wish.smoothing), wish.shape)]
     if not len(speeds):
         return [(get_law(PLAIN), ())]
-    laws = list_candidates(gear, inputs, wish)
+    names = list(wish)
+    if wish is CANDIDATES and abs(gear) != 1.0:
+        # Waves once and twice a turn of joint and motor.
+        kinds = (f"position-{kind}-1,2x{abs(gear):.12g}" for kind in ("dependent", "torque"))
+        names += [f"{name}{end}" for name in kinds for end in ("", "+offset")]
+    laws = [law for law in map(get_law, names) if set(law.inputs) <= inputs]
     return [(law, shape) for law in laws for shape in list_shape_nodes(law, speeds)]
 
 
@@ -491,11 +427,8 @@ def _judge_loads(motion: Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]
     )
     found = [Notice(code="identify.measured-load", text=text)]
     for k in judged:
-        gain = measure_gain(motion, k, nodes[k].law, nodes[k].shape)
-        found += [
-            replace(notice, text=f"joint {laws[k].joint!r}: {notice.text}")
-            for notice in warn_of_load_gain(gain)
-        ]
+        warnings = warn_of_load_gain(measure_gain(motion, k, nodes[k].law, nodes[k].shape))
+        found += [replace(one, text=f"joint {laws[k].joint!r}: {one.text}") for one in warnings]
     return tuple(found)
 
 
@@ -510,15 +443,12 @@ def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues
         friction = fitted[law.joint]
         if law.selection is None or not choice.motion.measured[k] or friction.values is None:
             continue
-        parts = []
-        for signals in choice.motion.signals:
-            inputs = gather_inputs(signals, slice(None), k)
-            pair = [
-                compute_columns(get_law(one.law), inputs, one.shape) @ np.array(one.values)
-                for one in (law.friction, friction)
-            ]
-            parts.append(pair)
-        own, whole = np.concatenate(parts, axis=1)
+        inputs = [gather_inputs(signals, slice(None), k) for signals in choice.motion.signals]
+        own, whole = (
+            np.concatenate([compute_columns(get_law(one.law), part, one.shape) for part in inputs])
+            @ np.array(one.values)
+            for one in (law.friction, friction)
+        )
         # A constant is an error of the sensor, or a weight.
         apart = float(np.std(whole - own) / max(np.std(own), 1e-300))
         if apart > _OTHER_FRICTION:
@@ -540,7 +470,7 @@ def _describe_choice(state: _State, table: JointTable, joint: int, *, measured: 
     listed = [
         LawTrial(
             law=trial.law.name,
-            unknowns=count_unknowns(trial.law),
+            unknowns=len(trial.law.linear) + len(trial.law.shape),
             held_percent=100.0 * float(np.sqrt(trial.own.sum() / whole)),
             held_rms=float(np.sqrt(trial.own.sum() / rows)),
             ratio=float(trial.own.sum()) / plain if plain else None,
@@ -552,9 +482,8 @@ def _describe_choice(state: _State, table: JointTable, joint: int, *, measured: 
     own = listed[taken]
     what = "the motor's torque less the load" if measured else "the torque"
     text = f"{own.law} leaves {own.held_percent:.3g} % of {what} of held-out windows in motion"
-    best = min(
-        (entry for entry in listed if not entry.reason), key=lambda e: e.held_rms or np.inf, default=own
-    )
+    listed.sort(key=lambda entry: entry.held_rms or np.inf)
+    best = next((entry for entry in listed if not entry.reason), own)
     if best is not own and own.unknowns < best.unknowns:
         text += (
             f"; {best.law}, with {best.unknowns} values instead of {own.unknowns}, predicts no surely better"
@@ -562,7 +491,7 @@ def _describe_choice(state: _State, table: JointTable, joint: int, *, measured: 
     if own.ratio is not None and own.law != PLAIN:
         text += f"; {PLAIN} leaves {own.held_percent / np.sqrt(own.ratio):.3g} %"
     return LawSelection(
-        trials=tuple(sorted(listed, key=lambda entry: entry.held_rms or np.inf)),
+        trials=tuple(listed),
         chosen=own.law,
         verdict=f"{text}.",
         blocks=len(table.rows),

@@ -29,7 +29,7 @@ from symid.identification.regression import (
     Rotor,
     compute_payload_torque,
     compute_rotor_columns,
-    evaluate_rigid_torques,
+    evaluate_torques,
     fill_load,
     get_payload,
     list_measured_joints,
@@ -117,14 +117,11 @@ class Node(NamedTuple):
     places: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class JointTable:
+class JointTable(NamedTuple):
     """Sums of products of one joint.
 
-    Args:
-        grams: (S, k, k) of [X D y] in every stretch; y is last, D has the columns of all nodes.
-        shared: number of columns of X; rows: (S,) counted.
-        nodes: all laws at all nodes.
+    `grams` (S, k, k) are of [X D y] in every stretch: y is last, D has the columns of all `nodes`, X `shared`
+    columns; `rows` (S,) were counted.
     """
 
     grams: FloatArray
@@ -140,9 +137,8 @@ def list_shape_nodes(law: FrictionLaw, speeds: FloatArray) -> list[tuple[float, 
     """
     if not law.shape:
         return [()]
-    axes = [
-        np.geomspace(*bound_shape(law, k, speeds), _NODES[len(law.shape) - 1]) for k in range(len(law.shape))
-    ]
+    count = _NODES[len(law.shape) - 1]
+    axes = [np.geomspace(*bound_shape(law, k, speeds), count) for k in range(len(law.shape))]
     return [point for point in map(tuple, itertools.product(*axes)) if _is_sensible(law, point)]
 
 
@@ -179,50 +175,34 @@ def refine_nodes(law: FrictionLaw, best: Sequence[float], speeds: FloatArray) ->
     return [point for point in map(tuple, itertools.product(*axes)) if _is_sensible(law, point)]
 
 
-def gather_inputs(signals: Signals, part: slice, joint: int) -> dict[str, FloatArray]:
+def gather_inputs(signals: Signals, part: slice | NDArray[np.intp], joint: int) -> dict[str, FloatArray]:
     """Return the inputs (k,) of a joint's laws that are known."""
-    arrays = {
-        "velocity": signals.dq,
-        "position": signals.q,
-        "load": signals.load,
-        "temperature": signals.temperature,
-    }
-    return {name: values[part, joint] for name, values in arrays.items() if values is not None}
+    q, dq, _, load, warmth = signals.pick_states(part)
+    arrays = {"velocity": dq, "position": q, "load": load, "temperature": warmth}
+    return {name: values[:, joint] for name, values in arrays.items() if values is not None}
 
 
-class _Dictionary:
-    """The columns of many nodes, each once."""
+Made = Sequence[tuple[FrictionLaw, tuple[float, ...], tuple[int, ...]]]
+"""Laws at shape values, and which of their columns are in a table."""
 
-    def __init__(self, wanted: Sequence[tuple[FrictionLaw, tuple[float, ...]]], probe: Inputs) -> None:
-        """Keep the nodes `wanted`; columns that agree at `probe` are one."""
-        self.made: list[tuple[FrictionLaw, tuple[float, ...], tuple[int, ...]]] = []
-        self.size = 0
-        known: dict[bytes, int] = {}
-        nodes = []
-        for law, shape in wanted:
-            places, new = [], []
-            for k, column in enumerate(_evaluate(law, shape, probe)):
-                key = np.ascontiguousarray(np.broadcast_to(column, probe["velocity"].shape)).tobytes()
-                if key not in known:
-                    known[key] = self.size
-                    self.size += 1
-                    new.append(k)
-                places.append(known[key])
-            if new:
-                self.made.append((law, shape, tuple(new)))
-            nodes.append(Node(law, shape, tuple(places)))
-        self.nodes = tuple(nodes)
 
-    def evaluate(self, inputs: Inputs) -> FloatArray:
-        """Return all columns (k, d)."""
-        found = np.empty((len(inputs["velocity"]), self.size))
-        place = 0
-        for law, shape, new in self.made:
-            columns = _evaluate(law, shape, inputs)
-            for k in new:
-                found[:, place] = columns[k]
-                place += 1
-        return found
+def _list_columns(wanted: "Wanted", probe: Inputs) -> tuple[tuple[Node, ...], Made]:
+    """Return the nodes of a joint, and the columns to make for them: those that agree at `probe` are one."""
+    made: list[tuple[FrictionLaw, tuple[float, ...], tuple[int, ...]]] = []
+    known: dict[bytes, int] = {}
+    nodes = []
+    for law, shape in wanted:
+        places, new = [], []
+        for k, column in enumerate(_evaluate(law, shape, probe)):
+            key = np.ascontiguousarray(np.broadcast_to(column, probe["velocity"].shape)).tobytes()
+            if key not in known:
+                known[key] = len(known)
+                new.append(k)
+            places.append(known[key])
+        if new:
+            made.append((law, shape, tuple(new)))
+        nodes.append(Node(law, shape, tuple(places)))
+    return tuple(nodes), made
 
 
 def _evaluate(law: FrictionLaw, shape: Sequence[float], inputs: Inputs) -> tuple[FloatArray, ...]:
@@ -289,9 +269,8 @@ def balance_cutoff(recordings: Sequence[Recording]) -> float:
     found = []
     for recording in recordings:
         smooth = low_pass(recording.position, period=recording.period, cutoff=_TURNS, order=2)
-        turning = np.sqrt(
-            np.mean(differentiate(differentiate(smooth, recording.period), recording.period) ** 2, axis=0)
-        )
+        bend = differentiate(differentiate(smooth, recording.period), recording.period)
+        turning = np.sqrt(np.mean(bend**2, axis=0))
         for band, rate in zip(measure_bands(recording), turning.tolist(), strict=False):
             if band.clean > 0.0:
                 power = _BLUR * rate * np.sqrt(3.0) / (_NOISE * (2.0 * np.pi) ** 2 * max(band.floor, 1e-300))
@@ -374,13 +353,10 @@ Wanted = Sequence[tuple[FrictionLaw, tuple[float, ...]]]
 
 def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
     """Return the sums of products of all joints, each with all its nodes `wanted`."""
-    dictionaries = []
+    tables = []
     for joint, nodes in enumerate(wanted):
-        signals = motion.signals[0]
-        places = np.linspace(0, len(signals.time) - 1, 64).astype(int)
-        inputs = gather_inputs(signals, slice(None), joint).items()
-        probe = {name: np.ascontiguousarray(values[places]) for name, values in inputs}
-        dictionaries.append(_Dictionary(nodes, probe))
+        places = np.linspace(0, len(motion.signals[0].time) - 1, 64).astype(int)
+        tables.append(_list_columns(nodes, gather_inputs(motion.signals[0], places, joint)))
     each = max(2, -(-_STRETCHES // len(motion.signals)))
     grams: list[list[FloatArray]] = [[] for _ in wanted]
     counts: list[list[int]] = [[] for _ in wanted]
@@ -404,9 +380,16 @@ def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
                 span = slice(int(block[0]) * width, (int(block[-1]) + 1) * width)
                 rigid = _average(motion.share_columns(run, span), width)
                 shared = rigid.shape[2]
-                for joint, dictionary in enumerate(dictionaries):
-                    rows = kept[joint][block]
-                    own = _average(dictionary.evaluate(gather_inputs(signals, span, joint)), width)
+                for joint, (_, made) in enumerate(tables):
+                    rows, inputs = kept[joint][block], gather_inputs(signals, span, joint)
+                    columns = np.zeros((len(inputs["velocity"]), sum(len(new) for *_, new in made)))
+                    place = 0
+                    for law, shape, new in made:
+                        found = _evaluate(law, shape, inputs)
+                        for k in new:
+                            columns[:, place] = found[k]
+                            place += 1
+                    own = _average(columns, width)
                     torque = _average(signals.tau[span, joint], width)
                     table = np.column_stack([rigid[rows, joint], own[rows], torque[rows]])
                     whole[joint] = whole[joint] + table.T @ table
@@ -414,10 +397,8 @@ def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
                 grams[joint].append(whole[joint])
                 counts[joint].append(int(kept[joint][part].sum()))
     return [
-        JointTable(
-            grams=np.stack(gram), shared=shared, rows=np.array(count, dtype=np.intp), nodes=entry.nodes
-        )
-        for gram, count, entry in zip(grams, counts, dictionaries, strict=True)
+        JointTable(np.stack(gram), shared, np.array(count, dtype=np.intp), nodes)
+        for gram, count, (nodes, _) in zip(grams, counts, tables, strict=True)
     ]
 
 
@@ -433,10 +414,8 @@ def load_joints(motion: Motion, shared: FloatArray) -> Motion:
     beta = shared[: len(motion.library.card.beta)]
     found = []
     for smooth, sharp, payload in zip(motion.smooth, motion.signals, motion.payloads, strict=True):
-        whole = beta if payload is None else beta + payload
-        computed = evaluate_rigid_torques(motion.library, smooth, whole)
-        load = fill_load(sharp.load, computed, motion.measured)
-        found.append(replace(sharp, load=load))
+        computed = evaluate_torques(motion.library, smooth, beta if payload is None else beta + payload)
+        found.append(replace(sharp, load=fill_load(sharp.load, computed, motion.measured)))
     return replace(motion, signals=tuple(found))
 
 

@@ -2,7 +2,6 @@
 
 Options, robot -> checked options, `EstimatorOptions`. Library, recordings, Processing, options -> `FitPlan`.
 
-    estimator   wls of several joints, ols of one; instruments where the choice takes them
     rows        one sample in r = 0.4 rate / band, so that decimation passes what lies within the band
     cut-off     min(5 band, 0.4 rate): high enough that it damps nothing that the rows keep
     ends        two periods of the cut-off, where a log begins or ends in motion
@@ -85,12 +84,11 @@ def plan_fit(
         IdentifiabilityError: no joint moves in a recording.
     """
     usual = "wls" if library.card.size > 1 else "ols"
-    if processing.instrument_cutoff and estimator is None and not long:
+    if processing.instrument_cutoff and not long:
         usual = FILTERED_INSTRUMENTAL
     plan: FitPlan | None = None
     if not processing.left_open:
-        settled = replace(processing, automatic=False)
-        plan = FitPlan(processing=settled, estimator=estimator or usual)
+        plan = FitPlan(processing=replace(processing, automatic=False), estimator=estimator or usual)
     else:
         filters = choose_filters(processing, recordings)
         spans = [entry.time[-1] - entry.time[0] for entry in recordings]
@@ -181,12 +179,9 @@ def plan_fit(
 
 
 def _limit_cutoff(plan: FitPlan, processing: Processing, recordings: Sequence[Recording]) -> FitPlan:
-    """Return the plan with a cut-off at which noise and blur of the velocity are equal, or a lower one.
-
-    Where a friction law bends with the velocity, noise biases it, and no instrument takes that out. Where
-    slow rows are left out, noise well below the slowest does no harm. Rows get a band that fits; what the
-    call's `processing` states stays.
-    """
+    """Return the plan with a cut-off at which noise and blur of the velocity are equal, or a lower one."""
+    # Where a friction law bends with the velocity, noise biases it, and no instrument takes that out. Where
+    # slow rows are left out, noise well below the slowest does no harm.
     used, rate = plan.processing, 1.0 / recordings[0].period
     if "filter_cutoff" not in processing.left_open:
         return plan
@@ -211,8 +206,6 @@ def _limit_cutoff(plan: FitPlan, processing: Processing, recordings: Sequence[Re
 
 _LEAST_CUTOFF = 0.02
 """Of the sample rate."""
-
-
 _RESTING = 0.005
 """Of the samples of a joint."""
 
@@ -272,11 +265,9 @@ def check_estimator(rows: str, estimator: str | None) -> None:
     Raises:
         UsageError: there is no such estimator; those of friction laws are others.
     """
-    if estimator is None:
-        return
     more = f" with {rows} rows; those of friction laws go with --rows friction"
-    notices = list_unknown("estimator", estimator, (*ESTIMATORS, FILTERED_INSTRUMENTAL, *SIMULATING), more)
-    if notices:
+    allowed = (*ESTIMATORS, FILTERED_INSTRUMENTAL, *SIMULATING)
+    if estimator is not None and (notices := list_unknown("estimator", estimator, allowed, more)):
         raise UsageError(*notices)
 
 

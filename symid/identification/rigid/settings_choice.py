@@ -4,8 +4,7 @@ Library, recordings, Processing -> `SettingsChoice`: the processing, and what ev
 
     scoring band B    twice the band that holds 99 % of the velocities' power, from the positions' spectra
     candidates        rows within bands B 2^k; least squares, or instruments: the same rows along positions
-                      that pass a low-pass at a lower band, whose noise the rows do not share; rows below a
-                      part of the joint's top speed left out
+                      that pass a low-pass at a lower band; rows below a part of the top speed left out
     held out          |y - A x|^2 of every stretch, x from the others, within B/2 and B, of joint and band
                       relative to |y|^2; every row counts, slow ones too
     movement          rms over parameters of |x - x'| over the deviation of x', the largest over all x' of
@@ -89,10 +88,7 @@ class _Level:
 
 
 def _filter_rows(values: FloatArray, band: float, places: NDArray[np.intp]) -> FloatArray:
-    """Return low-passed `values` (N, k) at `places` (T,), at even distances.
-
-    `band` is in cycles a sample; ends are reflected oddly.
-    """
+    """Return `values` (N, k), low-passed at `band` cycles a sample, at `places` (T,) of even distances."""
     half = round(_TAPS / band)
     if band >= 0.45 or not half:
         return values[places]
@@ -105,16 +101,10 @@ def _filter_rows(values: FloatArray, band: float, places: NDArray[np.intp]) -> F
     weights = np.zeros((_TOGETHER, len(taps) + step * (_TOGETHER - 1)))
     for place, row in enumerate(weights):
         row[step * place : step * place + len(taps)] = taps
-    padded = np.concatenate(
-        [
-            2.0 * values[:1] - values[half:0:-1],
-            values,
-            2.0 * values[-1:] - values[-2 : -half - 2 : -1],
-        ]
-    )
     # Columns of zeros, of which a regressor has many, stay so.
     live = np.flatnonzero(values.any(axis=0))
-    padded, parts = np.ascontiguousarray(padded[:, live]), []
+    padded = np.pad(values[:, live], ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
+    parts = []
     for start in range(0, len(places), _TOGETHER):
         count = min(_TOGETHER, len(places) - start)
         begin, width = first + step * start, len(taps) + step * (count - 1)
@@ -146,11 +136,9 @@ class _Study:
         pieces: Sequence[tuple[int, Recording]],
         processing: Processing,
         bands: Sequence[float],
-        scoring: int = _OCTAVES,
     ) -> None:
         """Build the rows of all bands, and sum their products by stretch and speed."""
         self.bands, self.processing = tuple(bands), processing
-        self.scoring = scoring
         self.pairs = [(k, z) for k in range(len(bands)) for z in range(k + 1)]
         friction = np.array([joint.friction != "none" for joint in library.card.joints])
         self.dry = bool(friction.any())
@@ -163,7 +151,7 @@ class _Study:
             ends = round(min(ENDS / recording.period, PART * samples) / step) * step
             places = np.arange(ends, samples - ends, step)
             levels.append([self._build_level(library, recording, band, places) for band in bands])
-            tops.append(np.quantile(np.abs(levels[-1][self.scoring].velocity), _TOP, axis=0))
+            tops.append(np.quantile(np.abs(levels[-1][_OCTAVES].velocity), _TOP, axis=0))
             runs += [run] * count
         self.top: FloatArray = np.max(tops, axis=0)
         self.runs = np.array(runs)
@@ -173,7 +161,7 @@ class _Study:
         self.sums = {pair: np.zeros(shape) for pair in self.pairs}
         for place, ((_, recording), own) in enumerate(zip(pieces, levels, strict=True)):
             out = np.isin(np.arange(library.card.size), list_resting_joints(recording)) & friction
-            speed = np.abs(own[self.scoring].velocity) / np.where(self.top > 0.0, self.top, 1.0)
+            speed = np.abs(own[_OCTAVES].velocity) / np.where(self.top > 0.0, self.top, 1.0)
             kind = np.searchsorted(SHARES, speed, side="right") - 1
             kind[:, out] = -1
             self._sum_stretches(own, kind, range(place * count, (place + 1) * count))
@@ -181,7 +169,7 @@ class _Study:
         for sums in self.sums.values():
             for share in range(len(SHARES) - 1, 0, -1):
                 sums[:, share - 1] += sums[:, share]
-        squares = self.sums[self.scoring, self.scoring][:, 0]
+        squares = self.sums[_OCTAVES, _OCTAVES][:, 0]
         logs = np.stack([squares[self.runs == run].sum(axis=0) for run in range(runs[-1] + 1)])
         torque = logs[:, :, -1, -1].sum(axis=0)
         self.logwise = determine_each_other(logs, 1.0 / np.where(torque > 0.0, torque, 1.0))
@@ -255,7 +243,7 @@ class _Study:
         """Return the loss (folds, bands, n) of every fold on what it leaves out, relative to the torque."""
         stretches = len(self.runs)
         found = []
-        for level in (self.scoring - 1, self.scoring):
+        for level in (_OCTAVES - 1, _OCTAVES):
             squares = self.sums[level, level][:, 0]
             whole = squares[:, :, -1, -1].sum(axis=0)
             rows = []
@@ -346,7 +334,8 @@ def choose_settings(
         bands = [*(entry for entry in bands if entry < 0.8 * band), band]
     shares = range(int(moving), len(SHARES)) if processing.standstill is None else range(1)
     last = len(bands) - 1
-    parts: list[tuple[list[Candidate], int, tuple[float, ...]]] = []
+    best: tuple[Candidate, int, tuple[float, ...]] | None = None
+    candidates: list[Candidate] = []
     # Up to which columns of all logs states may be used, the stated one alone where there is one.
     usable = [processing.states]
     if processing.states == "position":
@@ -364,16 +353,12 @@ def choose_settings(
             if z > 0 and (z < k) in instruments and (k == last if band else k - z <= _WIDER)
             if z == k or share > 0 or len(shares) == 1 or not study.dry
         ]
-        parts.append((*study.choose(tried, shares), tuple(study.top.tolist())))
-    chosen = 0
-    for place, (candidates, taken, _) in enumerate(parts):
-        other, best = candidates[taken], parts[chosen][0][parts[chosen][1]]
-        if _ALIKE * np.mean(other.held_out) < np.mean(best.held_out) and other.still >= best.still:
-            chosen = place
-    before = sum(len(candidates) for candidates, _, _ in parts[:chosen])
-    return SettingsChoice(
-        scoring=scoring,
-        candidates=tuple(entry for candidates, _, _ in parts for entry in candidates),
-        taken=before + parts[chosen][1],
-        top=parts[chosen][2],
-    )
+        found, taken = study.choose(tried, shares)
+        other = found[taken]
+        if best is None or (
+            _ALIKE * np.mean(other.held_out) < np.mean(best[0].held_out) and other.still >= best[0].still
+        ):
+            best = other, len(candidates) + taken, tuple(study.top.tolist())
+        candidates += found
+    _, place, top = best or (None, 0, ())
+    return SettingsChoice(scoring=scoring, candidates=tuple(candidates), taken=place, top=top)

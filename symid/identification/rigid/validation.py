@@ -1,8 +1,7 @@
 """A stored estimate on logs: what it predicts of another one, and its diagnosis on those of the fit.
 
 Estimate, robot, recording -> `ResolvedProcessing`, `Robot` as it was identified, `Validation`.
-Estimate, the library of its model, the recordings of the fit -> `Diagnosis`: rank, correlations, essential
-parameters, bootstrap, drift, structure.
+Estimate, the library of its model, the recordings of the fit -> `Diagnosis`.
 
 Filter and decimation of a validation are
 
@@ -67,6 +66,7 @@ from symid.identification.estimators import (
     compute_residuals,
     estimate_group_weights,
     find_phases,
+    fit_condensed,
     fit_weighted,
 )
 from symid.identification.regression import (
@@ -74,9 +74,9 @@ from symid.identification.regression import (
     SCALAR_KINDS,
     WINDOW,
     Identifiability,
-    LongRows,
     RankRule,
     RowBuilder,
+    analyse_condensed,
     choose_filters,
     compute_spectrum,
     condense_recordings,
@@ -86,7 +86,7 @@ from symid.identification.regression import (
     prepare_rows,
     select_rows,
 )
-from symid.identification.rigid.fit import LARGEST, compute_long_covariance, fit_in_memory, is_long
+from symid.identification.rigid.fit import LARGEST, fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.joint_models import FrictionValues, rename_law
 from symid.logs import Recording, describe_overlap, has_states, measure_overlap
@@ -122,21 +122,18 @@ def resolve_processing(
     period = estimate.settings.get("sample_period")
     if _is_positive(period) and math.isclose(period, recording.period, rel_tol=SAME_PERIOD):
         fitted = read_fit_processing(estimate.settings)
+        factor = (fitted if "decimation.factor" in left else processing).decimation.factor
         settled = replace(
             processing,
+            filter_cutoff=(fitted if "filter_cutoff" in left else processing).filter_cutoff,
+            decimation=replace(processing.decimation, factor=factor),
             drop_first=max(processing.drop_first, fitted.drop_first),
             drop_last=max(processing.drop_last, fitted.drop_last),
-            standstill=fitted.standstill if "standstill" in left else processing.standstill,
+            standstill=(fitted if "standstill" in left else processing).standstill,
             instrument_cutoff=processing.instrument_cutoff or fitted.instrument_cutoff,
             states=fitted.states if has_states(recording, fitted.states) else processing.states,
             automatic=False,
         )
-        if "filter_cutoff" in left:
-            settled = replace(settled, filter_cutoff=fitted.filter_cutoff)
-        if "decimation.factor" in left:
-            settled = replace(
-                settled, decimation=replace(settled.decimation, factor=fitted.decimation.factor)
-            )
         return ResolvedProcessing(processing=settled, origin=stated | dict.fromkeys(told, "fit"))
     choice = choose_filters(processing, [recording])
     return ResolvedProcessing(
@@ -169,11 +166,7 @@ def read_fit_processing(settings: Mapping[str, object]) -> Processing:
 
 
 def get_fit_window(settings: Mapping[str, object]) -> float:
-    """Return the length in s of the windows of momentum and energy rows in the fit.
-
-    Raises:
-        EstimateError: it is no positive number.
-    """
+    """Return the length in s of the windows of the fit; EstimateError if it is no positive number."""
     window = settings.get("window", WINDOW)
     if not _is_positive(window):
         _refuse("window", "a positive number", window)
@@ -202,11 +195,7 @@ def get_usable_window(
 
 
 def get_fit_overlap(settings: Mapping[str, object]) -> float:
-    """Return the part of a window that the next one shared in the fit.
-
-    Raises:
-        EstimateError: it is not between 0 and 1.
-    """
+    """Return the part of a window that the next one shared; EstimateError if it is not from 0 to 1."""
     overlap = settings.get("overlap", 0.0)
     if isinstance(overlap, bool) or not isinstance(overlap, int | float) or not 0.0 <= overlap < 1.0:
         _refuse("overlap", "a number from 0 to 1", overlap)
@@ -214,11 +203,7 @@ def get_fit_overlap(settings: Mapping[str, object]) -> float:
 
 
 def get_run_weights(settings: Mapping[str, object], count: int) -> tuple[float, ...] | None:
-    """Return the weights of the squared residuals of each of `count` logs in the fit, None if all alike.
-
-    Raises:
-        EstimateError: they are no positive numbers, one a log.
-    """
+    """Return the weights of each of `count` logs in the fit, None if all alike; EstimateError if unusable."""
     weights = settings.get("weights")
     if weights is None:
         return None
@@ -247,26 +232,22 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
         UsageError: a setting cannot be made here.
         EstimateError: the log map or the processing of the estimate cannot be read.
     """
-    # A result of friction has no friction models; its signature has.
+    # A result of friction has no friction models; its signature has. Joints with different models have them
+    # from the file: an option sets one for all.
     kinds = tuple(dict.fromkeys(estimate.friction))
-    # Joints with different models have them from the file: an option sets one for all.
-    laws = {law.joint: law for law in estimate.laws} if isinstance(estimate, Estimate) else {}
-    if laws:
-        joints = []
-        for joint in robot.joints:
-            friction = joint.friction
-            if joint.name in laws:
-                law = laws[joint.name]
-                name = rename_law(law.law)
-                friction = FrictionValues(law=name, shape=law.shape, smoothing=law.smoothing)
-            joints.append(replace(joint, friction=friction))
+    if isinstance(estimate, Estimate) and estimate.laws:
+        laws = {
+            law.joint: FrictionValues(law=rename_law(law.law), shape=law.shape, smoothing=law.smoothing)
+            for law in estimate.laws
+        }
+        joints = [replace(joint, friction=laws.get(joint.name, joint.friction)) for joint in robot.joints]
         described = replace(robot, joints=tuple(joints))
     else:
         described = override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
     restored = _restore_settings(described, estimate.settings)
     # The settings that differ between the estimate and the robot file, but for overridden ones. Where the fit
     # has chosen some from its logs, ends that it cut, instruments and velocities are chosen too.
-    overridden = {key for key, _ in settings} | ({*_CHOSEN_TOO} if estimate.settings.get("chosen") else set())
+    overridden = {key for key, _ in settings} | (_CHOSEN_TOO if estimate.settings.get("chosen") else set())
     of_file, of_estimate = (_flatten(describe_settings(entry)) for entry in (described, restored))
     texts = []
     for key in sorted({*of_file, *of_estimate} - overridden):
@@ -307,10 +288,7 @@ def _restore_settings(robot: Robot, settings: Mapping[str, object]) -> Robot:
     if isinstance(chosen, Sequence) and chosen:
         # What the fit chose from its logs is left open.
         processing = {**processing, "automatic": True, "states": "position"}
-        if "filter_cutoff" in chosen:
-            processing["filter_cutoff"] = "none"
-        if "standstill" in chosen:
-            processing["standstill"] = "none"
+        processing |= {name: "none" for name in ("filter_cutoff", "standstill") if name in chosen}
         if "decimation.factor" in chosen and isinstance(processing.get("decimation"), Mapping):
             processing["decimation"] = {**processing["decimation"], "factor": 1}
     values = {"processing": _make_exact(processing)}
@@ -339,9 +317,7 @@ def _make_exact(value: object) -> object:
     return value
 
 
-_CHOSEN_TOO = tuple(
-    f"processing.{name}" for name in ("drop_first", "drop_last", "instrument_cutoff", "states")
-)
+_CHOSEN_TOO = {f"processing.{name}" for name in ("drop_first", "drop_last", "instrument_cutoff", "states")}
 
 
 def _flatten(value: object, prefix: str = "") -> dict[str, object]:
@@ -477,23 +453,28 @@ def measure_decimation_price(
     if builder.kind != "torque" or builder.processing.decimation.factor == 1:
         return ()
     every = builder._replace(processing=replace(builder.processing, decimation=Decimation()))
-    some, full = (condense_recordings(entry, recordings, weights) for entry in (builder, every))
-    if some is None or full is None:
-        return ()
-    freedom = builder.processing.noise_freedom
-    ours, theirs = (
-        np.sqrt(np.maximum(np.diag(compute_long_covariance(entry, groups, freedom)), 0.0))
-        for entry in (some, full)
-    )
+    found: list[tuple[FloatArray, NDArray[np.intp], FloatArray]] = []
+    for entry in (builder, every):
+        long = condense_recordings(entry, recordings, weights)
+        if long is None:
+            return ()
+        condensed, sketch = long.condense(), long.sketch()
+        basis = analyse_condensed(condensed, long.outline.kind, long.outline.names).basis
+        own = fit_condensed(condensed, basis, groups, builder.processing.noise_freedom)
+        # Weighted rows [A B, y] with the squares of all equations, and the fifth of time of each.
+        table = np.column_stack([sketch.matrix @ identifiability.basis, sketch.values])
+        counts = [int(np.sum(sketch.group == group)) for group in np.unique(sketch.group)]
+        fold = np.concatenate([np.arange(count) * _FOLDS // count for count in counts])
+        deviations = np.sqrt(np.maximum(np.diag(own.covariance), 0.0))
+        found.append((table * groups[sketch.group][:, None], fold, deviations))
+    (judged, number, ours), (others, place, theirs) = found
     both = (ours > 0.0) & (theirs > 0.0)
     if not both.any():
         return ()
-    judged, number = _weigh(some, identifiability, groups)
-    others, place = _weigh(full, identifiability, groups)
     left = np.zeros(2)
-    for fold in range(_FOLDS):
-        held = judged[number == fold]
-        for index, table in enumerate((judged[number != fold], others[place != fold])):
+    for part in range(_FOLDS):
+        held = judged[number == part]
+        for index, table in enumerate((judged[number != part], others[place != part])):
             values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RANK)[0]
             left[index] += float(np.sum((held[:, -1] - held[:, :-1] @ values) ** 2))
     held_out = 100.0 * (float(np.sqrt(left[0] / left[1])) - 1.0) if left[1] else 0.0
@@ -503,21 +484,6 @@ def measure_decimation_price(
         Price(what=what, of="held-out residual", percent=held_out),
         Price(what=what, of="median stated standard deviation (for white noise)", percent=wider),
     )
-
-
-def _weigh(
-    long: LongRows, identifiability: Identifiability, groups: FloatArray
-) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return weighted rows [A B, y] with the squares of all equations, and the fifth of time of each."""
-    sketch, fold = long.sketch(), np.zeros(0, dtype=np.intp)
-    for group in np.unique(sketch.group):
-        count = int(np.sum(sketch.group == group))
-        fold = np.concatenate([fold, np.arange(count) * _FOLDS // count])
-    table = (
-        np.column_stack([sketch.matrix @ identifiability.basis, sketch.values])
-        * groups[sketch.group][:, None]
-    )
-    return table, fold
 
 
 _KINDS = ("torque", "momentum")
@@ -563,12 +529,10 @@ def diagnose_estimate(
     library: Library,
     recordings: Sequence[Recording],
     processing: Processing,
-    *,
-    seed: int = 0,
 ) -> Diagnosis:
     """Return the diagnosis of `estimate` on the recordings that it was fitted to, as their runs are set.
 
-    What `processing` leaves open is taken from the estimate; `seed` is that of the bootstrap's draws.
+    What `processing` leaves open is taken from the estimate.
 
     Raises:
         EstimateError: the estimate belongs to another model, or its settings cannot be read.
@@ -590,36 +554,32 @@ def diagnose_estimate(
         estimator=estimate.estimator if alone else "wls",
         choice=None if long else estimate.choice,
     )
-    fitted, *_ = fit_in_memory(builder, recordings, plan, rule=RankRule(), weights=weights)
+    fitted = fit_in_memory(builder, recordings, plan, rule=RankRule(), weights=weights)
     rows, identifiability = fitted.rows, fitted.identifiability
     values = estimate.assemble(rows.names)
-    known = {entry.name: place for place, entry in enumerate(estimate.parameters)}
+    names, stated = [entry.name for entry in estimate.parameters], np.array(estimate.covariance)
     covariance = np.zeros((len(rows.names), len(rows.names)))
-    places = [(k, known[name]) for k, name in enumerate(rows.names) if name in known]
+    places = [(k, names.index(name)) for k, name in enumerate(rows.names) if name in names]
     if places:
         ours, theirs = (list(index) for index in zip(*places, strict=True))
-        covariance[np.ix_(ours, ours)] = np.array(estimate.covariance)[np.ix_(theirs, theirs)]
+        covariance[np.ix_(ours, ours)] = stated[np.ix_(theirs, theirs)]
     groups = np.ones(len(rows.group_names))
     if estimate.estimator != "ols":
         groups = estimate_group_weights(rows, identifiability, processing.noise_freedom)
+    rank = int(identifiability.basis.shape[1])
     fit = RegressionFit(
         values=values,
         covariance=covariance,
         residuals=rows.values - rows.matrix @ values,
-        spent=count_freedom(processing.noise_freedom, int(identifiability.basis.shape[1]), rows.independent)[
-            0
-        ],
+        spent=count_freedom(processing.noise_freedom, rank, rows.independent)[0],
         condition=estimate.condition,
         weights=groups[rows.group] * np.sqrt(rows.weight),
     )
-    covariance = np.array(estimate.covariance)
-    names = tuple(entry.name for entry in estimate.parameters)
-    values = estimate.assemble(rows.names)
-    correlated, ellipse = list_correlated(covariance, names), None
+    correlated, ellipse = list_correlated(stated, names), None
     if correlated:
         pair = [names.index(name) for name in correlated[0][:2]]
         chosen = [estimate.parameters[k].value for k in pair]
-        ellipse = compute_ellipse(chosen, covariance[np.ix_(pair, pair)])
+        ellipse = compute_ellipse(chosen, stated[np.ix_(pair, pair)])
     refit: float | None = None
     if alone:
         # The largest difference between the estimate and the same fit made again, in its deviations.
@@ -641,11 +601,11 @@ def diagnose_estimate(
     warnings = (build_warning("diagnosis.other-values", refit=refit),) if changed else ()
     return Diagnosis(
         singular=tuple(map(float, compute_spectrum(rows.matrix * fit.weights[:, None]).singular)),
-        rank=int(identifiability.basis.shape[1]),
+        rank=rank,
         correlated=correlated,
         ellipse=ellipse,
         essential=select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
-        bootstrap=compute_bootstrap(rows, fit, identifiability, np.random.default_rng(seed)),
+        bootstrap=compute_bootstrap(rows, fit, identifiability, np.random.default_rng(0)),
         drift=measure_drift(rows, fit, processing.noise_freedom),
         structure=analyse_structure(values, library, recordings, processing, weights=weights),
         profiles=compute_profiles(values, library, recordings, processing),

@@ -86,7 +86,7 @@ def test_laws_that_predict_better_stay_and_others_give_way_at_their_joints_alone
 def make_trial(name, losses):
     law = get_law(name)
     linear = np.zeros(len(law.linear))
-    return _Trial(law=law, node=None, linear=linear, losses=losses, own=losses, fitted=1.0, weak=())
+    return _Trial(law=law, node=None, linear=linear, losses=losses, own=losses, weak=())
 
 
 @pytest.mark.parametrize(("behind", "taken"), [(0.5, "temperature"), (2.0, "temperature-viscous")])

@@ -67,17 +67,6 @@ def compute_ar(memory, count, scatter=SCATTER):
     return scatter**2 / (1.0 - memory**2) * toeplitz(memory ** np.arange(count))
 
 
-def test_white_noise_has_the_usual_covariance():
-    columns = build_columns()
-    matrix, *_ = place_rows(columns)
-    _, covariances = fit_many(columns, lambda rng: SCATTER * rng.normal(size=(2, COUNT)), 100)
-    exact = SCATTER**2 * np.linalg.inv(matrix.T @ matrix)
-    found = covariances.mean(axis=0)
-    np.testing.assert_allclose(np.diag(found), np.diag(exact), rtol=0.06)
-    size = np.sqrt(np.diag(exact))
-    np.testing.assert_allclose(found / size / size[:, None], exact / size / size[:, None], atol=0.06)
-
-
 @pytest.mark.parametrize("memory", [0.8, -0.6])
 def test_noise_with_a_memory_has_its_own(memory):
     columns = build_columns()

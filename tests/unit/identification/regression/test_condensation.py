@@ -14,8 +14,6 @@ from symid.identification.regression.identifiability import (
     compute_square_sums,
     condense_rows,
     condense_weighted,
-    extend_triangle,
-    stack_condensed,
 )
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_signals, build_two_link
@@ -63,16 +61,6 @@ def test_rows_in_any_order_condense_to_the_same_once(rows, library, signals):
     assert len(condensation._KNOWN) < known
 
 
-def test_columns_without_entries_stay_empty_until_they_have_some():
-    first, second = np.zeros((5, 4)), np.ones((5, 4))
-    first[:, 1] = np.arange(5)
-    triangle = extend_triangle(np.zeros((4, 4)), [first])
-    assert np.count_nonzero(triangle.any(axis=0)) == 1
-    both = np.vstack([first, second])
-    whole = extend_triangle(triangle, [second])
-    np.testing.assert_allclose(whole.T @ whole, both.T @ both, atol=1e-12)
-
-
 def test_a_weight_of_zero_is_a_row_left_out(rows):
     keep = rows.time < 4.0
     cut = condense_rows(select_rows(rows, keep))
@@ -92,10 +80,3 @@ def test_condensed_fits_are_those_of_the_rows(rows, freedom):
         np.testing.assert_allclose(found.values, expected.values, rtol=1e-9)
         np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-7, atol=1e-18)
         assert found.condition == pytest.approx(expected.condition)
-
-
-def test_one_triangle_of_all_groups(rows):
-    weights = np.array([2.0, 3.0])
-    triangle = stack_condensed(condense_rows(rows), weights)
-    scaled = rows.matrix * weights[rows.group][:, None]
-    np.testing.assert_allclose(triangle[:, :-1].T @ triangle[:, :-1], scaled.T @ scaled, rtol=1e-9, atol=1e-6)

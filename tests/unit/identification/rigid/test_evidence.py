@@ -8,7 +8,7 @@ import pytest
 from symid.identification.diagnostics.stretches import fit_stretches
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.preparation import prepare_rows
-from symid.identification.rigid.fit import JudgedRows, identify_parameters, list_joint_evidence
+from symid.identification.rigid.fit import FittedRows, identify_parameters, list_joint_evidence
 from symid.identification.rigid.validation import validate_estimate
 from symid.logs.sampling import resample_if_uneven
 from symid.robot.description import Decimation, Processing
@@ -125,6 +125,7 @@ def test_a_validation_shows_what_joints_leave_when_they_rest():
 
 def test_a_joint_that_never_moves_is_left_out_and_what_it_would_add_is_said():
     estimate = identify_parameters(LIBRARY, [record(0)], AUTOMATIC)
+    assert identify_parameters(LIBRARY, [record(0)], AUTOMATIC, rows="energy").evidence is None
     held = record(1)
     still = replace(held, position=held.position * [0.0, 1.0] + [0.4, 0.0])
     validation = validate_estimate(estimate, LIBRARY, still, STATED)
@@ -181,7 +182,8 @@ def test_noise_of_a_velocity_near_rest_is_no_friction():
     kept = ~slow
     as_read, left = replace(rows, matrix=noisy), np.zeros(len(rows.values))
     stretches = fit_stretches(as_read, None, kept, np.ones(2))
-    plain = JudgedRows(rows=as_read, speed=rows.velocity, kept=kept, residuals=left)
+    fit = {"rows": as_read, "identifiability": None, "fit": None}
+    plain = FittedRows(**fit, whole=as_read, speed=rows.velocity, kept=kept, residuals=left)
     alone = list_joint_evidence(plain, stretches, 20.0)
     beside = list_joint_evidence(replace(plain, smooth=rows), stretches, 20.0)
     for one, other in zip(alone, beside, strict=True):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from symid.errors import EstimateError, UsageError
-from symid.identification.diagnostics.residual_structure import predict_torques
 from symid.identification.estimators.least_squares import fit_ols
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import analyse_identifiability
@@ -28,6 +27,7 @@ from symid.logs.signals import choose_processing
 from symid.robot.description import Decimation, Processing
 from symid.robot.loading import load_robot
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
+from tests.refusals import raises
 from tests.unit.identification.rigid.two_link_logs import score
 
 AUTOMATIC = Processing(automatic=True)
@@ -70,19 +70,6 @@ def test_the_estimate_says_what_was_chosen(noisy, estimate):
     assert stated.choice is None
     assert stated.estimator == estimate.estimator
     assert stated.parameters == estimate.parameters
-
-
-def test_a_log_of_the_same_period_is_processed_as_the_fit(noisy, estimate):
-    """A clean log would be filtered otherwise by itself; what the fit chose counts."""
-    clean = record(0.0, 2)
-    own = choose_filters(AUTOMATIC, [clean]).processing
-    fitted = read_fit_processing(estimate.settings)
-    assert own != fitted
-    settled = resolve_processing(estimate, AUTOMATIC, clean)
-    assert settled.processing == fitted
-    assert settled.origin == {"filter_cutoff": "fit", "decimation.factor": "fit"}
-    found, stated = (validate_estimate(estimate, LIBRARY, clean, how) for how in (AUTOMATIC, fitted))
-    assert found.all_rows == stated.residual
 
 
 def test_a_validation_counts_rows_that_the_fit_leaves_out(noisy, estimate):
@@ -166,20 +153,6 @@ def test_a_log_without_velocities_is_predicted_from_its_positions(noisy, estimat
         assert validate_estimate(fitted, LIBRARY, log, restored).samples
 
 
-def test_what_is_stated_wins_entry_by_entry(noisy, estimate):
-    half = resolve_processing(estimate, replace(AUTOMATIC, filter_cutoff=33.0), noisy)
-    fitted = read_fit_processing(estimate.settings)
-    assert half.processing.filter_cutoff == 33.0
-    assert half.processing.decimation.factor == fitted.decimation.factor
-    assert half.origin == {"filter_cutoff": "stated", "decimation.factor": "fit"}
-    assert " 33 Hz " in half.describe()
-    assert f" {fitted.decimation.factor} " in half.describe()
-    whole = resolve_processing(estimate, Processing(), noisy)
-    assert whole.processing == Processing()
-    assert whole.origin == {"filter_cutoff": "stated", "decimation.factor": "stated"}
-    assert whole.describe().count("(") == 1
-
-
 def test_another_sample_period_is_chosen_from_the_log(noisy, estimate):
     slow = cut_recording(noisy, slice(None, None, 4))
     settled = resolve_processing(estimate, AUTOMATIC, slow)
@@ -193,15 +166,6 @@ def test_another_sample_period_is_chosen_from_the_log(noisy, estimate):
     for told in ({}, {"sample_period": "1 ms"}, {"sample_period": -1.0}):
         silent = replace(estimate, settings={**settings, **told})
         assert set(resolve_processing(silent, AUTOMATIC, noisy).origin.values()) == {"log"}
-
-
-def test_rows_and_band_have_the_rule_of_the_fit(noisy):
-    chosen = choose_filters(AUTOMATIC, [noisy]).processing
-    one, two = (prepare_rows("torque", LIBRARY, noisy, entry, window=0.1) for entry in (AUTOMATIC, chosen))
-    assert np.array_equal(one.matrix, two.matrix)
-    call = (TWO_LINK_TRUTH, LIBRARY, noisy)
-    one, two = (predict_torques(*call, entry, band=10.0) for entry in (AUTOMATIC, chosen))
-    assert np.array_equal(one.predicted, two.predicted)
 
 
 @pytest.mark.parametrize("estimator", ["ols", "wls", "huber", "sequential"])
@@ -308,9 +272,8 @@ def get_weights(settings):
 )
 def test_settings_that_cannot_be_read_are_refused(read, settings):
     words = r"'(processing|filter_cutoff|decimation\.factor|window|overlap|weights)'"
-    with pytest.raises(EstimateError, match=words) as caught:
+    with raises(EstimateError, "estimate.settings", match=words):
         read(settings)
-    assert caught.value.notices[0].code == "estimate.settings"
     # Those that say nothing have defaults.
     assert (get_fit_window({}), get_fit_overlap({}), get_weights({})) == (0.1, 0.0, None)
     assert get_weights({"weights": [2, 0.5]}) == (2.0, 0.5)

@@ -10,6 +10,7 @@ from symid.errors import IdentifiabilityError
 from symid.identification.diagnostics.fit_warnings import compute_block_deviations
 from symid.identification.diagnostics.residual_structure import analyse_structure
 from symid.identification.diagnostics.uncertainty import compute_mean_weights
+from symid.identification.estimators.least_squares import fit_condensed
 from symid.identification.estimators.linear_estimators import fit_rows
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
@@ -19,10 +20,8 @@ from symid.identification.regression.preparation import (
     condense_recordings,
     predict_outlines,
     prepare_rows,
-    prepare_states,
 )
-from symid.identification.rigid.fit import compute_long_covariance, fit_long, identify_parameters, is_long
-from symid.logs.signals import decimate, decimate_blocks
+from symid.identification.rigid.fit import fit_long, identify_parameters, is_long
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 
@@ -110,8 +109,8 @@ def test_deviations_of_blocks(kind, freedom):
     fit = fit_rows("wls", rows, seen, freedom)
     long = condense_recordings(maker, recordings, (1.0, 0.3))
     sketch, weights = long.sketch(), compute_mean_weights(rows, fit)
-    covariance = compute_long_covariance(long, weights, freedom)
-    np.testing.assert_allclose(np.diag(covariance), np.diag(fit.covariance), rtol=1e-9)
+    found = fit_condensed(long.condense(), seen.basis, weights, freedom)
+    np.testing.assert_allclose(np.diag(found.covariance), np.diag(fit.covariance), rtol=1e-9)
     left = sketch.values - sketch.matrix @ fit.values
     small = replace(fit, residuals=left, spent=0, condition=1.0, weights=weights[sketch.group])
     np.testing.assert_allclose(
@@ -131,28 +130,6 @@ def test_outlines_are_predicted_by_one_pass(kind, recordings):
         rows = stack_rows([one._replace(keeper=None).prepare(log) for log in recordings])
         np.testing.assert_array_equal(rows.values, outline.values)
         np.testing.assert_allclose(predicted, rows.matrix @ values, rtol=1e-9, atol=1e-9)
-
-
-def test_states_are_prepared_once_for_neighbouring_passes(recordings, monkeypatch):
-    asked = []
-
-    def prepare(library, recording, processing):
-        asked.append(recording.source)
-        return prepare_states(library, recording, processing)
-
-    monkeypatch.setattr("symid.identification.regression.preparation.prepare_states", prepare)
-    first, second = recordings
-    keeper = StatesKeeper()
-    for log in (first, first, second, first):
-        kept = keeper.prepare(LIBRARY, log, PROCESSING)
-        np.testing.assert_array_equal(kept.ddq, prepare_states(LIBRARY, log, PROCESSING).ddq)
-    assert asked == ["made 1", "made 2", "made 1"]
-    for change, count in (({"standstill": None}, 3), ({"filter_cutoff": 30.0}, 4)):
-        keeper.prepare(LIBRARY, first, replace(PROCESSING, **change))
-        assert len(asked) == count
-    asked.clear()
-    fit_long(RowBuilder("torque", LIBRARY, PROCESSING, 0.1, 0.0), [first], "wls", rule=RankRule())
-    assert asked == ["made 1"]
 
 
 def test_every_sample_joints_at_rest_and_refused_parameters(recordings):
@@ -188,21 +165,6 @@ def test_what_blocks_cannot_do_is_done_in_memory(recordings):
     assert condense_recordings(maker, short, None) is None
     whole, again = (identify_parameters(LIBRARY, short, PROCESSING, largest=size) for size in (1e9, 0.0))
     assert whole == again
-
-
-@pytest.mark.parametrize("samples", [200, 8191, 8192, 30007])
-@pytest.mark.parametrize("factor", [1, 2, 10, 37])
-def test_blocks_are_decimated_as_the_whole(samples, factor):
-    """White noise and a step at either end: what a filter remembers longest."""
-    values = np.random.default_rng(samples).normal(size=(samples, 3, 2)).cumsum(axis=0)
-    decimation = Decimation(factor=factor)
-    whole = decimate(values, decimation)
-    found, places = np.full_like(whole, np.nan), []
-    for part, rows in decimate_blocks(lambda part: values[part], samples, decimation):
-        found[part] = rows
-        places += range(part.start, part.stop)
-    assert places == list(range(len(whole)))
-    assert np.abs(found - whole).max() < 1e-12 * np.abs(whole).max()
 
 
 @pytest.mark.parametrize("overlap", [0.0, 0.5, 0.9])
@@ -261,20 +223,3 @@ def test_memory_grows_by_the_log_and_not_by_its_matrix():
         assert len(found.rows.values) > 0.8 * LIBRARY.card.size * count
     matrix = 8 * LIBRARY.card.size * len(Wide.names) * (samples[1] - samples[0])
     assert peaks[1] - peaks[0] < 0.3 * matrix
-
-
-@pytest.mark.parametrize("kind", ["torque", "momentum", "power"])
-def test_regressors_are_never_asked_for_a_whole_log(kind):
-    asked = []
-
-    class Counting:
-        card, backend, notices = LIBRARY.card, LIBRARY.backend, LIBRARY.notices
-
-        def evaluate(self, name, *inputs, out=None):
-            asked.append(len(inputs[0]))
-            return LIBRARY.evaluate(name, *inputs, out=out)
-
-    log, processing = record(6, 70_001), replace(PROCESSING, decimation=Decimation(factor=10))
-    found = identify_parameters(Counting(), [log], processing, rows=kind, estimator="wls")
-    assert len(found.parameters) == len(TWO_LINK_TRUTH)
-    assert max(asked) < 14_500

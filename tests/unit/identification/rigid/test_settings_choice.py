@@ -15,6 +15,7 @@ from symid.identification.rigid.settings_choice import choose_settings, pick_pie
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH
+from tests.refusals import raises
 from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES, record, record_sticking
 
 AUTOMATIC = Processing(automatic=True)
@@ -138,18 +139,6 @@ def test_another_scoring_band_makes_the_same_choice(monkeypatch, seed, encoder):
     assert len({(entry.band, entry.instruments, entry.standstill) for entry in chosen}) == 1
 
 
-def test_with_more_noise_another_scoring_band_moves_no_value_beyond_deviations(monkeypatch):
-    log = record(1, encoder=1e-3)
-    found = vary_scoring(
-        monkeypatch, log, lambda log: assemble(identify_parameters(LIBRARY, [log], AUTOMATIC))
-    )
-    for values, deviations in (found[0], found[2]):
-        between = np.maximum(deviations, found[1][1])
-        assert np.sqrt(np.mean(((values - found[1][0]) / between) ** 2)) < 2.0
-    for values, deviations in found:
-        assert np.sqrt(np.mean(((values - TWO_LINK_TRUTH) / deviations) ** 2)) < 2.0
-
-
 def test_what_is_stated_is_not_chosen():
     log = record(1, encoder=1e-4, samples=2501)
     assert choose(log) == choose(log)
@@ -217,9 +206,8 @@ def test_of_long_logs_six_pieces_are_compared():
 
 def test_instruments_without_a_cutoff_are_refused():
     settled = Processing(filter_cutoff=40.0, standstill=0.0, decimation=Decimation(factor=3))
-    with pytest.raises(UsageError, match=r"set processing\.instrument_cutoff") as caught:
+    with raises(UsageError, "usage.no-instruments", match=r"set processing\.instrument_cutoff"):
         identify_parameters(LIBRARY, [record(0)], settled, estimator="filtered-instrumental")
-    assert caught.value.notices[0].code == "usage.no-instruments"
     stated = replace(settled, instrument_cutoff=3.0)
     estimate = identify_parameters(LIBRARY, [record(0)], stated, estimator="filtered-instrumental")
     assert estimate.choice is None
