@@ -492,5 +492,5 @@ def build_route_programs(robot, base, spec):
     workspace = build_workspace(robot, base, spec)
     programs = {}
     for name, build in list_routes(robot, spec.name).items():
-        programs[name] = workspace.table.build_program(spec, workspace.recall(build))
+        programs[name] = workspace.algebra.build_program(spec, workspace.recall(build))
     return programs

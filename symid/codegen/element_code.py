@@ -23,7 +23,7 @@ from symid import __version__
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.generation import GeneratedFolder, choose_runner, write_folder
 from symid.codegen.printing import print_c, print_python, write_literal
-from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra, count_operations
+from symid.codegen.programs import ExpressionTable, Program, count_operations
 from symid.codegen.source_folder import SourceSet, compute_digest
 from symid.codegen.source_text import build_library_prefix, check_choice, clean_text, write_template
 from symid.errors import Notice
@@ -89,14 +89,13 @@ def build_step(elasticity: Elasticity, *, rated: bool = False) -> Program:
 
     `rated`: the velocity is a third number of `held`, else it is the way over the period.
     """
-    table = ExpressionTable()
-    algebra, size = ValueAlgebra(table), len(start_states(elasticity, 0.0))
+    table, size = ExpressionTable(), len(start_states(elasticity, 0.0))
     held = (table.input(0, 0), table.input(0, 1))
     velocity = table.input(0, 2) if rated else None
     states = [table.input(1, k) for k in range(size)]
     values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
-    step = advance_element(algebra, elasticity, values, held, states, velocity=velocity)
-    stored = algebra.zero if step.stored is None else step.stored
+    step = advance_element(table, elasticity, values, held, states, velocity=velocity)
+    stored = table.zero if step.stored is None else step.stored
     outputs = {"y": [step.output], "after": step.states, "stored": [stored]}
     return _build_program(table, "step", {"held": 3 if rated else 2, "states": size}, outputs)
 
@@ -104,7 +103,7 @@ def build_step(elasticity: Elasticity, *, rated: bool = False) -> Program:
 def build_start(elasticity: Elasticity, side: float) -> Program:
     """Return the states where the input stands still: x -> states."""
     table = ExpressionTable()
-    states = start_element(ValueAlgebra(table), elasticity, table.input(0, 0), side)
+    states = start_element(table, elasticity, table.input(0, 0), side)
     return _build_program(table, "start", {"x": 1}, {"states": states})
 
 
@@ -113,7 +112,7 @@ def build_inverse(elasticity: Elasticity) -> Program:
     table, size = ExpressionTable(), len(start_states(elasticity, 0.0))
     values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
     states = [table.input(1, k) for k in range(size)]
-    x = invert_step(ValueAlgebra(table), elasticity, values, table.input(0, 0), states)
+    x = invert_step(table, elasticity, values, table.input(0, 0), states)
     return _build_program(table, "inverse", {"y": 1, "states": size}, {"x": [x]})
 
 

@@ -10,7 +10,7 @@ A carrier handles signs, zeros and ones itself, so that the recursion need not k
 
 import operator
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -96,6 +96,20 @@ class OperatorAlgebra(Algebra[Any]):
     sub: Any = staticmethod(operator.sub)
     mul: Any = staticmethod(operator.mul)
     neg: Any = staticmethod(operator.neg)
+
+
+@dataclass(frozen=True, slots=True)
+class FloatAlgebra(OperatorAlgebra):
+    """Doubles, or arrays of them, many states at once; `symbols` has the values of symbolic lengths in m."""
+
+    symbols: Mapping[str, float] = field(default_factory=dict)
+    zero, one = 0.0, 1.0
+
+    def constant(self, value: Exact) -> float:
+        return value.to_float(self.symbols)
+
+    def half(self, value: Any) -> Any:  # noqa: ANN401 - a double or an array
+        return 0.5 * value
 
 
 @dataclass(frozen=True, slots=True)

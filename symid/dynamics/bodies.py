@@ -26,7 +26,6 @@ from itertools import product
 from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector, transpose
 from symid.dynamics.recursion import (
     LinkFrame,
-    ProjectionFrame,
     Recursion,
     Screw,
     Wrench,
@@ -250,13 +249,8 @@ def add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
     return tensor, algebra.add_vectors(left[1], right[1]), algebra.add(left[2], right[2])
 
 
-def compute_mass_matrix(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> tuple[tuple[T, ...], ...]:
-    """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982).
-
-    `meet`: where the momentum of a composite body, per unit rate of its joint, meets the screws below.
-    """
+def compute_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[tuple[T, ...], ...]:
+    """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982)."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     zero = algebra.zero
     screws = transform_screws(recursion, build_axis_screws(recursion))
@@ -269,7 +263,7 @@ def compute_mass_matrix(
             wrench = Wrench(force=(algebra.neg(my), mx, zero), moment=column)
         else:
             wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
-        entries = project_wrench(recursion, joint, wrench, screws, meet(joint) if meet else -1)
+        entries = project_wrench(recursion, joint, wrench, screws)
         for other in range(joint + 1):
             matrix[joint][other] = matrix[other][joint] = entries[other]
         parent = robot.joints[joint].parent

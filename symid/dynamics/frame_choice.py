@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.dynamics.algebra import Algebra, OperatorAlgebra, RobotState, T, spread_coordinates
+from symid.dynamics.algebra import Algebra, FloatAlgebra, RobotState, T, spread_coordinates
 from symid.dynamics.bodies import Parameters, gather_body, rotate_tensor_about_z
 from symid.dynamics.recursion import Recursion, build_recursion, compute_motions, fold_vector
 from symid.dynamics.regressors import compute_torque_columns
@@ -132,21 +132,6 @@ def fix_last_link_axes(
     return replace(recursion, frames=held, motions=motions), turned
 
 
-class _ArrayAlgebra(OperatorAlgebra):
-    """Arrays of doubles, an element a state."""
-
-    zero, one = np.float64(0.0), np.float64(1.0)
-
-    def __init__(self, symbols: Mapping[str, float]) -> None:
-        self.symbols = symbols
-
-    def constant(self, value: Exact) -> np.float64:
-        return np.float64(value.to_float(self.symbols))
-
-    def half(self, value: FloatArray) -> FloatArray:
-        return 0.5 * value
-
-
 _ROUNDING_CODES = frozenset({"robot.angle-snapped", "robot.axis-snapped"})
 _STATES = 40
 _SEED = 20240
@@ -156,12 +141,13 @@ _SMALLEST_SINGULAR = 1e-9
 
 def _compute_torque_regressor(robot: Robot, motion: tuple[FloatArray, ...]) -> FloatArray:
     """Return the columns of all standard parameters (links, 10, joints, states) from q, dq, ddq."""
-    algebra, count = _ArrayAlgebra(dict(robot.symbols)), motion[0].shape[1]
+    algebra, count = FloatAlgebra(dict(robot.symbols)), motion[0].shape[1]
     q, dq, ddq = (spread_coordinates(robot, algebra, list(rows))[: robot.size] for rows in motion)
     sine, cosine = (tuple(map(wave, q)) for wave in (np.sin, np.cos))
     state = RobotState(sine=sine, cosine=cosine, position=q, velocity=dq, acceleration=ddq)
     keys = [(link, name) for link in range(robot.size) for name in INERTIAL]
-    found = compute_torque_columns(build_recursion(robot, algebra, state), keys, meet=lambda link: link)
+    recursion = replace(build_recursion(robot, algebra, state), meet=lambda link: link)
+    found = compute_torque_columns(recursion, keys)
     columns = [fold_vector(robot, algebra, found[key]) for key in keys]
     rows = [[np.broadcast_to(entry, (count,)) for entry in column] for column in columns]
     return np.array(rows).reshape(robot.size, len(INERTIAL), robot.freedom, count)

@@ -13,7 +13,7 @@ product is the torque of the joint.
 Supported: trees of revolute and prismatic joints on a fixed base.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Generic
@@ -47,15 +47,23 @@ class LinkMotion(Generic[T]):
     height: T
 
 
+ProjectionFrame = Callable[[int], int]
+"""In whose frame the wrenches of a link meet the screws: that of it or of a link before it; -1 for none."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recursion(Generic[T]):
-    """A robot in a state: what every form of its dynamics starts from."""
+    """A robot in a state: what every form of its dynamics starts from.
+
+    `meet`: where wrenches on their way down meet the screws of the joints; None: at every joint.
+    """
 
     robot: Robot
     algebra: Algebra[T]
     state: RobotState[T]
     frames: tuple[LinkFrame[T], ...]
     motions: tuple[LinkMotion[T], ...]
+    meet: ProjectionFrame | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,10 +292,6 @@ def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Scre
     return find
 
 
-ProjectionFrame = Callable[[int], int]
-"""In whose frame the wrenches of a link meet the screws: that of it or of a link before it; -1 for none."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wrench(Generic[T]):
     """A force (N) and a moment (N m) about the link frame's origin; or momenta (kg m/s, kg m^2/s)."""
@@ -336,15 +340,14 @@ def transform_wrench(algebra: Algebra[T], frame: LinkFrame[T], wrench: Wrench[T]
     return Wrench(force=force, moment=algebra.add_vectors(moment, algebra.cross(frame.origin, force)))
 
 
-def project_wrench(
-    recursion: Recursion[T], link: int, wrench: Wrench[T], screws: Screws[T], stop: int
-) -> list[T]:
+def project_wrench(recursion: Recursion[T], link: int, wrench: Wrench[T], screws: Screws[T]) -> list[T]:
     """Return the power of a wrench in the frame of `link` on the screw of every joint; 0 beyond its chain.
 
-    The wrench goes down, joint by joint, until it reaches the frame of the link `stop` (-1: to the
-    base); the screws of the joints below come up to that frame.
+    The wrench goes down, joint by joint, until it reaches the frame where it meets the screws; those of the
+    joints below come up to that frame.
     """
     robot, algebra = recursion.robot, recursion.algebra
+    stop = recursion.meet(link) if recursion.meet else -1
     entries = [algebra.zero] * robot.size
     frame = joint = link
     while joint >= 0:
@@ -355,16 +358,3 @@ def project_wrench(
         entries[joint] = algebra.add(turning, algebra.dot(screw.linear, wrench.force))
         joint = robot.joints[joint].parent
     return entries
-
-
-def project_columns(
-    recursion: Recursion[T],
-    columns: Mapping[tuple[int, str], Wrench[T]],
-    screws: Screws[T],
-    meet: ProjectionFrame | None = None,
-) -> dict[tuple[int, str], Sequence[T]]:
-    """Return, for each (link, parameter), the n joint entries of its wrench; `meet` None is the base."""
-    return {
-        (link, name): project_wrench(recursion, link, wrench, screws, meet(link) if meet else -1)
-        for (link, name), wrench in columns.items()
-    }

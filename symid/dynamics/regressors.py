@@ -9,8 +9,8 @@ frame, and u_j = -g' P_j:
           w3 V2 - w2 V3, w1 V3 - w3 V1, w2 V1 - w1 V2, V'V/2)
     hV = (0, 0, 0, 0, 0, 0, -g1, -g2, -g3, u)
 
-With `meet` None wrenches go down to every joint (column recursion); where it names the link itself, all
-screws come up to it (axis projection).
+Where the recursion names no meeting, wrenches go down to every joint (column recursion); where it names the
+link itself, all screws come up to it (axis projection).
 
 Code comes from the recursion, in any algebra. The Lagrangian forms come from the energy alone, exactly, by
 differentiation; tests prove both to be the same. Robot -> `ExactEnergy`, polynomials of kinetic and
@@ -38,14 +38,13 @@ from symid.dynamics.exact_algebra import ExactAlgebra, Number, build_exact_algeb
 from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_tensor_wrench
 from symid.dynamics.recursion import (
     LinkMotion,
-    ProjectionFrame,
     Recursion,
     Wrench,
     build_axis_screws,
     build_recursion,
     compute_momentum,
     compute_screw_rates,
-    project_columns,
+    project_wrench,
     transform_screws,
 )
 from symid.notation import INERTIAL
@@ -99,12 +98,13 @@ def _compute_columns(
     keys: Sequence[Label],
     link_wrench: Callable[[int, str], Wrench[T]],
     drive: tuple[Sequence[T], int],
-    meet: ProjectionFrame | None,
 ) -> Columns[T]:
     """Return the columns of `keys`: wrenches projected on the axes; `drive` for `compute_drive_column`."""
     wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name not in DRIVE_PARAMETERS}
     screws = transform_screws(recursion, build_axis_screws(recursion))
-    columns = project_columns(recursion, wrenches, screws, meet)
+    columns: Columns[T] = {
+        key: project_wrench(recursion, key[0], wrench, screws) for key, wrench in wrenches.items()
+    }
     columns |= {
         key: compute_drive_column(recursion, key, *drive) for key in keys if key[1] in DRIVE_PARAMETERS
     }
@@ -115,8 +115,6 @@ def compute_torque_columns(
     recursion: Recursion[T],
     keys: Sequence[Label],
     reference: Reference[T] | None = None,
-    *,
-    meet: ProjectionFrame | None = None,
 ) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi.
 
@@ -130,26 +128,20 @@ def compute_torque_columns(
         keys,
         lambda link, name: compute_tensor_wrench(recursion.algebra, name, spins[link]),
         (accelerations, 1),
-        meet,
     )
 
 
-def compute_momentum_columns(
-    recursion: Recursion[T], keys: Sequence[Label], *, meet: ProjectionFrame | None = None
-) -> Columns[T]:
+def compute_momentum_columns(recursion: Recursion[T], keys: Sequence[Label]) -> Columns[T]:
     """Return the momentum regressor's columns: dT/ddq = Yp(q, dq) pi."""
     return _compute_columns(
         recursion,
         keys,
         lambda link, name: compute_momentum(recursion.algebra, name, recursion.motions[link]),
         (recursion.state.velocity, 0),
-        meet,
     )
 
 
-def compute_lagrange_columns(
-    recursion: Recursion[T], keys: Sequence[Label], *, meet: ProjectionFrame | None = None
-) -> Columns[T]:
+def compute_lagrange_columns(recursion: Recursion[T], keys: Sequence[Label]) -> Columns[T]:
     """Return the columns of dL/dq = dT/dq - dV/dq.
 
     dT/dq_k is the momentum beyond joint k times v_k x z_k, the change of the link's velocity by
@@ -163,8 +155,10 @@ def compute_lagrange_columns(
     weights = {(link, name): compute_momentum(algebra, name, falling[link]) for link, name in links}
     turned = transform_screws(recursion, compute_screw_rates(recursion))
     axes = transform_screws(recursion, build_axis_screws(recursion))
-    kinetic = project_columns(recursion, momenta, turned, meet)
-    potential = project_columns(recursion, weights, axes, meet)
+    kinetic, potential = (
+        {key: project_wrench(recursion, key[0], wrench, screws) for key, wrench in wrenches.items()}
+        for wrenches, screws in ((momenta, turned), (weights, axes))
+    )
     columns = {key: list(map(algebra.add, entries, potential[key])) for key, entries in kinetic.items()}
     return {key: columns.get(key) or compute_drive_column(recursion, key, None, -1) for key in keys}
 

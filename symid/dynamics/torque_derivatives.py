@@ -25,7 +25,7 @@ Supported: trees of revolute and prismatic joints, rotor inertias reflected to t
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic
+from typing import Generic, NamedTuple
 
 from symid.dynamics.algebra import Algebra, Matrix, T, Vector, transpose
 from symid.dynamics.bodies import (
@@ -47,7 +47,6 @@ from symid.dynamics.newton_euler import (
 )
 from symid.dynamics.recursion import (
     LinkMotion,
-    ProjectionFrame,
     Recursion,
     Screw,
     Screws,
@@ -64,8 +63,7 @@ from symid.dynamics.recursion import (
 Rows = tuple[tuple[T, ...], ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TorqueDerivatives(Generic[T]):
+class TorqueDerivatives(NamedTuple, Generic[T]):
     """dtau/dq (N m/rad), dtau/ddq (N m s/rad) and dtau/dddq (kg m^2), a row and a column a joint."""
 
     by_position: Rows[T]
@@ -73,8 +71,7 @@ class TorqueDerivatives(Generic[T]):
     by_acceleration: Rows[T]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EquationTerms(Generic[T]):
+class EquationTerms(NamedTuple, Generic[T]):
     """What the equations of motion hold of the position and the velocity: M, 2 C, and the torques at rest."""
 
     mass: Rows[T]
@@ -82,8 +79,7 @@ class EquationTerms(Generic[T]):
     rest: tuple[T, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Composite(Generic[T]):
+class _Composite(NamedTuple, Generic[T]):
     """A composite body in its link's frame: inertia, and `factor` times K and P (see above)."""
 
     body: Body[T]
@@ -163,13 +159,9 @@ def _build_couple(algebra: Algebra[T], part: _Composite[T], screw: Screw[T]) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sweep(Generic[T]):
-    """The composite bodies of a state, and where their wrenches meet the screws of the joints before them.
-
-    `factor` of `composites` is two if `rates` are 2 R, else one.
-    """
+    """The composite bodies of a state, their axes, and rates R, or 2 R where their factor is two."""
 
     recursion: Recursion[T]
-    meet: ProjectionFrame | None
     composites: Sequence[_Composite[T]]
     axes: Sequence[Screw[T]]
     rates: Sequence[Screw[T]]
@@ -185,9 +177,8 @@ class _Sweep(Generic[T]):
         axes = self.carry(self.axes)
         rows = [[algebra.zero] * robot.size for _ in range(robot.size)]
         for joint in range(robot.size):
-            stop = self.meet(joint) if self.meet else -1
-            parts = [project_wrench(self.recursion, joint, *pair, stop) for pair in lower(joint)]
-            across, other = project_wrench(self.recursion, joint, upper(joint), axes, stop), joint
+            parts = [project_wrench(self.recursion, joint, *pair) for pair in lower(joint)]
+            across, other = project_wrench(self.recursion, joint, upper(joint), axes), joint
             while other >= 0:
                 # Of the joint itself both are the same: the one written last takes fewer operations.
                 rows[other][joint] = across[other]
@@ -250,9 +241,7 @@ def _turn_wrench(algebra: Algebra[T], screw: Screw[T], wrench: Wrench[T]) -> Wre
     )
 
 
-def compute_mass_derivatives(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> tuple[Rows[T], ...]:
+def compute_mass_derivatives(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[Rows[T], ...]:
     """Return dM_ij/dq_k, kg m^2/rad, a matrix for every joint k (see above)."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     # Composite bodies.
@@ -268,7 +257,7 @@ def compute_mass_derivatives(
 
     def fill(turned: int, row: int, start: int, wrench: Wrench[T]) -> None:
         """Write dM of `row` and all joints from `start` on down to the base by the turn of a joint."""
-        entries = project_wrench(recursion, start, wrench, screws, meet(start) if meet else -1)
+        entries = project_wrench(recursion, start, wrench, screws)
         column = start if start != turned else robot.joints[start].parent
         while column >= 0:
             found[turned][row][column] = found[turned][column][row] = entries[column]
@@ -288,9 +277,7 @@ def compute_mass_derivatives(
     return tuple(tuple(map(tuple, matrix)) for matrix in found)
 
 
-def _build_sweep(
-    recursion: Recursion[T], parameters: Parameters[T], meet: ProjectionFrame | None, *, double: bool
-) -> _Sweep[T]:
+def _build_sweep(recursion: Recursion[T], parameters: Parameters[T], *, double: bool) -> _Sweep[T]:
     rates = compute_screw_rates(recursion)
     robot, algebra = recursion.robot, recursion.algebra
     found = [
@@ -306,38 +293,30 @@ def _build_sweep(
             moved = transform_body(algebra, frame, part.body, turn_matrix)
             turning = _shift_turning(algebra, turning, momentum, frame.origin)
             found[parent] = _Composite(
-                body=add_bodies(algebra, left.body, moved),
-                turning=add_matrices(algebra, left.turning, turning),
-                momentum=algebra.add_vectors(left.momentum, momentum),
+                add_bodies(algebra, left.body, moved),
+                add_matrices(algebra, left.turning, turning),
+                algebra.add_vectors(left.momentum, momentum),
             )
     return _Sweep(
         recursion=recursion,
-        meet=meet,
         composites=found,
         axes=build_axis_screws(recursion),
         rates=[_double(recursion.algebra, rate) for rate in rates] if double else rates,
     )
 
 
-def compute_coriolis_matrix(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> Rows[T]:
-    """Return C with C_ij = sum of c_ijk dq_k, c the Christoffel symbols, in kg m^2/s.
-
-    `meet`: where the wrenches of composite bodies meet the screws of joints before them, as everywhere here.
-    """
-    return _build_sweep(recursion, parameters, meet, double=False).compute_coriolis_matrix()
+def compute_coriolis_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> Rows[T]:
+    """Return C with C_ij = sum of c_ijk dq_k, c the Christoffel symbols, in kg m^2/s."""
+    return _build_sweep(recursion, parameters, double=False).compute_coriolis_matrix()
 
 
-def compute_equation_terms(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> EquationTerms[T]:
+def compute_equation_terms(recursion: Recursion[T], parameters: Parameters[T]) -> EquationTerms[T]:
     """Return M, 2 C and the torques at rest, of gravity and springs, of tau = M ddq + C dq + rest.
 
     Of a joint gravity g takes -S' I (0, g): the momentum of its composite body times -g.
     """
     robot, algebra = recursion.robot, recursion.algebra
-    sweep = _build_sweep(recursion, parameters, meet, double=True)
+    sweep = _build_sweep(recursion, parameters, double=True)
     weights = []
     for part, screw, motion in zip(sweep.composites, sweep.axes, recursion.motions, strict=True):
         force = _push(algebra, part.body, screw).force
@@ -350,12 +329,10 @@ def compute_equation_terms(
     )
 
 
-def compute_torque_derivatives(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> TorqueDerivatives[T]:
+def compute_torque_derivatives(recursion: Recursion[T], parameters: Parameters[T]) -> TorqueDerivatives[T]:
     """Return the derivatives of the joint torques without friction by q, dq and ddq (see above)."""
     algebra = recursion.algebra
-    sweep = _build_sweep(recursion, parameters, meet, double=True)
+    sweep = _build_sweep(recursion, parameters, double=True)
     spins = compute_acceleration_tensors(recursion)
     wrenches = accumulate_wrenches(recursion, compute_link_wrenches(recursion, parameters, spins))
     single = compute_screw_rates(recursion)

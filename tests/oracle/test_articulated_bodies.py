@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.programs import count_operations
 from symid.codegen.routes import choose_route, list_routes
+from symid.dynamics.algebra import FloatAlgebra
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.newton_euler import compute_forward_dynamics
 from symid.dynamics.recursion import build_recursion
@@ -23,7 +24,7 @@ from tests.chains import (
     run_program,
     trees,
 )
-from tests.float_algebra import FloatAlgebra, build_float_state
+from tests.float_algebra import build_float_state
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 

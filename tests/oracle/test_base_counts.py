@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from sympy import QQ, Matrix
 
 from symid.dynamics import compute_friction_columns
+from symid.dynamics.algebra import FloatAlgebra
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.exact_algebra import reduce_rows
 from symid.dynamics.recursion import build_recursion
@@ -31,7 +32,7 @@ from tests.chains import (
     order_regressor,
     trees,
 )
-from tests.float_algebra import FloatAlgebra, build_float_state
+from tests.float_algebra import build_float_state
 from tests.friction_forms import EVERY_LAW, give_shape
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 
 from symid.codegen.casadi_functions import build_functions
+from symid.dynamics.algebra import FloatAlgebra
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.recursion import build_recursion
 from symid.dynamics.regressors import (
@@ -28,7 +29,7 @@ from tests.chains import (
     order_regressor,
     trees,
 )
-from tests.float_algebra import FloatAlgebra, build_float_state
+from tests.float_algebra import build_float_state
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 

@@ -75,7 +75,7 @@ def test_both_ways_give_the_same_numbers_and_the_cheaper_is_taken(robot):
         workspace = build_workspace(robot, base, spec, turns)
         plain = build_route_programs(robot, base, spec)
         for name, build in list_routes(robot, spec.name).items():
-            program = workspace.table.build_program(spec, workspace.recall(build))
+            program = workspace.algebra.build_program(spec, workspace.recall(build))
             for mine, theirs in zip(
                 run_program(program, inputs), run_program(plain[name], inputs), strict=True
             ):
