@@ -48,7 +48,7 @@ def test_branches_of_a_tree_cost_nothing_to_each_other(parents):
 class Numbers:
     """Numbers in place of a table's values."""
 
-    constant = staticmethod(float)
+    one = 1.0
     add = staticmethod(lambda a, b: a + b)
     mul = staticmethod(lambda a, b: a * b)
     div = staticmethod(lambda a, b: a / b)
