@@ -606,7 +606,7 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
         includes = []
         if lanes.statements or "find_sines(" in text:
             includes.append(f'#include "{prefix}{_SIMD_HEADER}"')
-        if re.search(r"\b(sin|cos|tan|sqrt|exp|tanh|pow|fabs)f?\(", text):
+        if re.search(r"\b(sin|cos|exp|tanh|pow|fabs)f?\(", text):
             includes += ["", "#include <math.h>"]
         ports = (*spec.inputs, *spec.outputs)
         definition, batch_definition = _declare(spec, real, "restrict ")

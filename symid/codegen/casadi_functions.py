@@ -45,19 +45,10 @@ from symid.robot import Robot
 
 _SX_RULES: Mapping[Op, Callable[..., ca.SX]] = {
     **ARITHMETIC,
-    Op.SIN: ca.sin,
-    Op.COS: ca.cos,
-    Op.TAN: ca.tan,
-    Op.SQRT: ca.sqrt,
-    Op.EXP: ca.exp,
-    Op.TANH: ca.tanh,
-    Op.POWER: ca.power,
+    **{op: getattr(ca, op.value) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.POWER, Op.SIGN)},
     Op.ABS: ca.fabs,
-    Op.SIGN: ca.sign,
     Op.LESS: operator.lt,
     Op.LESS_EQUAL: operator.le,
-    Op.IS_ZERO: ca.logic_not,
-    Op.SELECT: lambda a, b: ca.if_else(a, b, ca.SX(0)),
     Op.MAXIMUM: ca.fmax,
     Op.MINIMUM: ca.fmin,
 }

@@ -36,8 +36,6 @@ class Op(Enum):
     DIV = "div"
     SIN = "sin"
     COS = "cos"
-    TAN = "tan"
-    SQRT = "sqrt"
     EXP = "exp"
     TANH = "tanh"
     POWER = "power"
@@ -45,8 +43,6 @@ class Op(Enum):
     SIGN = "sign"
     LESS = "less"
     LESS_EQUAL = "less_equal"
-    IS_ZERO = "is_zero"
-    SELECT = "select"
     MAXIMUM = "maximum"
     MINIMUM = "minimum"
 
@@ -61,7 +57,7 @@ ARITHMETIC: Mapping[Op, Callable[..., Any]] = {
 _PRODUCTS = (Op.MUL, Op.DIV)
 _SUMS = (Op.ADD, Op.SUB)
 _MOST_ORDERED = 600
-_ELEMENTARY = (Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH, Op.POWER)
+_ELEMENTARY = (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.POWER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,8 +178,8 @@ def _renumber(
     )
 
 
-_ODD = frozenset({Op.SIN, Op.TAN, Op.TANH, Op.SIGN})
-_EVEN = frozenset({Op.COS, Op.ABS, Op.IS_ZERO})
+_ODD = frozenset({Op.SIN, Op.TANH, Op.SIGN})
+_EVEN = frozenset({Op.COS, Op.ABS})
 # The first entries of every table.
 _ZERO, _ONE = 1, 2
 NUMBERS = -2

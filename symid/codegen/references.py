@@ -53,15 +53,12 @@ def _call_mpmath(name: str, *operands: Decimal) -> Decimal:
 
 _TRUTH = (Decimal(0), Decimal(1))
 _ELEMENTWISE: dict[Op, tuple[int, Callable[..., Decimal]]] = {
-    **{op: (1, partial(_call_mpmath, op.value)) for op in (Op.SIN, Op.COS, Op.TAN, Op.EXP, Op.TANH)},
+    **{op: (1, partial(_call_mpmath, op.value)) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH)},
     Op.POWER: (2, partial(_call_mpmath, "power")),
-    Op.SQRT: (1, Decimal.sqrt),
     Op.ABS: (1, abs),
     Op.SIGN: (1, lambda a: _TRUTH[a > 0] - _TRUTH[a < 0]),
     Op.LESS: (2, lambda a, b: _TRUTH[a < b]),
     Op.LESS_EQUAL: (2, lambda a, b: _TRUTH[a <= b]),
-    Op.IS_ZERO: (1, lambda a: _TRUTH[a == 0]),
-    Op.SELECT: (2, lambda a, b: b if a else _TRUTH[False]),
     Op.MAXIMUM: (2, max),
     Op.MINIMUM: (2, min),
 }
@@ -343,10 +340,8 @@ _FLOAT_RULES: Mapping[Op, tuple[Callable[..., Any], Callable[..., tuple[Any, ...
     Op.SUB: (ARITHMETIC[Op.SUB], lambda *_: (_ONE, _ONE), 1.0),
     Op.MUL: (ARITHMETIC[Op.MUL], lambda a, b, _: (b, a), 1.0),
     Op.DIV: (ARITHMETIC[Op.DIV], lambda _, b, y: (1.0 / b, y / b), 1.0),
-    Op.SQRT: (np.sqrt, lambda _, y: (0.5 / y,), 1.0),
     Op.SIN: (np.sin, lambda a, _: (np.cos(a),), 8.0),
     Op.COS: (np.cos, lambda a, _: (np.sin(a),), 8.0),
-    Op.TAN: (np.tan, lambda _, y: (1.0 + y * y,), 8.0),
     Op.EXP: (np.exp, lambda _, y: (y,), 8.0),
     Op.TANH: (np.tanh, lambda _, y: (1.0 - y * y,), 8.0),
     Op.POWER: (np.power, lambda a, b, y: (b * y / a, y * np.log(np.abs(a))), 8.0),
@@ -354,8 +349,6 @@ _FLOAT_RULES: Mapping[Op, tuple[Callable[..., Any], Callable[..., tuple[Any, ...
     Op.SIGN: (np.sign, lambda *_: (0.0,), 0.0),
     Op.LESS: (np.less, lambda *_: (0.0, 0.0), 0.0),
     Op.LESS_EQUAL: (np.less_equal, lambda *_: (0.0, 0.0), 0.0),
-    Op.IS_ZERO: (np.logical_not, lambda *_: (0.0,), 0.0),
-    Op.SELECT: (lambda a, b: np.where(a, b, 0.0), lambda a, *_: (0.0, a != 0.0), 0.0),
     Op.MAXIMUM: (np.maximum, lambda a, b, _: (a >= b, a < b), 0.0),
     Op.MINIMUM: (np.minimum, lambda a, b, _: (a <= b, a > b), 0.0),
 }
