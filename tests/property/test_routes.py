@@ -179,7 +179,5 @@ def test_a_rotor_costs_one_product_and_one_sum_at_most():
 
 
 def test_every_function_of_the_catalogue_has_a_route():
-    assert list(ROUTES) == [
-        spec.name for spec in list_specs(dict.fromkeys("nlbpshz", 1))
-    ]
+    assert list(ROUTES) == [spec.name for spec in list_specs(dict.fromkeys("nlbpshz", 1))]
     assert len(SEVERAL) > 8

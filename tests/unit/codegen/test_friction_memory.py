@@ -5,7 +5,6 @@ import re
 import subprocess
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -13,10 +12,8 @@ from scipy.integrate import solve_ivp
 
 from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.python_targets import generate_casadi_target, generate_python_module
-from symid.codegen.source_folder import write_sources
+from symid.codegen.python_targets import generate_python_module
 from symid.joint_models import FrictionValues
-from symid.options import GenerateOptions
 from symid.robot import load_robot
 from symid.robot.toml_reader import parse_robot
 from tests.builds import list_failed, make, run, spoil, write_c
@@ -187,20 +184,6 @@ def test_the_state_of_c_is_that_of_python_along_a_motion(functions, arm, tmp_pat
     assert in_c.begin(ctypes.c_void_p(in_c.z.ctypes.data)) == 0
     assert not state.z.any()
     assert not in_c.z.any()
-
-
-def test_casadi_functions_are_those_of_the_equations(functions, arm, tmp_path):
-    write_sources(generate_casadi_target(functions, GenerateOptions(states=3)), tmp_path / "casadi")
-    (path,) = (tmp_path / "casadi").rglob("*friction_step.casadi")
-    function = ca.Function.load(str(path))
-    values = np.array([entry.value for entry in functions.card.friction])
-    dq, way, z, load = draw_states(arm, 10)
-    for k in range(len(dq)):
-        given = functions.card.gather_friction_inputs(dq[k], q=dq[k], load=load[k], temperature=dq[k])[1:]
-        torque, after = function(dq[k], way[k], z[k], *given, values)
-        wanted, moved = compute_friction(arm, dq[k], z[k], load[k])
-        assert_allclose(torque.full()[:, 0], wanted, rtol=1e-12, atol=1e-12)
-        assert_allclose(after.full()[:, 0], moved, rtol=1e-12, atol=1e-16)
 
 
 def test_the_example_of_an_elastic_robot_moves_with_bristles(tmp_path, c_compiler):

@@ -74,12 +74,6 @@ def test_zero_and_one_never_reach_the_code():
     assert table.div(x, two) == table.mul(x, table.constant(0.5))
 
 
-def test_matrices_are_read_by_rows():
-    _, program = make_toy(lambda x: ca.reshape(x, 2, 3), x=6, shape=(2, 3))
-    elements = [program.instructions[ref - 1].args[1] for ref in program.outputs[0]]
-    assert elements == [0, 2, 4, 1, 3, 5]
-
-
 def test_a_program_that_disagrees_with_casadi_is_refused():
     program = build(lambda x: [x[0] * x[1], x[1], x[2]])
     x = ca.SX.sym("x", 3)
@@ -188,11 +182,11 @@ def test_constants_do_not_move(table):
 
 def test_an_operation_without_a_derivative_is_refused(table):
     x = table.input(0, 0)
-    root = table.apply(Op.SQRT, x)
-    with pytest.raises(TypeError, match="no derivative of sqrt"):
-        differentiate_backward(table, root, [x])
-    with pytest.raises(TypeError, match="no derivative of sqrt"):
-        differentiate_along(table, [root], [{x: table.constant(1.0)}])
+    bent = table.apply(Op.TANH, x)
+    with pytest.raises(TypeError, match="no derivative of tanh"):
+        differentiate_backward(table, bent, [x])
+    with pytest.raises(TypeError, match="no derivative of tanh"):
+        differentiate_along(table, [bent], [{x: table.constant(1.0)}])
 
 
 DRIVEN = build_chain(
@@ -247,17 +241,14 @@ def test_matrices_go_in_and_out_by_rows():
 def test_every_operation_has_a_rule(value):
     def write(table):
         x, y = table.input(0, 0), table.constant(0.2)
-        kinds = (Op.SIN, Op.COS, Op.TAN, Op.EXP, Op.TANH, Op.ABS, Op.SIGN, Op.IS_ZERO)
-        single = [table.apply(op, x) for op in kinds]
-        root = table.apply(Op.SQRT, table.apply(Op.ABS, x))
-        double = [table.apply(op, -x, y) for op in (Op.LESS, Op.LESS_EQUAL)]
-        chosen = table.apply(Op.SELECT, table.apply(Op.LESS, x, y), -x)
-        return [[*single, root, *double, chosen, table.div(x, table.add(x, table.constant(9.0)))]]
+        single = [table.apply(op, x) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.ABS, Op.SIGN)]
+        double = [table.apply(op, -x, y) for op in (Op.LESS, Op.LESS_EQUAL, Op.MAXIMUM, Op.MINIMUM)]
+        return [[*single, *double, table.div(x, table.add(x, table.constant(9.0)))]]
 
-    found = np.array(build_function({"x": 1}, {"y": 13}, write)(value)).ravel()
+    found = np.array(build_function({"x": 1}, {"y": 11}, write)(value)).ravel()
     x = value
-    plain = [f(x) for f in (np.sin, np.cos, np.tan, np.exp, np.tanh, abs, np.sign)] + [x == 0, abs(x) ** 0.5]
-    tests = [-x < 0.2, -x <= 0.2, -x if x < 0.2 else 0.0, x / (x + 9.0)]
+    plain = [f(x) for f in (np.sin, np.cos, np.exp, np.tanh, abs, np.sign)]
+    tests = [-x < 0.2, -x <= 0.2, max(-x, 0.2), min(-x, 0.2), x / (x + 9.0)]
     np.testing.assert_allclose(found, np.array([*plain, *tests], dtype=float), rtol=1e-14, atol=1e-300)
 
 

@@ -99,17 +99,3 @@ def test_two_libraries_work_in_one_program(folders, order, tmp_path, c_compiler)
         first, second, *again = map(float, line.split())
         assert again == pytest.approx([first, second], rel=tolerance)
         assert abs(first) > 0.1
-
-
-def test_a_name_that_is_there_twice_does_not_link(folders, tmp_path, c_compiler):
-    """Guards the test above: whole archives with a common name are refused by the linker."""
-    (tmp_path / "main.c").write_text(MAIN)
-    (tmp_path / "twin.c").write_text('const char *symid_two_link_version(void) { return ""; }\n')
-    command = [c_compiler, *(f"-I{path}" for path in folders.values()), "main.c", "twin.c", "-o", "main"]
-    archives = [str(path / f"libsymid_{name}.a") for name, path in folders.items()]
-    whole = ["-Wl,--whole-archive", *archives, "-Wl,--no-whole-archive", "-lm"]
-    good = [part for part in command if part != "twin.c"]
-    run(tmp_path, *good, *whole)
-    done = run(tmp_path, *command, *whole, check=False)
-    assert done.returncode != 0
-    assert "symid_two_link_version" in done.stderr

@@ -173,20 +173,6 @@ def test_the_current_folder_can_be_written(tmp_path, monkeypatch):
     assert sorted(path.name for path in Path().iterdir()) == ["a.c", MANIFEST]
 
 
-@pytest.mark.parametrize("first", [True, False])
-def test_after_an_interrupted_update_another_one_needs_no_force(tmp_path, monkeypatch, first):
-    out = tmp_path / "out"
-    out.mkdir()
-    if not first:
-        write_sources(sources(a="1", b="1"), out)
-    with fail_at(monkeypatch, 3, KeyboardInterrupt()), pytest.raises(KeyboardInterrupt):
-        write_sources(sources(a="2", b="2", c="2"), out)
-    assert (out / "a.c").read_text() == "2"
-    write_sources(sources(a="3", c="3"), out)
-    assert names(out) == ["a.c", "c.c", MANIFEST]
-    assert (out / "a.c").read_text() == "3"
-
-
 def test_after_an_interrupted_update_an_edited_file_is_still_told(tmp_path, monkeypatch):
     write_sources(sources(a="1", b="1"), tmp_path)
     with monkeypatch.context() as patch:
@@ -313,14 +299,6 @@ def test_an_update_leaves_files_of_others_the_same_ones(tmp_path):
     assert (after.st_ino, after.st_mtime_ns, after.st_nlink) == (before.st_ino, before.st_mtime_ns, 1)
     assert [path.stat().st_mode & 0o777 for path in (out, out / "own")] == [0o750, 0o750]
     assert names(tmp_path) == ["out"]
-
-
-def test_the_working_folder_stays_the_same_one(tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    prepare_old(out)
-    monkeypatch.chdir(out / "own")
-    write_sources(sources(a="3"), out)
-    assert Path("../a.c").read_text() == "3"
 
 
 def find_identity(path):
