@@ -542,7 +542,7 @@ def list_robot_specs(
     if len(springs) < robot.freedom or not all(spring.is_plain for spring in springs):
         # None that h can hold.
         springs = []
-    # Motor torques follow from the motion of the links where every motor has its own rotor, no spring is damped
+    # Motor torques follow from the motion of links where every motor has its own rotor, no spring is damped
     # and nothing is coupled; a link without a motor, which follows, must not brake one, nor give.
     alone = not robot.couplings and all(
         joint.elasticity is None and joint.friction.law == NO_FRICTION

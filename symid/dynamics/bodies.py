@@ -26,6 +26,7 @@ from itertools import product
 from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector, transpose
 from symid.dynamics.recursion import (
     LinkFrame,
+    LinkMotion,
     Recursion,
     Screw,
     Wrench,
@@ -143,6 +144,25 @@ def gather_body(algebra: Algebra[T], parameters: Parameters[T], link: int) -> Bo
     xy, xz, yz = take("XY"), take("XZ"), take("YZ")
     tensor = ((take("XX"), xy, xz), (xy, take("YY"), yz), (xz, yz, take("ZZ")))
     return tensor, (take("MX"), take("MY"), take("MZ")), take("M")
+
+
+def build_unit_body(algebra: Algebra[T], name: str) -> Body[T]:
+    """Return a body with one parameter alone, which is one."""
+    return gather_body(algebra, {(0, name): algebra.one}, 0)
+
+
+def compute_momentum(algebra: Algebra[T], body: Body[T], motion: Screw[T] | LinkMotion[T]) -> Wrench[T]:
+    """Return linear momentum and moment of momentum: p = M v + w x MS;  L = I w + MS x v.
+
+    With w = 0 and v = g they are the weight.
+    """
+    tensor, moments, mass = body
+    force = algebra.scale_vector(mass, motion.linear)
+    moment = algebra.apply_matrix(tensor, motion.angular)
+    return Wrench(
+        force=algebra.add_vectors(force, algebra.cross(motion.angular, moments)),
+        moment=algebra.add_vectors(moment, algebra.cross(moments, motion.linear)),
+    )
 
 
 def rotate_tensor_about_z(algebra: Algebra[T], turn: tuple[T, T], tensor: Matrix[T]) -> Matrix[T]:

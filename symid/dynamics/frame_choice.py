@@ -153,35 +153,6 @@ def _compute_torque_regressor(robot: Robot, motion: tuple[FloatArray, ...]) -> F
     return np.array(rows).reshape(robot.size, len(INERTIAL), robot.freedom, count)
 
 
-def _count_independent(columns: FloatArray) -> int:
-    """Return the rank of a regressor whose columns are scaled to length one."""
-    matrix = columns.reshape(columns.shape[0] * columns.shape[1], -1)
-    lengths = np.linalg.norm(matrix, axis=1)
-    kept = lengths > _SMALLEST_SINGULAR * lengths.max(initial=0.0)
-    singular = np.linalg.svd(matrix[kept] / lengths[kept, None], compute_uv=False)
-    return int((singular > _SMALLEST_SINGULAR * singular.max(initial=0.0)).sum())
-
-
-def _draw_motion(robot: Robot, *, limited: bool) -> tuple[FloatArray, ...]:
-    """Return q, dq, ddq (joints, states), random, and within the limits of positions where `limited`."""
-    rng, usual = np.random.default_rng(_SEED), (-math.pi, math.pi)
-    ranges = [(axis.limits.position if limited else None) or usual for axis in robot.axes]
-    share = rng.uniform(size=(robot.freedom, _STATES))
-    q = np.array([low + (high - low) * part for (low, high), part in zip(ranges, share, strict=True)])
-    return (q, *(rng.uniform(-size, size, q.shape) for size in (2.0, 5.0)))
-
-
-def _compare_torques(exact: Robot, rounded: Robot, motion: tuple[FloatArray, ...]) -> float:
-    """Return the largest difference of a torque, as part of the joint's largest one."""
-    torques = []
-    for robot in (exact, rounded):
-        values = np.array([joint.inertial or (0.0,) * len(INERTIAL) for joint in robot.joints])
-        torques.append(np.einsum("lpjs,lp->js", _compute_torque_regressor(robot, motion), values))
-    largest = np.abs(torques[0]).max(axis=1)
-    differences = np.abs(torques[0] - torques[1]).max(axis=1)
-    return float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
-
-
 def choose_reading(read: Callable[..., Robot]) -> Robot:
     """Return a robot with its angles rounded or, where that hides base parameters, as they are written.
 
@@ -193,11 +164,28 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
     if not rounded.joints or not _ROUNDING_CODES & {notice.code for notice in rounded.notices}:
         return rounded
     exact = read(snap=0.0)
-    anywhere, within = _draw_motion(exact, limited=False), _draw_motion(exact, limited=True)
-    whole, left = (
-        _count_independent(_compute_torque_regressor(robot, anywhere)) for robot in (exact, rounded)
-    )
-    change = _compare_torques(exact, rounded, within)
+    # The same draws anywhere, for the ranks, and within the limits, for the torques: q, dq, ddq.
+    motions = []
+    for limited in (False, True):
+        rng, usual = np.random.default_rng(_SEED), (-math.pi, math.pi)
+        ranges = [(axis.limits.position if limited else None) or usual for axis in exact.axes]
+        low, high = np.array(ranges).T[..., None]
+        q = low + (high - low) * rng.uniform(size=(exact.freedom, _STATES))
+        motions.append((q, *(rng.uniform(-size, size, q.shape) for size in (2.0, 5.0))))
+    ranks, torques = [], []
+    for robot in (exact, rounded):
+        columns = _compute_torque_regressor(robot, motions[0])
+        matrix = columns.reshape(columns.shape[0] * columns.shape[1], -1)
+        lengths = np.linalg.norm(matrix, axis=1)
+        kept = lengths > _SMALLEST_SINGULAR * lengths.max(initial=0.0)
+        singular = np.linalg.svd(matrix[kept] / lengths[kept, None], compute_uv=False)
+        ranks.append(int((singular > _SMALLEST_SINGULAR * singular.max(initial=0.0)).sum()))
+        values = np.array([joint.inertial or (0.0,) * len(INERTIAL) for joint in robot.joints])
+        torques.append(np.einsum("lpjs,lp->js", _compute_torque_regressor(robot, motions[1]), values))
+    whole, left = ranks
+    largest = np.abs(torques[0]).max(axis=1)
+    differences = np.abs(torques[0] - torques[1]).max(axis=1)
+    change = float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
     price = f"torques by at most {change:.1e} of each joint's largest"
     if whole == left:
         text = f"rounding the angles changes {price}, and not the number of base parameters ({whole}); "

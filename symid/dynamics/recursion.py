@@ -19,7 +19,6 @@ from fractions import Fraction
 from typing import Generic
 
 from symid.dynamics.algebra import Algebra, Matrix, RobotState, T, Vector, transpose
-from symid.notation import INERTIAL
 from symid.robot import Exact, JointKind, Placement, Robot
 
 
@@ -304,33 +303,6 @@ def add_wrenches(algebra: Algebra[T], first: Wrench[T], *others: Wrench[T]) -> W
     """Return the sum, from left to right."""
     force = algebra.add_vectors(first.force, *(wrench.force for wrench in others))
     return Wrench(force=force, moment=algebra.add_vectors(first.moment, *(one.moment for one in others)))
-
-
-def build_unit_vector(algebra: Algebra[T], axis: int) -> Vector[T]:
-    """Return x, y or z for 0, 1 or 2."""
-    zero, one = algebra.zero, algebra.one
-    return (one if axis == 0 else zero, one if axis == 1 else zero, one if axis == 2 else zero)
-
-
-_TENSOR = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
-
-
-def compute_momentum(algebra: Algebra[T], name: str, motion: LinkMotion[T]) -> Wrench[T]:
-    """Return linear momentum and moment of momentum per unit of one parameter.
-
-    p = M v + w x MS;  L = I w + MS x v.  With w = 0 and v = g they are the weight.
-    """
-    zero = (algebra.zero,) * 3
-    if name in _TENSOR:
-        i, j = _TENSOR[name]
-        moment = [algebra.zero] * 3
-        moment[i] = motion.angular[j]
-        moment[j] = motion.angular[i]
-        return Wrench(force=zero, moment=(moment[0], moment[1], moment[2]))
-    if name == "M":
-        return Wrench(force=motion.linear, moment=zero)
-    axis = build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
-    return Wrench(force=algebra.cross(motion.angular, axis), moment=algebra.cross(axis, motion.linear))
 
 
 def transform_wrench(algebra: Algebra[T], frame: LinkFrame[T], wrench: Wrench[T]) -> Wrench[T]:

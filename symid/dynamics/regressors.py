@@ -22,7 +22,7 @@ the exact algebra supports, for long chains torques at exact rational points.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from sympy.polys.rings import PolyElement
 
@@ -30,19 +30,21 @@ from symid.dynamics.algebra import Algebra, Label, T, build_state
 from symid.dynamics.bodies import (
     DRIVE_PARAMETERS,
     Body,
+    build_unit_body,
     compute_drive_column,
     compute_drive_energy,
+    compute_momentum,
     list_drive_parameters,
 )
 from symid.dynamics.exact_algebra import ExactAlgebra, Number, build_exact_algebra, differentiate
-from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_tensor_wrench
+from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_link_wrench
 from symid.dynamics.recursion import (
     LinkMotion,
     Recursion,
+    Screw,
     Wrench,
     build_axis_screws,
     build_recursion,
-    compute_momentum,
     compute_screw_rates,
     project_wrench,
     transform_screws,
@@ -96,11 +98,15 @@ Columns = dict[Label, Sequence[T]]
 def _compute_columns(
     recursion: Recursion[T],
     keys: Sequence[Label],
-    link_wrench: Callable[[int, str], Wrench[T]],
+    link_wrench: Callable[[int, Body[T]], Wrench[T]],
     drive: tuple[Sequence[T], int],
 ) -> Columns[T]:
     """Return the columns of `keys`: wrenches projected on the axes; `drive` for `compute_drive_column`."""
-    wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name not in DRIVE_PARAMETERS}
+    wrenches = {
+        (link, name): link_wrench(link, build_unit_body(recursion.algebra, name))
+        for link, name in keys
+        if name not in DRIVE_PARAMETERS
+    }
     screws = transform_screws(recursion, build_axis_screws(recursion))
     columns: Columns[T] = {
         key: project_wrench(recursion, key[0], wrench, screws) for key, wrench in wrenches.items()
@@ -126,7 +132,7 @@ def compute_torque_columns(
     return _compute_columns(
         recursion,
         keys,
-        lambda link, name: compute_tensor_wrench(recursion.algebra, name, spins[link]),
+        lambda link, body: compute_link_wrench(recursion.algebra, body, spins[link]),
         (accelerations, 1),
     )
 
@@ -136,7 +142,7 @@ def compute_momentum_columns(recursion: Recursion[T], keys: Sequence[Label]) -> 
     return _compute_columns(
         recursion,
         keys,
-        lambda link, name: compute_momentum(recursion.algebra, name, recursion.motions[link]),
+        lambda link, body: compute_momentum(recursion.algebra, body, recursion.motions[link]),
         (recursion.state.velocity, 0),
     )
 
@@ -148,11 +154,12 @@ def compute_lagrange_columns(recursion: Recursion[T], keys: Sequence[Label]) -> 
     its joint's coordinate; -dV/dq_k the weight beyond joint k projected on its axis.
     """
     algebra, motions = recursion.algebra, recursion.motions
+    falling = [Screw(angular=(algebra.zero,) * 3, linear=motion.gravity) for motion in motions]
     links = [key for key in keys if key[1] not in DRIVE_PARAMETERS]
-    momenta = {(link, name): compute_momentum(algebra, name, motions[link]) for link, name in links}
-    none = (algebra.zero,) * 3
-    falling = [replace(motion, angular=none, linear=motion.gravity) for motion in motions]
-    weights = {(link, name): compute_momentum(algebra, name, falling[link]) for link, name in links}
+    momenta, weights = (
+        {key: compute_momentum(algebra, build_unit_body(algebra, key[1]), moving[key[0]]) for key in links}
+        for moving in (motions, falling)
+    )
     turned = transform_screws(recursion, compute_screw_rates(recursion))
     axes = transform_screws(recursion, build_axis_screws(recursion))
     kinetic, potential = (

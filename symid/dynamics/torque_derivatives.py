@@ -35,6 +35,7 @@ from symid.dynamics.bodies import (
     add_drive_inertias,
     add_drive_torques,
     add_matrices,
+    compute_momentum,
     gather_body,
     rotate_matrix,
     transform_body,
@@ -133,17 +134,6 @@ def _double(algebra: Algebra[T], screw: Screw[T]) -> Screw[T]:
     return Screw(angular=algebra.add_vectors(a, a), linear=algebra.add_vectors(b, b))
 
 
-def _push(algebra: Algebra[T], body: Body[T], screw: Screw[T]) -> Wrench[T]:
-    """Return the momentum I S of a body that moves by a screw."""
-    tensor, moments, mass = body
-    force = algebra.scale_vector(mass, screw.linear)
-    moment = algebra.apply_matrix(tensor, screw.angular)
-    return Wrench(
-        force=algebra.add_vectors(force, algebra.cross(screw.angular, moments)),
-        moment=algebra.add_vectors(moment, algebra.cross(moments, screw.linear)),
-    )
-
-
 def _turn_momentum(algebra: Algebra[T], part: _Composite[T], screw: Screw[T]) -> Wrench[T]:
     """Return B S, times the factor of `part`."""
     moment = algebra.apply_matrix(part.turning, screw.angular)
@@ -188,7 +178,7 @@ class _Sweep(Generic[T]):
 
     def compute_mass_matrix(self, parameters: Parameters[T]) -> Rows[T]:
         algebra, axes = self.recursion.algebra, self.carry(self.axes)
-        momenta = [_push(algebra, *pair) for pair in self._pair_bodies(self.axes)]
+        momenta = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.axes)]
         rows = self.fill(lambda i: [(momenta[i], axes)], momenta.__getitem__)
         add_drive_inertias(self.recursion, rows, parameters)
         return tuple(map(tuple, rows))
@@ -196,8 +186,8 @@ class _Sweep(Generic[T]):
     def compute_coriolis_matrix(self) -> Rows[T]:
         """Return C, times the factor of the composites."""
         algebra, axes, rates = self.recursion.algebra, self.carry(self.axes), self.carry(self.rates)
-        momenta = [_push(algebra, *pair) for pair in self._pair_bodies(self.axes)]
-        pushes = [_push(algebra, *pair) for pair in self._pair_bodies(self.rates)]
+        momenta = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.axes)]
+        pushes = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.rates)]
         pairs = list(zip(self.composites, self.axes, strict=True))
         couples = [_build_couple(algebra, *pair) for pair in pairs]
         turns = [_turn_momentum(algebra, *pair) for pair in pairs]
@@ -264,7 +254,7 @@ def compute_mass_derivatives(recursion: Recursion[T], parameters: Parameters[T])
             column = robot.joints[column].parent
 
     for joint in range(robot.size):
-        wrench, turned = _push(algebra, bodies[joint], axes[joint]), joint
+        wrench, turned = compute_momentum(algebra, bodies[joint], axes[joint]), joint
         while robot.joints[turned].parent >= 0:
             fill(turned, joint, turned, _turn_wrench(algebra, axes[turned], wrench))
             wrench = transform_wrench(algebra, frames[turned], wrench)
@@ -273,7 +263,7 @@ def compute_mass_derivatives(recursion: Recursion[T], parameters: Parameters[T])
         while robot.joints[before].parent >= 0:
             change = transform_body(algebra, frames[before], change, turn_matrix)
             before = robot.joints[before].parent
-            fill(joint, before, before, _push(algebra, change, axes[before]))
+            fill(joint, before, before, compute_momentum(algebra, change, axes[before]))
     return tuple(tuple(map(tuple, matrix)) for matrix in found)
 
 
@@ -319,7 +309,7 @@ def compute_equation_terms(recursion: Recursion[T], parameters: Parameters[T]) -
     sweep = _build_sweep(recursion, parameters, double=True)
     weights = []
     for part, screw, motion in zip(sweep.composites, sweep.axes, recursion.motions, strict=True):
-        force = _push(algebra, part.body, screw).force
+        force = compute_momentum(algebra, part.body, screw).force
         weights.append(algebra.neg(algebra.dot(force, motion.gravity)))
     still = (algebra.zero,) * robot.size
     return EquationTerms(
@@ -352,12 +342,15 @@ def compute_torque_derivatives(recursion: Recursion[T], parameters: Parameters[T
 
     def compute_lower(joint: int) -> list[tuple[Wrench[T], Screws[T]]]:
         part, axis = sweep.composites[joint], sweep.axes[joint]
-        return [(_build_couple(algebra, part, axis), rates), (_push(algebra, part.body, axis), seconds)]
+        return [
+            (_build_couple(algebra, part, axis), rates),
+            (compute_momentum(algebra, part.body, axis), seconds),
+        ]
 
     def compute_upper(joint: int) -> Wrench[T]:
         part, axis, load = sweep.composites[joint], sweep.axes[joint], wrenches[joint]
         turned = _turn_wrench(algebra, axis, load)
-        pushed = _push(algebra, part.body, second[joint])
+        pushed = compute_momentum(algebra, part.body, second[joint])
         return add_wrenches(algebra, _turn_momentum(algebra, part, single[joint]), pushed, turned)
 
     rows = sweep.fill(compute_lower, compute_upper)

@@ -14,8 +14,8 @@ from tests.chains import (
     compute_beta,
     draw_parameters,
     each_robot,
-    run_program,
 )
+from tests.sx_programs import run_program
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 

@@ -32,9 +32,9 @@ from tests.chains import (
     draw_parameters,
     follow,
     name_parameters,
-    run_program,
 )
 from tests.refusals import raises
+from tests.sx_programs import run_program
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 

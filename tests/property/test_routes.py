@@ -25,10 +25,9 @@ from tests.chains import (
     build_pinocchio,
     build_route_programs,
     draw_parameters,
-    run_program,
     trees,
 )
-from tests.sx_programs import read_sx_program
+from tests.sx_programs import read_sx_program, run_program
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 

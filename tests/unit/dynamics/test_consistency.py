@@ -28,7 +28,6 @@ from symid.robot.toml_reader import read_robot
 from tests.chains import (
     PANDA,
     PUMA560,
-    RIGHT_ANGLES,
     STANFORD,
     TWO_LINK,
     build_chain,
@@ -37,7 +36,6 @@ from tests.chains import (
     each_robot,
     name_parameters,
     set_inertia,
-    trees,
 )
 from tests.refusals import raises
 
@@ -119,22 +117,6 @@ def test_bodies_have_the_base_values_and_the_same_torques(robot, own_prior):
         state = rng.uniform(-3, 3, (3, robot.size))
         torques = pin.rnea(theirs, theirs.createData(), *state)
         np.testing.assert_allclose(pin.rnea(ours, ours.createData(), *state), torques, atol=1e-9)
-
-
-@settings(max_examples=25, deadline=None)
-@given(robot=trees(most=4, rotors=True, angles=RIGHT_ANGLES), seed=st.integers(0, 99))
-def test_bodies_have_the_base_values_on_random_trees(robot, seed):
-    rng = np.random.default_rng(seed)
-    base, truth = derive_base_parameters(robot), draw_parameters(rng, robot.size)
-    rotors = {label: rng.uniform(0.01, 2) for label in base.labels if label[1] == "IA"}
-    beta = group(robot, truth, rotors, base)
-    found = find_set(robot, base, beta)
-    assert found.outcome is StandardOutcome.CONSISTENT
-    assert_bodies(found.pi)
-    drives = dict.fromkeys(rotors, 1.0) | dict(found.drives)
-    assert min(drives.values(), default=1.0) > 0
-    error = group(robot, found.pi, drives, base) - beta
-    assert np.abs(error).max() < 1e-10 * max(1.0, np.abs(beta).max())
 
 
 def test_values_of_the_robot_file_come_back_from_their_base_values():
