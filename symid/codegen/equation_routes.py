@@ -216,7 +216,7 @@ class _Factors:
             unit[i].append(table.one)
         result = [[0] * n for _ in range(n)]
         for i in range(n):
-            scaled = [table.mul(x, factor) for x, factor in zip(unit[i], self.inverses, strict=False)]
+            scaled = list(map(table.mul, unit[i], self.inverses))
             for j in range(i + 1):
                 products = [(-unit[j][k], scaled[k]) for k in range(j)]
                 result[i][j] = result[j][i] = _remove(table, scaled[j], products)
@@ -229,7 +229,7 @@ def build_forward_dynamics(
     """Solve M ddq = tau - c for a matrix and a bias torque from two other routes."""
     table, n = workspace.algebra, workspace.robot.freedom
     (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
-    rest = [table.add(tau, -c) for tau, c in zip(workspace.inputs["tau"], bias, strict=True)]
+    rest = list(map(table.sub, workspace.inputs["tau"], bias))
     factors = _Factors(table, [entries[n * row : n * (row + 1)] for row in range(n)])
     return (tuple(factors.solve(rest)),)
 

@@ -201,7 +201,7 @@ def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> l
     slopes = differentiate_backward(table, table.add(kinetic, -potential), inputs["q"])
     moving = (*zip(inputs["q"], inputs["dq"], strict=True), *zip(inputs["dq"], inputs["ddq"], strict=True))
     (rates,) = differentiate_along(table, momenta, [dict(moving)])
-    return [table.add(rate, -slope) for rate, slope in zip(rates, slopes, strict=True)]
+    return list(map(table.sub, rates, slopes))
 
 
 def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -401,15 +401,16 @@ def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> tupl
         _invert_torque(algebra, spring, torque, plays)
         for (spring, plays), torque in zip(springs, found, strict=True)
     ]
-    theta = tuple(algebra.add(q, torsion[0]) for q, torsion in zip(inputs["q"], torsions, strict=True))
-    dtheta = tuple(algebra.add(dq, torsion[1]) for dq, torsion in zip(inputs["dq"], torsions, strict=True))
+    turned, turning, bending, plays_after = zip(*torsions, strict=True)
+    theta = tuple(map(algebra.add, inputs["q"], turned))
+    dtheta = tuple(map(algebra.add, inputs["dq"], turning))
     motion = {"dq": dtheta, "q": theta, "load": tuple(values)}
     (friction,) = _emit_friction(replace(workspace, inputs={**inputs, **motion}, built={}))
     motors = []
-    for k, torsion in enumerate(torsions):
-        inertial = algebra.mul(inputs["IA"][k], algebra.add(inputs["ddq"][k], torsion[2]))
+    for k, bent in enumerate(bending):
+        inertial = algebra.mul(inputs["IA"][k], algebra.add(inputs["ddq"][k], bent))
         motors.append(algebra.add(algebra.add(inertial, friction[k]), values[k]))
-    after = tuple(itertools.chain(*(torsion[3] for torsion in torsions)))
+    after = tuple(itertools.chain(*plays_after))
     return (tuple(motors), theta, dtheta, *((after,) if after else ()))
 
 

@@ -66,7 +66,7 @@ class Algebra(Protocol[T]):
 
     def dot(self, left: Vector[T], right: Vector[T]) -> T:
         """Return the scalar product."""
-        return self.sum_values([self.mul(a, b) for a, b in zip(left, right, strict=True)])
+        return self.sum_values(list(map(self.mul, left, right)))
 
     def cross(self, left: Vector[T], right: Vector[T]) -> Vector[T]:
         """Return left x right."""
@@ -80,13 +80,13 @@ class Algebra(Protocol[T]):
 
     def apply_matrix(self, matrix: Matrix[T], vector: Vector[T]) -> Vector[T]:
         """Return matrix * vector."""
-        x, y, z = (self.dot(row, vector) for row in matrix)
-        return (x, y, z)
+        return self.dot(matrix[0], vector), self.dot(matrix[1], vector), self.dot(matrix[2], vector)
 
     def multiply_matrices(self, left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
         """Return left * right."""
-        columns = [self.apply_matrix(left, column) for column in transpose(right)]
-        return transpose((columns[0], columns[1], columns[2]))
+        x, y, z = transpose(right)
+        apply = self.apply_matrix
+        return transpose((apply(left, x), apply(left, y), apply(left, z)))
 
 
 class OperatorAlgebra(Algebra[Any]):

@@ -259,7 +259,7 @@ def transform_body(
 
 def add_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
     """Return the sum of two matrices."""
-    x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left, right, strict=True))
+    x, y, z = map(algebra.add_vectors, left, right)
     return x, y, z
 
 
@@ -327,7 +327,7 @@ def _carry_inertia(algebra: Algebra[T], frame: LinkFrame[T], inertia: _Inertia[T
     a, c = (_rotate_tensor(algebra, frame, take(k, k), turn_matrix) for k in (0, 3))
     b, pushing = rotate_matrix(algebra, frame, take(0, 3)), _fill_tensor(c)
     x, y, z = (algebra.cross(t, column) for column in pushing)
-    moved = [algebra.add_vectors(*pair) for pair in zip(b, transpose((x, y, z)), strict=True)]
+    moved = list(map(algebra.add_vectors, b, transpose((x, y, z))))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         # On the diagonal (t x (b + moved))_i, beside it (t x moved_j)_i + (t x b_i)_j: each part of t once.

@@ -245,5 +245,5 @@ def compute_forward_dynamics(
     resting = replace(recursion, state=replace(recursion.state, acceleration=still))
     wrenches = compute_link_wrenches(resting, parameters, compute_acceleration_tensors(resting))
     springs = add_drive_torques(resting, still, parameters, still)
-    rest = [algebra.sub(torque, spring) for torque, spring in zip(torques, springs, strict=True)]
+    rest = list(map(algebra.sub, torques, springs))
     return solve_articulated_bodies(resting, parameters, rest, wrenches, invert)

@@ -91,7 +91,7 @@ def build_frames(robot: Robot, algebra: Algebra[T], state: RobotState[T]) -> tup
         revolute = joint.kind is JointKind.REVOLUTE
         if not revolute:
             along = (algebra.mul(row[2], state.position[index]) for row in fixed)
-            x, y, z = (algebra.add(start, step) for start, step in zip((x, y, z), along, strict=True))
+            x, y, z = map(algebra.add, (x, y, z), along)
         turn = (state.cosine[index], state.sine[index]) if revolute else None
         frames.append(LinkFrame(fixed=fixed, turn=turn, origin=(x, y, z), revolute=revolute))
     return tuple(frames)
@@ -197,7 +197,7 @@ def compute_jacobian(recursion: Recursion[T]) -> tuple[tuple[T, ...], ...]:
         pose = poses[index]
         axis: Vector[T] = (pose.rotation[0][2], pose.rotation[1][2], pose.rotation[2][2])
         if robot.joints[index].kind is JointKind.REVOLUTE:
-            x, y, z = (algebra.sub(a, b) for a, b in zip(tip, pose.origin, strict=True))
+            x, y, z = map(algebra.sub, tip, pose.origin)
             columns[index] = (*algebra.cross(axis, (x, y, z)), *axis)
         else:
             columns[index] = (*axis, zero, zero, zero)

@@ -91,10 +91,7 @@ class _Composite(NamedTuple, Generic[T]):
 def _shift_turning(algebra: Algebra[T], turning: Matrix[T], momentum: Vector[T], arm: Vector[T]) -> Matrix[T]:
     """Return K + (P.r) E - P r': K of points that are moved by the arm r."""
     shares = [[algebra.mul(p, r) for r in arm] for p in momentum]
-    rows = [
-        [algebra.sub(entry, share) for entry, share in zip(*pair, strict=True)]
-        for pair in zip(turning, shares, strict=True)
-    ]
+    rows = [list(map(algebra.sub, *pair)) for pair in zip(turning, shares, strict=True)]
     for k in range(3):
         first, second = (k + 1) % 3, (k + 2) % 3
         # Without P_k r_k, which the trace gives back.
