@@ -6,7 +6,6 @@ import shutil
 import sys
 import sysconfig
 import tracemalloc
-import weakref
 from concurrent.futures import ThreadPoolExecutor
 from types import BuiltinFunctionType
 
@@ -153,27 +152,6 @@ def test_a_hundred_thousand_calls_leave_no_memory_behind(library):
     # One array a call would be ten megabytes.
     assert after - before < 20_000
     assert peak - before < 200_000
-
-
-def test_all_that_a_call_reads_lives_and_dies_with_the_function(library):
-    class Asked:
-        def __init__(self, call):
-            self.call = call
-
-        def __call__(self, *values):
-            return self.call(*values)
-
-    spec = find_spec(library, "gravity")
-    asked = Asked(library.engine.bind_slowly(library.card, spec))
-    watched = weakref.ref(asked)
-    bound = library.engine.calls.bind("gravity", asked, None)
-    del asked
-    gc.collect()
-    values = draw(spec, 3)
-    assert read_bytes(bound(*map(list, values))) == read_bytes(library.evaluate("gravity", *values))
-    del bound
-    gc.collect()
-    assert watched() is None
 
 
 @pytest.mark.parametrize("case", ["a function each", "one function", "lists"])
