@@ -177,18 +177,19 @@ def test_generated_code_that_does_not_compile_is_an_error_and_leaves_no_entry(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_cannot_be_made_is_said(robot, tmp_path):
+def test_a_folder_that_cannot_be_made_is_said(robot, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("x")
     with raises(OutputError, "output.cache") as caught:
         prepare(robot, tmp_path / "file" / "cache")
     assert caught.value.notices[0].file == str(tmp_path / "file" / "cache")
-
-
-def test_the_folder_follows_the_xdg_specification(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert locate_cache_folder() == tmp_path / "symid"
+    # Nor is there a user's folder, as the XDG specification has it, or a temporary one.
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
     assert locate_cache_folder() == Path.home() / ".cache" / "symid"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert locate_cache_folder() == tmp_path / "file" / "symid"
+    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path / "file"))
+    with raises(OutputError, "output.cache", match=f"{tmp_path / 'file'}"):
+        prepare(robot, None)
 
 
 def test_the_compilers_message_reaches_the_reader(tmp_path, c_compiler):
@@ -237,14 +238,6 @@ def test_a_temporary_folder_that_others_can_write_is_not_used(tmp_path, monkeypa
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     folder.chmod(0o777)
     assert make_temporary_folder() != folder
-
-
-def test_no_place_at_all_is_said(robot, tmp_path, monkeypatch):
-    (tmp_path / "file").write_text("x")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    monkeypatch.setattr(tempfile, "gettempdir", lambda: str(tmp_path / "file"))
-    with raises(OutputError, "output.cache", match=f"{tmp_path / 'file'}"):
-        prepare(robot, None)
 
 
 def test_an_entry_that_cannot_be_moved_in_is_said(robot, tmp_path, monkeypatch):
