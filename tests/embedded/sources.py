@@ -12,7 +12,7 @@ from symid.codegen.casadi_functions import Functions, build_functions
 from symid.codegen.source_folder import write_sources
 from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
-from tests.chains import fill
+from tests.embedded.panda import give_values
 
 ROBOTS = ("panda", "two_link", "two_link_elastic", "two_arms")
 
@@ -90,7 +90,6 @@ class Sources:
     def _derive(self, robot: str) -> Functions:
         if robot not in self.derived:
             described = read_robot(self.project / "robots" / f"{robot}.toml")
-            # Its file holds kinematics and limits alone.
-            described = fill(described) if robot == "panda" else described
+            described = give_values(described) if robot == "panda" else described
             self.derived[robot] = build_functions(described)
         return self.derived[robot]
