@@ -1,7 +1,6 @@
 """Robots for tests: chains and trees from a few numbers, and Pinocchio's model of any robot."""
 
 import dataclasses
-import operator
 import re
 from collections.abc import Sequence
 from fractions import Fraction
@@ -12,7 +11,6 @@ from hypothesis import strategies as st
 from sympy import QQ
 
 from symid.codegen.equation_routes import build_workspace
-from symid.codegen.programs import Op
 from symid.codegen.routes import list_routes
 from symid.joint_models import FrictionValues
 from symid.notation import INERTIAL
@@ -451,46 +449,11 @@ UR5 = _read_chain(
     "0 0 0.0892 q, 1 0 0 q, 0 -0.425 0 q, 0 -0.39225 0.10915 q, 1 0 0.09465 q, -1 0 0.0823 q",
 )
 
-_NUMERIC = {
-    Op.ADD: operator.add,
-    Op.SUB: operator.sub,
-    Op.MUL: operator.mul,
-    Op.DIV: operator.truediv,
-    Op.SIN: np.sin,
-    Op.COS: np.cos,
-    Op.ABS: np.abs,
-    Op.SIGN: np.sign,
-    Op.TANH: np.tanh,
-    Op.LESS: operator.lt,
-    Op.LESS_EQUAL: operator.le,
-    Op.MAXIMUM: max,
-    Op.MINIMUM: min,
-}
-
-
-def run_program(program, inputs):
-    """Return the outputs of a program as arrays of the ports' shapes, computed in double precision."""
-    values = [0.0]
-
-    def read(ref):
-        return values[ref] if ref > 0 else -values[-ref]
-
-    for instruction in program.instructions:
-        if instruction.op is Op.INPUT:
-            port, element = instruction.args
-            values.append(float(np.ravel(inputs[program.spec.inputs[port].name])[element]))
-        elif instruction.op is Op.CONSTANT:
-            values.append(instruction.constant)
-        else:
-            values.append(float(_NUMERIC[instruction.op](*map(read, instruction.args))))
-    ports = zip(program.spec.outputs, program.outputs, strict=True)
-    return [np.array([read(ref) for ref in refs], dtype=float).reshape(port.shape) for port, refs in ports]
-
 
 def build_route_programs(robot, base, spec):
     """Return the program of every route to one function of the catalogue, by the route's name."""
     workspace = build_workspace(robot, base, spec)
     programs = {}
     for name, build in list_routes(robot, spec.name).items():
-        programs[name] = workspace.table.build_program(spec, workspace.recall(build))
+        programs[name] = workspace.algebra.build_program(spec, workspace.recall(build))
     return programs

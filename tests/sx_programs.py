@@ -1,7 +1,10 @@
 """CasADi's SX functions as programs: what CasADi has made of expressions, instruction by instruction."""
 
+import operator
+
 import casadi as ca
 import mpmath
+import numpy as np
 
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.programs import ExpressionTable, Op
@@ -9,16 +12,12 @@ from symid.codegen.programs import ExpressionTable, Op
 _FUNCTIONS = {
     ca.OP_SIN: Op.SIN,
     ca.OP_COS: Op.COS,
-    ca.OP_TAN: Op.TAN,
-    ca.OP_SQRT: Op.SQRT,
     ca.OP_EXP: Op.EXP,
     ca.OP_TANH: Op.TANH,
     ca.OP_FABS: Op.ABS,
     ca.OP_SIGN: Op.SIGN,
     ca.OP_LT: Op.LESS,
     ca.OP_LE: Op.LESS_EQUAL,
-    ca.OP_NOT: Op.IS_ZERO,
-    ca.OP_IF_ELSE_ZERO: Op.SELECT,
     ca.OP_FMAX: Op.MAXIMUM,
     ca.OP_FMIN: Op.MINIMUM,
 }
@@ -84,31 +83,9 @@ def make_toy(build, name="f", *, shape=None, **sizes):
     return function, read_sx_program(function, make_spec(sizes, {"y": shape or value.numel()}, name))
 
 
-_EXACT = {
-    Op.ADD: lambda a, b: a + b,
-    Op.SUB: lambda a, b: a - b,
-    Op.MUL: lambda a, b: a * b,
-    Op.DIV: lambda a, b: a / b,
-    Op.SIN: mpmath.sin,
-    Op.COS: mpmath.cos,
-    Op.TAN: mpmath.tan,
-    Op.SQRT: mpmath.sqrt,
-    Op.EXP: mpmath.exp,
-    Op.TANH: mpmath.tanh,
-    Op.ABS: abs,
-    Op.SIGN: mpmath.sign,
-    Op.LESS: lambda a, b: mpmath.mpf(a < b),
-    Op.LESS_EQUAL: lambda a, b: mpmath.mpf(a <= b),
-    Op.IS_ZERO: lambda a: mpmath.mpf(a == 0),
-    Op.SELECT: lambda a, b: b if a else mpmath.mpf(0),
-    Op.MAXIMUM: max,
-    Op.MINIMUM: min,
-}
-
-
-def run_with_mpmath(program, inputs):
-    """Return the outputs at one state, numbers of mpmath, from the elements of each input."""
-    values = [mpmath.mpf(0)]
+def interpret(program, inputs, rules, number):
+    """Return the outputs by port, lists of `number`s, from the elements of each input."""
+    values = [number(0)]
 
     def read(ref):
         return values[ref] if ref > 0 else -values[-ref]
@@ -116,9 +93,40 @@ def run_with_mpmath(program, inputs):
     for instruction in program.instructions:
         if instruction.op is Op.INPUT:
             port, element = instruction.args
-            values.append(mpmath.mpf(inputs[port][element]))
+            values.append(number(inputs[port][element]))
         elif instruction.op is Op.CONSTANT:
-            values.append(mpmath.mpf(instruction.constant))
+            values.append(number(instruction.constant))
         else:
-            values.append(_EXACT[instruction.op](*map(read, instruction.args)))
+            values.append(number(rules[instruction.op](*map(read, instruction.args))))
     return [[read(ref) for ref in refs] for refs in program.outputs]
+
+
+_PLAIN = {
+    Op.ADD: operator.add,
+    Op.SUB: operator.sub,
+    Op.MUL: operator.mul,
+    Op.DIV: operator.truediv,
+    Op.ABS: abs,
+    Op.LESS: operator.lt,
+    Op.LESS_EQUAL: operator.le,
+    Op.MAXIMUM: max,
+    Op.MINIMUM: min,
+}
+
+
+def list_rules(module):
+    """Return what operations are in numbers of NumPy or mpmath."""
+    return _PLAIN | {op: getattr(module, op.value) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.SIGN)}
+
+
+def run_with_mpmath(program, inputs):
+    """Return the outputs at one state, numbers of mpmath, from the elements of each input."""
+    return interpret(program, inputs, list_rules(mpmath), mpmath.mpf)
+
+
+def run_program(program, inputs):
+    """Return the outputs of a program as arrays of the ports' shapes, computed in double precision."""
+    given = [np.ravel(inputs[port.name]) for port in program.spec.inputs]
+    found = interpret(program, given, list_rules(np), float)
+    ports = zip(program.spec.outputs, found, strict=True)
+    return [np.array(values, dtype=float).reshape(port.shape) for port, values in ports]

@@ -11,7 +11,6 @@ Not supported: symbolic lengths without a value (RobotError).
 """
 
 import itertools
-import json
 import operator
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -28,13 +27,12 @@ from symid.codegen.functions import (
     compute_build_digest,
     get_constants,
     list_robot_specs,
-    write_model_card,
 )
 from symid.codegen.printing import write_literal
 from symid.codegen.programs import ARITHMETIC, Op, Operations, Program, count_operations
 from symid.codegen.references import PER_UNIT, WHOLE, Reference, build_references
 from symid.codegen.routes import choose_route
-from symid.codegen.source_folder import SourceSet, compute_digest
+from symid.codegen.source_folder import SourceSet, compute_digest, list_sources
 from symid.codegen.source_text import (
     BANNER,
     build_library_prefix,
@@ -47,19 +45,10 @@ from symid.robot import Robot
 
 _SX_RULES: Mapping[Op, Callable[..., ca.SX]] = {
     **ARITHMETIC,
-    Op.SIN: ca.sin,
-    Op.COS: ca.cos,
-    Op.TAN: ca.tan,
-    Op.SQRT: ca.sqrt,
-    Op.EXP: ca.exp,
-    Op.TANH: ca.tanh,
-    Op.POWER: ca.power,
+    **{op: getattr(ca, op.value) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.POWER, Op.SIGN)},
     Op.ABS: ca.fabs,
-    Op.SIGN: ca.sign,
     Op.LESS: operator.lt,
     Op.LESS_EQUAL: operator.le,
-    Op.IS_ZERO: ca.logic_not,
-    Op.SELECT: lambda a, b: ca.if_else(a, b, ca.SX(0)),
     Op.MAXIMUM: ca.fmax,
     Op.MINIMUM: ca.fmin,
 }
@@ -219,17 +208,15 @@ class Material:
 
     def collect(self, target: str, files: Sequence[tuple[str, str]]) -> SourceSet:
         """Return `files` with their manifest: what wrote them, the model, digests, operation counts."""
-        names = [program.spec.name for program in self.programs]
-        manifest = {
-            "symid": __version__,
-            "target": target,
-            "prefix": self.prefix,
-            "precision": self.options.precision if target == "c" else "double",
-            "card": json.loads(write_model_card(self.card)),
-            "operations": {name: asdict(count) for name, count in zip(names, self.operations, strict=True)},
-            "files": {path: compute_digest(text.encode()) for path, text in files},
-        }
-        return SourceSet(files=tuple(files), manifest=json.dumps(manifest, indent=1, sort_keys=True) + "\n")
+        names = (program.spec.name for program in self.programs)
+        return list_sources(
+            files,
+            dict(zip(names, self.operations, strict=True)),
+            target=target,
+            prefix=self.prefix,
+            precision=self.options.precision if target == "c" else "double",
+            card=asdict(self.card),
+        )
 
 
 def _describe_parameters(

@@ -121,7 +121,7 @@ class PlantExperiment(FrozenArrays):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlantLog:
+class PlantLog(FrozenArrays):
     """The truth at every tick, (N, n) each; the last four in J since the start.
 
     Args:
@@ -130,8 +130,6 @@ class PlantLog:
         work: of the motors. friction: lost in it. elastic: int S(v) dphi, stored and lost.
         damped: int D dphi^2 dt.
         ticks: number of valid ones; fewer than N where the state was no longer finite.
-
-    The arrays are made read-only in place.
     """
 
     q: FloatArray
@@ -145,12 +143,6 @@ class PlantLog:
     elastic: FloatArray
     damped: FloatArray
     ticks: int
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        for field in fields(self):
-            if field.name != "ticks":
-                getattr(self, field.name).setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -277,8 +269,6 @@ class CompiledPlant:
         ticks, n, springs = order.ticks, robot.size, self.springs
         warm = np.full(n, REFERENCE_TEMPERATURE)
         arrays = {field.name: np.zeros((ticks, n)) for field in fields(PlantLog)[:-1]}
-        self.shared.symid_plant_scratch.restype = self.shared.symid_plant_run.restype = ctypes.c_size_t
-        memory = np.zeros(self.shared.symid_plant_scratch(*map(ctypes.c_size_t, (n, order.play.shape[1]))))
         start = np.concatenate([order.q, np.zeros(n), order.theta, np.zeros(n)])
         plant = _pack(
             n,
@@ -292,11 +282,19 @@ class CompiledPlant:
         )
         references = (getattr(order, field.name) for field in fields(order)[:7])
         experiment = _pack(ticks, order.substeps, order.parts, ctypes.c_double(order.period), *references)
-        answer = _pack(*arrays.values())
-        inputs = tuple(ctypes.c_void_p(array.ctypes.data) for array in (start, order.play, memory))
-        robot_given, order_given, logged = map(ctypes.byref, (plant, experiment, answer))
-        count = self.shared.symid_plant_run(robot_given, order_given, *inputs, logged)
-        return PlantLog(**arrays, ticks=int(count))
+        records, sizes = (plant, experiment, _pack(*arrays.values())), (n, order.play.shape[1])
+        return PlantLog(**arrays, ticks=self._call("plant", records, sizes, start, order.play))
+
+    def _call(
+        self, kind: str, records: Sequence[ctypes.Structure], sizes: Sequence[int], *states: FloatArray
+    ) -> int:
+        """Return how many ticks a plant ran; records of the robot and the order, and of the answer."""
+        scratch, run = (getattr(self.shared, f"symid_{kind}_{end}") for end in ("scratch", "run"))
+        scratch.restype = run.restype = ctypes.c_size_t
+        memory = np.zeros(scratch(*map(ctypes.c_size_t, sizes)))
+        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (*states, memory))
+        robot, order, answer = map(ctypes.byref, records)
+        return int(run(robot, order, *pointers, answer))
 
     def run_rigid(self, library: Library, robot: RigidPlantRobot, order: RigidExperiment) -> RigidLog:
         """Return what happens to a rigid robot, whose functions `library` has; see `RigidExperiment`.
@@ -308,8 +306,6 @@ class CompiledPlant:
         warm, end = np.full(size, REFERENCE_TEMPERATURE), np.zeros(2)
         widths = (size, size, size, bends, 1, 1)
         arrays = [np.zeros((ticks, width)) for width in widths]
-        self.shared.symid_rigid_scratch.restype = self.shared.symid_rigid_run.restype = ctypes.c_size_t
-        memory = np.zeros(self.shared.symid_rigid_scratch(*map(ctypes.c_size_t, (size, bends))))
         start = np.concatenate([order.q, order.dq, np.sign(order.dq), order.measured, order.velocity])
         flags = (int(bool(part.any())) for part in (robot.curved, robot.varying))
         functions = (_get_function_address(library, name) for name in RIGID_FUNCTIONS)
@@ -319,9 +315,7 @@ class CompiledPlant:
         references = (getattr(order, field.name) for field in fields(order)[:8])
         sizes, times = (ticks, order.substeps, int(order.sensed)), (order.period, order.blend)
         records = (plant, _pack(*sizes, *map(ctypes.c_double, times), *references), _pack(*arrays, end))
-        robot_given, order_given, answer = map(ctypes.byref, records)
-        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (start, memory))
-        count = int(self.shared.symid_rigid_run(robot_given, order_given, *pointers, answer))
+        count = self._call("rigid", records, (size, bends), start)
         q, dq, torque, z, work, lost = (array[:count] for array in arrays)
         return RigidLog(
             q=q,

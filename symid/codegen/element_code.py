@@ -11,11 +11,10 @@ time; CasADi functions for optimisation, with the inverse where it has a closed 
 Not supported: energy of a cubic spring together with knees (NaN in Python, no function in C).
 """
 
-import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,8 +22,8 @@ from symid import __version__
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.generation import GeneratedFolder, choose_runner, write_folder
 from symid.codegen.printing import print_c, print_python, write_literal
-from symid.codegen.programs import ExpressionTable, Program, ValueAlgebra, count_operations
-from symid.codegen.source_folder import SourceSet, compute_digest
+from symid.codegen.programs import ExpressionTable, Program, count_operations
+from symid.codegen.source_folder import SourceSet, list_sources
 from symid.codegen.source_text import build_library_prefix, check_choice, clean_text, write_template
 from symid.errors import Notice
 from symid.joint_models import (
@@ -89,32 +88,15 @@ def build_step(elasticity: Elasticity, *, rated: bool = False) -> Program:
 
     `rated`: the velocity is a third number of `held`, else it is the way over the period.
     """
-    table = ExpressionTable()
-    algebra, size = ValueAlgebra(table), len(start_states(elasticity, 0.0))
+    table, size = ExpressionTable(), len(start_states(elasticity, 0.0))
     held = (table.input(0, 0), table.input(0, 1))
     velocity = table.input(0, 2) if rated else None
     states = [table.input(1, k) for k in range(size)]
     values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
-    step = advance_element(algebra, elasticity, values, held, states, velocity=velocity)
-    stored = algebra.zero if step.stored is None else step.stored
+    step = advance_element(table, elasticity, values, held, states, velocity=velocity)
+    stored = table.zero if step.stored is None else step.stored
     outputs = {"y": [step.output], "after": step.states, "stored": [stored]}
     return _build_program(table, "step", {"held": 3 if rated else 2, "states": size}, outputs)
-
-
-def build_start(elasticity: Elasticity, side: float) -> Program:
-    """Return the states where the input stands still: x -> states."""
-    table = ExpressionTable()
-    states = start_element(ValueAlgebra(table), elasticity, table.input(0, 0), side)
-    return _build_program(table, "start", {"x": 1}, {"states": states})
-
-
-def build_inverse(elasticity: Elasticity) -> Program:
-    """Return the inverse in closed form: y, states -> x; the states are those of the element."""
-    table, size = ExpressionTable(), len(start_states(elasticity, 0.0))
-    values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
-    states = [table.input(1, k) for k in range(size)]
-    x = invert_step(ValueAlgebra(table), elasticity, values, table.input(0, 0), states)
-    return _build_program(table, "inverse", {"y": 1, "states": size}, {"x": [x]})
 
 
 def _build_program(
@@ -130,10 +112,19 @@ def _build_program(
 
 
 def _build_programs(elasticity: Elasticity) -> dict[str, Program]:
-    """Return step, starts and, where it has a closed form, inverse."""
+    """Return step; starts, x -> states; where it has a closed form inverse, y, states of the element -> x."""
     programs = {"step": build_step(elasticity)}
-    programs |= {name: build_start(elasticity, float(side)) for side, name in _SIDES}
-    return programs | ({"inverse": build_inverse(elasticity)} if has_closed_inverse(elasticity) else {})
+    for side, name in _SIDES:
+        table = ExpressionTable()
+        states = start_element(table, elasticity, table.input(0, 0), float(side))
+        programs[name] = _build_program(table, "start", {"x": 1}, {"states": states})
+    if has_closed_inverse(elasticity):
+        table, size = ExpressionTable(), len(start_states(elasticity, 0.0))
+        values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
+        before = [table.input(1, k) for k in range(size)]
+        x = invert_step(table, elasticity, values, table.input(0, 0), before)
+        programs["inverse"] = _build_program(table, "inverse", {"y": 1, "states": size}, {"x": [x]})
+    return programs
 
 
 def _make_samples(elasticity: Elasticity, order: ElementCode) -> list[dict[str, float]]:
@@ -151,10 +142,11 @@ def _make_samples(elasticity: Elasticity, order: ElementCode) -> list[dict[str, 
     return samples
 
 
-def _list_facts(elasticity: Elasticity, order: ElementCode) -> dict[str, object]:
+def _list_facts(
+    elasticity: Elasticity, order: ElementCode, samples: Sequence[Mapping[str, float]]
+) -> dict[str, object]:
     """Return what every template may ask for."""
     prefix, inverse = build_library_prefix(order.name), describe_inverse(elasticity)
-    samples = _make_samples(elasticity, order)
     values = list_element_values(elasticity)
     return {
         "banner": _BANNER,
@@ -182,17 +174,20 @@ def _list_facts(elasticity: Elasticity, order: ElementCode) -> dict[str, object]
     }
 
 
-def _write_c(elasticity: Elasticity, order: ElementCode) -> list[tuple[str, str]]:
-    facts = _list_facts(elasticity, order)
-    bodies = {name: print_c(one, order.precision) for name, one in _build_programs(elasticity).items()}
+def _write_c(
+    facts: dict[str, object],
+    samples: Sequence[Sequence[float]],
+    programs: Mapping[str, Program],
+    order: ElementCode,
+) -> list[tuple[str, str]]:
+    bodies = {name: print_c(one, order.precision) for name, one in programs.items()}
     parts = {name: list(body.statements) for name, body in bodies.items()}
     helpers = {helper for body in bodies.values() for helper in body.helpers}
 
     def literal(value: float) -> str:
         return write_literal(value, order.precision)
 
-    samples = _make_samples(elasticity, order)
-    rows = ["{" + ", ".join(map(literal, sample.values())) + "}," for sample in samples]
+    rows = ["{" + ", ".join(map(literal, sample)) + "}," for sample in samples]
     numbers = {
         name: literal(float(str(facts[name])))
         for name in ("output_scale", "energy_scale", "input_scale", "tolerance", "slope")
@@ -320,12 +315,13 @@ def generate_springs(
 
 def build_sources(elasticity: Elasticity, order: ElementCode) -> SourceSet:
     """Return the files of an element's code, and their manifest."""
-    facts, prefix = _list_facts(elasticity, order), build_library_prefix(order.name)
-    programs = _build_programs(elasticity)
+    prefix, made = build_library_prefix(order.name), _make_samples(elasticity, order)
+    facts, programs = _list_facts(elasticity, order, made), _build_programs(elasticity)
+    samples = [tuple(sample.values()) for sample in made]
     if order.target == "c":
-        files = _write_c(elasticity, order)
+        files = _write_c(facts, samples, programs, order)
     else:
-        facts["rows"] = [repr(tuple(sample.values())) for sample in _make_samples(elasticity, order)]
+        facts["rows"] = list(map(repr, samples))
     if order.target == "python":
         facts["parts"] = {name: print_python(one, plain=True) for name, one in programs.items()}
         files = [(f"{prefix}.py", write_template("element/element.py.jinja", facts))]
@@ -335,13 +331,11 @@ def build_sources(elasticity: Elasticity, order: ElementCode) -> SourceSet:
         files = [(f"{prefix}.py", write_template("element/casadi.py.jinja", facts))]
         files += [(f"{prefix}_{name}.casadi", function.serialize()) for name, function in functions.items()]
     listed = [name for name in ("step", "inverse") if name in programs]
-    manifest = {
-        "symid": __version__,
-        "target": order.target,
-        "prefix": prefix,
-        "precision": order.precision if order.target == "c" else "double",
-        "card": {"functions": [{"name": name} for name in listed]},
-        "operations": {name: asdict(count_operations(programs[name])) for name in listed},
-        "files": {path: compute_digest(text.encode()) for path, text in files},
-    }
-    return SourceSet(files=tuple(files), manifest=json.dumps(manifest, indent=1, sort_keys=True) + "\n")
+    return list_sources(
+        files,
+        {name: count_operations(programs[name]) for name in listed},
+        target=order.target,
+        prefix=prefix,
+        precision=order.precision if order.target == "c" else "double",
+        card={"functions": [{"name": name} for name in listed]},
+    )

@@ -22,7 +22,7 @@ from functools import partial
 from itertools import chain, product
 
 from symid.codegen.functions import Constants, FunctionSpec
-from symid.codegen.programs import ExpressionTable, Op, ValueAlgebra, differentiate_along
+from symid.codegen.programs import ExpressionTable, differentiate_along
 from symid.dynamics import (
     BaseParameters,
     Label,
@@ -63,8 +63,7 @@ class RouteWorkspace:
     """
 
     base: BaseParameters
-    table: ExpressionTable
-    algebra: ValueAlgebra
+    algebra: ExpressionTable
     inputs: Mapping[str, tuple[int, ...]]
     recursion: Recursion[int]
     parameters: Mapping[Label, int]
@@ -88,15 +87,20 @@ class RouteWorkspace:
     def shift(self) -> "RouteWorkspace":
         """Return the same workspace with link origins moved along their joints' axes."""
         shifts = choose_origin_shifts(self.robot)
-        shifted, state = shift_origins(self.robot, shifts), self.recursion.state
-        recursion = build_recursion(shifted, self.algebra, state)
+        moved = build_recursion(shift_origins(self.robot, shifts), self.algebra, self.recursion.state)
         parameters = shift_parameters(self.algebra, self.parameters, shifts)
-        return replace(self, recursion=recursion, parameters=parameters, built={})
+        return replace(
+            self, recursion=replace(moved, meet=self.recursion.meet), parameters=parameters, built={}
+        )
 
     def hold(self) -> "RouteWorkspace":
         """Return the same workspace with the last links in axes that do not turn with them."""
         recursion, parameters = fix_last_link_axes(self.recursion, self.parameters)
         return replace(self, recursion=recursion, parameters=parameters, built={})
+
+    def meet(self, meet: ProjectionFrame) -> "RouteWorkspace":
+        """Return the same workspace, its wrenches on their way down to the joints stopped earlier."""
+        return replace(self, recursion=replace(self.recursion, meet=meet), built={})
 
     def flatten_vector(self, values: Sequence[int]) -> Elements:
         """Return a value per joint as a port of shape (n,)."""
@@ -108,8 +112,9 @@ class RouteWorkspace:
 
     def differentiate(self, values: Sequence[int], name: str) -> list[list[int]]:
         """Return the derivatives of values by each element of input `name`."""
-        one = self.table.constant(1.0)
-        return differentiate_along(self.table, values, [{ref: one} for ref in self.inputs[name]])
+        return differentiate_along(
+            self.algebra, values, [{ref: self.algebra.one} for ref in self.inputs[name]]
+        )
 
     def flatten_columns(self, columns: Sequence[Sequence[int]]) -> Elements:
         """Return columns with an entry a coordinate as a port of shape (n, columns)."""
@@ -137,80 +142,29 @@ def build_workspace(
 
     `turns` are constant turns of joints (`list_constant_rotations`), in rad, that are added to the joints'
     angles; the others are part of the placements. `constants` are values of vectors that are no inputs of the
-    function. `exact` keeps numbers and symbolic lengths as they are, see `ValueAlgebra.numbers`.
+    function. `exact` keeps numbers and symbolic lengths as they are, see `ExpressionTable`.
     """
-    turns = turns or {}
-    table = ExpressionTable()
-    zero = table.constant(0.0)
+    turns, table = turns or {}, ExpressionTable(dict(robot.symbols), exact=exact)
     moving = ("q", "dq", "ddq", "dqr", "ddqr", "tau")
     sizes = {**dict.fromkeys(moving, robot.freedom), base.vector: base.count, "f": len(base.friction)}
-    inputs = {name: (zero,) * size for name, size in sizes.items()}
+    inputs = {name: (table.zero,) * size for name, size in sizes.items()}
     for number, port in enumerate(spec.inputs):
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
     for name, values in (constants or {}).items():
         inputs[name] = tuple(map(table.constant, values))
-    algebra = ValueAlgebra(table, dict(robot.symbols), {} if exact else None)
-    position, velocity, acceleration = (
-        spread_coordinates(robot, algebra, inputs[name])[: robot.size] for name in ("q", "dq", "ddq")
-    )
-    angles = [table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(position)]
-    state = RobotState(
-        sine=tuple(table.apply(Op.SIN, angle) for angle in angles),
-        cosine=tuple(table.apply(Op.COS, angle) for angle in angles),
-        position=position,
-        velocity=velocity,
-        acceleration=acceleration,
-    )
+    motion = [spread_coordinates(robot, table, inputs[name])[: robot.size] for name in ("q", "dq", "ddq")]
+    angles = [
+        table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(motion[0])
+    ]
+    sine, cosine = (tuple(map(wave, angles)) for wave in (table.sin, table.cos))
+    state = RobotState(sine, cosine, *motion)
     return RouteWorkspace(
         base=base,
-        table=table,
-        algebra=algebra,
+        algebra=table,
         inputs=inputs,
-        recursion=build_recursion(remove_constant_rotations(robot, turns), algebra, state),
+        recursion=build_recursion(remove_constant_rotations(robot, turns), table, state),
         parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Factors:
-    """M = L' D L of a table's values: the rows of L below its diagonal of ones, and 1/D.
-
-    Joints are eliminated from the last one to the first: what is zero in M, for joints of which neither
-    carries the other, stays zero in L (Featherstone, Int. J. Robot. Res. 24 (2005) 487-500). Each pivot is
-    inverted once: n more products, but a quotient takes as long as ten of them.
-    """
-
-    table: ExpressionTable
-    lower: Matrix
-    inverses: Sequence[int]
-
-    def solve(self, right: Sequence[int]) -> list[int]:
-        """Return x of M x = r."""
-        lower, solution, joints = self.lower, list(right), range(len(right))
-        for i in reversed(joints):
-            carried = [(lower[k][i], solution[k]) for k in joints[i + 1 :]]
-            solution[i] = _remove(self.table, solution[i], carried)
-        for i in joints:
-            scaled = self.table.mul(solution[i], self.inverses[i])
-            solution[i] = _remove(self.table, scaled, [(lower[i][k], solution[k]) for k in range(i)])
-        return solution
-
-    def invert(self) -> list[list[int]]:
-        """Return M^-1 = X D^-1 X', X the inverse of L: both triangles are the same values."""
-        table, n, one = self.table, len(self.inverses), self.table.constant(1.0)
-        unit: list[list[int]] = [[] for _ in range(n)]
-        for i in range(n):
-            for j in range(i):
-                products = [(self.lower[i][k], unit[k][j]) for k in range(j + 1, i)]
-                unit[i].append(_remove(table, -self.lower[i][j], products))
-            unit[i].append(one)
-        result = [[0] * n for _ in range(n)]
-        for i in range(n):
-            scaled = [table.mul(x, factor) for x, factor in zip(unit[i], self.inverses, strict=False)]
-            for j in range(i + 1):
-                products = [(-unit[j][k], scaled[k]) for k in range(j)]
-                result[i][j] = result[j][i] = _remove(table, scaled[j], products)
-        return result
 
 
 def _remove(table: ExpressionTable, start: int, products: Iterable[tuple[int, int]]) -> int:
@@ -220,41 +174,70 @@ def _remove(table: ExpressionTable, start: int, products: Iterable[tuple[int, in
     return start
 
 
-def _factorise(table: ExpressionTable, matrix: Matrix) -> _Factors:
-    """Return the factors of a matrix that is symmetric and positive definite, written out."""
-    n, one = len(matrix), table.constant(1.0)
-    lower = [[0] * n for _ in range(n)]
-    scaled = [[0] * n for _ in range(n)]
-    inverses = [0] * n
-    for i in reversed(range(n)):
-        behind = range(i + 1, n)
-        pivot = _remove(table, matrix[i][i], [(lower[k][i], scaled[k][i]) for k in behind])
-        inverses[i] = table.div(one, pivot)
-        for j in range(i):
-            scaled[i][j] = _remove(table, matrix[i][j], [(lower[k][i], scaled[k][j]) for k in behind])
-            lower[i][j] = table.mul(scaled[i][j], inverses[i])
-    return _Factors(table=table, lower=lower, inverses=inverses)
+class _Factors:
+    """M = L' D L of a table's values, symmetric and positive definite: rows of L below its ones, and 1/D.
 
+    Joints are eliminated from the last one to the first: what is zero in M, for joints of which neither
+    carries the other, stays zero in L (Featherstone, Int. J. Robot. Res. 24 (2005) 487-500). Each pivot is
+    inverted once: n more products, but a quotient takes as long as ten of them.
+    """
 
-Place = Callable[[Robot], ProjectionFrame] | None
-"""Where wrenches of composite bodies stop on their way down to the joints; None: at every joint."""
+    def __init__(self, table: ExpressionTable, matrix: Matrix) -> None:
+        n, self.table = len(matrix), table
+        scaled, self.lower = ([[0] * n for _ in range(n)] for _ in range(2))
+        self.inverses = [0] * n
+        for i in reversed(range(n)):
+            behind = [(self.lower[k], scaled[k]) for k in range(i + 1, n)]
+            pivot = _remove(table, matrix[i][i], [(low[i], row[i]) for low, row in behind])
+            self.inverses[i] = table.div(table.one, pivot)
+            for j in range(i):
+                scaled[i][j] = _remove(table, matrix[i][j], [(low[i], row[j]) for low, row in behind])
+                self.lower[i][j] = table.mul(scaled[i][j], self.inverses[i])
+
+    def solve(self, right: Sequence[int]) -> list[int]:
+        """Return x of M x = r."""
+        lower, solution, joints = self.lower, list(right), range(len(right))
+        for i in reversed(joints):
+            carried = [(lower[k][i], solution[k]) for k in joints[i + 1 :]]
+            solution[i] = _remove(self.table, solution[i], carried)
+        for i in joints:
+            scaled = self.table.mul(solution[i], self.inverses[i])
+            solution[i] = _remove(self.table, scaled, zip(lower[i], solution[:i], strict=False))
+        return solution
+
+    def invert(self) -> list[list[int]]:
+        """Return M^-1 = X D^-1 X', X the inverse of L: both triangles are the same values."""
+        table, n = self.table, len(self.inverses)
+        unit: list[list[int]] = [[] for _ in range(n)]
+        for i in range(n):
+            for j in range(i):
+                products = [(self.lower[i][k], unit[k][j]) for k in range(j + 1, i)]
+                unit[i].append(_remove(table, -self.lower[i][j], products))
+            unit[i].append(table.one)
+        result = [[0] * n for _ in range(n)]
+        for i in range(n):
+            scaled = list(map(table.mul, unit[i], self.inverses))
+            for j in range(i + 1):
+                products = [(-unit[j][k], scaled[k]) for k in range(j)]
+                result[i][j] = result[j][i] = _remove(table, scaled[j], products)
+        return result
 
 
 def build_forward_dynamics(
     workspace: RouteWorkspace, mass: RouteBuilder, torques: RouteBuilder
 ) -> tuple[Elements, ...]:
     """Solve M ddq = tau - c for a matrix and a bias torque from two other routes."""
-    table, n = workspace.table, workspace.robot.freedom
+    table, n = workspace.algebra, workspace.robot.freedom
     (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
-    rest = [table.add(tau, -c) for tau, c in zip(workspace.inputs["tau"], bias, strict=True)]
-    factors = _factorise(table, [entries[n * row : n * (row + 1)] for row in range(n)])
+    rest = list(map(table.sub, workspace.inputs["tau"], bias))
+    factors = _Factors(table, [entries[n * row : n * (row + 1)] for row in range(n)])
     return (tuple(factors.solve(rest)),)
 
 
 def build_articulated(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build the accelerations by articulated bodies: without a matrix, the route of robots of many joints."""
-    table, tau = workspace.table, workspace.spread(workspace.inputs["tau"])
-    invert = partial(table.div, table.constant(1.0))
+    table, tau = workspace.algebra, workspace.spread(workspace.inputs["tau"])
+    invert = partial(table.div, table.one)
     return (compute_forward_dynamics(workspace.recursion, workspace.parameters, tau, invert),)
 
 
@@ -267,43 +250,35 @@ def build_differentiated(
     return (*map(workspace.flatten_columns, blocks), *workspace.recall(mass))
 
 
-def build_derivatives(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+def build_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build dtau/dq, dtau/ddq and M by composite bodies."""
-    meet = place and place(workspace.robot)
-    found = compute_torque_derivatives(workspace.recursion, workspace.parameters, meet=meet)
-    blocks = (found.by_position, found.by_velocity, found.by_acceleration)
-    return tuple(map(workspace.flatten_matrix, blocks))
+    found = compute_torque_derivatives(workspace.recursion, workspace.parameters)
+    return tuple(map(workspace.flatten_matrix, found))
 
 
-def build_mass_derivatives(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+def build_mass_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build dM/dq by composite bodies."""
-    meet = place and place(workspace.robot)
-    slopes = compute_mass_derivatives(workspace.recursion, workspace.parameters, meet=meet)
+    slopes = compute_mass_derivatives(workspace.recursion, workspace.parameters)
     entries = zip(*map(workspace.flatten_matrix, slopes), strict=True)
     return (tuple(chain(*map(workspace.flatten_vector, entries))),)
 
 
-def build_second_derivatives(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+def build_second_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build the second derivatives of tau, and dM/dq, by differentiating the first ones.
 
     By two velocities they are sums of c_ijk, of dM/dq. Of d^2 tau/dq^2 half is computed.
     """
-    table, n = workspace.table, workspace.robot.freedom
-    by_q, by_dq, _ = build_derivatives(workspace, place)
-    (mass,) = build_mass_derivatives(workspace, place)
+    table, n = workspace.algebra, workspace.robot.freedom
+    by_q, by_dq, _ = build_derivatives(workspace)
+    (mass,) = build_mass_derivatives(workspace)
     twice, mixed = (workspace.differentiate(values, "q") for values in (by_q, by_dq))
-    indices = list(product(range(n), repeat=3))
-
-    def add_symbols(i: int, j: int, k: int) -> int:
+    indices = [(i, j, k, max(j, k), min(j, k)) for i, j, k in product(range(n), repeat=3)]
+    symbols = []
+    for i, _, _, j, k in indices:
         first, second, third = (mass[n * (n * a + b) + c] for a, b, c in ((i, j, k), (i, k, j), (j, k, i)))
-        return table.add(table.add(first, second), -third)
-
-    return (
-        tuple(twice[max(j, k)][n * i + min(j, k)] for i, j, k in indices),
-        tuple(mixed[j][n * i + k] for i, j, k in indices),
-        tuple(add_symbols(i, max(j, k), min(j, k)) for i, j, k in indices),
-        mass,
-    )
+        symbols.append(table.add(table.add(first, second), -third))
+    by_both = tuple(twice[high][n * i + low] for i, _, _, high, low in indices)
+    return by_both, tuple(mixed[j][n * i + k] for i, j, k, _, _ in indices), tuple(symbols), mass
 
 
 def build_differentiated_mass(workspace: RouteWorkspace, mass: RouteBuilder) -> tuple[Elements, ...]:
@@ -319,30 +294,27 @@ def build_regressor_derivatives(workspace: RouteWorkspace, regressor: RouteBuild
     return tuple(map(workspace.flatten_columns, blocks))
 
 
-def build_coriolis(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+def build_coriolis(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build the Coriolis matrix by composite bodies."""
-    meet = place and place(workspace.robot)
-    matrix = compute_coriolis_matrix(workspace.recursion, workspace.parameters, meet=meet)
-    return (workspace.flatten_matrix(matrix),)
+    return (workspace.flatten_matrix(compute_coriolis_matrix(workspace.recursion, workspace.parameters)),)
 
 
-def build_forward_derivatives(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+def build_forward_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build ddq and its derivatives by q, dq and tau (see above)."""
-    robot, table, algebra, inputs = workspace.robot, workspace.table, workspace.algebra, workspace.inputs
-    meet, zero = place and place(robot), table.constant(0.0)
-    terms = compute_equation_terms(workspace.recursion, workspace.parameters, meet=meet)
-    mass, coriolis = (fold_matrix(robot, algebra, part) for part in (terms.mass, terms.twice_coriolis))
-    factors, halves = _factorise(table, mass), list(map(algebra.half, inputs["dq"]))
+    robot, table, inputs = workspace.robot, workspace.algebra, workspace.inputs
+    terms = compute_equation_terms(workspace.recursion, workspace.parameters)
+    mass, coriolis = (fold_matrix(robot, table, part) for part in (terms.mass, terms.twice_coriolis))
+    factors, halves = _Factors(table, mass), list(map(table.half, inputs["dq"]))
     rest = zip(inputs["tau"], workspace.flatten_vector(terms.rest), coriolis, strict=True)
     forces = [_remove(table, table.add(tau, -load), zip(row, halves, strict=True)) for tau, load, row in rest]
     ddq = factors.solve(forces)
     state = replace(workspace.recursion.state, acceleration=workspace.spread(ddq))
     moving = replace(workspace.recursion, state=state)
-    found = compute_torque_derivatives(moving, workspace.parameters, meet=meet)
-    slopes, inverse = fold_matrix(robot, algebra, found.by_position), factors.invert()
+    found = compute_torque_derivatives(moving, workspace.parameters)
+    slopes, inverse = fold_matrix(robot, table, found.by_position), factors.invert()
     products = [
         [
-            [_remove(table, zero, zip(row, column, strict=True)) for row in inverse]
+            [_remove(table, table.zero, zip(row, column, strict=True)) for row in inverse]
             for column in zip(*block, strict=True)
         ]
         for block in (slopes, coriolis)

@@ -199,25 +199,13 @@ _PER_TERM = 6
 _LARGE = 4
 
 
-def _write_truth(condition: Expr) -> Expr:
-    return sympy.Piecewise((1, condition), (0, True))
-
-
 _SYMPY_RULES: Mapping[Op, Callable[..., Expr]] = {
     **ARITHMETIC,
-    Op.SIN: sympy.sin,
-    Op.COS: sympy.cos,
-    Op.TAN: sympy.tan,
-    Op.SQRT: sympy.sqrt,
-    Op.EXP: sympy.exp,
-    Op.TANH: sympy.tanh,
+    **{op: getattr(sympy, op.value) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.SIGN)},
     Op.POWER: operator.pow,
     Op.ABS: sympy.Abs,
-    Op.SIGN: sympy.sign,
-    Op.LESS: lambda a, b: _write_truth(sympy.Lt(a, b)),
-    Op.LESS_EQUAL: lambda a, b: _write_truth(sympy.Le(a, b)),
-    Op.IS_ZERO: lambda a: _write_truth(sympy.Eq(a, 0)),
-    Op.SELECT: lambda a, b: sympy.Piecewise((b, sympy.Ne(a, 0)), (0, True)),
+    Op.LESS: lambda a, b: sympy.Piecewise((1, sympy.Lt(a, b)), (0, True)),
+    Op.LESS_EQUAL: lambda a, b: sympy.Piecewise((1, sympy.Le(a, b)), (0, True)),
     # SymPy would compare long expressions with one another to find out which is greater.
     Op.MAXIMUM: lambda a, b: sympy.Max(a, b, evaluate=False),
     Op.MINIMUM: lambda a, b: sympy.Min(a, b, evaluate=False),

@@ -272,41 +272,6 @@ _SPRING_REASONS = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ElasticSizes:
-    """Sizes of a robot with elastic joints only: `stops` is the length of P and Q, `springs` that of h.
-
-    `invertible`: the springs have an inverse, as none has a cubic part. `feed`: motor torques follow from the
-    motion of the links, as every motor has its own rotor, no spring is damped, nothing is coupled.
-    """
-
-    stops: int
-    springs: int
-    invertible: bool = True
-    feed: bool = True
-
-
-def count_elastic_sizes(robot: Robot) -> ElasticSizes | None:
-    """Return the sizes of a robot all of whose joints have springs that h can hold, None of another."""
-    found = [joint.elasticity for joint in robot.axes if joint.elasticity is not None]
-    if len(found) < robot.freedom or not all(spring.is_plain for spring in found):
-        return None
-    invertible = not any(spring.cubic for spring in found)
-    # What follows is a link without a motor: it must not brake one, nor give.
-    alone = not robot.couplings and all(
-        joint.elasticity is None and joint.friction.law == NO_FRICTION
-        for joint in robot.joints
-        if joint.mimic is not None
-    )
-    driven = all(joint.drive.has_rotor for joint in robot.axes)
-    return ElasticSizes(
-        stops=sum(len(spring.stops) for spring in found),
-        springs=sum(len(_list_spring_entries(spring)) for spring in found),
-        invertible=invertible,
-        feed=invertible and driven and alone and not any(spring.damping for spring in found),
-    )
-
-
 def _list_spring_entries(elasticity: Elasticity) -> list[tuple[str, int, float | None]]:
     """Return letter, place among its like (0 if there is one only) and value of every entry of a spring."""
     entries: list[tuple[str, int, float | None]] = [("k0", 0, elasticity.stiffness)]
@@ -499,32 +464,27 @@ LIMITED = frozenset(_FULL)
 
 
 def list_specs(
-    joints: int,
-    parameters: int,
-    friction: int,
+    sizes: Mapping[str, int],
     *,
-    links: int | None = None,
     vector: str = "beta",
-    elastic: ElasticSizes | None = None,
     inputs: Collection[str] = (),
-    bristles: int = 0,
+    without: Collection[str] = (),
 ) -> tuple[FunctionSpec, ...]:
-    """Return the catalogue for numbers of coordinates, of inertial and of friction parameters.
+    """Return the catalogue for `sizes` by the letters of shapes, zero where there is none.
 
-    Functions and vectors that would be empty (no friction, no stops) are left out. `links` are the moving
-    ones, by default as many as joints; `vector` is the name of the inertial parameters, beta or pi;
-    `inputs` what friction depends on besides the velocity: "q", "load", "temperature"; `bristles` is the
-    number of deflections that it remembers.
+    Functions and vectors that would be empty (no friction, no stops), and those called `without`, are left
+    out. `vector` is the name of the inertial parameters, beta or pi; `inputs` what friction depends on
+    besides the velocity: "q", "load", "temperature".
     """
-    sizes = {"n": joints, "l": joints if links is None else links, "b": parameters, "p": friction}
-    sizes |= {"s": elastic.stops if elastic else 0, "h": elastic.springs if elastic else 0, "z": bristles}
+    sizes = {**dict.fromkeys("nlbpshz", 0), **sizes}
+    # What functions need to be there.
+    springs = ("hysteresis_step", "hysteresis_inverse_step", "elastic_inverse_dynamics")
     offered = {
-        **dict.fromkeys(("friction", "friction_regressor"), friction > 0),
-        "friction_step": bristles > 0,
-        **dict.fromkeys(_FULL, joints <= MOST_FULL),
-        "hysteresis_step": elastic is not None,
-        "hysteresis_inverse_step": elastic is not None and elastic.invertible,
-        "elastic_inverse_dynamics": elastic is not None and elastic.feed,
+        **dict.fromkeys(("friction", "friction_regressor"), sizes["p"] > 0),
+        **dict.fromkeys(_FULL, sizes["n"] <= MOST_FULL),
+        **dict.fromkeys(springs, sizes["h"] > 0),
+        "friction_step": sizes["z"] > 0,
+        **dict.fromkeys(without, False),
     }
 
     def build_ports(names: Sequence[str], known: Mapping[str, tuple[str, str, str]]) -> tuple[Port, ...]:
@@ -578,15 +538,35 @@ def list_robot_specs(
     Raises:
         UsageError: a name is not in the catalogue.
     """
+    springs = [joint.elasticity for joint in robot.axes if joint.elasticity is not None]
+    if len(springs) < robot.freedom or not all(spring.is_plain for spring in springs):
+        # None that h can hold.
+        springs = []
+    # Motor torques follow from the motion of links where every motor has its own rotor, no spring is damped
+    # and nothing is coupled; a link without a motor, which follows, must not brake one, nor give.
+    alone = not robot.couplings and all(
+        joint.elasticity is None and joint.friction.law == NO_FRICTION
+        for joint in robot.joints
+        if joint.mimic is not None
+    )
+    driven = alone and all(joint.drive.has_rotor for joint in robot.axes)
+    without = [] if driven and not any(spring.damping for spring in springs) else ["elastic_inverse_dynamics"]
+    if any(spring.cubic for spring in springs):
+        # Such a spring has no inverse.
+        without += ["hysteresis_inverse_step", "elastic_inverse_dynamics"]
     specs = list_specs(
-        robot.freedom,
-        base.count,
-        len(base.friction),
-        links=robot.size,
+        {
+            "n": robot.freedom,
+            "l": robot.size,
+            "b": base.count,
+            "p": len(base.friction),
+            "s": sum(len(spring.stops) for spring in springs),
+            "h": sum(len(_list_spring_entries(spring)) for spring in springs),
+            "z": sum(count for _, count in list_bristles(robot)),
+        },
         vector=base.vector,
-        elastic=count_elastic_sizes(robot),
         inputs=list_friction_inputs(robot),
-        bristles=sum(count for _, count in list_bristles(robot)),
+        without=without,
     )
     known = [spec.name for spec in specs]
     for name in names or ():

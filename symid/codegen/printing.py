@@ -22,12 +22,12 @@ from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.programs import Instruction, Op, Program
 
 _INFIX = {Op.ADD: "+", Op.SUB: "-", Op.MUL: "*", Op.DIV: "/"}
-_HELPER_OPS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT, Op.MAXIMUM, Op.MINIMUM)
+_HELPER_OPS = (Op.SIGN, Op.LESS, Op.LESS_EQUAL, Op.MAXIMUM, Op.MINIMUM)
 # NumPy's own let a NaN through.
 _NUMPY_OPS = (Op.MAXIMUM, Op.MINIMUM)
 # JavaScript's own let a NaN through too.
 _JAVASCRIPT_NAMES = {Op.POWER: "pow", Op.MAXIMUM: "max", Op.MINIMUM: "min"}
-_JAVASCRIPT_HELPERS = (Op.LESS, Op.LESS_EQUAL, Op.IS_ZERO, Op.SELECT)
+_JAVASCRIPT_HELPERS = (Op.LESS, Op.LESS_EQUAL)
 _REGISTER = re.compile(r"t(\d+) = ")
 
 
@@ -443,10 +443,8 @@ _C_HELPERS = {
     "sign": ("x", "x > {zero} ? {one} : (x < {zero} ? -{one} : x)"),
     "less": ("a b", "a < b ? {one} : (a >= b ? {zero} : a + b)"),
     "less_equal": ("a b", "a <= b ? {one} : (a > b ? {zero} : a + b)"),
-    "is_zero": ("x", "x > {zero} || x < {zero} ? {zero} : (x == {zero} ? {one} : x)"),
     "maximum": ("a b", "a > b ? a : (a <= b ? b : a + b)"),
     "minimum": ("a b", "a < b ? a : (a >= b ? b : a + b)"),
-    "select": ("condition x", "condition > {zero} || condition < {zero} ? x : condition"),
 }
 
 

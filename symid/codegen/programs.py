@@ -15,7 +15,7 @@ import itertools
 import math
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from fractions import Fraction
 from typing import Any
@@ -36,8 +36,6 @@ class Op(Enum):
     DIV = "div"
     SIN = "sin"
     COS = "cos"
-    TAN = "tan"
-    SQRT = "sqrt"
     EXP = "exp"
     TANH = "tanh"
     POWER = "power"
@@ -45,8 +43,6 @@ class Op(Enum):
     SIGN = "sign"
     LESS = "less"
     LESS_EQUAL = "less_equal"
-    IS_ZERO = "is_zero"
-    SELECT = "select"
     MAXIMUM = "maximum"
     MINIMUM = "minimum"
 
@@ -61,7 +57,7 @@ ARITHMETIC: Mapping[Op, Callable[..., Any]] = {
 _PRODUCTS = (Op.MUL, Op.DIV)
 _SUMS = (Op.ADD, Op.SUB)
 _MOST_ORDERED = 600
-_ELEMENTARY = (Op.SIN, Op.COS, Op.TAN, Op.SQRT, Op.EXP, Op.TANH, Op.POWER)
+_ELEMENTARY = (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.POWER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,16 +178,29 @@ def _renumber(
     )
 
 
-_ODD = frozenset({Op.SIN, Op.TAN, Op.TANH, Op.SIGN})
-_EVEN = frozenset({Op.COS, Op.ABS, Op.IS_ZERO})
+_ODD = frozenset({Op.SIN, Op.TANH, Op.SIGN})
+_EVEN = frozenset({Op.COS, Op.ABS})
 # The first entries of every table.
 _ZERO, _ONE = 1, 2
+NUMBERS = -2
+"""The port whose elements are the exact numbers of a table that keeps them."""
+_DYADIC = {Exact.of(value): value for value in (0.0, 0.5, 1.0, 2.0, -0.5, -1.0, -2.0)}
+_SHORT_DENOMINATOR = 10**6
 
 
-class ExpressionTable:
-    """Hash-consed instructions. Methods take and return references (see above)."""
+class ExpressionTable(Algebra[int]):
+    """Hash-consed instructions, an algebra of references (see above).
 
-    def __init__(self) -> None:
+    `symbols` holds the values of symbolic lengths in m. `numbers` collects the exact numbers that doubles
+    would round, symbolic lengths among them, as elements of the port `NUMBERS`; None where numbers become
+    doubles.
+    """
+
+    zero, one = _ZERO, _ONE
+
+    def __init__(self, symbols: Mapping[str, float] | None = None, *, exact: bool = False) -> None:
+        self.symbols = symbols or {}
+        self.numbers: dict[Exact, int] | None = {} if exact else None
         self._ops: list[Op] = []
         self._args: list[tuple[int, ...]] = []
         self._sources: list[tuple[int, ...]] = []
@@ -222,8 +231,16 @@ class ExpressionTable:
         value = self._constants.get(abs(ref))
         return value if value is None or ref > 0 else -value
 
-    def constant(self, value: float) -> int:
-        """Return the constant `value`; its sign stands in the reference."""
+    def constant(self, value: Exact | float) -> int:
+        """Return `value`, or the double nearest to it; its sign stands in the reference."""
+        if isinstance(value, Exact):
+            if self.numbers is not None and value not in _DYADIC:
+                if -value in self.numbers:
+                    return -self.numbers[-value]
+                if value not in self.numbers:
+                    self.numbers[value] = self.input(NUMBERS, len(self.numbers))
+                return self.numbers[value]
+            value = value.to_float(self.symbols)
         number = self._literals.get(abs(value))
         if number is None:
             number = self._literals[abs(value)] = self._append(Op.CONSTANT, ())
@@ -318,6 +335,27 @@ class ExpressionTable:
             number = self._products[low, high] = self._append(Op.MUL, (low, high))
         return number if positive else -number
 
+    def sub(self, left: int, right: int) -> int:
+        """Return left - right."""
+        return self.add(left, -right)
+
+    def neg(self, value: int) -> int:
+        """Return -value; there is one zero."""
+        return value if value == _ZERO else -value
+
+    def half(self, value: int) -> int:
+        """Return value / 2."""
+        return self.mul(self.constant(0.5), value)
+
+    def scale(self, factor: float, value: int) -> int:
+        """Return factor * value."""
+        if self.numbers is None:
+            return self.mul(self.constant(factor), value)
+        # The inverse of a decimal is meant as that, 100/3 and not its first sixteen digits.
+        short = Fraction(factor).limit_denominator(_SHORT_DENOMINATOR)
+        exact = Exact.of(short) if float(short) == factor else Exact.of(factor)
+        return self.mul(self.constant(exact), value)
+
     def div(self, left: int, right: int) -> int:
         """Return left / right."""
         a, b = self._get_constant(left), self._get_constant(right)
@@ -335,6 +373,11 @@ class ExpressionTable:
         """Return an elementary function, comparison or selection of `args`."""
         number = self._intern(op, (abs(args[0]),) if op in _ODD or op in _EVEN else args)
         return -number if op in _ODD and args[0] < 0 else number
+
+    sin, cos, tanh, exp, power, absolute, sign, maximum, minimum = map(
+        functools.partial(functools.partialmethod, apply),
+        (Op.SIN, Op.COS, Op.TANH, Op.EXP, Op.POWER, Op.ABS, Op.SIGN, Op.MAXIMUM, Op.MINIMUM),
+    )
 
     def walk(self, outputs: Iterable[int]) -> list[tuple[int, Op, tuple[int, ...]]]:
         """Return number, operation and arguments of the instructions that `outputs` need, in order."""
@@ -369,78 +412,6 @@ class ExpressionTable:
             for k, op, args in self.walk(itertools.chain(*wanted))
         }
         return _renumber(spec, instructions, wanted)
-
-
-NUMBERS = -2
-"""The port whose elements are the exact numbers of an algebra that keeps them."""
-_DYADIC = {Exact.of(value): value for value in (0.0, 0.5, 1.0, 2.0, -0.5, -1.0, -2.0)}
-_SHORT_DENOMINATOR = 10**6
-
-
-def _apply(op: Op) -> Callable[..., int]:
-    def apply(algebra: "ValueAlgebra", *values: int) -> int:
-        return algebra.table.apply(op, *values)
-
-    return apply
-
-
-@dataclass(frozen=True, slots=True)
-class ValueAlgebra(Algebra[int]):
-    """References to `table`; `symbols` holds the values of symbolic lengths in m.
-
-    `numbers` collects the exact numbers that doubles would round, symbolic lengths among them, as elements of
-    the port `NUMBERS`; None where numbers become doubles.
-    """
-
-    table: ExpressionTable
-    symbols: Mapping[str, float] = field(default_factory=dict)
-    numbers: dict[Exact, int] | None = None
-    # Methods of the table, bound once: they are called millions of times.
-    add: Callable[[int, int], int] = field(init=False, repr=False, compare=False)
-    mul: Callable[[int, int], int] = field(init=False, repr=False, compare=False)
-    div: Callable[[int, int], int] = field(init=False, repr=False, compare=False)
-    zero, one = _ZERO, _ONE
-    sin, cos, tanh, exp = map(_apply, (Op.SIN, Op.COS, Op.TANH, Op.EXP))
-    power, absolute, sign = map(_apply, (Op.POWER, Op.ABS, Op.SIGN))
-    maximum, minimum = map(_apply, (Op.MAXIMUM, Op.MINIMUM))
-
-    def __post_init__(self) -> None:
-        """Bind the methods."""
-        for name in ("add", "mul", "div"):
-            object.__setattr__(self, name, getattr(self.table, name))
-
-    def constant(self, value: Exact) -> int:
-        """Return `value`, or the double nearest to it."""
-        if self.numbers is None:
-            return self.table.constant(value.to_float(self.symbols))
-        if value in _DYADIC:
-            return self.table.constant(_DYADIC[value])
-        if -value in self.numbers:
-            return -self.numbers[-value]
-        if value not in self.numbers:
-            self.numbers[value] = self.table.input(NUMBERS, len(self.numbers))
-        return self.numbers[value]
-
-    def sub(self, left: int, right: int) -> int:
-        """Return left - right."""
-        return self.table.add(left, -right)
-
-    def neg(self, value: int) -> int:
-        """Return -value; there is one zero."""
-        return value if value == self.zero else -value
-
-    def half(self, value: int) -> int:
-        """Return value / 2."""
-        return self.table.mul(self.table.constant(0.5), value)
-
-    def scale(self, factor: float, value: int) -> int:
-        """Return factor * value."""
-        if self.numbers is None:
-            return self.table.mul(self.table.constant(factor), value)
-        # The inverse of a decimal is meant as that, 100/3 and not its first sixteen digits.
-        short = Fraction(factor).limit_denominator(_SHORT_DENOMINATOR)
-        exact = Exact.of(short) if float(short) == factor else Exact.of(factor)
-        return self.table.mul(self.constant(exact), value)
 
 
 def _differentiate_instruction(

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Context, Decimal, DecimalException, localcontext
 from functools import lru_cache, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import mpmath
@@ -53,15 +53,12 @@ def _call_mpmath(name: str, *operands: Decimal) -> Decimal:
 
 _TRUTH = (Decimal(0), Decimal(1))
 _ELEMENTWISE: dict[Op, tuple[int, Callable[..., Decimal]]] = {
-    **{op: (1, partial(_call_mpmath, op.value)) for op in (Op.SIN, Op.COS, Op.TAN, Op.EXP, Op.TANH)},
+    **{op: (1, partial(_call_mpmath, op.value)) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH)},
     Op.POWER: (2, partial(_call_mpmath, "power")),
-    Op.SQRT: (1, Decimal.sqrt),
     Op.ABS: (1, abs),
     Op.SIGN: (1, lambda a: _TRUTH[a > 0] - _TRUTH[a < 0]),
     Op.LESS: (2, lambda a, b: _TRUTH[a < b]),
     Op.LESS_EQUAL: (2, lambda a, b: _TRUTH[a <= b]),
-    Op.IS_ZERO: (1, lambda a: _TRUTH[a == 0]),
-    Op.SELECT: (2, lambda a, b: b if a else _TRUTH[False]),
     Op.MAXIMUM: (2, max),
     Op.MINIMUM: (2, min),
 }
@@ -77,10 +74,16 @@ def _build_no_value_error(program: Program, why: str) -> GenerationError:
     return GenerationError(Notice(code="codegen.no-reference", text=text))
 
 
-def _walk(program: Program) -> Iterator[tuple[int, Instruction, list[tuple[int, int, int]], list[int]]]:
-    """Yield instructions by their numbers, the outputs that they are, and what no one reads any more then.
+V = TypeVar("V")
 
-    An output is port, element and the reference, whose sign counts. A long program holds few values at once.
+
+def _run(
+    program: Program, evaluate: Callable[[Instruction, list[tuple[V, bool]]], V]
+) -> Iterator[tuple[int, int, V, bool]]:
+    """Yield port, element, value of all outputs, and whether its sign is turned, as soon as they are there.
+
+    `evaluate` computes an instruction from its operands and whether their signs are turned. A long program
+    holds few values at once.
     """
     last = list(range(len(program.instructions) + 1))
     for number, one in enumerate(program.instructions, start=1):
@@ -93,8 +96,14 @@ def _walk(program: Program) -> Iterator[tuple[int, Instruction, list[tuple[int, 
     over: dict[int, list[int]] = {}
     for number, end in enumerate(last[1:], start=1):
         over.setdefault(end, []).append(number)
+    values: dict[int, V] = {}
     for number, one in enumerate(program.instructions, start=1):
-        yield number, one, outputs.get(number, []), over.get(number, [])
+        refs = () if one.op is Op.INPUT else one.args
+        values[number] = evaluate(one, [(values[abs(ref)], ref < 0) for ref in refs])
+        for port, element, ref in outputs.get(number, ()):
+            yield port, element, values[number], ref < 0
+        for old in over.get(number, ()):
+            del values[old]
 
 
 def compute_exact_outputs(
@@ -104,22 +113,19 @@ def compute_exact_outputs(
 
     GenerationError where the function has no value at one of the states.
     """
-    values: dict[int, Any] = {}
+
+    def evaluate(one: Instruction, operands: list[tuple[Any, bool]]) -> Any:  # noqa: ANN401 - decimals
+        if one.op is Op.INPUT:
+            return inputs[one.args[0]][..., one.args[1]]
+        if one.op is Op.CONSTANT:
+            return Decimal(one.constant)
+        return _DECIMAL_RULES[one.op](*(-value if turned else value for value, turned in operands))
+
     outputs = tuple(np.empty((states, len(refs)), dtype=object) for refs in program.outputs)
     try:
         with localcontext(_DECIMAL_CONTEXT):
-            for number, one, given, over in _walk(program):
-                if one.op is Op.INPUT:
-                    values[number] = inputs[one.args[0]][..., one.args[1]]
-                elif one.op is Op.CONSTANT:
-                    values[number] = Decimal(one.constant)
-                else:
-                    operands = [values[ref] if ref > 0 else -values[-ref] for ref in one.args]
-                    values[number] = _DECIMAL_RULES[one.op](*operands)
-                for port, element, ref in given:
-                    outputs[port][:, element] = values[number] if ref > 0 else -values[number]
-                for old in over:
-                    del values[old]
+            for port, element, value, turned in _run(program, evaluate):
+                outputs[port][:, element] = -value if turned else value
     except (DecimalException, ArithmeticError, ValueError, TypeError) as error:
         # Division by zero, and arguments outside a function's domain.
         raise _build_no_value_error(program, repr(error)) from error
@@ -343,10 +349,8 @@ _FLOAT_RULES: Mapping[Op, tuple[Callable[..., Any], Callable[..., tuple[Any, ...
     Op.SUB: (ARITHMETIC[Op.SUB], lambda *_: (_ONE, _ONE), 1.0),
     Op.MUL: (ARITHMETIC[Op.MUL], lambda a, b, _: (b, a), 1.0),
     Op.DIV: (ARITHMETIC[Op.DIV], lambda _, b, y: (1.0 / b, y / b), 1.0),
-    Op.SQRT: (np.sqrt, lambda _, y: (0.5 / y,), 1.0),
     Op.SIN: (np.sin, lambda a, _: (np.cos(a),), 8.0),
     Op.COS: (np.cos, lambda a, _: (np.sin(a),), 8.0),
-    Op.TAN: (np.tan, lambda _, y: (1.0 + y * y,), 8.0),
     Op.EXP: (np.exp, lambda _, y: (y,), 8.0),
     Op.TANH: (np.tanh, lambda _, y: (1.0 - y * y,), 8.0),
     Op.POWER: (np.power, lambda a, b, y: (b * y / a, y * np.log(np.abs(a))), 8.0),
@@ -354,13 +358,13 @@ _FLOAT_RULES: Mapping[Op, tuple[Callable[..., Any], Callable[..., tuple[Any, ...
     Op.SIGN: (np.sign, lambda *_: (0.0,), 0.0),
     Op.LESS: (np.less, lambda *_: (0.0, 0.0), 0.0),
     Op.LESS_EQUAL: (np.less_equal, lambda *_: (0.0, 0.0), 0.0),
-    Op.IS_ZERO: (np.logical_not, lambda *_: (0.0,), 0.0),
-    Op.SELECT: (lambda a, b: np.where(a, b, 0.0), lambda a, *_: (0.0, a != 0.0), 0.0),
     Op.MAXIMUM: (np.maximum, lambda a, b, _: (a >= b, a < b), 0.0),
     Op.MINIMUM: (np.minimum, lambda a, b, _: (a <= b, a > b), 0.0),
 }
 _UNITS = {"double": 2.0**-53, "float": 2.0**-24}
 _MOST_DEVIATIONS = 16.0
+_Bounded = tuple[FloatArray, FloatArray, FloatArray]
+"""A value, the sum of the effects of roundings on it, and the sum of their squares."""
 
 
 def bound_rounding(
@@ -372,38 +376,35 @@ def bound_rounding(
     3.3), as the sum of their largest effects and as the root of the sum of their squares. The bound is the
     first, or sixteen times the second where that is less: roundings are as good as independent.
     """
-    unit = _UNITS[precision]
+    unit, single = _UNITS[precision], precision == "float"
     count = max((len(port) for port in inputs if port.ndim > 1), default=1)
     outputs, errors = ([np.empty((len(refs), count)) for refs in program.outputs] for _ in range(2))
-    values: dict[int, FloatArray] = {}
-    sums: dict[int, FloatArray] = {}
-    squares: dict[int, FloatArray] = {}
-    with np.errstate(all="ignore"):
-        for number, one, given_out, over in _walk(program):
-            slopes: tuple[Any, ...] = ()
-            if one.op is Op.INPUT:
-                value = inputs[one.args[0]][..., one.args[1]]
-                own = value.astype(np.float32) - value if precision == "float" else 0.0 * value
-            elif one.op is Op.CONSTANT:
-                value = np.array(one.constant)
-                own = value * unit if precision == "float" else 0.0 * value
+
+    def evaluate(one: Instruction, operands: list[tuple[_Bounded, bool]]) -> _Bounded:
+        slopes: tuple[Any, ...] = ()
+        if one.op is Op.INPUT:
+            value = inputs[one.args[0]][..., one.args[1]]
+            own = value.astype(np.float32) - value if single else 0.0 * value
+        elif one.op is Op.CONSTANT:
+            value = np.array(one.constant)
+            own = value * unit if single else 0.0 * value
+        else:
+            compute, differentiate, units = _FLOAT_RULES[one.op]
+            given = [-entry[0] if turned else entry[0] for entry, turned in operands]
+            value = np.asarray(compute(*given), dtype=np.float64)
+            own, slopes = units * unit * value, differentiate(*given, value)
+        total, square = np.abs(own), own**2
+        for slope, ((_, spread, squared), _) in zip(slopes, operands, strict=True):
+            if slope is _ONE:
+                total, square = total + spread, square + squared
             else:
-                compute, differentiate, units = _FLOAT_RULES[one.op]
-                given = [values[ref] if ref > 0 else -values[-ref] for ref in one.args]
-                value = np.asarray(compute(*given), dtype=np.float64)
-                own, slopes = units * unit * value, differentiate(*given, value)
-            total, square = np.abs(own), own**2
-            for slope, k in zip(slopes, one.operands, strict=True):
-                if slope is _ONE:
-                    total, square = total + sums[k], square + squares[k]
-                else:
-                    total, square = total + np.abs(slope) * sums[k], square + slope**2 * squares[k]
-            values[number], sums[number], squares[number] = value, total, square
-            for port, element, ref in given_out:
-                outputs[port][element] = value if ref > 0 else -value
-                errors[port][element] = np.minimum(total, _MOST_DEVIATIONS * np.sqrt(square))
-            for old in over:
-                del values[old], sums[old], squares[old]
+                total, square = total + np.abs(slope) * spread, square + slope**2 * squared
+        return value, total, square
+
+    with np.errstate(all="ignore"):
+        for port, element, (value, total, square), turned in _run(program, evaluate):
+            outputs[port][element] = -value if turned else value
+            errors[port][element] = np.minimum(total, _MOST_DEVIATIONS * np.sqrt(square))
     return list(zip(outputs, errors, strict=True))
 
 

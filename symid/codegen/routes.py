@@ -20,7 +20,6 @@ from functools import partial
 
 from symid.codegen.equation_routes import (
     Elements,
-    Place,
     RouteBuilder,
     RouteWorkspace,
     build_articulated,
@@ -38,10 +37,10 @@ from symid.codegen.equation_routes import (
 )
 from symid.codegen.functions import FRICTION_INPUTS, Constants, FunctionSpec, list_bristles, list_robot_specs
 from symid.codegen.programs import (
+    ExpressionTable,
     Op,
     Operations,
     Program,
-    ValueAlgebra,
     build_depth_first,
     count_operations,
     differentiate_along,
@@ -52,7 +51,6 @@ from symid.dynamics import (
     DRIVE_PARAMETERS,
     BaseParameters,
     Columns,
-    ProjectionFrame,
     build_recursion,
     compute_body_energy,
     compute_drive_energy,
@@ -198,12 +196,12 @@ def _emit_energy_of_bodies(workspace: RouteWorkspace) -> tuple[Elements, ...]:
 
 
 def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> list[int]:
-    table, inputs = workspace.table, workspace.inputs
+    table, inputs = workspace.algebra, workspace.inputs
     momenta = differentiate_backward(table, kinetic, inputs["dq"])
     slopes = differentiate_backward(table, table.add(kinetic, -potential), inputs["q"])
     moving = (*zip(inputs["q"], inputs["dq"], strict=True), *zip(inputs["dq"], inputs["ddq"], strict=True))
     (rates,) = differentiate_along(table, momenta, [dict(moving)])
-    return [table.add(rate, -slope) for rate, slope in zip(rates, slopes, strict=True)]
+    return list(map(table.sub, rates, slopes))
 
 
 def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -211,20 +209,19 @@ def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]
 
     The velocities are inputs of the momentum only: p is linear in them, its derivatives are free of them.
     """
-    table, one = workspace.table, workspace.algebra.one
+    table = workspace.algebra
     rates = tuple(table.input(-1, joint) for joint in range(workspace.robot.freedom))
     state = replace(workspace.recursion.state, velocity=workspace.spread(rates))
-    recursion = build_recursion(workspace.robot, workspace.algebra, state)
-    moving = replace(workspace, recursion=recursion, built={})
+    moving = replace(workspace, recursion=build_recursion(workspace.robot, table, state), built={})
     (kinetic,) = _multiply_parameters(moving, _emit_energy_regressor(moving)[0])
     momenta = differentiate_backward(table, kinetic, rates)
-    columns = differentiate_along(table, momenta, [{rate: one} for rate in rates])
+    columns = differentiate_along(table, momenta, [{rate: table.one} for rate in rates])
     return (workspace.flatten_columns(columns),)
 
 
 def _emit_torques_by_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     parameters = workspace.parameters
-    found = compute_torque_columns(workspace.recursion, workspace.base.keys, meet=lambda link: link)
+    found = compute_torque_columns(workspace.meet(lambda link: link).recursion, workspace.base.keys)
     columns, values = [found[key] for key in parameters], tuple(parameters.values())
     torques = _combine_columns(workspace, columns, values, workspace.robot.size)
     return (workspace.flatten_vector(torques),)
@@ -244,22 +241,57 @@ def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     return (workspace.flatten_columns(columns),)
 
 
-def _project_before_leaves(robot: Robot) -> ProjectionFrame:
+def _stop_before_leaves(workspace: RouteWorkspace) -> RouteWorkspace:
     """Return the meeting in a link's own frame, for a link that carries no other in its parent's.
 
     Into a last frame, the screws of all joints would be turned for one link only.
     """
-    parents = {joint.parent for joint in robot.joints}
-    return lambda link: (
-        link if link in parents or robot.joints[link].parent < 0 else robot.joints[link].parent
-    )
+    before = [joint.parent for joint in workspace.robot.joints]
+    return workspace.meet(lambda link: link if link in before or before[link] < 0 else before[link])
 
 
-_PROJECTION_PLACES: Mapping[str, Place] = {
-    "column recursion": None,
-    "axis projection": lambda _: lambda link: link,
-    "axis projection, last links one joint down": _project_before_leaves,
+def _stop_above(depth: int, workspace: RouteWorkspace) -> RouteWorkspace:
+    """Return the meeting in the link `depth` links above the first one of its chain, or the link itself."""
+
+    def locate(link: int) -> int:
+        path = [link]
+        while (parent := workspace.robot.joints[path[0]].parent) >= 0:
+            path.insert(0, parent)
+        return path[min(depth, len(path) - 1)]
+
+    return workspace.meet(locate)
+
+
+_SHIFTED, _HELD, _THIRD = "shifted origins", "last links held", "meeting in the third link"
+_CHANGES: Mapping[str, Callable[[RouteWorkspace], RouteWorkspace]] = {
+    "axis projection": lambda workspace: workspace.meet(lambda link: link),
+    "last links one joint down": _stop_before_leaves,
+    "meeting in the second link": partial(_stop_above, 1),
+    _THIRD: partial(_stop_above, 2),
+    "meeting in the fourth link": partial(_stop_above, 3),
+    _SHIFTED: RouteWorkspace.shift,
+    _HELD: RouteWorkspace.hold,
 }
+"""What a route may do before it builds, by the words that its name has for it."""
+
+
+def _list_variants(*names: tuple[str, ...], build: RouteBuilder) -> Routes:
+    """Return routes that build the same after what the words of their names say, one after the other."""
+
+    def build_changed(workspace: RouteWorkspace, words: tuple[str, ...]) -> tuple[Elements, ...]:
+        for word in words:
+            workspace = _CHANGES[word](workspace) if word in _CHANGES else workspace
+        return build(workspace)
+
+    return {
+        ", ".join(words): partial(build_changed, words=words) if {*words} & _CHANGES.keys() else build
+        for words in names
+    }
+
+
+def _list_four(name: str, build: RouteBuilder) -> Routes:
+    """Return a route, also with link origins along their axes, with last links in fixed axes, or both."""
+    return _list_variants((name,), (name, _SHIFTED), (name, _HELD), (name, _SHIFTED, _HELD), build=build)
 
 
 def _list_regressor_routes(
@@ -272,10 +304,10 @@ def _list_regressor_routes(
     `reference` names the inputs that `compute` takes besides the state.
     """
 
-    def build(workspace: RouteWorkspace, place: Place) -> tuple[Elements, ...]:
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
         given = tuple(workspace.spread(workspace.inputs[name]) for name in reference)
-        keys, options = workspace.base.keys, ((given,) if given else ())
-        columns = compute(workspace.recursion, keys, *options, meet=place and place(workspace.robot))
+        keys = workspace.base.keys
+        columns = compute(workspace.recursion, keys, *((given,) if given else ()))
         return (workspace.flatten_columns([workspace.flatten_vector(columns[key]) for key in keys]),)
 
     def build_derived(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -283,30 +315,15 @@ def _list_regressor_routes(
         columns = [derive(workspace, t, v) for t, v in pairs] if derive else []
         return (workspace.flatten_columns(columns),)
 
-    routes: dict[str, RouteBuilder] = {
-        label: partial(build, place=place) for label, place in _PROJECTION_PLACES.items()
-    }
+    axes = "axis projection"
+    names = (("column recursion",), (axes,), (axes, "last links one joint down"))
+    routes = _list_variants(*names, build=build)
     return {**routes, "differentiation of the energy": build_derived} if derive else routes
 
 
-def _meet_at(depth: int, robot: Robot) -> ProjectionFrame:
-    """Return the meeting in the link `depth` links above the first one of its chain, or the link itself."""
-
-    def locate(link: int) -> int:
-        path = [link]
-        while (parent := robot.joints[path[0]].parent) >= 0:
-            path.insert(0, parent)
-        return path[min(depth, len(path) - 1)]
-
-    return locate
-
-
-def _emit_mass_matrix(workspace: RouteWorkspace, place: Place = None) -> tuple[Elements, ...]:
-    """Return the mass matrix by composite bodies, whose momenta stop at `place`."""
-    meet = place and place(workspace.robot)
-    return (
-        workspace.flatten_matrix(compute_mass_matrix(workspace.recursion, workspace.parameters, meet=meet)),
-    )
+def _emit_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    """Return the mass matrix by composite bodies."""
+    return (workspace.flatten_matrix(compute_mass_matrix(workspace.recursion, workspace.parameters)),)
 
 
 def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTerms[int], Elements]]:
@@ -345,25 +362,24 @@ def _emit_hysteresis(workspace: RouteWorkspace, given: str, memory: str) -> tupl
 
 
 def _invert_torque(
-    algebra: ValueAlgebra, spring: SpringTerms[int], torques: tuple[int, int, int], memory: Sequence[int]
+    algebra: ExpressionTable, spring: SpringTerms[int], torques: tuple[int, int, int], memory: Sequence[int]
 ) -> tuple[int, int, int, Sequence[int]]:
     """Return torsion, its two rates and the plays after the step, from a torque and its two rates."""
-    table, zero = algebra.table, algebra.zero
     torque, rate, second = torques
     inverse = invert_spring(algebra, spring)
     plays, above, below = inverse
     value, after = advance_inverse_spring(algebra, inverse, torque, memory)
     before, outer = compute_outer_function(algebra, torque, above, below), algebra.one
-    beyond = [(slope, table.apply(Op.LESS, threshold, torque)) for threshold, slope in above]
-    beyond += [(slope, table.apply(Op.LESS, torque, threshold)) for threshold, slope in below]
+    beyond = [(slope, algebra.apply(Op.LESS, threshold, torque)) for threshold, slope in above]
+    beyond += [(slope, algebra.apply(Op.LESS, torque, threshold)) for threshold, slope in below]
     for slope, active in beyond:
         outer = algebra.add(outer, algebra.mul(slope, active))
     total = plays.weights[0]
-    rising, falling = table.apply(Op.LESS, zero, rate), table.apply(Op.LESS, rate, zero)
+    rising, falling = (algebra.apply(Op.LESS, *pair) for pair in ((algebra.zero, rate), (rate, algebra.zero)))
     for weight, threshold, play in zip(plays.weights[1:], plays.thresholds, memory, strict=True):
         # A play at its edge moves with the torque only while that goes on beyond the edge.
-        up = table.apply(Op.LESS_EQUAL, play, algebra.sub(before, threshold))
-        down = table.apply(Op.LESS_EQUAL, algebra.add(before, threshold), play)
+        up = algebra.apply(Op.LESS_EQUAL, play, algebra.sub(before, threshold))
+        down = algebra.apply(Op.LESS_EQUAL, algebra.add(before, threshold), play)
         moves = algebra.add(algebra.mul(up, rising), algebra.mul(down, falling))
         total = algebra.add(total, algebra.mul(weight, moves))
     compliance = algebra.mul(total, outer)
@@ -372,51 +388,43 @@ def _invert_torque(
 
 def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> tuple[Elements, ...]:
     """Return the torques of the motors, with those of the links from another route."""
-    algebra, inputs, table = workspace.algebra, workspace.inputs, workspace.table
+    algebra, inputs = workspace.algebra, workspace.inputs
     springs = _list_springs(workspace, "Q")
     seeds: dict[int, int] = {}
     for name, rate in itertools.pairwise(("q", "dq", "ddq", "dddq", "ddddq")):
         seeds |= dict(zip(inputs[name], inputs[rate], strict=True))
     (values,) = workspace.recall(torques)
-    (rates,) = differentiate_along(table, values, [seeds])
-    (seconds,) = differentiate_along(table, rates, [seeds])
+    (rates,) = differentiate_along(algebra, values, [seeds])
+    (seconds,) = differentiate_along(algebra, rates, [seeds])
     found = list(zip(values, rates, seconds, strict=True))
     torsions = [
         _invert_torque(algebra, spring, torque, plays)
         for (spring, plays), torque in zip(springs, found, strict=True)
     ]
-    theta = tuple(algebra.add(q, torsion[0]) for q, torsion in zip(inputs["q"], torsions, strict=True))
-    dtheta = tuple(algebra.add(dq, torsion[1]) for dq, torsion in zip(inputs["dq"], torsions, strict=True))
+    turned, turning, bending, plays_after = zip(*torsions, strict=True)
+    theta = tuple(map(algebra.add, inputs["q"], turned))
+    dtheta = tuple(map(algebra.add, inputs["dq"], turning))
     motion = {"dq": dtheta, "q": theta, "load": tuple(values)}
     (friction,) = _emit_friction(replace(workspace, inputs={**inputs, **motion}, built={}))
     motors = []
-    for k, torsion in enumerate(torsions):
-        inertial = algebra.mul(inputs["IA"][k], algebra.add(inputs["ddq"][k], torsion[2]))
+    for k, bent in enumerate(bending):
+        inertial = algebra.mul(inputs["IA"][k], algebra.add(inputs["ddq"][k], bent))
         motors.append(algebra.add(algebra.add(inertial, friction[k]), values[k]))
-    after = tuple(itertools.chain(*(torsion[3] for torsion in torsions)))
+    after = tuple(itertools.chain(*plays_after))
     return (tuple(motors), theta, dtheta, *((after,) if after else ()))
 
 
-def _list_variants(name: str, build: RouteBuilder, *, both: bool = True) -> Routes:
-    """Return a route, also with link origins along their axes, with last links in fixed axes, or both."""
-    routes: Routes = {
-        name: build,
-        f"{name}, shifted origins": lambda workspace: build(workspace.shift()),
-        f"{name}, last links held": lambda workspace: build(workspace.hold()),
-    }
-    last = f"{name}, shifted origins, last links held"
-    return {**routes, last: lambda workspace: build(workspace.shift().hold())} if both else routes
-
-
-_MASS_ROUTES: Routes = {
-    "composite bodies": _emit_mass_matrix,
-    "composite bodies, meeting in the second link": partial(_emit_mass_matrix, place=partial(_meet_at, 1)),
-    "composite bodies, meeting in the third link": partial(_emit_mass_matrix, place=partial(_meet_at, 2)),
-    "composite bodies, shifted origins": lambda workspace: _emit_mass_matrix(workspace.shift()),
-}
+_BODIES = "composite bodies"
+_MASS_ROUTES: Routes = _list_variants(
+    (_BODIES,),
+    (_BODIES, "meeting in the second link"),
+    (_BODIES, _THIRD),
+    (_BODIES, _SHIFTED),
+    build=_emit_mass_matrix,
+)
 _RECURSION_ROUTES: Routes = {
     "vector recursion": lambda w: (w.flatten_vector(compute_inverse_dynamics(w.recursion, w.parameters)),),
-    **_list_variants(
+    **_list_four(
         "tensor recursion",
         lambda w: (w.flatten_vector(compute_tensor_torques(w.recursion, w.parameters)),),
     ),
@@ -430,24 +438,18 @@ _TORQUE_ROUTES: Routes = {
 }
 
 
-def _list_composite_routes(build: Callable[..., tuple[Elements, ...]]) -> Routes:
+def _list_composite_routes(build: RouteBuilder) -> Routes:
     """Return the routes whose wrenches of composite bodies go down to every joint, or stop before.
 
     Last links are held in all of them: their composite bodies are carried without a turn.
     """
-    places: Mapping[str, Place] = {
-        "": None,
-        ", meeting in the third link": partial(_meet_at, 2),
-        ", meeting in the fourth link": partial(_meet_at, 3),
-    }
-    routes: dict[str, RouteBuilder] = {}
-    for ending, place in places.items():
-        variants = _list_variants(f"composite bodies{ending}", partial(build, place=place))
-        routes |= {name: variant for name, variant in variants.items() if name.endswith("held")}
-    return routes
+    starts = ((_BODIES,), (_BODIES, _THIRD), (_BODIES, "meeting in the fourth link"))
+    endings = ((_HELD,), (_SHIFTED, _HELD))
+    names = [(*start, *ending) for start, ending in itertools.product(starts, endings)]
+    return _list_variants(*names, build=build)
 
 
-_ARTICULATED = "articulated bodies"
+_ARTICULATED, _SUM = "articulated bodies", "sum over bodies"
 _DIFFERENTIATED = ("tensor recursion", "tensor recursion, last links held")
 _TORQUE_REGRESSOR_ROUTES = _list_regressor_routes(compute_torque_columns, _derive_torque)
 ROUTES: Mapping[str, Routes] = {
@@ -460,7 +462,7 @@ ROUTES: Mapping[str, Routes] = {
     "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": _emit_derived_mass_matrix},
     "coriolis_matrix": {
         **_list_composite_routes(build_coriolis),
-        **_list_variants("torques of unit rates", _emit_coriolis_matrix),
+        **_list_four("torques of unit rates", _emit_coriolis_matrix),
     },
     "gravity": _TORQUE_ROUTES,
     "bias": _TORQUE_ROUTES,
@@ -471,7 +473,7 @@ ROUTES: Mapping[str, Routes] = {
             for mass in _MASS_ROUTES
             for torques, route in _RECURSION_ROUTES.items()
         },
-        **_list_variants(_ARTICULATED, build_articulated),
+        **_list_four(_ARTICULATED, build_articulated),
     },
     "inverse_dynamics_derivatives": {
         **_list_composite_routes(build_derivatives),
@@ -490,15 +492,15 @@ ROUTES: Mapping[str, Routes] = {
     "inverse_dynamics_second_derivatives": _list_composite_routes(build_second_derivatives),
     "energy": {
         "regressor times parameters": _emit_energy,
-        **_list_variants("sum over bodies", _emit_energy_of_bodies, both=False),
+        **_list_variants((_SUM,), (_SUM, _SHIFTED), (_SUM, _HELD), build=_emit_energy_of_bodies),
     },
     "energy_regressor": {"recursion": _emit_energy_regressor},
     "momentum_regressor": _list_regressor_routes(
-        compute_momentum_columns, lambda w, t, _: differentiate_backward(w.table, t, w.inputs["dq"])
+        compute_momentum_columns, lambda w, t, _: differentiate_backward(w.algebra, t, w.inputs["dq"])
     ),
     "lagrange_regressor": _list_regressor_routes(
         compute_lagrange_columns,
-        lambda w, t, v: differentiate_backward(w.table, w.table.add(t, -v), w.inputs["q"]),
+        lambda w, t, v: differentiate_backward(w.algebra, w.algebra.add(t, -v), w.inputs["q"]),
     ),
     "torque_regressor": _TORQUE_REGRESSOR_ROUTES,
     "torque_regressor_derivatives": {
@@ -569,7 +571,7 @@ def choose_route(
     choices = []
     for turned in (None, turns) if turns else (None,):
         workspace = build_workspace(robot, base, spec, turned, constants)
-        table = workspace.table
+        table = workspace.algebra
         routes = list_routes(robot, spec.name)
         if robot.freedom > _MOST_TRIED:
             # Only those with a chance, for each takes seconds.

@@ -16,13 +16,18 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from symid import __version__
 from symid.environment import clear_scratch, mark_scratch
 from symid.errors import Notice, OutputError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 MANIFEST = "manifest.json"
 _UPDATE_PREFIX = ".symid-update-"
@@ -43,6 +48,19 @@ class SourceSet:
 def compute_digest(content: bytes) -> str:
     """Return the SHA-256 of `content` in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
+
+
+def list_sources(
+    files: Sequence[tuple[str, str]], operations: Mapping[str, "DataclassInstance"], **facts: object
+) -> SourceSet:
+    """Return `files` with their manifest: what wrote them, digests, operations by function, other facts."""
+    manifest = {
+        "symid": __version__,
+        "operations": {name: asdict(count) for name, count in operations.items()},
+        "files": {path: compute_digest(text.encode()) for path, text in files},
+        **facts,
+    }
+    return SourceSet(files=tuple(files), manifest=json.dumps(manifest, indent=1, sort_keys=True) + "\n")
 
 
 def read_manifest(folder: Path) -> Mapping[str, object] | None:

@@ -268,7 +268,7 @@ def derive_symbolic(
         inputs[port.name] = ImmutableDenseMatrix(port.size, 1, entries)
     workspace = build_workspace(robot, base, spec, exact=True)
     programs = {
-        route: workspace.table.build_program(spec, workspace.recall(build))
+        route: workspace.algebra.build_program(spec, workspace.recall(build))
         for route, build in list_routes(robot, name).items()
     }
     sizes = {route: count_expanded_operations(program) for route, program in programs.items()}

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.dynamics.algebra import (
         Algebra as Algebra,
+        FloatAlgebra as FloatAlgebra,
         Label as Label,
-        OperatorAlgebra as OperatorAlgebra,
         RobotState as RobotState,
         Vector as Vector,
         build_state as build_state,

@@ -10,7 +10,7 @@ A carrier handles signs, zeros and ones itself, so that the recursion need not k
 
 import operator
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -66,7 +66,7 @@ class Algebra(Protocol[T]):
 
     def dot(self, left: Vector[T], right: Vector[T]) -> T:
         """Return the scalar product."""
-        return self.sum_values([self.mul(a, b) for a, b in zip(left, right, strict=True)])
+        return self.sum_values(list(map(self.mul, left, right)))
 
     def cross(self, left: Vector[T], right: Vector[T]) -> Vector[T]:
         """Return left x right."""
@@ -80,13 +80,13 @@ class Algebra(Protocol[T]):
 
     def apply_matrix(self, matrix: Matrix[T], vector: Vector[T]) -> Vector[T]:
         """Return matrix * vector."""
-        x, y, z = (self.dot(row, vector) for row in matrix)
-        return (x, y, z)
+        return self.dot(matrix[0], vector), self.dot(matrix[1], vector), self.dot(matrix[2], vector)
 
     def multiply_matrices(self, left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
         """Return left * right."""
-        columns = [self.apply_matrix(left, column) for column in transpose(right)]
-        return transpose((columns[0], columns[1], columns[2]))
+        x, y, z = transpose(right)
+        apply = self.apply_matrix
+        return transpose((apply(left, x), apply(left, y), apply(left, z)))
 
 
 class OperatorAlgebra(Algebra[Any]):
@@ -96,6 +96,20 @@ class OperatorAlgebra(Algebra[Any]):
     sub: Any = staticmethod(operator.sub)
     mul: Any = staticmethod(operator.mul)
     neg: Any = staticmethod(operator.neg)
+
+
+@dataclass(frozen=True, slots=True)
+class FloatAlgebra(OperatorAlgebra):
+    """Doubles, or arrays of them, many states at once; `symbols` has the values of symbolic lengths in m."""
+
+    symbols: Mapping[str, float] = field(default_factory=dict)
+    zero, one = 0.0, 1.0
+
+    def constant(self, value: Exact) -> float:
+        return value.to_float(self.symbols)
+
+    def half(self, value: Any) -> Any:  # noqa: ANN401 - a double or an array
+        return 0.5 * value
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ from itertools import product
 from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector, transpose
 from symid.dynamics.recursion import (
     LinkFrame,
-    ProjectionFrame,
+    LinkMotion,
     Recursion,
     Screw,
     Wrench,
@@ -146,6 +146,25 @@ def gather_body(algebra: Algebra[T], parameters: Parameters[T], link: int) -> Bo
     return tensor, (take("MX"), take("MY"), take("MZ")), take("M")
 
 
+def build_unit_body(algebra: Algebra[T], name: str) -> Body[T]:
+    """Return a body with one parameter alone, which is one."""
+    return gather_body(algebra, {(0, name): algebra.one}, 0)
+
+
+def compute_momentum(algebra: Algebra[T], body: Body[T], motion: Screw[T] | LinkMotion[T]) -> Wrench[T]:
+    """Return linear momentum and moment of momentum: p = M v + w x MS;  L = I w + MS x v.
+
+    With w = 0 and v = g they are the weight.
+    """
+    tensor, moments, mass = body
+    force = algebra.scale_vector(mass, motion.linear)
+    moment = algebra.apply_matrix(tensor, motion.angular)
+    return Wrench(
+        force=algebra.add_vectors(force, algebra.cross(motion.angular, moments)),
+        moment=algebra.add_vectors(moment, algebra.cross(moments, motion.linear)),
+    )
+
+
 def rotate_tensor_about_z(algebra: Algebra[T], turn: tuple[T, T], tensor: Matrix[T]) -> Matrix[T]:
     """Return the tensor turned about z by an angle given as (cos, sin).
 
@@ -240,7 +259,7 @@ def transform_body(
 
 def add_matrices(algebra: Algebra[T], left: Matrix[T], right: Matrix[T]) -> Matrix[T]:
     """Return the sum of two matrices."""
-    x, y, z = (algebra.add_vectors(a, b) for a, b in zip(left, right, strict=True))
+    x, y, z = map(algebra.add_vectors, left, right)
     return x, y, z
 
 
@@ -250,13 +269,8 @@ def add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
     return tensor, algebra.add_vectors(left[1], right[1]), algebra.add(left[2], right[2])
 
 
-def compute_mass_matrix(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> tuple[tuple[T, ...], ...]:
-    """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982).
-
-    `meet`: where the momentum of a composite body, per unit rate of its joint, meets the screws below.
-    """
+def compute_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[tuple[T, ...], ...]:
+    """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982)."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     zero = algebra.zero
     screws = transform_screws(recursion, build_axis_screws(recursion))
@@ -269,7 +283,7 @@ def compute_mass_matrix(
             wrench = Wrench(force=(algebra.neg(my), mx, zero), moment=column)
         else:
             wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
-        entries = project_wrench(recursion, joint, wrench, screws, meet(joint) if meet else -1)
+        entries = project_wrench(recursion, joint, wrench, screws)
         for other in range(joint + 1):
             matrix[joint][other] = matrix[other][joint] = entries[other]
         parent = robot.joints[joint].parent
@@ -313,7 +327,7 @@ def _carry_inertia(algebra: Algebra[T], frame: LinkFrame[T], inertia: _Inertia[T
     a, c = (_rotate_tensor(algebra, frame, take(k, k), turn_matrix) for k in (0, 3))
     b, pushing = rotate_matrix(algebra, frame, take(0, 3)), _fill_tensor(c)
     x, y, z = (algebra.cross(t, column) for column in pushing)
-    moved = [algebra.add_vectors(*pair) for pair in zip(b, transpose((x, y, z)), strict=True)]
+    moved = list(map(algebra.add_vectors, b, transpose((x, y, z))))
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         # On the diagonal (t x (b + moved))_i, beside it (t x moved_j)_i + (t x b_i)_j: each part of t once.

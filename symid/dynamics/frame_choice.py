@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.dynamics.algebra import Algebra, OperatorAlgebra, RobotState, T, spread_coordinates
+from symid.dynamics.algebra import Algebra, FloatAlgebra, RobotState, T, spread_coordinates
 from symid.dynamics.bodies import Parameters, gather_body, rotate_tensor_about_z
 from symid.dynamics.recursion import Recursion, build_recursion, compute_motions, fold_vector
 from symid.dynamics.regressors import compute_torque_columns
@@ -132,21 +132,6 @@ def fix_last_link_axes(
     return replace(recursion, frames=held, motions=motions), turned
 
 
-class _ArrayAlgebra(OperatorAlgebra):
-    """Arrays of doubles, an element a state."""
-
-    zero, one = np.float64(0.0), np.float64(1.0)
-
-    def __init__(self, symbols: Mapping[str, float]) -> None:
-        self.symbols = symbols
-
-    def constant(self, value: Exact) -> np.float64:
-        return np.float64(value.to_float(self.symbols))
-
-    def half(self, value: FloatArray) -> FloatArray:
-        return 0.5 * value
-
-
 _ROUNDING_CODES = frozenset({"robot.angle-snapped", "robot.axis-snapped"})
 _STATES = 40
 _SEED = 20240
@@ -156,44 +141,16 @@ _SMALLEST_SINGULAR = 1e-9
 
 def _compute_torque_regressor(robot: Robot, motion: tuple[FloatArray, ...]) -> FloatArray:
     """Return the columns of all standard parameters (links, 10, joints, states) from q, dq, ddq."""
-    algebra, count = _ArrayAlgebra(dict(robot.symbols)), motion[0].shape[1]
+    algebra, count = FloatAlgebra(dict(robot.symbols)), motion[0].shape[1]
     q, dq, ddq = (spread_coordinates(robot, algebra, list(rows))[: robot.size] for rows in motion)
     sine, cosine = (tuple(map(wave, q)) for wave in (np.sin, np.cos))
     state = RobotState(sine=sine, cosine=cosine, position=q, velocity=dq, acceleration=ddq)
     keys = [(link, name) for link in range(robot.size) for name in INERTIAL]
-    found = compute_torque_columns(build_recursion(robot, algebra, state), keys, meet=lambda link: link)
+    recursion = replace(build_recursion(robot, algebra, state), meet=lambda link: link)
+    found = compute_torque_columns(recursion, keys)
     columns = [fold_vector(robot, algebra, found[key]) for key in keys]
     rows = [[np.broadcast_to(entry, (count,)) for entry in column] for column in columns]
     return np.array(rows).reshape(robot.size, len(INERTIAL), robot.freedom, count)
-
-
-def _count_independent(columns: FloatArray) -> int:
-    """Return the rank of a regressor whose columns are scaled to length one."""
-    matrix = columns.reshape(columns.shape[0] * columns.shape[1], -1)
-    lengths = np.linalg.norm(matrix, axis=1)
-    kept = lengths > _SMALLEST_SINGULAR * lengths.max(initial=0.0)
-    singular = np.linalg.svd(matrix[kept] / lengths[kept, None], compute_uv=False)
-    return int((singular > _SMALLEST_SINGULAR * singular.max(initial=0.0)).sum())
-
-
-def _draw_motion(robot: Robot, *, limited: bool) -> tuple[FloatArray, ...]:
-    """Return q, dq, ddq (joints, states), random, and within the limits of positions where `limited`."""
-    rng, usual = np.random.default_rng(_SEED), (-math.pi, math.pi)
-    ranges = [(axis.limits.position if limited else None) or usual for axis in robot.axes]
-    share = rng.uniform(size=(robot.freedom, _STATES))
-    q = np.array([low + (high - low) * part for (low, high), part in zip(ranges, share, strict=True)])
-    return (q, *(rng.uniform(-size, size, q.shape) for size in (2.0, 5.0)))
-
-
-def _compare_torques(exact: Robot, rounded: Robot, motion: tuple[FloatArray, ...]) -> float:
-    """Return the largest difference of a torque, as part of the joint's largest one."""
-    torques = []
-    for robot in (exact, rounded):
-        values = np.array([joint.inertial or (0.0,) * len(INERTIAL) for joint in robot.joints])
-        torques.append(np.einsum("lpjs,lp->js", _compute_torque_regressor(robot, motion), values))
-    largest = np.abs(torques[0]).max(axis=1)
-    differences = np.abs(torques[0] - torques[1]).max(axis=1)
-    return float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
 
 
 def choose_reading(read: Callable[..., Robot]) -> Robot:
@@ -207,11 +164,28 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
     if not rounded.joints or not _ROUNDING_CODES & {notice.code for notice in rounded.notices}:
         return rounded
     exact = read(snap=0.0)
-    anywhere, within = _draw_motion(exact, limited=False), _draw_motion(exact, limited=True)
-    whole, left = (
-        _count_independent(_compute_torque_regressor(robot, anywhere)) for robot in (exact, rounded)
-    )
-    change = _compare_torques(exact, rounded, within)
+    # The same draws anywhere, for the ranks, and within the limits, for the torques: q, dq, ddq.
+    motions = []
+    for limited in (False, True):
+        rng, usual = np.random.default_rng(_SEED), (-math.pi, math.pi)
+        ranges = [(axis.limits.position if limited else None) or usual for axis in exact.axes]
+        low, high = np.array(ranges).T[..., None]
+        q = low + (high - low) * rng.uniform(size=(exact.freedom, _STATES))
+        motions.append((q, *(rng.uniform(-size, size, q.shape) for size in (2.0, 5.0))))
+    ranks, torques = [], []
+    for robot in (exact, rounded):
+        columns = _compute_torque_regressor(robot, motions[0])
+        matrix = columns.reshape(columns.shape[0] * columns.shape[1], -1)
+        lengths = np.linalg.norm(matrix, axis=1)
+        kept = lengths > _SMALLEST_SINGULAR * lengths.max(initial=0.0)
+        singular = np.linalg.svd(matrix[kept] / lengths[kept, None], compute_uv=False)
+        ranks.append(int((singular > _SMALLEST_SINGULAR * singular.max(initial=0.0)).sum()))
+        values = np.array([joint.inertial or (0.0,) * len(INERTIAL) for joint in robot.joints])
+        torques.append(np.einsum("lpjs,lp->js", _compute_torque_regressor(robot, motions[1]), values))
+    whole, left = ranks
+    largest = np.abs(torques[0]).max(axis=1)
+    differences = np.abs(torques[0] - torques[1]).max(axis=1)
+    change = float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
     price = f"torques by at most {change:.1e} of each joint's largest"
     if whole == left:
         text = f"rounding the angles changes {price}, and not the number of base parameters ({whole}); "

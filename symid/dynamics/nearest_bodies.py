@@ -56,6 +56,20 @@ def _round_off(stated: FloatArray, body: FloatArray) -> FloatArray | None:
     return None if smallest < -_ROUNDED else rounded
 
 
+def compute_whitening(covariance: FloatArray, least: float) -> FloatArray | None:
+    """Return W with W C W' = 1 of a covariance C (m, m), None where it has no finite, positive variances.
+
+    `least` is the smallest variance of a direction, in units of the largest: rounding can make it zero.
+    """
+    variances = np.diag(covariance)
+    if not (np.all(np.isfinite(covariance)) and np.all(variances > 0.0)):
+        return None
+    deviations = np.sqrt(variances)
+    values, vectors = np.linalg.eigh(covariance / np.outer(deviations, deviations))
+    kept = np.maximum(values, least * values[-1])
+    return np.asarray((vectors / np.sqrt(kept)).T / deviations, dtype=np.float64)
+
+
 def build_prior(robot: Robot, grouping: FloatArray, values: Sequence[float] | FloatArray) -> FloatArray:
     """Return a consistent set of standard parameters (n, 10) to start from.
 

@@ -14,50 +14,20 @@ Supported: trees of revolute and prismatic joints, rotor inertias reflected to t
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Generic
+from dataclasses import replace
+from typing import Generic, NamedTuple
 
 from symid.dynamics.algebra import Algebra, Matrix, T, Vector
-from symid.dynamics.bodies import Parameters, add_drive_torques, gather_body, solve_articulated_bodies
+from symid.dynamics.bodies import Body, Parameters, add_drive_torques, gather_body, solve_articulated_bodies
 from symid.dynamics.recursion import (
     Recursion,
     Screw,
     Wrench,
     add_wrenches,
-    build_unit_vector,
     compute_motions,
     rotate_to_link,
     transform_wrench,
 )
-from symid.notation import INERTIAL
-
-
-def compute_accelerations(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
-    """Return the acceleration of every link and its origin, gravity subtracted: rad/s^2, m/s^2.
-
-    dw_j = R' dw_p + w x z dq + z ddq;  a_j = R' (a_p + dw_p x r + w_p x (w_p x r)) (+ 2 w x z dq + z ddq),
-    the bracket at prismatic joints only. Luh, Walker and Paul 1980.
-    """
-    robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
-    motions, zero = recursion.motions, algebra.zero
-    still = Screw(angular=(zero, zero, zero), linear=compute_base_acceleration(recursion))
-    result: list[Screw[T]] = []
-    for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
-        w_parent = motions[joint.parent].angular if joint.parent >= 0 else (zero, zero, zero)
-        parent = result[joint.parent] if joint.parent >= 0 else still
-        swing = algebra.cross(w_parent, algebra.cross(w_parent, frame.origin))
-        turned = algebra.add_vectors(algebra.cross(parent.angular, frame.origin), swing)
-        linear = rotate_to_link(algebra, frame, algebra.add_vectors(parent.linear, turned))
-        angular = rotate_to_link(algebra, frame, parent.angular)
-        axis_rate: Vector[T] = (zero, zero, state.velocity[index])
-        own: Vector[T] = (zero, zero, state.acceleration[index])
-        coupling = algebra.cross(motions[index].angular, axis_rate)
-        if frame.revolute:
-            angular = algebra.add_vectors(angular, coupling, own)
-        else:
-            linear = algebra.add_vectors(linear, coupling, coupling, own)
-        result.append(Screw(angular=angular, linear=linear))
-    return tuple(result)
 
 
 def accumulate_wrenches(recursion: Recursion[T], wrenches: Sequence[Wrench[T]]) -> list[Wrench[T]]:
@@ -81,27 +51,47 @@ def accumulate_torques(recursion: Recursion[T], wrenches: Sequence[Wrench[T]]) -
 def compute_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[T, ...]:
     """Return the joint torques without friction (Luh, Walker and Paul 1980), by Newton and Euler.
 
+    dw_j = R' dw_p + w x z dq + z ddq;  a_j = R' (a_p + dw_p x r + w_p x (w_p x r)) (+ 2 w x z dq + z ddq),
+    the bracket at prismatic joints only, gravity subtracted;
     f = M a + dw x MS + w x (w x MS);  n = I dw + w x (I w) + MS x a.
     """
-    algebra, wrenches = recursion.algebra, []
-    for link, acceleration in enumerate(compute_accelerations(recursion)):
+    robot, algebra, state = recursion.robot, recursion.algebra, recursion.state
+    motions, zero = recursion.motions, algebra.zero
+    still = Screw(angular=(zero, zero, zero), linear=compute_base_acceleration(recursion))
+    result: list[Screw[T]] = []
+    for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
+        w_parent = motions[joint.parent].angular if joint.parent >= 0 else (zero, zero, zero)
+        parent = result[joint.parent] if joint.parent >= 0 else still
+        swing = algebra.cross(w_parent, algebra.cross(w_parent, frame.origin))
+        turned = algebra.add_vectors(algebra.cross(parent.angular, frame.origin), swing)
+        linear = rotate_to_link(algebra, frame, algebra.add_vectors(parent.linear, turned))
+        angular = rotate_to_link(algebra, frame, parent.angular)
+        axis_rate: Vector[T] = (zero, zero, state.velocity[index])
+        own: Vector[T] = (zero, zero, state.acceleration[index])
+        coupling = algebra.cross(motions[index].angular, axis_rate)
+        if frame.revolute:
+            angular = algebra.add_vectors(angular, coupling, own)
+        else:
+            linear = algebra.add_vectors(linear, coupling, coupling, own)
+        result.append(Screw(angular=angular, linear=linear))
+    wrenches = []
+    for link, (motion, acceleration) in enumerate(zip(motions, result, strict=True)):
         tensor, moments, mass = gather_body(algebra, parameters, link)
-        w, dw, a = recursion.motions[link].angular, acceleration.angular, acceleration.linear
+        w, dw, a = motion.angular, acceleration.angular, acceleration.linear
         swing = algebra.cross(w, algebra.cross(w, moments))
         force = algebra.add_vectors(algebra.scale_vector(mass, a), algebra.cross(dw, moments), swing)
         spin = algebra.cross(w, algebra.apply_matrix(tensor, w))
         moment = algebra.add_vectors(algebra.apply_matrix(tensor, dw), spin, algebra.cross(moments, a))
         wrenches.append(Wrench(force=force, moment=moment))
     torques = accumulate_torques(recursion, wrenches)
-    return add_drive_torques(recursion, torques, parameters, recursion.state.acceleration)
+    return add_drive_torques(recursion, torques, parameters, state.acceleration)
 
 
 Reference = tuple[tuple[T, ...], tuple[T, ...]]
 """Reference velocities and accelerations of the joints, dqr and ddqr."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AccelerationTensor(Generic[T]):
+class AccelerationTensor(NamedTuple, Generic[T]):
     """The motion of a link in its own frame, gravity subtracted from `linear` (rad/s, rad/s^2, m/s^2).
 
     `rate` is dw, or dw_r; the off-diagonal entries of `tensor` are `products` plus and minus `axial`, which
@@ -156,9 +146,7 @@ def _build_acceleration_tensor(
         x, y, z = (algebra.half(minus(low, high)) for low, high in pairs)
         yz, xz, xy = (algebra.half(plus(low, high)) for low, high in pairs)
         axial, products = (x, y, z), (yz, xz, xy)
-    return AccelerationTensor(
-        rate=rate, linear=linear, tensor=tensor, axial=axial, products=products, differences=differences
-    )
+    return AccelerationTensor(rate, linear, tensor, axial, products, differences)
 
 
 def compute_acceleration_tensors(
@@ -175,10 +163,8 @@ def compute_acceleration_tensors(
     others = compute_motions(robot, algebra, recursion.frames, rates) if reference else recursion.motions
     zero = algebra.zero
     none = (zero, zero, zero)
-    start, still = compute_base_acceleration(recursion), (none, none, none)
-    base = AccelerationTensor(
-        rate=none, linear=start, tensor=still, axial=none, products=none, differences=none
-    )
+    start = compute_base_acceleration(recursion)
+    base = AccelerationTensor(none, start, (none, none, none), none, none, none)
     spins: list[AccelerationTensor[T]] = []
     for index, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         parent = spins[joint.parent] if joint.parent >= 0 else base
@@ -203,51 +189,35 @@ def compute_acceleration_tensors(
     return tuple(spins)
 
 
-def compute_tensor_wrench(algebra: Algebra[T], name: str, spin: AccelerationTensor[T]) -> Wrench[T]:
-    """Return the wrench that moves a link, per unit of one parameter."""
-    zero, neg = algebra.zero, algebra.neg
-    none = (zero, zero, zero)
-    if name == "M":
-        return Wrench(force=spin.linear, moment=none)
-    u = spin.tensor
-    (x, y, z), (yz, xz, xy), d = spin.axial, spin.products, spin.differences
-    moments: dict[str, Vector[T]] = {
-        "XX": (x, xz, neg(xy)),
-        "XY": (neg(u[2][0]), u[2][1], d[2]),
-        "XZ": (u[1][0], d[1], neg(u[1][2])),
-        "YY": (neg(yz), y, xy),
-        "YZ": (d[0], neg(u[0][1]), u[0][2]),
-        "ZZ": (yz, neg(xz), z),
-    }
-    if name in moments:
-        return Wrench(force=none, moment=moments[name])
-    k = INERTIAL.index(name) - INERTIAL.index("MX")
-    moment = algebra.cross(build_unit_vector(algebra, k), spin.linear)
-    return Wrench(force=(u[0][k], u[1][k], u[2][k]), moment=moment)
+def compute_link_wrench(algebra: Algebra[T], body: Body[T], spin: AccelerationTensor[T]) -> Wrench[T]:
+    """Return the wrench that moves a body: f = M a + U MS, n = I dw + w x I w + MS x a."""
+    mul, minus, neg, total = algebra.mul, algebra.sub, algebra.neg, algebra.sum_values
+    tensor, moments, mass = body
+    force = algebra.apply_matrix(spin.tensor, moments)
+    # I dw + w x I w, with the moments of inertia collected by products of w.
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
+    u, (x, y, z), p, d = spin.tensor, spin.axial, spin.products, spin.differences
+    terms = (mul(xx, x), neg(mul(xy, u[2][0])), mul(xz, u[1][0]), mul(yz, d[0]), mul(minus(zz, yy), p[0]))
+    along = total(terms)
+    terms = (mul(yy, y), mul(xy, u[2][1]), neg(mul(yz, u[0][1])), mul(xz, d[1]), mul(minus(xx, zz), p[1]))
+    across = total(terms)
+    terms = (mul(zz, z), neg(mul(xz, u[1][2])), mul(yz, u[0][2]), mul(xy, d[2]), mul(minus(yy, xx), p[2]))
+    moment: Vector[T] = (along, across, total(terms))
+    return Wrench(
+        force=algebra.add_vectors(force, algebra.scale_vector(mass, spin.linear)),
+        moment=algebra.add_vectors(moment, algebra.cross(moments, spin.linear)),
+    )
 
 
 def compute_link_wrenches(
     recursion: Recursion[T], parameters: Parameters[T], spins: Sequence[AccelerationTensor[T]]
 ) -> list[Wrench[T]]:
-    """Return the wrench that moves each link: f = M a + U MS, n = I dw + w x I w + MS x a."""
-    algebra, wrenches = recursion.algebra, []
-    mul, minus, neg, total = algebra.mul, algebra.sub, algebra.neg, algebra.sum_values
-    for link, spin in enumerate(spins):
-        tensor, moments, mass = gather_body(algebra, parameters, link)
-        force = algebra.apply_matrix(spin.tensor, moments)
-        # I dw + w x I w, with the moments of inertia collected by products of w.
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = tensor
-        u, (x, y, z), p, d = spin.tensor, spin.axial, spin.products, spin.differences
-        terms = (mul(xx, x), neg(mul(xy, u[2][0])), mul(xz, u[1][0]), mul(yz, d[0]), mul(minus(zz, yy), p[0]))
-        along = total(terms)
-        terms = (mul(yy, y), mul(xy, u[2][1]), neg(mul(yz, u[0][1])), mul(xz, d[1]), mul(minus(xx, zz), p[1]))
-        across = total(terms)
-        terms = (mul(zz, z), neg(mul(xz, u[1][2])), mul(yz, u[0][2]), mul(xy, d[2]), mul(minus(yy, xx), p[2]))
-        moment: Vector[T] = (along, across, total(terms))
-        force = algebra.add_vectors(force, algebra.scale_vector(mass, spin.linear))
-        moment = algebra.add_vectors(moment, algebra.cross(moments, spin.linear))
-        wrenches.append(Wrench(force=force, moment=moment))
-    return wrenches
+    """Return the wrench that moves each link."""
+    algebra = recursion.algebra
+    return [
+        compute_link_wrench(algebra, gather_body(algebra, parameters, link), spin)
+        for link, spin in enumerate(spins)
+    ]
 
 
 def compute_tensor_torques(
@@ -275,5 +245,5 @@ def compute_forward_dynamics(
     resting = replace(recursion, state=replace(recursion.state, acceleration=still))
     wrenches = compute_link_wrenches(resting, parameters, compute_acceleration_tensors(resting))
     springs = add_drive_torques(resting, still, parameters, still)
-    rest = [algebra.sub(torque, spring) for torque, spring in zip(torques, springs, strict=True)]
+    rest = list(map(algebra.sub, torques, springs))
     return solve_articulated_bodies(resting, parameters, rest, wrenches, invert)

@@ -345,54 +345,53 @@ def _merge_families(*families: Mapping[BasisFunction, Row]) -> Family:
     return result
 
 
-def derive_block_rows(
+def derive_block(
     robot: Robot,
     block: Block,
     parent: ObservableRows,
     transport: Transport,
     *,
     torques: Mapping[Label, PositionTorque],
-    form: str = "torque",
-) -> tuple[Row, ...]:
-    """Return the rows of a block over the parameters of `number_columns`, `torques` those of friction.
+    form: str,
+) -> tuple[tuple[Row, ...], list[ObservableRows]]:
+    """Return the rows of a block over the parameters of `number_columns`, and what is visible at its links.
 
-    The form "gravity" has no rows of motion, "momentum" none of weight.
+    `torques` are those of friction. The form "gravity" has no rows of motion, "momentum" none of weight.
     """
     columns = number_columns(block, robot, tuple(torques))
     springs, rotors = _build_drive_rows(robot, block, transport, columns, torques)
-    motion: list[Family] = []
-    if form != "gravity":
-        motion += [
-            _merge_families(a, b) for a, b in zip(_list_momenta(transport, [_OWN]), rotors, strict=True)
-        ]
-        motion += _list_momenta(transport, parent.velocities)
+    own, carried = (_list_momenta(transport, rates) for rates in ([_OWN], parent.velocities))
+    own, carried = ([], []) if form == "gravity" else (own, carried)
     weight = {} if form == "momentum" else _merge_families(_carry(parent.steady, transport), springs)
-    rows = [row for family in motion for row in family.values()]
+    turning = [_merge_families(*pair) for pair in zip(own, rotors, strict=False)]
+    rows = [row for family in (*turning, *carried) for row in family.values()]
     # What does not change with the block's coordinates, the link before makes as well.
     for family in (*(_carry(row, transport) for row in parent.varying), weight):
         rows += [row for function, row in family.items() if function != transport.one]
-    return reduce_rows(rows)
-
-
-def derive_link_rows(
-    parent: ObservableRows, transport: Transport, link: int, form: str = "torque"
-) -> ObservableRows:
-    """Return what is visible at a link of the block (numbered within it), given what is before the block."""
-    velocities = [matrix[0] for matrix in transport.rates[link].values()]
-    matrices = tuple(transport.velocities[link].values())
-    velocities += [multiply_row(row, matrix) for row in parent.velocities for matrix in matrices]
-    varying, start = list[Row](), _TEN * link
-    if form != "gravity":
-        for family in (*_list_momenta(transport, [_OWN]), *_list_momenta(transport, parent.velocities)):
-            for row in family.values():
-                varying.append({k - start: value for k, value in row.items() if start <= k < start + _TEN})
-    parameters = transport.parameters[link]
-    for function, matrix in parameters.items():
-        varying += [multiply_row(row, matrix) for row in parent.varying]
-        if function != transport.one:
-            varying.append(multiply_row(parent.steady, matrix))
-    steady = multiply_row(parent.steady, parameters[transport.one]) if transport.one in parameters else {}
-    return ObservableRows(steady=steady, varying=reduce_rows(varying), velocities=reduce_rows(velocities))
+    visible = []
+    for link, parameters in enumerate(transport.parameters):
+        velocities = [matrix[0] for matrix in transport.rates[link].values()]
+        matrices = tuple(transport.velocities[link].values())
+        velocities += [multiply_row(row, matrix) for row in parent.velocities for matrix in matrices]
+        start = _TEN * link
+        varying = [
+            {k - start: value for k, value in row.items() if start <= k < start + _TEN}
+            for family in (*own, *carried)
+            for row in family.values()
+        ]
+        for function, matrix in parameters.items():
+            varying += [multiply_row(row, matrix) for row in parent.varying]
+            if function != transport.one:
+                varying.append(multiply_row(parent.steady, matrix))
+        steady = parameters.get(transport.one)
+        visible.append(
+            ObservableRows(
+                steady={} if steady is None else multiply_row(parent.steady, steady),
+                varying=reduce_rows(varying),
+                velocities=reduce_rows(velocities),
+            )
+        )
+    return reduce_rows(rows), visible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -463,11 +462,10 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
     for block, transport in zip(blocks, transports, strict=True):
         parent = visible[block.base]
         labels = tuple(number_columns(block, robot, tuple(torques)))
-        found = derive_block_rows(robot, block, parent, transport, torques=torques, form=form)
+        found, shown = derive_block(robot, block, parent, transport, torques=torques, form=form)
         rows += [_expand_row(carried, labels, row) for row in found]
-        for position, link in enumerate(block.joints):
-            visible[link] = derive_link_rows(parent, transport, position, form)
-    for shown in build_friction_rows(robot):
-        rows.append({label: field.convert(QQ(v.numerator, v.denominator)) for label, v in shown.items()})
+        visible |= dict(zip(block.joints, shown, strict=True))
+    for row in build_friction_rows(robot):
+        rows.append({label: field.convert(QQ(v.numerator, v.denominator)) for label, v in row.items()})
     links = tuple(visible[link] for link in range(robot.size))
     return ObservableSubspace(field=field, rows=tuple(rows), visible=links)

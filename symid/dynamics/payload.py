@@ -29,6 +29,7 @@ from symid.dynamics.nearest_bodies import (
     PSEUDO_INERTIA_FORMS,
     BodyProblem,
     compute_standard_parameters,
+    compute_whitening,
     optimise_bodies,
     solve_body_equations,
 )
@@ -145,7 +146,7 @@ def _build_system(
     every = columns @ change * sizes
     rows = columns[[wanted.index(name) for name in names]] @ change * sizes
     before, after, covariance = _compare(names, loaded, empty)
-    white = _compute_whitening(covariance)
+    white = _whiten(covariance)
     matrix, target = white @ rows, white @ (after - before)
     if mass is not None:
         weighed = np.eye(10)[9:]
@@ -157,16 +158,12 @@ def _build_system(
     return PayloadSystem(names=names, rows=matrix, target=target, sizes=sizes, free=free, lacking=lacking)
 
 
-def _compute_whitening(covariance: FloatArray) -> FloatArray:
+def _whiten(covariance: FloatArray) -> FloatArray:
     """Return W with W C W' = 1, or raise an EstimateError where a standard deviation is missing."""
-    deviations = np.sqrt(np.diag(covariance))
-    if not np.all(np.isfinite(covariance)) or not np.all(deviations > 0):
+    white = compute_whitening(covariance, len(covariance) * np.finfo(float).eps)
+    if white is None:
         text = "an estimate has no standard deviations; identify it with an estimator that computes them"
         raise EstimateError(Notice(code="payload.no-deviations", text=text))
-    values, vectors = np.linalg.eigh(covariance / np.outer(deviations, deviations))
-    # Rounding can make the smallest of them zero.
-    kept = np.maximum(values, len(values) * np.finfo(float).eps * values[-1])
-    white: FloatArray = (vectors / np.sqrt(kept)).T / deviations
     return white
 
 
@@ -203,7 +200,7 @@ def _list_changes(
     change: FloatArray = after - before
     if left is not None:
         # Back in units of the parameters.
-        change = np.asarray(np.linalg.solve(_compute_whitening(covariance), left[: len(names)]), np.float64)
+        change = np.asarray(np.linalg.solve(_whiten(covariance), left[: len(names)]), np.float64)
     deviations = np.sqrt(np.diag(covariance))
     known = np.isfinite(deviations) & (deviations > 0)
     shares = np.where(known, change / np.where(known, deviations, 1.0), 0.0)

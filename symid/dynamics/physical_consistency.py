@@ -35,6 +35,7 @@ from symid.dynamics.nearest_bodies import (
     compute_distance,
     compute_errors,
     compute_standard_parameters,
+    compute_whitening,
     optimise_bodies,
     solve_body_equations,
 )
@@ -200,21 +201,6 @@ def _build_set(
     )
 
 
-def _compute_whitening(covariance: FloatArray, given: list[str], names: list[str]) -> FloatArray:
-    """Return W (m, m) with W^T W = C^-1 for values `names`; `covariance` has them in the order `given`."""
-    places = [given.index(name) for name in names]
-    chosen = np.asarray(covariance, dtype=np.float64)
-    if chosen.shape == (len(names), len(names)) and np.all(np.isfinite(chosen)):
-        chosen = chosen[np.ix_(places, places)]
-        stds = np.sqrt(np.maximum(np.diag(chosen), 0.0))
-        if np.all(stds > 0.0):
-            variances, directions = np.linalg.eigh(chosen / np.outer(stds, stds))
-            variances = np.maximum(variances, _LEAST * variances[-1])
-            return np.asarray((directions / np.sqrt(variances)).T / stds)
-    text = "the covariance must have finite numbers, a row and a positive variance for each base value"
-    raise UsageError(Notice(code="usage.consistency-weights", text=text))
-
-
 def compute_standard_set(
     robot: Robot,
     base: BaseParameters,
@@ -249,7 +235,16 @@ def compute_standard_set(
         text = f"base values must be finite numbers: {', '.join(bad)}"
     if text:
         raise UsageError(Notice(code="usage.base-values", text=text))
-    whitening = None if covariance is None else _compute_whitening(covariance, list(values), list(known))
+    whitening = None
+    if covariance is not None:
+        places, given = [list(values).index(name) for name in known], np.asarray(covariance, dtype=np.float64)
+        if given.shape == (len(known), len(known)):
+            whitening = compute_whitening(given[np.ix_(places, places)], _LEAST)
+        if whitening is None:
+            text = (
+                "the covariance must have finite numbers, a row and a positive variance for each base value"
+            )
+            raise UsageError(Notice(code="usage.consistency-weights", text=text))
     grouping = build_grouping(robot, base, tuple(known))
     target = np.array(list(known.values()))
     # Numbers beyond all bounds end in an error of their own, not in warnings.

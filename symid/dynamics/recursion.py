@@ -13,13 +13,12 @@ product is the torque of the joint.
 Supported: trees of revolute and prismatic joints on a fixed base.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Generic
 
 from symid.dynamics.algebra import Algebra, Matrix, RobotState, T, Vector, transpose
-from symid.notation import INERTIAL
 from symid.robot import Exact, JointKind, Placement, Robot
 
 
@@ -47,15 +46,23 @@ class LinkMotion(Generic[T]):
     height: T
 
 
+ProjectionFrame = Callable[[int], int]
+"""In whose frame the wrenches of a link meet the screws: that of it or of a link before it; -1 for none."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recursion(Generic[T]):
-    """A robot in a state: what every form of its dynamics starts from."""
+    """A robot in a state: what every form of its dynamics starts from.
+
+    `meet`: where wrenches on their way down meet the screws of the joints; None: at every joint.
+    """
 
     robot: Robot
     algebra: Algebra[T]
     state: RobotState[T]
     frames: tuple[LinkFrame[T], ...]
     motions: tuple[LinkMotion[T], ...]
+    meet: ProjectionFrame | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +91,7 @@ def build_frames(robot: Robot, algebra: Algebra[T], state: RobotState[T]) -> tup
         revolute = joint.kind is JointKind.REVOLUTE
         if not revolute:
             along = (algebra.mul(row[2], state.position[index]) for row in fixed)
-            x, y, z = (algebra.add(start, step) for start, step in zip((x, y, z), along, strict=True))
+            x, y, z = map(algebra.add, (x, y, z), along)
         turn = (state.cosine[index], state.sine[index]) if revolute else None
         frames.append(LinkFrame(fixed=fixed, turn=turn, origin=(x, y, z), revolute=revolute))
     return tuple(frames)
@@ -190,7 +197,7 @@ def compute_jacobian(recursion: Recursion[T]) -> tuple[tuple[T, ...], ...]:
         pose = poses[index]
         axis: Vector[T] = (pose.rotation[0][2], pose.rotation[1][2], pose.rotation[2][2])
         if robot.joints[index].kind is JointKind.REVOLUTE:
-            x, y, z = (algebra.sub(a, b) for a, b in zip(tip, pose.origin, strict=True))
+            x, y, z = map(algebra.sub, tip, pose.origin)
             columns[index] = (*algebra.cross(axis, (x, y, z)), *axis)
         else:
             columns[index] = (*axis, zero, zero, zero)
@@ -284,10 +291,6 @@ def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Scre
     return find
 
 
-ProjectionFrame = Callable[[int], int]
-"""In whose frame the wrenches of a link meet the screws: that of it or of a link before it; -1 for none."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wrench(Generic[T]):
     """A force (N) and a moment (N m) about the link frame's origin; or momenta (kg m/s, kg m^2/s)."""
@@ -302,33 +305,6 @@ def add_wrenches(algebra: Algebra[T], first: Wrench[T], *others: Wrench[T]) -> W
     return Wrench(force=force, moment=algebra.add_vectors(first.moment, *(one.moment for one in others)))
 
 
-def build_unit_vector(algebra: Algebra[T], axis: int) -> Vector[T]:
-    """Return x, y or z for 0, 1 or 2."""
-    zero, one = algebra.zero, algebra.one
-    return (one if axis == 0 else zero, one if axis == 1 else zero, one if axis == 2 else zero)
-
-
-_TENSOR = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
-
-
-def compute_momentum(algebra: Algebra[T], name: str, motion: LinkMotion[T]) -> Wrench[T]:
-    """Return linear momentum and moment of momentum per unit of one parameter.
-
-    p = M v + w x MS;  L = I w + MS x v.  With w = 0 and v = g they are the weight.
-    """
-    zero = (algebra.zero,) * 3
-    if name in _TENSOR:
-        i, j = _TENSOR[name]
-        moment = [algebra.zero] * 3
-        moment[i] = motion.angular[j]
-        moment[j] = motion.angular[i]
-        return Wrench(force=zero, moment=(moment[0], moment[1], moment[2]))
-    if name == "M":
-        return Wrench(force=motion.linear, moment=zero)
-    axis = build_unit_vector(algebra, INERTIAL.index(name) - INERTIAL.index("MX"))
-    return Wrench(force=algebra.cross(motion.angular, axis), moment=algebra.cross(axis, motion.linear))
-
-
 def transform_wrench(algebra: Algebra[T], frame: LinkFrame[T], wrench: Wrench[T]) -> Wrench[T]:
     """Return a wrench about the link's origin in the parent's axes, about the parent's origin."""
     force = rotate_to_parent(algebra, frame, wrench.force)
@@ -336,15 +312,14 @@ def transform_wrench(algebra: Algebra[T], frame: LinkFrame[T], wrench: Wrench[T]
     return Wrench(force=force, moment=algebra.add_vectors(moment, algebra.cross(frame.origin, force)))
 
 
-def project_wrench(
-    recursion: Recursion[T], link: int, wrench: Wrench[T], screws: Screws[T], stop: int
-) -> list[T]:
+def project_wrench(recursion: Recursion[T], link: int, wrench: Wrench[T], screws: Screws[T]) -> list[T]:
     """Return the power of a wrench in the frame of `link` on the screw of every joint; 0 beyond its chain.
 
-    The wrench goes down, joint by joint, until it reaches the frame of the link `stop` (-1: to the
-    base); the screws of the joints below come up to that frame.
+    The wrench goes down, joint by joint, until it reaches the frame where it meets the screws; those of the
+    joints below come up to that frame.
     """
     robot, algebra = recursion.robot, recursion.algebra
+    stop = recursion.meet(link) if recursion.meet else -1
     entries = [algebra.zero] * robot.size
     frame = joint = link
     while joint >= 0:
@@ -355,16 +330,3 @@ def project_wrench(
         entries[joint] = algebra.add(turning, algebra.dot(screw.linear, wrench.force))
         joint = robot.joints[joint].parent
     return entries
-
-
-def project_columns(
-    recursion: Recursion[T],
-    columns: Mapping[tuple[int, str], Wrench[T]],
-    screws: Screws[T],
-    meet: ProjectionFrame | None = None,
-) -> dict[tuple[int, str], Sequence[T]]:
-    """Return, for each (link, parameter), the n joint entries of its wrench; `meet` None is the base."""
-    return {
-        (link, name): project_wrench(recursion, link, wrench, screws, meet(link) if meet else -1)
-        for (link, name), wrench in columns.items()
-    }

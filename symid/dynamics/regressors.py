@@ -9,8 +9,8 @@ frame, and u_j = -g' P_j:
           w3 V2 - w2 V3, w1 V3 - w3 V1, w2 V1 - w1 V2, V'V/2)
     hV = (0, 0, 0, 0, 0, 0, -g1, -g2, -g3, u)
 
-With `meet` None wrenches go down to every joint (column recursion); where it names the link itself, all
-screws come up to it (axis projection).
+Where the recursion names no meeting, wrenches go down to every joint (column recursion); where it names the
+link itself, all screws come up to it (axis projection).
 
 Code comes from the recursion, in any algebra. The Lagrangian forms come from the energy alone, exactly, by
 differentiation; tests prove both to be the same. Robot -> `ExactEnergy`, polynomials of kinetic and
@@ -22,7 +22,7 @@ the exact algebra supports, for long chains torques at exact rational points.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from sympy.polys.rings import PolyElement
 
@@ -30,22 +30,23 @@ from symid.dynamics.algebra import Algebra, Label, T, build_state
 from symid.dynamics.bodies import (
     DRIVE_PARAMETERS,
     Body,
+    build_unit_body,
     compute_drive_column,
     compute_drive_energy,
+    compute_momentum,
     list_drive_parameters,
 )
 from symid.dynamics.exact_algebra import ExactAlgebra, Number, build_exact_algebra, differentiate
-from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_tensor_wrench
+from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_link_wrench
 from symid.dynamics.recursion import (
     LinkMotion,
-    ProjectionFrame,
     Recursion,
+    Screw,
     Wrench,
     build_axis_screws,
     build_recursion,
-    compute_momentum,
     compute_screw_rates,
-    project_columns,
+    project_wrench,
     transform_screws,
 )
 from symid.notation import INERTIAL
@@ -97,14 +98,19 @@ Columns = dict[Label, Sequence[T]]
 def _compute_columns(
     recursion: Recursion[T],
     keys: Sequence[Label],
-    link_wrench: Callable[[int, str], Wrench[T]],
+    link_wrench: Callable[[int, Body[T]], Wrench[T]],
     drive: tuple[Sequence[T], int],
-    meet: ProjectionFrame | None,
 ) -> Columns[T]:
     """Return the columns of `keys`: wrenches projected on the axes; `drive` for `compute_drive_column`."""
-    wrenches = {(link, name): link_wrench(link, name) for link, name in keys if name not in DRIVE_PARAMETERS}
+    wrenches = {
+        (link, name): link_wrench(link, build_unit_body(recursion.algebra, name))
+        for link, name in keys
+        if name not in DRIVE_PARAMETERS
+    }
     screws = transform_screws(recursion, build_axis_screws(recursion))
-    columns = project_columns(recursion, wrenches, screws, meet)
+    columns: Columns[T] = {
+        key: project_wrench(recursion, key[0], wrench, screws) for key, wrench in wrenches.items()
+    }
     columns |= {
         key: compute_drive_column(recursion, key, *drive) for key in keys if key[1] in DRIVE_PARAMETERS
     }
@@ -115,8 +121,6 @@ def compute_torque_columns(
     recursion: Recursion[T],
     keys: Sequence[Label],
     reference: Reference[T] | None = None,
-    *,
-    meet: ProjectionFrame | None = None,
 ) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi.
 
@@ -128,43 +132,40 @@ def compute_torque_columns(
     return _compute_columns(
         recursion,
         keys,
-        lambda link, name: compute_tensor_wrench(recursion.algebra, name, spins[link]),
+        lambda link, body: compute_link_wrench(recursion.algebra, body, spins[link]),
         (accelerations, 1),
-        meet,
     )
 
 
-def compute_momentum_columns(
-    recursion: Recursion[T], keys: Sequence[Label], *, meet: ProjectionFrame | None = None
-) -> Columns[T]:
+def compute_momentum_columns(recursion: Recursion[T], keys: Sequence[Label]) -> Columns[T]:
     """Return the momentum regressor's columns: dT/ddq = Yp(q, dq) pi."""
     return _compute_columns(
         recursion,
         keys,
-        lambda link, name: compute_momentum(recursion.algebra, name, recursion.motions[link]),
+        lambda link, body: compute_momentum(recursion.algebra, body, recursion.motions[link]),
         (recursion.state.velocity, 0),
-        meet,
     )
 
 
-def compute_lagrange_columns(
-    recursion: Recursion[T], keys: Sequence[Label], *, meet: ProjectionFrame | None = None
-) -> Columns[T]:
+def compute_lagrange_columns(recursion: Recursion[T], keys: Sequence[Label]) -> Columns[T]:
     """Return the columns of dL/dq = dT/dq - dV/dq.
 
     dT/dq_k is the momentum beyond joint k times v_k x z_k, the change of the link's velocity by
     its joint's coordinate; -dV/dq_k the weight beyond joint k projected on its axis.
     """
     algebra, motions = recursion.algebra, recursion.motions
+    falling = [Screw(angular=(algebra.zero,) * 3, linear=motion.gravity) for motion in motions]
     links = [key for key in keys if key[1] not in DRIVE_PARAMETERS]
-    momenta = {(link, name): compute_momentum(algebra, name, motions[link]) for link, name in links}
-    none = (algebra.zero,) * 3
-    falling = [replace(motion, angular=none, linear=motion.gravity) for motion in motions]
-    weights = {(link, name): compute_momentum(algebra, name, falling[link]) for link, name in links}
+    momenta, weights = (
+        {key: compute_momentum(algebra, build_unit_body(algebra, key[1]), moving[key[0]]) for key in links}
+        for moving in (motions, falling)
+    )
     turned = transform_screws(recursion, compute_screw_rates(recursion))
     axes = transform_screws(recursion, build_axis_screws(recursion))
-    kinetic = project_columns(recursion, momenta, turned, meet)
-    potential = project_columns(recursion, weights, axes, meet)
+    kinetic, potential = (
+        {key: project_wrench(recursion, key[0], wrench, screws) for key, wrench in wrenches.items()}
+        for wrenches, screws in ((momenta, turned), (weights, axes))
+    )
     columns = {key: list(map(algebra.add, entries, potential[key])) for key, entries in kinetic.items()}
     return {key: columns.get(key) or compute_drive_column(recursion, key, None, -1) for key in keys}
 

@@ -25,7 +25,7 @@ Supported: trees of revolute and prismatic joints, rotor inertias reflected to t
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Generic
+from typing import Generic, NamedTuple
 
 from symid.dynamics.algebra import Algebra, Matrix, T, Vector, transpose
 from symid.dynamics.bodies import (
@@ -35,6 +35,7 @@ from symid.dynamics.bodies import (
     add_drive_inertias,
     add_drive_torques,
     add_matrices,
+    compute_momentum,
     gather_body,
     rotate_matrix,
     transform_body,
@@ -47,7 +48,6 @@ from symid.dynamics.newton_euler import (
 )
 from symid.dynamics.recursion import (
     LinkMotion,
-    ProjectionFrame,
     Recursion,
     Screw,
     Screws,
@@ -64,8 +64,7 @@ from symid.dynamics.recursion import (
 Rows = tuple[tuple[T, ...], ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TorqueDerivatives(Generic[T]):
+class TorqueDerivatives(NamedTuple, Generic[T]):
     """dtau/dq (N m/rad), dtau/ddq (N m s/rad) and dtau/dddq (kg m^2), a row and a column a joint."""
 
     by_position: Rows[T]
@@ -73,8 +72,7 @@ class TorqueDerivatives(Generic[T]):
     by_acceleration: Rows[T]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EquationTerms(Generic[T]):
+class EquationTerms(NamedTuple, Generic[T]):
     """What the equations of motion hold of the position and the velocity: M, 2 C, and the torques at rest."""
 
     mass: Rows[T]
@@ -82,8 +80,7 @@ class EquationTerms(Generic[T]):
     rest: tuple[T, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Composite(Generic[T]):
+class _Composite(NamedTuple, Generic[T]):
     """A composite body in its link's frame: inertia, and `factor` times K and P (see above)."""
 
     body: Body[T]
@@ -94,10 +91,7 @@ class _Composite(Generic[T]):
 def _shift_turning(algebra: Algebra[T], turning: Matrix[T], momentum: Vector[T], arm: Vector[T]) -> Matrix[T]:
     """Return K + (P.r) E - P r': K of points that are moved by the arm r."""
     shares = [[algebra.mul(p, r) for r in arm] for p in momentum]
-    rows = [
-        [algebra.sub(entry, share) for entry, share in zip(*pair, strict=True)]
-        for pair in zip(turning, shares, strict=True)
-    ]
+    rows = [list(map(algebra.sub, *pair)) for pair in zip(turning, shares, strict=True)]
     for k in range(3):
         first, second = (k + 1) % 3, (k + 2) % 3
         # Without P_k r_k, which the trace gives back.
@@ -137,17 +131,6 @@ def _double(algebra: Algebra[T], screw: Screw[T]) -> Screw[T]:
     return Screw(angular=algebra.add_vectors(a, a), linear=algebra.add_vectors(b, b))
 
 
-def _push(algebra: Algebra[T], body: Body[T], screw: Screw[T]) -> Wrench[T]:
-    """Return the momentum I S of a body that moves by a screw."""
-    tensor, moments, mass = body
-    force = algebra.scale_vector(mass, screw.linear)
-    moment = algebra.apply_matrix(tensor, screw.angular)
-    return Wrench(
-        force=algebra.add_vectors(force, algebra.cross(screw.angular, moments)),
-        moment=algebra.add_vectors(moment, algebra.cross(moments, screw.linear)),
-    )
-
-
 def _turn_momentum(algebra: Algebra[T], part: _Composite[T], screw: Screw[T]) -> Wrench[T]:
     """Return B S, times the factor of `part`."""
     moment = algebra.apply_matrix(part.turning, screw.angular)
@@ -163,13 +146,9 @@ def _build_couple(algebra: Algebra[T], part: _Composite[T], screw: Screw[T]) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sweep(Generic[T]):
-    """The composite bodies of a state, and where their wrenches meet the screws of the joints before them.
-
-    `factor` of `composites` is two if `rates` are 2 R, else one.
-    """
+    """The composite bodies of a state, their axes, and rates R, or 2 R where their factor is two."""
 
     recursion: Recursion[T]
-    meet: ProjectionFrame | None
     composites: Sequence[_Composite[T]]
     axes: Sequence[Screw[T]]
     rates: Sequence[Screw[T]]
@@ -185,9 +164,8 @@ class _Sweep(Generic[T]):
         axes = self.carry(self.axes)
         rows = [[algebra.zero] * robot.size for _ in range(robot.size)]
         for joint in range(robot.size):
-            stop = self.meet(joint) if self.meet else -1
-            parts = [project_wrench(self.recursion, joint, *pair, stop) for pair in lower(joint)]
-            across, other = project_wrench(self.recursion, joint, upper(joint), axes, stop), joint
+            parts = [project_wrench(self.recursion, joint, *pair) for pair in lower(joint)]
+            across, other = project_wrench(self.recursion, joint, upper(joint), axes), joint
             while other >= 0:
                 # Of the joint itself both are the same: the one written last takes fewer operations.
                 rows[other][joint] = across[other]
@@ -197,7 +175,7 @@ class _Sweep(Generic[T]):
 
     def compute_mass_matrix(self, parameters: Parameters[T]) -> Rows[T]:
         algebra, axes = self.recursion.algebra, self.carry(self.axes)
-        momenta = [_push(algebra, *pair) for pair in self._pair_bodies(self.axes)]
+        momenta = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.axes)]
         rows = self.fill(lambda i: [(momenta[i], axes)], momenta.__getitem__)
         add_drive_inertias(self.recursion, rows, parameters)
         return tuple(map(tuple, rows))
@@ -205,8 +183,8 @@ class _Sweep(Generic[T]):
     def compute_coriolis_matrix(self) -> Rows[T]:
         """Return C, times the factor of the composites."""
         algebra, axes, rates = self.recursion.algebra, self.carry(self.axes), self.carry(self.rates)
-        momenta = [_push(algebra, *pair) for pair in self._pair_bodies(self.axes)]
-        pushes = [_push(algebra, *pair) for pair in self._pair_bodies(self.rates)]
+        momenta = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.axes)]
+        pushes = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.rates)]
         pairs = list(zip(self.composites, self.axes, strict=True))
         couples = [_build_couple(algebra, *pair) for pair in pairs]
         turns = [_turn_momentum(algebra, *pair) for pair in pairs]
@@ -250,9 +228,7 @@ def _turn_wrench(algebra: Algebra[T], screw: Screw[T], wrench: Wrench[T]) -> Wre
     )
 
 
-def compute_mass_derivatives(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> tuple[Rows[T], ...]:
+def compute_mass_derivatives(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[Rows[T], ...]:
     """Return dM_ij/dq_k, kg m^2/rad, a matrix for every joint k (see above)."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
     # Composite bodies.
@@ -268,14 +244,14 @@ def compute_mass_derivatives(
 
     def fill(turned: int, row: int, start: int, wrench: Wrench[T]) -> None:
         """Write dM of `row` and all joints from `start` on down to the base by the turn of a joint."""
-        entries = project_wrench(recursion, start, wrench, screws, meet(start) if meet else -1)
+        entries = project_wrench(recursion, start, wrench, screws)
         column = start if start != turned else robot.joints[start].parent
         while column >= 0:
             found[turned][row][column] = found[turned][column][row] = entries[column]
             column = robot.joints[column].parent
 
     for joint in range(robot.size):
-        wrench, turned = _push(algebra, bodies[joint], axes[joint]), joint
+        wrench, turned = compute_momentum(algebra, bodies[joint], axes[joint]), joint
         while robot.joints[turned].parent >= 0:
             fill(turned, joint, turned, _turn_wrench(algebra, axes[turned], wrench))
             wrench = transform_wrench(algebra, frames[turned], wrench)
@@ -284,13 +260,11 @@ def compute_mass_derivatives(
         while robot.joints[before].parent >= 0:
             change = transform_body(algebra, frames[before], change, turn_matrix)
             before = robot.joints[before].parent
-            fill(joint, before, before, _push(algebra, change, axes[before]))
+            fill(joint, before, before, compute_momentum(algebra, change, axes[before]))
     return tuple(tuple(map(tuple, matrix)) for matrix in found)
 
 
-def _build_sweep(
-    recursion: Recursion[T], parameters: Parameters[T], meet: ProjectionFrame | None, *, double: bool
-) -> _Sweep[T]:
+def _build_sweep(recursion: Recursion[T], parameters: Parameters[T], *, double: bool) -> _Sweep[T]:
     rates = compute_screw_rates(recursion)
     robot, algebra = recursion.robot, recursion.algebra
     found = [
@@ -306,41 +280,33 @@ def _build_sweep(
             moved = transform_body(algebra, frame, part.body, turn_matrix)
             turning = _shift_turning(algebra, turning, momentum, frame.origin)
             found[parent] = _Composite(
-                body=add_bodies(algebra, left.body, moved),
-                turning=add_matrices(algebra, left.turning, turning),
-                momentum=algebra.add_vectors(left.momentum, momentum),
+                add_bodies(algebra, left.body, moved),
+                add_matrices(algebra, left.turning, turning),
+                algebra.add_vectors(left.momentum, momentum),
             )
     return _Sweep(
         recursion=recursion,
-        meet=meet,
         composites=found,
         axes=build_axis_screws(recursion),
         rates=[_double(recursion.algebra, rate) for rate in rates] if double else rates,
     )
 
 
-def compute_coriolis_matrix(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> Rows[T]:
-    """Return C with C_ij = sum of c_ijk dq_k, c the Christoffel symbols, in kg m^2/s.
-
-    `meet`: where the wrenches of composite bodies meet the screws of joints before them, as everywhere here.
-    """
-    return _build_sweep(recursion, parameters, meet, double=False).compute_coriolis_matrix()
+def compute_coriolis_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> Rows[T]:
+    """Return C with C_ij = sum of c_ijk dq_k, c the Christoffel symbols, in kg m^2/s."""
+    return _build_sweep(recursion, parameters, double=False).compute_coriolis_matrix()
 
 
-def compute_equation_terms(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> EquationTerms[T]:
+def compute_equation_terms(recursion: Recursion[T], parameters: Parameters[T]) -> EquationTerms[T]:
     """Return M, 2 C and the torques at rest, of gravity and springs, of tau = M ddq + C dq + rest.
 
     Of a joint gravity g takes -S' I (0, g): the momentum of its composite body times -g.
     """
     robot, algebra = recursion.robot, recursion.algebra
-    sweep = _build_sweep(recursion, parameters, meet, double=True)
+    sweep = _build_sweep(recursion, parameters, double=True)
     weights = []
     for part, screw, motion in zip(sweep.composites, sweep.axes, recursion.motions, strict=True):
-        force = _push(algebra, part.body, screw).force
+        force = compute_momentum(algebra, part.body, screw).force
         weights.append(algebra.neg(algebra.dot(force, motion.gravity)))
     still = (algebra.zero,) * robot.size
     return EquationTerms(
@@ -350,12 +316,10 @@ def compute_equation_terms(
     )
 
 
-def compute_torque_derivatives(
-    recursion: Recursion[T], parameters: Parameters[T], *, meet: ProjectionFrame | None = None
-) -> TorqueDerivatives[T]:
+def compute_torque_derivatives(recursion: Recursion[T], parameters: Parameters[T]) -> TorqueDerivatives[T]:
     """Return the derivatives of the joint torques without friction by q, dq and ddq (see above)."""
     algebra = recursion.algebra
-    sweep = _build_sweep(recursion, parameters, meet, double=True)
+    sweep = _build_sweep(recursion, parameters, double=True)
     spins = compute_acceleration_tensors(recursion)
     wrenches = accumulate_wrenches(recursion, compute_link_wrenches(recursion, parameters, spins))
     single = compute_screw_rates(recursion)
@@ -375,12 +339,15 @@ def compute_torque_derivatives(
 
     def compute_lower(joint: int) -> list[tuple[Wrench[T], Screws[T]]]:
         part, axis = sweep.composites[joint], sweep.axes[joint]
-        return [(_build_couple(algebra, part, axis), rates), (_push(algebra, part.body, axis), seconds)]
+        return [
+            (_build_couple(algebra, part, axis), rates),
+            (compute_momentum(algebra, part.body, axis), seconds),
+        ]
 
     def compute_upper(joint: int) -> Wrench[T]:
         part, axis, load = sweep.composites[joint], sweep.axes[joint], wrenches[joint]
         turned = _turn_wrench(algebra, axis, load)
-        pushed = _push(algebra, part.body, second[joint])
+        pushed = compute_momentum(algebra, part.body, second[joint])
         return add_wrenches(algebra, _turn_momentum(algebra, part, single[joint]), pushed, turned)
 
     rows = sweep.fill(compute_lower, compute_upper)

@@ -26,7 +26,7 @@ from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import BOOK_NAMES, get_book, write_code, write_sum, write_symbol
 from symid.notation import INERTIAL
-from symid.robot import Exact, Robot
+from symid.robot import Robot
 
 MOST_EXERCISES = 50
 """On one page."""
@@ -90,7 +90,7 @@ def _ask_torque(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
     robot = lesson.robot
     q = [round(float(x), 1) for x in rng.uniform(-1.5, 1.5, robot.freedom)]
     # Torques at rest, springs included, by the Newton-Euler recursion in doubles.
-    algebra = _FloatAlgebra(dict(robot.symbols))
+    algebra = dynamics.FloatAlgebra(dict(robot.symbols))
     values: dict[str, float] = {}
     for number, angle in enumerate(dynamics.spread_coordinates(robot, algebra, q)[: robot.size], start=1):
         values |= {f"s{number}": math.sin(angle), f"c{number}": math.cos(angle), f"q{number}": angle}
@@ -124,21 +124,6 @@ def _ask_effect(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
     prompt = "Which of these parameters can no motion of this robot show"
     prompt += f", and why? ({', '.join(name for name, _ in sorted(names))})"
     return Exercise(prompt=prompt, answer=f"{lost.name}: {lost.reason}", options=options)
-
-
-@dataclass(frozen=True, slots=True)
-class _FloatAlgebra(dynamics.OperatorAlgebra):
-    """Doubles; `symbols` has the values of symbolic lengths in m."""
-
-    symbols: dict[str, float]
-    zero = 0.0
-    one = 1.0
-
-    def constant(self, value: Exact) -> float:
-        return value.to_float(self.symbols)
-
-    def half(self, value: float) -> float:
-        return 0.5 * value
 
 
 # The sheet.

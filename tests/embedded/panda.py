@@ -11,8 +11,6 @@ import numpy as np
 
 from symid.robot.description import Robot
 
-__all__ = ["LINKS", "give_values"]
-
 # Mass; centre of mass in the link frame; xx, xy, xz, yy, yz, zz of the inertia about it.
 LINKS = (
     (4.970684, (0.003875, 0.002081, -0.04762), (0.70337, -0.000139, 0.006772, 0.70661, 0.019169, 0.009117)),

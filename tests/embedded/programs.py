@@ -11,8 +11,6 @@ import numpy as np
 from symid.codegen.functions import FunctionSpec, ModelCard, Port
 from symid.codegen.printing import write_literal
 
-__all__ = ["draw_inputs", "join_inputs", "split_outputs", "write_meter", "write_runner"]
-
 SPREAD = {
     "q": 2.9,
     "dq": 2.5,

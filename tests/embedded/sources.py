@@ -14,8 +14,6 @@ from symid.options import GenerateOptions
 from symid.robot.toml_reader import read_robot
 from tests.embedded.panda import give_values
 
-__all__ = ["ROBOTS", "Folder", "Sources", "with_folders"]
-
 ROBOTS = ("panda", "two_link", "two_link_elastic", "two_arms")
 
 

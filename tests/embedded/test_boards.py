@@ -100,18 +100,3 @@ def test_the_self_test_passes_on_a_board(folder, tmp_path, figure):
     last = printed.splitlines()[-1]
     assert last.startswith("0 of ")
     figure(f"self-test on {board.name} in QEMU, {folder.label}: {last}")
-
-
-def test_a_wrong_library_is_noticed(sources, find_reference, tmp_path):
-    """Guards the comparison: one sign changed in one function must show."""
-    folder = sources.get("two_arms", "double")
-    wanted = find_reference("two_arms")["gravity"]["g"]
-    assert np.abs(wanted).max() > 1.0
-    source = folder.path / f"{folder.prefix}_gravity.c"
-    changed = tmp_path / source.name
-    text = source.read_text()
-    assert "g[1] = " in text
-    changed.write_text(text.replace("g[1] = ", "g[1] = -"))
-    library = [changed if path == source else path for path in folder.library]
-    got = run_on_board(folder, tmp_path, library)
-    assert np.abs(got["gravity"]["g"] - wanted).max() > 1.0

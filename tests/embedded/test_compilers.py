@@ -1,7 +1,6 @@
 """Generated C under two compilers with every warning an error, under sanitizers, and under cppcheck."""
 
 import re
-import sys
 
 import pytest
 
@@ -85,20 +84,3 @@ def test_the_example_runs_under_sanitizers(folder, tmp_path, compiler):
     run_command(find_tool(compiler), *flags, *folder.library, example, "-lm", "-o", target)
     (error,) = re.findall(r"over 5 s: (\S+) rad", run_command(target))
     assert float(error) < 5e-3
-
-
-def test_the_same_bytes_under_another_hash_seed(sources, tmp_path, project, monkeypatch):
-    script = (
-        "import sys; from pathlib import Path; from tests.embedded.sources import Sources\n"
-        "Sources(Path('.'), Path(sys.argv[1])).get('two_link_elastic', 'float')\n"
-    )
-    monkeypatch.setenv("PYTHONHASHSEED", "12345")
-    monkeypatch.setenv("PYTHONPATH", str(project))
-    run_command(sys.executable, "-c", script, tmp_path, folder=project)
-    (other,) = tmp_path.iterdir()
-    folder = sources.get("two_link_elastic", "float")
-    assert sorted(path.name for path in other.iterdir()) == sorted(
-        path.name for path in folder.path.iterdir()
-    )
-    for path in folder.path.iterdir():
-        assert (other / path.name).read_bytes() == path.read_bytes(), path.name

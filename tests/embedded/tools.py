@@ -11,23 +11,6 @@ from pathlib import Path
 
 import pytest
 
-__all__ = [
-    "CORTEX_M4F",
-    "CORTEX_M7",
-    "OBJECTS",
-    "STRICT",
-    "Board",
-    "build_image",
-    "compile_object",
-    "find_tool",
-    "keep_object",
-    "read_sizes",
-    "read_undefined",
-    "run_command",
-    "run_image",
-    "trace_image",
-]
-
 BOARD = Path(__file__).parent / "board"
 PACKAGES = {
     "gcc": "gcc",

@@ -6,8 +6,8 @@ import numpy as np
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.routes import choose_route
 from symid.dynamics.base_parameters import derive_base_parameters
-from tests.chains import LWR4, PANDA, PUMA560, TWO_LINK, each_robot, run_program
-from tests.sx_programs import run_with_mpmath
+from tests.chains import LWR4, PANDA, PUMA560, TWO_LINK, each_robot
+from tests.sx_programs import run_program, run_with_mpmath
 
 # Of the largest element of all states; a solved system loses the digits that its matrix's condition costs.
 TOLERANCE = 2e-14

@@ -10,20 +10,14 @@ from hypothesis import given, settings, strategies as st
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.programs import count_operations
 from symid.codegen.routes import choose_route, list_routes
+from symid.dynamics.algebra import FloatAlgebra
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.newton_euler import compute_forward_dynamics
 from symid.dynamics.recursion import build_recursion
 from symid.robot.description import Mimic
-from tests.chains import (
-    assert_close,
-    build_chain,
-    build_pinocchio,
-    draw_parameters,
-    name_parameters,
-    run_program,
-    trees,
-)
-from tests.float_algebra import FloatAlgebra, build_float_state
+from tests.chains import assert_close, build_chain, build_pinocchio, draw_parameters, name_parameters, trees
+from tests.float_algebra import build_float_state
+from tests.sx_programs import run_program
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 

@@ -5,16 +5,8 @@ from hypothesis import given, settings
 
 from symid.codegen.functions import list_robot_specs
 from symid.dynamics.base_parameters import derive_base_parameters
-from tests.chains import (
-    PANDA,
-    PUMA560,
-    STANFORD,
-    TWO_LINK,
-    build_route_programs,
-    each_robot,
-    run_program,
-    trees,
-)
+from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, each_robot, trees
+from tests.sx_programs import run_program
 
 STEP = 1e-5
 NAMES = ("mass_matrix", "coriolis_matrix", "gravity", "slotine_li_regressor")

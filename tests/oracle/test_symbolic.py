@@ -27,9 +27,9 @@ from tests.chains import (
     assert_close,
     build_chain,
     follow,
-    run_program,
 )
 from tests.refusals import raises
+from tests.sx_programs import run_program
 
 PI = np.pi
 ROWS = [(0.0, 0, 0, "q"), (PI / 6, 0.2, 0.1, "q"), (PI / 3, 0.1, "q", 0.3), (PI / 2, 0, "L1", "q")]

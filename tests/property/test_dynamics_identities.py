@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from symid.codegen.casadi_functions import build_functions
+from symid.dynamics.algebra import FloatAlgebra
 from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
 from symid.dynamics.bodies import compute_drive_energy, compute_mass_matrix, list_drive_parameters
 from symid.dynamics.newton_euler import compute_inverse_dynamics
@@ -48,7 +49,7 @@ from tests.chains import (
     to_matrix,
     trees,
 )
-from tests.float_algebra import FloatAlgebra, build_float_state
+from tests.float_algebra import build_float_state
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 

@@ -187,5 +187,5 @@ def _build_card(robot, names, units, *, kind, joints, truth):
         joints=cards,
         beta=beta,
         friction=friction,
-        functions=list_specs(joints, len(beta), len(friction)),
+        functions=list_specs({"n": joints, "l": joints, "b": len(beta), "p": len(friction)}),
     )

@@ -128,16 +128,6 @@ def test_every_backend_has_an_entry_of_its_own(robot, tmp_path, c_compiler):
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_an_entry_that_was_tampered_with_is_made_again(robot, tmp_path, c_compiler):
-    prepare(robot, tmp_path, backend="casadi")
-    (entry,) = tmp_path.iterdir()
-    (entry / "gravity.casadi").unlink()
-    (entry / "gravity.casadi").write_text("{}")
-    found, said = prepare(robot, tmp_path, backend="casadi")
-    assert said[0] == "deriving"
-    assert [notice.code for notice in found.notices] == ["codegen.cache-rebuilt"]
-
-
 def test_a_compiler_that_is_missing_or_cannot_be_used_is_told_of(robot, tmp_path, c_compiler, monkeypatch):
     """CasADi's virtual machine serves in its place; nothing replaces C when it was asked for."""
     found, said = prepare(robot, tmp_path / "a", backend="casadi", compiler="no-such-compiler")

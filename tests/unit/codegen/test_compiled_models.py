@@ -1,7 +1,5 @@
 """The compiled plant and branches: kept under their keys, made again when damaged, told where they stand."""
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ from symid.codegen.compiled_models import (
     load_plant_code,
     run_compiled_branch,
 )
-from symid.errors import GenerationError, OutputError
+from symid.errors import GenerationError
 from symid.joint_models import Relays, SlipSpring, run_branch, run_element, strip_branch
 from tests.builds import run
 from tests.elements import ELEMENTS
@@ -38,17 +36,6 @@ def test_the_plant_is_made_once(tmp_path, c_compiler, monkeypatch):
     assert list(tmp_path.iterdir()) == [made]
 
 
-def test_a_damaged_file_is_made_again_and_said(tmp_path, c_compiler):
-    load_plant_code(cache=tmp_path / "first")
-    (made,) = (tmp_path / "first").glob("plant-*")
-    damaged = tmp_path / "second" / made.name
-    shutil.copytree(made, damaged)
-    (damaged / "plant.so").write_bytes(b"no library")
-    (notice,) = load_plant_code(cache=damaged.parent).notices
-    assert notice.code == "codegen.cache-rebuilt"
-    assert (damaged / "plant.so").read_bytes()[:4] == b"\x7fELF"
-
-
 def test_a_plant_that_does_not_load_is_an_error_and_none_without_a_compiler(
     tmp_path, c_compiler, monkeypatch
 ):
@@ -56,17 +43,6 @@ def test_a_plant_that_does_not_load_is_an_error_and_none_without_a_compiler(
     monkeypatch.setattr(compiled_models, "compile_sources", compile_nothing)
     with raises(GenerationError, "codegen.cannot-load"):
         load_plant_code(cache=tmp_path)
-
-
-def test_a_cache_that_cannot_be_written(tmp_path, c_compiler, monkeypatch):
-    blocked = tmp_path / "file"
-    blocked.write_text("")
-    with raises(OutputError, "output.cache"):
-        load_plant_code(cache=blocked / "cache")
-    monkeypatch.setattr(cache, "locate_user_folder", lambda: blocked / "cache")
-    monkeypatch.setattr(cache, "make_temporary_folder", lambda: tmp_path / "temporary")
-    (notice,) = load_plant_code().notices
-    assert notice.code == "codegen.cache-temporary"
 
 
 def test_the_source_compiles_without_a_warning(project, tmp_path, c_compiler):

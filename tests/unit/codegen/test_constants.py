@@ -14,7 +14,7 @@ from symid.errors import UsageError
 from symid.options import GenerateOptions
 from symid.robot import load_robot
 from tests.builds import build_shipped, make, run
-from tests.chains import run_program
+from tests.sx_programs import run_program
 
 
 def find_values(card):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from symid.codegen import ElementCode, generate_element
-from symid.errors import OutputError
 from symid.joint_models import describe_inverse, is_passive_element, needs_time, start_states
 from tests.builds import run
 from tests.elements import ELEMENTS
@@ -135,14 +134,6 @@ def test_an_element_without_inverse_has_none_and_says_why(tmp_path):
     header = (made.folder / "symid_gap.h").read_text()
     assert "_inverse" not in header
     assert "Inverse: none: within the backlash" in header
-
-
-def test_what_is_not_ours_is_not_touched(tmp_path):
-    (tmp_path / "code").mkdir()
-    (tmp_path / "code" / "notes.txt").write_text("mine")
-    with pytest.raises(OutputError):
-        write("stops", tmp_path / "code")
-    assert [path.name for path in (tmp_path / "code").iterdir()] == ["notes.txt"]
 
 
 def test_casadi_functions_load_elsewhere(tmp_path):

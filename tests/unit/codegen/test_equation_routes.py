@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from symid.codegen.equation_routes import _factorise
+from symid.codegen.equation_routes import _Factors
 from symid.codegen.programs import ExpressionTable
 
 PARENTS = st.integers(1, 12).flatmap(
@@ -33,7 +33,7 @@ def build_matrix(table, parents):
 @given(parents=PARENTS)
 def test_branches_of_a_tree_cost_nothing_to_each_other(parents):
     table = ExpressionTable()
-    factors = _factorise(table, build_matrix(table, parents))
+    factors = _Factors(table, build_matrix(table, parents))
     lower = [row[:joint] for joint, row in enumerate(factors.lower)]
     depths = [len(list_carriers(parents, joint)) for joint in range(len(parents))]
     count = table.count(chain(factors.inverses, *lower))
@@ -48,7 +48,7 @@ def test_branches_of_a_tree_cost_nothing_to_each_other(parents):
 class Numbers:
     """Numbers in place of a table's values."""
 
-    constant = staticmethod(float)
+    one = 1.0
     add = staticmethod(lambda a, b: a + b)
     mul = staticmethod(lambda a, b: a * b)
     div = staticmethod(lambda a, b: a / b)
@@ -62,6 +62,6 @@ def test_they_solve_and_invert_a_matrix(parents, seed):
         related[joint, list_carriers(parents, joint)] = True
     root = related * rng.normal(size=(n, n)) + 3.0 * np.eye(n)
     matrix, right = root.T @ root, rng.normal(size=n)
-    factors = _factorise(Numbers(), matrix.tolist())
+    factors = _Factors(Numbers(), matrix.tolist())
     assert factors.solve(right.tolist()) == pytest.approx(np.linalg.solve(matrix, right), rel=1e-9, abs=1e-12)
     assert np.array(factors.invert()) == pytest.approx(np.linalg.inv(matrix), rel=1e-9, abs=1e-12)

@@ -16,7 +16,6 @@ from symid.codegen.python_targets import generate_python_module
 from symid.codegen.references import compute_exact_outputs
 from symid.errors import GenerationError
 from tests.builds import build_shipped, make, run, spoil, write_c, write_python
-from tests.refusals import raises
 from tests.sx_programs import make_toy, run_with_mpmath
 
 
@@ -51,9 +50,8 @@ def use_every_operation(x):
         x[0] + x[1] * x[2],
         x[0] / (3 + x[1]),
         ca.sin(x[0]) - ca.cos(x[1]),
-        *(ca.tan(x[2]), ca.sqrt(ca.fabs(x[1])), ca.exp(x[2]), ca.tanh(x[0]), ca.sign(x[1])),
-        *(x[0] < x[1], x[0] <= x[1], ca.if_else(x[0] < x[1], x[2], -x[2])),
-        *(ca.fmax(x[0], x[1]), ca.fmin(x[0], x[2])),
+        *(ca.exp(x[2]), ca.tanh(x[0]), ca.sign(x[1]), ca.fabs(x[1])),
+        *(x[0] < x[1], x[0] <= x[1], ca.fmax(x[0], x[1]), ca.fmin(x[0], x[2])),
     )
 
 
@@ -61,12 +59,6 @@ def test_every_operation():
     values = np.random.default_rng(1).uniform(-1.5, 1.5, (20, 3))
     values[0] = (0.0, 0.0, 1.0)
     compare(make_toy(use_every_operation, x=3)[1], [values], 20)
-
-
-@pytest.mark.parametrize("build", [lambda x: 1 / (x * x - 0.25), lambda x: ca.sqrt(-1 - x * x)])
-def test_what_has_no_value_is_refused(build):
-    with raises(GenerationError, "codegen.no-reference"):
-        compute_exact_outputs(make_toy(build, x=1)[1], [make_exact(np.array([[0.5]]))], 1)
 
 
 @pytest.fixture(scope="module")
@@ -97,9 +89,7 @@ def build_toy(made, build):
     return Functions(card=card, programs=(program,), functions=(function,))
 
 
-@pytest.mark.parametrize(
-    "build", [lambda x: x / (x - x), lambda x: ca.sqrt(-1 - x * x), lambda x: ca.exp(x / 0)]
-)
+@pytest.mark.parametrize("build", [lambda x: x / (x - x), lambda x: ca.exp(x / 0)])
 def test_a_function_without_a_value_is_said(made, build):
     with pytest.raises(GenerationError) as caught:
         generate_c_library(build_toy(made, build))

@@ -5,26 +5,19 @@ import re
 import subprocess
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.integrate import solve_ivp
 
 from symid.codegen.cache import prepare_library
 from symid.codegen.casadi_functions import build_functions
-from symid.codegen.python_targets import generate_casadi_target, generate_python_module
-from symid.codegen.source_folder import write_sources
+from symid.codegen.python_targets import generate_python_module
 from symid.joint_models import FrictionValues
-from symid.options import GenerateOptions
 from symid.robot import load_robot
 from symid.robot.toml_reader import parse_robot
 from tests.builds import list_failed, make, run, spoil, write_c
 from tests.state_laws import (
-    LAWS,
     count_deflections,
-    find_rate,
-    find_torque,
     give_values,
     take_step,
     write_table,
@@ -189,20 +182,6 @@ def test_the_state_of_c_is_that_of_python_along_a_motion(functions, arm, tmp_pat
     assert not in_c.z.any()
 
 
-def test_casadi_functions_are_those_of_the_equations(functions, arm, tmp_path):
-    write_sources(generate_casadi_target(functions, GenerateOptions(states=3)), tmp_path / "casadi")
-    (path,) = (tmp_path / "casadi").rglob("*friction_step.casadi")
-    function = ca.Function.load(str(path))
-    values = np.array([entry.value for entry in functions.card.friction])
-    dq, way, z, load = draw_states(arm, 10)
-    for k in range(len(dq)):
-        given = functions.card.gather_friction_inputs(dq[k], q=dq[k], load=load[k], temperature=dq[k])[1:]
-        torque, after = function(dq[k], way[k], z[k], *given, values)
-        wanted, moved = compute_friction(arm, dq[k], z[k], load[k])
-        assert_allclose(torque.full()[:, 0], wanted, rtol=1e-12, atol=1e-12)
-        assert_allclose(after.full()[:, 0], moved, rtol=1e-12, atol=1e-16)
-
-
 def test_the_example_of_an_elastic_robot_moves_with_bristles(tmp_path, c_compiler):
     robot = load_robot("two_link_elastic")
     friction = FrictionValues(law="lugre", values=(1.0, 1.5, 0.4), shape=(0.1, 2.0), bristles=(2e4, 40.0))
@@ -211,40 +190,3 @@ def test_the_example_of_an_elastic_robot_moves_with_bristles(tmp_path, c_compile
     make(write_c(functions, tmp_path, states=5), c_compiler, "all", "check", flags=STRICT)
     said = run(tmp_path, "./control_loop").stdout
     assert float(re.search(r"tracking error .*?: (\S+) rad", said)[1]) < 5e-3
-
-
-@pytest.mark.parametrize("law", [law for law in LAWS if "sigma0" in give_values(law)])
-def test_a_held_step_is_the_solution_of_the_bristle_equation(law):
-    """`take_step`, which all targets equal, against an implicit solver."""
-    p = give_values(law)
-    for v, z0 in ((0.003, 0.0), (0.2, -1e-4), (-0.04, 1.5e-4)):
-        solved = solve_ivp(
-            lambda _t, z, v=v: [find_rate(p, v, z[0])], (0, 5e-3), [z0], "Radau", rtol=1e-11, atol=1e-16
-        )
-        torque, (z,) = take_step(p, v, 5e-3, [z0])
-        assert z == pytest.approx(solved.y[0, -1], rel=1e-8, abs=1e-13)
-        assert torque == pytest.approx(find_torque(p, v, solved.y[:, -1]), rel=1e-8)
-
-
-def test_a_loop_of_dahl_has_the_area_of_its_closed_form():
-    """Between turns at +-A the height is fC tanh(sigma0 A / fC), the area 4 fC (A - height / sigma0)."""
-    robot = parse_robot(
-        HEAD.format("one") + JOINT.format(number=0, alpha=0, friction=write_table("dahl", Fv=0.0))
-    )
-    library = prepare_library(robot, names=FEW, backend="python")
-    values = np.array([entry.value for entry in library.card.friction])
-    p, far, count = give_values("dahl"), 3e-4, 4000
-    way = np.full(count, 2.0 * far / count)
-    path = np.concatenate([way[: count // 2], -way, way, -way, way])
-    z, torques = np.zeros(1), []
-    for step in path:
-        torque, z = library.evaluate(
-            "friction_step", np.zeros((1, 1)), np.array([[step]]), z.reshape(1, 1), values
-        )
-        torques.append(float(torque[0, 0]))
-    height = p["Fc"] * np.tanh(p["sigma0"] * far / p["Fc"])
-    assert torques[-1] == pytest.approx(height, rel=1e-9)
-    loop = np.array([-height, *torques[-count:]])
-    back = np.array([height, *torques[-2 * count : -count]])
-    area = np.trapezoid(loop, dx=way[0]) - np.trapezoid(back, dx=way[0])
-    assert area == pytest.approx(4.0 * p["Fc"] * (far - height / p["sigma0"]), rel=1e-5)

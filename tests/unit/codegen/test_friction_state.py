@@ -102,20 +102,6 @@ def test_an_evaluation_agrees_with_numpy_and_with_mpmath(name, compiled):
                 assert abs(found - array) <= 1e-14 * term
 
 
-def test_a_run_agrees_with_numpy(name, compiled):
-    law, values = get_dynamic_law(name), VALUES[name]
-    time = np.arange(50_000) * 1e-3
-    # Presliding, reversals, slip and standstill.
-    velocity = 0.05 * np.sin(3.0 * time) * np.sin(0.31 * time) + 0.003 * np.sin(40.0 * time)
-    velocity[20_000:21_000] = 0.0
-    run = simulate_dynamic_friction(law, values, build_held_path(velocity, 1e-3))
-    assert compiled.begin(values) == OK
-    moved = np.array([compiled.move(held, 1e-3) for held in velocity.tolist()])
-    assert np.all(moved[:, 0] == OK)
-    assert np.abs(moved[:, 1] - run.state).max() <= 1e-10 * np.abs(run.state).max()
-    assert np.abs(moved[:, 2] - run.torque).max() <= 1e-10 * np.abs(run.torque).max()
-
-
 def test_floats_compile_and_agree_to_their_precision(tmp_path, c_compiler, name):
     law, values = get_dynamic_law(name), VALUES[name]
     compiled = Compiled(tmp_path, c_compiler, name, "float")

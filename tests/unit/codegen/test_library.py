@@ -87,37 +87,39 @@ def test_byte_code_beside_a_module_is_not_run(made, tmp_path):
     assert not (tmp_path / "p" / "__pycache__").exists()
 
 
+def test_an_unknown_function_is_refused(library):
+    for call in (library.evaluate, library.bind):
+        with raises(UsageError, "usage.unknown-function", match="'mass'"):
+            call("mass")
+
+
 Q = np.ones(2)
-# What stands for q and beta; None is the right vector of parameters.
+# What stands for q and beta, None is the right vector of parameters; and what the refusal names.
 WRONG = {
-    "nothing": (),
-    "count": (Q,),
-    "too many": (Q,) * 9,
-    "none": (None, None),
-    "shape": (np.ones(3), None),
-    "size": (Q[:1], None),
-    "scalar": (0.5, None),
-    "batch": (np.ones((3, 2)), None),
-    "ragged": ([[1.0], [2.0, 3.0]], None),
-    "text": (["1", "2"], None),
-    "complex": (Q + 1j, None),
-    "objects": ([None, 1.0], None),
-    "parameters": (Q, Q),
+    "nothing": ((), "0 arrays"),
+    "count": ((Q,), r"q, beta.*\b1\b"),
+    "too many": ((Q,) * 9, r"\b9\b"),
+    "none": ((None, None), "'q'"),
+    "shape": ((np.ones(3), None), r"'q'.*\(2,\)"),
+    "size": ((Q[:1], None), "'q'"),
+    "scalar": ((0.5, None), "'q'"),
+    "batch": ((np.ones((3, 2)), None), "'q'"),
+    "ragged": (([[1.0], [2.0, 3.0]], None), "'q'"),
+    "text": ((["1", "2"], None), "'q'"),
+    "complex": ((Q + 1j, None), "'q'"),
+    "objects": (([None, 1.0], None), "'q'"),
+    "parameters": ((Q, Q), "'beta'"),
 }
-
-
-def find_wrong(library, wrong):
-    beta = np.ones(len(library.card.beta))
-    return [beta if value is None else value for value in WRONG[wrong]]
 
 
 @pytest.mark.parametrize("wrong", sorted(WRONG))
 def test_what_is_no_array_of_real_numbers_or_not_one_sample_is_refused(library, wrong):
     beta = np.ones(len(library.card.beta))
-    values = [beta if value is None and k else value for k, value in enumerate(WRONG[wrong])]
+    given, named = WRONG[wrong]
+    values = [beta if value is None and k else value for k, value in enumerate(given)]
     calls = [library.bind("gravity"), partial(library.evaluate, "gravity")]
     for call in calls[: 1 if wrong == "batch" else 2]:
-        with raises(UsageError, "usage.shape"):
+        with raises(UsageError, "usage.shape", match=named):
             call(*values)
 
 

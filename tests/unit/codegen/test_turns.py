@@ -15,8 +15,8 @@ from symid.codegen.routes import choose_route, list_routes
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.frame_choice import list_constant_rotations, remove_constant_rotations
 from symid.robot.geometry import Exact, build_exact_angle, place_modified_dh
-from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, run_program, trees
-from tests.sx_programs import make_spec
+from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, trees
+from tests.sx_programs import make_spec, run_program
 
 ROWS = [(0.0, 0.0, 0.3), (np.pi / 2, 0.1, 0.0), (0.0, 0.4, 0.1), (np.pi / 3, 0.02, 0.0)]
 
@@ -75,7 +75,7 @@ def test_both_ways_give_the_same_numbers_and_the_cheaper_is_taken(robot):
         workspace = build_workspace(robot, base, spec, turns)
         plain = build_route_programs(robot, base, spec)
         for name, build in list_routes(robot, spec.name).items():
-            program = workspace.table.build_program(spec, workspace.recall(build))
+            program = workspace.algebra.build_program(spec, workspace.recall(build))
             for mine, theirs in zip(
                 run_program(program, inputs), run_program(plain[name], inputs), strict=True
             ):

@@ -40,11 +40,20 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_a_new_folder_holds_all_files_and_nothing_else_is_left(tmp_path):
-    paths = write_sources(sources(a="1", b="2"), tmp_path / "out")
-    assert [path.name for path in paths] == ["a.c", "b.c", MANIFEST]
-    assert names(tmp_path / "out") == ["a.c", "b.c", MANIFEST]
+@pytest.mark.parametrize("kind", ["new", "empty", "current"])
+def test_a_folder_holds_all_files_and_nothing_else_is_left(tmp_path, monkeypatch, kind):
+    out = tmp_path / "out"
+    if kind != "new":
+        out.mkdir(mode=0o750)
+        before = out.stat()
+    if kind == "current":
+        monkeypatch.chdir(out)
+    paths = write_sources(sources(a="1", b="2"), Path() if kind == "current" else out)
+    assert [path.name for path in paths] == names(out) == ["a.c", "b.c", MANIFEST]
     assert names(tmp_path) == ["out"]
+    if kind != "new":
+        after = out.stat()
+        assert (after.st_ino, after.st_mode) == (before.st_ino, before.st_mode)
 
 
 def test_stale_files_go_if_unchanged_and_a_users_files_stay(tmp_path):
@@ -154,37 +163,6 @@ def test_an_interrupted_second_write_can_be_repeated(tmp_path, monkeypatch):
     assert names(tmp_path) == ["out"]
     write_sources(sources(a="2", b="2"), out)
     assert [(out / name).read_text() for name in ("a.c", "b.c")] == ["2", "2"]
-
-
-def test_an_existing_empty_folder_stays_the_same_folder(tmp_path):
-    out = tmp_path / "out"
-    out.mkdir(mode=0o750)
-    before = out.stat()
-    write_sources(sources(a="1"), out)
-    after = out.stat()
-    assert (after.st_ino, after.st_mode) == (before.st_ino, before.st_mode)
-    assert names(out) == ["a.c", MANIFEST]
-    assert names(tmp_path) == ["out"]
-
-
-def test_the_current_folder_can_be_written(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    write_sources(sources(a="1"), Path())
-    assert sorted(path.name for path in Path().iterdir()) == ["a.c", MANIFEST]
-
-
-@pytest.mark.parametrize("first", [True, False])
-def test_after_an_interrupted_update_another_one_needs_no_force(tmp_path, monkeypatch, first):
-    out = tmp_path / "out"
-    out.mkdir()
-    if not first:
-        write_sources(sources(a="1", b="1"), out)
-    with fail_at(monkeypatch, 3, KeyboardInterrupt()), pytest.raises(KeyboardInterrupt):
-        write_sources(sources(a="2", b="2", c="2"), out)
-    assert (out / "a.c").read_text() == "2"
-    write_sources(sources(a="3", c="3"), out)
-    assert names(out) == ["a.c", "c.c", MANIFEST]
-    assert (out / "a.c").read_text() == "3"
 
 
 def test_after_an_interrupted_update_an_edited_file_is_still_told(tmp_path, monkeypatch):
@@ -313,14 +291,6 @@ def test_an_update_leaves_files_of_others_the_same_ones(tmp_path):
     assert (after.st_ino, after.st_mtime_ns, after.st_nlink) == (before.st_ino, before.st_mtime_ns, 1)
     assert [path.stat().st_mode & 0o777 for path in (out, out / "own")] == [0o750, 0o750]
     assert names(tmp_path) == ["out"]
-
-
-def test_the_working_folder_stays_the_same_one(tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    prepare_old(out)
-    monkeypatch.chdir(out / "own")
-    write_sources(sources(a="3"), out)
-    assert Path("../a.c").read_text() == "3"
 
 
 def find_identity(path):

@@ -1,5 +1,6 @@
 """Base sets by form, null space, standard parameters, names and reasons of all parameters."""
 
+import re
 from dataclasses import replace
 from fractions import Fraction
 
@@ -25,12 +26,6 @@ def derive_reasons(robot, **options):
 @pytest.mark.parametrize(("robot", "counts"), KNOWN.items(), ids=lambda value: getattr(value, "name", ""))
 def test_counts_by_form(robot, counts):
     assert tuple(derive_base_parameters(robot, form=form).count for form in BASE_FORMS) == counts
-
-
-def test_a_form_without_motion_says_so():
-    at_rest, momentum = (derive_reasons(TWO_LINK, form=form) for form in ("gravity", "momentum"))
-    assert at_rest["ZZ2"] == "no effect on torques at rest: link 2 turns about its z axis only"
-    assert momentum["MX1"].startswith("no effect on the momentum:")
 
 
 @each_robot(*KNOWN)
@@ -92,32 +87,12 @@ def test_springs_show_and_their_preload_joins_an_offset():
     assert reasons["KS1"] == "no effect on the momentum: spring of joint 1"
 
 
-def test_an_offset_shared_by_a_coupled_drive_is_explained():
-    friction = FrictionValues(law="coulomb-viscous-offset")
-    robot = build_chain([(0.0, 0, 0, "q")] * 2, friction="coulomb-viscous-offset")
-    reasons = derive_reasons(couple(robot, (0, 1), (1, 1), friction=friction))
-    assert reasons["offsetm"].startswith("grouped into offsetR1, offsetR2: it is a constant torque")
-
-
 def test_units_and_reasons_of_a_drive_that_turns_and_slides():
     rows = [(0.0, 0, 0, "q"), (PI / 3, 0, "q", 0.0)]
     arm = build_chain(rows, rotors=True)
     mixed, sliding = (couple(arm, *terms, has_rotor=True) for terms in (((1, 1), (0, 1)), ((1, 1),)))
     assert get_label_unit(mixed, (2, "IA")) == "kg m^2", "whatever the order of its joints"
     assert get_label_unit(sliding, (2, "IA")) == "kg"
-
-
-def test_a_drive_whose_factors_cancel_stands_still():
-    robot = couple(follow(build_chain(ELBOW), 1, 0), (0, 1), (1, 1), has_rotor=True)
-    reason = derive_reasons(robot)["IAm"]
-    assert reason.startswith("no effect on joint torques: rotor of drive m, ")
-    assert "cancel" in reason
-
-
-def test_the_steps_of_a_follower_are_no_constants():
-    reasons = derive_reasons(follow(build_chain(ELBOW, friction="asymmetric"), 1, 0, "-1/2"))
-    assert reasons["Fcp2"].startswith("grouped into FcnR1: ")
-    assert "constant" not in reasons["Fcp2"]
 
 
 def test_what_would_not_end_is_refused():
@@ -156,23 +131,36 @@ def test_every_parameter_has_a_reason():
     base = derive_base_parameters(PANDA)
     accounted = {p.label for p in base.parameters} | {e.label for e in base.eliminated}
     assert accounted == set(base.labels)
-    reasons = {e.name: e.reason for e in base.eliminated}
-    assert reasons["M7"].startswith("grouped into XXR2, ZZR2, MYR2")
-    assert "moves with link 6" in reasons["M7"]
-    assert reasons["XX1"] == "no effect on joint torques: link 1 turns about its z axis only"
-    assert "XX4 - YY4" in reasons["YY4"]
-
-
-def test_reasons_name_the_group():
-    base = derive_base_parameters(TWO_LINK)
-    first = base.parameters[0]
+    first = derive_base_parameters(TWO_LINK).parameters[0]
     assert (first.name, first.expression) == ("ZZR1", "ZZ1 + 0.25*M2")
-    assert " with M2: mass " in first.reason
-    assert "joint 2" in first.reason
-    assert first.reason.endswith("link 1")
+    assert re.search(r" with M2: mass .*joint 2.*link 1$", first.reason)
 
 
-def test_slides_do_not_turn():
-    base = derive_base_parameters(build_chain([(0.0, 0, "q", 0.0), (PI / 2, 0, "q", 0.0), (0.0, 0, 0, "q")]))
-    reasons = {e.name: e.reason for e in base.eliminated}
-    assert "link 1 never turns" in reasons["ZZ1"]
+SLIDES = build_chain([(0.0, 0, "q", 0.0), (PI / 2, 0, "q", 0.0), (0.0, 0, 0, "q")])
+OFFSETS = build_chain([(0.0, 0, 0, "q")] * 2, friction="coulomb-viscous-offset")
+OFFSET = FrictionValues(law="coulomb-viscous-offset")
+STILL = couple(follow(build_chain(ELBOW), 1, 0), (0, 1), (1, 1), has_rotor=True)
+STEPS = follow(build_chain(ELBOW, friction="asymmetric"), 1, 0, "-1/2")
+
+
+@pytest.mark.parametrize(
+    ("robot", "form", "name", "reason"),
+    [
+        (PANDA, "torque", "M7", "grouped into XXR2, ZZR2, MYR2.*moves with link 6"),
+        (PANDA, "torque", "XX1", "no effect on joint torques: link 1 turns about its z axis only$"),
+        (PANDA, "torque", "YY4", ".*XX4 - YY4"),
+        (SLIDES, "torque", "ZZ1", ".*link 1 never turns"),
+        (TWO_LINK, "gravity", "ZZ2", "no effect on torques at rest: link 2 turns about its z axis only$"),
+        (TWO_LINK, "momentum", "MX1", "no effect on the momentum:"),
+        (
+            couple(OFFSETS, (0, 1), (1, 1), friction=OFFSET),
+            "torque",
+            "offsetm",
+            "grouped into offsetR1, offsetR2: it is a constant torque",
+        ),
+        (STILL, "torque", "IAm", "no effect on joint torques: rotor of drive m, .*cancel"),
+        (STEPS, "torque", "Fcp2", "grouped into FcnR1: (?!.*constant)"),
+    ],
+)
+def test_reasons_say_why(robot, form, name, reason):
+    assert re.match(reason, derive_reasons(robot, form=form)[name])

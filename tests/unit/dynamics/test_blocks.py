@@ -3,48 +3,42 @@
 from dataclasses import replace
 from fractions import Fraction
 
+import pytest
+
 from symid.dynamics.observable_subspace import split_into_blocks
 from symid.robot.description import Coupling
 from tests.chains import build_chain, build_joint, follow
 
 ROW = (0.3, 0.1, 0.2, "q")
+COUPLING = Coupling(name="m3", terms=((1, Fraction(1)), (2, Fraction(1))), has_rotor=True)
 
 
-def list_blocks(robot):
-    return [(block.base, block.joints) for block in split_into_blocks(robot)]
+def build(size, **parents):
+    """Return a chain, some of whose joints (j3 is number 3) hang on another link."""
+    chain = build_chain([ROW] * size)
+    joints = list(chain.joints)
+    for name, parent in parents.items():
+        joints[int(name[1:])] = build_joint(int(name[1:]), ROW, parent=parent)
+    return replace(chain, joints=tuple(joints))
 
 
-def test_every_joint_is_a_block_of_its_own():
-    assert list_blocks(build_chain([ROW] * 3)) == [(-1, (0,)), (0, (1,)), (1, (2,))]
-
-
-def test_a_follower_takes_what_lies_between():
-    robot = follow(build_chain([ROW] * 5), 3, 1)
-    assert list_blocks(robot) == [(-1, (0,)), (0, (1, 2, 3)), (3, (4,))]
-    assert [block.coordinates for block in split_into_blocks(robot)] == [(0,), (1, 2), (3,)]
-
-
-def test_two_fingers_hang_on_one_hand():
-    hand = build_chain([ROW] * 4)
-    joints = [*hand.joints[:3], build_joint(3, ROW, parent=1)]
-    robot = follow(replace(hand, joints=tuple(joints)), 3, 2)
-    assert list_blocks(robot) == [(-1, (0,)), (0, (1,)), (1, (2, 3))]
-
-
-def test_blocks_that_overlap_are_one():
-    robot = follow(follow(build_chain([ROW] * 6), 2, 0), 4, 1)
-    assert list_blocks(robot) == [(-1, (0, 1, 2, 3, 4)), (4, (5,))]
-
-
-def test_a_coupled_drive_joins_its_joints():
-    coupling = Coupling(name="m3", terms=((1, Fraction(1)), (2, Fraction(1))), has_rotor=True)
-    robot = replace(build_chain([ROW] * 4), couplings=(coupling,))
-    assert list_blocks(robot) == [(-1, (0,)), (0, (1, 2)), (2, (3,))]
-    assert [block.couplings for block in split_into_blocks(robot)] == [(), (0,), ()]
-
-
-def test_arms_that_follow_each_other_are_one_block_from_the_base():
-    two = build_chain([ROW] * 4)
-    joints = (two.joints[0], two.joints[1], build_joint(2, ROW, parent=-1), build_joint(3, ROW, parent=2))
-    robot = follow(replace(two, joints=joints), 3, 1)
-    assert list_blocks(robot) == [(-1, (0, 1, 2, 3))]
+@pytest.mark.parametrize(
+    ("robot", "blocks"),
+    [
+        (build(3), [(-1, (0,)), (0, (1,)), (1, (2,))]),
+        # A follower takes what lies between.
+        (follow(build(5), 3, 1), [(-1, (0,)), (0, (1, 2, 3)), (3, (4,))]),
+        # Two fingers hang on one hand.
+        (follow(build(4, j3=1), 3, 2), [(-1, (0,)), (0, (1,)), (1, (2, 3))]),
+        # Blocks that overlap are one.
+        (follow(follow(build(6), 2, 0), 4, 1), [(-1, (0, 1, 2, 3, 4)), (4, (5,))]),
+        (replace(build(4), couplings=(COUPLING,)), [(-1, (0,)), (0, (1, 2)), (2, (3,))]),
+        # Arms that follow each other are one block from the base.
+        (follow(build(4, j2=-1), 3, 1), [(-1, (0, 1, 2, 3))]),
+    ],
+)
+def test_blocks_are_joints_that_belong_together(robot, blocks):
+    found = split_into_blocks(robot)
+    assert [(block.base, block.joints) for block in found] == blocks
+    assert sum((block.couplings for block in found), ()) == tuple(range(len(robot.couplings)))
+    assert sorted(sum((block.coordinates for block in found), ())) == list(range(robot.freedom))

@@ -28,7 +28,6 @@ from symid.robot.toml_reader import read_robot
 from tests.chains import (
     PANDA,
     PUMA560,
-    RIGHT_ANGLES,
     STANFORD,
     TWO_LINK,
     build_chain,
@@ -37,7 +36,6 @@ from tests.chains import (
     each_robot,
     name_parameters,
     set_inertia,
-    trees,
 )
 from tests.refusals import raises
 
@@ -119,30 +117,6 @@ def test_bodies_have_the_base_values_and_the_same_torques(robot, own_prior):
         state = rng.uniform(-3, 3, (3, robot.size))
         torques = pin.rnea(theirs, theirs.createData(), *state)
         np.testing.assert_allclose(pin.rnea(ours, ours.createData(), *state), torques, atol=1e-9)
-
-
-@settings(max_examples=25, deadline=None)
-@given(robot=trees(most=4, rotors=True, angles=RIGHT_ANGLES), seed=st.integers(0, 99))
-def test_bodies_have_the_base_values_on_random_trees(robot, seed):
-    rng = np.random.default_rng(seed)
-    base, truth = derive_base_parameters(robot), draw_parameters(rng, robot.size)
-    rotors = {label: rng.uniform(0.01, 2) for label in base.labels if label[1] == "IA"}
-    beta = group(robot, truth, rotors, base)
-    found = find_set(robot, base, beta)
-    assert found.outcome is StandardOutcome.CONSISTENT
-    assert_bodies(found.pi)
-    drives = dict.fromkeys(rotors, 1.0) | dict(found.drives)
-    assert min(drives.values(), default=1.0) > 0
-    error = group(robot, found.pi, drives, base) - beta
-    assert np.abs(error).max() < 1e-10 * max(1.0, np.abs(beta).max())
-
-
-@EACH_ROBOT
-def test_a_prior_that_has_the_base_values_comes_back(robot):
-    truth = draw_parameters(np.random.default_rng(4), robot.size)
-    found = find_set(robot, derive_base_parameters(robot), group(robot, truth), prior=truth)
-    np.testing.assert_allclose(found.pi, truth, atol=1e-11)
-    assert abs(found.distance) < 1e-11
 
 
 def test_values_of_the_robot_file_come_back_from_their_base_values():
@@ -232,25 +206,6 @@ def find_sizes(robot, base, prior):
     return np.sqrt(np.sum((roots.transpose(0, 2, 1) @ forms @ roots) ** 2, axis=(1, 2, 3)))
 
 
-def find_slope(function, pi, step=1e-6):
-    """Return the gradient of a function of pi (n, 10) by central differences."""
-    units = step * np.eye(pi.size).reshape(-1, *pi.shape)
-    return np.array([(function(pi + unit) - function(pi - unit)) / (2 * step) for unit in units])
-
-
-@each_robot(TWO_LINK, PUMA560)
-def test_the_distance_is_stationary_along_all_that_base_values_allow(robot):
-    """Its gradient, by finite differences, is a combination of the rows of K."""
-    rng = np.random.default_rng(8)
-    base, prior = derive_base_parameters(robot), draw_parameters(rng, robot.size)
-    found = find_set(robot, base, group(robot, draw_parameters(rng, robot.size)), prior=prior)
-    slope = find_slope(lambda pi: measure(pi, prior), np.array(found.pi))
-    rows = build_grouping(robot, base).matrix
-    rest = slope - rows.T @ np.linalg.lstsq(rows.T, slope, rcond=None)[0]
-    assert np.abs(rest).max() < 1e-6 * np.abs(slope).max()
-    assert np.abs(slope).max() > 1
-
-
 def draw_problem(rng, deviation):
     blocks = rng.normal(size=(3, 2, 4, 4))
     return BodyProblem(
@@ -335,17 +290,6 @@ def test_base_values_that_contradict_each_other_are_named():
     assert_bodies(found.pi)
 
 
-@settings(max_examples=20, deadline=None)
-@given(robot=st.sampled_from(ROBOTS), seed=st.integers(0, 99))
-def test_any_base_values_give_bodies(robot, seed):
-    rng = np.random.default_rng(seed)
-    base = derive_base_parameters(robot)
-    found = find_set(robot, base, rng.normal(size=base.count))
-    assert_bodies(found.pi)
-    assert found.stationarity < 1e-6
-    assert bool(found.blamed) == (found.outcome is StandardOutcome.NEAREST)
-
-
 def test_base_values_may_be_known_in_part():
     truth = draw_parameters(np.random.default_rng(10), 6)
     base = derive_base_parameters(PUMA560)
@@ -356,17 +300,6 @@ def test_base_values_may_be_known_in_part():
     assert found.outcome is StandardOutcome.CONSISTENT
     reached = name_values(base, group(PUMA560, found.pi, base=base))
     assert {name: reached[name] for name in known} == pytest.approx(known, abs=1e-10)
-
-
-def test_a_distance_does_not_depend_on_units_or_frames():
-    """A congruence P -> T P T' of every pseudo-inertia leaves the distance as it is."""
-    rng = np.random.default_rng(12)
-    left, right = (build_pseudo_inertias(draw_parameters(rng, 1)) for _ in range(2))
-    change = rng.normal(size=(4, 4))
-    turned = [compute_standard_parameters(change @ body @ change.T) for body in (left, right)]
-    assert measure(*turned) == pytest.approx(
-        measure(compute_standard_parameters(left), compute_standard_parameters(right)), rel=1e-9
-    )
 
 
 def test_an_offset_that_is_part_of_a_weight_may_have_any_sign():
@@ -563,11 +496,3 @@ def test_the_written_bodies_are_as_near_to_an_estimate_as_the_truth(robot, seed,
     written = np.linalg.solve(root, found.residual)
     # What the distance to the prior may add, a hundredth beside half of the squares.
     assert written @ written <= error @ error + 0.02 * measure(truth, prior)
-
-
-def test_the_same_input_gives_the_same_set():
-    base = derive_base_parameters(PANDA)
-    beta = np.random.default_rng(19).normal(size=base.count)
-    first, second = (find_set(PANDA, base, beta) for _ in range(2))
-    assert first.pi.tobytes() == second.pi.tobytes()
-    assert (first.blamed, first.reason) == (second.blamed, second.reason)

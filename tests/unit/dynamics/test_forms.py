@@ -13,7 +13,7 @@ from symid.dynamics.base_parameters import (
     derive_base_parameters,
     derive_parameter_formulas,
 )
-from symid.errors import RobotError, UsageError
+from symid.errors import RobotError
 from symid.joint_models import FrictionValues
 from symid.robot.description import Drive
 from symid.robot.toml_reader import parse_robot, read_robot
@@ -123,15 +123,6 @@ def with_values(robot, parameters, **fields):
     return dataclasses.replace(robot, joints=joints)
 
 
-def test_values_follow_the_grouping():
-    parameters = draw_parameters(np.random.default_rng(0), 2)
-    robot = with_values(TWO_LINK, parameters)
-    values = compute_parameter_values(robot, derive_base_parameters(robot))
-    assert values["ZZR1"] == pytest.approx(parameters[0, 5] + 0.25 * parameters[1, 9], rel=1e-15)
-    assert values["MXR1"] == pytest.approx(parameters[0, 6] + 0.5 * parameters[1, 9], rel=1e-15)
-    assert len(values) == 6
-
-
 def test_drive_and_friction_values():
     parameters = draw_parameters(np.random.default_rng(0), 2)
     robot = with_values(
@@ -142,6 +133,7 @@ def test_drive_and_friction_values():
     )
     values = compute_parameter_values(robot, derive_base_parameters(robot))
     assert values["ZZR1"] == pytest.approx(parameters[0, 5] + 0.25 * parameters[1, 9] + 0.2, rel=1e-15)
+    assert values["MXR1"] == pytest.approx(parameters[0, 6] + 0.5 * parameters[1, 9], rel=1e-15)
     assert (values["IA2"], values["Fv1"], values["Fc2"]) == (0.2, 0.3, 0.4)
 
 
@@ -172,8 +164,3 @@ def test_code_needs_values_of_symbols():
     arm = build_chain([(0.0, 0, 0, "q"), (0.0, "L1", 0, "q")])
     with raises(RobotError, "robot.symbol-without-value", match="value for the symbolic length L1"):
         build_functions(arm)
-
-
-def test_unknown_function_names_the_catalogue():
-    with raises(UsageError, "usage.unknown-function", match="inverse_dynamics"):
-        build_functions(TWO_LINK, names=("inverse_dynamic",))

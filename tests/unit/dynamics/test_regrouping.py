@@ -97,11 +97,6 @@ def test_other_groups_of_the_same_space(base):
     assert len(found.rows) + len(found.absent) == len(found.names)
 
 
-def test_a_group_that_nothing_shows_is_refused(base):
-    with raises(UsageError, "usage.other-groups", match=r"group 1 .*: M1 is left"):
-        derive_regrouping(base, [{(0, "M"): Fraction(1)}])
-
-
 def test_a_group_that_nothing_shows_is_told_with_what_is_left(robot, base):
     found = []
     for text in ("Izz1", "Ixx2 - 1.0*Iyy2"):
@@ -158,18 +153,10 @@ def _add(first, second):
     return {label: first.get(label, 0) + second.get(label, 0) for label in (*first, *second)}
 
 
-def test_groups_that_repeat_each_other_are_refused(base):
-    group = {(5, "Fv"): Fraction(1)}
-    with pytest.raises(UsageError, match=r"the 2 groups .* group 2 follows from group 1;"):
-        derive_regrouping(base, [group, group])
-
-
 COUPLINGS = ({4: Fraction(1), 5: Fraction(1)}, {0: Fraction(-3, 2), 5: Fraction(2)})
 
 
-@pytest.fixture(
-    scope="module", params=[{4: Fraction(1), 5: Fraction(1)}, {0: Fraction(-3, 2), 5: Fraction(2)}]
-)
+@pytest.fixture(scope="module", params=COUPLINGS)
 def case(request, robots_folder):
     """Return a robot whose motor turns with two joints, its base parameters and their own rows."""
     robot = read_robot(robots_folder / "tx40.toml")

@@ -7,6 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from symid.dynamics.algebra import FloatAlgebra
 from symid.dynamics.recursion import build_recursion
 from symid.dynamics.regressors import compute_torque_columns
 from symid.joint_models import FrictionValues
@@ -19,7 +20,7 @@ from symid.robot.simulator_writers import write_urdf
 from symid.robot.toml_reader import read_robot
 from symid.robot.urdf_reader import parse_urdf
 from tests.chains import PANDA, PUMA560, STANFORD, build_joint, fill, find_pinocchio_torques
-from tests.float_algebra import FloatAlgebra, build_float_state
+from tests.float_algebra import build_float_state
 from tests.urdfs import find_torques
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
