@@ -52,7 +52,6 @@ from symid.robot import (
     list_urdf_omissions,
     list_usd_omissions,
     parse_robot,
-    parse_urdf,
     parse_xml_robot,
     read_urdf_text,
     rewrite_mjcf,
@@ -285,7 +284,7 @@ def _read_back(text: str, suffix: str, source: Path, made: SourceFile | None = N
     Raises:
         EstimateError: such a file cannot have these values.
     """
-    readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_urdf}
+    readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_xml_robot}
     try:
         if made is not None:
             return parse_xml_robot(text, made.file, base=made.base, tip=made.tip, snap=made.snap).notices

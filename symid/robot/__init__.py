@@ -93,7 +93,6 @@ if TYPE_CHECKING:
         to_decimal as to_decimal,
     )
     from symid.robot.toml_writer import move_source as move_source, write_robot as write_robot
-    from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
     from symid.robot.urdf_xml import read_urdf_text as read_urdf_text
     from symid.robot.xml_rewriters import rewrite_mjcf as rewrite_mjcf, rewrite_urdf as rewrite_urdf
 else:

@@ -318,7 +318,7 @@ class SourceFile:
 
     Args:
         file: its path; sha256: of its text, in hexadecimal digits.
-        base, tip: the links that it was cut at, None for none; snap: as of `read_urdf`, rad.
+        base, tip: the links that it was cut at, None for none; snap: as of `read_xml_robot`, rad.
     """
 
     file: str

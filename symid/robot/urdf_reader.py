@@ -15,7 +15,6 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from hashlib import sha256
 from pathlib import Path
 
@@ -46,7 +45,7 @@ from symid.robot.geometry import (
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
 from symid.robot.toml_values import BASE, sort_notices, suggest_names
 from symid.robot.urdf_parts import TreeJoint, TreeReading, list_words, read_parts
-from symid.robot.urdf_xml import parse_document, read_urdf_text
+from symid.robot.urdf_xml import XmlDocument
 
 _REMEDIES = {
     "free": "remove it, which fixes the body to the one before it",
@@ -175,24 +174,6 @@ def _locate_path(above: Mapping[str, TreeJoint], start: str, end: str) -> list[T
     return path[::-1]
 
 
-def read_mimics(reading: TreeReading) -> None:
-    """Add the followers as the file writes them."""
-    for joint in reading.joints.values():
-        part = joint.part.get("mimic")
-        if part is None:
-            continue
-        if not joint.moves:
-            reading.skip(f"<mimic> of a {joint.type} joint", part.element)
-            continue
-        reading.skip_others(part.element, (), ("joint", "multiplier", "offset"))
-        master = part.read_name("joint", reading.joints)
-        multiplier, offset = part.read_decimal("multiplier"), part.read_decimal("offset")
-        if master is not None:
-            factor, shift = Fraction(1 if multiplier is None else multiplier), Fraction(offset or 0)
-            step = MimicStep(master=master, multiplier=factor, offset=Exact.surd(shift))
-            reading.steps[joint.name] = step
-
-
 def _resolve_mimics(
     reading: TreeReading, kept: Sequence[TreeJoint], before: Sequence[TreeJoint]
 ) -> dict[str, MimicStep]:
@@ -243,47 +224,18 @@ _GRAVITY = Exact.of("-9.81")
 _ROUNDED = 1e-9
 
 
-def read_urdf(
-    path: Path, *, base: str | None = None, tip: str | None = None, snap: float = DEFAULT_SNAP
-) -> Robot:
-    """Return the robot that the URDF at `path` describes.
-
-    Args:
-        path: the file, a URDF or a xacro file that writes one.
-        base: the link to start from; the file's own root if None.
-        tip: the link to end at; all branches belong to the robot if None. Where it is fixed to the last
-            moving link, its frame becomes that link's `Joint.frame`.
-        snap: angle in rad within which rotations are moved to multiples of pi/2; zero turns that off.
+def read_urdf(document: XmlDocument, snap: float) -> tuple[TreeReading, bool]:
+    """Return the links and joints of a URDF, and whether all of them could be read.
 
     Raises:
-        RobotError: with a notice for each mistake in the file, in the order of their places.
+        RobotError: the document is no URDF, or a xacro file.
     """
-    source = read_urdf_text(path)
-    robot = parse_urdf(source.text, source.file, base=base, tip=tip, snap=snap)
-    made = robot.made_from and replace(robot.made_from, file=str(path))
-    return replace(robot, path=str(path), notices=(*source.notices, *robot.notices), made_from=made)
-
-
-def parse_urdf(
-    text: str,
-    file: str = "robot.urdf",
-    *,
-    base: str | None = None,
-    tip: str | None = None,
-    snap: float = DEFAULT_SNAP,
-) -> Robot:
-    """Return the robot that `text` describes; messages call the text `file`. See `read_urdf`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
-    document = parse_document(text, file)
     root = document.root
     for element in root.walk():
         if element.tag.startswith("xacro:"):
             text = (
                 f"<{element.tag}>: this is a xacro file, a program that writes a URDF; "
-                f"run `xacro {Path(file).name} > robot.urdf` and give that file"
+                f"run `xacro {Path(document.file).name} > robot.urdf` and give that file"
             )
             raise RobotError(document.locate_place(element).notice("robot.xacro", text))
     if root.tag != "robot":
@@ -291,27 +243,25 @@ def parse_urdf(
         text = f"the outermost element is <{root.tag}>; that of a URDF is <robot>{prefix}"
         raise RobotError(document.locate_place(root).notice("robot.no-urdf", text))
     reading = read_parts(document, snap)
-    read_mimics(reading)
     joints, links = (len(list(root.find_all(tag))) for tag in ("joint", "link"))
     complete = (len(reading.joints), len(reading.links)) == (joints, links)
-    return assemble_robot(reading, base, tip, complete=complete)
+    return reading, complete
 
 
 def assemble_robot(
     reading: TreeReading,
+    complete: bool,  # noqa: FBT001  the pair that a reader returns
     base: str | None,
     tip: str | None,
-    *,
-    complete: bool = True,
     gravity: ExactVector | None = None,
 ) -> Robot:
-    """Return the robot of the links and joints that were read; for `base` and `tip` see `read_urdf`.
+    """Return the robot of the links and joints that were read; see `read_xml_robot`.
 
     Args:
         reading: the links and joints; mistakes that were found in them.
-        base: the first link.
-        tip: the last link.
         complete: whether no link or joint was left out, so that what is not connected is a mistake.
+        base: the first link.
+        tip: the last one.
         gravity: in the frame of the file's root (m/s^2); None where the file states none, as a URDF.
 
     Raises:

@@ -14,7 +14,7 @@ from symid.dynamics.base_parameters import compute_parameter_values, derive_base
 from symid.identification.stored import read_fit
 from symid.report import judge_fit
 from symid.robot.toml_reader import read_robot
-from symid.robot.urdf_reader import read_urdf
+from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from tests.estimates import fill_robot, store_estimate
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")

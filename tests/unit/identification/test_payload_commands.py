@@ -11,7 +11,7 @@ from symid.errors import EstimateError, IdentifiabilityError, UsageError
 from symid.identification.payload import build_payload_command
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_reader import read_robot
-from symid.robot.urdf_reader import parse_urdf
+from symid.robot.mjcf_reader import parse_xml_robot as parse_urdf
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 

@@ -21,7 +21,7 @@ from symid.robot.geometry import (
     translate,
 )
 from symid.robot.simulator_writers import write_urdf
-from symid.robot.urdf_reader import parse_urdf
+from symid.robot.mjcf_reader import parse_xml_robot
 from tests.chains import build_chain, build_joint, fill, find_pinocchio_torques
 from tests.sx_programs import read_sx_program
 from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
@@ -87,7 +87,7 @@ def test_the_modified_form_stays_as_it_is(name):
 def test_a_urdf_in_odd_frames_gives_the_modified_form_exactly(name, seed):
     rng = np.random.default_rng(seed)
     choices = [[pick(rng, values) for _ in ROWS[name]] for values in (TURNS, SHIFTS, list(AXES))]
-    robot = parse_urdf(write_odd_urdf(ROWS[name], *choices))
+    robot = parse_xml_robot(write_odd_urdf(ROWS[name], *choices))
     assert [joint.placement for joint in robot.joints] == [
         joint.placement for joint in build_robot(name).joints
     ]
@@ -98,7 +98,7 @@ def test_a_urdf_in_odd_frames_gives_the_modified_form_exactly(name, seed):
 def test_rounded_numbers_of_odd_frames_give_the_modified_form(name, turns):
     robot = build_robot(name)
     text = write_urdf(choose_frames(robot, np.random.default_rng(len(name)), turns))
-    assert [joint.placement for joint in parse_urdf(text).joints] == [
+    assert [joint.placement for joint in parse_xml_robot(text).joints] == [
         joint.placement for joint in robot.joints
     ]
 
@@ -116,7 +116,7 @@ def describe(robot):
 def test_names_and_operations_are_those_of_the_dh_table(name):
     rng = np.random.default_rng(7)
     choices = [[pick(rng, values) for _ in ROWS[name]] for values in (TURNS, SHIFTS, list(AXES))]
-    assert describe(parse_urdf(write_odd_urdf(ROWS[name], *choices))) == describe(build_robot(name))
+    assert describe(parse_xml_robot(write_odd_urdf(ROWS[name], *choices))) == describe(build_robot(name))
 
 
 def test_physics_stays():
@@ -228,7 +228,7 @@ def write_digits(text, digits):
 def test_the_frame_does_not_depend_on_the_digits_of_the_file(digits, turns):
     robot = build_robot("ur5")
     text = write_urdf(choose_frames(robot, np.random.default_rng(3), turns))
-    found = parse_urdf(write_digits(text, digits))
+    found = parse_xml_robot(write_digits(text, digits))
     for mine, other in zip(found.joints, robot.joints, strict=True):
         for value, wanted in zip(mine.placement.translation, other.placement.translation, strict=True):
             assert value.is_rational

@@ -10,7 +10,7 @@ from symid.robot.geometry import Exact, compose_placements, translate
 from symid.robot.inertia import move_parameters
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
-from symid.robot.urdf_reader import parse_urdf, read_urdf
+from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from tests.chains import to_matrix
 from tests.mistakes import find_text
 
@@ -62,7 +62,7 @@ ARM = """<?xml version="1.0"?>
 
 @pytest.fixture
 def arm():
-    return parse_urdf(ARM, "arm.urdf")
+    return parse_xml_robot(ARM, "arm.urdf")
 
 
 def list_codes(robot):
@@ -137,7 +137,7 @@ def test_the_rest_is_said(arm):
 def test_read_urdf_reads_a_file(tmp_path, arm):
     path = tmp_path / "arm.urdf"
     path.write_text("\ufeff" + ARM, encoding="utf-8")
-    assert read_urdf(path).joints == arm.joints
+    assert read_xml_robot(path).joints == arm.joints
 
 
 def build(joints, links=("a", "b", "c", "d"), extra=""):
@@ -157,7 +157,7 @@ def joint(name, parent, child, inner="", type_="continuous", *, origin="", axis=
 
 def read(inner="", type_="continuous", extra="", **options):
     """Return the robot of one joint."""
-    return parse_urdf(build(joint("j", "a", "b", inner, type_, **options), "ab", extra))
+    return parse_xml_robot(build(joint("j", "a", "b", inner, type_, **options), "ab", extra))
 
 
 def transmission(inner):
@@ -188,16 +188,16 @@ def test_what_is_changed_of_an_axis_is_said():
     assert "5.00e-07 rad" in find_text(robot, "robot.axis-snapped")
     assert "'j'" in find_text(read(axis=""), "robot.default-axis")
     text = build(joint("j", "a", "b"), "ab").replace('<axis xyz="0 0 1"/>', "<axis/>")
-    assert "x (1 0 0)" in find_text(parse_urdf(text), "robot.default-axis")
+    assert "x (1 0 0)" in find_text(parse_xml_robot(text), "robot.default-axis")
 
 
 def test_rotations_are_snapped_with_a_remark_and_not_with_snap_zero():
     text = build(joint("j", "a", "b", origin='rpy="1.5708 0 0" xyz="0 1e-12 0.5"'), "ab")
-    robot = parse_urdf(text)
+    robot = parse_xml_robot(text)
     assert list_z(robot.joints[0].placement) == ["0", "-1", "0"]
     assert "'j' (3.7e-06)" in find_text(robot, "robot.angle-snapped")
     assert "'j'" in find_text(robot, "robot.length-snapped")
-    free = parse_urdf(text, snap=0)
+    free = parse_xml_robot(text, snap=0)
     assert free.joints[0].placement.rotation[1][2].to_float() == pytest.approx(-np.sin(1.5708), abs=1e-15)
     assert free.joints[0].placement.rotation[2][2]
     assert "robot.angle-snapped" not in list_codes(free)
@@ -205,7 +205,7 @@ def test_rotations_are_snapped_with_a_remark_and_not_with_snap_zero():
 
 def test_rotations_in_several_steps_are_snapped_as_a_whole():
     steps = joint("s", "a", "b", type_="fixed", origin='rpy="0.7854 0 0"')
-    robot = parse_urdf(build(steps + joint("j", "b", "c", origin='rpy="0.7854 0 0"'), "abc"))
+    robot = parse_xml_robot(build(steps + joint("j", "b", "c", origin='rpy="0.7854 0 0"'), "abc"))
     assert list_z(robot.joints[0].placement) == ["0", "-1", "0"]
     assert "'" in find_text(robot, "robot.angle-snapped")
 
@@ -216,7 +216,7 @@ def test_followers_are_led_back_to_their_master():
         + joint("first", "a", "b")
         + joint("second", "b", "c", '<mimic joint="first" multiplier="0.5" offset="1.5707963267948966"/>')
     )
-    robot = parse_urdf(build(joints))
+    robot = parse_xml_robot(build(joints))
     assert [entry.name for entry in robot.joints] == ["first", "second", "third"]
     second, third = robot.joints[1:]
     assert (second.mimic.master, second.mimic.multiplier) == (0, Fraction(1, 2))
@@ -231,7 +231,7 @@ def test_followers_are_led_back_to_their_master():
 def test_the_offset_of_a_sliding_follower_is_a_shift():
     inner = '<mimic joint="first" offset="0.125"/>'
     joints = joint("first", "a", "b", type_="prismatic") + joint("second", "a", "c", inner, "prismatic")
-    robot = parse_urdf(build(joints, "abc"))
+    robot = parse_xml_robot(build(joints, "abc"))
     # Shifting a sliding link's frame along its axis is free; where the file's frame is shows the offset.
     total = robot.joints[1].placement.translation[2] + robot.joints[1].frame.translation[2]
     assert total == Exact.of("0.125")
@@ -244,7 +244,7 @@ def test_followers_of_what_stands_still_stand_still(inner):
     joints = (
         joint("first", "a", "b") + joint("still", "b", "c", type_="fixed") + joint("last", "c", "d", inner)
     )
-    robot = parse_urdf(build(joints))
+    robot = parse_xml_robot(build(joints))
     assert [entry.name for entry in robot.joints] == ["first"]
     assert "'last'" in find_text(robot, "robot.follower-still")
 
@@ -255,19 +255,19 @@ def link(name, mass, inertia="<inertia ixx='1' iyy='1' izz='1'/>"):
 
 def test_links_without_inertial_or_fixed_to_the_base_are_said():
     assert read().joints[0].inertial is None
-    robot = parse_urdf(build(joint("j", "a", "b") + joint("k", "b", "c"), "ab", link("c", 1)))
+    robot = parse_xml_robot(build(joint("j", "a", "b") + joint("k", "b", "c"), "ab", link("c", 1)))
     assert robot.joints[0].inertial == (0.0,) * 10
     assert "'b'" in find_text(robot, "robot.massless")
     assert "ixy, ixz, iyz missing" in find_text(robot, "robot.incomplete-inertia")
     text = build(joint("f", "a", "c", type_="fixed") + joint("j", "c", "b"), "ab", link("c", 7))
-    assert "base: c;" in find_text(parse_urdf(text), "robot.fixed-to-base")
+    assert "base: c;" in find_text(parse_xml_robot(text), "robot.fixed-to-base")
 
 
 def test_odd_inertia_is_kept_and_said():
     skew = "<inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='5'/>"
     links = link("b", 1, skew) + link("c", 0, skew) + link("d", 1, "")
     text = build(joint("j", "a", "b") + joint("k", "b", "c") + joint("l", "c", "d"), "a", links)
-    robot = parse_urdf(text)
+    robot = parse_xml_robot(text)
     assert robot.joints[0].inertial[5] == 5
     assert "kg*m^2" in find_text(robot, "robot.impossible-inertia")
     assert "'c'" in find_text(robot, "robot.inertia-without-mass")
@@ -284,7 +284,7 @@ TREE = build(
 
 
 def test_a_chain_is_cut_out():
-    robot = parse_urdf(TREE, tip="e")
+    robot = parse_xml_robot(TREE, tip="e")
     assert [entry.name for entry in robot.joints] == ["right", "beyond"]
     text = find_text(robot, "robot.cut-off")
     assert "links b (0 kg" in text
@@ -292,12 +292,12 @@ def test_a_chain_is_cut_out():
     assert "'beyond'" in find_text(robot, "robot.follower-free")
     assert robot.joints[1].mimic is None
     assert "d" in find_text(robot, "robot.lumped")
-    assert [entry.name for entry in parse_urdf(TREE, tip="c").joints] == ["right"]
-    assert [entry.name for entry in parse_urdf(TREE, base="c").joints] == ["beyond"]
+    assert [entry.name for entry in parse_xml_robot(TREE, tip="c").joints] == ["right"]
+    assert [entry.name for entry in parse_xml_robot(TREE, base="c").joints] == ["beyond"]
 
 
 def test_the_frame_of_a_fixed_tip_is_that_of_the_last_link(arm):
-    robot = parse_urdf(ARM, tip="tool")
+    robot = parse_xml_robot(ARM, tip="tool")
     assert [joint.inertial for joint in robot.joints] == [joint.inertial for joint in arm.joints]
     moved = compose_placements(arm.joints[-1].frame, translate(Exact(), Exact(), Exact.of("0.05")))
     assert robot.joints[-1].frame == moved
@@ -305,9 +305,9 @@ def test_the_frame_of_a_fixed_tip_is_that_of_the_last_link(arm):
 
 def test_a_floating_joint_may_stand_before_the_base_and_gravity_is_turned_into_its_frame():
     joints = joint("free", "a", "b", type_="floating") + joint("j", "b", "c")
-    assert parse_urdf(build(joints, "abc"), base="b").size == 1
+    assert parse_xml_robot(build(joints, "abc"), base="b").size == 1
     joints = joint("m", "a", "b", type_="fixed", origin='rpy="1.5707963267948966 0 0"') + joint("j", "b", "c")
-    robot = parse_urdf(build(joints, "abc"), base="b")
+    robot = parse_xml_robot(build(joints, "abc"), base="b")
     assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
     assert "at 0" in find_text(robot, "robot.assumed-gravity")
 
@@ -328,7 +328,7 @@ def test_gear_and_rotor_may_be_written_otherwise(parts, drive):
 def test_transmissions_that_are_not_simple_are_listed():
     extra = '<transmission name="t"><joint name="j"/><joint name="k"/><actuator name="m"/></transmission>'
     extra += '<transmission name="u"><joint name="nobody"/><actuator name="m"/></transmission>'
-    robot = parse_urdf(build(joint("j", "a", "b") + joint("k", "b", "c"), "abc", extra))
+    robot = parse_xml_robot(build(joint("j", "a", "b") + joint("k", "b", "c"), "abc", extra))
     assert any("one actuator" in text for text in list_unused(robot))
     assert any("not in the" in text for text in list_unused(robot))
 
@@ -336,7 +336,7 @@ def test_transmissions_that_are_not_simple_are_listed():
 @pytest.mark.parametrize(("given", "name"), [("7dof", "robot_7dof"), ("Ärm-1", "rm_1"), ("", "some")])
 def test_names_become_identifiers(given, name):
     text = build(joint("j", "a", "b"), "ab").replace('name="r"', f'name="{given}"')
-    assert parse_urdf(text, "some.urdf").name == name
+    assert parse_xml_robot(text, "some.urdf").name == name
 
 
 @pytest.mark.parametrize(
@@ -393,7 +393,7 @@ def test_text_between_tags_is_listed():
 
 def test_a_joint_called_base_gets_another_name():
     joints = joint("base", "a", "b") + joint("base_joint", "b", "c", '<mimic joint="base"/>')
-    robot = parse_urdf(build(joints, "abc"))
+    robot = parse_xml_robot(build(joints, "abc"))
     assert [entry.name for entry in robot.joints] == ["base_joint_", "base_joint"]
     assert "'base_joint_'" in find_text(robot, "robot.renamed")
     assert parse_robot(write_robot(robot)).joints[0].name == "base_joint_"
@@ -401,10 +401,10 @@ def test_a_joint_called_base_gets_another_name():
 
 def test_axes_that_are_nearly_parallel_leave_the_frames_at_the_robot():
     steps = joint("i", "a", "b") + joint("j", "b", "c", origin='xyz="0.3 0.2 0" rpy="1e-4 0 0"')
-    robot = parse_urdf(build(steps, "abc"))
+    robot = parse_xml_robot(build(steps, "abc"))
     assert all(abs(value.to_float()) < 1 for entry in robot.joints for value in entry.frame.translation)
     assert "of joints (by rad) 'j' (1.0e-04)" in find_text(robot, "robot.nearly-parallel")
-    straight = parse_urdf(build(steps.replace("1e-4", "0"), "abc"))
+    straight = parse_xml_robot(build(steps.replace("1e-4", "0"), "abc"))
     assert "robot.nearly-parallel" not in list_codes(straight)
 
 
@@ -417,7 +417,7 @@ STANDING = (
 
 
 def test_followers_of_a_joint_before_the_base_stand_still_at_their_offset():
-    robot = parse_urdf(build(STANDING, "abcde"), base="c")
+    robot = parse_xml_robot(build(STANDING, "abcde"), base="c")
     assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
     assert [entry.name for entry in robot.joints] == ["j"]
     text = find_text(robot, "robot.follower-still")
@@ -426,6 +426,6 @@ def test_followers_of_a_joint_before_the_base_stand_still_at_their_offset():
 
 
 def test_the_description_says_what_was_read_and_a_log_is_filtered_by_itself():
-    robot = parse_urdf(build(joint("j", "a", "b"), "ab"), "somewhere/arm.urdf", tip="b")
+    robot = parse_xml_robot(build(joint("j", "a", "b"), "ab"), "somewhere/arm.urdf", tip="b")
     assert robot.processing == Processing(automatic=True)
     assert robot.description == "from the URDF arm.urdf, whose link a is the base, b the tip"

@@ -2,14 +2,14 @@
 
 import pytest
 
-from symid.robot.urdf_reader import parse_urdf, read_urdf
+from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from tests.mistakes import refuse, take_mark
 
 KEY, RANGE, REFUSED = "robot.missing-key", "robot.out-of-range", "robot.urdf-refused"
 
 
 def find_notices(text, **options):
-    return refuse(parse_urdf, text, "arm.urdf", **options)
+    return refuse(parse_xml_robot, text, "arm.urdf", **options)
 
 
 def build(*lines):
@@ -186,7 +186,7 @@ def test_what_is_no_urdf_is_refused(text, code, words):
 
 
 def test_a_namespace_alone_is_no_xacro():
-    assert parse_urdf(build(GOOD).replace("<robot ", '<robot xmlns:xacro="x" ')).size == 2
+    assert parse_xml_robot(build(GOOD).replace("<robot ", '<robot xmlns:xacro="x" ')).size == 2
 
 
 def test_columns_count_characters():
@@ -196,9 +196,9 @@ def test_columns_count_characters():
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    assert refuse(read_urdf, tmp_path / "none.urdf")[0].code == "robot.unreadable"
+    assert refuse(read_xml_robot, tmp_path / "none.urdf")[0].code == "robot.unreadable"
     (tmp_path / "latin.urdf").write_bytes("<robot name='ä'/>".encode("latin-1"))
-    assert "UTF-8" in refuse(read_urdf, tmp_path / "latin.urdf")[0].text
+    assert "UTF-8" in refuse(read_xml_robot, tmp_path / "latin.urdf")[0].text
 
 
 @pytest.mark.parametrize(

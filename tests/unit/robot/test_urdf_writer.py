@@ -17,7 +17,7 @@ from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Sprin
 from symid.robot.geometry import Exact
 from symid.robot.simulator_writers import write_urdf
 from symid.robot.toml_reader import read_robot
-from symid.robot.urdf_reader import parse_urdf
+from symid.robot.mjcf_reader import parse_xml_robot
 from tests.chains import PANDA, PUMA560, STANFORD, build_joint, fill, find_pinocchio_torques
 from tests.float_algebra import FloatAlgebra, build_float_state
 from tests.urdfs import find_torques
@@ -41,7 +41,7 @@ SHIPPED = [
 @pytest.mark.parametrize("robot", [PUMA560, PANDA, STANFORD], ids=lambda robot: robot.name)
 def test_a_robot_in_the_modified_form_comes_back(robot):
     robot = fill(robot)
-    back = parse_urdf(write_urdf(robot))
+    back = parse_xml_robot(write_urdf(robot))
     assert back.name == robot.name
     assert [joint.placement for joint in back.joints] == [joint.placement for joint in robot.joints]
     for old, new in zip(robot.joints, back.joints, strict=True):
@@ -52,7 +52,7 @@ def test_a_robot_in_the_modified_form_comes_back(robot):
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_robots_come_back(name, robots_folder):
     robot = fill(read_robot(robots_folder / f"{name}.toml"))
-    back = parse_urdf(write_urdf(robot))
+    back = parse_xml_robot(write_urdf(robot))
     same = choose_canonical_frames(robot.joints, dict(robot.symbols)).joints
     for old, new in zip(same, back.joints, strict=True):
         for mine, other in zip(old.placement.rotation, new.placement.rotation, strict=True):
@@ -75,7 +75,7 @@ def test_pinocchio_reads_the_same_dynamics(name, robots_folder):
 @pytest.mark.parametrize("name", ["panda", "rrp_twisted"])
 def test_symid_has_the_torques_that_pinocchio_finds_in_the_text(name, robots_folder):
     robot = fill(read_robot(robots_folder / f"{name}.toml"))
-    back = parse_urdf(write_urdf(robot))
+    back = parse_xml_robot(write_urdf(robot))
     state = np.random.default_rng(8).uniform(-2, 2, (3, robot.size))
     keys = [(link, entry) for link in range(back.size) for entry in INERTIAL]
     recursion = build_recursion(back, FloatAlgebra({}), build_float_state(*state))
@@ -116,7 +116,7 @@ def full():
 
 
 def test_limits_friction_drives_and_followers_come_back(full):
-    back = parse_urdf(write_urdf(full))
+    back = parse_xml_robot(write_urdf(full))
     first, second, third = back.joints
     assert (first.name, first.limits) == (full.joints[0].name, full.joints[0].limits)
     assert first.friction == full.joints[0].friction
@@ -150,13 +150,13 @@ def test_symbols_are_written_as_their_values():
 
 def test_a_massless_link_is_written():
     joint = replace(build_joint(0, (0.0, 0, 0, "q")), inertial=(0.0,) * 5 + (2.0,) + (0.0,) * 4)
-    back = parse_urdf(write_urdf(Robot(name="m", joints=(joint,))))
+    back = parse_xml_robot(write_urdf(Robot(name="m", joints=(joint,))))
     assert back.joints[0].inertial == joint.inertial
 
 
 def test_limits_that_are_unknown_come_back_without_a_word(robots_folder):
     panda = read_robot(robots_folder / "panda.toml")
     unlimited = [replace(joint, limits=Limits()) for joint in panda.joints]
-    robot = parse_urdf(write_urdf(replace(panda, joints=tuple(unlimited))))
+    robot = parse_xml_robot(write_urdf(replace(panda, joints=tuple(unlimited))))
     assert {joint.limits for joint in robot.joints} == {Limits()}
     assert [notice.code for notice in robot.notices] == ["robot.assumed-gravity"]
