@@ -520,15 +520,15 @@ def read_parts(document: XmlDocument, snap: float) -> TreeReading:
     _read_drives(reading)
     # Followers as the file writes them.
     for joint in reading.joints.values():
-        part = joint.part.get("mimic")
-        if part is None:
+        mimic = joint.part.get("mimic")
+        if mimic is None:
             continue
         if not joint.moves:
-            reading.skip(f"<mimic> of a {joint.type} joint", part.element)
+            reading.skip(f"<mimic> of a {joint.type} joint", mimic.element)
             continue
-        reading.skip_others(part.element, (), ("joint", "multiplier", "offset"))
-        master = part.read_name("joint", reading.joints)
-        multiplier, offset = part.read_decimal("multiplier"), part.read_decimal("offset")
+        reading.skip_others(mimic.element, (), ("joint", "multiplier", "offset"))
+        master = mimic.read_name("joint", reading.joints)
+        multiplier, offset = mimic.read_decimal("multiplier"), mimic.read_decimal("offset")
         if master is not None:
             factor, shift = Fraction(1 if multiplier is None else multiplier), Fraction(offset or 0)
             step = MimicStep(master=master, multiplier=factor, offset=Exact.surd(shift))

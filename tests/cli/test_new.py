@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.robot.toml_reader import read_robot
 from symid.robot.mjcf_reader import read_xml_robot as read_urdf
+from symid.robot.toml_reader import read_robot
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow,0,0.5,0,q\n"
 URDF = """<robot name="arm">

@@ -8,8 +8,8 @@ from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
 from symid.robot.description import JointKind
-from symid.robot.simulator_writers import write_urdf
 from symid.robot.mjcf_reader import parse_xml_robot
+from symid.robot.simulator_writers import write_urdf
 from tests.chains import draw_parameters, find_pinocchio_torques, set_inertia, trees
 from tests.unit.robot.test_urdf import ARM
 from tests.urdfs import draw_urdf, find_factors, find_largest_gap, find_positions, find_torques

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from symid.robot.toml_reader import parse_dh_table, parse_robot, read_robot
 from symid.robot.mjcf_reader import parse_xml_robot
+from symid.robot.toml_reader import parse_dh_table, parse_robot, read_robot
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 

@@ -20,8 +20,8 @@ from symid.robot.geometry import (
     rotate_z,
     translate,
 )
-from symid.robot.simulator_writers import write_urdf
 from symid.robot.mjcf_reader import parse_xml_robot
+from symid.robot.simulator_writers import write_urdf
 from tests.chains import build_chain, build_joint, fill, find_pinocchio_torques
 from tests.sx_programs import read_sx_program
 from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf

@@ -8,9 +8,9 @@ import pytest
 from symid.robot.description import JointKind, Processing
 from symid.robot.geometry import Exact, compose_placements, translate
 from symid.robot.inertia import move_parameters
+from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
-from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from tests.chains import to_matrix
 from tests.mistakes import find_text
 

@@ -8,9 +8,9 @@ import pytest
 
 from symid.joint_models import FrictionValues
 from symid.robot.inertia import build_pseudo_inertias
+from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
-from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.xml_rewriters import rewrite_urdf
 from tests.chains import PANDA, build_pinocchio, fill, find_pinocchio_torques
 from tests.mistakes import refuse

@@ -15,9 +15,9 @@ from symid.notation import INERTIAL
 from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact
+from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.simulator_writers import write_urdf
 from symid.robot.toml_reader import read_robot
-from symid.robot.mjcf_reader import parse_xml_robot
 from tests.chains import PANDA, PUMA560, STANFORD, build_joint, fill, find_pinocchio_torques
 from tests.float_algebra import FloatAlgebra, build_float_state
 from tests.urdfs import find_torques
