@@ -48,7 +48,6 @@ from symid.robot import (
     explain_impossible_inertia,
     is_mjcf,
     list_mjcf_omissions,
-    list_rewritten_mjcf_omissions,
     list_urdf_omissions,
     list_usd_omissions,
     parse_robot,
@@ -307,7 +306,7 @@ def _store(content: _Content, path: Path, written: "_Written", first: Sequence[N
         # A file that was kept has its own gravity, and may have been cut at a tilted link.
         left_out = tuple(list_urdf_omissions(content.robot, gravity=commented))
     elif kind == "MJCF model":
-        left_out = tuple((list_mjcf_omissions if commented else list_rewritten_mjcf_omissions)(content.robot))
+        left_out = tuple(list_mjcf_omissions(content.robot, rewritten=not commented))
     elif kind == "USD stage":
         left_out = tuple(list_usd_omissions(content.robot))
     more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""

@@ -72,11 +72,7 @@ class _TooLarge:
 
 
 def _build_raw_log(path: Path, entries: Iterable[tuple[str, object]], units: Mapping[str, str]) -> RawLog:
-    """Return the columns of real numbers as float64, and the names of everything else.
-
-    Raises:
-        LogError: together they are too large.
-    """
+    """Return the columns of real numbers as float64, and the names of everything else."""
     columns: dict[str, FloatArray] = {}
     others: dict[str, None] = {}
     large: dict[str, int] = {}
@@ -444,10 +440,7 @@ _MATLAB_HEADER, _DEEPEST = 128, 100
 
 
 def _has_matlab_elements(content: bytes) -> bool:
-    """Return whether a file of version 5 to 7.2 consists of elements of known types and sizes.
-
-    SciPy takes the type of an element from the file as an index, and crashes with those that do not exist.
-    """
+    """Return whether versions 5 to 7.2 have known elements: SciPy takes types as an index, and crashes."""
     order = "<" if content[126:128] == b"IM" else ">"
     return all(
         kind == _MATLAB_MATRIX and _is_matlab_matrix(data, order, 1)
@@ -492,10 +485,7 @@ def _is_matlab_matrix(content: bytes, order: str, depth: int) -> bool:
 
 
 def _count_matlab_elements(elements: Sequence[bytes], order: str) -> tuple[int, int]:
-    """Return how many elements of data a matrix must have, and how many matrices then; (0, 0): no matrix.
-
-    First come flags, sizes and the name; in an opaque object flags and three names.
-    """
+    """Return how many elements of data a matrix must have, and how many matrices then; (0, 0): no matrix."""
     if len(elements) < 3 or len(elements[0]) != 8:
         return 0, 0
     kind, flags = elements[0][:2] if order == "<" else elements[0][3:1:-1]

@@ -286,10 +286,7 @@ def _list_names(pattern: str, joints: Sequence[Joint]) -> tuple[str, ...]:
 def _match_layout(
     raw: RawLog, preset: str, quantities: Sequence[str], joints: Sequence[Joint], findings: Findings
 ) -> dict[str, tuple[str, ...]]:
-    """Return the columns of `quantities`, by names of one kind and of one topic, one for every joint.
-
-    Topics that are commands by their names are none; more columns than joints, or topics, are a mistake.
-    """
+    """Return the columns of `quantities`, by names of one kind and one topic, but those of commands."""
     topics = [name.rpartition("/")[0] for name in raw.columns if "/" in name and not is_commanded(name)]
     found: list[tuple[str, dict[str, tuple[str, ...]], dict[str, str]]] = []
     for index in range(len(_LAYOUTS[preset]["position"])):

@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     )
     from symid.robot.simulator_writers import (
         list_mjcf_omissions as list_mjcf_omissions,
-        list_rewritten_mjcf_omissions as list_rewritten_mjcf_omissions,
         list_urdf_omissions as list_urdf_omissions,
         list_usd_omissions as list_usd_omissions,
         write_mjcf as write_mjcf,

@@ -108,10 +108,7 @@ def find_bristles(friction: FrictionValues) -> tuple[float, ...] | None:
 
 
 def _find_curve(friction: FrictionValues) -> tuple[float, ...] | None:
-    """Return the damping times 1, |v| and v^2 of a law that has dry friction besides; else None.
-
-    MuJoCo has such polynomials. One that drives at some speed is left out, since simulations blow up there.
-    """
+    """Return the damping times 1, |v|, v^2 of a law with dry friction besides, if it brakes at any speed."""
     if friction.law != "cubic" or friction.values is None or friction.smoothing:
         return None
     named = name_values(friction)
@@ -310,17 +307,8 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     return "\n".join((*lines, "</mujoco>", ""))
 
 
-def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
-    """Yield what an MJCF model cannot hold; the file has it in comments."""
-    yield from _list_mjcf_omissions(robot, rewritten=False)
-
-
-def list_rewritten_mjcf_omissions(robot: Robot) -> Iterator[str]:
-    """Yield what `rewrite_mjcf` leaves out, which no comment of the file says."""
-    yield from _list_mjcf_omissions(robot, rewritten=True)
-
-
-def _list_mjcf_omissions(robot: Robot, *, rewritten: bool) -> Iterator[str]:
+def list_mjcf_omissions(robot: Robot, *, rewritten: bool = False) -> Iterator[str]:
+    """Yield what an MJCF model cannot hold, which comments of new files say, or `rewrite_mjcf` leaves out."""
     for joint in robot.joints:
         owner = f"joint {joint.name}"
         if rewritten or (find_bristles(joint.friction) is None and _find_curve(joint.friction) is None):

@@ -45,6 +45,7 @@ from symid.robot.exact_values import (
     read_frames,
     read_linear_form,
     read_position,
+    read_vector,
 )
 from symid.robot.geometry import IDENTITY, ZERO, Placement, compose_placements, place_joint
 from symid.robot.inertia import (
@@ -128,9 +129,8 @@ def build_robot(root: Section, file: str) -> Robot:
         root = replace(root, symbols=values)
     joints, couplings = read_joints(root, convention)
     remedy = "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
-    x, y, z = ZERO, ZERO, ZERO
-    if root.require("gravity", remedy) and root.has_list("gravity", 3, "numbers in m/s^2"):
-        x, y, z = (read_linear_form(root, "gravity", "m/s^2", index) or ZERO for index in range(3))
+    root.require("gravity", remedy)
+    gravity = read_vector(root, "gravity", "m/s^2")
     log, processing, controller = read_settings(root, joints)
     settings = read_named_settings(root, joints)
     made_from = None
@@ -161,7 +161,7 @@ def build_robot(root: Section, file: str) -> Robot:
         description=description,
         source=source,
         convention=convention,
-        gravity=(x, y, z),
+        gravity=gravity,
         symbols=tuple(sorted(root.symbols.items())),
         joints=joints,
         couplings=couplings,
@@ -210,9 +210,7 @@ def read_body(
             )
     else:
         mass = read_linear_form(link, "mass", "kg", allowed=POSITIVE)
-        x, y, z = ZERO, ZERO, ZERO
-        if link.has_list("com", 3, "numbers in m"):
-            x, y, z = (read_linear_form(link, "com", "m", index) or ZERO for index in range(3))
+        place = read_vector(link, "com", "m")
         inertia = dict.fromkeys(TENSOR, ZERO)
         if tensor := link.read_table("inertia", TENSOR):
             for entry in TENSOR:
@@ -223,7 +221,7 @@ def read_body(
             link.require("mass", remedy)
         if mass is not None:
             xx, xy, xz, yy, yz, zz = inertia.values()
-            form = SymbolicInertia(mass=mass, com=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
+            form = SymbolicInertia(mass=mass, com=place, inertia=(xx, xy, xz, yy, yz, zz))
             com, central = ([part.to_float(symbols) for part in parts] for parts in (form.com, form.inertia))
             found = compute_standard_parameters(mass.to_float(symbols), com, central)
     if found is None or len(link.errors) > errors:

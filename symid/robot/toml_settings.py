@@ -255,10 +255,8 @@ def read_processing(root: Section) -> Processing:
         return Processing(automatic=True)
     # The speed of all joints, or of each.
     speeds: float | tuple[float, ...] | None
-    if isinstance(stated := table.values.get("standstill"), list):
-        read = [table.read_number("standstill", "rad/s or m/s", NOT_NEGATIVE, k) for k in range(len(stated))]
-        speeds = tuple(float(speed) for speed in read if speed is not None)
-        speeds = speeds if len(speeds) == len(stated) else None
+    if isinstance(table.get("standstill"), list):
+        speeds = table.read_floats("standstill", "rad/s or m/s", NOT_NEGATIVE)
     else:
         speeds = table.read_float("standstill", "rad/s or m/s", NOT_NEGATIVE, word=_NONE)
     found: dict[str, Any] = {

@@ -414,6 +414,21 @@ class Section:
         numbers = tuple(number for number in found if number is not None)
         return numbers if len(numbers) == count else None
 
+    def read_floats(
+        self, key: str, unit: str, allowed: Range = ANY, *, each: str = ""
+    ) -> tuple[float, ...] | None:
+        """Return the list of numbers at `key`; it must not be empty where `each` says what a number is of."""
+        given = self.get(key)
+        if isinstance(given, list) and (given or not each):
+            found = (self.read_float(key, unit, allowed, index) for index in range(len(given)))
+            numbers = tuple(number for number in found if number is not None)
+            return numbers if len(numbers) == len(given) else None
+        if given is not None:
+            shown = adapt_unit(unit, prismatic=self.prismatic)
+            what = f"a list of numbers{f' in {shown}' if unit else ''}{each}"
+            self.refuse("robot.wrong-type", key, f"expected {what}, got {self.show(key)}")
+        return None
+
     def read_table_array(self, key: str) -> "list[Section]":
         """Return the tables of `[[key]]`, each with a label for messages; what is none is reported."""
         tables = self.get(key)

@@ -64,10 +64,7 @@ class _Tree:
 
 
 def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, complete: bool) -> _Tree | None:
-    """Return the tree, or the part of it from `base` to `tip`; None where there is none.
-
-    Where it is not `complete`, some joints or links could not be read.
-    """
+    """Return the tree, or its part from `base` to `tip`; None without one, or where it is not `complete`."""
     links, joints = reading.links, reading.joints
     # A joint that cannot be read leaves its links apart; that is not worth a second message.
     above: dict[str, TreeJoint] = {}
@@ -346,11 +343,7 @@ def _place_offset(joint: TreeJoint, follower: MimicStep | None, snap: float) -> 
 def _reduce_joints(
     reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
 ) -> tuple[tuple[Joint, ...], tuple[LinkPlace, ...]]:
-    """Return the moving joints with canonical frames, and all links that move.
-
-    The last link's frame is that of the tip link, where this is fixed to it. Without any inertial values in
-    the file all are unknown, else missing ones are zero.
-    """
+    """Return the moving joints with canonical frames, and all links that move."""
     index = {joint.name: number for number, joint in enumerate(tree.joints)}
     carriers = {tree.root: -1} | {joint.child: number for number, joint in enumerate(tree.joints)}
     # From a link's frame here, whose z is the joint's axis, to that of the file.

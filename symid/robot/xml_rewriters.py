@@ -15,7 +15,7 @@ URDFs any inertial frames, damping and dry friction (the mean of both directions
 transmissions. In MJCF inertias in `fullinertia`, or in `diaginertia` with `quat`, else a new <inertial>;
 damping, frictionloss, armature, stiffness, springref, those of fixed tendons too.
 Not supported: rotors without a transmission; values that stand in included files; a mass between two joints
-of one body; other friction, which `list_urdf_omissions` and `list_rewritten_mjcf_omissions` name.
+of one body; other friction, which `list_urdf_omissions` and `list_mjcf_omissions` name.
 """
 
 import itertools
@@ -174,11 +174,7 @@ def _spread_change(
     changed: Joint,
     tip: str | None,
 ) -> list[tuple[TreeLink, tuple[float, ...]]]:
-    """Return the links that the new values of a joint change, and these in the frames of the links.
-
-    The first one is the joint's own link, the others those that it carries by joints that do not move in the
-    robot, which stand at zero; joints that follow no moving one stand at their offset.
-    """
+    """Return the joint's own link and those that it carries, which stand still, with their new values."""
     moving, first = set(names.values()), reading.links[reading.joints[names[changed.name]].child]
     # Each link, and where its frame (4, 4) stands in that of the first one.
     members = [(first, np.eye(4))]
@@ -359,10 +355,7 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
 
 
 def _list_mechanics(new: Joint | Coupling, old: Joint | Coupling) -> dict[str, float]:
-    """Return the values of attributes that joints and tendons have in common, those that are known.
-
-    What a robot has not, as friction of the law none, is zero; friction that is that of `old` is left out.
-    """
+    """Return what joints and tendons have in common, where it is known; friction only where it is new."""
     rotor = new.drive if isinstance(new, Joint) else new
     known = not rotor.has_rotor or rotor.rotor_inertia is not None
     values = {"armature": rotor.rotor_inertia or 0.0} if known else {}
@@ -435,12 +428,7 @@ def _edit_mjcf_inertial(body: XmlPart, values: Sequence[float]) -> Iterator[Edit
 
 
 def _find_axes(central: Sequence[float], near: FloatArray) -> tuple[list[float], list[float]]:
-    """Return principal moments and a quaternion of the principal axes that are most like those of `near`.
-
-    Args:
-        central: (6,) xx xy xz yy yz zz about the centre of mass, kg m^2.
-        near: (3, 3) rotation.
-    """
+    """Return principal moments of a tensor (6,), and a quaternion of the axes most like `near` (3, 3)."""
     xx, xy, xz, yy, yz, zz = central
     moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     likeness = np.abs(near.T @ axes)

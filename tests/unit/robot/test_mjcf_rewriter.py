@@ -12,7 +12,7 @@ from symid.errors import RobotError
 from symid.joint_models import Elasticity, FrictionValues
 from symid.robot.description import Drive, Spring
 from symid.robot.inertia import is_same_body
-from symid.robot.simulator_writers import list_rewritten_mjcf_omissions, write_mjcf
+from symid.robot.simulator_writers import list_mjcf_omissions, write_mjcf
 from symid.robot.xml_rewriters import rewrite_mjcf
 from tests.chains import fill
 from tests.mistakes import refuse
@@ -288,7 +288,7 @@ def test_friction_beyond_damping_and_dry_friction_is_named():
     )
     text = rewrite_mjcf(FILE, robot).text
     assert "dcmotor" not in text
-    found = list(list_rewritten_mjcf_omissions(robot))
+    found = list(list_mjcf_omissions(robot, rewritten=True))
     for owner, words in zip(
         ("base_joint: friction model cubic", "elbow: friction model dahl", "twist: a spring of unknown"),
         found,
@@ -298,7 +298,7 @@ def test_friction_beyond_damping_and_dry_friction_is_named():
     assert found[3].startswith("joint twist: elastic, 900.0")
     assert found[4].startswith("coupled drive belt: friction model cubic")
     assert len(found) == 5
-    assert list(list_rewritten_mjcf_omissions(give_values(parse_mjcf(FILE)))) == []
+    assert list(list_mjcf_omissions(give_values(parse_mjcf(FILE)))) == []
 
 
 @pytest.mark.parametrize("change", ["name", "terms", "none"])
