@@ -10,7 +10,6 @@ import pytest
 
 from symid.errors import UsageError
 from symid.joint_models import FrictionValues, get_law, name_values
-from symid.notation import SYMBOLS, get_unit
 from symid.robot.loading import override_robot
 from symid.robot.simulator_writers import write_mjcf, write_urdf
 from symid.robot.toml_reader import parse_robot
@@ -158,23 +157,6 @@ def test_a_wrong_exponent_is_refused(code, words, name, gamma):
     assert f"gamma: {words}" in notice.text
 
 
-@pytest.mark.parametrize(
-    ("name", "hint"),
-    [
-        ("viscous", "Known laws: coulomb, "),
-        ("stribek", "did you mean stribeck"),
-        ("stribeck-50", "exponent must be above 0 and at most 10"),
-        ("lugr", "did you mean lugre"),
-        ("", "unknown friction law ''"),
-    ],
-)
-def test_a_model_that_does_not_exist_is_refused(name, hint):
-    (notice,) = refuse(parse, f'model = "{name}"\nFv = 1')
-    assert hint in notice.text
-    assert (notice.code, notice.line) == ("robot.friction-model", 11)
-    assert notice.text.startswith("joint 'a': friction: model: ")
-
-
 @pytest.mark.parametrize("name", [name for name in EVERY_LAW if get_law(name).inputs != ("velocity",)])
 def test_a_drive_of_several_joints_feels_neither_load_nor_position_nor_temperature_of_one(name):
     table = f'model = "{name}"\n{write_shape(name)}'
@@ -278,18 +260,6 @@ def test_a_law_can_be_set_where_its_shape_is_known():
         override_robot(robot, (), "stribeck-exponent")
 
 
-@pytest.mark.parametrize("name", EVERY_LAW)
-def test_any_law_without_shape_values_can_be_set(name):
-    robot = parse('model = "coulomb"\nFc = 2')
-    if get_law(name).shape:
-        with pytest.raises(UsageError, match="which no option gives; write it into the robot file"):
-            override_robot(robot, (), name)
-    else:
-        values = (2.0,) if name == "coulomb" else None
-        friction = override_robot(robot, (), name).joints[0].friction
-        assert friction == FrictionValues(law=name, values=values)
-
-
 @pytest.mark.parametrize("name", OLD_NAMES)
 def test_a_law_can_be_set_by_the_name_of_earlier_versions(name):
     table, values, shape = write_old(name)
@@ -317,21 +287,6 @@ def test_units_are_those_of_the_law(name, kind, prismatic):
         unit = (entry.unit_prismatic if prismatic else entry.unit).replace(" ", "*")
         assert f" {entry.name}: expected a number" in text
         assert entry.unit == "1" or f" in {unit}," in text
-
-
-@pytest.mark.parametrize("prismatic", [False, True])
-def test_units_of_the_catalogue_are_those_of_the_notation(prismatic):
-    known = {symbol.name for symbol in SYMBOLS}
-    entries = {entry.name: entry for name in EVERY_LAW for entry in get_law(name).linear}
-    assert {"Fv", "Fc", "offset", "Fe", "Fp", "Fvq", "Fvc", "Fd", "Fm"} <= entries.keys() & known
-    for name in entries.keys() & known:
-        unit = entries[name].unit_prismatic if prismatic else entries[name].unit
-        assert get_unit(name, prismatic=prismatic) == unit
-
-
-def test_a_urdf_says_what_it_leaves_out():
-    text = write_urdf(parse('model = "stribeck"\nFv = 1\nFc = 2\nFe = 0.5\nvs = 0.05'))
-    assert "friction model stribeck, values 1.0 2.0 0.5, shape 0.05 (Fv, Fc, Fe; vs)" in text
 
 
 @pytest.mark.parametrize("name", EVERY_LAW)

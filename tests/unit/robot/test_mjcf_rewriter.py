@@ -11,7 +11,6 @@ import pytest
 from symid.errors import RobotError
 from symid.joint_models import Elasticity, FrictionValues
 from symid.robot.description import Drive, Spring
-from symid.robot.inertia import is_same_body
 from symid.robot.simulator_writers import list_mjcf_omissions, write_mjcf
 from symid.robot.xml_rewriters import rewrite_mjcf
 from tests.chains import fill
@@ -233,22 +232,6 @@ def test_neither_what_does_not_change_nor_rounding_is_written():
     assert rewrite_mjcf(FILE, replace(robot, joints=joints)).text != FILE
 
 
-def test_a_body_is_the_same_within_rounding_of_its_own_size():
-    body = (2e-4, 0.0, 0.0, 3e-4, 0.0, 4e-4, 0.0, 0.0, 0.0, 0.5)
-    assert is_same_body(body, body)
-    for k, size in ((1, 4e-4), (6, (4e-4 * 0.5) ** 0.5), (9, 0.5)):
-        for factor, same in ((0.9e-9, True), (1.1e-9, False), (-1.1e-9, False)):
-            other = list(body)
-            other[k] += factor * size
-            assert is_same_body(other, body) is same
-            assert is_same_body(body, other) is same
-    assert is_same_body((0.0,) * 10, (0.0,) * 10)
-    assert not is_same_body((0.0,) * 9 + (1e-30,), (0.0,) * 10)
-    assert is_same_body(None, None)
-    assert not is_same_body(None, body)
-    assert not is_same_body(body, None)
-
-
 def test_what_the_robot_has_no_more_becomes_zero():
     robot = change_joints(parse_mjcf(FILE), friction=FrictionValues(), drive=Drive(), spring=None)
     couplings = tuple(
@@ -322,15 +305,6 @@ def test_a_robot_of_no_file_is_refused():
     robot = replace(parse_mjcf(FILE, "arm.xml"), made_from=None)
     with pytest.raises(RobotError, match=r"was made from no model; write a new one \(-o FILE\)"):
         rewrite_mjcf(FILE, robot)
-
-
-def test_joints_between_which_no_mass_is_get_their_friction():
-    text = build(
-        f'<body name="a"><joint name="j"/><joint name="k" axis="1 0 0"/>{GEOM}</body>', head=FROM_GEOMS
-    )
-    robot = give_values(parse_mjcf(text))
-    between = replace(robot.joints[0], inertial=(0.0,) * 10)
-    check_values(replace(robot, joints=(between, robot.joints[1])), text)
 
 
 def test_inertias_of_bodies_that_do_not_belong_to_the_robot_stay():

@@ -10,7 +10,6 @@ import pytest
 from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity
 from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
-from symid.robot.geometry import Exact
 from symid.robot.simulator_writers import list_mjcf_omissions, write_mjcf, write_urdf
 from symid.robot.toml_reader import read_robot
 from tests import state_laws
@@ -164,14 +163,6 @@ def test_what_has_no_words_is_told():
     ):
         assert words in text, words
     assert len(list(list_mjcf_omissions(robot))) == 8
-
-
-def test_symbols_are_written_as_their_values_and_parameters_can_be_given():
-    robot = Robot(name="s", joints=(build_joint(0, (0.0, "L1", 0, "q")),), symbols=(("L1", 0.375),))
-    robot = fill(replace(robot, gravity=(Exact.of("9.81"), Exact(), Exact())))
-    model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
-    np.testing.assert_array_equal(model.body("joint1_link").pos, [0.375, 0.0, 0.0])
-    np.testing.assert_allclose(model.body("joint1_link").mass, robot.joints[0].inertial[9])
 
 
 def test_a_long_chain_is_written():

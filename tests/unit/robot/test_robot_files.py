@@ -58,12 +58,3 @@ def test_no_robot_with_real_logs_is_tuned_to_them(robots_folder, name):
     linear = ("none", "coulomb-viscous", "coulomb-viscous-offset")
     assert {joint.friction.law for joint in robot.joints} <= {*linear}
     assert all(joint.friction.values is None for joint in robot.joints)
-
-
-def test_two_link_states_all_its_values(robots_folder):
-    for joint in read_robot(robots_folder / "two_link.toml").joints:
-        assert joint.inertial is not None
-        assert joint.friction.values is not None
-        assert joint.limits.position
-        assert joint.limits.velocity
-        assert joint.limits.torque

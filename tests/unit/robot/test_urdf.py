@@ -1,7 +1,5 @@
 """URDFs that are right: what the robot holds, and what is said about the rest."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 
@@ -164,24 +162,6 @@ def transmission(inner):
     return f'<transmission name="t"><joint name="j"/><actuator name="m">{inner}</actuator></transmission>'
 
 
-@pytest.mark.parametrize(
-    ("axis", "expected"),
-    [
-        ("0 0 -2", ["0", "0", "-1"]),
-        ("1 1 0", ["1/2*sqrt(2)", "1/2*sqrt(2)", "0"]),
-        ("0.6 0 0.8", ["3/5", "0", "4/5"]),
-        ("1 1 1", ["1/3*sqrt(3)", "1/3*sqrt(3)", "1/3*sqrt(3)"]),
-        ("0 1 6.12e-17", ["0", "1", "0"]),
-        ("0.28 0.96 0", ["7/25", "24/25", "0"]),
-        # Where none is given.
-        ("", ["1", "0", "0"]),
-    ],
-)
-def test_axes_are_exact(axis, expected):
-    robot = read(axis=axis)
-    assert list_z(robot.joints[0].placement) == expected
-
-
 def test_what_is_changed_of_an_axis_is_said():
     robot = read(axis="0 2 1e-6")
     assert "length 2 " in find_text(robot, "robot.axis-length")
@@ -201,40 +181,6 @@ def test_rotations_are_snapped_with_a_remark_and_not_with_snap_zero():
     assert free.joints[0].placement.rotation[1][2].to_float() == pytest.approx(-np.sin(1.5708), abs=1e-15)
     assert free.joints[0].placement.rotation[2][2]
     assert "robot.angle-snapped" not in list_codes(free)
-
-
-def test_rotations_in_several_steps_are_snapped_as_a_whole():
-    steps = joint("s", "a", "b", type_="fixed", origin='rpy="0.7854 0 0"')
-    robot = parse_xml_robot(build(steps + joint("j", "b", "c", origin='rpy="0.7854 0 0"'), "abc"))
-    assert list_z(robot.joints[0].placement) == ["0", "-1", "0"]
-    assert "'" in find_text(robot, "robot.angle-snapped")
-
-
-def test_followers_are_led_back_to_their_master():
-    joints = (
-        joint("third", "c", "d", '<mimic joint="second" multiplier="-2" offset="0.5"/>')
-        + joint("first", "a", "b")
-        + joint("second", "b", "c", '<mimic joint="first" multiplier="0.5" offset="1.5707963267948966"/>')
-    )
-    robot = parse_xml_robot(build(joints))
-    assert [entry.name for entry in robot.joints] == ["first", "second", "third"]
-    second, third = robot.joints[1:]
-    assert (second.mimic.master, second.mimic.multiplier) == (0, Fraction(1, 2))
-    assert (third.mimic.master, third.mimic.multiplier) == (0, Fraction(-1))
-    # With q1 = 0: q2 = pi/2, q3 = -2 pi/2 + 0.5, both about z.
-    pose = compose_placements(robot.joints[0].placement, second.placement)
-    pose = compose_placements(compose_placements(pose, third.placement), third.frame)
-    angle = np.arctan2(pose.rotation[1][0].to_float(), pose.rotation[0][0].to_float())
-    assert angle == pytest.approx(np.pi / 2 - np.pi + 0.5)
-
-
-def test_the_offset_of_a_sliding_follower_is_a_shift():
-    inner = '<mimic joint="first" offset="0.125"/>'
-    joints = joint("first", "a", "b", type_="prismatic") + joint("second", "a", "c", inner, "prismatic")
-    robot = parse_xml_robot(build(joints, "abc"))
-    # Shifting a sliding link's frame along its axis is free; where the file's frame is shows the offset.
-    total = robot.joints[1].placement.translation[2] + robot.joints[1].frame.translation[2]
-    assert total == Exact.of("0.125")
 
 
 @pytest.mark.parametrize(
