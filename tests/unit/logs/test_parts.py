@@ -45,6 +45,25 @@ def list_samples(recording, text):
     return first, first + len(taken.time)
 
 
+def test_ends_of_every_channel_are_cut_and_it_is_said_but_not_all():
+    names = ("velocity", "motor_position", "reference", "feedforward")
+    channels = {name: np.arange(40.0).reshape(20, 2) + k for k, name in enumerate(names)}
+    extras = {"sample": np.arange(20.0), "constant": np.array([7.0])}
+    whole = make_recording(20, **channels, extras=extras)
+    assert cut_ends(whole, 0, 0) is whole
+    cut = cut_ends(whole, 4, 1)
+    for name in ("time", "position", "torque", *names):
+        np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name)[4:19])
+    np.testing.assert_array_equal(cut.extras["sample"], np.arange(4.0, 19.0))
+    np.testing.assert_array_equal(cut.extras["constant"], [7.0])
+    (notice,) = cut.notices
+    assert (notice.code, notice.file) == ("log.cut", "memory")
+    assert "first 4 and the last 1 of 20 samples" in notice.text
+    assert len(cut_ends(whole, 10, 7).time) == 3
+    with raises(LogError, "log.too-short", match=r"of 20 samples leaves 2, .* 3 "):
+        cut_ends(whole, 10, 8)
+
+
 @pytest.mark.parametrize(
     ("text", "start", "end", "units"),
     [

@@ -6,7 +6,7 @@ import symid
 from symid.errors import UsageError
 from symid.robot.description import Controller, Decimation, NamedSettings, Processing
 from symid.robot.loading import load_robot, override_robot
-from symid.robot.toml_reader import parse_robot, read_robot
+from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
 from tests.mistakes import refuse
 
@@ -84,13 +84,6 @@ def test_sets_are_written_again(robot):
     chosen = override_robot(robot, [("settings", "lab-2")])
     again = parse_robot(write_robot(chosen), "arm.toml")
     assert (again.settings, again.log, again.controller) == (robot.settings, chosen.log, chosen.controller)
-
-
-@pytest.mark.parametrize("name", ["emps", "ur10", "panda"])
-def test_shipped_sets_are_written_again(robots_folder, name):
-    robot = read_robot(robots_folder / f"{name}.toml")
-    assert robot.settings
-    assert parse_robot(write_robot(robot)).settings == robot.settings
 
 
 def test_all_mistakes_of_all_sets_are_told_at_their_places():

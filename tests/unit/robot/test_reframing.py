@@ -22,9 +22,9 @@ from symid.robot.geometry import (
 )
 from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.simulator_writers import write_urdf
-from tests.chains import build_chain, build_joint, fill, find_pinocchio_torques
+from tests.chains import build_chain, build_joint
 from tests.sx_programs import read_sx_program
-from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
+from tests.urdfs import AXES, shift_z, write_odd_urdf
 
 # Modified rows in degrees and m, as in the robot files; d of a last link is 0, where its frame is free.
 TABLES = {
@@ -117,27 +117,6 @@ def test_names_and_operations_are_those_of_the_dh_table(name):
     rng = np.random.default_rng(7)
     choices = [[pick(rng, values) for _ in ROWS[name]] for values in (TURNS, SHIFTS, list(AXES))]
     assert describe(parse_xml_robot(write_odd_urdf(ROWS[name], *choices))) == describe(build_robot(name))
-
-
-def test_physics_stays():
-    robot = fill(choose_frames(build_robot("rrp_twisted"), np.random.default_rng(4), TURNS))
-    other = replace(robot, joints=choose_canonical_frames(robot.joints).joints)
-    assert all(is_orthogonal(joint.placement) for joint in other.joints)
-    rng = np.random.default_rng(2)
-    for _ in range(5):
-        state = rng.uniform(-3, 3, (3, robot.size))
-        first, second = find_pinocchio_torques(robot, state), find_pinocchio_torques(other, state)
-        np.testing.assert_allclose(first, second, rtol=1e-12, atol=1e-12)
-
-
-def test_the_file_frame_stays_where_it_is():
-    robot = choose_frames(build_robot("puma560"), np.random.default_rng(9), TURNS)
-    reframed = choose_canonical_frames(robot.joints).joints
-    poses = [[IDENTITY], [IDENTITY]]
-    for old, new in zip(robot.joints, reframed, strict=True):
-        for pose, joint in zip(poses, (old, new), strict=True):
-            pose.append(compose_placements(pose[-1], joint.placement))
-        assert compose_placements(poses[1][-1], new.frame) == compose_placements(poses[0][-1], old.frame)
 
 
 def test_in_a_tree_the_first_child_decides():
