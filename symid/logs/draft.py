@@ -28,7 +28,6 @@ from symid.logs.sampling import resample_if_uneven
 from symid.robot import (
     DEFAULT_GRAVITY,
     LOG_WORDS,
-    Completion,
     LogMap,
     LogQuantity,
     Robot,
@@ -203,9 +202,7 @@ class Draft:
 def draft_robot(order: DraftOrder) -> Draft:
     """Return the text of a robot file, with what is not known in comments.
 
-    Raises:
-        UsageError: options that do not fit together, a number or a quantity that cannot be read.
-        RobotError, LogError: the source or the log is wrong.
+    A UsageError tells of options that do not fit, a RobotError or LogError of mistakes in a file.
     """
     texts = []
     if sum(entry is not None for entry in (order.urdf, order.table, order.name)) != 1:
@@ -234,10 +231,8 @@ def draft_robot(order: DraftOrder) -> Draft:
         }
         added = _list_given(options)
         if added:
-            text = (
-                f"{', '.join(added)}: a robot file is copied as it is; leave this out, and "
-                "complete it by hand"
-            )
+            listed = ", ".join(added)
+            text = f"{listed}: a robot file is copied as it is; leave this out, and complete it by hand"
             raise UsageError(Notice(code="usage.copied", text=text, file=str(found)))
         robot = read_robot(found)
         text = found.read_text(encoding="utf-8-sig")
@@ -270,13 +265,11 @@ def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
 
 def _build(order: DraftOrder, robot: Robot, *notices: Notice) -> Draft:
     """Return the robot with what is added."""
-    completion = Completion(
-        friction=order.friction,
-        rotors=order.rotors,
-        gears=_split_numbers("--gear", order.gear),
-        constants=_split_numbers("--torque-constant", order.constant),
+    gears, constants = (
+        _split_numbers(option, given)
+        for option, given in (("--gear", order.gear), ("--torque-constant", order.constant))
     )
-    robot = complete_robot(robot, completion)
+    robot = complete_robot(robot, order.friction, gears, constants, rotors=order.rotors)
     part = draft_log_map(robot, order.log, order.columns, order.units) if order.log else None
     robot = part.robot if part else robot
     assumed, warnings = (part.assumed, part.warnings) if part else ((), ())

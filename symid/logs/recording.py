@@ -326,11 +326,7 @@ def join_units(parts: Sequence[LogPart]) -> str:
 
 
 def refuse_shared(train: Sequence[LogPart], test: Sequence[LogPart]) -> None:
-    """Refuse parts to fit and to test, one or one a log, that overlap.
-
-    Raises:
-        UsageError: they overlap, or their units hide whether they do.
-    """
+    """Refuse, by a UsageError, parts to fit and to test, one or one a log, that overlap or may do so."""
     count = max(len(train), len(test))
     ours, others = (parts * count if len(parts) == 1 else parts for parts in (tuple(train), tuple(test)))
     for mine, other in zip(ours, others, strict=False):
@@ -346,9 +342,7 @@ def refuse_shared(train: Sequence[LogPart], test: Sequence[LogPart]) -> None:
 def take_part(recording: Recording, part: LogPart, name: str) -> Recording:
     """Return the part of a recording, in time of the whole log, with a notice.
 
-    Raises:
-        UsageError: another part was taken of it before.
-        LogError: the part is not in the log, or has too few samples.
+    A UsageError if another part was taken of it before, a LogError if it has too few samples, or none.
     """
     if recording.run is not None and recording.run.train:
         text = f"{name} {part.text!r}: this run has the part {recording.run.train!r} already; state only one"
@@ -390,11 +384,8 @@ def take_parts(
 ) -> tuple[Recording, ...]:
     """Return the parts of recordings: one part for all of them, or one for each in order.
 
-    With `keep` they become settings of the runs, with which the logs of a fit are read again.
-
-    Raises:
-        UsageError: there are as many parts as fit neither, or a run file states them already.
-        LogError: parts are not in the logs, or have too few samples; all of them are named.
+    With `keep` they become settings of the runs, with which the logs of a fit are read again. A UsageError if
+    there are as many parts as fit neither; a LogError names all parts that are not in the logs.
     """
     if not parts:
         return tuple(recordings)

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     )
     from symid.robot.loading import (
         DEFAULT_GRAVITY as DEFAULT_GRAVITY,
-        Completion as Completion,
         complete_robot as complete_robot,
         is_mjcf as is_mjcf,
         is_xml as is_xml,

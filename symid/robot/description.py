@@ -358,13 +358,7 @@ class Robot:
     links: tuple[LinkPlace, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check what every later stage relies on.
-
-        Raises:
-            RobotError: no joints, a parent that does not come before its joint, a name given twice, a
-                symbol that reads as a coordinate, a master that follows another joint, a coupling that
-                names no joint.
-        """
+        """Refuse, by a RobotError, what no later stage can rely on."""
         names, indices = [joint.name for joint in self.joints], range(len(self.joints))
         wrong = [] if names else ["a robot needs at least one joint"]
         wrong += [f"two joints are called {name!r}" for name in dict.fromkeys(names) if names.count(name) > 1]

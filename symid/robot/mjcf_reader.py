@@ -439,11 +439,7 @@ def parse_xml_robot(
     tip: str | None = None,
     snap: float = DEFAULT_SNAP,
 ) -> Robot:
-    """Return the robot that a text describes; messages call it `file`. See `read_xml_robot`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
+    """Return the robot of a text that messages call `file`, or raise all mistakes. See `read_xml_robot`."""
     document = parse_document(text, file)
     if document.root.tag in _ROOTS:
         return assemble_model(read_model(document, snap), base, tip)
@@ -451,11 +447,7 @@ def parse_xml_robot(
 
 
 def assemble_model(reading: TreeReading, base: str | None, tip: str | None) -> Robot:
-    """Return the robot of a model that was read. See `read_xml_robot`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
+    """Return the robot of a model that was read, or raise a RobotError with all mistakes."""
     gravity, weightless = (ZERO, ZERO, Exact.of("-9.81")), False
     # A later <option> replaces an earlier one.
     for element in reading.document.root.find_all("option"):
@@ -480,11 +472,7 @@ def assemble_model(reading: TreeReading, base: str | None, tip: str | None) -> R
 
 
 def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> TreeReading:
-    """Return a model with its bodies as links, and mistakes; included files stand in the place of <include>.
-
-    Raises:
-        RobotError: an included file cannot be read.
-    """
+    """Return a model with bodies as links, and mistakes; a RobotError tells of an included file not read."""
     reading = TreeReading(document=document, snap=snap)
     root = document.root
     waiting = [root]

@@ -87,29 +87,17 @@ _RESERVED = re.compile(rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'
 
 
 def read_robot(path: Path) -> Robot:
-    """Return the robot that the file at `path` describes.
-
-    Raises:
-        RobotError: with a notice for each mistake in the file, in the order of their places.
-    """
+    """Return the robot that the file at `path` describes, or raise a RobotError with all mistakes in it."""
     return parse_robot(read_text_file(path), str(path))
 
 
 def parse_robot(text: str, file: str = "robot.toml") -> Robot:
-    """Return the robot that `text` describes; messages call the text `file`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
+    """Return the robot that `text` describes; a RobotError has all mistakes, in the text called `file`."""
     return build_robot(parse_toml(text, file), file)
 
 
 def build_robot(root: Section, file: str) -> Robot:
-    """Return the robot that the values of a whole file describe; messages call it `file`.
-
-    Raises:
-        RobotError: with a notice for each mistake, in the order of their places.
-    """
+    """Return the robot that the values of a whole file describe, or raise a RobotError with all mistakes."""
     root.refuse_unknown_keys(_ROBOT_KEYS)
     if "convention" not in root.values:
         text = (
@@ -387,10 +375,7 @@ _IMPLIED = {"theta": "revolute", "d": "prismatic"}
 def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81")) -> Robot:
     """Return the robot whose rows, "modified" or "standard", the text file at `path` holds.
 
-    `gravity` is that in the base frame in m/s^2, as decimals.
-
-    Raises:
-        RobotError: with a notice for each mistake in the file, in the order of their places.
+    `gravity` is in the base frame in m/s^2, as decimals. A RobotError has all mistakes in the file.
     """
     return parse_dh_table(read_text_file(path), convention, gravity, str(path))
 
@@ -398,11 +383,7 @@ def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = (
 def parse_dh_table(
     text: str, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81"), file: str = "table.csv"
 ) -> Robot:
-    """Return the robot whose rows `text` holds; messages call the text `file`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
+    """Return the robot whose rows `text`, called `file`, holds; see `read_dh_table`."""
     places: dict[KeyPath, Place] = {}
     start = Place(file, 1, 1)
     joints: list[dict[str, Any]] = []

@@ -29,12 +29,9 @@ LARGEST_FILE = 64 * 10**6
 
 
 def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -> str:
-    """Return the text of the file at `path`, which messages call `noun`.
+    """Return the text of the file at `path`, which messages call `noun`; a RobotError if it has none.
 
     `keep_ends`: ends of lines, and a byte order mark, stay as they are.
-
-    Raises:
-        RobotError: it cannot be read, or is not UTF-8.
     """
     try:
         content = read_file(path, LARGEST_FILE)
@@ -42,9 +39,8 @@ def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -
             return content.decode()
         return io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
     except (OSError, UnicodeDecodeError) as error:
-        if isinstance(error, OSError):
-            text = f"cannot be read: {error.strerror or error}"
-        else:
+        text = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        if isinstance(error, UnicodeDecodeError):
             text = f"not UTF-8 text (byte {error.start}); save the {noun} as UTF-8"
         raise RobotError(Notice(code="robot.unreadable", text=text, file=str(path))) from error
 
@@ -96,15 +92,10 @@ class Places:
         return self.values.get(path, self.whole)
 
 
-def locate_values(text: str, file: str = "") -> Places:
-    """Return the places, in `file`, of all keys and values in valid TOML; lines end in a line feed alone."""
-    return _Scanner(text, file).scan_document()
+class Scanner:
+    """A cursor in valid TOML whose lines end in a line feed alone, and the places found so far."""
 
-
-class _Scanner:
-    """A cursor in the text, and the places found so far."""
-
-    def __init__(self, text: str, file: str) -> None:
+    def __init__(self, text: str, file: str = "") -> None:
         self.text = text
         self.file = file
         self.position = 0
@@ -114,6 +105,7 @@ class _Scanner:
         self._tables: dict[KeyPath, int] = {}
 
     def scan_document(self) -> Places:
+        """Return the places of all keys and values."""
         path: KeyPath = ()
         self._skip(_BLANK)
         while self.position < len(self.text):
@@ -291,11 +283,7 @@ class Section:
         self.refuse(code, key, f'there is no joint "{self.values[key]}"; {hint}')
 
     def finish(self) -> tuple[Notice, ...]:
-        """Return all warnings in the order of their places.
-
-        Raises:
-            RobotError: with all mistakes, likewise, where there are any.
-        """
+        """Return all warnings in the order of their places, or raise a RobotError with all mistakes."""
         if self.errors:
             raise RobotError(*sort_notices(self.errors))
         return sort_notices(self.warnings)
@@ -463,11 +451,7 @@ class Section:
 
 
 def parse_toml(text: str, file: str, code: str = "robot.syntax") -> Section:
-    """Return the whole table that `text` writes; messages call the text `file`.
-
-    Raises:
-        RobotError: with a notice of this code, where the text is no TOML.
-    """
+    """Return the whole table that `text`, called `file`, writes; a RobotError of this code if none."""
     text = text.replace("\r\n", "\n")
     try:
         values = tomllib.loads(text, parse_float=Decimal)
@@ -486,7 +470,7 @@ def parse_toml(text: str, file: str, code: str = "robot.syntax") -> Section:
     except (ValueError, RecursionError) as error:
         raise _explain_excess(text, file, code, deep=isinstance(error, RecursionError)) from error
     try:
-        return Section(values=values, places=locate_values(text, file))
+        return Section(values=values, places=Scanner(text, file).scan_document())
     except RecursionError as error:
         raise _explain_excess(text, file, code, deep=True) from error
 

@@ -14,7 +14,7 @@ Not supported: closed loops, several trees, rings of followers, floating and pla
 import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -54,13 +54,8 @@ _REMEDIES = {
 _LOOP = "closed loops are not supported; leave out one of the joints and give its torque as a load"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Tree:
-    """The joints beyond the base link `root`, parents before children, and those `before` it."""
-
-    root: str
-    before: tuple[TreeJoint, ...]
-    joints: tuple[TreeJoint, ...]
+_Tree = tuple[str, list[TreeJoint], list[TreeJoint]]
+"""The base link, the joints before it, and those beyond it, parents before children."""
 
 
 def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, complete: bool) -> _Tree | None:
@@ -108,8 +103,7 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
             if joint.name in on_path or fixed:
                 chosen.append(joint)
                 linked.add(joint.child)
-    before = _locate_path(above, root, start) or ()
-    tree = _Tree(root=start, before=tuple(before), joints=tuple(chosen))
+    before = _locate_path(above, root, start) or []
     for joint in chosen:
         if not joint.moves and joint.type != "fixed":
             what = "a floating base" if joint.type == "floating" else f"a {joint.type} joint"
@@ -124,7 +118,7 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
         names, mass = list_words((link.name for link in cut), most=12), sum(link.mass for link in cut)
         text = f"outside of the chosen part, and not in the model: the links {names} ({mass:.6g} kg in all)"
         reading.warn("robot.cut-off", text, cut[0].part.element)
-    return tree
+    return start, before, chosen
 
 
 def _locate_root(reading: TreeReading, above: Mapping[str, TreeJoint]) -> str | None:
@@ -222,11 +216,7 @@ _ROUNDED = 1e-9
 
 
 def read_urdf(document: XmlDocument, snap: float) -> tuple[TreeReading, bool]:
-    """Return the links and joints of a URDF, and whether all of them could be read.
-
-    Raises:
-        RobotError: the document is no URDF, or a xacro file.
-    """
+    """Return links and joints, and whether all of them could be read; a RobotError if it is no plain URDF."""
     root = document.root
     for element in root.walk():
         if element.tag.startswith("xacro:"):
@@ -252,7 +242,7 @@ def assemble_robot(
     tip: str | None,
     gravity: ExactVector | None = None,
 ) -> Robot:
-    """Return the robot of the links and joints that were read; see `read_xml_robot`.
+    """Return the robot of what was read, or raise a RobotError with all mistakes; see `read_xml_robot`.
 
     Args:
         reading: the links and joints; mistakes that were found in them.
@@ -260,21 +250,18 @@ def assemble_robot(
         base: the first link.
         tip: the last one.
         gravity: in the frame of the file's root (m/s^2); None where the file states none, as a URDF.
-
-    Raises:
-        RobotError: with a notice for each mistake.
     """
     tree = _read_tree(reading, base, tip, complete=complete)
-    kept, before = (tree.joints, tree.before) if tree else (tuple(reading.joints.values()), ())
+    first, before, kept = tree or ("", [], list(reading.joints.values()))
     followers = _resolve_mimics(reading, kept, before)
     if tree is None or reading.errors:
         raise RobotError(*sort_notices(reading.errors))
     document, root = reading.document, reading.document.root
     what, link, attribute = ("URDF", "link", "name") if gravity is None else ("MJCF model", "body", "model")
-    joints, links = _reduce_joints(reading, tree, followers, tip)
+    joints, links = _reduce_joints(reading, first, kept, followers, tip)
     # Drives that turn with several joints; joints that stand still do not move them.
     index = {joint.name: number for number, joint in enumerate(joints)}
-    reached = {joint.name for joint in (*tree.before, *tree.joints)}
+    reached = {joint.name for joint in (*before, *kept)}
     couplings = []
     for entry in reading.couplings:
         if lost := [f"'{name}'" for name, _ in entry.terms if name not in reached]:
@@ -302,7 +289,7 @@ def assemble_robot(
     # Joints before the base stand at zero, followers among them at their offset; gravity is `gravity`, or
     # down, in the file's root frame.
     outer = IDENTITY
-    for joint in tree.before:
+    for joint in before:
         offset = _place_offset(joint, followers.get(joint.name), reading.snap)
         outer = compose_placements(outer, joint.origin, joint.turn, offset, invert_placement(joint.turn))
     if gravity is not None:
@@ -312,7 +299,7 @@ def assemble_robot(
         x, y, z = (_GRAVITY * entry for entry in outer.rotation[2])
         down = (x, y, z)
         words = list_words(f"{value.to_float():g}" for value in down)
-        where = f"of link {tree.root}{', the joints before it at 0' if tree.before else ''}"
+        where = f"of link {first}{', the joints before it at 0' if before else ''}"
         text = f"a URDF states no gravity; it was taken as ({words}) m/s^2 in the frame {where}"
         reading.warn("robot.assumed-gravity", text)
     # The same for all ends of lines.
@@ -323,7 +310,7 @@ def assemble_robot(
         links=links,
         gravity=down,
         convention="urdf" if gravity is None else "mjcf",
-        description=f"from the {what} {file.name}, whose {link} {tree.root} is the base"
+        description=f"from the {what} {file.name}, whose {link} {first} is the base"
         + (f", {tip} the tip" if tip else ""),
         source=root.attributes.get(attribute, ""),
         processing=Processing(automatic=True),
@@ -341,17 +328,21 @@ def _place_offset(joint: TreeJoint, follower: MimicStep | None, snap: float) -> 
 
 
 def _reduce_joints(
-    reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
+    reading: TreeReading,
+    first: str,
+    kept: Sequence[TreeJoint],
+    followers: Mapping[str, MimicStep],
+    tip: str | None,
 ) -> tuple[tuple[Joint, ...], tuple[LinkPlace, ...]]:
     """Return the moving joints with canonical frames, and all links that move."""
-    index = {joint.name: number for number, joint in enumerate(tree.joints)}
-    carriers = {tree.root: -1} | {joint.child: number for number, joint in enumerate(tree.joints)}
+    index = {joint.name: number for number, joint in enumerate(kept)}
+    carriers = {first: -1} | {joint.child: number for number, joint in enumerate(kept)}
     # From a link's frame here, whose z is the joint's axis, to that of the file.
-    backs = {tree.root: IDENTITY} | {joint.child: invert_placement(joint.turn) for joint in tree.joints}
-    stated = [reading.links[joint.child] for joint in tree.joints]
+    backs = {first: IDENTITY} | {joint.child: invert_placement(joint.turn) for joint in kept}
+    stated = [reading.links[joint.child] for joint in kept]
     known = any(link.inertial for link in stated if not link.between)
     built, fixed = [], []
-    for number, (joint, link) in enumerate(zip(tree.joints, stated, strict=True)):
+    for number, (joint, link) in enumerate(zip(kept, stated, strict=True)):
         back, follower, inertial = backs[joint.child], followers.get(joint.name), link.inertial
         if not joint.moves or (follower and follower.master is None):
             fixed.append(number)

@@ -91,13 +91,10 @@ class RewrittenFile:
 
 
 def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
-    """Return the URDF `text`, which `robot` was read from, with the robot's inertias, friction and rotors.
+    """Return the URDF `text`, which `robot` was read from as `made_from` says, with the robot's own values.
 
-    `robot.made_from` says how it was read. Values of a link hold for it and all that it carries, what was
-    cut off included, as identified ones do.
-
-    Raises:
-        RobotError: the text is no URDF, or the robot was made from none.
+    Values of a link hold for it and all that it carries, what was cut off included, as identified ones do. A
+    RobotError if the text is no URDF, or the robot was made from none.
     """
     made = _get_source(robot, "URDF", "robot.not-made")
     document = parse_document(text, robot.path)
@@ -282,13 +279,10 @@ def _set(
 
 
 def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
-    """Return the MJCF `text`, which `robot` was read from, with its inertias, friction, rotors, springs.
+    """Return the MJCF `text`, which `robot` was read from as `made_from` says, with the robot's own values.
 
-    `robot.made_from` says how it was read. Where the file has inertias come from geoms alone, they come from
-    <inertial> now.
-
-    Raises:
-        RobotError: the text is no MJCF, or the values have no place in it.
+    Where the file has inertias come from geoms alone, they come from <inertial> now. A RobotError if the
+    text is no MJCF, or the values have no place in it.
     """
     code = "robot.mjcf-unsupported"
     made = _get_source(robot, "model", code)

@@ -4,7 +4,7 @@ import tomllib
 
 from hypothesis import given, strategies as st
 
-from symid.robot.toml_values import locate_values
+from symid.robot.toml_values import Scanner
 
 BARE_KEYS = st.from_regex(r"[A-Za-z0-9_-]{1,6}", fullmatch=True)
 QUOTED_KEYS = st.sampled_from(['"a.b"', "'c # d'", '"e\\"]f"', "'='", '"\\u00e9"', '""'])
@@ -91,7 +91,7 @@ def _walk(value, path=()):
 @given(DOCUMENTS)
 def test_every_value_and_key_stands_where_its_place_says(statements):
     text = _keep_valid(statements)
-    places = locate_values(text)
+    places = Scanner(text).scan_document()
     found = {path: value for path, value in _walk(tomllib.loads(text)) if path}
     assert set(places.values) == set(found)
     lines = text.split("\n")
