@@ -74,18 +74,6 @@ def test_a_robot_file_names_the_second_encoder_and_its_side(make, tmp_path):
     assert get_second_encoder_side(read_recording(path, robot)) is None
 
 
-@pytest.mark.parametrize(
-    ("name", "attribute"),
-    [("theta", "motor_position"), ("motor_position", "motor_position"), ("link_position", "link_position")],
-)
-def test_default_names(make, tmp_path, name, attribute):
-    path = tmp_path / "run.npz"
-    arrays = save(path, **{name: np.random.default_rng(3).normal(size=(200, 2))})
-    recording = read_recording(path, make(ARM))
-    np.testing.assert_array_equal(getattr(recording, attribute), arrays[name])
-    assert not any(name in notice.text for notice in recording.notices)
-
-
 def test_two_second_encoders_and_one_column_twice_are_refused(make, tmp_path):
     path = tmp_path / "run.npz"
     more = np.random.default_rng(4).normal(size=(200, 2))

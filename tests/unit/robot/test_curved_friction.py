@@ -3,7 +3,6 @@
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pytest
@@ -99,23 +98,16 @@ def test_files_of_earlier_versions_are_read_and_written_with_the_name_of_the_law
     ("name", "gamma", "law", "shape"),
     [
         ("stribeck", None, "stribeck", (0.1,)),
-        ("stribeck", "2", "stribeck", (0.1,)),
         ("stribeck", "2.0", "stribeck", (0.1,)),
         ("stribeck", "1.6", "stribeck-exponent", (0.1, 1.6)),
         ("stribeck", "1", "tustin", (0.1,)),
         ("stribeck_offset", "1.6", "stribeck-exponent+offset", (0.1, 1.6)),
-        ("stribeck_offset", "1.0", "tustin+offset", (0.1,)),
         ("stribeck_cubic", "1.6", "stribeck-exponent+cubic", (0.1, 1.6)),
-        ("stribeck_cubic", "1", "stribeck-1+cubic", (0.1,)),
         ("improved_stribeck", "1.6", "improved-stribeck-exponent", (0.1, 0.02, 1.6)),
-        ("improved_stribeck", "1", "improved-stribeck-1", (0.1, 0.02)),
         ("asymmetric_stribeck", "0.7", "asymmetric-stribeck-exponent", (0.1, 0.7)),
-        ("asymmetric_stribeck", "1", "asymmetric-stribeck-1", (0.1,)),
-        ("stribeck+offset", "1.6", "stribeck-exponent+offset", (0.1, 1.6)),
         ("stribeck-exponent", "1.6", "stribeck-exponent", (0.1, 1.6)),
         ("stribeck-exponent", "1", "stribeck-exponent", (0.1, 1.0)),
         ("stribeck-exponent", None, "stribeck-exponent", (0.1, 2.0)),
-        ("load-dependent-stribeck", "1.6", "load-dependent-stribeck-exponent", (0.1, 1.6)),
         ("asymmetric-stribeck-both", "1.6", "asymmetric-stribeck-both-exponent", (0.1, 1.6)),
     ],
 )
@@ -127,32 +119,17 @@ def test_an_exponent_beside_the_model_is_part_of_the_law(name, gamma, law, shape
     assert parse_robot(write_robot(robot)).joints[0].friction == robot.joints[0].friction
 
 
-NO_NUMBERS = ("true", '"two"', "inf", "nan", "[2]", '"unknown"')
-# Codes, words, models and exponents.
-WRONG_EXPONENTS = [
-    ("robot.wrong-type", "expected a number", ("stribeck", "stribeck-exponent"), NO_NUMBERS),
-    (
-        "robot.out-of-range",
-        "must be greater than 0 and at most 10",
-        ("stribeck", "stribeck_offset", "improved-stribeck-exponent"),
-        ("0", "-1", "10.5"),
-    ),
-    # Laws whose exponent is fixed.
-    (VALUES, 'not a value of the model "{}"', ("tustin", "stribeck-1.6", "lorentzian", "cubic"), ("1.6",)),
-]
-
-
 @pytest.mark.parametrize(
-    ("code", "words", "name", "gamma"),
+    ("name", "gamma", "code", "words"),
     [
-        (code, words.format(name), name, gamma)
-        for code, words, names, gammas in WRONG_EXPONENTS
-        for name, gamma in product(names, gammas)
+        *(("stribeck", gamma, "robot.wrong-type", "expected a number") for gamma in ("true", '"two"', "inf")),
+        *(("stribeck_offset", gamma, "robot.out-of-range", "must be greater than 0") for gamma in (0, 10.5)),
+        # Laws whose exponent is fixed.
+        *((name, 1.6, VALUES, f'not a value of the model "{name}"') for name in ("tustin", "lorentzian")),
     ],
 )
-def test_a_wrong_exponent_is_refused(code, words, name, gamma):
-    shape = ("vs = 0.1\n" * (name != "cubic")) + ("dq0 = 0.02\n" * ("improved" in name))
-    (notice,) = refuse(parse, f'model = "{name}"\n{shape}gamma = {gamma}')
+def test_a_wrong_exponent_is_refused(name, gamma, code, words):
+    (notice,) = refuse(parse, f'model = "{name}"\nvs = 0.1\ngamma = {gamma}')
     assert notice.code == code
     assert f"gamma: {words}" in notice.text
 
@@ -183,8 +160,6 @@ def test_a_drive_of_several_joints_feels_neither_load_nor_position_nor_temperatu
             "Fe: -1.6 drives the joint as motion begins",
         ),
         ("makkar", "Fm=3 Fc=0.1 Fv=0 g2=1 g3=100 g5=10", "outweigh Fm"),
-        ("improved_stribeck", "Fv=1 Fc=1 Fe=-3 Fp=1 vs=0.1 dq0=0.02", "Fe: -3"),
-        ("stribeck", "Fv=1 Fc=1 Fe=-3 vs=0.1 smoothing=0.01", "Fe: -3 drives"),
         ("lorentzian", "Fv=1 Fc=1 Fe=-3 vs=0.1", "Fe: -3 drives the joint as motion begins"),
         ("polynomial-4", "Fv=1 Fc=1 Fv4=-1", "Fv4: -1 drives the joint from about 1.2 rad/s"),
         (
@@ -198,15 +173,10 @@ def test_a_drive_of_several_joints_feels_neither_load_nor_position_nor_temperatu
         ("cubic", "Fv=0.6 Fc=0.9 Fvq=-0.05 Fvc=0.01", None),
         ("cubic", "Fv=0.6 Fc=0.2 Fvq=-1 Fvc=0 [joint.limits] velocity=0.8", None),
         ("makkar", "Fm=1 Fc=2 Fv=0 g2=1 g3=3 g5=10", None),
-        ("makkar", "Fm=1 Fc=0 Fv=0 g2=9 g3=3 g5=10", None),
-        ("improved_stribeck", "Fv=1 Fc=1 Fe=-0.5 Fp=9 vs=0.1 dq0=0.02", None),
         ("stribeck_offset", "Fv=1 Fc=1 Fe=-1 offset=9 vs=1e-9 gamma=10", None),
-        ("polynomial-4", "Fv=0.6 Fc=0.2 Fv4=-1 [joint.limits] velocity=0.9", None),
-        ("lorentzian", "Fv=1 Fc=1 Fe=-0.9 vs=0.1", None),
         ("position-torque", "Fv=1 Fc=1 A1=-9 B1=9 A2=0 B2=0", None),
         ("temperature", "Fv=1 Fc=1 Fvt=-0.1 Fct=-0.1", None),
         ("stribeck", "vs=0.1", None),
-        ("stribeck", "Fv=1 Fc=2 Fe=-0.5 vs=0.05", None),
     ],
 )
 def test_a_curve_that_drives_the_joint_is_remarked_on(name, values, said):

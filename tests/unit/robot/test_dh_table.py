@@ -91,11 +91,6 @@ def test_a_mistake_is_told_once_with_its_place(code, text, words):
     assert words in notice.text
 
 
-def test_all_mistakes_are_told_at_once():
-    table = HEAD + "one,revolut,0,0,0,0\ntwo,,x y,0,0,q\nthree,,0,0,0\n"
-    assert [notice.line for notice in refuse(parse_dh_table, table, "modified")] == [2, 3, 4, 4]
-
-
 def test_what_stands_in_quotes_separates_nothing():
     table = 'joint,alpha,a,d,theta\n"the ""first"", #1",0,0,0,q\n'
     assert parse_dh_table(table, "modified").joints[0].name == 'the "first", #1'

@@ -108,6 +108,11 @@ def test_a_mistake_is_told_with_its_place(code, text, words):
         ),
         (build(GOOD, transmission("<motorInertia>-1</motorInertia>")), RANGE, "motorInertia: "),
         (build(GOOD, transmission(reduce(2) + reduce(3))), "robot.two-forms", "2 and 3"),
+        (
+            build(GOOD, transmission("<motorInertia>1e-3</motorInertia><rotorInertia>5e-3</rotorInertia>")),
+            "robot.two-forms",
+            "two rotor inertias that differ, 0.001 and 0.005; keep one",
+        ),
         (build(GOOD, transmission(""), transmission("", "u")), "robot.two-forms", "of line 4;"),
     ],
 )
@@ -185,10 +190,6 @@ def test_what_is_no_urdf_is_refused(text, code, words):
     assert notice.line >= 1
 
 
-def test_a_namespace_alone_is_no_xacro():
-    assert parse_xml_robot(build(GOOD).replace("<robot ", '<robot xmlns:xacro="x" ')).size == 2
-
-
 def test_columns_count_characters():
     text, place = take_mark(build(joint("jöint", type_="^flöat"), joint("k", "b", "c")))
     (notice,) = find_notices(text)
@@ -213,13 +214,6 @@ def test_numbers_between_tags_are_refused(text, line, words):
     (notice,) = find_notices(text)
     assert (notice.code, notice.line) == ("robot.stray-text", line)
     assert words in notice.text
-
-
-def test_two_rotor_inertias_that_differ_are_refused():
-    line = transmission("<motorInertia>1e-3</motorInertia><rotorInertia>5e-3</rotorInertia>")
-    (notice,) = find_notices(build(GOOD, line))
-    assert notice.code == "robot.two-forms"
-    assert "two rotor inertias that differ, 0.001 and 0.005; keep one" in notice.text
 
 
 def test_blanks_around_names_are_explained():
