@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         get_second_encoder_side as get_second_encoder_side,
         summarise_joints as summarise_joints,
     )
-    from symid.logs.draft import Draft as Draft, DraftOrder as DraftOrder, draft_robot as draft_robot
+    from symid.logs.draft import Draft as Draft, draft_robot as draft_robot
     from symid.logs.files import (
         RawLog as RawLog,
         read_csv as read_csv,
