@@ -46,7 +46,6 @@ if TYPE_CHECKING:
         Ends as Ends,
         check_distinct as check_distinct,
         check_distinct_samples as check_distinct_samples,
-        describe_digests as describe_digests,
         describe_logs as describe_logs,
         describe_overlap as describe_overlap,
         describe_runs as describe_runs,

@@ -87,7 +87,11 @@ def read_bag(path: Path) -> RawLog:
     counts: dict[str, int] = {}
     try:
         with ExitStack() as stack:
-            readers = [stack.enter_context(Reader(file)) for file in _list_files(path)]
+            # A file, a folder with metadata, or all files of one without.
+            files = [path]
+            if path.is_dir() and not (path / _METADATA).exists():
+                files = sorted(entry for entry in path.iterdir() if entry.suffix in STORAGE_SUFFIXES)
+            readers = [stack.enter_context(Reader(file)) for file in files]
             for reader in sorted(readers, key=lambda reader: reader.start_time):
                 types |= {entry.topic: entry.msgtype for entry in reader.connections}
                 for entry in reader.connections:
@@ -121,13 +125,6 @@ def read_bag(path: Path) -> RawLog:
         text = f"the bag has no messages of {', '.join(_PARSED)}; it has {', '.join(others) or 'no topics'}"
         raise build_file_error(path, text, "log.no-topic")
     return _build_columns(path, found, types, others)
-
-
-def _list_files(path: Path) -> list[Path]:
-    """Return what to open: a file, a folder with metadata, or all files of one without."""
-    if not path.is_dir() or (path / _METADATA).exists():
-        return [path]
-    return sorted(entry for entry in path.iterdir() if entry.suffix in STORAGE_SUFFIXES)
 
 
 def _parse(message: Any, kind: str, received: int) -> _Message:  # noqa: ANN401  made by rosbags

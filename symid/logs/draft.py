@@ -12,7 +12,7 @@ Not supported: columns of motors, of second encoders and of controllers, unless 
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from functools import partial
 from pathlib import Path
@@ -28,7 +28,7 @@ from symid.logs.sampling import resample_if_uneven
 from symid.options import DraftOptions, Numbers
 from symid.robot import (
     DEFAULT_GRAVITY,
-    LOG_WORDS,
+    QUANTITIES,
     LogMap,
     LogQuantity,
     Robot,
@@ -43,9 +43,6 @@ from symid.robot import (
     to_decimal,
     write_robot,
 )
-
-QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in LOG_WORDS)
-"""Quantities that columns can be named for."""
 
 _TOPIC = "topic"
 """Named in place of columns, it has all of them."""

@@ -28,7 +28,7 @@ from symid.logs.columns import (
     choose_default_names,
     extract_quantity,
     extract_time,
-    get_torque_transmission,
+    get_matrix,
     has_default_columns,
     join_names,
 )
@@ -418,6 +418,8 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     if parts:
         findings.remark("log.unused-columns", "; ".join(parts))
     channels: dict[str, Any] = {name: values[name] for name in OPTIONAL_CHANNELS}
+    # What turned the torques of coupled motors into those of joints.
+    matrix = get_matrix(robot, robot.log.torque)
     return Recording(
         time=time,
         position=position,
@@ -426,7 +428,7 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
         source=str(path),
         notices=tuple(findings.remarks),
         extras={name: raw.columns[name] for name in unused},
-        transmission=get_torque_transmission(robot),
+        transmission=None if matrix is None else np.array(matrix),
     )
 
 

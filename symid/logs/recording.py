@@ -267,7 +267,18 @@ def read_part(given: _Part, name: str, unit: str = "") -> LogPart:
     Raises:
         UsageError: it is no part; its end is not after its start; or its unit can only be guessed.
     """
-    text = given if isinstance(given, str) else _write_seconds(given, name)
+    if isinstance(given, str):
+        text = given
+    else:
+        pair = tuple(given) if isinstance(given, tuple | list | np.ndarray) else ()
+        numbers = [value for value in pair if value is not None]
+        good = all(
+            isinstance(value, int | float | np.number) and 0.0 <= value < math.inf for value in numbers
+        )
+        if len(pair) != 2 or not good or any(isinstance(value, bool) for value in numbers):
+            why = f"{_EXPECTED}, or a pair of seconds (2.5, 30.0), None for an open end"
+            raise _refuse(name, repr(given), why)
+        text = ":".join("" if value is None else f"{float(value)!r}{SECONDS}" for value in pair)
     found = _PART.fullmatch(text)
     if found is None or (found[2] and not found[1]) or (found[4] and not found[3]):
         raise _refuse(name, text, _EXPECTED)
@@ -291,19 +302,6 @@ def read_part(given: _Part, name: str, unit: str = "") -> LogPart:
     ]
     written_again = f"{found[1] or 0}{marks[0]}:{found[3] or ''}{marks[1]}"
     return LogPart(start=start, end=end, units=units, stated=stated, text=written_again)
-
-
-def _write_seconds(given: object, name: str) -> str:
-    """Return a pair of seconds as text."""
-    pair = tuple(given) if isinstance(given, tuple | list | np.ndarray) else ()
-    numbers = [value for value in pair if value is not None]
-    good = all(isinstance(value, int | float | np.number) and 0.0 <= value < math.inf for value in numbers)
-    if len(pair) != 2 or not good or any(isinstance(value, bool) for value in numbers):
-        raise _refuse(
-            name, repr(given), f"{_EXPECTED}, or a pair of seconds (2.5, 30.0), None for an open end"
-        )
-    first, last = ("" if value is None else f"{float(value)!r}{SECONDS}" for value in pair)
-    return f"{first}:{last}"
 
 
 def _refuse(name: str, text: str, why: str) -> UsageError:

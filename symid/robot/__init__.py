@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.robot.description import (
-        LOG_WORDS as LOG_WORDS,
+        QUANTITIES as QUANTITIES,
         Controller as Controller,
         Coupling as Coupling,
         Decimation as Decimation,

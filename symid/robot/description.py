@@ -20,7 +20,7 @@ Not supported: closed loops, floating bases; integral parts, coupled control loo
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from fractions import Fraction
 
@@ -77,8 +77,9 @@ class LogMap:
     topic: str | None = None
 
 
-LOG_WORDS = ("transmission", "preset", "topic")
-"""Fields of a LogMap that are no quantities."""
+_WORDS = ("transmission", "preset", "topic")
+QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in _WORDS)
+"""Fields of a LogMap that are quantities."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from symid.errors import RobotError
-from symid.robot.description import Drive, Limits, MimicStep, Robot, Spring
+from symid.robot.description import Coupling, Drive, Limits, MimicStep, Robot, Spring
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -54,7 +54,6 @@ from symid.robot.urdf_parts import (
     MJCF_UNUSED,
     NULL,
     ModelSettings,
-    TreeCoupling,
     TreeJoint,
     TreeLink,
     TreeReading,
@@ -677,9 +676,8 @@ def _read_tendons(reading: TreeReading) -> None:
         if not rotor and not friction.values:
             _skip(reading, element, "<fixed> tendon without mechanics")
             continue
-        reading.couplings.append(
-            TreeCoupling(name=name, part=own, terms=factors, rotor_inertia=rotor or None, friction=friction)
-        )
+        drive = Coupling(name=name, terms=(), has_rotor=rotor > 0, rotor_inertia=rotor or None)
+        reading.couplings.append((replace(drive, friction=friction), own, factors))
 
 
 def _read_actuators(reading: TreeReading) -> None:

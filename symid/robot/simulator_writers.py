@@ -46,7 +46,7 @@ from symid.joint_models import (
 )
 from symid.robot.description import Coupling, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY, Placement, compose_placements, compute_unit_quaternion, to_floats
-from symid.robot.inertia import split_body
+from symid.robot.inertia import split_body, to_tensor
 from symid.robot.toml_values import BASE
 from symid.robot.urdf_xml import TENSOR
 
@@ -461,9 +461,8 @@ def _choose_names(robot: Robot) -> list[str]:
 
 def _write(values: float | Sequence[float]) -> str:
     """Return a number, or several in parentheses, with all digits."""
-    if isinstance(values, int | float):
-        return repr(float(values) + 0.0)
-    return f"({', '.join(repr(float(value) + 0.0) for value in values)})"
+    many = isinstance(values, Sequence)
+    return f"({', '.join(map(write_decimal, values))})" if many else write_decimal(values)
 
 
 def _split_moments(parameters: Sequence[float]) -> tuple[list[float], list[float]]:
@@ -471,7 +470,7 @@ def _split_moments(parameters: Sequence[float]) -> tuple[list[float], list[float
     xx, xy, xz, yy, yz, zz = split_body(parameters)[2]
     if not (xy or xz or yz):
         return [xx, yy, zz], [1.0, 0.0, 0.0, 0.0]
-    moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    moments, axes = np.linalg.eigh(to_tensor((xx, xy, xz, yy, yz, zz)))
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     # The eigenvector of K at its largest eigenvalue is the quaternion (Bar-Itzhack, JGCD 23 (2000) 1085).
     (a, b, c), (d, e, f), (g, h, i) = axes

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from symid.environment import read_file
 from symid.errors import Notice, RobotError
@@ -51,6 +51,7 @@ def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
 
 
 KeyPath = tuple[str | int, ...]
+T = TypeVar("T")
 
 _BLANK = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
 _SPACE = re.compile(r"[ \t]*")
@@ -318,21 +319,20 @@ class Section:
         text = f"expected {expected}, got {self.show(key, *inner)}{hint}"
         self.refuse("robot.wrong-type", key, text, *inner)
 
+    def _read(self, key: str, kind: type[T], expected: str) -> T | None:
+        value = self.get(key)
+        if value is None or (isinstance(value, kind) and (kind is bool or not isinstance(value, bool))):
+            return value
+        self._refuse_type(key, expected)
+        return None
+
     def read_text(self, key: str) -> str | None:
         """Return the text at `key`."""
-        value = self.get(key)
-        if value is None or isinstance(value, str):
-            return value
-        self._refuse_type(key, 'a text in "quotes"')
-        return None
+        return self._read(key, str, 'a text in "quotes"')
 
     def read_flag(self, key: str) -> bool | None:
         """Return the truth value at `key`."""
-        value = self.get(key)
-        if value is None or isinstance(value, bool):
-            return value
-        self._refuse_type(key, "true or false")
-        return None
+        return self._read(key, bool, "true or false")
 
     def read_choice(self, key: str, allowed: Iterable[str]) -> str | None:
         """Return the text at `key`, one of `allowed`."""
@@ -346,16 +346,11 @@ class Section:
 
     def read_integer(self, key: str, allowed: Range) -> int | None:
         """Return the integer at `key`."""
-        value = self.get(key)
-        if value is None:
-            return None
-        if not isinstance(value, int) or isinstance(value, bool):
-            self._refuse_type(key, "a whole number")
-            return None
-        if value not in allowed:
-            self.refuse("robot.out-of-range", key, f"must be {allowed}, got {value}")
-            return None
-        return value
+        value = self._read(key, int, "a whole number")
+        if value is None or value in allowed:
+            return value
+        self.refuse("robot.out-of-range", key, f"must be {allowed}, got {value}")
+        return None
 
     def read_number(
         self, key: str, unit: str, allowed: Range = ANY, *inner: int, word: str = ""

@@ -26,7 +26,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.joint_models import FrictionValues
-from symid.robot.description import Drive, Limits, MimicStep, Spring
+from symid.robot.description import Coupling, Drive, Limits, MimicStep, Spring
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -87,7 +87,7 @@ class ModelSettings:
 class TreeReading:
     """A file that is being read: its links and joints by name, mistakes, and what is not used.
 
-    `steps` are followers by name, `couplings` drives that turn with several joints, as the file has them.
+    `steps` are followers by name, `couplings` drives that turn with several joints, named as their terms.
     `grouped` has the names and places of warnings that are given once for many, by (code, text). Of an MJCF
     model `classes` has the elements where a class states attributes, by class, kind of element and attribute;
     `parts` bodies, joints and tendons by kind and name.
@@ -101,7 +101,9 @@ class TreeReading:
     links: dict[str, "TreeLink"] = field(default_factory=dict)
     joints: dict[str, "TreeJoint"] = field(default_factory=dict)
     steps: dict[str, MimicStep] = field(default_factory=dict)
-    couplings: list["TreeCoupling"] = field(default_factory=list)
+    couplings: list[tuple[Coupling, "XmlPart", tuple[tuple[str, Fraction], ...]]] = field(
+        default_factory=list
+    )
     errors: list[Notice] = field(default_factory=list)
     warnings: list[Notice] = field(default_factory=list)
     grouped: dict[tuple[str, str], list[tuple[str, Place]]] = field(default_factory=dict)
@@ -490,17 +492,6 @@ class TreeJoint:
     def moves(self) -> bool:
         """Return whether the type has a coordinate."""
         return self.type in MOVING
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TreeCoupling:
-    """A drive that turns with several joints: their names and factors in `terms`, else as `Coupling`."""
-
-    name: str
-    part: XmlPart
-    terms: tuple[tuple[str, Fraction], ...]
-    rotor_inertia: float | None
-    friction: FrictionValues
 
 
 def read_parts(document: XmlDocument, snap: float) -> TreeReading:

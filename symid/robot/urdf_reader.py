@@ -21,7 +21,6 @@ from pathlib import Path
 from symid.errors import RobotError
 from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.description import (
-    Coupling,
     Joint,
     JointKind,
     LinkPlace,
@@ -263,14 +262,12 @@ def assemble_robot(
     index = {joint.name: number for number, joint in enumerate(joints)}
     reached = {joint.name for joint in (*before, *kept)}
     couplings = []
-    for entry in reading.couplings:
-        if lost := [f"'{name}'" for name, _ in entry.terms if name not in reached]:
+    for drive, part, stated in reading.couplings:
+        if lost := [f"'{name}'" for name, _ in stated if name not in reached]:
             text = f"turns with joints that were cut off, {list_words(lost)}: it turns with the others alone"
-            entry.part.warn("robot.coupling-cut", text)
-        terms = tuple((index[name], factor) for name, factor in entry.terms if name in index and factor)
-        rotor = entry.rotor_inertia
-        drive = Coupling(name=entry.name, terms=terms, has_rotor=rotor is not None, rotor_inertia=rotor)
-        couplings += [replace(drive, friction=entry.friction)] if terms else []
+            part.warn("robot.coupling-cut", text)
+        terms = tuple((index[name], factor) for name, factor in stated if name in index and factor)
+        couplings += [replace(drive, terms=terms)] if terms else []
     # A name that functions can be called by.
     given, file = root.attributes.get(attribute, "").strip(), Path(document.file)
     name = re.sub(r"[^A-Za-z0-9_]+", "_", given or file.stem).strip("_")

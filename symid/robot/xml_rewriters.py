@@ -41,7 +41,7 @@ from symid.robot.geometry import (
     place_joint,
     to_floats,
 )
-from symid.robot.inertia import build_pseudo_inertias, is_same_body, move_parameters, split_body
+from symid.robot.inertia import build_pseudo_inertias, is_same_body, move_parameters, split_body, to_tensor
 from symid.robot.mjcf_reader import ORIENTATIONS, assemble_model, read_model, read_rotation
 from symid.robot.simulator_writers import (
     get_plain_friction,
@@ -423,8 +423,7 @@ def _edit_mjcf_inertial(body: XmlPart, values: Sequence[float]) -> Iterator[Edit
 
 def _find_axes(central: Sequence[float], near: FloatArray) -> tuple[list[float], list[float]]:
     """Return principal moments of a tensor (6,), and a quaternion of the axes most like `near` (3, 3)."""
-    xx, xy, xz, yy, yz, zz = central
-    moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    moments, axes = np.linalg.eigh(to_tensor(central))
     likeness = np.abs(near.T @ axes)
     order = max(itertools.permutations(range(3)), key=lambda p: sum(likeness[k, p[k]] for k in range(3)))
     axes = axes[:, list(order)]

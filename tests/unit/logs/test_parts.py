@@ -20,7 +20,6 @@ from symid.logs.recording import (
 )
 from symid.logs.runs import (
     compute_log_digests,
-    describe_digests,
     describe_runs,
     get_train_unit,
     measure_overlap,
@@ -191,10 +190,6 @@ def test_overlaps_are_found_without_the_logs(train, test, overlap):
         refuse_shared(*parts)
 
 
-def describe(recordings):
-    return {**describe_digests(recordings), **describe_runs(recordings)}
-
-
 def take(recording, text, **options):
     return take_parts([recording], read_parts(text, "-"), "-", **options)[0]
 
@@ -206,7 +201,7 @@ def test_the_seconds_that_a_fit_has_used_are_counted():
     }
     assert len(digests) == 1
     assert compute_log_digests([replace(whole, torque=whole.torque + 1.0)])[0] not in digests
-    settings = describe([take(whole, "0:60%", keep=True)])
+    settings = describe_runs([take(whole, "0:60%", keep=True)])
     assert settings["parts"] == [{"start": FIRST, "end": whole.time[599]}]
     assert get_train_unit(settings) == "%"
     for text, seconds in ((":", 6.0), ("60%:", 0.0), ("50%:", 1.0), ("10:20%", 1.0)):
@@ -214,7 +209,7 @@ def test_the_seconds_that_a_fit_has_used_are_counted():
         assert found == pytest.approx(seconds, abs=1e-6)
     other = replace(whole, torque=whole.torque + 1.0)
     assert measure_overlap(other, ["memory"], settings) == 0.0
-    settings = describe([whole])
+    settings = describe_runs([whole])
     assert "parts" not in settings
     cases = (
         ((0, 0), (0, 0), 10.0),
@@ -225,7 +220,7 @@ def test_the_seconds_that_a_fit_has_used_are_counted():
     for cut, fitted_cut, seconds in cases:
         found = measure_overlap(whole, ["memory"], settings, cut=cut, fitted_cut=fitted_cut)
         assert found == pytest.approx(seconds, abs=1e-6)
-    settings = describe([take(whole, text, keep=True) for text in ("0:30%", "20:50%", "80%:")])
+    settings = describe_runs([take(whole, text, keep=True) for text in ("0:30%", "20:50%", "80%:")])
     assert measure_overlap(whole, [], settings) == pytest.approx(7.0, abs=1e-6)
     assert measure_overlap(take(whole, "50:80%"), [], settings) == 0.0
     digests = {"log_digests": compute_log_digests([whole])}

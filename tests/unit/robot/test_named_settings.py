@@ -70,13 +70,6 @@ def test_a_set_replaces_whole_tables(robot):
     assert slow.settings == robot.settings
 
 
-def test_single_settings_win(robot):
-    pairs = [("processing.filter_cutoff", "9"), ("settings", "slow"), ("log.torque.unit", "mN m")]
-    found = override_robot(robot, pairs)
-    assert (found.processing.filter_cutoff, found.processing.decimation.factor) == (9.0, 20)
-    assert found.log.torque.unit == "mN m"
-
-
 def test_sets_are_written_again(robot):
     again = parse_robot(write_robot(robot), "arm.toml")
     assert again.settings == robot.settings

@@ -39,12 +39,6 @@ def test_no_setting_changes_nothing(emps):
     assert set(list_log(emps.log)) == {"time", "position", "torque", "reference"}
 
 
-def test_columns_of_a_robot_without_a_log_table(robots_folder):
-    robot = read_robot(robots_folder / "two_link.toml")
-    settings = [("log.torque.columns", "u1, u2"), ("log.torque.unit", "N m")]
-    assert override_robot(robot, settings).log.torque.columns == ("u1", "u2")
-
-
 def test_mistakes_are_told_at_once_and_name_the_setting(emps):
     settings = [
         ("processing.filter_cutoff", "-1"),
