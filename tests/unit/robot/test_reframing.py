@@ -167,14 +167,6 @@ def test_nearly_parallel_axes_become_parallel_and_that_is_said():
     assert free.joints[1].placement.rotation[2][1].to_float() == pytest.approx(3e-6)
 
 
-def test_a_frame_of_the_file_that_is_moved_is_said():
-    first = build_joint(0, (0.0, 0, 0, "q"))
-    moved = replace(first, frame=rotate_z(build_exact_angle(np.pi / 2 + 4e-6, snap=0)))
-    reframed = choose_canonical_frames((moved,))
-    assert [str(value) for value in reframed.joints[0].frame.rotation[0]] == ["0", "-1", "0"]
-    assert reframed.moved_by[0] == pytest.approx(4e-6, rel=1e-3)
-
-
 def test_a_common_normal_far_away_leaves_the_origin_at_the_robot():
     first = build_joint(0, (0.0, 0, 0.1, "q"))
     tilted = compose_placements(
