@@ -270,7 +270,9 @@ def read_part(given: _Part, name: str, unit: str = "") -> LogPart:
     if isinstance(given, str):
         text = given
     else:
-        pair = tuple(given) if isinstance(given, tuple | list | np.ndarray) else ()
+        # Callers give whatever they like.
+        seconds: Any = given
+        pair = tuple(seconds) if isinstance(seconds, tuple | list | np.ndarray) else ()
         numbers = [value for value in pair if value is not None]
         good = all(
             isinstance(value, int | float | np.number) and 0.0 <= value < math.inf for value in numbers

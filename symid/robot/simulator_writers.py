@@ -461,8 +461,9 @@ def _choose_names(robot: Robot) -> list[str]:
 
 def _write(values: float | Sequence[float]) -> str:
     """Return a number, or several in parentheses, with all digits."""
-    many = isinstance(values, Sequence)
-    return f"({', '.join(map(write_decimal, values))})" if many else write_decimal(values)
+    if isinstance(values, Sequence):
+        return f"({', '.join(map(write_decimal, values))})"
+    return write_decimal(values)
 
 
 def _split_moments(parameters: Sequence[float]) -> tuple[list[float], list[float]]:
