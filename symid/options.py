@@ -14,7 +14,7 @@ Loads nothing heavy: the command line reads the records before it knows what to 
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from os import PathLike
 from typing import Any, Literal, TypeVar
@@ -228,16 +228,13 @@ def _explain(entry: "Field[Any]") -> str:
 R = TypeVar("R", bound=Options)
 
 
-def merge(options: R | None, default: R, given: Mapping[str, object]) -> R:
+def merge(options: R | None, default: R, **given: object) -> R:
     """Return options with the keywords that a call was given; None stands for one that was not.
-
-    `given` are the `locals()` of the call, of which the record's fields are taken.
 
     Raises:
         UsageError: a value is refused.
     """
-    known = {name: given[name] for name in list_options(type(default)) if given.get(name) is not None}
-    return replace(options or default, **known)
+    return replace(options or default, **{name: value for name, value in given.items() if value is not None})
 
 
 _UNSTATED = "where the robot file states none"

@@ -23,9 +23,9 @@ from symid.dynamics.base_parameters import BaseParameters, derive_base_parameter
 from symid.notation import INERTIAL
 from symid.robot.description import Drive, FrictionValues, Joint, JointKind, Limits, Robot
 from symid.robot.loading import locate_robot_file
+from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from symid.robot.simulator_writers import write_urdf
 from symid.robot.toml_reader import read_robot
-from symid.robot.urdf_reader import read_urdf
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from scaling import build_robot  # a script of the folder above

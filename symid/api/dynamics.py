@@ -19,7 +19,7 @@ from symid.codegen import BACKENDS
 from symid.environment import check_suffix, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
 from symid.identification import regression
-from symid.options import GenerateOptions, Precision, Target, check_value, merge, words
+from symid.options import GenerateOptions, Precision, Target, check_value, words
 
 if TYPE_CHECKING:
     import casadi as ca
@@ -732,7 +732,15 @@ class RobotDynamics:
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
         """
-        order = merge(None, GenerateOptions(), locals())
+        order = GenerateOptions(
+            functions=None if functions is None else tuple(functions),
+            target=target,
+            precision=precision,
+            parameters=parameters,
+            constant=constant,
+            trigonometry=trigonometry,
+            friction_laws=friction_laws,
+        )
         path = Path(fspath(folder))
         made = codegen.generate_folder(self.description, order, path, progress=self.progress, force=force)
         springs, notices = codegen.generate_springs(

@@ -187,7 +187,19 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: too few parameters are identifiable; the message names the others.
             SolverError: a search ended without a usable result.
         """
-        order = merge(options, IdentifyOptions(), locals())
+        order = merge(
+            options,
+            IdentifyOptions(),
+            rows=rows,
+            estimator=estimator,
+            method=method,
+            friction=friction,
+            cutoff=cutoff,
+            decimate=decimate,
+            period=period,
+            known=known,
+            partial=partial,
+        )
         rigid_fits.check_estimator(order.rows or "torque", order.estimator)
         law = identification.read_joint_laws(order.friction, self.description)
         searched = law if identification.needs_search(law) else None
@@ -241,7 +253,17 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: no joint has an identifiable law.
             SolverError: a search ended without usable numbers.
         """
-        order = merge(options, LawOptions(), locals())
+        order = merge(
+            options,
+            LawOptions(),
+            model=model,
+            estimator=estimator,
+            known=known,
+            smoothing=smoothing,
+            period=period,
+            seed=seed,
+            friction=friction,
+        )
         given = self._gather(logs, list_pairs(settings, order), order.friction, train)
         found = identification.identify_robot_friction(*given, order, self.context)
         extra = {"backend": found.backend}
@@ -367,7 +389,16 @@ class RobotModel(RobotDynamics):
         """
         import numpy as np
 
-        order = merge(options, SimulateOptions(), locals())
+        order = merge(
+            options,
+            SimulateOptions(),
+            duration=duration,
+            scale=scale,
+            noise=noise,
+            clean=clean,
+            bandwidth=bandwidth,
+            seed=seed,
+        )
         robot = self.description
         simulation.check_sensor_options(robot, order)
         # Before minutes go into the derivation.

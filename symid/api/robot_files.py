@@ -124,24 +124,20 @@ def new_robot(
     source = urdf or table or robot
     if source is not None:
         progress(f"reading {fspath(source)}")
-    given = merge(options, DraftOptions(), locals())
-    order = log_files.DraftOrder(
+    given = merge(
+        options, DraftOptions(), convention=convention, rotors=rotors, torque_constant=torque_constant
+    )
+    product = log_files.draft_robot(
+        given,
         urdf=None if urdf is None else Path(urdf),
-        base=given.base,
-        tip=given.tip,
         table=None if table is None else Path(table),
-        convention=given.convention,
-        gravity=given.gravity,
         name=None if robot is None else fspath(robot),
         log=None if log is None else Path(log),
         columns=dict(columns or {}),
         units=dict(units or {}),
         friction=friction,
-        rotors=given.rotors,
-        gear=given.gear,
-        constant=given.torque_constant,
     )
-    return RobotDraft(product=log_files.draft_robot(order))
+    return RobotDraft(product=product)
 
 
 @final

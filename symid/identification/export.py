@@ -47,11 +47,9 @@ from symid.robot import (
     explain_impossible_inertia,
     is_mjcf,
     list_mjcf_omissions,
-    list_rewritten_mjcf_omissions,
     list_urdf_omissions,
     list_usd_omissions,
     parse_robot,
-    parse_urdf,
     parse_xml_robot,
     read_urdf_text,
     rewrite_mjcf,
@@ -244,7 +242,7 @@ def locate_source(robot: Robot) -> Path:
 
 def _read_back(text: str, suffix: str, source: Path, made: SourceFile | None = None) -> tuple[Notice, ...]:
     """Return the notices of reading a new file's text, as `made` was; an EstimateError for such values."""
-    readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_urdf}
+    readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_xml_robot}
     try:
         if made is not None:
             return parse_xml_robot(text, made.file, base=made.base, tip=made.tip, snap=made.snap).notices
@@ -316,7 +314,7 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
         # A file that was kept has its own gravity, and may have been cut at a tilted link.
         left_out = tuple(list_urdf_omissions(robot, gravity=not rewritten))
     elif kind == "MJCF model":
-        left_out = tuple((list_rewritten_mjcf_omissions if rewritten else list_mjcf_omissions)(robot))
+        left_out = tuple(list_mjcf_omissions(robot, rewritten=bool(rewritten)))
     elif kind == "USD stage":
         left_out = tuple(list_usd_omissions(robot))
     if left_out:

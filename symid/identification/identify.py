@@ -68,7 +68,6 @@ from symid.logs import (
     Alignment,
     Recording,
     check_recording,
-    describe_digests,
     describe_logs,
     describe_runs,
     get_run_weights,
@@ -281,7 +280,7 @@ def prepare_elastic_methods(
         from symid.identification.identified import name_known_dynamics
 
         elastic = replace(elastic, known=name_known_dynamics(options.known, robot, ready.library))
-    echo = {**describe_settings(robot), **describe_digests(ready.cut), **describe_runs(ready.cut)}
+    echo = {**describe_settings(robot), **describe_runs(ready.cut)}
     by_method = prepare_methods(ready.library, ready.moved, elastic, echo=echo)
 
     def identify(method: str) -> Identification[ElasticEstimate]:
@@ -427,7 +426,6 @@ def identify_robot_friction(
     names = [entry.name for entry in library.card.beta]
     echo = {
         "log": describe_settings(robot)["log"],
-        **describe_digests(measured),
         **describe_runs(measured),
         "known": known,
         "known_values": None if beta is None else dict(zip(names, beta.tolist(), strict=True)),

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         get_second_encoder_side as get_second_encoder_side,
         summarise_joints as summarise_joints,
     )
-    from symid.logs.draft import Draft as Draft, DraftOrder as DraftOrder, draft_robot as draft_robot
+    from symid.logs.draft import Draft as Draft, draft_robot as draft_robot
     from symid.logs.files import (
         RawLog as RawLog,
         read_csv as read_csv,
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
         Ends as Ends,
         check_distinct as check_distinct,
         check_distinct_samples as check_distinct_samples,
-        describe_digests as describe_digests,
         describe_logs as describe_logs,
         describe_overlap as describe_overlap,
         describe_runs as describe_runs,

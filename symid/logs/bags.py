@@ -59,10 +59,7 @@ def is_bag_folder(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Message:
-    """A message: its stamps in ns, and values by joint and channel; an array where it names no joint.
-
-    `odd`: whether it contradicts itself; of what does so, `values` has nothing.
-    """
+    """A message: stamps in ns, values by joint and channel, or an array; `odd`: it contradicts itself."""
 
     stamp: int
     received: int
@@ -90,7 +87,11 @@ def read_bag(path: Path) -> RawLog:
     counts: dict[str, int] = {}
     try:
         with ExitStack() as stack:
-            readers = [stack.enter_context(Reader(file)) for file in _list_files(path)]
+            # A file, a folder with metadata, or all files of one without.
+            files = [path]
+            if path.is_dir() and not (path / _METADATA).exists():
+                files = sorted(entry for entry in path.iterdir() if entry.suffix in STORAGE_SUFFIXES)
+            readers = [stack.enter_context(Reader(file)) for file in files]
             for reader in sorted(readers, key=lambda reader: reader.start_time):
                 types |= {entry.topic: entry.msgtype for entry in reader.connections}
                 for entry in reader.connections:
@@ -124,13 +125,6 @@ def read_bag(path: Path) -> RawLog:
         text = f"the bag has no messages of {', '.join(_PARSED)}; it has {', '.join(others) or 'no topics'}"
         raise build_file_error(path, text, "log.no-topic")
     return _build_columns(path, found, types, others)
-
-
-def _list_files(path: Path) -> list[Path]:
-    """Return what to open: a file, a folder with metadata, or all files of one without."""
-    if not path.is_dir() or (path / _METADATA).exists():
-        return [path]
-    return sorted(entry for entry in path.iterdir() if entry.suffix in STORAGE_SUFFIXES)
 
 
 def _parse(message: Any, kind: str, received: int) -> _Message:  # noqa: ANN401  made by rosbags
@@ -248,19 +242,15 @@ def _build_columns(
         columns[f"{topic}/time"] = freeze(np.array([(stamp - origin) / _NANO for stamp in stamps]))
         columns |= {f"{topic}/{name}": freeze(values) for name, values in own.items()}
         notices.append(Notice(code="log.topic-read", text="; ".join(parts), file=str(path)))
-    if path.is_dir():
-        notices += []
-    else:
-        beside = [entry.name for entry in path.parent.iterdir() if entry.suffix == path.suffix]
-        if len(beside) < 2 or not (path.parent / _METADATA).exists():
-            notices += []
-        else:
-            text = (
-                f"this is one of {len(beside)} files of a bag ({_METADATA} is beside them), and "
-                "the others were"
-            )
-            text += f" not read; give the folder {os.path.dirname(path) or '.'} for all of them"  # noqa: PTH120
-            notices += [Notice(code="log.part-of-bag", text=text, file=str(path))]
+    beside = (
+        [] if path.is_dir() else [entry for entry in path.parent.iterdir() if entry.suffix == path.suffix]
+    )
+    if len(beside) > 1 and (path.parent / _METADATA).exists():
+        text = (
+            f"this is one of {len(beside)} files of a bag ({_METADATA} is beside them), and the others were "
+            f"not read; give the folder {os.path.dirname(path) or '.'} for all of them"  # noqa: PTH120
+        )
+        notices.append(Notice(code="log.part-of-bag", text=text, file=str(path)))
     return RawLog(columns=columns, others=others, notices=tuple(notices))
 
 

@@ -116,7 +116,7 @@ def _compute_scale(
     dimension, to_si = found
     factor = mapped.factor if mapped else (1.0,)
     wanted, joints = JOINT_DIMENSIONS[name], robot.axes
-    coupled = _get_matrix(robot, mapped) is not None
+    coupled = get_matrix(robot, mapped) is not None
     for joint in joints:
         if dimension in ("SI", wanted[joint.kind]) or any(value != 1.0 for value in factor):
             continue
@@ -142,13 +142,7 @@ def _is_motor_side(mapped: LogQuantity | None) -> bool:
     return mapped is not None and mapped.side == "motor"
 
 
-def get_torque_transmission(robot: Robot) -> FloatArray | None:
-    """Return the matrix (n, n) that turned the torques of coupled motors into those of joints, if any."""
-    matrix = _get_matrix(robot, robot.log.torque)
-    return None if matrix is None else np.array(matrix)
-
-
-def _get_matrix(robot: Robot, mapped: LogQuantity | None) -> TransmissionMatrix | None:
+def get_matrix(robot: Robot, mapped: LogQuantity | None) -> TransmissionMatrix | None:
     """Return the matrix of a coupled transmission between a quantity's motors and the joints, if any."""
     return robot.log.transmission if _is_motor_side(mapped) else None
 
@@ -160,7 +154,7 @@ def _describe_scale(name: str, unit: str, scale: FloatArray, mapped: LogQuantity
     constants = np.array([joint.drive.torque_constant or 0.0 for joint in robot.axes])
     dimension, to_si = get_unit_factor(unit)
     motor_current = name in _TORQUES and dimension == "current"
-    matrix = _get_matrix(robot, mapped)
+    matrix = get_matrix(robot, mapped)
     if matrix is not None:
         what = "the transpose" if name in _TORQUES else "the inverse"
         condition = compute_condition(matrix) or np.inf
@@ -270,7 +264,7 @@ def extract_quantity(
         findings.refuse("log.joint-count", text)
         return None, names
     unit = choose_unit(raw, names, mapped, "SI", findings)
-    matrix, scale = _get_matrix(robot, mapped), _compute_scale(name, unit, mapped, robot, findings)
+    matrix, scale = get_matrix(robot, mapped), _compute_scale(name, unit, mapped, robot, findings)
     if scale is None:
         return None, names
     offset = np.array(mapped.offset if mapped else (0.0,))

@@ -1,6 +1,6 @@
 """Drafts: a `[log]` map for a log, and a robot file to be completed: from URDF, MJCF, DH rows or a robot.
 
-Robot, path of a log, columns and units by quantity -> LogMapDraft. DraftOrder -> Draft.
+Robot, path of a log, columns and units by quantity -> LogMapDraft. Options, files -> Draft.
 
     preset of a known program, else: headings -> columns of each joint -> units -> LogMap
 
@@ -12,7 +12,7 @@ Not supported: columns of motors, of second encoders and of controllers, unless 
 
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from functools import partial
 from pathlib import Path
@@ -25,10 +25,10 @@ from symid.logs.columns import Findings
 from symid.logs.headings import list_quantities
 from symid.logs.reader import read_raw, read_recording, recognise_columns
 from symid.logs.sampling import resample_if_uneven
+from symid.options import DraftOptions, Numbers
 from symid.robot import (
     DEFAULT_GRAVITY,
-    LOG_WORDS,
-    Completion,
+    QUANTITIES,
     LogMap,
     LogQuantity,
     Robot,
@@ -43,9 +43,6 @@ from symid.robot import (
     to_decimal,
     write_robot,
 )
-
-QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in LOG_WORDS)
-"""Quantities that columns can be named for."""
 
 _TOPIC = "topic"
 """Named in place of columns, it has all of them."""
@@ -152,34 +149,11 @@ def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ..
     return found
 
 
-Numbers = str | float | Sequence[float]
-"""One number for each joint or one for all, or a text with commas, which is exact."""
-
 _COMMENT = """Made by symid from {source}.
 Values in comments are not known yet: fill in those that apply, and remove the others."""
 _ASSUMED = "Assumed from the log, please check:"
 _WIDTH = 105
 _EXAMPLES = {"--gear": "100,100,50", "--torque-constant": "0.12,0.12,0.05"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DraftOrder:
-    """The arguments of `symid.new_robot`; `name` is a robot, `constant` a torque constant in N m/A."""
-
-    urdf: Path | None
-    base: str | None
-    tip: str | None
-    table: Path | None
-    convention: str | None
-    gravity: Numbers | None
-    name: str | None
-    log: Path | None
-    columns: NamesByQuantity
-    units: NamesByQuantity
-    friction: str | None
-    rotors: bool
-    gear: Numbers | None
-    constant: Numbers | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,84 +174,69 @@ class Draft:
     notices: tuple[Notice, ...]
 
 
-def draft_robot(order: DraftOrder) -> Draft:
-    """Return the text of a robot file, with what is not known in comments.
+def draft_robot(
+    options: DraftOptions,
+    *,
+    urdf: Path | None,
+    table: Path | None,
+    name: str | None,
+    log: Path | None,
+    columns: NamesByQuantity,
+    units: NamesByQuantity,
+    friction: str | None,
+) -> Draft:
+    """Return the text of a robot file, with what is not known in comments; see `symid.new_robot`.
 
-    Raises:
-        UsageError: options that do not fit together, a number or a quantity that cannot be read.
-        RobotError, LogError: the source or the log is wrong.
+    A UsageError tells of options that do not fit, a RobotError or LogError of mistakes in a file.
     """
     texts = []
-    if sum(entry is not None for entry in (order.urdf, order.table, order.name)) != 1:
+    if sum(entry is not None for entry in (urdf, table, name)) != 1:
         texts.append("give one source: --from-urdf FILE (or --from-mjcf), --from-dh FILE or --from ROBOT")
     owned = (
-        ("--from-urdf", order.urdf, {"--base": order.base, "--tip": order.tip}),
-        ("--from-dh", order.table, {"--convention": order.convention, "--gravity": order.gravity}),
-        ("--log LOG", order.log, {"--columns": order.columns, "--units": order.units}),
+        ("--from-urdf", urdf, {"--base": options.base, "--tip": options.tip}),
+        ("--from-dh", table, {"--convention": options.convention, "--gravity": options.gravity}),
+        ("--log LOG", log, {"--columns": columns, "--units": units}),
     )
     for owner, given, own in owned:
         texts += [f"{option} belongs to {owner}" for option in _list_given(own) if given is None]
-    if order.table is not None and order.convention is None:
+    if table is not None and options.convention is None:
         texts.append("--from-dh needs --convention modified or --convention standard; it is never guessed")
     if texts:
         raise UsageError(*(Notice(code="usage.call", text=text) for text in texts))
-    if order.name is not None:
-        found = locate_robot_file(order.name)
-        if is_xml(found):
-            return _build(order, choose_reading(partial(read_xml_robot, found)))
-        options = {
-            "--log": order.log,
-            "--friction": order.friction,
-            "--rotors": order.rotors,
-            "--gear": order.gear,
-            "--torque-constant": order.constant,
-        }
-        added = _list_given(options)
-        if added:
-            text = (
-                f"{', '.join(added)}: a robot file is copied as it is; leave this out, and "
-                "complete it by hand"
-            )
+    notices: list[Notice] = []
+    if name is not None and is_xml(found := locate_robot_file(name)):
+        robot = choose_reading(partial(read_xml_robot, found))
+    elif name is not None:
+        more = {"--log": log, "--friction": friction, "--rotors": options.rotors, "--gear": options.gear}
+        if added := _list_given({**more, "--torque-constant": options.torque_constant}):
+            listed = ", ".join(added)
+            text = f"{listed}: a robot file is copied as it is; leave this out, and complete it by hand"
             raise UsageError(Notice(code="usage.copied", text=text, file=str(found)))
         robot = read_robot(found)
         text = found.read_text(encoding="utf-8-sig")
         return Draft(robot=robot, source=found, text=text, log=None, notices=robot.notices)
-    if order.urdf is not None:
-        reader = partial(read_xml_robot, order.urdf, base=order.base, tip=order.tip)
-        return _build(order, choose_reading(reader))
-    table, convention = order.table or Path(), order.convention or ""
-    if order.gravity is None:
-        text = "gravity is assumed as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the file"
-        robot = read_dh_table(table, convention, DEFAULT_GRAVITY)
-        return _build(order, robot, Notice(code="new.gravity", text=text))
-    texts, numbers = _read_numbers(order.gravity)
-    if len(numbers) != 3:
-        expected = "expected three numbers in m/s^2 of a sensible size"
-        text = f"--gravity {','.join(texts)}: {expected}, such as --gravity 0,0,-9.81"
-        raise UsageError(Notice(code="usage.gravity", text=text))
-    x, y, z = (text.strip() for text in texts)
-    return _build(order, read_dh_table(table, convention, (x, y, z)))
-
-
-def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
-    """Return the options that have a value; a flag that is not given is False, a table empty."""
-    return tuple(
-        option
-        for option, value in options.items()
-        if not (value is None or value is False or (isinstance(value, Mapping) and not value))
+    elif urdf is not None:
+        robot = choose_reading(partial(read_xml_robot, urdf, base=options.base, tip=options.tip))
+    else:
+        gravity = DEFAULT_GRAVITY
+        if options.gravity is None:
+            text = "gravity is assumed as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the"
+            notices.append(Notice(code="new.gravity", text=f"{text} file"))
+        else:
+            texts, numbers = _read_numbers(options.gravity)
+            if len(numbers) != 3:
+                expected = "expected three numbers in m/s^2 of a sensible size"
+                text = f"--gravity {','.join(texts)}: {expected}, such as --gravity 0,0,-9.81"
+                raise UsageError(Notice(code="usage.gravity", text=text))
+            x, y, z = (text.strip() for text in texts)
+            gravity = (x, y, z)
+        robot = read_dh_table(table or Path(), options.convention or "", gravity)
+    gears, constants = (
+        _split_numbers(option, given)
+        for option, given in (("--gear", options.gear), ("--torque-constant", options.torque_constant))
     )
-
-
-def _build(order: DraftOrder, robot: Robot, *notices: Notice) -> Draft:
-    """Return the robot with what is added."""
-    completion = Completion(
-        friction=order.friction,
-        rotors=order.rotors,
-        gears=_split_numbers("--gear", order.gear),
-        constants=_split_numbers("--torque-constant", order.constant),
-    )
-    robot = complete_robot(robot, completion)
-    part = draft_log_map(robot, order.log, order.columns, order.units) if order.log else None
+    robot = complete_robot(robot, friction, gears, constants, rotors=options.rotors)
+    part = draft_log_map(robot, log, columns, units) if log else None
     robot = part.robot if part else robot
     assumed, warnings = (part.assumed, part.warnings) if part else ((), ())
     comment = _COMMENT.format(source=Path(robot.path).name)
@@ -299,6 +258,15 @@ def _build(order: DraftOrder, robot: Robot, *notices: Notice) -> Draft:
         text=written,
         log=part,
         notices=(*robot.notices, *notices, *assumed, *warnings),
+    )
+
+
+def _list_given(options: Mapping[str, object]) -> tuple[str, ...]:
+    """Return the options that have a value; a flag that is not given is False, a table empty."""
+    return tuple(
+        option
+        for option, value in options.items()
+        if not (value is None or value is False or (isinstance(value, Mapping) and not value))
     )
 
 

@@ -64,26 +64,16 @@ LARGEST_ARRAY, LARGEST_LOG = 10**9, 4 * 10**9
 """Bytes of an array, and of all arrays of a log, that are read: 39 hours of a number at 900 Hz."""
 
 
-class _TooLarge:
-    """Stands for an array that is too large to be read, with its size in bytes."""
-
-    def __init__(self, size: int) -> None:
-        self.size = size
-
-
 def _build_raw_log(path: Path, entries: Iterable[tuple[str, object]], units: Mapping[str, str]) -> RawLog:
-    """Return the columns of real numbers as float64, and the names of everything else.
-
-    Raises:
-        LogError: together they are too large.
-    """
+    """Return the columns of real numbers as float64, and the names of everything else."""
     columns: dict[str, FloatArray] = {}
     others: dict[str, None] = {}
     large: dict[str, int] = {}
     room = LARGEST_LOG
     for name, values in entries:
-        if isinstance(values, _TooLarge):
-            others[name], large[name] = None, values.size
+        # In place of an array that is too large to be read stands its size in bytes.
+        if isinstance(values, int):
+            others[name], large[name] = None, values
             continue
         array = np.asarray(values)
         if array.dtype.kind not in "biuf" or not 0 <= array.ndim <= 2:
@@ -249,7 +239,7 @@ def read_npz(path: Path) -> RawLog:
             for name in archive.files:
                 size = _measure_member(archive, name)
                 try:
-                    content[name] = _TooLarge(size) if size > LARGEST_ARRAY else archive[name]
+                    content[name] = size if size > LARGEST_ARRAY else archive[name]
                 except ValueError:  # an array of objects; it is reported as no column of numbers
                     content[name] = None
     # NumPy and zipfile raise any of these on a damaged file, according to where the damage lies.
@@ -337,7 +327,7 @@ def _load_data_set(data: Any) -> object:  # noqa: ANN401  h5py has no types
     # Of a chunk that was never written there is only its size.
     size = math.prod(data.shape) * max(data.dtype.itemsize, 8)
     if size > LARGEST_ARRAY:
-        return _TooLarge(size)
+        return size
     values = np.asarray(data[()])
     return values.T if kind is not None else values
 
@@ -444,10 +434,7 @@ _MATLAB_HEADER, _DEEPEST = 128, 100
 
 
 def _has_matlab_elements(content: bytes) -> bool:
-    """Return whether a file of version 5 to 7.2 consists of elements of known types and sizes.
-
-    SciPy takes the type of an element from the file as an index, and crashes with those that do not exist.
-    """
+    """Return whether versions 5 to 7.2 have known elements: SciPy takes types as an index, and crashes."""
     order = "<" if content[126:128] == b"IM" else ">"
     return all(
         kind == _MATLAB_MATRIX and _is_matlab_matrix(data, order, 1)
@@ -492,10 +479,7 @@ def _is_matlab_matrix(content: bytes, order: str, depth: int) -> bool:
 
 
 def _count_matlab_elements(elements: Sequence[bytes], order: str) -> tuple[int, int]:
-    """Return how many elements of data a matrix must have, and how many matrices then; (0, 0): no matrix.
-
-    First come flags, sizes and the name; in an opaque object flags and three names.
-    """
+    """Return how many elements of data a matrix must have, and how many matrices then; (0, 0): no matrix."""
     if len(elements) < 3 or len(elements[0]) != 8:
         return 0, 0
     kind, flags = elements[0][:2] if order == "<" else elements[0][3:1:-1]
@@ -546,11 +530,7 @@ _SUFFIXES = (".npz", ".csv")
 
 
 def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
-    """Write all channels but extras in SI units to `path` (.npz or .csv), and return the path.
-
-    Raises:
-        OutputError: the suffix is another one, or the folder cannot be written.
-    """
+    """Write all channels but extras in SI units to `path`, and return it; errors as of `write_raw_log`."""
     flat = check_suffix(path, "a log", _SUFFIXES) == ".csv"
     columns: dict[str, FloatArray] = {"t": recording.time}
     units = {"t": "s"}
@@ -571,10 +551,9 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
 
 
 def write_raw_log(raw: RawLog, path: Path) -> Path:
-    """Write columns as they were logged, with their names and units, to `path` (.npz or .csv).
+    """Write columns as they were logged, with names and units, to `path` (.npz or .csv), and return it.
 
-    Raises:
-        OutputError: another suffix, columns that do not fit into a .csv, a folder that cannot be written.
+    An OutputError tells of another suffix, columns that do not fit into a .csv, and a path not written.
     """
     writer = _write_archive
     if check_suffix(path, "a log", _SUFFIXES) == ".csv":

@@ -14,12 +14,12 @@ Not supported: columns without a unit, which is never guessed; a joint with no c
 
 import re
 from collections.abc import Mapping, Sequence, Set as AbstractSet
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 from symid.logs.columns import Findings, describe_missing_column, join_names, look_up_unit
 from symid.logs.files import RawLog
 from symid.notation import UNITS, get_unit_factor, suggest_units
-from symid.robot import LOG_WORDS, Joint, JointKind, LogMap, LogQuantity, Robot, compute_current_factor
+from symid.robot import QUANTITIES, Joint, JointKind, LogMap, LogQuantity, Robot, compute_current_factor
 
 _QUANTITY_WORDS = {
     "time": ("t", "time", "timestamp", "stamp", "clock"),
@@ -256,21 +256,6 @@ def _merge_columns(first: Sequence[Sequence[str]], second: Sequence[Sequence[str
     return [list(dict.fromkeys((*mine, *other))) for mine, other in zip(first, second, strict=True)]
 
 
-def check_columns(
-    known: Sequence[str], quantity: str, names: tuple[str, ...], joints: Sequence[Joint], findings: Findings
-) -> tuple[str, ...]:
-    """Return the names that the user gave for a quantity; none, and mistakes noted, if not `known`."""
-    missing = [name for name in names if name not in known]
-    for name in missing:
-        findings.refuse("new.no-column", f"--columns {quantity}: {describe_missing_column(name, known)}")
-    if len(names) not in ({1} if quantity == "time" else {1, len(joints)}):
-        all_names = join_names(joint.name for joint in joints)
-        size = "one" if quantity == "time" else f"one for each of {all_names}, or one array with all of them"
-        findings.refuse("new.column-count", f"--columns {quantity}: {len(names)} columns; give {size}")
-        return ()
-    return () if missing else names
-
-
 _EXAMPLES = {"time": "s", "position": "deg", "velocity": "deg/s", "torque": "Nm"}
 _LIKE = {"reference_velocity": "velocity", "feedforward": "torque"}
 _LINEAR = frozenset({"length", "velocity", "force"})
@@ -350,12 +335,22 @@ def propose_quantities(
     findings: Findings,
 ) -> tuple[dict[str, LogQuantity], dict[str, tuple[str, ...]]]:
     """Return all quantities that the headings or the user name, and the units as stated."""
-    headings = read_headings(raw, robot.axes)
+    headings, known = read_headings(raw, robot.axes), tuple(raw.columns)
     found: dict[str, LogQuantity] = {}
     shown: dict[str, tuple[str, ...]] = {}
     for quantity in dict.fromkeys((*REQUIRED_QUANTITIES, "velocity", *columns)):
         if quantity in columns:
-            names = check_columns(tuple(raw.columns), quantity, columns[quantity], robot.axes, findings)
+            names, option = columns[quantity], f"--columns {quantity}"
+            missing = [name for name in names if name not in raw.columns]
+            for name in missing:
+                findings.refuse("new.no-column", f"{option}: {describe_missing_column(name, known)}")
+            if len(names) not in ({1} if quantity == "time" else {1, robot.freedom}):
+                listed = join_names(joint.name for joint in robot.axes)
+                size = f"one for each of {listed}, or one array with all of them"
+                size = "one" if quantity == "time" else size
+                findings.refuse("new.column-count", f"{option}: {len(names)} columns; give {size}")
+                names = ()
+            names = () if missing else names
         else:
             names = choose_columns(headings, quantity, robot.axes, findings)
         stated = {entry.column: entry.unit for entry in headings if entry.unit is not None}
@@ -388,8 +383,7 @@ def propose_quantities(
 
 def list_quantities(log: LogMap) -> dict[str, LogQuantity]:
     """Return the quantities of a map by their names."""
-    entries = {entry.name: getattr(log, entry.name) for entry in fields(log) if entry.name not in LOG_WORDS}
-    return {name: entry for name, entry in entries.items() if entry is not None}
+    return {name: entry for name in QUANTITIES if (entry := getattr(log, name)) is not None}
 
 
 def fill_map(log: LogMap, read: Mapping[str, LogQuantity]) -> LogMap:

@@ -28,7 +28,7 @@ from symid.logs.columns import (
     choose_default_names,
     extract_quantity,
     extract_time,
-    get_torque_transmission,
+    get_matrix,
     has_default_columns,
     join_names,
 )
@@ -286,10 +286,7 @@ def _list_names(pattern: str, joints: Sequence[Joint]) -> tuple[str, ...]:
 def _match_layout(
     raw: RawLog, preset: str, quantities: Sequence[str], joints: Sequence[Joint], findings: Findings
 ) -> dict[str, tuple[str, ...]]:
-    """Return the columns of `quantities`, by names of one kind and of one topic, one for every joint.
-
-    Topics that are commands by their names are none; more columns than joints, or topics, are a mistake.
-    """
+    """Return the columns of `quantities`, by names of one kind and one topic, but those of commands."""
     topics = [name.rpartition("/")[0] for name in raw.columns if "/" in name and not is_commanded(name)]
     found: list[tuple[str, dict[str, tuple[str, ...]], dict[str, str]]] = []
     for index in range(len(_LAYOUTS[preset]["position"])):
@@ -421,6 +418,8 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     if parts:
         findings.remark("log.unused-columns", "; ".join(parts))
     channels: dict[str, Any] = {name: values[name] for name in OPTIONAL_CHANNELS}
+    # What turned the torques of coupled motors into those of joints.
+    matrix = get_matrix(robot, robot.log.torque)
     return Recording(
         time=time,
         position=position,
@@ -429,7 +428,7 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
         source=str(path),
         notices=tuple(findings.remarks),
         extras={name: raw.columns[name] for name in unused},
-        transmission=get_torque_transmission(robot),
+        transmission=None if matrix is None else np.array(matrix),
     )
 
 

@@ -267,7 +267,20 @@ def read_part(given: _Part, name: str, unit: str = "") -> LogPart:
     Raises:
         UsageError: it is no part; its end is not after its start; or its unit can only be guessed.
     """
-    text = given if isinstance(given, str) else _write_seconds(given, name)
+    if isinstance(given, str):
+        text = given
+    else:
+        # Callers give whatever they like.
+        seconds: Any = given
+        pair = tuple(seconds) if isinstance(seconds, tuple | list | np.ndarray) else ()
+        numbers = [value for value in pair if value is not None]
+        good = all(
+            isinstance(value, int | float | np.number) and 0.0 <= value < math.inf for value in numbers
+        )
+        if len(pair) != 2 or not good or any(isinstance(value, bool) for value in numbers):
+            why = f"{_EXPECTED}, or a pair of seconds (2.5, 30.0), None for an open end"
+            raise _refuse(name, repr(given), why)
+        text = ":".join("" if value is None else f"{float(value)!r}{SECONDS}" for value in pair)
     found = _PART.fullmatch(text)
     if found is None or (found[2] and not found[1]) or (found[4] and not found[3]):
         raise _refuse(name, text, _EXPECTED)
@@ -293,19 +306,6 @@ def read_part(given: _Part, name: str, unit: str = "") -> LogPart:
     return LogPart(start=start, end=end, units=units, stated=stated, text=written_again)
 
 
-def _write_seconds(given: object, name: str) -> str:
-    """Return a pair of seconds as text."""
-    pair = tuple(given) if isinstance(given, tuple | list | np.ndarray) else ()
-    numbers = [value for value in pair if value is not None]
-    good = all(isinstance(value, int | float | np.number) and 0.0 <= value < math.inf for value in numbers)
-    if len(pair) != 2 or not good or any(isinstance(value, bool) for value in numbers):
-        raise _refuse(
-            name, repr(given), f"{_EXPECTED}, or a pair of seconds (2.5, 30.0), None for an open end"
-        )
-    first, last = ("" if value is None else f"{float(value)!r}{SECONDS}" for value in pair)
-    return f"{first}:{last}"
-
-
 def _refuse(name: str, text: str, why: str) -> UsageError:
     return UsageError(Notice(code="usage.log-part", text=f"{name} {text!r}: {why}"))
 
@@ -326,11 +326,7 @@ def join_units(parts: Sequence[LogPart]) -> str:
 
 
 def refuse_shared(train: Sequence[LogPart], test: Sequence[LogPart]) -> None:
-    """Refuse parts to fit and to test, one or one a log, that overlap.
-
-    Raises:
-        UsageError: they overlap, or their units hide whether they do.
-    """
+    """Refuse, by a UsageError, parts to fit and to test, one or one a log, that overlap or may do so."""
     count = max(len(train), len(test))
     ours, others = (parts * count if len(parts) == 1 else parts for parts in (tuple(train), tuple(test)))
     for mine, other in zip(ours, others, strict=False):
@@ -346,9 +342,7 @@ def refuse_shared(train: Sequence[LogPart], test: Sequence[LogPart]) -> None:
 def take_part(recording: Recording, part: LogPart, name: str) -> Recording:
     """Return the part of a recording, in time of the whole log, with a notice.
 
-    Raises:
-        UsageError: another part was taken of it before.
-        LogError: the part is not in the log, or has too few samples.
+    A UsageError if another part was taken of it before, a LogError if it has too few samples, or none.
     """
     if recording.run is not None and recording.run.train:
         text = f"{name} {part.text!r}: this run has the part {recording.run.train!r} already; state only one"
@@ -390,11 +384,8 @@ def take_parts(
 ) -> tuple[Recording, ...]:
     """Return the parts of recordings: one part for all of them, or one for each in order.
 
-    With `keep` they become settings of the runs, with which the logs of a fit are read again.
-
-    Raises:
-        UsageError: there are as many parts as fit neither, or a run file states them already.
-        LogError: parts are not in the logs, or have too few samples; all of them are named.
+    With `keep` they become settings of the runs, with which the logs of a fit are read again. A UsageError if
+    there are as many parts as fit neither; a LogError names all parts that are not in the logs.
     """
     if not parts:
         return tuple(recordings)

@@ -146,12 +146,17 @@ def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tupl
         section.require("file", 'write file = "log.npz"')
         weight = section.read_float("weight", "", POSITIVE)
         payload, load = read_payload(section, robot)
+        train = section.read_text("train")
+        try:
+            train = "" if train is None else read_part(train, "train").text
+        except UsageError as error:
+            section.refuse("runs.log-part", "train", error.notices[0].text.removeprefix("train "))
         run = RunSettings(
             file=str(path.parent / (section.read_text("file") or "")),
             weight=1.0 if weight is None else weight,
             drop_first=section.read_integer("drop_first", NOT_NEGATIVE) or 0,
             drop_last=section.read_integer("drop_last", NOT_NEGATIVE) or 0,
-            train=_read_train(section),
+            train=train or "",
             payload=payload,
             load=load,
             offset=read_offset(section, robot.freedom) or (0.0,),
@@ -160,18 +165,6 @@ def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tupl
     if root.errors:
         raise LogError(*map(_rename, sort_notices(root.errors)))
     return tuple(runs), tuple(map(_rename, sort_notices(root.warnings)))
-
-
-def _read_train(section: Section) -> str:
-    """Return the part of a log that a run uses, empty for all of it."""
-    text = section.read_text("train")
-    if text is None:
-        return ""
-    try:
-        return read_part(text, "train").text
-    except UsageError as error:
-        section.refuse("runs.log-part", "train", error.notices[0].text.removeprefix("train "))
-        return ""
 
 
 def _rename(notice: Notice) -> Notice:
@@ -201,12 +194,6 @@ def get_run_weights(recordings: Sequence[Recording]) -> tuple[float, ...] | None
     """Return the weights of the recordings' squared residuals; None where all are equal."""
     weights = tuple(1.0 if recording.run is None else recording.run.weight for recording in recordings)
     return None if len(set(weights)) == 1 else weights
-
-
-def describe_runs(recordings: Sequence[Recording]) -> dict[str, object]:
-    """Return the settings of the runs for the echo in a result; empty where there are none."""
-    runs = [recording.run for recording in recordings]
-    return {"runs": [{} if run is None else asdict(run) for run in runs]} if any(runs) else {}
 
 
 def read_recorded_runs(sources: Sequence[str], stored: object, robot: Robot) -> tuple[Recording, ...]:
@@ -309,8 +296,8 @@ def compute_log_digests(recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def describe_digests(recordings: Sequence[Recording]) -> dict[str, object]:
-    """Return for the echo in a result the digests of its logs and, where one is cut, which part is used.
+def describe_runs(recordings: Sequence[Recording]) -> dict[str, object]:
+    """Return for the echo in a result the digests of its logs, and which parts and runs they are, if any.
 
     Entries of "parts" are the first and the last time stamp in s; null is the whole log.
     """
@@ -318,7 +305,10 @@ def describe_digests(recordings: Sequence[Recording]) -> dict[str, object]:
         None if entry.whole is None else {"start": float(entry.time[0]), "end": float(entry.time[-1])}
         for entry in recordings
     ]
-    return {"log_digests": compute_log_digests(recordings), **({"parts": parts} if any(parts) else {})}
+    runs = [{} if entry.run is None else asdict(entry.run) for entry in recordings]
+    told = {"parts": parts if any(parts) else None, "runs": runs if any(runs) else None}
+    found = {name: value for name, value in told.items() if value is not None}
+    return {"log_digests": compute_log_digests(recordings), **found}
 
 
 def is_log_of_fit(recording: Recording, sources: Sequence[str], settings: Mapping[str, object]) -> bool:
@@ -406,11 +396,7 @@ def get_train_unit(settings: Mapping[str, object]) -> str:
 
 def describe_logs(robot: Robot, recordings: Sequence[Recording]) -> dict[str, object]:
     """Return for the echo in a result the log map, the files' digests, the runs' settings."""
-    return {
-        "log": describe_settings(robot)["log"],
-        **describe_digests(recordings),
-        **describe_runs(recordings),
-    }
+    return {"log": describe_settings(robot)["log"], **describe_runs(recordings)}
 
 
 def read_recordings(

@@ -142,7 +142,11 @@ def _filter_both_ways(kind: _LowPass, values: FloatArray) -> FloatArray:
         return np.ascontiguousarray(smooth[first::factor])
     flat = np.asarray(values, dtype=np.float64).reshape(len(values), math.prod(values.shape[1:]))
     rows = np.zeros((kept, flat.shape[1]))
-    places = _list_live(flat) if flat.shape[1] > _WIDTH else np.arange(flat.shape[1])
+    places = np.arange(flat.shape[1])
+    if len(places) > _WIDTH:
+        # A regressor has many columns without a number other than zero.
+        live = flat[:: max(1, len(flat) // _PROBES)].any(axis=0)
+        places = np.flatnonzero(live if live.all() else flat.any(axis=0))
     # Fewer of long signals bound the memory.
     width = max(1, min(_WIDTH, _NUMBERS // len(flat)))
     for start in range(0, len(places), width):
@@ -151,14 +155,6 @@ def _filter_both_ways(kind: _LowPass, values: FloatArray) -> FloatArray:
         part = slice(own[0], own[-1] + 1) if together else own
         rows[:, part] = blocks.pass_columns(flat[:, part].T, kept).T
     return rows.reshape(kept, *values.shape[1:])
-
-
-def _list_live(columns: FloatArray) -> NDArray[np.intp]:
-    """Return which columns of (N, c) have a number other than zero: a regressor has many without."""
-    live = columns[:: max(1, len(columns) // _PROBES)].any(axis=0)
-    if not live.all():
-        live = columns.any(axis=0)
-    return np.flatnonzero(live)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

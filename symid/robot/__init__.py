@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.robot.description import (
-        LOG_WORDS as LOG_WORDS,
+        QUANTITIES as QUANTITIES,
         Controller as Controller,
         Coupling as Coupling,
         Decimation as Decimation,
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     )
     from symid.robot.loading import (
         DEFAULT_GRAVITY as DEFAULT_GRAVITY,
-        Completion as Completion,
         complete_robot as complete_robot,
         is_mjcf as is_mjcf,
         is_xml as is_xml,
@@ -57,7 +56,6 @@ if TYPE_CHECKING:
     )
     from symid.robot.simulator_writers import (
         list_mjcf_omissions as list_mjcf_omissions,
-        list_rewritten_mjcf_omissions as list_rewritten_mjcf_omissions,
         list_urdf_omissions as list_urdf_omissions,
         list_usd_omissions as list_usd_omissions,
         write_mjcf as write_mjcf,
@@ -93,7 +91,6 @@ if TYPE_CHECKING:
         to_decimal as to_decimal,
     )
     from symid.robot.toml_writer import move_source as move_source, write_robot as write_robot
-    from symid.robot.urdf_reader import parse_urdf as parse_urdf, read_urdf as read_urdf
     from symid.robot.urdf_xml import read_urdf_text as read_urdf_text
     from symid.robot.xml_rewriters import rewrite_mjcf as rewrite_mjcf, rewrite_urdf as rewrite_urdf
 else:

@@ -59,9 +59,17 @@ def rationalize_placement(
     exact angles, any other rotation with long numbers a rational quaternion. Short numbers stay as they are.
     Rotations within `snap` (rad) of quarter turns become these; zero turns that off.
     """
-    rotation = _rationalize_rotation(placement, snap)
-    before, after = to_floats(placement), to_floats(rotation)
-    moved = max(abs(a - b) for a, b in zip(chain(*before), chain(*after), strict=True))
+    r = to_floats(placement)
+    long = any(has_long_denominator(entry, _LONGEST_TURN) for row in placement.rotation for entry in row)
+    rotation = snap_to_quarter_turns(placement, snap=snap) or placement
+    if rotation is placement and (long or placement.rotation[0][2]):
+        if abs(r[0][2]) <= max(snap, _SMALLEST_SNAP):
+            alpha = build_exact_angle(atan2(-r[1][2], r[2][2]), snap=snap)
+            theta = build_exact_angle(atan2(-r[0][1], r[0][0]), snap=snap)
+            rotation = compose_placements(rotate_x(alpha), rotate_z(theta))
+        elif long:
+            rotation = replace(placement, rotation=_approximate_rotation(r))
+    moved = max(abs(a - b) for a, b in zip(chain(*r), chain(*to_floats(rotation)), strict=True))
     origin = _rationalize_translation(placement, rotation.rotation, symbols or {})
     return replace(rotation, translation=origin), moved
 
@@ -69,21 +77,6 @@ def rationalize_placement(
 def has_long_denominator(value: Exact, longest: int) -> bool:
     """Return whether a number has a denominator above `longest`."""
     return any(part.denominator > longest for _, surd in value.terms for part in surd)
-
-
-def _rationalize_rotation(placement: Placement, snap: float) -> Placement:
-    if straight := snap_to_quarter_turns(placement, snap=snap):
-        return straight
-    long = any(has_long_denominator(entry, _LONGEST_TURN) for row in placement.rotation for entry in row)
-    across = placement.rotation[0][2]
-    if not across and not long:
-        return placement
-    r = to_floats(placement)
-    if abs(r[0][2]) <= max(snap, _SMALLEST_SNAP):
-        alpha = build_exact_angle(atan2(-r[1][2], r[2][2]), snap=snap)
-        theta = build_exact_angle(atan2(-r[0][1], r[0][0]), snap=snap)
-        return compose_placements(rotate_x(alpha), rotate_z(theta))
-    return replace(placement, rotation=_approximate_rotation(r)) if long else placement
 
 
 def _approximate_rotation(r: tuple[tuple[float, ...], ...]) -> ExactMatrix:

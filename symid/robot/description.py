@@ -20,7 +20,7 @@ Not supported: closed loops, floating bases; integral parts, coupled control loo
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from fractions import Fraction
 
@@ -77,8 +77,9 @@ class LogMap:
     topic: str | None = None
 
 
-LOG_WORDS = ("transmission", "preset", "topic")
-"""Fields of a LogMap that are no quantities."""
+_WORDS = ("transmission", "preset", "topic")
+QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in _WORDS)
+"""Fields of a LogMap that are quantities."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -318,7 +319,7 @@ class SourceFile:
 
     Args:
         file: its path; sha256: of its text, in hexadecimal digits.
-        base, tip: the links that it was cut at, None for none; snap: as of `read_urdf`, rad.
+        base, tip: the links that it was cut at, None for none; snap: as of `read_xml_robot`, rad.
     """
 
     file: str
@@ -358,13 +359,7 @@ class Robot:
     links: tuple[LinkPlace, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check what every later stage relies on.
-
-        Raises:
-            RobotError: no joints, a parent that does not come before its joint, a name given twice, a
-                symbol that reads as a coordinate, a master that follows another joint, a coupling that
-                names no joint.
-        """
+        """Refuse, by a RobotError, what no later stage can rely on."""
         names, indices = [joint.name for joint in self.joints], range(len(self.joints))
         wrong = [] if names else ["a robot needs at least one joint"]
         wrong += [f"two joints are called {name!r}" for name in dict.fromkeys(names) if names.count(name) > 1]

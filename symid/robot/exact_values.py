@@ -25,6 +25,7 @@ from symid.robot.geometry import (
     ZERO,
     Angle,
     Exact,
+    ExactVector,
     Placement,
     build_exact_angle,
     build_tangent_angle,
@@ -134,6 +135,14 @@ def read_linear_form(
         section.refuse("robot.out-of-range", key, f"must be {allowed} {unit}, got {shown}", *inner)
         return None
     return form
+
+
+def read_vector(section: Section, key: str, unit: str) -> ExactVector:
+    """Return the three numbers or forms at `key`; zeros where it is absent or wrong."""
+    if not section.has_list(key, 3, f"numbers in {unit}"):
+        return (ZERO, ZERO, ZERO)
+    x, y, z = (read_linear_form(section, key, unit, index) or ZERO for index in range(3))
+    return (x, y, z)
 
 
 def read_fraction(section: Section, key: str, instead_of_zero: str) -> Fraction | None:

@@ -104,11 +104,7 @@ class Exact:
         return self + (-other)
 
     def __mul__(self, other: "Exact") -> "Exact":
-        """Return the product, of which one factor must be a number.
-
-        Raises:
-            ValueError: both factors hold symbols.
-        """
+        """Return the product, or raise a ValueError where both factors hold symbols."""
         number, form = (self, other) if self.is_number else (other, self)
         if not number.is_number:
             message = f"the product of {self} and {other} is not a linear form"
@@ -125,11 +121,7 @@ class Exact:
         return Exact(tuple(terms))
 
     def to_float(self, values: Mapping[str, float] | None = None) -> float:
-        """Return the value in floating point, symbols replaced by `values`.
-
-        Raises:
-            KeyError: a symbol has no value.
-        """
+        """Return the value in floating point, symbols replaced by `values` (KeyError: one is missing)."""
         total = 0.0
         for name, s in self.terms:
             coefficient = sum(float(c) * root for c, root in zip(s, _ROOT_VALUES, strict=True) if c)
@@ -295,11 +287,7 @@ _SIGNS = ((1, 1, 1, 1), (1, -1, 1, -1), (1, 1, -1, -1), (1, -1, -1, 1))
 
 
 def invert_exact(value: Exact) -> Exact:
-    """Return 1 / value.
-
-    Raises:
-        ZeroDivisionError: the value is zero.
-    """
+    """Return 1 / value, or raise a ZeroDivisionError."""
     others, surd = ONE, value.coefficient("")
     for signs in _SIGNS[1:]:
         others = others * Exact.surd(*(sign * part for sign, part in zip(signs, surd, strict=True)))

@@ -28,7 +28,8 @@ _SAME = 1e-9
 _TOLERANCE = 1e-6
 
 
-def _to_tensor(entries: Sequence[float]) -> FloatArray:
+def to_tensor(entries: Sequence[float]) -> FloatArray:
+    """Return the matrix (3, 3) of xx xy xz yy yz zz."""
     xx, xy, xz, yy, yz, zz = entries
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=np.float64)
 
@@ -48,7 +49,7 @@ def move_parameters(
     mass = float(parameters[9])
     p = np.asarray(translation, dtype=np.float64)
     s = rotation @ np.asarray(parameters[6:9], dtype=np.float64)
-    tensor = rotation @ _to_tensor(parameters[:6]) @ rotation.T
+    tensor = rotation @ to_tensor(parameters[:6]) @ rotation.T
     tensor = tensor + 2 * (p @ s) * np.eye(3) - np.outer(p, s) - np.outer(s, p)
     tensor = tensor + mass * ((p @ p) * np.eye(3) - np.outer(p, p))
     entries = (*tensor[np.triu_indices(3)], *(s + mass * p), mass)
@@ -129,7 +130,7 @@ def explain_impossible_inertia(parameters: Sequence[float]) -> str:
     sum of the others; equivalently the second moments are a positive semi-definite matrix
     (Wensing, Kim and Slotine 2018, IEEE Robotics and Automation Letters 3(1)).
     """
-    low, middle, high = (float(J) for J in np.linalg.eigvalsh(_to_tensor(split_body(parameters)[2])))
+    low, middle, high = (float(J) for J in np.linalg.eigvalsh(to_tensor(split_body(parameters)[2])))
     allowed = _TOLERANCE * max(float(np.abs(parameters[:6]).max()), 1e-300)
     listed = f"{low:.6g}, {middle:.6g} and {high:.6g} kg*m^2"
     if low < -allowed:

@@ -17,7 +17,7 @@ import os
 import re
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -70,11 +70,7 @@ def list_robots() -> tuple[str, ...]:
 
 
 def locate_robot_file(name_or_path: str) -> Path:
-    """Return the robot file at a path, or of a name in ./robots or among the installed robots.
-
-    Raises:
-        UsageError: there is none; the message has the nearest names.
-    """
+    """Return the file at a path, or of a name in ./robots or installed; a UsageError has the nearest."""
     path = Path(name_or_path)
     if _is_file(path):
         return path
@@ -212,33 +208,27 @@ def _parse_setting(text: str) -> object:
     return values["value"] if len(values) == 1 else text
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Completion:
-    """What is added to a robot.
+def complete_robot(
+    robot: Robot,
+    friction: str | None,
+    gears: tuple[float, ...],
+    constants: tuple[float, ...],
+    *,
+    rotors: bool,
+) -> Robot:
+    """Return `robot` with what is added; a UsageError where numbers do not fit the joints, or the source.
 
     Args:
+        robot: as its source states it.
         friction: the name of a model for all joints, None to leave them.
-        rotors: whether every drive gets a rotor of unknown inertia, where none is stated.
         gears: motor turns per joint turn, one for each joint or one for all; none to leave them.
         constants: N m/A on the motor's side, likewise.
-    """
-
-    friction: str | None = None
-    rotors: bool = False
-    gears: tuple[float, ...] = ()
-    constants: tuple[float, ...] = ()
-
-
-def complete_robot(robot: Robot, added: Completion) -> Robot:
-    """Return `robot` with what is added.
-
-    Raises:
-        UsageError: numbers for more or fewer joints than there are, or a gear that the source contradicts.
+        rotors: whether every drive gets a rotor of unknown inertia, where none is stated.
     """
     count, names = robot.freedom, ", ".join(joint.name for joint in robot.axes)
     mistakes: list[str] = []
     columns: list[list[float | None]] = []
-    for option, values in (("--gear", added.gears), ("--torque-constant", added.constants)):
+    for option, values in (("--gear", gears), ("--torque-constant", constants)):
         if len(values) not in (0, 1, count):
             text = f"{option}: {len(values)} numbers for {count} joints ({names})"
             mistakes.append(f"{text}; give one for each, with commas between, or one for all")
@@ -257,16 +247,16 @@ def complete_robot(robot: Robot, added: Completion) -> Robot:
             drive,
             gear=drive.gear if gear is None else gear,
             torque_constant=drive.torque_constant if constant is None else constant,
-            has_rotor=drive.has_rotor or added.rotors,
+            has_rotor=drive.has_rotor or rotors,
         )
     if mistakes:
         raise UsageError(*(Notice(code="usage.completion", text=text) for text in mistakes))
     joints = tuple(replace(joint, drive=drives.get(joint.name, joint.drive)) for joint in robot.joints)
     completed = replace(robot, joints=joints)
-    if not added.friction:
+    if not friction:
         return completed
     # Values of the source that the law has are kept; those that only the new law has are zero.
-    after, law = override_robot(completed, (), added.friction), added.friction
+    after = override_robot(completed, (), friction)
     kept, lost, moved = list[str](), list[str](), list[Joint]()
     for old, new in zip(completed.joints, after.joints, strict=True):
         named, names_of_law = name_values(old.friction), list_value_names(new.friction)
@@ -278,10 +268,10 @@ def complete_robot(robot: Robot, added: Completion) -> Robot:
         moved.append(replace(new, friction=own))
     notices = []
     if kept:
-        text = f"the source's friction of {', '.join(kept)} was taken over into the law {law}"
+        text = f"the source's friction of {', '.join(kept)} was taken over into the law {friction}"
         notices.append(Notice(code="new.friction-kept", text=text, file=robot.path))
     if lost:
-        text = f"the law {law} has no place for all friction that the source states of {', '.join(lost)}"
+        text = f"the law {friction} has no place for all friction that the source states of {', '.join(lost)}"
         notices.append(Notice(code="new.friction-lost", text=text, file=robot.path))
     return replace(after, joints=tuple(moved), notices=(*after.notices, *notices))
 
@@ -350,11 +340,7 @@ def load_robot(
 def override_settings(
     robot: Robot, settings: Sequence[tuple[str, str]], friction: str | None = None
 ) -> Robot:
-    """Return `robot` with other settings; a mistake in one is a mistake of the call, not of the file.
-
-    Raises:
-        UsageError: a setting cannot be made here, or its value does not fit.
-    """
+    """Return `robot` with other settings; all mistakes, of the call and no file, are a UsageError."""
     if not settings and not friction:
         return robot
     try:

@@ -19,8 +19,8 @@ with mechanics, flags that switch forces off.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 
 from symid.errors import RobotError
-from symid.robot.description import Drive, Limits, MimicStep, Robot, Spring
+from symid.robot.description import Coupling, Drive, Limits, MimicStep, Robot, Spring
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -48,11 +48,12 @@ from symid.robot.geometry import (
     translate,
 )
 from symid.robot.inertia import explain_impossible_inertia, move_parameters
-from symid.robot.toml_values import read_text_file, show, suggest_names
+from symid.robot.toml_values import read_text_file, show
 from symid.robot.urdf_parts import (
+    INFERENCE,
     MJCF_UNUSED,
     NULL,
-    TreeCoupling,
+    ModelSettings,
     TreeJoint,
     TreeLink,
     TreeReading,
@@ -63,8 +64,8 @@ from symid.robot.urdf_parts import (
     build_friction,
     build_lengths,
 )
-from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, parse_urdf, read_urdf
-from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document
+from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, read_urdf
+from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document, read_urdf_text
 
 ORIENTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 """The attributes that turn a frame; an element has one of them at most."""
@@ -79,189 +80,72 @@ _TORQUE = "actuatorfrcrange"
 _UPRIGHT = (Decimal(0), Decimal(0), Decimal(1))
 _Body = tuple[float, ...] | None
 _COUNTS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
-_SEQUENCE = "xyz"
 _TURNS = {"x": rotate_x, "y": rotate_y, "z": rotate_z}
 _ANGLES = ("radian", "degree")
-_INFERENCE = ("true", "false", "auto")
 _ROUNDED = 1e-9
 
-Defaults = Mapping[str, Mapping[str, XmlElement]]
-"""The attributes that a class states, by kind of element and name, with the element where each stands."""
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
-    """What <compiler> says: unit and sequence of angles, where inertias come from, when ranges hold."""
-
-    degrees: bool = True
-    sequence: str = _SEQUENCE
-    inference: str = "auto"
-    groups: tuple[int, int] = (0, 5)
-    autolimits: bool = True
-    balance: bool = False
-
-    def to_radians(self, value: Decimal) -> float:
-        """Return an angle of the file in rad."""
-        return math.radians(value) if self.degrees else float(value)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Model:
-    """A model that is being read: its settings, classes of defaults by name, parts by kind and name."""
-
-    reading: TreeReading
-    settings: Settings
-    classes: dict[str, Defaults] = field(default_factory=dict)
-    parts: dict[tuple[str, str], "MjcfPart"] = field(default_factory=dict)
-
-    def enter(self, element: XmlElement, owner: str, kind: str, childclass: str = "") -> "MjcfPart":
-        """Return an element with what its class states for its `kind`; `childclass` is that around it."""
-        part = XmlPart(reading=self.reading, owner=owner, element=element)
-        name = element.attributes.get("class") or childclass or "main"
-        if name not in self.classes and name != "main":
-            hint = suggest_names(name, self.classes, before="; ")
-            text = f'there is no default class "{show(name)}"{hint}'
-            part.refuse("robot.unknown-name", text, "class")
-        return MjcfPart(model=self, part=part, defaults=self.classes.get(name, {}).get(kind, {}))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MjcfPart:
-    """An element, and what its class states where the element itself does not."""
-
-    model: Model
-    part: XmlPart
-    defaults: Mapping[str, XmlElement] = field(default_factory=dict)
-
-    def has(self, attribute: str) -> bool:
-        """Return whether the element or its class states an attribute."""
-        return attribute in self.part.element.attributes or attribute in self.defaults
-
-    def at(self, attribute: str) -> XmlPart:
-        """Return the element that states an attribute: this one, or that of its class."""
-        if attribute not in self.part.element.attributes and attribute in self.defaults:
-            return self.part.enter(self.defaults[attribute])
-        return self.part
-
-    def get(self, attribute: str, default: str = "") -> str:
-        """Return an attribute's text."""
-        return self.at(attribute).element.attributes.get(attribute, default).strip()
-
-    def refuse(self, code: str, text: str, attribute: str) -> None:
-        """Add an error at an attribute."""
-        self.at(attribute).refuse(code, text, attribute)
-
-    def read_number(self, attribute: str, default: float | None = None) -> float | None:
-        """Return an attribute's number."""
-        value = self.at(attribute).read_decimal(attribute)
-        return default if value is None else float(value)
-
-    def read_positive(self, attribute: str) -> float:
-        """Return a number that is not negative, zero where there is none."""
-        value = self.read_number(attribute) or 0.0
-        if value < 0:
-            self.refuse("robot.out-of-range", f"{attribute}: must be at least 0, got {value:g}", attribute)
-            return 0.0
-        return value
-
-    def read_linear(self, attribute: str) -> float:
-        """Return a coefficient, zero where there is none."""
-        match self.at(attribute).read_numbers(attribute, 1, 3):
-            case (_, *curved) if any(curved):
-                text = f"{attribute}: a polynomial is not supported; write one number"
-                self.refuse("robot.mjcf-unsupported", text, attribute)
-            case (value, *_):
-                return float(value)
-        return 0.0
-
-    def read_choice(self, attribute: str, allowed: Sequence[str], default: str) -> str:
-        """Return one of the words that an attribute allows."""
-        value = self.get(attribute, default)
-        if value not in allowed:
-            hint = suggest_names(value, allowed, before="; ")
-            text = f'{attribute}: expected one of {", ".join(allowed)}, got "{show(value)}"{hint}'
-            self.refuse("robot.unknown-name", text, attribute)
-            return default
-        return value
-
-    def is_limited(self, attribute: str, bounds: str) -> bool:
-        """Return whether a range holds: `attribute` says so, or that there are `bounds` where it is auto."""
-        stated = self.read_choice(attribute, _INFERENCE, "auto")
-        return stated == "true" or (stated == "auto" and self.model.settings.autolimits and self.has(bounds))
-
-    def read_range(self, attribute: str) -> tuple[float, float] | None:
-        """Return two numbers, the first of them smaller; None where there are none."""
-        match self.at(attribute).read_numbers(attribute, 2):
-            case (low, high) if low < high:
-                return float(low), float(high)
-            case (low, high) if low > high:
-                text = f"{attribute}: the first number, {low}, must not exceed the second, {high}"
-                self.refuse("robot.bad-limits", text, attribute)
-        return None
-
-
-def read_settings(reading: TreeReading, elements: Sequence[XmlElement]) -> Settings:
+def read_settings(reading: TreeReading, elements: Sequence[XmlElement]) -> ModelSettings:
     """Return what all <compiler> elements say together; a later one replaces an earlier one."""
-    found = Settings()
+    found = ModelSettings()
     for element in elements:
-        part = XmlPart(reading=reading, owner="compiler", element=element)
-        own = MjcfPart(model=Model(reading=reading, settings=found), part=part)
-        unit = own.read_choice("angle", _ANGLES, "degree" if found.degrees else "radian")
-        sequence = own.get("eulerseq", found.sequence)
-        if len(sequence) != 3 or set(sequence.lower()) - set(_SEQUENCE):
+        part = reading.enter(element, "compiler")
+        unit = part.read_choice("angle", _ANGLES, "degree" if found.degrees else "radian")
+        sequence = part.read_word("eulerseq", found.sequence)
+        if len(sequence) != 3 or set(sequence.lower()) - set("xyz"):
             text = f'eulerseq: expected three of the letters x, y, z, X, Y, Z, got "{show(sequence)}"'
             part.refuse("robot.unknown-name", text, "eulerseq")
             sequence = found.sequence
         groups = part.read_numbers("inertiagrouprange", 2)
-        if own.get("coordinate", "local") != "local":
+        if part.read_word("coordinate", "local") != "local":
             text = "coordinate: MuJoCo no longer reads global coordinates; write local ones"
             part.refuse("robot.mjcf-unsupported", text, "coordinate")
         for attribute in ("boundmass", "boundinertia", "settotalmass"):
-            if (own.read_number(attribute) or 0.0) > 0:
+            if (part.read_float(attribute) or 0.0) > 0:
                 text = f"{attribute}: is not supported; write the values that it gives into the bodies"
                 part.refuse("robot.mjcf-unsupported", text, attribute)
-        found = Settings(
+        found = ModelSettings(
             degrees=unit == "degree",
             sequence=sequence,
-            inference=own.read_choice("inertiafromgeom", _INFERENCE, found.inference),
+            inference=part.read_choice("inertiafromgeom", INFERENCE, found.inference),
             groups=(int(groups[0]), int(groups[1])) if groups else found.groups,
-            autolimits=own.read_choice("autolimits", _INFERENCE[:2], str(found.autolimits).lower()) == "true",
-            balance=own.read_choice("balanceinertia", _INFERENCE[:2], str(found.balance).lower()) == "true",
+            autolimits=part.read_choice("autolimits", INFERENCE[:2], str(found.autolimits).lower()) == "true",
+            balance=part.read_choice("balanceinertia", INFERENCE[:2], str(found.balance).lower()) == "true",
         )
     return found
 
 
-def read_classes(model: Model, elements: Sequence[XmlElement]) -> None:
+def read_classes(reading: TreeReading, elements: Sequence[XmlElement]) -> None:
     """Add the classes of all <default> elements, each with what it takes over from the one around it."""
     waiting = [(element, "") for element in reversed(elements)]
     while waiting:
         element, above = waiting.pop()
         name = element.attributes.get("class", "" if above else "main")
-        if not name or (above and name in model.classes) or (not above and name != "main"):
+        if not name or (above and name in reading.classes) or (not above and name != "main"):
             text = f'the outermost class is main; write <default class="{show(name)}"> into it'
             if above:
                 text = "its name is taken; each needs its own" if name else "needs a name: write class=..."
-            part = XmlPart(reading=model.reading, owner=f"default class '{name}'", element=element)
+            part = reading.enter(element, f"default class '{name}'")
             part.refuse("robot.duplicate-class", text, "class")
             continue
-        inherited = model.classes.get(above or "main", {})
+        inherited = reading.classes.get(above or "main", {})
         stated = {kind: dict(entries) for kind, entries in inherited.items()}
         for child in element.children:
             kind = "actuator" if child.tag in ACTUATORS else child.tag
             stated.setdefault(kind, {}).update(dict.fromkeys(child.attributes, child))
-        model.classes[name] = stated
+        reading.classes[name] = stated
         waiting += [(child, name) for child in reversed(element.children) if child.tag == "default"]
 
 
-def read_rotation(own: MjcfPart) -> Placement:
+def read_rotation(part: XmlPart) -> Placement:
     """Return the turn that an element states, exactly; none where it states none."""
-    stated = [name for name in ORIENTATIONS if own.has(name)]
+    stated = [name for name in ORIENTATIONS if part.has(name)]
     if len(stated) > 1:
         text = f"{' and '.join(stated)} mean the same; keep one of them"
-        own.part.refuse("robot.two-forms", text, stated[1])
+        part.refuse("robot.two-forms", text, stated[1])
     if not stated:
         return IDENTITY
-    name, part, settings = stated[0], own.at(stated[0]), own.model.settings
+    name, settings = stated[0], part.reading.settings
     numbers = part.read_numbers(name, _COUNTS[name])
     match name, numbers:
         case _, ():
@@ -273,7 +157,7 @@ def read_rotation(own: MjcfPart) -> Placement:
             axes = [k for k, value in enumerate(vector) if value]
             if len(axes) <= 1:
                 k = axes[0] if axes else 0
-                return _TURNS[_SEQUENCE[k]](_build_angle(part, 2 * math.atan2(vector[k], w), name))
+                return _TURNS["xyz"[k]](_build_angle(part, 2 * math.atan2(vector[k], w), name))
             rotation = compute_rotation([Exact.surd(Fraction(value)) for value in numbers])
             return _settle(part, replace(IDENTITY, rotation=rotation), name)
         case "axisangle", (x, y, z, angle):
@@ -341,14 +225,14 @@ def _settle(part: XmlPart, turn: Placement, attribute: str) -> Placement:
     return settled
 
 
-def read_placement(own: MjcfPart) -> Placement:
+def read_placement(own: XmlPart) -> Placement:
     """Return the frame that pos and an orientation state."""
     return replace(read_rotation(own), translation=_read_position(own))
 
 
-def _read_position(own: MjcfPart) -> ExactVector:
-    part, text = own.at("pos"), "lengths below 1e-9 m in pos were taken as zero, of {}"
-    return build_lengths(part, part.read_vector("pos") or NULL, "pos", text)
+def _read_position(own: XmlPart) -> ExactVector:
+    text = "lengths below 1e-9 m in pos were taken as zero, of {}"
+    return build_lengths(own, own.read_vector("pos") or NULL, "pos", text)
 
 
 _HINGE, _SLIDE = "hinge", "slide"
@@ -356,33 +240,32 @@ _JOINTS = (_HINGE, _SLIDE, "ball", "free")
 
 
 def read_joint(
-    own: MjcfPart, name: str, ends: tuple[str, str], origin: Placement, frame: Placement
+    own: XmlPart, name: str, ends: tuple[str, str], origin: Placement, frame: Placement
 ) -> TreeJoint:
     """Return a joint between two links; `frame` is that around it seen from its body, `origin` the body's."""
-    kind = "free" if own.part.element.tag == "freejoint" else own.read_choice("type", _JOINTS, _HINGE)
-    joint = TreeJoint(name=name, type=kind, parent=ends[0], child=ends[1], part=own.part, origin=origin)
+    kind = "free" if own.element.tag == "freejoint" else own.read_choice("type", _JOINTS, _HINGE)
+    joint = TreeJoint(name=name, type=kind, parent=ends[0], child=ends[1], part=own, origin=origin)
     if kind not in (_HINGE, _SLIDE):
         return joint
-    place, settings = own.at("axis"), own.model.settings
-    axis = build_axis(place, place.read_vector("axis") or _UPRIGHT, "axis", "axis")
-    unit = math.pi / 180 if settings.degrees and kind == _HINGE else 1.0
-    position = own.read_range("range") if own.is_limited("limited", "range") else None
-    zero = own.at("ref").read_decimal("ref") or Decimal(0)
+    axis = build_axis(own, own.read_vector("axis") or _UPRIGHT, "axis", "axis")
+    unit = math.pi / 180 if own.reading.settings.degrees and kind == _HINGE else 1.0
+    position = own.read_range("range", "limited")
+    zero = own.read_decimal("ref") or Decimal(0)
     armature, damping = own.read_positive("armature"), own.read_linear("damping")
     if damping < 0:
         text = f"damping: {damping:g} drives the joint instead of braking it"
-        own.at("damping").warn("robot.negative-friction", text, "damping")
+        own.warn("robot.negative-friction", text, "damping")
     turn = compose_placements(frame, translate(*_read_position(own)), axis)
     friction = build_friction(damping, own.read_positive("frictionloss"))
     # What the actuators may have together.
     torque = None
-    if own.is_limited("actuatorfrclimited", _TORQUE) and (bounds := own.read_range(_TORQUE)):
+    if bounds := own.read_range(_TORQUE, "actuatorfrclimited"):
         low, high = bounds
         if low != -high:
             text = f"{_TORQUE} differs by direction, the smaller torque is the limit, of joints {{}}"
-            own.at(_TORQUE).group("robot.uneven-limits", text, attribute=_TORQUE)
+            own.group("robot.uneven-limits", text, attribute=_TORQUE)
         torque = min(-low, high) if low < 0 < high else None
-    if any(own.at("springdamper").read_numbers("springdamper", 2)):
+    if any(own.read_numbers("springdamper", 2)):
         text = "springdamper: is not supported; write the stiffness and damping that it gives"
         own.refuse("robot.mjcf-unsupported", text, "springdamper")
     spring = None
@@ -390,7 +273,7 @@ def read_joint(
         if own.read_positive("springyield"):
             text = "springyield: a spring that yields is not supported; leave it out"
             own.refuse("robot.mjcf-unsupported", text, "springyield")
-        spring = Spring(stiffness=stiffness, rest=(own.read_number("springref") or 0.0) * unit)
+        spring = Spring(stiffness=stiffness, rest=(own.read_float("springref") or 0.0) * unit)
     return replace(
         joint,
         type={_HINGE: "revolute" if position else "continuous", _SLIDE: "prismatic"}[kind],
@@ -407,38 +290,37 @@ def read_joint(
 _ORDER = (0, 3, 4, 1, 5, 2)
 
 
-def read_body(body: MjcfPart, geoms: Sequence[tuple[MjcfPart, Placement]], *, moves: bool) -> _Body:
+def read_body(body: XmlPart, geoms: Sequence[tuple[XmlPart, Placement]], *, moves: bool) -> _Body:
     """Return the ten parameters of a body in its frame, None where nothing states them.
 
     `geoms` come with the frame around each, seen from the body. A body that does not move needs no inertia.
     """
-    inertial = body.part.get("inertial")
-    inference, groups = body.model.settings.inference, body.model.settings.groups
+    inertial = body.get("inertial")
+    inference, groups = body.reading.settings.inference, body.reading.settings.groups
     found: _Body = None
     if moves and (inference == "true" or (inference == "auto" and inertial is None)):
-        inside = [pair for pair in geoms if groups[0] <= (pair[0].read_number("group") or 0) <= groups[1]]
+        inside = [pair for pair in geoms if groups[0] <= (pair[0].read_float("group") or 0) <= groups[1]]
         entries = [entry for entry in (_compute_geom(geom, frame) for geom, frame in inside) if entry]
         found = tuple(float(value) for value in np.sum(entries, axis=0)) if entries else None
         if inside and inference == "true":
             return found
     if inertial is not None:
-        own = replace(body, part=inertial, defaults={})
         missing = [name for name in ("pos", "mass") if name not in inertial.element.attributes]
         if missing:
             inertial.refuse("robot.missing-key", f"<inertial> needs {' and '.join(missing)}")
         full, principal = inertial.read_numbers("fullinertia", 6), inertial.read_numbers("diaginertia", 3)
-        if full and (principal or any(own.has(name) for name in ORIENTATIONS)):
+        if full and (principal or any(map(inertial.has, ORIENTATIONS))):
             text = "fullinertia stands in the axes of the body; leave out diaginertia and orientations"
             inertial.refuse("robot.two-forms", text, "fullinertia")
         com = [float(value) for value in inertial.read_vector("pos") or NULL]
-        rotation = np.array(to_floats(read_rotation(own)))
+        rotation = np.array(to_floats(read_rotation(inertial)))
         central = [float(full[k]) for k in _ORDER] if full else [0.0] * 6
         if principal:
             central[0], central[3], central[5] = map(float, principal)
-        found = build_body(inertial, own.read_positive("mass"), com, central, rotation)
-    if found and body.model.settings.balance and explain_impossible_inertia(found):
+        found = build_body(inertial, inertial.read_positive("mass"), com, central, rotation)
+    if found and body.reading.settings.balance and explain_impossible_inertia(found):
         text = "balanceinertia changes the inertia of this body; write the values that it gives into the body"
-        body.part.refuse("robot.mjcf-unsupported", text)
+        body.refuse("robot.mjcf-unsupported", text)
     return found
 
 
@@ -447,34 +329,34 @@ _NO_BODIES = ("plane", "hfield")
 _GEOMS = (*_NO_BODIES, *_SOLIDS, "mesh", "sdf")
 
 
-def _compute_geom(own: MjcfPart, frame: Placement) -> _Body:
+def _compute_geom(own: XmlPart, frame: Placement) -> _Body:
     """Return the ten parameters of a solid in the frame of its body; None where it has no mass."""
     kind = own.read_choice("type", _GEOMS, "sphere")
-    mass, density = own.read_number("mass"), own.read_number("density", 1000.0)
+    mass, density = own.read_float("mass"), own.read_float("density", 1000.0)
     if kind in _NO_BODIES or mass == 0 or (mass is None and not density):
         return None
-    shell = own.get("shellinertia", "false") == "true"
+    shell = own.read_word("shellinertia", "false") == "true"
     if kind not in _SOLIDS or own.has("mesh") or shell:
         what = "a shell" if shell else "a mesh"
         text = f"its inertia would be that of {what}, which is not computed; give the body an <inertial>"
-        own.part.refuse("robot.mjcf-unsupported", f"{text} (MuJoCo writes one, see docs/urdf.md)")
+        own.refuse("robot.mjcf-unsupported", f"{text} (MuJoCo writes one, see docs/urdf.md)")
         return None
-    ends = own.at("fromto").read_numbers("fromto", 6)
-    numbers = [float(value) for value in own.at("size").read_numbers("size", 1, 3)]
+    ends = own.read_numbers("fromto", 6)
+    numbers = [float(value) for value in own.read_numbers("size", 1, 3)]
     size = (numbers + [0.0] * 3)[:3]
     if ends:
         vector = [a - b for a, b in zip(ends[:3], ends[3:], strict=True)]
         half = math.hypot(*map(float, vector)) / 2
         size = [size[0], half, 0.0] if kind in ("capsule", "cylinder") else [size[0], size[0], half]
         middle = [Exact.surd(Fraction(a + b) / 2) for a, b in zip(ends[:3], ends[3:], strict=True)]
-        turn = _turn_to(own.at("fromto"), (vector[0], vector[1], vector[2]), "fromto")
+        turn = _turn_to(own, (vector[0], vector[1], vector[2]), "fromto")
         placed = replace(turn, translation=(middle[0], middle[1], middle[2]))
     else:
         placed = read_placement(own)
     count = {"sphere": 1, "capsule": 2, "cylinder": 2}.get(kind, 3)
     if min(size[:count]) <= 0:
         text = f"size: a {kind} needs {count} number{'s'[: count > 1]} above 0, in m"
-        own.at("size").refuse("robot.out-of-range", text, "size")
+        own.refuse("robot.out-of-range", text, "size")
         return None
     # Volume (m^3), and principal moments divided by the mass (m^2), of half lengths along z.
     a, b, c = size
@@ -533,42 +415,42 @@ def read_xml_robot(
     """Return the robot that the URDF or MJCF model at `path` describes; its outermost element says which.
 
     Args:
-        path: the file.
+        path: the file, a URDF, a xacro file that writes one, or a model.
         base: the link or body to start from; the file's own root if None.
-        tip: the link or body to end at; all branches belong to the robot if None.
+        tip: the link or body to end at; all branches belong to the robot if None. Where it is fixed to the
+            last moving link, its frame becomes that link's `Joint.frame`.
         snap: angle in rad within which rotations are moved to multiples of pi/2; zero turns that off.
 
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
-    document = parse_document(read_text_file(path), str(path))
-    if document.root.tag in _ROOTS:
-        return assemble_model(read_model(document, snap), base, tip)
-    return read_urdf(path, base=base, tip=tip, snap=snap)
+    source = read_urdf_text(path)
+    robot = parse_xml_robot(source.text, source.file, base=base, tip=tip, snap=snap)
+    made = robot.made_from and replace(robot.made_from, file=str(path))
+    return replace(robot, path=str(path), notices=(*source.notices, *robot.notices), made_from=made)
 
 
-def parse_xml_robot(text: str, file: str, *, base: str | None, tip: str | None, snap: float) -> Robot:
-    """Return the robot that a text describes; messages call it `file`. See `read_xml_robot`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
+def parse_xml_robot(
+    text: str,
+    file: str = "robot.urdf",
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    snap: float = DEFAULT_SNAP,
+) -> Robot:
+    """Return the robot of a text that messages call `file`, or raise all mistakes. See `read_xml_robot`."""
     document = parse_document(text, file)
     if document.root.tag in _ROOTS:
         return assemble_model(read_model(document, snap), base, tip)
-    return parse_urdf(text, file, base=base, tip=tip, snap=snap)
+    return assemble_robot(*read_urdf(document, snap), base, tip)
 
 
-def assemble_model(model: Model, base: str | None, tip: str | None) -> Robot:
-    """Return the robot of a model that was read. See `read_xml_robot`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
-    reading, gravity, weightless = model.reading, (ZERO, ZERO, Exact.of("-9.81")), False
+def assemble_model(reading: TreeReading, base: str | None, tip: str | None) -> Robot:
+    """Return the robot of a model that was read, or raise a RobotError with all mistakes."""
+    gravity, weightless = (ZERO, ZERO, Exact.of("-9.81")), False
     # A later <option> replaces an earlier one.
     for element in reading.document.root.find_all("option"):
-        part = XmlPart(reading=reading, owner="option", element=element)
+        part = reading.enter(element, "option")
         if vector := part.read_vector("gravity"):
             x, y, z = (Exact.surd(Fraction(value)) for value in vector)
             gravity = (x, y, z)
@@ -585,15 +467,11 @@ def assemble_model(model: Model, base: str | None, tip: str | None) -> Robot:
     # A joint whose name is taken was left out, and its bodies are not connected.
     complete = not any(error.code == "robot.duplicate-joint" for error in reading.errors)
     gravity = (ZERO, ZERO, ZERO) if weightless else gravity
-    return assemble_robot(reading, base, tip, complete=complete, gravity=gravity)
+    return assemble_robot(reading, complete, base, tip, gravity)
 
 
-def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> Model:
-    """Return a model with its bodies as links, and mistakes; included files stand in the place of <include>.
-
-    Raises:
-        RobotError: an included file cannot be read.
-    """
+def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> TreeReading:
+    """Return a model with bodies as links, and mistakes; a RobotError tells of an included file not read."""
     reading = TreeReading(document=document, snap=snap)
     root = document.root
     waiting = [root]
@@ -620,13 +498,13 @@ def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> Model:
     compilers = list(root.find_all("compiler"))
     for element in compilers:
         _skip_attributes(reading, element)
-    model = Model(reading=reading, settings=read_settings(reading, compilers))
-    read_classes(model, list(root.find_all("default")))
-    _read_bodies(model)
-    _read_equality(model)
-    _read_tendons(model)
-    _read_actuators(model)
-    return model
+    reading = replace(reading, settings=read_settings(reading, compilers))
+    read_classes(reading, list(root.find_all("default")))
+    _read_bodies(reading)
+    _read_equality(reading)
+    _read_tendons(reading)
+    _read_actuators(reading)
+    return reading
 
 
 def _skip(reading: TreeReading, element: XmlElement, kind: str = "") -> None:
@@ -647,7 +525,7 @@ def _lose(reading: TreeReading, kind: str, element: XmlElement, attribute: str =
 
 
 def _list_contents(
-    element: XmlElement, childclass: str, frame: Placement, model: Model
+    element: XmlElement, childclass: str, frame: Placement, reading: TreeReading
 ) -> Iterator[tuple[XmlElement, str, Placement]]:
     """Yield what stands in a body, frames resolved, with the class and the frame around each."""
     waiting = [(child, childclass, frame) for child in reversed(element.children)]
@@ -656,23 +534,22 @@ def _list_contents(
         if child.tag != "frame":
             yield child, outer, around
             continue
-        own = MjcfPart(model=model, part=XmlPart(reading=model.reading, owner="a frame", element=child))
         inner = child.attributes.get("childclass", outer)
-        placed = compose_placements(around, read_placement(own))
+        placed = compose_placements(around, read_placement(reading.enter(child, "a frame")))
         waiting += [(entry, inner, placed) for entry in reversed(child.children)]
 
 
-def _read_bodies(model: Model) -> None:
+def _read_bodies(reading: TreeReading) -> None:
     """Add the links and joints, in the order of the file."""
-    reading, root = model.reading, model.reading.document.root
-    part = XmlPart(reading=reading, owner="body 'world'", element=root.find("worldbody") or root)
+    root = reading.document.root
+    part = reading.enter(root.find("worldbody") or root, "body 'world'")
     reading.links[WORLD] = TreeLink(name=WORLD, part=part, inertial=None)
     contents = [
         entry
         for element in root.find_all("worldbody")
-        for entry in _list_contents(element, "", IDENTITY, model)
+        for entry in _list_contents(element, "", IDENTITY, reading)
     ]
-    _check_contents(model, contents, "the world")
+    _check_contents(reading, contents, "the world")
     waiting = [(entry, WORLD, False) for entry in reversed(contents) if entry[0].tag == "body"]
     number = 0
     while waiting:
@@ -680,34 +557,34 @@ def _read_bodies(model: Model) -> None:
         number += 1
         _skip_attributes(reading, element)
         name = element.attributes.get("name") or f"body{number}"
-        part = XmlPart(reading=reading, owner=f"body '{name}'", element=element)
+        part = reading.enter(element, f"body '{name}'")
         if name in reading.links:
             part.refuse_taken("body", "link", reading.links[name].part)
             name = f"{name} of line {part.line}"
         if part.read_decimal("gravcomp"):
             _lose(reading, "gravcomp", element, "gravcomp")
-        own = model.parts["body", name] = MjcfPart(model=model, part=part)
+        reading.parts["body", name] = part
         inner = element.attributes.get("childclass", childclass)
-        contents = list(_list_contents(element, inner, IDENTITY, model))
-        _check_contents(model, contents, part.owner)
-        origin = compose_placements(frame, read_placement(own))
+        contents = list(_list_contents(element, inner, IDENTITY, reading))
+        _check_contents(reading, contents, part.owner)
+        origin = compose_placements(frame, read_placement(part))
         joints = [entry for entry in contents if entry[0].tag in ("joint", "freejoint")]
         # Between them stand links without mass; a fixed joint stands for none.
         end = parent
         for count, (entry, around, place) in enumerate(joints, start=1):
             joint = entry.attributes.get("name") or f"{name}_joint{count if len(joints) > 1 else ''}"
-            moving = model.enter(entry, f"joint '{joint}'", "joint", around)
+            moving = reading.enter(entry, f"joint '{joint}'", "joint", around)
             if entry.tag == "joint":
                 _skip_attributes(reading, entry)
             if joint in reading.joints:
-                moving.part.refuse_taken("joint", "joint", reading.joints[joint].part)
+                moving.refuse_taken("joint", "joint", reading.joints[joint].part)
                 continue
             last = count == len(joints)
             child = name if last else f"{name}:{joint}"
-            model.parts["joint", joint] = moving
+            reading.parts["joint", joint] = moving
             reading.joints[joint] = read_joint(moving, joint, (end, child), origin, place)
             if not last:
-                link = TreeLink(name=child, part=moving.part, inertial=(0.0,) * 10, between=True)
+                link = TreeLink(name=child, part=moving, inertial=(0.0,) * 10, between=True)
                 reading.links[child] = link
             end, origin = child, IDENTITY
         if not joints:
@@ -720,51 +597,51 @@ def _read_bodies(model: Model) -> None:
         for geom, around, place in contents:
             if geom.tag == "geom":
                 owner = f"{part.owner}: geom '{geom.attributes.get('name', '')}'"
-                geoms.append((model.enter(geom, owner, "geom", around), place))
-        reading.links[name] = TreeLink(name=name, part=part, inertial=read_body(own, geoms, moves=moves))
+                geoms.append((reading.enter(geom, owner, "geom", around), place))
+        reading.links[name] = TreeLink(name=name, part=part, inertial=read_body(part, geoms, moves=moves))
         waiting += [(entry, name, moves) for entry in reversed(contents) if entry[0].tag == "body"]
 
 
-def _check_contents(model: Model, contents: Sequence[tuple[XmlElement, str, Placement]], owner: str) -> None:
+def _check_contents(
+    reading: TreeReading, contents: Sequence[tuple[XmlElement, str, Placement]], owner: str
+) -> None:
     for element, _, _ in contents:
         if element.tag in _REFUSED:
             text = f"<{element.tag}> is not supported; save the model from MuJoCo, which writes what it makes"
-            part = XmlPart(reading=model.reading, owner=owner, element=element)
-            part.refuse("robot.mjcf-unsupported", text)
+            reading.enter(element, owner).refuse("robot.mjcf-unsupported", text)
         elif element.tag not in _READ or element.tag == "geom":
-            _skip(model.reading, element)
+            _skip(reading, element)
 
 
-def _list_entries(model: Model, section: str) -> Iterator[XmlElement]:
+def _list_entries(reading: TreeReading, section: str) -> Iterator[XmlElement]:
     """Yield what stands in all sections of a name."""
-    for element in model.reading.document.root.find_all(section):
+    for element in reading.document.root.find_all(section):
         yield from element.children
 
 
-def _read_equality(model: Model) -> None:
+def _read_equality(reading: TreeReading) -> None:
     """Add the followers."""
-    reading = model.reading
-    for element in _list_entries(model, "equality"):
-        own = model.enter(element, f"equality '{element.attributes.get('name', '')}'", "equality")
-        if own.get("active", "true") == "false":
+    for element in _list_entries(reading, "equality"):
+        own = reading.enter(element, f"equality '{element.attributes.get('name', '')}'", "equality")
+        if own.read_word("active", "true") == "false":
             _skip(reading, element, f"<{element.tag}> that is not active")
             continue
         if element.tag != "joint":
             text = f"<{element.tag}> closes a loop, which is not supported; remove it, or write"
-            own.part.refuse("robot.closed-loop", f'{text} active="false"')
+            own.refuse("robot.closed-loop", f'{text} active="false"')
             continue
-        follower = own.part.read_name("joint1", reading.joints)
-        master = own.part.read_name("joint2", reading.joints) if own.has("joint2") else None
-        numbers = own.part.read_numbers("polycoef", 1, 5)
+        follower = own.read_name("joint1", reading.joints)
+        master = own.read_name("joint2", reading.joints) if own.has("joint2") else None
+        numbers = own.read_numbers("polycoef", 1, 5)
         shift, factor, *curved = (*numbers, *map(Decimal, (0, 1, 0, 0, 0)[len(numbers) :]))
         if any(curved):
             text = "polycoef: a joint follows another one by c0 + c1 x; leave out the terms of higher order"
-            own.part.refuse("robot.mjcf-unsupported", text, "polycoef")
+            own.refuse("robot.mjcf-unsupported", text, "polycoef")
         if follower is None or (master is None and own.has("joint2")):
             continue
         if follower in reading.steps:
             text = f"joint '{follower}' follows another one already; keep one of the constraints"
-            own.part.refuse("robot.two-forms", text, "joint1")
+            own.refuse("robot.two-forms", text, "joint1")
             continue
         # joint1 - ref1 = c0 + c1 (joint2 - ref2)
         factor = factor if master else Decimal(0)
@@ -774,13 +651,12 @@ def _read_equality(model: Model) -> None:
         reading.steps[follower] = MimicStep(master=master, multiplier=Fraction(factor), offset=offset)
 
 
-def _read_tendons(model: Model) -> None:
+def _read_tendons(reading: TreeReading) -> None:
     """Add the drives that turn with several joints."""
-    reading = model.reading
-    names = [element.attributes.get("name") for element in _list_entries(model, "tendon")]
-    for number, element in enumerate(_list_entries(model, "tendon"), start=1):
+    names = [element.attributes.get("name") for element in _list_entries(reading, "tendon")]
+    for number, element in enumerate(_list_entries(reading, "tendon"), start=1):
         name = element.attributes.get("name") or f"tendon{number}"
-        own = model.parts["tendon", name] = model.enter(element, f"tendon '{name}'", "tendon")
+        own = reading.parts["tendon", name] = reading.enter(element, f"tendon '{name}'", "tendon")
         rotor = own.read_positive("armature")
         friction = build_friction(own.read_linear("damping"), own.read_positive("frictionloss"))
         if own.read_linear("stiffness"):
@@ -792,27 +668,23 @@ def _read_tendons(model: Model) -> None:
                 _skip(reading, element, f"<{element.tag}> tendon")
             continue
         if names.count(name) > 1 or name.isdigit():
-            own.part.refuse("robot.duplicate-joint", "each tendon needs a name of its own that is no number")
+            own.refuse("robot.duplicate-joint", "each tendon needs a name of its own that is no number")
             continue
-        terms = [own.part.enter(child) for child in element.find_all("joint")]
+        terms = [own.enter(child) for child in element.find_all("joint")]
         pairs = [(term.read_name("joint", reading.joints), term.read_decimal("coef")) for term in terms]
         factors = tuple((joint, Fraction(factor)) for joint, factor in pairs if joint and factor)
         if not rotor and not friction.values:
             _skip(reading, element, "<fixed> tendon without mechanics")
             continue
-        reading.couplings.append(
-            TreeCoupling(
-                name=name, part=own.part, terms=factors, rotor_inertia=rotor or None, friction=friction
-            )
-        )
+        drive = Coupling(name=name, terms=(), has_rotor=rotor > 0, rotor_inertia=rotor or None)
+        reading.couplings.append((replace(drive, friction=friction), own, factors))
 
 
-def _read_actuators(model: Model) -> None:
+def _read_actuators(reading: TreeReading) -> None:
     """Add gears, and limits of the torque where the joint itself has none."""
-    reading = model.reading
-    found: dict[str, list[tuple[MjcfPart, float]]] = {}
-    for element in _list_entries(model, "actuator"):
-        own = model.enter(element, f"actuator '{element.attributes.get('name', '')}'", "actuator")
+    found: dict[str, list[tuple[XmlPart, float]]] = {}
+    for element in _list_entries(reading, "actuator"):
+        own = reading.enter(element, f"actuator '{element.attributes.get('name', '')}'", "actuator")
         key = "joint" if "joint" in element.attributes else "jointinparent"
         for attribute in ("armature", "damping"):
             if own.read_linear(attribute):
@@ -821,8 +693,8 @@ def _read_actuators(model: Model) -> None:
         if key not in element.attributes:
             _skip(reading, element, "actuator that is not at a joint")
             continue
-        joint = own.part.read_name(key, reading.joints)
-        gears = own.at("gear").read_numbers("gear", 1, 6)
+        joint = own.read_name(key, reading.joints)
+        gears = own.read_numbers("gear", 1, 6)
         gear = float(gears[0]) if gears else 1.0
         if joint is None or not reading.joints[joint].moves:
             continue
@@ -835,16 +707,15 @@ def _read_actuators(model: Model) -> None:
         for other, second in entries[1:]:
             if second != gear:
                 text = "several actuators with different gears, the first of them is used, of joints {}"
-                reading.group("robot.two-gears", text, f"'{joint}'", other.part.element)
+                reading.group("robot.two-gears", text, f"'{joint}'", other.element)
         entry = reading.joints[joint]
         limits = entry.limits
         if limits.torque is None and len(entries) == 1:
             # The control of a motor is its force.
-            controls = [("ctrllimited", "ctrlrange")] if own.part.element.tag == "motor" else []
+            controls = [("ctrllimited", "ctrlrange")] if own.element.tag == "motor" else []
             forces = [
-                own.read_range(bounds)
+                own.read_range(bounds, limited)
                 for limited, bounds in (("forcelimited", "forcerange"), *controls)
-                if own.is_limited(limited, bounds)
             ]
             sizes = [min(-pair[0], pair[1]) * abs(gear) for pair in forces if pair and pair[0] < 0 < pair[1]]
             limits = replace(limits, torque=min(sizes, default=None))

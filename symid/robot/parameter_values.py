@@ -233,13 +233,10 @@ class PublishedTable(Generic[N]):
 
 
 def read_value_table(path: Path, columns: TableColumns, read_name: Callable[[str], N]) -> PublishedTable[N]:
-    """Return the table at `path`, see above, from these columns.
+    """Return the table at `path` from these columns; a UsageError if one is missing, or several may be meant.
 
-    `read_name` returns the meaning of a name; its UsageError is reported with the name's line.
-
-    Raises:
-        UsageError: a column is not there, or several are possible.
-        EstimateError: with a notice for each mistake in the file.
+    `read_name` returns the meaning of a name; its UsageError is reported with its line. An EstimateError has
+    all mistakes in the file.
     """
     file = str(path)
     (first, heading), lines = _read_lines(path)

@@ -46,7 +46,7 @@ from symid.joint_models import (
 )
 from symid.robot.description import Coupling, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY, Placement, compose_placements, compute_unit_quaternion, to_floats
-from symid.robot.inertia import split_body
+from symid.robot.inertia import split_body, to_tensor
 from symid.robot.toml_values import BASE
 from symid.robot.urdf_xml import TENSOR
 
@@ -108,10 +108,7 @@ def find_bristles(friction: FrictionValues) -> tuple[float, ...] | None:
 
 
 def _find_curve(friction: FrictionValues) -> tuple[float, ...] | None:
-    """Return the damping times 1, |v| and v^2 of a law that has dry friction besides; else None.
-
-    MuJoCo has such polynomials. One that drives at some speed is left out, since simulations blow up there.
-    """
+    """Return the damping times 1, |v|, v^2 of a law with dry friction besides, if it brakes at any speed."""
     if friction.law != "cubic" or friction.values is None or friction.smoothing:
         return None
     named = name_values(friction)
@@ -310,17 +307,8 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     return "\n".join((*lines, "</mujoco>", ""))
 
 
-def list_mjcf_omissions(robot: Robot) -> Iterator[str]:
-    """Yield what an MJCF model cannot hold; the file has it in comments."""
-    yield from _list_mjcf_omissions(robot, rewritten=False)
-
-
-def list_rewritten_mjcf_omissions(robot: Robot) -> Iterator[str]:
-    """Yield what `rewrite_mjcf` leaves out, which no comment of the file says."""
-    yield from _list_mjcf_omissions(robot, rewritten=True)
-
-
-def _list_mjcf_omissions(robot: Robot, *, rewritten: bool) -> Iterator[str]:
+def list_mjcf_omissions(robot: Robot, *, rewritten: bool = False) -> Iterator[str]:
+    """Yield what an MJCF model cannot hold, which comments of new files say, or `rewrite_mjcf` leaves out."""
     for joint in robot.joints:
         owner = f"joint {joint.name}"
         if rewritten or (find_bristles(joint.friction) is None and _find_curve(joint.friction) is None):
@@ -473,9 +461,9 @@ def _choose_names(robot: Robot) -> list[str]:
 
 def _write(values: float | Sequence[float]) -> str:
     """Return a number, or several in parentheses, with all digits."""
-    if isinstance(values, int | float):
-        return repr(float(values) + 0.0)
-    return f"({', '.join(repr(float(value) + 0.0) for value in values)})"
+    if isinstance(values, Sequence):
+        return f"({', '.join(map(write_decimal, values))})"
+    return write_decimal(values)
 
 
 def _split_moments(parameters: Sequence[float]) -> tuple[list[float], list[float]]:
@@ -483,7 +471,7 @@ def _split_moments(parameters: Sequence[float]) -> tuple[list[float], list[float
     xx, xy, xz, yy, yz, zz = split_body(parameters)[2]
     if not (xy or xz or yz):
         return [xx, yy, zz], [1.0, 0.0, 0.0, 0.0]
-    moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    moments, axes = np.linalg.eigh(to_tensor((xx, xy, xz, yy, yz, zz)))
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     # The eigenvector of K at its largest eigenvalue is the quaternion (Bar-Itzhack, JGCD 23 (2000) 1085).
     (a, b, c), (d, e, f), (g, h, i) = axes

@@ -257,14 +257,9 @@ def _read_branch(table: Section, model: str) -> Branch | tuple[Stop, ...] | None
             table.require(key.name, f'model "{model}" needs it: {kind}{what}')
         if key.name not in table.values:
             values[key.name] = key.default
-        elif not key.many:
-            values[key.name] = table.read_float(key.name, key.unit, key.allowed)
-        elif isinstance(given := table.get(key.name), list):
-            read = [table.read_float(key.name, key.unit, key.allowed, k) for k in range(len(given))]
-            values[key.name] = tuple(read)
         else:
-            text = f"expected a list of {what}, got {table.show(key.name)}"
-            table.refuse("robot.wrong-type", key.name, text)
+            read = table.read_floats if key.many else table.read_float
+            values[key.name] = read(key.name, key.unit, key.allowed)
     if values.get("Fe") and "vs" not in table.values:
         unit = adapt_unit("rad/s", prismatic=table.prismatic)
         table.require("vs", f"where Fe is not 0, the model needs it as a number in {unit}")
@@ -426,10 +421,7 @@ _SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
 
 
 def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool = False) -> FrictionValues:
-    """Return the friction of a joint's or drive's table, up to the speed `fastest`; none without one.
-
-    `shared`: of a drive of several joints, or a joint that follows another one.
-    """
+    """Return the friction of a table up to the speed `fastest`; `shared`: it acts on several joints."""
     table = section.read_table("friction")
     if table is None:
         return FrictionValues()
@@ -496,26 +488,18 @@ def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool 
 
 def _read_bristles(table: Section, law: FrictionLaw) -> tuple[float, ...]:
     """Return the values of a law's state in its order, one list after another; empty where one is missing."""
-    lists = []
+    lists: list[tuple[float, ...]] = []
     for entry in law.memory:
         unit = "" if entry.unit == "1" else entry.unit.replace(" ", "*")
-        in_unit = adapt_unit(unit, prismatic=table.prismatic)
         allowed = NOT_NEGATIVE if entry.lower_is_allowed else POSITIVE
-        given, what = table.get(entry.name), f" in {in_unit}" if in_unit else ""
-        if not law.elements:
+        what = f" in {adapt_unit(unit, prismatic=table.prismatic)}" if unit else ""
+        if law.elements:
+            table.require(entry.name, f"the model's state needs a list of numbers{what}, one an element")
+            lists.append(table.read_floats(entry.name, unit, allowed, each=", one an element") or ())
+        else:
             table.require(entry.name, f"the model's state needs it as a number{what}")
             value = table.read_float(entry.name, unit, allowed)
-            lists.append([] if value is None else [value])
-        elif isinstance(given, list) and given:
-            read = (table.read_float(entry.name, unit, allowed, k) for k in range(len(given)))
-            found = [value for value in read if value is not None]
-            lists.append(found if len(found) == len(given) else [])
-        else:
-            table.require(entry.name, f"the model's state needs a list of numbers{what}, one an element")
-            if given is not None:
-                text = f"expected a list of numbers{what}, one an element, got {table.show(entry.name)}"
-                table.refuse("robot.wrong-type", entry.name, text)
-            lists.append([])
+            lists.append(() if value is None else (value,))
     if law.elements and all(lists):
         stiffness, share = lists
         if len(stiffness) != len(share):
@@ -550,11 +534,7 @@ def _check_keys(
 
 
 def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest: float) -> None:
-    """Warn of a curve that drives the joint although no coefficient on its own does.
-
-    It does where its least braking torques up to a speed, one way and the other, have a negative sum. Load
-    and waves of the position are left out.
-    """
+    """Warn of a curve whose least braking torques up to a speed have a negative sum over both directions."""
     law, named = get_friction_law(friction), name_values(friction)
     if law is None or not named or not law.own:
         return

@@ -45,6 +45,7 @@ from symid.robot.exact_values import (
     read_frames,
     read_linear_form,
     read_position,
+    read_vector,
 )
 from symid.robot.geometry import IDENTITY, ZERO, Placement, compose_placements, place_joint
 from symid.robot.inertia import (
@@ -86,29 +87,17 @@ _RESERVED = re.compile(rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'
 
 
 def read_robot(path: Path) -> Robot:
-    """Return the robot that the file at `path` describes.
-
-    Raises:
-        RobotError: with a notice for each mistake in the file, in the order of their places.
-    """
+    """Return the robot that the file at `path` describes, or raise a RobotError with all mistakes in it."""
     return parse_robot(read_text_file(path), str(path))
 
 
 def parse_robot(text: str, file: str = "robot.toml") -> Robot:
-    """Return the robot that `text` describes; messages call the text `file`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
+    """Return the robot that `text` describes; a RobotError has all mistakes, in the text called `file`."""
     return build_robot(parse_toml(text, file), file)
 
 
 def build_robot(root: Section, file: str) -> Robot:
-    """Return the robot that the values of a whole file describe; messages call it `file`.
-
-    Raises:
-        RobotError: with a notice for each mistake, in the order of their places.
-    """
+    """Return the robot that the values of a whole file describe, or raise a RobotError with all mistakes."""
     root.refuse_unknown_keys(_ROBOT_KEYS)
     if "convention" not in root.values:
         text = (
@@ -128,9 +117,8 @@ def build_robot(root: Section, file: str) -> Robot:
         root = replace(root, symbols=values)
     joints, couplings = read_joints(root, convention)
     remedy = "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
-    x, y, z = ZERO, ZERO, ZERO
-    if root.require("gravity", remedy) and root.has_list("gravity", 3, "numbers in m/s^2"):
-        x, y, z = (read_linear_form(root, "gravity", "m/s^2", index) or ZERO for index in range(3))
+    root.require("gravity", remedy)
+    gravity = read_vector(root, "gravity", "m/s^2")
     log, processing, controller = read_settings(root, joints)
     settings = read_named_settings(root, joints)
     made_from = None
@@ -161,7 +149,7 @@ def build_robot(root: Section, file: str) -> Robot:
         description=description,
         source=source,
         convention=convention,
-        gravity=(x, y, z),
+        gravity=gravity,
         symbols=tuple(sorted(root.symbols.items())),
         joints=joints,
         couplings=couplings,
@@ -210,9 +198,7 @@ def read_body(
             )
     else:
         mass = read_linear_form(link, "mass", "kg", allowed=POSITIVE)
-        x, y, z = ZERO, ZERO, ZERO
-        if link.has_list("com", 3, "numbers in m"):
-            x, y, z = (read_linear_form(link, "com", "m", index) or ZERO for index in range(3))
+        place = read_vector(link, "com", "m")
         inertia = dict.fromkeys(TENSOR, ZERO)
         if tensor := link.read_table("inertia", TENSOR):
             for entry in TENSOR:
@@ -223,7 +209,7 @@ def read_body(
             link.require("mass", remedy)
         if mass is not None:
             xx, xy, xz, yy, yz, zz = inertia.values()
-            form = SymbolicInertia(mass=mass, com=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
+            form = SymbolicInertia(mass=mass, com=place, inertia=(xx, xy, xz, yy, yz, zz))
             com, central = ([part.to_float(symbols) for part in parts] for parts in (form.com, form.inertia))
             found = compute_standard_parameters(mass.to_float(symbols), com, central)
     if found is None or len(link.errors) > errors:
@@ -389,10 +375,7 @@ _IMPLIED = {"theta": "revolute", "d": "prismatic"}
 def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81")) -> Robot:
     """Return the robot whose rows, "modified" or "standard", the text file at `path` holds.
 
-    `gravity` is that in the base frame in m/s^2, as decimals.
-
-    Raises:
-        RobotError: with a notice for each mistake in the file, in the order of their places.
+    `gravity` is in the base frame in m/s^2, as decimals. A RobotError has all mistakes in the file.
     """
     return parse_dh_table(read_text_file(path), convention, gravity, str(path))
 
@@ -400,11 +383,7 @@ def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = (
 def parse_dh_table(
     text: str, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81"), file: str = "table.csv"
 ) -> Robot:
-    """Return the robot whose rows `text` holds; messages call the text `file`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
+    """Return the robot whose rows `text`, called `file`, holds; see `read_dh_table`."""
     places: dict[KeyPath, Place] = {}
     start = Place(file, 1, 1)
     joints: list[dict[str, Any]] = []

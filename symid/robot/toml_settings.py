@@ -19,7 +19,7 @@ from typing import Any
 
 from symid.notation import adapt_unit, get_unit_factor, suggest_units
 from symid.robot.description import (
-    LOG_WORDS,
+    QUANTITIES,
     Controller,
     Joint,
     JointKind,
@@ -138,7 +138,19 @@ def _read_quantity(
     if section is None:
         return None
     size = len(joints)
-    columns = _read_columns(section, size)
+    columns: tuple[str, ...] = ()
+    remedy = 'write columns = ["q1", "q2"], one for each joint, or columns = ["q"], an array'
+    if section.require("columns", remedy):
+        value: Any = section.values["columns"]
+        names = [value] if isinstance(value, str) else value
+        if not isinstance(names, list) or not all(isinstance(entry, str) for entry in names):
+            text = f"expected a list of texts, got {section.show('columns')}"
+            section.refuse("robot.wrong-type", "columns", text)
+            names = []
+        elif len(names) not in (1, size):
+            text = f"{len(names)} columns for {size} joints; give one for each joint, or one array for all"
+            section.refuse("robot.column-count", "columns", f"{text} of them")
+        columns = tuple(names)
     # The SI unit, for messages; "SI" where joints differ.
     alike = next(key for key in _SI_UNITS if JOINT_DIMENSIONS[key] is dimensions)
     units = {adapt_unit(_SI_UNITS[alike], prismatic=joint.prismatic) for joint in joints}
@@ -176,22 +188,6 @@ def _read_quantity(
         side = "motor" if coupled else "joint"
     factor, offset = factor or (1.0,), read_offset(section, size) or (0.0,)
     return LogQuantity(columns=columns, unit=unit or natural, factor=factor, side=side, offset=offset)
-
-
-def _read_columns(section: Section, size: int) -> tuple[str, ...]:
-    remedy = 'write columns = ["q1", "q2"], one for each joint, or columns = ["q"], an array'
-    if not section.require("columns", remedy):
-        return ()
-    value: Any = section.values["columns"]
-    names = [value] if isinstance(value, str) else value
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        text = f"expected a list of texts, got {section.show('columns')}"
-        section.refuse("robot.wrong-type", "columns", text)
-        return ()
-    if len(names) not in (1, size):
-        text = f"{len(names)} columns for {size} joints; give one for each joint, or one array for all"
-        section.refuse("robot.column-count", "columns", f"{text} of them")
-    return tuple(names)
 
 
 def _read_unit(section: Section, natural: str) -> str | None:
@@ -243,7 +239,6 @@ def compute_current_factor(joints: Sequence[Joint], *, coupled: bool) -> tuple[f
     return factor if all(factor) else None
 
 
-_QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in LOG_WORDS)
 _NONE, _LOG = "none", "log"
 _ORDER = Range(low=1, high=16)
 
@@ -255,10 +250,8 @@ def read_processing(root: Section) -> Processing:
         return Processing(automatic=True)
     # The speed of all joints, or of each.
     speeds: float | tuple[float, ...] | None
-    if isinstance(stated := table.values.get("standstill"), list):
-        read = [table.read_number("standstill", "rad/s or m/s", NOT_NEGATIVE, k) for k in range(len(stated))]
-        speeds = tuple(float(speed) for speed in read if speed is not None)
-        speeds = speeds if len(speeds) == len(stated) else None
+    if isinstance(table.get("standstill"), list):
+        speeds = table.read_floats("standstill", "rad/s or m/s", NOT_NEGATIVE)
     else:
         speeds = table.read_float("standstill", "rad/s or m/s", NOT_NEGATIVE, word=_NONE)
     found: dict[str, Any] = {
@@ -288,7 +281,7 @@ def read_processing(root: Section) -> Processing:
 def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
     """Return the `[log]` table for a robot with these joints; those that follow another have no column."""
     joints = [joint for joint in joints if joint.mimic is None]
-    table = root.read_table("log", (*_QUANTITIES, *LOG_WORDS))
+    table = root.read_table("log", [entry.name for entry in fields(LogMap)])
     if table is None:
         return LogMap()
     if "motor_position" in table.values and "link_position" in table.values:
@@ -309,7 +302,7 @@ def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
     coupled = "transmission" in table.values
     return LogMap(
         time=time,
-        **{name: _read_quantity(table, name, joints, coupled=coupled) for name in _QUANTITIES[1:]},
+        **{name: _read_quantity(table, name, joints, coupled=coupled) for name in QUANTITIES[1:]},
         transmission=_read_transmission(table, joints),
         preset=table.read_choice("preset", ("symid", "ros", "ur-rtde", "franka")),
         topic=table.read_text("topic"),
@@ -329,7 +322,7 @@ def list_log(log: LogMap) -> dict[str, Any]:
     table: dict[str, Any] = {key: entry for key, entry in words.items() if entry is not None}
     if log.transmission is not None:
         table["transmission"] = [list(row) for row in log.transmission]
-    for name in _QUANTITIES:
+    for name in QUANTITIES:
         quantity: LogQuantity | None = getattr(log, name)
         if quantity is None:
             continue

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from symid.environment import read_file
 from symid.errors import Notice, RobotError
@@ -29,12 +29,9 @@ LARGEST_FILE = 64 * 10**6
 
 
 def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -> str:
-    """Return the text of the file at `path`, which messages call `noun`.
+    """Return the text of the file at `path`, which messages call `noun`; a RobotError if it has none.
 
     `keep_ends`: ends of lines, and a byte order mark, stay as they are.
-
-    Raises:
-        RobotError: it cannot be read, or is not UTF-8.
     """
     try:
         content = read_file(path, LARGEST_FILE)
@@ -42,9 +39,8 @@ def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -
             return content.decode()
         return io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
     except (OSError, UnicodeDecodeError) as error:
-        if isinstance(error, OSError):
-            text = f"cannot be read: {error.strerror or error}"
-        else:
+        text = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+        if isinstance(error, UnicodeDecodeError):
             text = f"not UTF-8 text (byte {error.start}); save the {noun} as UTF-8"
         raise RobotError(Notice(code="robot.unreadable", text=text, file=str(path))) from error
 
@@ -55,6 +51,7 @@ def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
 
 
 KeyPath = tuple[str | int, ...]
+T = TypeVar("T")
 
 _BLANK = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
 _SPACE = re.compile(r"[ \t]*")
@@ -96,15 +93,10 @@ class Places:
         return self.values.get(path, self.whole)
 
 
-def locate_values(text: str, file: str = "") -> Places:
-    """Return the places, in `file`, of all keys and values in valid TOML; lines end in a line feed alone."""
-    return _Scanner(text, file).scan_document()
+class Scanner:
+    """A cursor in valid TOML whose lines end in a line feed alone, and the places found so far."""
 
-
-class _Scanner:
-    """A cursor in the text, and the places found so far."""
-
-    def __init__(self, text: str, file: str) -> None:
+    def __init__(self, text: str, file: str = "") -> None:
         self.text = text
         self.file = file
         self.position = 0
@@ -114,6 +106,7 @@ class _Scanner:
         self._tables: dict[KeyPath, int] = {}
 
     def scan_document(self) -> Places:
+        """Return the places of all keys and values."""
         path: KeyPath = ()
         self._skip(_BLANK)
         while self.position < len(self.text):
@@ -291,11 +284,7 @@ class Section:
         self.refuse(code, key, f'there is no joint "{self.values[key]}"; {hint}')
 
     def finish(self) -> tuple[Notice, ...]:
-        """Return all warnings in the order of their places.
-
-        Raises:
-            RobotError: with all mistakes, likewise, where there are any.
-        """
+        """Return all warnings in the order of their places, or raise a RobotError with all mistakes."""
         if self.errors:
             raise RobotError(*sort_notices(self.errors))
         return sort_notices(self.warnings)
@@ -330,21 +319,20 @@ class Section:
         text = f"expected {expected}, got {self.show(key, *inner)}{hint}"
         self.refuse("robot.wrong-type", key, text, *inner)
 
+    def _read(self, key: str, kind: type[T], expected: str) -> T | None:
+        value = self.get(key)
+        if value is None or (isinstance(value, kind) and (kind is bool or not isinstance(value, bool))):
+            return value
+        self._refuse_type(key, expected)
+        return None
+
     def read_text(self, key: str) -> str | None:
         """Return the text at `key`."""
-        value = self.get(key)
-        if value is None or isinstance(value, str):
-            return value
-        self._refuse_type(key, 'a text in "quotes"')
-        return None
+        return self._read(key, str, 'a text in "quotes"')
 
     def read_flag(self, key: str) -> bool | None:
         """Return the truth value at `key`."""
-        value = self.get(key)
-        if value is None or isinstance(value, bool):
-            return value
-        self._refuse_type(key, "true or false")
-        return None
+        return self._read(key, bool, "true or false")
 
     def read_choice(self, key: str, allowed: Iterable[str]) -> str | None:
         """Return the text at `key`, one of `allowed`."""
@@ -358,16 +346,11 @@ class Section:
 
     def read_integer(self, key: str, allowed: Range) -> int | None:
         """Return the integer at `key`."""
-        value = self.get(key)
-        if value is None:
-            return None
-        if not isinstance(value, int) or isinstance(value, bool):
-            self._refuse_type(key, "a whole number")
-            return None
-        if value not in allowed:
-            self.refuse("robot.out-of-range", key, f"must be {allowed}, got {value}")
-            return None
-        return value
+        value = self._read(key, int, "a whole number")
+        if value is None or value in allowed:
+            return value
+        self.refuse("robot.out-of-range", key, f"must be {allowed}, got {value}")
+        return None
 
     def read_number(
         self, key: str, unit: str, allowed: Range = ANY, *inner: int, word: str = ""
@@ -414,6 +397,21 @@ class Section:
         numbers = tuple(number for number in found if number is not None)
         return numbers if len(numbers) == count else None
 
+    def read_floats(
+        self, key: str, unit: str, allowed: Range = ANY, *, each: str = ""
+    ) -> tuple[float, ...] | None:
+        """Return the list of numbers at `key`; it must not be empty where `each` says what a number is of."""
+        given = self.get(key)
+        if isinstance(given, list) and (given or not each):
+            found = (self.read_float(key, unit, allowed, index) for index in range(len(given)))
+            numbers = tuple(number for number in found if number is not None)
+            return numbers if len(numbers) == len(given) else None
+        if given is not None:
+            shown = adapt_unit(unit, prismatic=self.prismatic)
+            what = f"a list of numbers{f' in {shown}' if unit else ''}{each}"
+            self.refuse("robot.wrong-type", key, f"expected {what}, got {self.show(key)}")
+        return None
+
     def read_table_array(self, key: str) -> "list[Section]":
         """Return the tables of `[[key]]`, each with a label for messages; what is none is reported."""
         tables = self.get(key)
@@ -448,11 +446,7 @@ class Section:
 
 
 def parse_toml(text: str, file: str, code: str = "robot.syntax") -> Section:
-    """Return the whole table that `text` writes; messages call the text `file`.
-
-    Raises:
-        RobotError: with a notice of this code, where the text is no TOML.
-    """
+    """Return the whole table that `text`, called `file`, writes; a RobotError of this code if none."""
     text = text.replace("\r\n", "\n")
     try:
         values = tomllib.loads(text, parse_float=Decimal)
@@ -471,7 +465,7 @@ def parse_toml(text: str, file: str, code: str = "robot.syntax") -> Section:
     except (ValueError, RecursionError) as error:
         raise _explain_excess(text, file, code, deep=isinstance(error, RecursionError)) from error
     try:
-        return Section(values=values, places=locate_values(text, file))
+        return Section(values=values, places=Scanner(text, file).scan_document())
     except RecursionError as error:
         raise _explain_excess(text, file, code, deep=True) from error
 

@@ -196,10 +196,7 @@ def _write_values(prismatic: bool, *entries: tuple[str, str, str]) -> Iterator[s
 
 
 def _write_link(joint: Joint, symbols: Mapping[str, float]) -> Iterator[str]:
-    """Yield mass, centre of mass and inertia about it, in the frame that the file gives to the link.
-
-    Values that no body has are yielded as the ten parameters about that frame's origin.
-    """
+    """Yield a link's values in its frame of the file; those that no body has as ten parameters."""
     form, parameters = joint.form, joint.inertial
     if form is not None:
         inertia = {key: write_exact(value) for key, value in zip(TENSOR, form.inertia, strict=True) if value}

@@ -26,7 +26,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.joint_models import FrictionValues
-from symid.robot.description import Drive, Limits, MimicStep, Spring
+from symid.robot.description import Coupling, Drive, Limits, MimicStep, Spring
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -43,6 +43,9 @@ from symid.robot.urdf_xml import TENSOR, XmlDocument, XmlElement
 
 MJCF_UNUSED = "robot.mjcf-unused"
 """The code of notes on what an MJCF model has beyond the dynamics; all kinds are listed."""
+
+INFERENCE = ("true", "false", "auto")
+"""Whether something holds: auto where it follows from what else is stated."""
 
 MOVING = ("revolute", "continuous", "prismatic")
 """The types of joints with one coordinate."""
@@ -65,22 +68,55 @@ def list_words(words: Iterable[str], *, most: int = _SHOWN_WORDS) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ModelSettings:
+    """What <compiler> says: unit and sequence of angles, where inertias come from, when ranges hold."""
+
+    degrees: bool = True
+    sequence: str = "xyz"
+    inference: str = "auto"
+    groups: tuple[int, int] = (0, 5)
+    autolimits: bool = True
+    balance: bool = False
+
+    def to_radians(self, value: Decimal) -> float:
+        """Return an angle of the file in rad."""
+        return math.radians(value) if self.degrees else float(value)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TreeReading:
     """A file that is being read: its links and joints by name, mistakes, and what is not used.
 
-    `steps` are followers by name, `couplings` drives that turn with several joints, as the file has them.
-    `grouped` has the names and places of warnings that are given once for many, by (code, text).
+    `steps` are followers by name, `couplings` drives that turn with several joints, named as their terms.
+    `grouped` has the names and places of warnings that are given once for many, by (code, text). Of an MJCF
+    model `classes` has the elements where a class states attributes, by class, kind of element and attribute;
+    `parts` bodies, joints and tendons by kind and name.
     """
 
     document: XmlDocument
     snap: float
+    settings: ModelSettings = field(default_factory=ModelSettings)
+    classes: dict[str, dict[str, dict[str, XmlElement]]] = field(default_factory=dict)
+    parts: dict[tuple[str, str], "XmlPart"] = field(default_factory=dict)
     links: dict[str, "TreeLink"] = field(default_factory=dict)
     joints: dict[str, "TreeJoint"] = field(default_factory=dict)
     steps: dict[str, MimicStep] = field(default_factory=dict)
-    couplings: list["TreeCoupling"] = field(default_factory=list)
+    couplings: list[tuple[Coupling, "XmlPart", tuple[tuple[str, Fraction], ...]]] = field(
+        default_factory=list
+    )
     errors: list[Notice] = field(default_factory=list)
     warnings: list[Notice] = field(default_factory=list)
     grouped: dict[tuple[str, str], list[tuple[str, Place]]] = field(default_factory=dict)
+
+    def enter(self, element: XmlElement, owner: str, kind: str = "", childclass: str = "") -> "XmlPart":
+        """Return an element with what its class states for its `kind`; `childclass` is that around it."""
+        name = element.attributes.get("class") or childclass or "main"
+        defaults = self.classes.get(name, {}).get(kind, {})
+        part = XmlPart(reading=self, owner=owner, element=element, defaults=defaults)
+        if kind and name not in self.classes and name != "main":
+            hint = suggest_names(name, self.classes, before="; ")
+            part.refuse("robot.unknown-name", f'there is no default class "{show(name)}"{hint}', "class")
+        return part
 
     def refuse(self, code: str, text: str, element: XmlElement | None = None, attribute: str = "") -> None:
         """Add an error at an element (default: the root) or at the value of one of its attributes."""
@@ -138,11 +174,15 @@ class TreeReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class XmlPart:
-    """An element and its owner, such as "joint 'a'", which begins every message."""
+    """An element and its owner, such as "joint 'a'", which begins every message.
+
+    `defaults` are the elements of its class that state what it does not, by attribute.
+    """
 
     reading: TreeReading
     owner: str
     element: XmlElement
+    defaults: Mapping[str, XmlElement] = field(default_factory=dict)
 
     @property
     def line(self) -> int:
@@ -151,16 +191,26 @@ class XmlPart:
 
     def refuse(self, code: str, text: str, attribute: str = "") -> None:
         """Add an error at the element or at the value of one of its attributes."""
-        self.reading.refuse(code, f"{self.owner}: {text}", self.element, attribute)
+        self.reading.refuse(code, f"{self.owner}: {text}", self.at(attribute), attribute)
 
     def warn(self, code: str, text: str, attribute: str = "") -> None:
         """Add a warning, likewise."""
-        self.reading.warn(code, f"{self.owner}: {text}", self.element, attribute)
+        self.reading.warn(code, f"{self.owner}: {text}", self.at(attribute), attribute)
 
     def group(self, code: str, text: str, detail: str = "", attribute: str = "") -> None:
         """Add the owner's name, with a detail, to a warning that is given once for all."""
         name = self.owner.partition(" ")[2]
-        self.reading.group(code, text, f"{name} ({detail})" if detail else name, self.element, attribute)
+        shown = f"{name} ({detail})" if detail else name
+        self.reading.group(code, text, shown, self.at(attribute), attribute)
+
+    def at(self, attribute: str) -> XmlElement:
+        """Return the element that states an attribute: this one, or that of its class."""
+        own = attribute in self.element.attributes
+        return self.element if own else self.defaults.get(attribute, self.element)
+
+    def has(self, attribute: str) -> bool:
+        """Return whether the element or its class states an attribute."""
+        return attribute in self.at(attribute).attributes
 
     def refuse_taken(self, tag: str, kind: str, other: "XmlPart") -> None:
         """Add an error where the `tag` of another one has the name already; `kind` ends the code."""
@@ -193,7 +243,7 @@ class XmlPart:
 
         `endless`: "inf" is allowed, with either sign.
         """
-        text = self.element.attributes.get(attribute) if attribute else self.element.text
+        text = self.at(attribute).attributes.get(attribute) if attribute else self.element.text
         if text is None:
             return None
         if endless and text.strip().lstrip("+-").lower() in {"inf", "infinity"}:
@@ -212,7 +262,7 @@ class XmlPart:
 
     def read_numbers(self, attribute: str, least: int, most: int | None = None) -> tuple[Decimal, ...]:
         """Return `least` to `most` (by default `least`) numbers at an attribute; none if absent or wrong."""
-        text = self.element.attributes.get(attribute)
+        text = self.at(attribute).attributes.get(attribute)
         if text is None:
             return ()
         numbers = [_parse_decimal(part) for part in text.split()]
@@ -225,8 +275,55 @@ class XmlPart:
     def _refuse_number(self, attribute: str, expected: str, text: str) -> None:
         hint = "; decimals are written with a point" if "," in text else ""
         hint = "; this is xacro: let the name end in .xacro" if "${" in text or "$(" in text else hint
-        name = f"{self.element.tag} {attribute}".strip()
+        name = f"{self.at(attribute).tag} {attribute}".strip()
         self.refuse("robot.bad-number", f'{name}: expected {expected}, got "{show(text)}"{hint}', attribute)
+
+    def read_float(self, attribute: str, default: float | None = None) -> float | None:
+        """Return an attribute's number in floating point."""
+        value = self.read_decimal(attribute)
+        return default if value is None else float(value)
+
+    def read_positive(self, attribute: str) -> float:
+        """Return a number that is not negative, zero where there is none."""
+        value = self.read_float(attribute) or 0.0
+        if value < 0:
+            self.refuse("robot.out-of-range", f"{attribute}: must be at least 0, got {value:g}", attribute)
+        return max(value, 0.0)
+
+    def read_linear(self, attribute: str) -> float:
+        """Return a coefficient, zero where there is none."""
+        value, *curved = self.read_numbers(attribute, 1, 3) or (0,)
+        if any(curved):
+            text = f"{attribute}: a polynomial is not supported; write one number"
+            self.refuse("robot.mjcf-unsupported", text, attribute)
+        return 0.0 if any(curved) else float(value)
+
+    def read_word(self, attribute: str, default: str = "") -> str:
+        """Return an attribute's text."""
+        return self.at(attribute).attributes.get(attribute, default).strip()
+
+    def read_choice(self, attribute: str, allowed: Sequence[str], default: str) -> str:
+        """Return one of the words that an attribute allows."""
+        value = self.read_word(attribute, default)
+        if value in allowed:
+            return value
+        hint = suggest_names(value, allowed, before="; ")
+        text = f'{attribute}: expected one of {", ".join(allowed)}, got "{show(value)}"{hint}'
+        self.refuse("robot.unknown-name", text, attribute)
+        return default
+
+    def read_range(self, attribute: str, limited: str = "") -> tuple[float, float] | None:
+        """Return two numbers, the first of them smaller; None where there are none, or `limited` forbids."""
+        stated = self.read_choice(limited, INFERENCE, "auto") if limited else "true"
+        if stated == "false" or (stated == "auto" and not self.reading.settings.autolimits):
+            return None
+        match self.read_numbers(attribute, 2):
+            case (low, high) if low < high:
+                return float(low), float(high)
+            case (low, high) if low > high:
+                text = f"{attribute}: the first number, {low}, must not exceed the second, {high}"
+                self.refuse("robot.bad-limits", text, attribute)
+        return None
 
     def read_name(self, attribute: str, known: Iterable[str] | None = None) -> str | None:
         """Return the name at an attribute, one of `known` where given; None where it is wrong."""
@@ -256,8 +353,8 @@ def _list_parts(
 ) -> Iterator[tuple[str, XmlPart]]:
     """Yield the name of each link or joint and the part, but those without a name of their own."""
     for element in reading.document.root.find_all(tag):
-        name = XmlPart(reading=reading, owner=f"a {tag}", element=element).read_name("name")
-        part = XmlPart(reading=reading, owner=f"{tag} '{name}'", element=element)
+        name = reading.enter(element, f"a {tag}").read_name("name")
+        part = reading.enter(element, f"{tag} '{name}'")
         if name is not None and name in known:
             part.refuse_taken(tag, tag, known[name].part)
         elif name is not None:
@@ -397,17 +494,6 @@ class TreeJoint:
         return self.type in MOVING
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TreeCoupling:
-    """A drive that turns with several joints: their names and factors in `terms`, else as `Coupling`."""
-
-    name: str
-    part: XmlPart
-    terms: tuple[tuple[str, Fraction], ...]
-    rotor_inertia: float | None
-    friction: FrictionValues
-
-
 def read_parts(document: XmlDocument, snap: float) -> TreeReading:
     """Return the links and joints of a URDF; joints without two links are reported and left out.
 
@@ -423,6 +509,21 @@ def read_parts(document: XmlDocument, snap: float) -> TreeReading:
         if joint := _read_joint(name, part):
             reading.joints[name] = joint
     _read_drives(reading)
+    # Followers as the file writes them.
+    for joint in reading.joints.values():
+        mimic = joint.part.get("mimic")
+        if mimic is None:
+            continue
+        if not joint.moves:
+            reading.skip(f"<mimic> of a {joint.type} joint", mimic.element)
+            continue
+        reading.skip_others(mimic.element, (), ("joint", "multiplier", "offset"))
+        master = mimic.read_name("joint", reading.joints)
+        multiplier, offset = mimic.read_decimal("multiplier"), mimic.read_decimal("offset")
+        if master is not None:
+            factor, shift = Fraction(1 if multiplier is None else multiplier), Fraction(offset or 0)
+            step = MimicStep(master=master, multiplier=factor, offset=Exact.surd(shift))
+            reading.steps[joint.name] = step
     return reading
 
 
@@ -568,7 +669,7 @@ def _read_drives(reading: TreeReading) -> None:
             reading.skip("<transmission> that is not one actuator on one joint", element)
             continue
         owner = f"transmission '{element.attributes.get('name', '')}'"
-        part = XmlPart(reading=reading, owner=owner, element=element)
+        part = reading.enter(element, owner)
         for inner, known in (
             (element, ("type", "joint", "actuator", *_REDUCTIONS)),
             (joints[0], _REDUCTIONS),

@@ -14,15 +14,13 @@ Not supported: closed loops, several trees, rings of followers, floating and pla
 import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from fractions import Fraction
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
 from symid.errors import RobotError
 from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.description import (
-    Coupling,
     Joint,
     JointKind,
     LinkPlace,
@@ -46,7 +44,7 @@ from symid.robot.geometry import (
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
 from symid.robot.toml_values import BASE, sort_notices, suggest_names
 from symid.robot.urdf_parts import TreeJoint, TreeReading, list_words, read_parts
-from symid.robot.urdf_xml import parse_document, read_urdf_text
+from symid.robot.urdf_xml import XmlDocument
 
 _REMEDIES = {
     "free": "remove it, which fixes the body to the one before it",
@@ -55,20 +53,12 @@ _REMEDIES = {
 _LOOP = "closed loops are not supported; leave out one of the joints and give its torque as a load"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Tree:
-    """The joints beyond the base link `root`, parents before children, and those `before` it."""
-
-    root: str
-    before: tuple[TreeJoint, ...]
-    joints: tuple[TreeJoint, ...]
+_Tree = tuple[str, list[TreeJoint], list[TreeJoint]]
+"""The base link, the joints before it, and those beyond it, parents before children."""
 
 
 def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, complete: bool) -> _Tree | None:
-    """Return the tree, or the part of it from `base` to `tip`; None where there is none.
-
-    Where it is not `complete`, some joints or links could not be read.
-    """
+    """Return the tree, or its part from `base` to `tip`; None without one, or where it is not `complete`."""
     links, joints = reading.links, reading.joints
     # A joint that cannot be read leaves its links apart; that is not worth a second message.
     above: dict[str, TreeJoint] = {}
@@ -112,8 +102,7 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
             if joint.name in on_path or fixed:
                 chosen.append(joint)
                 linked.add(joint.child)
-    before = _locate_path(above, root, start) or ()
-    tree = _Tree(root=start, before=tuple(before), joints=tuple(chosen))
+    before = _locate_path(above, root, start) or []
     for joint in chosen:
         if not joint.moves and joint.type != "fixed":
             what = "a floating base" if joint.type == "floating" else f"a {joint.type} joint"
@@ -128,7 +117,7 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
         names, mass = list_words((link.name for link in cut), most=12), sum(link.mass for link in cut)
         text = f"outside of the chosen part, and not in the model: the links {names} ({mass:.6g} kg in all)"
         reading.warn("robot.cut-off", text, cut[0].part.element)
-    return tree
+    return start, before, chosen
 
 
 def _locate_root(reading: TreeReading, above: Mapping[str, TreeJoint]) -> str | None:
@@ -173,24 +162,6 @@ def _locate_path(above: Mapping[str, TreeJoint], start: str, end: str) -> list[T
         path.append(above[end])
         end = above[end].parent
     return path[::-1]
-
-
-def read_mimics(reading: TreeReading) -> None:
-    """Add the followers as the file writes them."""
-    for joint in reading.joints.values():
-        part = joint.part.get("mimic")
-        if part is None:
-            continue
-        if not joint.moves:
-            reading.skip(f"<mimic> of a {joint.type} joint", part.element)
-            continue
-        reading.skip_others(part.element, (), ("joint", "multiplier", "offset"))
-        master = part.read_name("joint", reading.joints)
-        multiplier, offset = part.read_decimal("multiplier"), part.read_decimal("offset")
-        if master is not None:
-            factor, shift = Fraction(1 if multiplier is None else multiplier), Fraction(offset or 0)
-            step = MimicStep(master=master, multiplier=factor, offset=Exact.surd(shift))
-            reading.steps[joint.name] = step
 
 
 def _resolve_mimics(
@@ -243,47 +214,14 @@ _GRAVITY = Exact.of("-9.81")
 _ROUNDED = 1e-9
 
 
-def read_urdf(
-    path: Path, *, base: str | None = None, tip: str | None = None, snap: float = DEFAULT_SNAP
-) -> Robot:
-    """Return the robot that the URDF at `path` describes.
-
-    Args:
-        path: the file, a URDF or a xacro file that writes one.
-        base: the link to start from; the file's own root if None.
-        tip: the link to end at; all branches belong to the robot if None. Where it is fixed to the last
-            moving link, its frame becomes that link's `Joint.frame`.
-        snap: angle in rad within which rotations are moved to multiples of pi/2; zero turns that off.
-
-    Raises:
-        RobotError: with a notice for each mistake in the file, in the order of their places.
-    """
-    source = read_urdf_text(path)
-    robot = parse_urdf(source.text, source.file, base=base, tip=tip, snap=snap)
-    made = robot.made_from and replace(robot.made_from, file=str(path))
-    return replace(robot, path=str(path), notices=(*source.notices, *robot.notices), made_from=made)
-
-
-def parse_urdf(
-    text: str,
-    file: str = "robot.urdf",
-    *,
-    base: str | None = None,
-    tip: str | None = None,
-    snap: float = DEFAULT_SNAP,
-) -> Robot:
-    """Return the robot that `text` describes; messages call the text `file`. See `read_urdf`.
-
-    Raises:
-        RobotError: with a notice for each mistake in the text.
-    """
-    document = parse_document(text, file)
+def read_urdf(document: XmlDocument, snap: float) -> tuple[TreeReading, bool]:
+    """Return links and joints, and whether all of them could be read; a RobotError if it is no plain URDF."""
     root = document.root
     for element in root.walk():
         if element.tag.startswith("xacro:"):
             text = (
                 f"<{element.tag}>: this is a xacro file, a program that writes a URDF; "
-                f"run `xacro {Path(file).name} > robot.urdf` and give that file"
+                f"run `xacro {Path(document.file).name} > robot.urdf` and give that file"
             )
             raise RobotError(document.locate_place(element).notice("robot.xacro", text))
     if root.tag != "robot":
@@ -291,52 +229,45 @@ def parse_urdf(
         text = f"the outermost element is <{root.tag}>; that of a URDF is <robot>{prefix}"
         raise RobotError(document.locate_place(root).notice("robot.no-urdf", text))
     reading = read_parts(document, snap)
-    read_mimics(reading)
     joints, links = (len(list(root.find_all(tag))) for tag in ("joint", "link"))
     complete = (len(reading.joints), len(reading.links)) == (joints, links)
-    return assemble_robot(reading, base, tip, complete=complete)
+    return reading, complete
 
 
 def assemble_robot(
     reading: TreeReading,
+    complete: bool,  # noqa: FBT001  the pair that a reader returns
     base: str | None,
     tip: str | None,
-    *,
-    complete: bool = True,
     gravity: ExactVector | None = None,
 ) -> Robot:
-    """Return the robot of the links and joints that were read; for `base` and `tip` see `read_urdf`.
+    """Return the robot of what was read, or raise a RobotError with all mistakes; see `read_xml_robot`.
 
     Args:
         reading: the links and joints; mistakes that were found in them.
-        base: the first link.
-        tip: the last link.
         complete: whether no link or joint was left out, so that what is not connected is a mistake.
+        base: the first link.
+        tip: the last one.
         gravity: in the frame of the file's root (m/s^2); None where the file states none, as a URDF.
-
-    Raises:
-        RobotError: with a notice for each mistake.
     """
     tree = _read_tree(reading, base, tip, complete=complete)
-    kept, before = (tree.joints, tree.before) if tree else (tuple(reading.joints.values()), ())
+    first, before, kept = tree or ("", [], list(reading.joints.values()))
     followers = _resolve_mimics(reading, kept, before)
     if tree is None or reading.errors:
         raise RobotError(*sort_notices(reading.errors))
     document, root = reading.document, reading.document.root
     what, link, attribute = ("URDF", "link", "name") if gravity is None else ("MJCF model", "body", "model")
-    joints, links = _reduce_joints(reading, tree, followers, tip)
+    joints, links = _reduce_joints(reading, first, kept, followers, tip)
     # Drives that turn with several joints; joints that stand still do not move them.
     index = {joint.name: number for number, joint in enumerate(joints)}
-    reached = {joint.name for joint in (*tree.before, *tree.joints)}
+    reached = {joint.name for joint in (*before, *kept)}
     couplings = []
-    for entry in reading.couplings:
-        if lost := [f"'{name}'" for name, _ in entry.terms if name not in reached]:
+    for drive, part, stated in reading.couplings:
+        if lost := [f"'{name}'" for name, _ in stated if name not in reached]:
             text = f"turns with joints that were cut off, {list_words(lost)}: it turns with the others alone"
-            entry.part.warn("robot.coupling-cut", text)
-        terms = tuple((index[name], factor) for name, factor in entry.terms if name in index and factor)
-        rotor = entry.rotor_inertia
-        drive = Coupling(name=entry.name, terms=terms, has_rotor=rotor is not None, rotor_inertia=rotor)
-        couplings += [replace(drive, friction=entry.friction)] if terms else []
+            part.warn("robot.coupling-cut", text)
+        terms = tuple((index[name], factor) for name, factor in stated if name in index and factor)
+        couplings += [replace(drive, terms=terms)] if terms else []
     # A name that functions can be called by.
     given, file = root.attributes.get(attribute, "").strip(), Path(document.file)
     name = re.sub(r"[^A-Za-z0-9_]+", "_", given or file.stem).strip("_")
@@ -355,7 +286,7 @@ def assemble_robot(
     # Joints before the base stand at zero, followers among them at their offset; gravity is `gravity`, or
     # down, in the file's root frame.
     outer = IDENTITY
-    for joint in tree.before:
+    for joint in before:
         offset = _place_offset(joint, followers.get(joint.name), reading.snap)
         outer = compose_placements(outer, joint.origin, joint.turn, offset, invert_placement(joint.turn))
     if gravity is not None:
@@ -365,7 +296,7 @@ def assemble_robot(
         x, y, z = (_GRAVITY * entry for entry in outer.rotation[2])
         down = (x, y, z)
         words = list_words(f"{value.to_float():g}" for value in down)
-        where = f"of link {tree.root}{', the joints before it at 0' if tree.before else ''}"
+        where = f"of link {first}{', the joints before it at 0' if before else ''}"
         text = f"a URDF states no gravity; it was taken as ({words}) m/s^2 in the frame {where}"
         reading.warn("robot.assumed-gravity", text)
     # The same for all ends of lines.
@@ -376,7 +307,7 @@ def assemble_robot(
         links=links,
         gravity=down,
         convention="urdf" if gravity is None else "mjcf",
-        description=f"from the {what} {file.name}, whose {link} {tree.root} is the base"
+        description=f"from the {what} {file.name}, whose {link} {first} is the base"
         + (f", {tip} the tip" if tip else ""),
         source=root.attributes.get(attribute, ""),
         processing=Processing(automatic=True),
@@ -394,21 +325,21 @@ def _place_offset(joint: TreeJoint, follower: MimicStep | None, snap: float) -> 
 
 
 def _reduce_joints(
-    reading: TreeReading, tree: _Tree, followers: Mapping[str, MimicStep], tip: str | None
+    reading: TreeReading,
+    first: str,
+    kept: Sequence[TreeJoint],
+    followers: Mapping[str, MimicStep],
+    tip: str | None,
 ) -> tuple[tuple[Joint, ...], tuple[LinkPlace, ...]]:
-    """Return the moving joints with canonical frames, and all links that move.
-
-    The last link's frame is that of the tip link, where this is fixed to it. Without any inertial values in
-    the file all are unknown, else missing ones are zero.
-    """
-    index = {joint.name: number for number, joint in enumerate(tree.joints)}
-    carriers = {tree.root: -1} | {joint.child: number for number, joint in enumerate(tree.joints)}
+    """Return the moving joints with canonical frames, and all links that move."""
+    index = {joint.name: number for number, joint in enumerate(kept)}
+    carriers = {first: -1} | {joint.child: number for number, joint in enumerate(kept)}
     # From a link's frame here, whose z is the joint's axis, to that of the file.
-    backs = {tree.root: IDENTITY} | {joint.child: invert_placement(joint.turn) for joint in tree.joints}
-    stated = [reading.links[joint.child] for joint in tree.joints]
+    backs = {first: IDENTITY} | {joint.child: invert_placement(joint.turn) for joint in kept}
+    stated = [reading.links[joint.child] for joint in kept]
     known = any(link.inertial for link in stated if not link.between)
     built, fixed = [], []
-    for number, (joint, link) in enumerate(zip(tree.joints, stated, strict=True)):
+    for number, (joint, link) in enumerate(zip(kept, stated, strict=True)):
         back, follower, inertial = backs[joint.child], followers.get(joint.name), link.inertial
         if not joint.moves or (follower and follower.master is None):
             fixed.append(number)

@@ -111,11 +111,7 @@ class XmlDocument:
 
 
 def parse_document(text: str, file: str) -> XmlDocument:
-    """Return the elements of `text`; messages call the text `file`.
-
-    Raises:
-        RobotError: it is no well-formed XML, has a document type, or is nested too deeply.
-    """
+    """Return the elements of `text`; a RobotError if it is ill-formed, too deep, or has a document type."""
     source = text.encode(errors="surrogatepass")
     parser = expat.ParserCreate("utf-8")
     opened = [XmlElement(tag="", attributes={}, offset=-1)]
@@ -209,10 +205,7 @@ class UrdfText:
 def read_urdf_text(path: Path, *, keep_ends: bool = False) -> UrdfText:
     """Return the text of the URDF at `path`, or of the one that the xacro file there writes.
 
-    `keep_ends`: ends of lines, and a byte order mark, stay as they are.
-
-    Raises:
-        RobotError: the file cannot be read or expanded, or the package xacro is not installed.
+    `keep_ends`: as of `read_text_file`. A RobotError if it cannot be read or expanded, or xacro is missing.
     """
     text = read_text_file(path, keep_ends=keep_ends)
     # A comment may show what a xacro file would have.

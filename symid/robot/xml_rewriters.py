@@ -15,7 +15,7 @@ URDFs any inertial frames, damping and dry friction (the mean of both directions
 transmissions. In MJCF inertias in `fullinertia`, or in `diaginertia` with `quat`, else a new <inertial>;
 damping, frictionloss, armature, stiffness, springref, those of fixed tendons too.
 Not supported: rotors without a transmission; values that stand in included files; a mass between two joints
-of one body; other friction, which `list_urdf_omissions` and `list_rewritten_mjcf_omissions` name.
+of one body; other friction, which `list_urdf_omissions` and `list_mjcf_omissions` name.
 """
 
 import itertools
@@ -28,7 +28,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice, RobotError
 from symid.joint_models import NO_FRICTION
-from symid.robot.description import Coupling, Joint, JointKind, Robot, Spring
+from symid.robot.description import Coupling, Joint, JointKind, Robot, SourceFile, Spring
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -41,8 +41,8 @@ from symid.robot.geometry import (
     place_joint,
     to_floats,
 )
-from symid.robot.inertia import build_pseudo_inertias, is_same_body, move_parameters, split_body
-from symid.robot.mjcf_reader import ORIENTATIONS, MjcfPart, Model, assemble_model, read_model, read_rotation
+from symid.robot.inertia import build_pseudo_inertias, is_same_body, move_parameters, split_body, to_tensor
+from symid.robot.mjcf_reader import ORIENTATIONS, assemble_model, read_model, read_rotation
 from symid.robot.simulator_writers import (
     get_plain_friction,
     list_drive_omissions,
@@ -58,9 +58,8 @@ from symid.robot.urdf_parts import (
     TreeReading,
     XmlPart,
     build_rpy_matrix,
-    read_parts,
 )
-from symid.robot.urdf_reader import parse_urdf, read_mimics
+from symid.robot.urdf_reader import assemble_robot, read_urdf
 from symid.robot.urdf_xml import (
     TENSOR,
     Edit,
@@ -92,21 +91,15 @@ class RewrittenFile:
 
 
 def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
-    """Return the URDF `text`, which `robot` was read from, with the robot's inertias, friction and rotors.
+    """Return the URDF `text`, which `robot` was read from as `made_from` says, with the robot's own values.
 
-    `robot.made_from` says how it was read. Values of a link hold for it and all that it carries, what was
-    cut off included, as identified ones do.
-
-    Raises:
-        RobotError: the text is no URDF, or the robot was made from none.
+    Values of a link hold for it and all that it carries, what was cut off included, as identified ones do. A
+    RobotError if the text is no URDF, or the robot was made from none.
     """
-    if (made := robot.made_from) is None:
-        text = f"robot {robot.name!r} was made from no URDF; write a new one (-o FILE)"
-        raise RobotError(Notice(code="robot.not-made", text=text, file=robot.path))
-    before = parse_urdf(text, robot.path, base=made.base, tip=made.tip, snap=made.snap)
+    made = _get_source(robot, "URDF", "robot.not-made")
     document = parse_document(text, robot.path)
-    reading = read_parts(document, made.snap)
-    read_mimics(reading)
+    reading, complete = read_urdf(document, made.snap)
+    before = assemble_robot(reading, complete, made.base, made.tip)
     names = _match_names(robot, reading)
     below = _map_children(reading)
     edits: list[Edit] = []
@@ -151,6 +144,13 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
     return RewrittenFile(text=apply_edits(document, edits), shared=shared)
 
 
+def _get_source(robot: Robot, what: str, code: str) -> SourceFile:
+    if robot.made_from is None:
+        text = f"robot {robot.name!r} was made from no {what}; write a new one (-o FILE)"
+        raise RobotError(Notice(code=code, text=text, file=robot.path))
+    return robot.made_from
+
+
 def _match_names(robot: Robot, reading: TreeReading) -> dict[str, str]:
     """Return the names that joints have in the file; the reader gives another one to a joint `base`."""
     return {joint.name: joint.name if joint.name in reading.joints else BASE for joint in robot.joints}
@@ -171,11 +171,7 @@ def _spread_change(
     changed: Joint,
     tip: str | None,
 ) -> list[tuple[TreeLink, tuple[float, ...]]]:
-    """Return the links that the new values of a joint change, and these in the frames of the links.
-
-    The first one is the joint's own link, the others those that it carries by joints that do not move in the
-    robot, which stand at zero; joints that follow no moving one stand at their offset.
-    """
+    """Return the joint's own link and those that it carries, which stand still, with their new values."""
     moving, first = set(names.values()), reading.links[reading.joints[names[changed.name]].child]
     # Each link, and where its frame (4, 4) stands in that of the first one.
     members = [(first, np.eye(4))]
@@ -283,25 +279,19 @@ def _set(
 
 
 def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
-    """Return the MJCF `text`, which `robot` was read from, with its inertias, friction, rotors, springs.
+    """Return the MJCF `text`, which `robot` was read from as `made_from` says, with the robot's own values.
 
-    `robot.made_from` says how it was read. Where the file has inertias come from geoms alone, they come from
-    <inertial> now.
-
-    Raises:
-        RobotError: the text is no MJCF, or the values have no place in it.
+    Where the file has inertias come from geoms alone, they come from <inertial> now. A RobotError if the
+    text is no MJCF, or the values have no place in it.
     """
     code = "robot.mjcf-unsupported"
-    if (made := robot.made_from) is None:
-        text = f"robot {robot.name!r} was made from no model; write a new one (-o FILE)"
-        raise RobotError(Notice(code=code, text=text, file=robot.path))
-    model = read_model(parse_document(text, robot.path), made.snap)
-    reading, file = model.reading, model.reading.document.file
+    made = _get_source(robot, "model", code)
+    reading = read_model(parse_document(text, robot.path), made.snap)
     for name, entry in reading.joints.items():
         if entry.moves and entry.spring is None:
             # A spring that does nothing shows where the joint's own coordinate is zero.
             reading.joints[name] = replace(entry, spring=Spring(stiffness=0.0, rest=0.0))
-    before = assemble_model(model, made.base, made.tip)
+    before = assemble_model(reading, made.base, made.tip)
     new_drives, old_drives = (
         {(drive.name, tuple(sorted(drive.terms))): drive for drive in one.couplings}
         for one in (robot, before)
@@ -319,10 +309,12 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
     changes = [
         new.inertial is not None and not is_same_body(new.inertial, old.inertial) for new, old in pairs
     ]
-    geoms_alone = model.settings.inference == "true" and any(changes)
+    geoms_alone = reading.settings.inference == "true" and any(changes)
     for (joint, old), changed in zip(pairs, changes, strict=True):
         entry = reading.joints[names[joint.name]]
-        edits += _edit_attributes(model.parts["joint", entry.name], _list_values(model, joint, entry, old))
+        edits += _edit_attributes(
+            reading.parts["joint", entry.name], _list_values(reading, joint, entry, old)
+        )
         if joint.inertial is None or not (geoms_alone or changed):
             continue
         if reading.links[entry.child].between:
@@ -333,21 +325,20 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
             continue
         spread = _spread_change(reading, below, names, joint, made.tip)
         for link, own in spread:
-            edits += _edit_mjcf_inertial(model.parts["body", link.name], own)
+            edits += _edit_mjcf_inertial(reading.parts["body", link.name], own)
         bodies |= {link.name for link, _ in spread}
         carried = tuple(link.name for link, _ in spread if link.name != entry.child)
         shared |= {entry.child: carried} if carried else {}
     for key, drive in new_drives.items():
         values = _list_mechanics(drive, old_drives[key])
-        edits += _edit_attributes(model.parts["tendon", drive.name], values)
+        edits += _edit_attributes(reading.parts["tendon", drive.name], values)
     # The new <inertial> is to hold where the file has inertias come from geoms alone.
     for element in reading.document.root.find_all("compiler") if geoms_alone else ():
         if element.attributes.get("inertiafromgeom") == "true":
-            part = XmlPart(reading=reading, owner="compiler", element=element)
-            edits += _write_attributes(MjcfPart(model=model, part=part), {"inertiafromgeom": "auto"})
+            edits += _write_attributes(reading.enter(element, "compiler"), {"inertiafromgeom": "auto"})
     written = apply_edits(reading.document, edits)
     if geoms_alone and not reading.errors:
-        links = read_model(parse_document(written, file), reading.snap).reading.links
+        links = read_model(parse_document(written, robot.path), reading.snap).links
         for name, link in reading.links.items():
             if name not in bodies and not is_same_body(links[name].inertial, link.inertial):
                 text = 'its <inertial>, which inertiafromgeom="true" leaves unused, would hold in the new '
@@ -358,10 +349,7 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
 
 
 def _list_mechanics(new: Joint | Coupling, old: Joint | Coupling) -> dict[str, float]:
-    """Return the values of attributes that joints and tendons have in common, those that are known.
-
-    What a robot has not, as friction of the law none, is zero; friction that is that of `old` is left out.
-    """
+    """Return what joints and tendons have in common, where it is known; friction only where it is new."""
     rotor = new.drive if isinstance(new, Joint) else new
     known = not rotor.has_rotor or rotor.rotor_inertia is not None
     values = {"armature": rotor.rotor_inertia or 0.0} if known else {}
@@ -376,7 +364,7 @@ def _is_same(new: float, old: float) -> bool:
     return math.isclose(new, old, rel_tol=_SAME)
 
 
-def _list_values(model: Model, joint: Joint, tree: TreeJoint, old: Joint) -> dict[str, float]:
+def _list_values(reading: TreeReading, joint: Joint, tree: TreeJoint, old: Joint) -> dict[str, float]:
     """Return the values of a joint's attributes."""
     values, spring = _list_mechanics(joint, old), joint.spring or Spring(stiffness=0.0)
     if spring.stiffness is None or old.spring is None or tree.spring is None:
@@ -386,24 +374,24 @@ def _list_values(model: Model, joint: Joint, tree: TreeJoint, old: Joint) -> dic
         # A follower's spring rests elsewhere in its own coordinate.
         new, before = spring.rest or 0.0, old.spring.rest or 0.0
         rest = (tree.spring.rest or 0.0) + (0.0 if _is_same(new, before) else new - before)
-        in_degrees = model.settings.degrees and joint.kind is JointKind.REVOLUTE
+        in_degrees = reading.settings.degrees and joint.kind is JointKind.REVOLUTE
         values["springref"] = math.degrees(rest) if in_degrees else rest
     return values
 
 
-def _check_file(own: MjcfPart) -> bool:
+def _check_file(own: XmlPart) -> bool:
     """Refuse to change what stands in an included file."""
-    inside = own.part.element.file == own.model.reading.document.file
+    inside = own.element.file == own.reading.document.file
     if not inside:
         text = "its values stand in an included file, which is not written; put the model into one file"
-        own.part.refuse("robot.mjcf-include", text)
+        own.refuse("robot.mjcf-include", text)
     return inside
 
 
-def _edit_mjcf_inertial(body: MjcfPart, values: Sequence[float]) -> Iterator[Edit]:
+def _edit_mjcf_inertial(body: XmlPart, values: Sequence[float]) -> Iterator[Edit]:
     """Yield the edits of <inertial>: in its own attributes where they can hold the values, else a new one."""
-    old, document = body.part.element.find("inertial"), body.model.reading.document
-    own = body if old is None else MjcfPart(model=body.model, part=body.part.enter(old))
+    old, document = body.element.find("inertial"), body.reading.document
+    own = body if old is None else body.enter(old)
     if not _check_file(own):
         return
     mass, com, central = split_body(values)
@@ -425,7 +413,7 @@ def _edit_mjcf_inertial(body: MjcfPart, values: Sequence[float]) -> Iterator[Edi
     if stated:
         yield from _write_attributes(own, {**numbers, **stated})
     elif old is None:
-        yield insert_element(document, body.part.element, [line])
+        yield insert_element(document, body.element, [line])
     else:
         # What stands inside, as comments, stays.
         inside, _ = document.locate_inside(old)
@@ -434,14 +422,8 @@ def _edit_mjcf_inertial(body: MjcfPart, values: Sequence[float]) -> Iterator[Edi
 
 
 def _find_axes(central: Sequence[float], near: FloatArray) -> tuple[list[float], list[float]]:
-    """Return principal moments and a quaternion of the principal axes that are most like those of `near`.
-
-    Args:
-        central: (6,) xx xy xz yy yz zz about the centre of mass, kg m^2.
-        near: (3, 3) rotation.
-    """
-    xx, xy, xz, yy, yz, zz = central
-    moments, axes = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    """Return principal moments of a tensor (6,), and a quaternion of the axes most like `near` (3, 3)."""
+    moments, axes = np.linalg.eigh(to_tensor(central))
     likeness = np.abs(near.T @ axes)
     order = max(itertools.permutations(range(3)), key=lambda p: sum(likeness[k, p[k]] for k in range(3)))
     axes = axes[:, list(order)]
@@ -454,13 +436,13 @@ def _find_axes(central: Sequence[float], near: FloatArray) -> tuple[list[float],
     return [float(moments[k]) for k in order], compute_unit_quaternion((rows[0], rows[1], rows[2]))
 
 
-def _edit_attributes(own: MjcfPart, values: Mapping[str, float]) -> Iterator[Edit]:
+def _edit_attributes(own: XmlPart, values: Mapping[str, float]) -> Iterator[Edit]:
     """Yield the edits that give an element these values, where it and its class do not state them already."""
     new = {name: value for name, value in values.items() if not _is_same(own.read_linear(name), value)}
     if new:
         yield from _write_attributes(own, {name: write_decimal(value) for name, value in new.items()})
 
 
-def _write_attributes(own: MjcfPart, values: Mapping[str, str]) -> Iterator[Edit]:
+def _write_attributes(own: XmlPart, values: Mapping[str, str]) -> Iterator[Edit]:
     if _check_file(own):
-        yield from set_values(own.model.reading.document, own.part.element, values)
+        yield from set_values(own.reading.document, own.element, values)

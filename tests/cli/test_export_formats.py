@@ -13,9 +13,9 @@ import pytest
 
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.notation import INERTIAL
+from symid.robot.mjcf_reader import parse_xml_robot as parse_urdf
 from symid.robot.simulator_writers import write_urdf
 from symid.robot.toml_reader import read_robot
-from symid.robot.urdf_reader import parse_urdf
 from tests.calls import ask, do, fail, hear, list_codes
 from tests.chains import build_pinocchio, build_transmission, regress
 from tests.estimates import STD, fill_robot, store_estimate

@@ -11,8 +11,8 @@ from symid.codegen import prepare_library
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.identification.stored import read_fit
 from symid.report import judge_fit
+from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from symid.robot.toml_reader import read_robot
-from symid.robot.urdf_reader import read_urdf
 from tests.calls import ask, do, fail, hear
 from tests.estimates import fill_robot, store_estimate
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from symid.robot.toml_reader import read_robot
-from symid.robot.urdf_reader import read_urdf
 from tests.calls import ask, do, fail, find_codes, hear, list_codes, say
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow,0,0.5,0,q\n"

@@ -13,8 +13,8 @@ import pytest
 
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.errors import RobotError
+from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from symid.robot.simulator_writers import write_urdf
-from symid.robot.urdf_reader import read_urdf
 from tests.urdfs import (
     find_factors,
     find_largest_gap,

@@ -4,7 +4,7 @@ from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
 from symid.robot.toml_reader import parse_robot
-from symid.robot.toml_values import locate_values
+from symid.robot.toml_values import Scanner
 
 TEXT = """name = "arm"
 description = "d"
@@ -59,7 +59,7 @@ decimation = { factor = 10, band = 0.8 }
 processing = { filter_cutoff = 5, standstill = 0.1 }
 controller = { stiffness = 3, damping = [1] }
 """
-PLACES = locate_values(TEXT)
+PLACES = Scanner(TEXT).scan_document()
 # What a header opens cannot be replaced by a value.
 VALUES = sorted((place for path, place in PLACES.values.items() if f" = {place.text}" in TEXT), key=repr)
 ODD = """

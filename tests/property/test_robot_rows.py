@@ -55,26 +55,15 @@ def find_coordinates(row, q):
     return alpha[1], a[1], d[1] + (q if kind == "prismatic" else 0), turned
 
 
-@given(CHAINS, SEEDS)
-def test_modified_rows_give_the_product_of_their_matrices(chain, seed):
-    robot = parse_robot(write_robot("modified", chain))
+@given(CHAINS, SEEDS, st.booleans())
+def test_rows_and_the_tip_give_the_product_of_their_matrices(chain, seed, standard):
+    robot = parse_robot(write_robot("standard" if standard else "modified", chain))
     coordinates = np.random.default_rng(seed).uniform(-3, 3, len(chain))
     expected = found = np.eye(4)
     for joint, row, q in zip(robot.joints, chain, coordinates, strict=True):
         alpha, a, d, theta = find_coordinates(row, q)
-        expected = expected @ turn_x(alpha) @ move(a, 0) @ turn_z(theta) @ move(0, d)
-        found = found @ to_matrix(joint.placement) @ find_joint_motion(joint, q)
-        np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
-@given(CHAINS, SEEDS)
-def test_standard_rows_and_the_tip_give_the_product_of_their_matrices(chain, seed):
-    robot = parse_robot(write_robot("standard", chain))
-    coordinates = np.random.default_rng(seed).uniform(-3, 3, len(chain))
-    expected = found = np.eye(4)
-    for joint, row, q in zip(robot.joints, chain, coordinates, strict=True):
-        alpha, a, d, theta = find_coordinates(row, q)
-        expected = expected @ turn_z(theta) @ move(0, d) @ move(a, 0) @ turn_x(alpha)
+        before, after = move(a, 0) @ turn_x(alpha), turn_z(theta) @ move(0, d)
+        expected = expected @ (after @ before if standard else before @ after)
         found = found @ to_matrix(joint.placement) @ find_joint_motion(joint, q)
     np.testing.assert_allclose(found @ to_matrix(robot.joints[-1].frame), expected, atol=1e-12)
 
@@ -93,26 +82,21 @@ def test_rotations_are_exactly_orthogonal_for_multiples_of_a_twelfth_of_pi(chain
 
 
 @given(ROWS, SEEDS)
-def test_a_link_given_in_its_standard_frame_is_the_same_body(row, seed):
+def test_both_forms_of_a_link_in_its_standard_frame_are_the_sums_over_its_points(row, seed):
     rng = np.random.default_rng(seed)
     masses, points = rng.uniform(0.1, 2, 6), rng.uniform(-0.5, 0.5, (6, 3))
     com = masses @ points / masses.sum()
-    tensor = find_tensor(masses, points - com)
-    xx, yy, zz = np.diag(tensor)
-    extra = (
-        (
-            f"[joint.link]\nmass = {masses.sum()!r}\ncom = [{com[0]!r}, {com[1]!r}, {com[2]!r}]\n"
-            f"inertia = {{ xx = {xx!r}, xy = {tensor[0, 1]!r}, xz = {tensor[0, 2]!r}, "
-            f"yy = {yy!r}, yz = {tensor[1, 2]!r}, zz = {zz!r} }}\n"
-        )
-        .replace("np.float64(", "")
-        .replace(")", "")
-    )
-    joint = parse_robot(write_robot("standard", [row], extra)).joints[0]
+    about, whole = find_parameters(masses, points - com)[:6], find_parameters(masses, points)
+    com = ", ".join(repr(float(value)) for value in com)
+    central = f"mass = {float(masses.sum())!r}\ncom = [{com}]\ninertia = {{ {list_values('xyz', about)} }}\n"
+    forms = (central, f"standard = {{ {list_values('XYZ', whole)} }}\n")
+    texts = [write_robot("standard", [row], f"[joint.link]\n{form}") for form in forms]
+    bodies = [parse_robot(text).joints[0].inertial for text in texts]
     # The points of the body seen from the joint's own frame, by matrices.
     far_end = move(row[2][1], 0) @ turn_x(row[1][1])
     moved = points @ far_end[:3, :3].T + far_end[:3, 3]
-    np.testing.assert_allclose(joint.inertial, find_parameters(masses, moved), atol=1e-12)
+    for body in bodies:
+        np.testing.assert_allclose(body, find_parameters(masses, moved), atol=1e-12)
 
 
 def find_tensor(masses, points):
@@ -125,22 +109,8 @@ def find_parameters(masses, points):
     return [*tensor[0], *tensor[1, 1:], tensor[2, 2], *(masses @ points), masses.sum()]
 
 
-@given(SEEDS, st.booleans())
-def test_both_forms_of_a_link_are_the_sums_over_its_points(seed, central):
-    rng = np.random.default_rng(seed)
-    masses, points = rng.uniform(0.1, 2, 5), rng.uniform(-0.5, 0.5, (5, 3))
-    expected = find_parameters(masses, points)
-    com = masses @ points / masses.sum()
-    if central:
-        about = find_parameters(masses, points - com)[:6]
-        names = ("xx", "xy", "xz", "yy", "yz", "zz")
-        entries = ", ".join(f"{name} = {float(value)!r}" for name, value in zip(names, about, strict=True))
-        extra = f"[joint.link]\nmass = {float(masses.sum())!r}\ncom = {com.tolist()!r}\n"
-        extra += f"inertia = {{ {entries} }}\n"
-    else:
-        names = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
-        entries = ", ".join(f"{name} = {float(value)!r}" for name, value in zip(names, expected, strict=True))
-        extra = f"[joint.link]\nstandard = {{ {entries} }}\n"
-    row = ("revolute", ("0", 0.0), ("0", 0.0), ("0", 0.0), ("0", 0.0))
-    joint = parse_robot(write_robot("modified", [row], extra)).joints[0]
-    np.testing.assert_allclose(joint.inertial, expected, rtol=1e-12, atol=1e-13)
+def list_values(letters, values):
+    """Return the entries of a tensor, and of moments and mass, as a table has them."""
+    x, y, z = letters
+    names = (x + x, x + y, x + z, y + y, y + z, z + z, "MX", "MY", "MZ", "M")
+    return ", ".join(f"{name} = {float(value)!r}" for name, value in zip(names, values, strict=False))

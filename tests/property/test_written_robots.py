@@ -32,9 +32,6 @@ from symid.robot.geometry import (
     build_exact_angle,
     build_tangent_angle,
     compose_placements,
-    compute_quaternion,
-    compute_rotation,
-    compute_rpy,
     rotate_rpy,
     rotate_x,
     rotate_y,
@@ -81,19 +78,6 @@ def placements(draw):
     turn = draw(TURNS)
     translation = draw(st.one_of(st.just(IDENTITY.translation), st.tuples(LENGTHS, LENGTHS, LENGTHS)))
     return Placement(rotation=turn.rotation, translation=translation)
-
-
-@given(TURNS)
-def test_every_rotation_has_a_quaternion(turn):
-    assert compute_rotation(compute_quaternion(turn.rotation)) == turn.rotation
-
-
-@given(st.tuples(ANGLES, ANGLES, ANGLES))
-def test_roll_pitch_and_yaw_are_found_where_they_were(angles):
-    turn = rotate_rpy(*angles)
-    found = compute_rpy(turn.rotation)
-    assert found is not None
-    assert rotate_rpy(*found).rotation == turn.rotation
 
 
 @st.composite

@@ -10,8 +10,8 @@ from symid.dynamics.payload import PAYLOAD_QUANTITIES, Payload, PayloadQuantity
 from symid.errors import EstimateError, IdentifiabilityError, UsageError
 from symid.identification.payload import build_payload_command
 from symid.robot.inertia import compute_standard_parameters
+from symid.robot.mjcf_reader import parse_xml_robot as parse_urdf
 from symid.robot.toml_reader import read_robot
-from symid.robot.urdf_reader import parse_urdf
 from tests.refusals import raises
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")

@@ -12,10 +12,8 @@ import pytest
 from symid.errors import LogError, UsageError
 from symid.logs.bags import match_joints
 from symid.logs.draft import draft_log_map
-from symid.logs.files import write_raw_log
 from symid.logs.reader import read_raw, read_recording
 from symid.logs.runs import check_distinct, read_recordings
-from symid.logs.sampling import resample_log
 from symid.robot import parse_robot, write_robot
 from symid.robot.description import LogMap
 from tests.refusals import refuse, tell
@@ -358,21 +356,6 @@ def test_a_missing_package_is_named(make_robot, tmp_path, monkeypatch):
     (tmp_path / "log.mcap").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
     assert "pip install 'symid[ros]'" in problems(tmp_path / "log.mcap", make_robot())["log.needs-ros"]
-
-
-def test_an_even_copy_is_read_as_the_bag(make_robot, columns, messages, write_bag, tmp_path):
-    moved = [
-        (topic, at + 10**6 * (k % 3), *rest)
-        for k, (topic, at, *rest) in enumerate(messages)
-        if k not in {9, 10}
-    ]
-    path = write_bag(moved)
-    raw, note = resample_log(read_raw(path), make_robot(), str(path))
-    assert "48 samples became 46 at every 0.0109111 s" in note.text
-    copy = write_raw_log(raw, tmp_path / "copy.npz")
-    again, resampled = read_recording(copy, make_robot()), read_recordings((path,), make_robot())[0]
-    np.testing.assert_allclose(again.time, resampled.time, atol=1e-12)
-    np.testing.assert_array_equal(again.torque, resampled.torque)
 
 
 def test_efforts_that_are_currents_go_into_a_robot_file(make_robot, columns, messages, write_bag):

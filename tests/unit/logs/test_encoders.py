@@ -1,18 +1,13 @@
 """Logs with the positions of motors and links: read, checked, written; refused where they are doubtful."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from symid.errors import LogError, RobotError
 from symid.logs.checks import check_recording, get_second_encoder_side
-from symid.logs.files import write_recording
 from symid.logs.reader import read_recording
-from symid.logs.recording import Recording
 from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
-from symid.robot.toml_writer import write_robot
 from tests.refusals import raises
 
 ARM = """name = "arm"
@@ -79,18 +74,6 @@ def test_a_robot_file_names_the_second_encoder_and_its_side(make, tmp_path):
     assert get_second_encoder_side(read_recording(path, robot)) is None
 
 
-@pytest.mark.parametrize(
-    ("name", "attribute"),
-    [("theta", "motor_position"), ("motor_position", "motor_position"), ("link_position", "link_position")],
-)
-def test_default_names(make, tmp_path, name, attribute):
-    path = tmp_path / "run.npz"
-    arrays = save(path, **{name: np.random.default_rng(3).normal(size=(200, 2))})
-    recording = read_recording(path, make(ARM))
-    np.testing.assert_array_equal(getattr(recording, attribute), arrays[name])
-    assert not any(name in notice.text for notice in recording.notices)
-
-
 def test_two_second_encoders_and_one_column_twice_are_refused(make, tmp_path):
     path = tmp_path / "run.npz"
     more = np.random.default_rng(4).normal(size=(200, 2))
@@ -141,23 +124,3 @@ def test_channels_with_numbers_that_are_none_or_without_an_encoder(make, tmp_pat
     assert len(found) == 2
     assert "is constant for 'joint1'" in found[0]
     assert "repeats the position to the last bit for 'joint2'" in found[1]
-
-
-@pytest.mark.parametrize("suffix", ["npz", "csv"])
-@pytest.mark.parametrize("side", ["motor_position", "link_position"])
-def test_what_is_written_is_read_again(make, tmp_path, suffix, side):
-    rng = np.random.default_rng(5)
-    values = {name: rng.normal(size=(150, 2)) for name in ("position", "torque", side)}
-    recording = Recording(time=np.arange(150) * 1e-3, **values)
-    robot = make(ARM)
-    path = write_recording(recording, tmp_path / f"run.{suffix}", robot)
-    again = read_recording(path, robot)
-    np.testing.assert_array_equal(getattr(again, side), values[side])
-    assert not again.extras
-
-
-def test_the_map_of_a_written_robot_file_is_the_same(make, tmp_path):
-    robot = make(ARM + LOG)
-    again = make(write_robot(robot))
-    assert again.log == robot.log
-    assert replace(robot.log, link_position=None) != robot.log

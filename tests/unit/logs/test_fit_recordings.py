@@ -102,45 +102,28 @@ def test_the_same_motion_recorded_again_is_another_log(log):
     assert len(read_fit_recordings([log, replace(again, torque=torque)], ARM)) == 2
 
 
-@pytest.mark.parametrize("cutoff", [None, 20.0])
-def test_logged_velocities_take_the_place_of_differences(cutoff):
-    """The velocities disagree with the positions, so that either is seen."""
-    time = PERIOD * np.arange(2001)
-    position = np.column_stack([np.sin(3.0 * time), np.cos(2.0 * time)])
-    velocity = np.column_stack([np.sin(5.0 * time), 0.1 * time**2])
-    log = Recording(time=time, position=position, torque=position, velocity=velocity, source="made")
-    stated = Processing(filter_cutoff=cutoff, drop_first=100, drop_last=100)
-    kept = slice(100, -100)
-    found = prepare_signals(log, replace(stated, states="velocity"))
-    np.testing.assert_allclose(found.dq, velocity[kept], atol=1e-4)
-    exact = np.column_stack([5.0 * np.cos(5.0 * time), 0.2 * time])[kept]
-    np.testing.assert_allclose(found.ddq, exact, atol=2e-3)
-    if cutoff is not None:
-        smooth = low_pass(velocity, period=PERIOD, cutoff=cutoff, order=4)
-        np.testing.assert_allclose(found.dq, smooth[kept], rtol=1e-12)
-    usual = prepare_signals(log, stated)
-    np.testing.assert_allclose(usual.dq[:, 0], 3.0 * np.cos(3.0 * time)[kept], atol=2e-3)
-    np.testing.assert_array_equal(usual.q, found.q)
-    # Without logged velocities there is nothing but differences.
-    bare = prepare_signals(replace(log, velocity=None), replace(stated, states="velocity"))
-    np.testing.assert_array_equal(bare.dq, usual.dq)
-
-
-def test_logged_accelerations_take_the_place_of_differences():
-    time = PERIOD * np.arange(2001)
+@pytest.mark.parametrize(("states", "channel"), [("velocity", "dq"), ("acceleration", "ddq")])
+def test_logged_states_take_the_place_of_differences(states, channel):
+    """The log disagrees with the positions, so that either is seen."""
+    time, kept = PERIOD * np.arange(2001), slice(100, -100)
     position = np.column_stack([np.sin(3.0 * time), np.cos(2.0 * time)])
     other = np.column_stack([np.sin(5.0 * time), 0.1 * time**2])
-    log = Recording(time=time, position=position, torque=position, acceleration=other, source="made")
+    log = Recording(time=time, position=position, torque=position, source="made", **{states: other})
     stated = Processing(filter_cutoff=20.0, drop_first=100, drop_last=100)
-    found = prepare_signals(log, replace(stated, states="acceleration"))
+    found, usual = prepare_signals(log, replace(stated, states=states)), prepare_signals(log, stated)
     smooth = low_pass(other, period=PERIOD, cutoff=20.0, order=4)
-    np.testing.assert_allclose(found.ddq, smooth[100:-100], rtol=1e-12)
-    usual = prepare_signals(log, stated)
-    # Without logged velocities these are differences.
-    np.testing.assert_array_equal(found.dq, usual.dq)
-    np.testing.assert_allclose(usual.ddq[:, 0], -9.0 * np.sin(3.0 * time)[100:-100], atol=2e-3)
+    np.testing.assert_allclose(getattr(found, channel), smooth[kept], rtol=1e-12)
+    np.testing.assert_allclose(usual.dq[:, 0], 3.0 * np.cos(3.0 * time)[kept], atol=2e-3)
+    np.testing.assert_allclose(usual.ddq[:, 0], -9.0 * np.sin(3.0 * time)[kept], atol=2e-3)
+    np.testing.assert_array_equal(usual.q, found.q)
+    if states == "velocity":
+        exact = np.column_stack([5.0 * np.cos(5.0 * time), 0.2 * time])[kept]
+        np.testing.assert_allclose(found.ddq, exact, atol=2e-3)
+    # Without logged states there is nothing but differences.
+    bare = prepare_signals(replace(log, **{states: None}), replace(stated, states=states))
+    np.testing.assert_array_equal(getattr(bare, channel), getattr(usual, channel))
     holes = other.copy()
     holes[7, 0] = np.nan
-    with raises(LogError, "log.not-finite", match=r"acceleration has values that are not finite"):
-        prepare_signals(replace(log, acceleration=holes), replace(stated, states="acceleration"))
-    prepare_signals(replace(log, acceleration=holes), stated)
+    with raises(LogError, "log.not-finite", match=f"{states} has values that are not finite"):
+        prepare_signals(replace(log, **{states: holes}), replace(stated, states=states))
+    prepare_signals(replace(log, **{states: holes}), stated)

@@ -20,7 +20,6 @@ from symid.logs.recording import (
 )
 from symid.logs.runs import (
     compute_log_digests,
-    describe_digests,
     describe_runs,
     get_train_unit,
     measure_overlap,
@@ -43,6 +42,25 @@ def list_samples(recording, text):
     period = (recording.time[-1] - recording.time[0]) / (len(recording.time) - 1)
     first = round((taken.time[0] - recording.time[0]) / period)
     return first, first + len(taken.time)
+
+
+def test_ends_of_every_channel_are_cut_and_it_is_said_but_not_all():
+    names = ("velocity", "motor_position", "reference", "feedforward")
+    channels = {name: np.arange(40.0).reshape(20, 2) + k for k, name in enumerate(names)}
+    extras = {"sample": np.arange(20.0), "constant": np.array([7.0])}
+    whole = make_recording(20, **channels, extras=extras)
+    assert cut_ends(whole, 0, 0) is whole
+    cut = cut_ends(whole, 4, 1)
+    for name in ("time", "position", "torque", *names):
+        np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name)[4:19])
+    np.testing.assert_array_equal(cut.extras["sample"], np.arange(4.0, 19.0))
+    np.testing.assert_array_equal(cut.extras["constant"], [7.0])
+    (notice,) = cut.notices
+    assert (notice.code, notice.file) == ("log.cut", "memory")
+    assert "first 4 and the last 1 of 20 samples" in notice.text
+    assert len(cut_ends(whole, 10, 7).time) == 3
+    with raises(LogError, "log.too-short", match=r"of 20 samples leaves 2, .* 3 "):
+        cut_ends(whole, 10, 8)
 
 
 @pytest.mark.parametrize(
@@ -172,10 +190,6 @@ def test_overlaps_are_found_without_the_logs(train, test, overlap):
         refuse_shared(*parts)
 
 
-def describe(recordings):
-    return {**describe_digests(recordings), **describe_runs(recordings)}
-
-
 def take(recording, text, **options):
     return take_parts([recording], read_parts(text, "-"), "-", **options)[0]
 
@@ -187,7 +201,7 @@ def test_the_seconds_that_a_fit_has_used_are_counted():
     }
     assert len(digests) == 1
     assert compute_log_digests([replace(whole, torque=whole.torque + 1.0)])[0] not in digests
-    settings = describe([take(whole, "0:60%", keep=True)])
+    settings = describe_runs([take(whole, "0:60%", keep=True)])
     assert settings["parts"] == [{"start": FIRST, "end": whole.time[599]}]
     assert get_train_unit(settings) == "%"
     for text, seconds in ((":", 6.0), ("60%:", 0.0), ("50%:", 1.0), ("10:20%", 1.0)):
@@ -195,7 +209,7 @@ def test_the_seconds_that_a_fit_has_used_are_counted():
         assert found == pytest.approx(seconds, abs=1e-6)
     other = replace(whole, torque=whole.torque + 1.0)
     assert measure_overlap(other, ["memory"], settings) == 0.0
-    settings = describe([whole])
+    settings = describe_runs([whole])
     assert "parts" not in settings
     cases = (
         ((0, 0), (0, 0), 10.0),
@@ -206,7 +220,7 @@ def test_the_seconds_that_a_fit_has_used_are_counted():
     for cut, fitted_cut, seconds in cases:
         found = measure_overlap(whole, ["memory"], settings, cut=cut, fitted_cut=fitted_cut)
         assert found == pytest.approx(seconds, abs=1e-6)
-    settings = describe([take(whole, text, keep=True) for text in ("0:30%", "20:50%", "80%:")])
+    settings = describe_runs([take(whole, text, keep=True) for text in ("0:30%", "20:50%", "80%:")])
     assert measure_overlap(whole, [], settings) == pytest.approx(7.0, abs=1e-6)
     assert measure_overlap(take(whole, "50:80%"), [], settings) == 0.0
     digests = {"log_digests": compute_log_digests([whole])}

@@ -110,11 +110,6 @@ def test_columns_of_words_are_passed_over(make_robot, tmp_path):
         ("time,q[0],q[1],tau_J[0],tau_J[1],tau_J[2]", "franka", "'tau_J[2]' is one column more"),
         ("Time,/l/position[0],/l/position[1],/r/effort[0],/r/effort[1]", "ros", "torque: preset 'ros' needs"),
         (
-            "Time,/target/position[0],/target/position[1],effort_0,effort_1",
-            "ros",
-            "position: preset 'ros' needs",
-        ),
-        (
             (
                 "Time,/l/position[0],/l/position[1],/l/effort[0],/l/effort[1]"
                 ",/r/position[0],/r/position[1],/r/effort[0],/r/effort[1]"

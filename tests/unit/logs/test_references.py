@@ -7,7 +7,7 @@ import pytest
 
 from symid.logs.files import write_recording
 from symid.logs.reader import read_recording
-from symid.logs.recording import Recording, cut_recording
+from symid.logs.recording import Recording
 from symid.logs.runs import read_log_runs
 from symid.logs.sampling import plan_resampling, resample_recording
 from symid.robot.toml_reader import parse_robot
@@ -45,14 +45,6 @@ def recording():
     )
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".csv"])
-def test_what_is_written_is_read_again(tmp_path, robot, recording, suffix):
-    found = read_recording(write_recording(recording, tmp_path / f"log{suffix}", robot), robot)
-    for name in ("reference", "reference_velocity", "feedforward"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(recording, name))
-    assert not any(notice.code == "log.unused-columns" for notice in found.notices)
-
-
 def test_gears_and_transmissions_turn_them(tmp_path, robot, recording):
     path = write_recording(recording, tmp_path / "log.npz", robot)
     moved = parse_robot(
@@ -83,14 +75,10 @@ feedforward = { columns = ["tau_ff"], unit = "N m", side = "motor" }
     np.testing.assert_allclose(found.feedforward, recording.feedforward @ matrix)
 
 
-def test_cuts_resampling_and_zeros_keep_samples_together(recording, tmp_path, robot):
-    cut = cut_recording(recording, slice(10, 50))
-    np.testing.assert_array_equal(cut.reference, recording.reference[10:50])
-    np.testing.assert_array_equal(cut.feedforward, recording.feedforward[10:50])
+def test_resampling_and_zeros_keep_samples_together(recording, tmp_path, robot):
     moved = resample_recording(recording, plan_resampling(recording.time))
     assert moved.reference.shape == moved.reference_velocity.shape == moved.position.shape
     np.testing.assert_allclose(moved.reference, moved.position + 0.01, atol=1e-6)
-    assert cut_recording(replace(recording, reference=None), slice(1, 5)).reference is None
     write_recording(recording, tmp_path / "log.npz", robot)
     runs = tmp_path / "runs.toml"
     runs.write_text('[[run]]\nfile = "log.npz"\noffset = [0.1, -0.2]\n')

@@ -11,7 +11,6 @@ from symid.logs.sampling import (
     measure_timing,
     plan_resampling,
     resample_if_uneven,
-    resample_recording,
     undo_resampling,
 )
 from tests.refusals import raises, tell
@@ -87,6 +86,8 @@ def test_what_resampling_did_can_be_undone():
     part = undo_resampling(cut_recording(moved, slice(100, 1500)))
     np.testing.assert_allclose(part.position[5:-5], again.position[105:1495], atol=0.02 * away)
     assert undo_resampling(log) is log
+    even = make_recording(T)
+    assert resample_if_uneven(even) is even
 
 
 def test_holes_of_a_velocity_stay_holes():
@@ -103,13 +104,6 @@ def test_holes_of_a_velocity_stay_holes():
     moved = resample_if_uneven(log)
     kept = ~np.isnan(moved.velocity[:, 0])
     np.testing.assert_allclose(moved.velocity[kept, 0], 5.0 * np.cos(5.0 * moved.time[kept]), atol=1e-3)
-
-
-def test_even_recordings_stay_and_their_samples_come_back():
-    recording = make_recording(T)
-    assert resample_if_uneven(recording) is recording
-    moved = resample_recording(recording, plan_resampling(T))
-    np.testing.assert_allclose(moved.position, recording.position, atol=1e-12)
 
 
 @pytest.mark.parametrize("step", [1e-5, 3e-4, 0.01])

@@ -14,13 +14,11 @@ from symid.robot.geometry import (
     build_axis_frame,
     build_exact_angle,
     compose_placements,
-    invert_placement,
     rotate_rpy,
     rotate_x,
     rotate_z,
     snap_to_quarter_turns,
     to_floats,
-    translate,
 )
 from tests.urdfs import is_orthogonal
 
@@ -49,15 +47,6 @@ def test_coordinate_axes_are_exact(index, sign):
     assert moved == 0
     assert [row[2] for row in turned.rotation] == [Exact.of(3 * value) for value in axis]
     assert is_orthogonal(turned)
-
-
-def test_inverse_placement():
-    placement = compose_placements(
-        rotate_rpy(build_exact_angle(0.3), build_exact_angle(-1.0), build_exact_angle(np.pi / 4)),
-        translate(Exact.of("0.1"), Exact.symbol("L"), Exact.of("-2")),
-    )
-    assert compose_placements(placement, invert_placement(placement)) == IDENTITY
-    assert compose_placements(invert_placement(placement), placement) == IDENTITY
 
 
 def test_quarter_turns_are_found_within_the_tolerance():

@@ -34,10 +34,6 @@ def test_what_is_not_said_has_the_usual_value():
     assert found.velocity_filter is found.offset is None
 
 
-def test_a_file_without_the_table_has_no_controller():
-    assert parse_robot(HEAD).controller is None
-
-
 def test_every_key_comes_back_from_a_written_file():
     robot = read(
         'stiffness = [400, 6000]\ndamping = [25, 300]\nvelocity = "measured"\nvelocity_source = "sensor"\n'

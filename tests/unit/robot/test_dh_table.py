@@ -91,19 +91,6 @@ def test_a_mistake_is_told_once_with_its_place(code, text, words):
     assert words in notice.text
 
 
-def test_all_mistakes_are_told_at_once():
-    table = HEAD + "one,revolut,0,0,0,0\ntwo,,x y,0,0,q\nthree,,0,0,0\n"
-    assert [notice.line for notice in refuse(parse_dh_table, table, "modified")] == [2, 3, 4, 4]
-
-
-def test_a_file_that_cannot_be_read_is_told(tmp_path):
-    (tmp_path / "latin.csv").write_bytes(b"\xe9\n")
-    for name, words in (("absent.csv", "No such file"), ("latin.csv", "not UTF-8")):
-        notice = refuse(read_dh_table, tmp_path / name, "modified")[0]
-        assert notice.code == "robot.unreadable"
-        assert words in str(notice)
-
-
 def test_what_stands_in_quotes_separates_nothing():
     table = 'joint,alpha,a,d,theta\n"the ""first"", #1",0,0,0,q\n'
     assert parse_dh_table(table, "modified").joints[0].name == 'the "first", #1'

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
+from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.toml_reader import parse_dh_table, parse_robot, read_robot
-from symid.robot.urdf_reader import parse_urdf
 
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -76,7 +76,7 @@ def test_the_example_of_writing_a_urdf_works_in_any_folder(project, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     found = {}
     exec(block, found)  # noqa: S102
-    assert len(parse_urdf(found["text"]).joints) == 7
+    assert len(parse_xml_robot(found["text"]).joints) == 7
 
 
 def test_mujoco_writes_the_inertias_of_geoms(project, tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
-"""Springs with branches in robot files: read as they are written."""
+"""Springs with branches in robot files: read as they are written; what is no spring."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,9 +8,11 @@ import pytest
 
 from symid.environment import locate_resource_folder
 from symid.joint_models import BoucWen, BristleBranch, Elasticity, SlipSpring, Stop, needs_time, run_element
+from symid.joint_models.hysteresis import Knee
 from symid.robot.toml_reader import parse_robot, read_robot
 from symid.robot.toml_writer import write_robot
 from tests.elements import ELEMENTS
+from tests.mistakes import refuse
 
 HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n[[joint]]\nname = "shoulder"\nkind = "revolute"\n'
 SPRING = "[joint.elasticity]\nstiffness = 380\n"
@@ -83,3 +86,29 @@ def test_several_branches_stand_beside_stops():
     spring = read_spring("stops = [{ threshold = 0.1, stiffness = 5 }]\n" + slip + slip)
     assert spring.branches == (SlipSpring(deflections=(-0.1, 0.1), forces=(-2.0, 1.0)),) * 2
     assert len(spring.stops) == 1
+
+
+def test_the_initial_stiffness_adds_all_stops():
+    stops = (Stop(threshold=0.002, stiffness=120.0), Stop(threshold=0.005, stiffness=60.0))
+    assert Elasticity(stiffness=380.0, stops=stops).initial_stiffness == 560.0
+    assert Elasticity(stops=stops).initial_stiffness is None
+
+
+@pytest.mark.parametrize(
+    ("stops", "knees", "said"),
+    [
+        ((0.005, 0.002), (), "of stops"),
+        ((0.0,), (), "of stops"),
+        ((float("nan"),), (), "of stops"),
+        ((), ((0.0, 0.5),), "of knees"),
+        ((), ((2.0, 0.5), (1.0, 0.5)), "of knees"),
+        ((), ((1.0, -0.5), (2.0, -0.6)), "beyond 2 .* -0.1"),
+        ((), ((-2.0, -0.6), (-1.0, -0.5)), "beyond -2 .* -0.1"),
+    ],
+)
+def test_what_is_no_spring_is_refused(stops, knees, said):
+    stops = tuple(Stop(threshold=threshold) for threshold in stops)
+    knees = tuple(Knee(threshold=threshold, slope=slope) for threshold, slope in knees)
+    (notice,) = refuse(Elasticity, stiffness=1.0, stops=stops, knees=knees)
+    assert notice.code == "robot.invalid-elasticity"
+    assert re.search(said, notice.text)

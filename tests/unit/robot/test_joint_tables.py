@@ -6,10 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from symid.errors import RobotError
-from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop
-from symid.robot.description import Coupling, JointKind, LogQuantity, Mimic, Spring, SymbolicInertia
+from symid.robot.description import LogQuantity, Mimic, SymbolicInertia
 from symid.robot.geometry import IDENTITY, Exact, build_exact_angle, compose_placements, rotate_z, translate
 from symid.robot.inertia import move_parameters
 from symid.robot.toml_reader import parse_robot
@@ -35,11 +33,6 @@ def read_joint(extra, kind="revolute"):
 def to_floats(placement):
     matrix = to_matrix(placement)
     return matrix[:3, :3], matrix[:3, 3]
-
-
-def test_a_continuous_joint_is_revolute():
-    joint = read_joint("limits = { velocity = 2 }\n", "continuous")
-    assert (joint.kind, joint.limits.position, joint.limits.velocity) == (JointKind.REVOLUTE, None, 2.0)
 
 
 LINK = "link = { mass = 2, com = [0.1, 0, 0.05], inertia = { xx = 0.01, yy = 0.02, zz = 0.02 } }\n"
@@ -107,13 +100,6 @@ def test_chains_of_followers_are_resolved():
     assert joints[3].placement.translation[2].to_float() == pytest.approx(0.04, rel=1e-15)
 
 
-def test_springs_and_elasticity_are_read():
-    joint = read_joint('spring = { stiffness = 120, rest = "unknown" }\n')
-    assert (joint.spring, joint.elasticity) == (Spring(stiffness=120.0, rest=None), None)
-    joint = read_joint('elasticity = { stiffness = "unknown" }\n', "prismatic")
-    assert (joint.spring, joint.elasticity) == (None, Elasticity(stiffness=None))
-
-
 def test_elasticity_with_hysteresis_is_read():
     knees = "[{ threshold = 3.0, slope = 0.5 }, { threshold = 5, slope = -1.2 }]"
     stops = '[{ threshold = 0.002, stiffness = 120 }, { threshold = 0.005, stiffness = "unknown" }]'
@@ -143,25 +129,6 @@ def test_a_catalogue_is_stiffness_and_knees():
     assert joint.elasticity.knees[2:] == above
 
 
-def test_dry_friction_is_smoothed_over_a_speed():
-    table = 'friction = { model = "coulomb-viscous", Fv = 1, Fc = 2, smoothing = 0.01 }\n'
-    joint = read_joint(table)
-    assert joint.friction == FrictionValues(law="coulomb-viscous", values=(1.0, 2.0), smoothing=0.01)
-
-
-def test_couplings_are_read():
-    tables = (
-        '[[coupling]]\nname = "m6"\nterms = { a = 1, b = -2.5 }\nrotor_inertia = 0.01\n'
-        'friction = { model = "coulomb-viscous", Fv = 0.5, Fc = 1 }\n'
-        '[[coupling]]\nname = "m7"\nterms = { b = 1 }\nrotor_inertia = "unknown"\n'
-    )
-    first, second = read(write_joint("a"), write_joint("b"), tail=tables).couplings
-    assert (first.name, first.terms) == ("m6", ((0, Fraction(1)), (1, Fraction(-5, 2))))
-    assert (first.has_rotor, first.rotor_inertia) == (True, 0.01)
-    assert (first.friction.law, first.friction.values) == ("coulomb-viscous", (0.5, 1.0))
-    assert second == Coupling(name="m7", terms=((1, Fraction(1)),), has_rotor=True)
-
-
 def test_symbols_stand_for_any_quantity():
     text = (
         'convention = "modified"\ngravity = [0, "-g", "1/2*g"]\n'
@@ -188,12 +155,6 @@ def test_symbols_stand_for_any_quantity():
     assert robot.notices == ()
 
 
-def test_a_link_of_numbers_has_no_form():
-    joint = read_joint(LINK)
-    assert joint.form is None
-    assert joint.inertial is not None
-
-
 def test_an_origin_is_that_of_urdf():
     """Rz(yaw) Ry(pitch) Rx(roll), by elementary matrices."""
     origin = "origin = { xyz = [1, -0.5, 0.25], rpy = [0.3, -0.4, 1.2] }\n"
@@ -204,12 +165,6 @@ def test_an_origin_is_that_of_urdf():
     turn_z = np.array([[math.cos(y), -math.sin(y), 0], [math.sin(y), math.cos(y), 0], [0, 0, 1]])
     np.testing.assert_allclose(rotation, turn_z @ turn_y @ turn_x, atol=1e-15)
     assert translation.tolist() == [1.0, -0.5, 0.25]
-
-
-def test_a_quaternion_of_any_length_is_a_rotation():
-    joint = read_joint('origin = { quaternion = ["1+sqrt(2)", 0, 0, 1] }\n')
-    # tan(angle / 2) = 1 / (1 + sqrt 2) = tan(pi / 8).
-    assert joint.placement == rotate_z(build_exact_angle(math.pi / 4))
 
 
 def test_children_and_links_stand_in_the_frame_of_the_link():
@@ -229,22 +184,6 @@ def test_children_and_links_stand_in_the_frame_of_the_link():
     np.testing.assert_allclose(hip.inertial, move_parameters(plain, *to_floats(hip.frame)), atol=1e-16)
 
 
-def test_rows_and_origins_live_side_by_side():
-    first, second = read(write_joint("a", extra="d = 0.5\n"), write_joint("b", extra="origin = {}\n")).joints
-    assert str(first.placement.translation[2]) == "1/2"
-    assert second.placement == IDENTITY
-
-
-@pytest.mark.parametrize(
-    ("written", "tangent"), [('"2*atan(1/3)"', Fraction(1, 3)), ('"2*atan(-7/2)"', Fraction(-7, 2))]
-)
-def test_an_angle_by_the_tangent_of_its_half_is_exact(written, tangent):
-    rotation = read_joint(f"theta = {written}\n").placement.rotation
-    square = tangent * tangent
-    assert rotation[0][0] == Exact.of((1 - square) / (1 + square))
-    assert rotation[1][0] == Exact.of(2 * tangent / (1 + square))
-
-
 def test_a_follower_has_no_column_in_the_log():
     joints = write_joint("a"), write_joint("b", extra='mimic = { joint = "a" }\n'), write_joint("c")
     log = '[log]\nposition = { columns = ["qa", "qc"], unit = "rad" }\n'
@@ -258,26 +197,3 @@ def test_symbols_do_not_read_as_parameters(name):
     (notice,) = refuse(read, joint, coupling, tail=f"[symbols]\n{name} = 1\n")
     assert notice.code == "robot.bad-name"
     assert f"symbols: {name}: " in notice.text
-
-
-def test_a_term_with_the_factor_zero_has_its_own_remedy():
-    (notice,) = refuse(read, write_joint("a"), tail='[[coupling]]\nname = "m6"\nterms = { a = 0 }\n')
-    assert "terms: a: " in notice.text
-
-
-def test_a_symbol_of_two_kinds_is_told_in_words():
-    text = 'convention = "modified"\ngravity = [0, 0, "g"]\n' + write_joint("a", extra='d = "g"\n')
-    with pytest.raises(RobotError, match=r"g .* length \(m\) before, .* acceleration \(m/s\^2\)"):
-        parse_robot(text + "[symbols]\ng = 9.81\n")
-
-
-def test_values_that_no_body_has_are_kept_where_they_are_standard():
-    links = "link = { standard = { M = 0 } }\n", "link = { standard = { M = 1, XX = -1, MY = 0.5 } }\n"
-    robot = read(*map(write_joint, "ab", ["revolute"] * 2, links))
-    assert [joint.inertial for joint in robot.joints] == [(0.0,) * 10, (-1.0, *(0.0,) * 6, 0.5, 0.0, 1.0)]
-    assert [notice.code for notice in robot.notices] == ["robot.impossible-inertia"]
-
-
-def test_blanks_around_names_are_pointed_out():
-    (notice,) = refuse(read, write_joint("a "), write_joint("b", extra='parent = "a"\n'))
-    assert '"a "' in notice.text

@@ -23,12 +23,6 @@ def test_the_folder_at_hand_comes_first(tmp_path, monkeypatch):
     assert list(list_robots()) == sorted(set(list_robots()))
 
 
-def test_a_path_is_taken_as_it_is(tmp_path):
-    path = tmp_path / "arm.toml"
-    path.touch()
-    assert locate_robot_file(str(path)) == path
-
-
 @pytest.mark.parametrize(
     ("name", "words"),
     [
@@ -45,19 +39,16 @@ def test_an_unknown_name_gets_the_nearest_names(tmp_path, monkeypatch, name, wor
     assert words in str(caught.value)
 
 
-def test_an_unknown_path_gets_its_neighbours(tmp_path):
+def test_an_unknown_path_or_name_gets_its_neighbours(tmp_path, monkeypatch):
     (tmp_path / "arm.toml").touch()
     with pytest.raises(UsageError, match=r"mean .*arm\.toml\?"):
         locate_robot_file(str(tmp_path / "amr.toml"))
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match=r"did you mean arm\.toml\?"):
+        locate_robot_file("arm.tom")
+    assert not is_xml(tmp_path)
     with pytest.raises(UsageError, match="folder"):
         locate_robot_file(str(tmp_path))
-
-
-def test_a_name_gets_its_neighbours_in_the_folder_at_hand(tmp_path, monkeypatch):
-    (tmp_path / "arm.urdf").touch()
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(UsageError, match=r"did you mean arm\.urdf\?"):
-        locate_robot_file("arm.urd")
 
 
 @pytest.mark.parametrize(
@@ -74,10 +65,6 @@ def test_a_urdf_is_known_by_its_name_or_its_first_letter(tmp_path, name, content
     path = tmp_path / name
     path.write_bytes(content)
     assert is_xml(path) == expected
-
-
-def test_what_cannot_be_read_is_no_urdf(tmp_path):
-    assert not is_xml(tmp_path)
 
 
 def test_a_model_is_known_by_its_first_tag_behind_comments(tmp_path):

@@ -74,15 +74,6 @@ def test_mistakes_have_a_sentence(read, log, code, text):
     assert text in {notice.code: notice.text for notice in refuse(read, log)}[code]
 
 
-def test_a_gear_that_differs_from_the_matrix_is_said(read):
-    joints = JOINT + "drive = { gear = 50 }\n" + JOINT
-    robot = read("transmission = [[40, 0], [0, 60]]", joints)
-    (notice,) = robot.notices
-    assert notice.code == "robot.transmission-gear"
-    assert "motor 1 turns 40 " in notice.text
-    assert read("transmission = [[50, 0], [1, 60]]", joints).notices == ()
-
-
 def test_currents_need_no_gear_beside_a_matrix(read):
     drive = "drive = { gear = 50, torque_constant = 0.2 }\n"
     log = 'torque = { columns = ["i"], unit = "A" }'

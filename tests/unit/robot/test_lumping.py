@@ -1,11 +1,10 @@
 """Fixed joints: their links become part of the links that carry them."""
 
 from dataclasses import replace
-from fractions import Fraction
 
 import numpy as np
 
-from symid.robot.description import Mimic, Robot, SymbolicInertia
+from symid.robot.description import Robot, SymbolicInertia
 from symid.robot.geometry import ONE, ZERO, Exact, compose_placements, translate
 from symid.robot.inertia import lump_fixed_joints
 from tests.chains import build_joint, draw_parameters, find_pinocchio_torques
@@ -42,16 +41,6 @@ def test_torques_are_those_of_the_whole_tree_with_the_joints_locked():
         np.testing.assert_allclose(find_pinocchio_torques(part, state), expected, rtol=1e-12)
 
 
-def test_what_is_fixed_to_the_base_is_gone_and_its_frame_kept():
-    joints = build()
-    lumped = lump_fixed_joints(joints, [0])
-    assert lumped.joints[0].parent == -1
-    assert lumped.joints[0].placement == compose_placements(joints[0].placement, joints[1].placement)
-    (frame,) = lumped.frames
-    assert (frame.name, frame.carrier, frame.has_mass) == ("joint1", -1, True)
-    assert frame.placement == joints[0].placement
-
-
 def test_frames_are_seen_from_their_carrier():
     joints = build(parents=(-1, 0, 1, 0))
     lumped = lump_fixed_joints(joints, {1, 2})
@@ -68,16 +57,6 @@ def test_unknown_values():
     # What is unknown stays unknown, whatever is fixed to it.
     joints = build(values=[None, values[1], values[2], values[3]])
     assert lump_fixed_joints(joints, {1}).joints[0].inertial is None
-
-
-def test_followers_keep_their_master_and_those_of_a_fixed_joint_are_fixed():
-    joints = build(parents=(-1, 0, 0, 0))
-    joints[2] = replace(joints[2], mimic=Mimic(master=1, multiplier=Fraction(2)))
-    joints[3] = replace(joints[3], mimic=Mimic(master=1, multiplier=Fraction(-1)))
-    lumped = lump_fixed_joints(joints, {0})
-    assert [joint.mimic and joint.mimic.master for joint in lumped.joints] == [None, 0, 0]
-    lumped = lump_fixed_joints(joints, {1})
-    assert [joint.name for joint in lumped.joints] == ["joint1"]
 
 
 def test_symbolic_lengths_take_part():

@@ -6,7 +6,7 @@ import symid
 from symid.errors import UsageError
 from symid.robot.description import Controller, Decimation, NamedSettings, Processing
 from symid.robot.loading import load_robot, override_robot
-from symid.robot.toml_reader import parse_robot, read_robot
+from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
 from tests.mistakes import refuse
 
@@ -70,13 +70,6 @@ def test_a_set_replaces_whole_tables(robot):
     assert slow.settings == robot.settings
 
 
-def test_single_settings_win(robot):
-    pairs = [("processing.filter_cutoff", "9"), ("settings", "slow"), ("log.torque.unit", "mN m")]
-    found = override_robot(robot, pairs)
-    assert (found.processing.filter_cutoff, found.processing.decimation.factor) == (9.0, 20)
-    assert found.log.torque.unit == "mN m"
-
-
 def test_sets_are_written_again(robot):
     again = parse_robot(write_robot(robot), "arm.toml")
     assert again.settings == robot.settings
@@ -84,13 +77,6 @@ def test_sets_are_written_again(robot):
     chosen = override_robot(robot, [("settings", "lab-2")])
     again = parse_robot(write_robot(chosen), "arm.toml")
     assert (again.settings, again.log, again.controller) == (robot.settings, chosen.log, chosen.controller)
-
-
-@pytest.mark.parametrize("name", ["emps", "ur10", "panda"])
-def test_shipped_sets_are_written_again(robots_folder, name):
-    robot = read_robot(robots_folder / f"{name}.toml")
-    assert robot.settings
-    assert parse_robot(write_robot(robot)).settings == robot.settings
 
 
 def test_all_mistakes_of_all_sets_are_told_at_their_places():

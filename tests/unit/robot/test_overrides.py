@@ -39,16 +39,6 @@ def test_no_setting_changes_nothing(emps):
     assert set(list_log(emps.log)) == {"time", "position", "torque", "reference"}
 
 
-def test_the_filter_can_be_turned_off(emps):
-    assert override_robot(emps, [("processing.filter_cutoff", "none")]).processing.filter_cutoff is None
-
-
-def test_columns_of_a_robot_without_a_log_table(robots_folder):
-    robot = read_robot(robots_folder / "two_link.toml")
-    settings = [("log.torque.columns", "u1, u2"), ("log.torque.unit", "N m")]
-    assert override_robot(robot, settings).log.torque.columns == ("u1", "u2")
-
-
 def test_mistakes_are_told_at_once_and_name_the_setting(emps):
     settings = [
         ("processing.filter_cutoff", "-1"),
@@ -91,9 +81,3 @@ def test_a_friction_model_is_set_for_all_joints_and_its_values_forgotten(robots_
     # The name of earlier versions is that of the same law.
     for name in ("coulomb-viscous-offset", "viscous_coulomb_offset"):
         assert override_robot(robot, [], name) == override_robot(robot, [("friction", name)]) == robot
-
-
-def test_an_unknown_friction_model_is_refused_with_the_nearest(emps):
-    notice = refuse(override_robot, emps, [], "asymetric", error=UsageError)[0]
-    assert notice.code == "usage.unknown-friction-law"
-    assert "did you mean asymmetric or " in notice.text

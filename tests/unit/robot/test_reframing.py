@@ -20,11 +20,11 @@ from symid.robot.geometry import (
     rotate_z,
     translate,
 )
+from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.simulator_writers import write_urdf
-from symid.robot.urdf_reader import parse_urdf
-from tests.chains import build_chain, build_joint, fill, find_pinocchio_torques
+from tests.chains import build_chain, build_joint
 from tests.sx_programs import read_sx_program
-from tests.urdfs import AXES, is_orthogonal, shift_z, write_odd_urdf
+from tests.urdfs import AXES, shift_z, write_odd_urdf
 
 # Modified rows in degrees and m, as in the robot files; d of a last link is 0, where its frame is free.
 TABLES = {
@@ -87,7 +87,7 @@ def test_the_modified_form_stays_as_it_is(name):
 def test_a_urdf_in_odd_frames_gives_the_modified_form_exactly(name, seed):
     rng = np.random.default_rng(seed)
     choices = [[pick(rng, values) for _ in ROWS[name]] for values in (TURNS, SHIFTS, list(AXES))]
-    robot = parse_urdf(write_odd_urdf(ROWS[name], *choices))
+    robot = parse_xml_robot(write_odd_urdf(ROWS[name], *choices))
     assert [joint.placement for joint in robot.joints] == [
         joint.placement for joint in build_robot(name).joints
     ]
@@ -98,7 +98,7 @@ def test_a_urdf_in_odd_frames_gives_the_modified_form_exactly(name, seed):
 def test_rounded_numbers_of_odd_frames_give_the_modified_form(name, turns):
     robot = build_robot(name)
     text = write_urdf(choose_frames(robot, np.random.default_rng(len(name)), turns))
-    assert [joint.placement for joint in parse_urdf(text).joints] == [
+    assert [joint.placement for joint in parse_xml_robot(text).joints] == [
         joint.placement for joint in robot.joints
     ]
 
@@ -116,28 +116,7 @@ def describe(robot):
 def test_names_and_operations_are_those_of_the_dh_table(name):
     rng = np.random.default_rng(7)
     choices = [[pick(rng, values) for _ in ROWS[name]] for values in (TURNS, SHIFTS, list(AXES))]
-    assert describe(parse_urdf(write_odd_urdf(ROWS[name], *choices))) == describe(build_robot(name))
-
-
-def test_physics_stays():
-    robot = fill(choose_frames(build_robot("rrp_twisted"), np.random.default_rng(4), TURNS))
-    other = replace(robot, joints=choose_canonical_frames(robot.joints).joints)
-    assert all(is_orthogonal(joint.placement) for joint in other.joints)
-    rng = np.random.default_rng(2)
-    for _ in range(5):
-        state = rng.uniform(-3, 3, (3, robot.size))
-        first, second = find_pinocchio_torques(robot, state), find_pinocchio_torques(other, state)
-        np.testing.assert_allclose(first, second, rtol=1e-12, atol=1e-12)
-
-
-def test_the_file_frame_stays_where_it_is():
-    robot = choose_frames(build_robot("puma560"), np.random.default_rng(9), TURNS)
-    reframed = choose_canonical_frames(robot.joints).joints
-    poses = [[IDENTITY], [IDENTITY]]
-    for old, new in zip(robot.joints, reframed, strict=True):
-        for pose, joint in zip(poses, (old, new), strict=True):
-            pose.append(compose_placements(pose[-1], joint.placement))
-        assert compose_placements(poses[1][-1], new.frame) == compose_placements(poses[0][-1], old.frame)
+    assert describe(parse_xml_robot(write_odd_urdf(ROWS[name], *choices))) == describe(build_robot(name))
 
 
 def test_in_a_tree_the_first_child_decides():
@@ -188,14 +167,6 @@ def test_nearly_parallel_axes_become_parallel_and_that_is_said():
     assert free.joints[1].placement.rotation[2][1].to_float() == pytest.approx(3e-6)
 
 
-def test_a_frame_of_the_file_that_is_moved_is_said():
-    first = build_joint(0, (0.0, 0, 0, "q"))
-    moved = replace(first, frame=rotate_z(build_exact_angle(np.pi / 2 + 4e-6, snap=0)))
-    reframed = choose_canonical_frames((moved,))
-    assert [str(value) for value in reframed.joints[0].frame.rotation[0]] == ["0", "-1", "0"]
-    assert reframed.moved_by[0] == pytest.approx(4e-6, rel=1e-3)
-
-
 def test_a_common_normal_far_away_leaves_the_origin_at_the_robot():
     first = build_joint(0, (0.0, 0, 0.1, "q"))
     tilted = compose_placements(
@@ -228,7 +199,7 @@ def write_digits(text, digits):
 def test_the_frame_does_not_depend_on_the_digits_of_the_file(digits, turns):
     robot = build_robot("ur5")
     text = write_urdf(choose_frames(robot, np.random.default_rng(3), turns))
-    found = parse_urdf(write_digits(text, digits))
+    found = parse_xml_robot(write_digits(text, digits))
     for mine, other in zip(found.joints, robot.joints, strict=True):
         for value, wanted in zip(mine.placement.translation, other.placement.translation, strict=True):
             assert value.is_rational

@@ -92,12 +92,6 @@ def test_all_mistakes_are_told_at_once_with_their_lines():
     assert 'sigma0: not a value of the model "coulomb"; its values are Fc' in texts[13]
 
 
-def test_units_are_those_of_the_joint():
-    texts = [text for _, _, text in list_refused('model = "lugre"\nvs = 0.1', kind="prismatic")]
-    assert "sigma0: missing; the model's state needs it as a number in N/m" in texts[0]
-    assert "sigma1: missing; the model's state needs it as a number in N*s/m" in texts[1]
-
-
 @pytest.mark.parametrize("name", LAWS)
 def test_a_drive_of_several_joints_has_no_bristles(name):
     coupling = '[[coupling]]\nname = "m"\nterms = { j0 = 1, j1 = 1 }\n[coupling.friction]\n'
@@ -117,12 +111,6 @@ def test_an_option_sets_such_a_law_only_where_the_file_has_its_state(name):
     law = get_law(name)
     needed = ", ".join(entry.name for entry in (*law.shape, *law.memory))
     assert f"needs {needed} of joint 'j0', which no option gives; write it into the robot file" in notice.text
-
-
-def test_a_curve_that_drives_the_joint_is_remarked_on():
-    (notice,) = parse(write_table("lugre", Fe=-2.5)).notices
-    assert notice.code == "robot.negative-friction"
-    assert "Fe: -2.5 drives the joint as motion begins" in notice.text
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -11,6 +11,8 @@ from tests.mistakes import refuse, take_mark
 
 MODEL, PARENT, INERTIA = "robot.friction-model", "robot.unknown-parent", "robot.impossible-inertia"
 UNIT, FIXED, NEGATIVE = "robot.wrong-unit", "robot.follows-fixed", "robot.negative-friction"
+UNKNOWN, RANGE, INVALID = "robot.unknown-key", "robot.out-of-range", "robot.invalid-elasticity"
+MIXED = "robot.elasticity-mixed"
 HEAD = 'convention = "modified"\ngravity = [0, 0, -9.81]\n'
 JOINT = '[[joint]]\nname = "shoulder"\nkind = "revolute"\n'
 COUPLING = '[[coupling]]\nname = "m"\n'
@@ -84,7 +86,6 @@ IN_JOINT = [
     ("robot.unknown-key", "[^procesing]", "did you mean processing?"),
     ("robot.unknown-key", "^zzz = 1", "allowed are name, kind"),
     ("robot.wrong-type", "link = ^3", "expected a table, got 3"),
-    ("robot.wrong-type", "[processing]\nfilter_torque = ^1", "true or false, got 1"),
     ("robot.wrong-type", "[processing]\ndrop_first = ^1.0", "whole number, got 1.0"),
     ("robot.wrong-type", "limits = { position = ^[0] }", "list of 2 numbers in rad"),
     ("robot.wrong-type", 'limits = { torque = ^"3 N m" }', "alone, in N*m"),
@@ -96,11 +97,9 @@ IN_JOINT = [
     (PARENT, 'parent = ^"wrist"', "allowed are base"),
     (PARENT, 'parent = ^"wrist"\n[[joint]]\nname = "wrist"\nkind = "revolute"', 'parent: "wrist" '),
     ("robot.bad-angle", 'alpha = ^"pi half"', '"90 deg"; got "pi half"'),
-    ("robot.bad-angle", 'alpha = ^"pi/0"', 'got "pi/0"'),
     ("robot.bad-length", 'a = ^"50 mm"', "(write the number alone, in m)"),
     ("robot.bad-length", "a = ^true", "expected a number in m"),
     ("robot.out-of-range", "link = { mass = ^-1 }", "greater than 0 kg, got -1"),
-    ("robot.out-of-range", "link = { mass = ^0 }", "greater than 0 kg, got 0"),
     ("robot.out-of-range", "link = { standard = { M = ^-1.0 } }", "at least 0 kg"),
     ("robot.out-of-range", "drive = { gear = ^0 }", "gear: must"),
     ("robot.out-of-range", "limits = { position = ^[1, -1] }", "limit 1 "),
@@ -126,17 +125,9 @@ IN_JOINT = [
     ("robot.two-encoders", MOTOR + '^link_position = { columns = ["b"], unit = "rad" }', "link_position"),
     ("robot.missing-key", "spring = ^{ rest = 0 }", "stiffness = 120 (N*m/rad)"),
     ("robot.missing-key", "spring = ^{ stiffness = 3 }", 'rest = "unknown"'),
-    ("robot.missing-key", "elasticity = ^{}", 'stiffness = "unknown"'),
     ("robot.out-of-range", "elasticity = { stiffness = ^0 }", "greater than 0 N*m/rad"),
-    ("robot.elasticity-mixed", "elasticity = { stiffness = 1, ^symmetric = true }", "symmetric: "),
-    (
-        "robot.invalid-elasticity",
-        'elasticity = { stiffness = 1, model = ^"bouc-wen", level = 1, length = 1, skew = 1 }',
-        "skew must",
-    ),
-    ("robot.wrong-type", 'spring = { stiffness = ^"unkown", rest = 0 }', "N*m/rad"),
+    ("robot.out-of-range", COUPLING + "terms = { shoulder = ^0 }", "terms: shoulder: "),
     ("robot.missing-key", "mimic = ^{ multiplier = 2 }", 'joint = "joint1"'),
-    ("robot.unknown-joint", 'mimic = { joint = ^"elbow" }', "allowed are shoulder"),
     ("robot.unknown-joint", 'mimic = { joint = ^"sholder" }', "did you mean shoulder?"),
     ("robot.mimic-ring", 'mimic = ^{ joint = "shoulder" }', "shoulder follows shoulder"),
     (
@@ -170,11 +161,70 @@ IN_JOINT = [
     ("robot.wrong-type", "^[coupling]", "coupling: expected [[coupling]]"),
     ("robot.unknown-symbol", 'link = { mass = ^"m1" }', "write m1 = 2.5 (its value in kg) there"),
     ("robot.wrong-type", 'link = { mass = ^"1 kg" }', "(write the number alone, in kg)"),
-    ("robot.wrong-type", LINK + "com = ^[0, 1] }", "3 numbers in m,"),
     ("robot.bad-length", 'a = ^"1/0"', "expected a number in m"),
     ("robot.bad-angle", 'alpha = ^"2*atan(1/0)"', 'got "2*atan(1/0)"'),
 ]
+TABLE = "[joint.elasticity]\n"
+SPRING = TABLE + "stiffness = 380\n"
+STOP = "^stops = [{ threshold = 0.5, stiffness = 5 }]\n"
+GENERAL = 'model = ^"generalised-maxwell-slip"\nFc = 1\nstiffnesses = [1, 2]\n'
+# What stands behind the stiffness; "^" marks the place that is told.
+IN_SPRING = [
+    ("robot.wrong-type", 'cubic = ^"3 N/m"', "expected a number in N*m/rad^3"),
+    ("robot.wrong-type", "stops = ^{ threshold = 1 }", "stops = [{ threshold = 0.002"),
+    ("robot.missing-key", "stops = [^{ threshold = 1 }]", "stiffness = a number in N*m/rad"),
+    ("robot.missing-key", "stops = [^{ stiffness = 1 }]", "in rad"),
+    (UNKNOWN, "stops = [{ ^treshold = 1, threshold = 2, stiffness = 1 }]", "did you mean threshold?"),
+    (RANGE, "stops = [{ threshold = ^0, stiffness = 1 }]", "than 0 rad"),
+    (
+        RANGE,
+        "stops = [\n  { threshold = 1, stiffness = 1 },\n  { threshold = ^1, stiffness = 2 },\n]",
+        "elasticity: stops 2: threshold: ",
+    ),
+    (RANGE, "knees = [{ threshold = ^0, slope = 1 }]", "threshold: must"),
+    (RANGE, "symmetric = true\nknees = [{ threshold = ^-1, slope = 1 }]", "than 0 N*m"),
+    ("robot.missing-key", "knees = [^{ threshold = 2 }]", "write slope = a number"),
+    ("robot.wrong-type", "symmetric = ^1\nknees = []", "expected true or false"),
+    (MIXED, "^symmetric = true", "symmetric: "),
+    (MIXED, "^cubic = 5\nknees = [{ threshold = 2, slope = 1 }]", "cubic: "),
+    (INVALID, "knees = ^[{ threshold = 2, slope = -1 }]", "knees: beyond 2 "),
+    ("robot.bad-choice", 'model = ^"bouc"', "did you mean bouc-wen?"),
+    (UNKNOWN, 'model = "dahl"\nFc = 1\nsigma0 = 2\n^level = 3', "allowed are"),
+    (UNKNOWN, "^level = 3", "allowed are"),
+    (RANGE, 'model = "bouc-wen"\nlevel = 3\nlength = 1\nloop = ^0.2', "at least 0.5"),
+    (INVALID, 'model = ^"bouc-wen"\nlevel = 3\nlength = 1\nskew = 1', "skew must"),
+    ("robot.wrong-type", 'model = "maxwell-slip"\nstiffnesses = ^3\nforces = [1]', "a list of numbers"),
+    (INVALID, 'model = ^"maxwell-slip"\nstiffnesses = [1, 2]\nforces = [1]', "need as many forces"),
+    (INVALID, GENERAL + "shares = [1]", "need as many shares"),
+    ("robot.missing-key", "^[[joint.elasticity.branch]]\nlevel = 1", "write one of bouc-wen"),
+    (MIXED, STOP + 'model = "maxwell-slip"\nstiffnesses = [2]\nforces = [1]', "slips at 0.5"),
+]
+IN_ELASTIC_JOINT = [
+    ("robot.missing-key", "^" + SPRING + 'model = "bouc-wen"\nlevel = 3', "a number in rad"),
+    ("robot.missing-key", "^" + SPRING + 'model = "lugre"\nFc = 1\nsigma0 = 2\nFe = 1', "where Fe is not 0"),
+    ("robot.missing-key", "^" + TABLE + "damping = 1", 'or stiffness = "unknown"'),
+    (
+        MIXED,
+        TABLE + "^stiffness = 380\ncatalogue = { K1 = 1, K2 = 2, K3 = 3, T1 = 1, T2 = 2 }",
+        "stiffness: ",
+    ),
+    (
+        "robot.missing-key",
+        TABLE + "catalogue = ^{ K1 = 1, K2 = 2, K3 = 3, T1 = 1 }",
+        "T2: missing; catalogue = { K1 = .., K2 = ..",
+    ),
+    (RANGE, TABLE + "catalogue = { K1 = 1, K2 = 2, K3 = 3, T1 = 2, T2 = ^2 }", "T1 = 2"),
+    (RANGE, TABLE + "catalogue = { K1 = ^0, K2 = 2, K3 = 3, T1 = 2, T2 = 3 }", "than 0 N*m/rad"),
+    (RANGE, '[joint.friction]\nmodel = "coulomb-viscous"\nsmoothing = ^0', "greater than 0 rad/s"),
+    (
+        "robot.friction-values",
+        '[joint.friction]\nmodel = "none"\n^smoothing = 0.1',
+        'the model "none" has no friction',
+    ),
+]
 ELSEWHERE = [
+    ("robot.syntax", HEAD + JOINT + "d = ^H\n", 'in quotes: "H"'),
+    ("robot.bad-length", (HEAD + JOINT + "a = ^true\n").replace("\n", "\r\n"), "expected a number"),
     ("robot.syntax", "gravity = [0, 0\n^", "TOML: "),
     ("robot.syntax", "name = ^= 1\n", "TOML: "),
     ("robot.missing-key", '^convention = "modified"\n' + JOINT, "gravity = [0, 0, -9.81]"),
@@ -223,6 +273,8 @@ ELSEWHERE = [
 ]
 
 
+IN_SPRING = [(code, SPRING + text, words) for code, text, words in IN_SPRING]
+IN_JOINT += [*IN_SPRING, *IN_ELASTIC_JOINT]
 MISTAKES = [*((code, HEAD + JOINT + text, words) for code, text, words in IN_JOINT), *ELSEWHERE]
 
 
@@ -230,7 +282,7 @@ MISTAKES = [*((code, HEAD + JOINT + text, words) for code, text, words in IN_JOI
 def test_a_mistake_is_told_once_with_its_place_and_remedy(code, text, words):
     text, place = take_mark(text)
     (notice,) = refuse(parse_robot, text, "arm.toml")
-    assert (notice.code, (notice.line, notice.column)) == (code, place)
+    assert (notice.code, notice.file, (notice.line, notice.column)) == (code, "arm.toml", place)
     assert words in notice.text
 
 
@@ -287,12 +339,6 @@ def test_a_file_that_cannot_be_read_is_told(tmp_path):
         assert words in str(notice)
 
 
-def test_line_ends_of_other_systems_do_not_move_places():
-    text = (HEAD + JOINT + "a = true\n").replace("\n", "\r\n")
-    notice = refuse(parse_robot, text)[0]
-    assert (notice.line, notice.column) == (6, 5)
-
-
 def test_values_of_a_full_file_are_read():
     text = HEAD + (
         'name = "arm"\ndescription = "d"\nsource = "s"\n[symbols]\nL1 = 0.25\n'
@@ -337,27 +383,6 @@ def test_a_motor_current_becomes_a_joint_torque_through_gear_and_constant():
     assert (torque.unit, torque.factor) == ("V", (1.0,))
 
 
-@pytest.mark.parametrize(
-    ("written", "cosine", "sine"),
-    [
-        ('"pi"', "-1", "0"),
-        ('"pi/2"', "0", "1"),
-        ('"-pi/4"', "1/2*sqrt(2)", "-1/2*sqrt(2)"),
-        ('"3*pi/4"', "-1/2*sqrt(2)", "1/2*sqrt(2)"),
-        ('"30 deg"', "1/2*sqrt(3)", "1/2"),
-        ("1.5707963267948966", "0", "1"),
-    ],
-)
-def test_angles_are_exact(written, cosine, sine):
-    rotation = parse_robot(HEAD + JOINT + f"theta = {written}\n").joints[0].placement.rotation
-    assert (str(rotation[0][0]), str(rotation[1][0])) == (cosine, sine)
-
-
-def test_decimal_lengths_stay_the_decimals_they_show():
-    joint = parse_robot(HEAD + JOINT + "a = 0.15005\nd = 1e-1\n").joints[0]
-    assert [str(entry) for entry in joint.placement.translation] == ["3001/20000", "0", "1/10"]
-
-
 def test_the_children_of_a_standard_tree_stand_at_the_far_end_of_their_parent():
     text = (
         'convention = "standard"\ngravity = [0, 0, -9.81]\n'
@@ -391,25 +416,3 @@ def test_a_wrong_friction_model_hides_neither_wrong_values_nor_keys_that_do_not_
     # No key is offered twice.
     (offered,) = [text.split("allowed are ")[1].split(", ") for text in texts if "allowed are" in text]
     assert len(set(offered)) == len(offered)
-
-
-@pytest.mark.parametrize(
-    ("link", "said"),
-    [
-        ("{ mass = 1.0 }", True),
-        ("{ mass = 1.0, inertia = { xx = 0.0, yy = 0.0, zz = 0.0 } }", True),
-        ("{ mass = 1.0, inertia = { xx = 0.1, yy = 0.1, zz = 0.1 } }", False),
-        ("{ standard = { M = 1.0 } }", False),
-    ],
-)
-def test_a_point_mass_is_said(link, said):
-    notices = parse_robot(HEAD + JOINT + f"link = {link}\n").notices
-    assert [notice.code for notice in notices] == ["robot.point-mass"] * said
-    assert all("joint 'shoulder': link: " in notice.text for notice in notices)
-
-
-def test_a_name_without_quotes_is_the_likeliest_mistake():
-    text, place = take_mark(HEAD + '[[joint]]\nkind = "revolute"\nd = ^H\n')
-    notice = refuse(parse_robot, text)[0]
-    assert (notice.line, notice.column) == place
-    assert 'in quotes: "H"' in notice.text

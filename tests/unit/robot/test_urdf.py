@@ -1,16 +1,16 @@
 """URDFs that are right: what the robot holds, and what is said about the rest."""
 
-from fractions import Fraction
+from operator import attrgetter
 
 import numpy as np
 import pytest
 
-from symid.robot.description import JointKind, Processing
+from symid.robot.description import Drive, JointKind, Limits, Processing
 from symid.robot.geometry import Exact, compose_placements, translate
 from symid.robot.inertia import move_parameters
+from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
-from symid.robot.urdf_reader import parse_urdf, read_urdf
 from tests.chains import to_matrix
 from tests.mistakes import find_text
 
@@ -62,7 +62,7 @@ ARM = """<?xml version="1.0"?>
 
 @pytest.fixture
 def arm():
-    return parse_urdf(ARM, "arm.urdf")
+    return parse_xml_robot(ARM, "arm.urdf")
 
 
 def list_codes(robot):
@@ -122,22 +122,10 @@ def test_what_is_not_used_is_listed_with_its_place(arm):
     ]
 
 
-def test_the_rest_is_said(arm):
-    assert arm.name == "my_arm"
-    # Fixed links are joined.
-    assert arm.joints[1].inertial[9] == pytest.approx(1.5)
-    assert "tool" in find_text(arm, "robot.lumped")
-    assert find_text(arm, "robot.renamed").startswith("arm.urdf:2:14: the robot is renamed to my_arm")
-    assert "(0, 0, -9.81)" in find_text(arm, "robot.assumed-gravity")
-    assert "robot.bad-limits" not in list_codes(arm)
-    places = [(notice.line, notice.column) for notice in arm.notices]
-    assert places == sorted(places)
-
-
 def test_read_urdf_reads_a_file(tmp_path, arm):
     path = tmp_path / "arm.urdf"
     path.write_text("\ufeff" + ARM, encoding="utf-8")
-    assert read_urdf(path).joints == arm.joints
+    assert read_xml_robot(path).joints == arm.joints
 
 
 def build(joints, links=("a", "b", "c", "d"), extra=""):
@@ -155,86 +143,29 @@ def joint(name, parent, child, inner="", type_="continuous", *, origin="", axis=
     )
 
 
-def read(inner="", type_="continuous", extra="", **options):
-    """Return the robot of one joint."""
-    return parse_urdf(build(joint("j", "a", "b", inner, type_, **options), "ab", extra))
+def write_one(inner="", type_="continuous", extra="", **options):
+    """Return a URDF of one joint."""
+    return build(joint("j", "a", "b", inner, type_, **options), "ab", extra)
 
 
 def transmission(inner):
     return f'<transmission name="t"><joint name="j"/><actuator name="m">{inner}</actuator></transmission>'
 
 
-@pytest.mark.parametrize(
-    ("axis", "expected"),
-    [
-        ("0 0 -2", ["0", "0", "-1"]),
-        ("1 1 0", ["1/2*sqrt(2)", "1/2*sqrt(2)", "0"]),
-        ("0.6 0 0.8", ["3/5", "0", "4/5"]),
-        ("1 1 1", ["1/3*sqrt(3)", "1/3*sqrt(3)", "1/3*sqrt(3)"]),
-        ("0 1 6.12e-17", ["0", "1", "0"]),
-        ("0.28 0.96 0", ["7/25", "24/25", "0"]),
-        # Where none is given.
-        ("", ["1", "0", "0"]),
-    ],
-)
-def test_axes_are_exact(axis, expected):
-    robot = read(axis=axis)
-    assert list_z(robot.joints[0].placement) == expected
-
-
-def test_what_is_changed_of_an_axis_is_said():
-    robot = read(axis="0 2 1e-6")
-    assert "length 2 " in find_text(robot, "robot.axis-length")
-    assert "5.00e-07 rad" in find_text(robot, "robot.axis-snapped")
-    assert "'j'" in find_text(read(axis=""), "robot.default-axis")
-    text = build(joint("j", "a", "b"), "ab").replace('<axis xyz="0 0 1"/>', "<axis/>")
-    assert "x (1 0 0)" in find_text(parse_urdf(text), "robot.default-axis")
+GEAR = transmission('<drake:gear_ratio value="3"/><drake:rotor_inertia value="0.5"/>')
+ALIKE = transmission("<motorInertia>2</motorInertia><rotorInertia>2.0</rotorInertia>")
 
 
 def test_rotations_are_snapped_with_a_remark_and_not_with_snap_zero():
     text = build(joint("j", "a", "b", origin='rpy="1.5708 0 0" xyz="0 1e-12 0.5"'), "ab")
-    robot = parse_urdf(text)
+    robot = parse_xml_robot(text)
     assert list_z(robot.joints[0].placement) == ["0", "-1", "0"]
     assert "'j' (3.7e-06)" in find_text(robot, "robot.angle-snapped")
     assert "'j'" in find_text(robot, "robot.length-snapped")
-    free = parse_urdf(text, snap=0)
+    free = parse_xml_robot(text, snap=0)
     assert free.joints[0].placement.rotation[1][2].to_float() == pytest.approx(-np.sin(1.5708), abs=1e-15)
     assert free.joints[0].placement.rotation[2][2]
     assert "robot.angle-snapped" not in list_codes(free)
-
-
-def test_rotations_in_several_steps_are_snapped_as_a_whole():
-    steps = joint("s", "a", "b", type_="fixed", origin='rpy="0.7854 0 0"')
-    robot = parse_urdf(build(steps + joint("j", "b", "c", origin='rpy="0.7854 0 0"'), "abc"))
-    assert list_z(robot.joints[0].placement) == ["0", "-1", "0"]
-    assert "'" in find_text(robot, "robot.angle-snapped")
-
-
-def test_followers_are_led_back_to_their_master():
-    joints = (
-        joint("third", "c", "d", '<mimic joint="second" multiplier="-2" offset="0.5"/>')
-        + joint("first", "a", "b")
-        + joint("second", "b", "c", '<mimic joint="first" multiplier="0.5" offset="1.5707963267948966"/>')
-    )
-    robot = parse_urdf(build(joints))
-    assert [entry.name for entry in robot.joints] == ["first", "second", "third"]
-    second, third = robot.joints[1:]
-    assert (second.mimic.master, second.mimic.multiplier) == (0, Fraction(1, 2))
-    assert (third.mimic.master, third.mimic.multiplier) == (0, Fraction(-1))
-    # With q1 = 0: q2 = pi/2, q3 = -2 pi/2 + 0.5, both about z.
-    pose = compose_placements(robot.joints[0].placement, second.placement)
-    pose = compose_placements(compose_placements(pose, third.placement), third.frame)
-    angle = np.arctan2(pose.rotation[1][0].to_float(), pose.rotation[0][0].to_float())
-    assert angle == pytest.approx(np.pi / 2 - np.pi + 0.5)
-
-
-def test_the_offset_of_a_sliding_follower_is_a_shift():
-    inner = '<mimic joint="first" offset="0.125"/>'
-    joints = joint("first", "a", "b", type_="prismatic") + joint("second", "a", "c", inner, "prismatic")
-    robot = parse_urdf(build(joints, "abc"))
-    # Shifting a sliding link's frame along its axis is free; where the file's frame is shows the offset.
-    total = robot.joints[1].placement.translation[2] + robot.joints[1].frame.translation[2]
-    assert total == Exact.of("0.125")
 
 
 @pytest.mark.parametrize(
@@ -244,34 +175,13 @@ def test_followers_of_what_stands_still_stand_still(inner):
     joints = (
         joint("first", "a", "b") + joint("still", "b", "c", type_="fixed") + joint("last", "c", "d", inner)
     )
-    robot = parse_urdf(build(joints))
+    robot = parse_xml_robot(build(joints))
     assert [entry.name for entry in robot.joints] == ["first"]
     assert "'last'" in find_text(robot, "robot.follower-still")
 
 
 def link(name, mass, inertia="<inertia ixx='1' iyy='1' izz='1'/>"):
     return f"<link name='{name}'><inertial><mass value='{mass}'/>{inertia}</inertial></link>"
-
-
-def test_links_without_inertial_or_fixed_to_the_base_are_said():
-    assert read().joints[0].inertial is None
-    robot = parse_urdf(build(joint("j", "a", "b") + joint("k", "b", "c"), "ab", link("c", 1)))
-    assert robot.joints[0].inertial == (0.0,) * 10
-    assert "'b'" in find_text(robot, "robot.massless")
-    assert "ixy, ixz, iyz missing" in find_text(robot, "robot.incomplete-inertia")
-    text = build(joint("f", "a", "c", type_="fixed") + joint("j", "c", "b"), "ab", link("c", 7))
-    assert "base: c;" in find_text(parse_urdf(text), "robot.fixed-to-base")
-
-
-def test_odd_inertia_is_kept_and_said():
-    skew = "<inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='5'/>"
-    links = link("b", 1, skew) + link("c", 0, skew) + link("d", 1, "")
-    text = build(joint("j", "a", "b") + joint("k", "b", "c") + joint("l", "c", "d"), "a", links)
-    robot = parse_urdf(text)
-    assert robot.joints[0].inertial[5] == 5
-    assert "kg*m^2" in find_text(robot, "robot.impossible-inertia")
-    assert "'c'" in find_text(robot, "robot.inertia-without-mass")
-    assert "'d'" in find_text(robot, "robot.point-mass")
 
 
 TREE = build(
@@ -284,7 +194,7 @@ TREE = build(
 
 
 def test_a_chain_is_cut_out():
-    robot = parse_urdf(TREE, tip="e")
+    robot = parse_xml_robot(TREE, tip="e")
     assert [entry.name for entry in robot.joints] == ["right", "beyond"]
     text = find_text(robot, "robot.cut-off")
     assert "links b (0 kg" in text
@@ -292,12 +202,12 @@ def test_a_chain_is_cut_out():
     assert "'beyond'" in find_text(robot, "robot.follower-free")
     assert robot.joints[1].mimic is None
     assert "d" in find_text(robot, "robot.lumped")
-    assert [entry.name for entry in parse_urdf(TREE, tip="c").joints] == ["right"]
-    assert [entry.name for entry in parse_urdf(TREE, base="c").joints] == ["beyond"]
+    assert [entry.name for entry in parse_xml_robot(TREE, tip="c").joints] == ["right"]
+    assert [entry.name for entry in parse_xml_robot(TREE, base="c").joints] == ["beyond"]
 
 
 def test_the_frame_of_a_fixed_tip_is_that_of_the_last_link(arm):
-    robot = parse_urdf(ARM, tip="tool")
+    robot = parse_xml_robot(ARM, tip="tool")
     assert [joint.inertial for joint in robot.joints] == [joint.inertial for joint in arm.joints]
     moved = compose_placements(arm.joints[-1].frame, translate(Exact(), Exact(), Exact.of("0.05")))
     assert robot.joints[-1].frame == moved
@@ -305,95 +215,22 @@ def test_the_frame_of_a_fixed_tip_is_that_of_the_last_link(arm):
 
 def test_a_floating_joint_may_stand_before_the_base_and_gravity_is_turned_into_its_frame():
     joints = joint("free", "a", "b", type_="floating") + joint("j", "b", "c")
-    assert parse_urdf(build(joints, "abc"), base="b").size == 1
+    assert parse_xml_robot(build(joints, "abc"), base="b").size == 1
     joints = joint("m", "a", "b", type_="fixed", origin='rpy="1.5707963267948966 0 0"') + joint("j", "b", "c")
-    robot = parse_urdf(build(joints, "abc"), base="b")
+    robot = parse_xml_robot(build(joints, "abc"), base="b")
     assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
     assert "at 0" in find_text(robot, "robot.assumed-gravity")
-
-
-@pytest.mark.parametrize(
-    ("parts", "drive"),
-    [
-        ('<drake:gear_ratio value="3"/><drake:rotor_inertia value="0.5"/>', (3.0, True, 4.5)),
-        # Two that agree are one.
-        ("<motorInertia>2</motorInertia><rotorInertia>2.0</rotorInertia>", (1.0, True, 2.0)),
-    ],
-)
-def test_gear_and_rotor_may_be_written_otherwise(parts, drive):
-    found = read(extra=transmission(parts)).joints[0].drive
-    assert (found.gear, found.has_rotor, found.rotor_inertia) == drive
-
-
-def test_transmissions_that_are_not_simple_are_listed():
-    extra = '<transmission name="t"><joint name="j"/><joint name="k"/><actuator name="m"/></transmission>'
-    extra += '<transmission name="u"><joint name="nobody"/><actuator name="m"/></transmission>'
-    robot = parse_urdf(build(joint("j", "a", "b") + joint("k", "b", "c"), "abc", extra))
-    assert any("one actuator" in text for text in list_unused(robot))
-    assert any("not in the" in text for text in list_unused(robot))
 
 
 @pytest.mark.parametrize(("given", "name"), [("7dof", "robot_7dof"), ("Ärm-1", "rm_1"), ("", "some")])
 def test_names_become_identifiers(given, name):
     text = build(joint("j", "a", "b"), "ab").replace('name="r"', f'name="{given}"')
-    assert parse_urdf(text, "some.urdf").name == name
-
-
-@pytest.mark.parametrize(
-    ("type_", "ends", "code", "words"),
-    [
-        ("revolute", 'lower="2" upper="1"', "robot.bad-limits", "lower 2 "),
-        ("continuous", 'lower="-3" upper="3"', "robot.urdf-unused", "<limit> of a continuous"),
-    ],
-)
-def test_joint_limits_that_make_no_range_are_not_used(type_, ends, code, words):
-    robot = read(f'<limit {ends} effort="1" velocity="1"/>', type_)
-    assert robot.joints[0].limits.position is None
-    assert words in find_text(robot, code)
-
-
-def test_friction_that_drives_is_doubted():
-    robot = read('<dynamics damping="-1"/>')
-    assert robot.joints[0].friction.values == (-1.0, 0.0)
-    assert "dynamics " in find_text(robot, "robot.negative-friction")
-
-
-@pytest.mark.parametrize("ends", ['lower="-inf" upper="0.1"', 'lower="0" upper="Infinity"', 'upper="inf"'])
-def test_a_limit_that_is_infinite_is_none_and_no_zero(ends):
-    robot = read(f"<limit {ends}/>", "prismatic")
-    assert robot.joints[0].limits.position is None
-    text = find_text(robot, "robot.endless-limits")
-    assert "infinite" in text
-    assert text.startswith("robot.urdf:1:1")
-
-
-def test_limits_of_zero_mean_unknown_and_negative_ones_are_said():
-    robot = read('<limit effort="0" velocity="-2"/>')
-    assert (robot.joints[0].limits.torque, robot.joints[0].limits.velocity) == (None, None)
-    assert "limit velocity negative, taken as unknown" in find_text(robot, "robot.bad-limits")
-
-
-def test_large_numbers_are_doubted():
-    robot = read(origin='rpy="90 0 0" xyz="0 0 300"')
-    assert "14.3 turns" in find_text(robot, "robot.large-angle")
-    assert "300 m" in find_text(robot, "robot.long-length")
-    # Limits in degrees.
-    for type_, said in (("revolute", True), ("prismatic", False)):
-        robot = read('<limit lower="-170" upper="170"/>', type_)
-        assert ("robot.large-angle" in list_codes(robot)) == said, type_
-
-
-def test_text_between_tags_is_listed():
-    robot = read("speed<limit>5</limit>")
-    assert [text.partition("not used: ")[2] for text in list_unused(robot)] == [
-        'the text "speed" in <joint> (once, line 1)',
-        'the text "5" in <limit> (once, line 1)',
-    ]
+    assert parse_xml_robot(text, "some.urdf").name == name
 
 
 def test_a_joint_called_base_gets_another_name():
     joints = joint("base", "a", "b") + joint("base_joint", "b", "c", '<mimic joint="base"/>')
-    robot = parse_urdf(build(joints, "abc"))
+    robot = parse_xml_robot(build(joints, "abc"))
     assert [entry.name for entry in robot.joints] == ["base_joint_", "base_joint"]
     assert "'base_joint_'" in find_text(robot, "robot.renamed")
     assert parse_robot(write_robot(robot)).joints[0].name == "base_joint_"
@@ -401,10 +238,10 @@ def test_a_joint_called_base_gets_another_name():
 
 def test_axes_that_are_nearly_parallel_leave_the_frames_at_the_robot():
     steps = joint("i", "a", "b") + joint("j", "b", "c", origin='xyz="0.3 0.2 0" rpy="1e-4 0 0"')
-    robot = parse_urdf(build(steps, "abc"))
+    robot = parse_xml_robot(build(steps, "abc"))
     assert all(abs(value.to_float()) < 1 for entry in robot.joints for value in entry.frame.translation)
     assert "of joints (by rad) 'j' (1.0e-04)" in find_text(robot, "robot.nearly-parallel")
-    straight = parse_urdf(build(steps.replace("1e-4", "0"), "abc"))
+    straight = parse_xml_robot(build(steps.replace("1e-4", "0"), "abc"))
     assert "robot.nearly-parallel" not in list_codes(straight)
 
 
@@ -417,7 +254,7 @@ STANDING = (
 
 
 def test_followers_of_a_joint_before_the_base_stand_still_at_their_offset():
-    robot = parse_urdf(build(STANDING, "abcde"), base="c")
+    robot = parse_xml_robot(build(STANDING, "abcde"), base="c")
     assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
     assert [entry.name for entry in robot.joints] == ["j"]
     text = find_text(robot, "robot.follower-still")
@@ -425,7 +262,76 @@ def test_followers_of_a_joint_before_the_base_stand_still_at_their_offset():
     assert robot.freedom == 1
 
 
+TWO = joint("j", "a", "b") + joint("k", "b", "c")
+SKEW = "<inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='5'/>"
+LIMIT = '<limit {} effort="1" velocity="1"/>'
+UNUSED, LIMITS, ENDLESS = "robot.urdf-unused", "robot.bad-limits", "robot.endless-limits"
+NO_ACTUATOR = '<transmission name="t"><joint name="j"/><joint name="k"/><actuator name="m"/></transmission>'
+NOBODY = '<transmission name="u"><joint name="nobody"/><actuator name="m"/></transmission>'
+# What is read, and what is told of it.
+REMARKS = [
+    (ARM, "robot.lumped", "tool"),
+    (ARM, "robot.renamed", "arm.urdf:2:14: the robot is renamed to my_arm"),
+    (ARM, "robot.assumed-gravity", "(0, 0, -9.81)"),
+    (write_one(axis="0 2 1e-6"), "robot.axis-length", "length 2 "),
+    (write_one(axis="0 2 1e-6"), "robot.axis-snapped", "5.00e-07 rad"),
+    (write_one(axis=""), "robot.default-axis", "x (1 0 0), of joints 'j'"),
+    (write_one().replace('<axis xyz="0 0 1"/>', "<axis/>"), "robot.default-axis", "x (1 0 0)"),
+    (build(TWO, "ab", link("c", 1)), "robot.massless", "'b'"),
+    (build(TWO, "ab", link("c", 1)), "robot.incomplete-inertia", "ixy, ixz, iyz missing"),
+    (
+        build(joint("f", "a", "c", type_="fixed") + joint("j", "c", "b"), "ab", link("c", 7)),
+        "robot.fixed-to-base",
+        "base: c;",
+    ),
+    (build(joint("j", "a", "b"), "a", link("b", 1, SKEW)), "robot.impossible-inertia", "kg*m^2"),
+    (build(TWO, "ab", link("c", 0, SKEW)), "robot.inertia-without-mass", "'c'"),
+    (build(joint("j", "a", "b"), "a", link("b", 1, "")), "robot.point-mass", "'b'"),
+    (build(TWO, "abc", NO_ACTUATOR), UNUSED, "one actuator"),
+    (build(TWO, "abc", NOBODY), UNUSED, "not in the"),
+    (write_one(LIMIT.format('lower="2" upper="1"'), "revolute"), LIMITS, "lower 2 "),
+    (write_one(LIMIT.format('lower="-3" upper="3"')), UNUSED, "<limit> of a continuous"),
+    (write_one('<limit effort="0" velocity="-2"/>'), LIMITS, "limit velocity negative, taken as unknown"),
+    (write_one('<limit lower="-inf" upper="0.1"/>', "prismatic"), ENDLESS, "infinite"),
+    (write_one('<limit lower="0" upper="Infinity"/>', "prismatic"), ENDLESS, "arm.urdf:1:1"),
+    (write_one('<dynamics damping="-1"/>'), "robot.negative-friction", "dynamics "),
+    (write_one(origin='rpy="90 0 0"'), "robot.large-angle", "14.3 turns"),
+    (write_one(origin='xyz="0 0 300"'), "robot.long-length", "300 m"),
+    (write_one('<limit lower="-170" upper="170"/>', "revolute"), "robot.large-angle", "limit: 170 rad"),
+    (write_one("speed<limit>5</limit>"), UNUSED, 'the text "speed" in <joint> (once, line 1)'),
+    (write_one("<limit>5</limit>"), UNUSED, 'the text "5" in <limit> (once, line 1)'),
+]
+
+
+@pytest.mark.parametrize(("text", "code", "words"), REMARKS)
+def test_what_is_assumed_or_not_used_is_said(text, code, words):
+    robot = parse_xml_robot(text, "arm.urdf")
+    assert words in find_text(robot, code)
+    places = [(notice.line, notice.column) for notice in robot.notices]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize(
+    ("inner", "type_", "extra", "field", "expected"),
+    [
+        (LIMIT.format('lower="2" upper="1"'), "revolute", "", "limits.position", None),
+        (LIMIT.format('lower="-3" upper="3"'), "continuous", "", "limits.position", None),
+        ('<limit upper="inf"/>', "prismatic", "", "limits.position", None),
+        ('<limit lower="-170" upper="170"/>', "prismatic", "", "limits.position", (-170.0, 170.0)),
+        ('<limit effort="0" velocity="-2"/>', "continuous", "", "limits", Limits()),
+        ('<dynamics damping="-1"/>', "continuous", "", "friction.values", (-1.0, 0.0)),
+        ("", "continuous", "", "inertial", None),
+        ("", "continuous", GEAR, "drive", Drive(gear=3.0, has_rotor=True, rotor_inertia=4.5)),
+        # Two that agree are one.
+        ("", "continuous", ALIKE, "drive", Drive(has_rotor=True, rotor_inertia=2.0)),
+    ],
+)
+def test_values_of_a_joint(inner, type_, extra, field, expected):
+    (found,) = parse_xml_robot(write_one(inner, type_, extra)).joints
+    assert attrgetter(field)(found) == expected
+
+
 def test_the_description_says_what_was_read_and_a_log_is_filtered_by_itself():
-    robot = parse_urdf(build(joint("j", "a", "b"), "ab"), "somewhere/arm.urdf", tip="b")
+    robot = parse_xml_robot(build(joint("j", "a", "b"), "ab"), "somewhere/arm.urdf", tip="b")
     assert robot.processing == Processing(automatic=True)
     assert robot.description == "from the URDF arm.urdf, whose link a is the base, b the tip"

@@ -2,14 +2,14 @@
 
 import pytest
 
-from symid.robot.urdf_reader import parse_urdf, read_urdf
+from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from tests.mistakes import refuse, take_mark
 
 KEY, RANGE, REFUSED = "robot.missing-key", "robot.out-of-range", "robot.urdf-refused"
 
 
 def find_notices(text, **options):
-    return refuse(parse_urdf, text, "arm.urdf", **options)
+    return refuse(parse_xml_robot, text, "arm.urdf", **options)
 
 
 def build(*lines):
@@ -108,6 +108,11 @@ def test_a_mistake_is_told_with_its_place(code, text, words):
         ),
         (build(GOOD, transmission("<motorInertia>-1</motorInertia>")), RANGE, "motorInertia: "),
         (build(GOOD, transmission(reduce(2) + reduce(3))), "robot.two-forms", "2 and 3"),
+        (
+            build(GOOD, transmission("<motorInertia>1e-3</motorInertia><rotorInertia>5e-3</rotorInertia>")),
+            "robot.two-forms",
+            "two rotor inertias that differ, 0.001 and 0.005; keep one",
+        ),
         (build(GOOD, transmission(""), transmission("", "u")), "robot.two-forms", "of line 4;"),
     ],
 )
@@ -185,10 +190,6 @@ def test_what_is_no_urdf_is_refused(text, code, words):
     assert notice.line >= 1
 
 
-def test_a_namespace_alone_is_no_xacro():
-    assert parse_urdf(build(GOOD).replace("<robot ", '<robot xmlns:xacro="x" ')).size == 2
-
-
 def test_columns_count_characters():
     text, place = take_mark(build(joint("jöint", type_="^flöat"), joint("k", "b", "c")))
     (notice,) = find_notices(text)
@@ -196,9 +197,9 @@ def test_columns_count_characters():
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    assert refuse(read_urdf, tmp_path / "none.urdf")[0].code == "robot.unreadable"
+    assert refuse(read_xml_robot, tmp_path / "none.urdf")[0].code == "robot.unreadable"
     (tmp_path / "latin.urdf").write_bytes("<robot name='ä'/>".encode("latin-1"))
-    assert "UTF-8" in refuse(read_urdf, tmp_path / "latin.urdf")[0].text
+    assert "UTF-8" in refuse(read_xml_robot, tmp_path / "latin.urdf")[0].text
 
 
 @pytest.mark.parametrize(
@@ -213,13 +214,6 @@ def test_numbers_between_tags_are_refused(text, line, words):
     (notice,) = find_notices(text)
     assert (notice.code, notice.line) == ("robot.stray-text", line)
     assert words in notice.text
-
-
-def test_two_rotor_inertias_that_differ_are_refused():
-    line = transmission("<motorInertia>1e-3</motorInertia><rotorInertia>5e-3</rotorInertia>")
-    (notice,) = find_notices(build(GOOD, line))
-    assert notice.code == "robot.two-forms"
-    assert "two rotor inertias that differ, 0.001 and 0.005; keep one" in notice.text
 
 
 def test_blanks_around_names_are_explained():

@@ -8,9 +8,9 @@ import pytest
 
 from symid.joint_models import FrictionValues
 from symid.robot.inertia import build_pseudo_inertias
+from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
-from symid.robot.urdf_reader import parse_urdf
 from symid.robot.xml_rewriters import rewrite_urdf
 from tests.chains import PANDA, build_pinocchio, fill, find_pinocchio_torques
 from tests.mistakes import refuse
@@ -63,7 +63,7 @@ FILE = """<?xml version="1.0"?>
 
 @pytest.fixture
 def rewritten():
-    robot = fill(parse_urdf(FILE))
+    robot = fill(parse_xml_robot(FILE))
     first, second = robot.joints
     friction = FrictionValues(law="coulomb-viscous-offset", values=(1.5, 0.75, 0.1))
     first = replace(first, friction=friction)
@@ -78,7 +78,7 @@ def rewritten():
 
 def test_the_new_values_are_read(rewritten):
     robot, found = rewritten
-    back = parse_urdf(found.text)
+    back = parse_xml_robot(found.text)
     for old, new in zip(robot.joints, back.joints, strict=True):
         assert (new.name, new.placement, new.frame, new.limits) == (
             old.name,
@@ -114,7 +114,7 @@ def test_only_numbers_change_and_what_was_absent_comes_in(rewritten):
 
 def test_values_that_did_not_change_stay_as_they_are_written():
     text = FILE.replace('value="2"', 'value="+2.0e0"').replace("\n", "\r\n")
-    robot = parse_urdf(text)
+    robot = parse_xml_robot(text)
     assert rewrite_urdf(text, robot).text == text
     friction = FrictionValues(law="coulomb-viscous", values=(0.5, 1.0))
     first = replace(robot.joints[0], friction=friction)
@@ -153,7 +153,7 @@ CARRIER = """<robot name="arm">
 @pytest.mark.parametrize("tip", ["flange", "arm"])
 def test_what_was_cut_off_is_part_of_the_link_that_carries_it(tip):
     """Pinocchio sums up what hangs on the link, the finger held at zero: the values of the robot."""
-    robot = fill(parse_urdf(CARRIER, tip=tip))
+    robot = fill(parse_xml_robot(CARRIER, tip=tip))
     found = rewrite_urdf(CARRIER, robot)
     assert found.shared == {"arm": ("tool", "finger")}
     assert NUMBER.sub("#", found.text) == NUMBER.sub("#", CARRIER)
@@ -165,7 +165,7 @@ def test_what_was_cut_off_is_part_of_the_link_that_carries_it(tip):
     np.testing.assert_allclose(shift.act(whole).matrix(), ours.matrix(), rtol=0, atol=1e-9)
     for link in ("arm", "tool", "finger"):
         part = re.search(rf'<link name="{link}">.*?</link>', found.text, re.DOTALL)[0]
-        alone = parse_urdf(
+        alone = parse_xml_robot(
             f'<robot name="r"><link name="w"/>{part}<joint name="j" type="revolute"><parent link="w"/>'
             f'<child link="{link}"/><limit effort="1" velocity="1" lower="0" upper="1"/></joint></robot>'
         )
@@ -187,16 +187,16 @@ def test_flat_links_give_all_to_the_link_that_carries_them():
     )
     flat = re.compile(r'ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"')
     text = flat.sub('ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"', text)
-    robot = fill(parse_urdf(text))
-    back = parse_urdf(rewrite_urdf(text, robot).text)
+    robot = fill(parse_xml_robot(text))
+    back = parse_xml_robot(rewrite_urdf(text, robot).text)
     np.testing.assert_allclose(back.joints[1].inertial, robot.joints[1].inertial, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_random_trees_come_back(seed):
     text, _ = draw_urdf(np.random.default_rng(seed), 8)
-    robot = fill(parse_urdf(text), seed)
-    back = parse_urdf(rewrite_urdf(text, robot).text)
+    robot = fill(parse_xml_robot(text), seed)
+    back = parse_xml_robot(rewrite_urdf(text, robot).text)
     for old, new in zip(robot.joints, back.joints, strict=True):
         assert (new.placement, new.mimic) == (old.placement, old.mimic)
         scale = max(map(abs, old.inertial))
@@ -210,7 +210,7 @@ def test_pinocchio_reads_the_new_values_in_odd_frames():
     text = write_odd_urdf(
         rows, [30, 0, 90, 45, 0, -60, 0], ["0.1", "0", "0.25", "0", "-0.05", "0", "0.3"], axes
     )
-    robot = fill(parse_urdf(text))
+    robot = fill(parse_xml_robot(text))
     theirs = pin.buildModelFromXML(rewrite_urdf(text, robot).text)
     # Built from the placements alone, without the text.
     assert [joint.kind for joint in robot.joints] == [joint.kind for joint in PANDA.joints]
@@ -226,10 +226,10 @@ def test_elements_are_found_behind_comments_and_data():
         '<child link="b"/><axis xyz="0 0 1"/><dynamics damping="1"><?x </dynamics>?></dynamics>'
         "</joint></robot>"
     )
-    robot = fill(parse_urdf(text))
+    robot = fill(parse_xml_robot(text))
     joint = replace(robot.joints[0], friction=FrictionValues(law="coulomb-viscous", values=(2.0, 0.0)))
     found = rewrite_urdf(text, replace(robot, joints=(joint,))).text
-    back = parse_urdf(found)
+    back = parse_xml_robot(found)
     assert back.joints[0].friction.values == (2.0, 0.0)
     np.testing.assert_allclose(back.joints[0].inertial, joint.inertial, atol=1e-12)
     changed = '<dynamics damping="2.0" friction="0.0"><?x </dynamics>?></dynamics></joint></robot>'
@@ -237,7 +237,7 @@ def test_elements_are_found_behind_comments_and_data():
 
 
 def test_rounding_of_a_robot_file_changes_nothing():
-    robot = parse_urdf(CARRIER, tip="flange")
+    robot = parse_xml_robot(CARRIER, tip="flange")
     back = parse_robot(write_robot(robot))
     joints = (replace(old, inertial=new.inertial) for old, new in zip(robot.joints, back.joints, strict=True))
     robot = replace(robot, joints=tuple(joints))
@@ -245,11 +245,11 @@ def test_rounding_of_a_robot_file_changes_nothing():
 
 
 def test_a_rotor_is_written_by_the_reduction_of_the_file():
-    robot = fill(parse_urdf(FILE))
+    robot = fill(parse_xml_robot(FILE))
     drive = replace(robot.joints[1].drive, gear=100.0, rotor_inertia=0.08)
     second = replace(robot.joints[1], drive=drive)
     text = rewrite_urdf(FILE, replace(robot, joints=(robot.joints[0], second))).text
-    assert parse_urdf(text).joints[1].drive.rotor_inertia == pytest.approx(0.08)
+    assert parse_xml_robot(text).joints[1].drive.rotor_inertia == pytest.approx(0.08)
     # A drive of two joints is none that readers take.
     double = FILE.replace('<joint name="elbow"/>', '<joint name="elbow"/><joint name="base"/>')
     found = rewrite_urdf(double, replace(robot, joints=(robot.joints[0], second))).text
@@ -257,7 +257,7 @@ def test_a_rotor_is_written_by_the_reduction_of_the_file():
 
 
 def test_no_friction_is_written_as_none():
-    robot = parse_urdf(FILE)
+    robot = parse_xml_robot(FILE)
     first = replace(robot.joints[0], friction=FrictionValues())
     found = rewrite_urdf(FILE, replace(robot, joints=(first, robot.joints[1]))).text
     assert found == FILE.replace('damping="0.5" friction="0.25"', 'damping="0.0" friction="0.0"')
@@ -275,11 +275,11 @@ def test_followers_of_what_stands_still_stand_where_the_reader_has_them():
     ]
     text = "".join(['<robot name="r">', *(link.format(f"l{k}") for k in range(4))])
     text += "".join(joint.format(*row) for row in rows) + "</robot>"
-    robot = fill(parse_urdf(text))
-    back = parse_urdf(rewrite_urdf(text, robot).text)
+    robot = fill(parse_xml_robot(text))
+    back = parse_xml_robot(rewrite_urdf(text, robot).text)
     np.testing.assert_allclose(back.joints[0].inertial, robot.joints[0].inertial, rtol=0, atol=1e-9)
 
 
 def test_a_robot_of_no_file_is_refused():
-    notice = refuse(rewrite_urdf, FILE, replace(parse_urdf(FILE), made_from=None))[0]
+    notice = refuse(rewrite_urdf, FILE, replace(parse_xml_robot(FILE), made_from=None))[0]
     assert notice.code == "robot.not-made"

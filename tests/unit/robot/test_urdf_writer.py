@@ -7,21 +7,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from symid.dynamics.algebra import FloatAlgebra
-from symid.dynamics.recursion import build_recursion
-from symid.dynamics.regressors import compute_torque_columns
 from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop
-from symid.notation import INERTIAL
 from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
 from symid.robot.geometry import Exact
+from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.simulator_writers import write_urdf
 from symid.robot.toml_reader import read_robot
-from symid.robot.urdf_reader import parse_urdf
-from tests.chains import PANDA, PUMA560, STANFORD, build_joint, fill, find_pinocchio_torques
-from tests.float_algebra import build_float_state
-from tests.urdfs import find_torques
+from tests.chains import build_joint, fill
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
@@ -39,21 +33,10 @@ SHIPPED = [
 ]
 
 
-@pytest.mark.parametrize("robot", [PUMA560, PANDA, STANFORD], ids=lambda robot: robot.name)
-def test_a_robot_in_the_modified_form_comes_back(robot):
-    robot = fill(robot)
-    back = parse_urdf(write_urdf(robot))
-    assert back.name == robot.name
-    assert [joint.placement for joint in back.joints] == [joint.placement for joint in robot.joints]
-    for old, new in zip(robot.joints, back.joints, strict=True):
-        assert (new.name, new.kind, new.parent) == (old.name, old.kind, old.parent)
-        np.testing.assert_allclose(new.inertial, old.inertial, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_robots_come_back(name, robots_folder):
     robot = fill(read_robot(robots_folder / f"{name}.toml"))
-    back = parse_urdf(write_urdf(robot))
+    back = parse_xml_robot(write_urdf(robot))
     same = choose_canonical_frames(robot.joints, dict(robot.symbols)).joints
     for old, new in zip(same, back.joints, strict=True):
         for mine, other in zip(old.placement.rotation, new.placement.rotation, strict=True):
@@ -61,30 +44,6 @@ def test_shipped_robots_come_back(name, robots_folder):
                 [entry.to_float() for entry in other], [entry.to_float() for entry in mine], atol=1e-12
             )
         np.testing.assert_allclose(new.inertial, old.inertial, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["panda", "stanford", "two_arms"])
-def test_pinocchio_reads_the_same_dynamics(name, robots_folder):
-    robot = fill(read_robot(robots_folder / f"{name}.toml"))
-    theirs = pin.buildModelFromXML(write_urdf(robot))
-    theirs.gravity.linear = np.array([value.to_float() for value in robot.gravity])
-    state = np.random.default_rng(4).uniform(-2, 2, (3, robot.size))
-    expected = find_pinocchio_torques(robot, state)
-    np.testing.assert_allclose(find_torques(theirs, robot, state), expected, rtol=1e-11, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", ["panda", "rrp_twisted"])
-def test_symid_has_the_torques_that_pinocchio_finds_in_the_text(name, robots_folder):
-    robot = fill(read_robot(robots_folder / f"{name}.toml"))
-    back = parse_urdf(write_urdf(robot))
-    state = np.random.default_rng(8).uniform(-2, 2, (3, robot.size))
-    keys = [(link, entry) for link in range(back.size) for entry in INERTIAL]
-    recursion = build_recursion(back, FloatAlgebra({}), build_float_state(*state))
-    columns = compute_torque_columns(recursion, keys)
-    values = np.concatenate([joint.inertial for joint in back.joints])
-    ours = np.array([[float(entry) for entry in columns[key]] for key in keys]).T @ values
-    theirs = find_torques(pin.buildModelFromXML(write_urdf(robot)), back, state)
-    np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-11)
 
 
 @pytest.fixture
@@ -117,7 +76,7 @@ def full():
 
 
 def test_limits_friction_drives_and_followers_come_back(full):
-    back = parse_urdf(write_urdf(full))
+    back = parse_xml_robot(write_urdf(full))
     first, second, third = back.joints
     assert (first.name, first.limits) == (full.joints[0].name, full.joints[0].limits)
     assert first.friction == full.joints[0].friction
@@ -142,22 +101,9 @@ def test_what_a_urdf_has_no_words_for_stands_in_comments(full):
         assert words in text
 
 
-def test_symbols_are_written_as_their_values():
-    robot = Robot(name="s", joints=(build_joint(0, (0.0, "L1", 0, "q")),), symbols=(("L1", 0.375),))
-    text = write_urdf(robot)
-    assert "L1 = 0.375 m" in text
-    assert 'xyz="0.375 0.0 0.0"' in text
-
-
-def test_a_massless_link_is_written():
-    joint = replace(build_joint(0, (0.0, 0, 0, "q")), inertial=(0.0,) * 5 + (2.0,) + (0.0,) * 4)
-    back = parse_urdf(write_urdf(Robot(name="m", joints=(joint,))))
-    assert back.joints[0].inertial == joint.inertial
-
-
 def test_limits_that_are_unknown_come_back_without_a_word(robots_folder):
     panda = read_robot(robots_folder / "panda.toml")
     unlimited = [replace(joint, limits=Limits()) for joint in panda.joints]
-    robot = parse_urdf(write_urdf(replace(panda, joints=tuple(unlimited))))
+    robot = parse_xml_robot(write_urdf(replace(panda, joints=tuple(unlimited))))
     assert {joint.limits for joint in robot.joints} == {Limits()}
     assert [notice.code for notice in robot.notices] == ["robot.assumed-gravity"]

@@ -10,7 +10,7 @@ from symid.api.robot_files import export_fit
 from symid.errors import UsageError
 from symid.identification.export import check_format, locate_source, write_stated
 from symid.robot.loading import load_robot
-from symid.robot.urdf_reader import parse_urdf, read_urdf
+from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from symid.robot.urdf_xml import read_urdf_text
 from tests.estimates import store_estimate
 from tests.mistakes import refuse
@@ -58,7 +58,7 @@ def arm(tmp_path):
 
 
 def find_notice(path):
-    (notice,) = refuse(read_urdf, path)
+    (notice,) = refuse(read_xml_robot, path)
     return notice
 
 
@@ -78,7 +78,7 @@ def test_the_robot_is_that_of_the_text_that_xacro_prints(arm, tmp_path):
         text=True,
         check=True,
     ).stdout
-    robot, expected = load_robot(str(arm)), parse_urdf(printed)
+    robot, expected = load_robot(str(arm)), parse_xml_robot(printed)
     for name in ("name", "joints", "gravity"):
         assert getattr(robot, name) == getattr(expected, name)
     assert robot.joints[0].inertial[9] == 3.0
@@ -106,7 +106,7 @@ def test_lines_of_mistakes_are_those_of_the_expanded_text(arm):
 
 @pytest.mark.parametrize("variable", ["ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"])
 def test_a_package_elsewhere_is_found_where_ros_looks(arm, tmp_path, monkeypatch, variable):
-    before = read_urdf(arm)
+    before = read_xml_robot(arm)
     away = tmp_path / "ws" / "deep" / "share"
     away.mkdir(parents=True)
     (tmp_path / "src" / "parts").rename(away / "other_name")
@@ -116,13 +116,13 @@ def test_a_package_elsewhere_is_found_where_ros_looks(arm, tmp_path, monkeypatch
     assert "ROS_PACKAGE_PATH" in notice.text
     folder = tmp_path / "ws" if variable == "ROS_PACKAGE_PATH" else away.parent
     monkeypatch.setenv(variable, f"{tmp_path / 'nothing'}:{folder}")
-    assert read_urdf(arm) == before
+    assert read_xml_robot(arm) == before
 
 
 def test_a_package_of_meshes_alone_is_no_obstacle(arm):
     mesh = '<visual><geometry><mesh filename="$(find absent)/a.dae"/></geometry></visual>'
     arm.write_text(ARM.replace('<link name="base_link"/>', f'<link name="base_link">{mesh}</link>'))
-    robot = read_urdf(arm)
+    robot = read_xml_robot(arm)
     (warning,) = [entry for entry in robot.notices if entry.code == "robot.xacro-warning"]
     assert "$(find absent): there is no ROS package" in warning.text
     assert 'filename="$(find absent)/a.dae"' in read_urdf_text(arm).text
@@ -130,7 +130,7 @@ def test_a_package_of_meshes_alone_is_no_obstacle(arm):
 
 def test_a_folder_without_manifest_has_its_own_name(arm, tmp_path):
     (tmp_path / "src" / "parts" / "package.xml").unlink()
-    assert read_urdf(arm).size == 2
+    assert read_xml_robot(arm).size == 2
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_broken_xml_is_told_in_the_file_that_has_it(arm, tmp_path):
 
 def test_what_xacro_prints_is_told(arm):
     arm.write_text(ARM.replace("<link name=", "${xacro.warning('mind the gap')}<link name=", 1))
-    (warning,) = [entry for entry in read_urdf(arm).notices if entry.code == "robot.xacro-warning"]
+    (warning,) = [entry for entry in read_xml_robot(arm).notices if entry.code == "robot.xacro-warning"]
     assert "mind the gap" in warning.text
     assert not warning.is_note
 
@@ -178,7 +178,7 @@ def test_without_the_package_the_way_out_is_told(arm, monkeypatch):
 def test_xacro_in_a_file_of_another_name_is_expanded(arm):
     named = arm.with_name("arm.urdf")
     named.write_text(ARM)
-    assert read_urdf(named).joints == read_urdf(arm).joints
+    assert read_xml_robot(named).joints == read_xml_robot(arm).joints
 
 
 def test_values_go_into_a_urdf_and_not_into_xacro(arm, tmp_path):
@@ -192,7 +192,7 @@ def test_values_go_into_a_urdf_and_not_into_xacro(arm, tmp_path):
     text = target.read_text()
     assert "xacro:" not in text
     assert '<link name="fore">' in text
-    assert read_urdf(target).joints[0].inertial[9] == 6.0
+    assert read_xml_robot(target).joints[0].inertial[9] == 6.0
 
 
 def test_values_are_not_written_into_xacro_in_place(arm, tmp_path):

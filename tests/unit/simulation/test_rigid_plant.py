@@ -10,7 +10,7 @@ from symid.codegen import RigidExperiment
 from symid.codegen.cache import prepare_library
 from symid.errors import SolverError
 from symid.excitation.trajectories import build_random_fourier
-from symid.robot.urdf_reader import read_urdf
+from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from symid.simulation import rigid_plant
 from symid.simulation.experiment import ExperimentOptions, SensorOptions, get_limits, simulate_experiment
 from symid.simulation.rigid_plant import RigidPlant, simulate_rigid_plant
