@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from symid import __version__
+from symid import __version__, joint_models
 from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.generation import GeneratedFolder, choose_runner, write_folder
 from symid.codegen.printing import print_c, print_python, write_literal
@@ -26,27 +26,6 @@ from symid.codegen.programs import ExpressionTable, Program, count_operations
 from symid.codegen.source_folder import SourceSet, list_sources
 from symid.codegen.source_text import build_library_prefix, check_choice, clean_text, write_template
 from symid.errors import Notice
-from symid.joint_models import (
-    AttractedSlip,
-    BoucWen,
-    BristleBranch,
-    Elasticity,
-    Relaxation,
-    Relays,
-    SlipSpring,
-    advance_element,
-    build_casadi_carrier,
-    build_float_carrier,
-    describe_inverse,
-    find_least_slope,
-    has_closed_inverse,
-    invert_step,
-    is_passive_element,
-    list_element_values,
-    needs_time,
-    start_element,
-    start_states,
-)
 from symid.options import GenerateOptions
 from symid.robot import Robot
 from symid.serialization import compute_signature
@@ -83,17 +62,19 @@ class ElementCode:
         check_choice("precision", self.precision, ("double", "float"))
 
 
-def build_step(elasticity: Elasticity, *, rated: bool = False) -> Program:
+def build_step(elasticity: joint_models.Elasticity, *, rated: bool = False) -> Program:
     """Return a step: held (position, period), states -> y, after, stored (zero where it is not known).
 
     `rated`: the velocity is a third number of `held`, else it is the way over the period.
     """
-    table, size = ExpressionTable(), len(start_states(elasticity, 0.0))
+    table, size = ExpressionTable(), len(joint_models.start_states(elasticity, 0.0))
     held = (table.input(0, 0), table.input(0, 1))
     velocity = table.input(0, 2) if rated else None
     states = [table.input(1, k) for k in range(size)]
-    values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
-    step = advance_element(table, elasticity, values, held, states, velocity=velocity)
+    values = {
+        name: table.constant(value) for name, value in joint_models.list_element_values(elasticity).items()
+    }
+    step = joint_models.advance_element(table, elasticity, values, held, states, velocity=velocity)
     stored = table.zero if step.stored is None else step.stored
     outputs = {"y": [step.output], "after": step.states, "stored": [stored]}
     return _build_program(table, "step", {"held": 3 if rated else 2, "states": size}, outputs)
@@ -111,54 +92,57 @@ def _build_program(
     return table.build_program(spec, outputs.values())
 
 
-def _build_programs(elasticity: Elasticity) -> dict[str, Program]:
+def _build_programs(elasticity: joint_models.Elasticity) -> dict[str, Program]:
     """Return step; starts, x -> states; where it has a closed form inverse, y, states of the element -> x."""
     programs = {"step": build_step(elasticity)}
     for side, name in _SIDES:
         table = ExpressionTable()
-        states = start_element(table, elasticity, table.input(0, 0), float(side))
+        states = joint_models.start_element(table, elasticity, table.input(0, 0), float(side))
         programs[name] = _build_program(table, "start", {"x": 1}, {"states": states})
-    if has_closed_inverse(elasticity):
-        table, size = ExpressionTable(), len(start_states(elasticity, 0.0))
-        values = {name: table.constant(value) for name, value in list_element_values(elasticity).items()}
+    if joint_models.has_closed_inverse(elasticity):
+        table, size = ExpressionTable(), len(joint_models.start_states(elasticity, 0.0))
+        values = {
+            name: table.constant(value)
+            for name, value in joint_models.list_element_values(elasticity).items()
+        }
         before = [table.input(1, k) for k in range(size)]
-        x = invert_step(table, elasticity, values, table.input(0, 0), before)
+        x = joint_models.invert_step(table, elasticity, values, table.input(0, 0), before)
         programs["inverse"] = _build_program(table, "inverse", {"y": 1, "states": size}, {"x": [x]})
     return programs
 
 
-def _make_samples(elasticity: Elasticity, order: ElementCode) -> list[dict[str, float]]:
+def _make_samples(elasticity: joint_models.Elasticity, order: ElementCode) -> list[dict[str, float]]:
     """Return steps of a swelling oscillation by the element over floats: input, length, output, energy."""
-    algebra, values = build_float_carrier(), list_element_values(elasticity)
-    states, samples = start_states(elasticity, 0.0), list[dict[str, float]]()
+    algebra, values = joint_models.build_float_carrier(), joint_models.list_element_values(elasticity)
+    states, samples = joint_models.start_states(elasticity, 0.0), list[dict[str, float]]()
     for k in range(1, _TEST_STEPS + 1):
         # Numbers of few digits: floats and doubles read the same.
         x = round(order.reach * k / _TEST_STEPS * math.sin(0.7 * k) * 4096.0 / order.reach) / 4096.0
         x *= order.reach
         period = order.period * (1.0 + 0.5 * (k % 3))
-        step = advance_element(algebra, elasticity, values, (x, period), states)
+        step = joint_models.advance_element(algebra, elasticity, values, (x, period), states)
         states = step.states
         samples.append({"x": x, "period": period, "y": step.output, "stored": step.stored or 0.0})
     return samples
 
 
 def _list_facts(
-    elasticity: Elasticity, order: ElementCode, samples: Sequence[Mapping[str, float]]
+    elasticity: joint_models.Elasticity, order: ElementCode, samples: Sequence[Mapping[str, float]]
 ) -> dict[str, object]:
     """Return what every template may ask for."""
-    prefix, inverse = build_library_prefix(order.name), describe_inverse(elasticity)
-    values = list_element_values(elasticity)
+    prefix, inverse = build_library_prefix(order.name), joint_models.describe_inverse(elasticity)
+    values = joint_models.list_element_values(elasticity)
     return {
         "banner": _BANNER,
         "version": __version__,
         "prefix": prefix,
         "macro": prefix.upper(),
         "real": order.precision,
-        "size": len(start_states(elasticity, 0.0)),
-        "timed": needs_time(elasticity),
+        "size": len(joint_models.start_states(elasticity, 0.0)),
+        "timed": joint_models.needs_time(elasticity),
         "energy": not (elasticity.cubic and elasticity.knees),
-        "passive": is_passive_element(elasticity),
-        "inverse": "" if inverse else "closed" if has_closed_inverse(elasticity) else "search",
+        "passive": joint_models.is_passive_element(elasticity),
+        "inverse": "" if inverse else "closed" if joint_models.has_closed_inverse(elasticity) else "search",
         "no_inverse": clean_text(inverse),
         "fact_lines": [clean_text(line) for line in order.facts],
         "value_lines": [clean_text(f"{name} = {value:.9g}") for name, value in values.items()],
@@ -170,7 +154,7 @@ def _list_facts(
         "energy_scale": max(abs(sample["stored"]) for sample in samples) or 1.0,
         "input_scale": order.reach,
         "tolerance": "2e-4" if order.precision == "float" else "1e-11",
-        "slope": 0.0 if inverse else find_least_slope(elasticity),
+        "slope": 0.0 if inverse else joint_models.find_least_slope(elasticity),
     }
 
 
@@ -206,30 +190,30 @@ def _write_c(
     return [(names.get(file, file), write_template(f"element/{file}.jinja", facts)) for file in files]
 
 
-def build_element_functions(elasticity: Elasticity) -> Mapping[str, "Function"]:
+def build_element_functions(elasticity: joint_models.Elasticity) -> Mapping[str, "Function"]:
     """Return CasADi functions: step (states, x, period) -> y, after, energy; inverse (states, y) -> x.
 
     The inverse is there where it has a closed form.
     """
     import casadi
 
-    algebra, size = build_casadi_carrier(), len(start_states(elasticity, 0.0))
+    algebra, size = joint_models.build_casadi_carrier(), len(joint_models.start_states(elasticity, 0.0))
     states, x, period = casadi.SX.sym("states", size), casadi.SX.sym("x"), casadi.SX.sym("period")
-    values = {name: casadi.SX(value) for name, value in list_element_values(elasticity).items()}
-    step = advance_element(algebra, elasticity, values, (x, period), casadi.vertsplit(states))
+    values = {name: casadi.SX(value) for name, value in joint_models.list_element_values(elasticity).items()}
+    step = joint_models.advance_element(algebra, elasticity, values, (x, period), casadi.vertsplit(states))
     stored = casadi.SX(math.nan) if step.stored is None else step.stored
     outputs = [step.output, casadi.vertcat(*step.states), stored]
     names = (["states", "x", "period"], ["y", "after", "energy"])
     found = {"step": casadi.Function("step", [states, x, period], outputs, *names)}
-    if has_closed_inverse(elasticity):
+    if joint_models.has_closed_inverse(elasticity):
         given = casadi.SX.sym("y")
-        result = invert_step(algebra, elasticity, values, given, casadi.vertsplit(states))
+        result = joint_models.invert_step(algebra, elasticity, values, given, casadi.vertsplit(states))
         found["inverse"] = casadi.Function("inverse", [states, given], [result], ["states", "y"], ["x"])
     return found
 
 
 def generate_element(
-    elasticity: Elasticity,
+    elasticity: joint_models.Elasticity,
     order: ElementCode,
     folder: Path,
     *,
@@ -281,17 +265,19 @@ def generate_springs(
         places = [stop.threshold for stop in spring.stops]
         for branch in spring.branches:
             match branch:
-                case SlipSpring():
+                case joint_models.SlipSpring():
                     places.append(branch.threshold)
-                case Relays():
+                case joint_models.Relays():
                     places += [abs(branch.low), abs(branch.low + branch.step * len(branch.ramps))]
-                case BoucWen():
+                case joint_models.BoucWen():
                     places.append(branch.length)
-                case AttractedSlip():
+                case joint_models.AttractedSlip():
                     places += branch.thresholds
-                case BristleBranch():
-                    places += [abs(bend) for bend in branch.start(build_float_carrier(), 0.0, 1.0)]
-                case Relaxation():
+                case joint_models.BristleBranch():
+                    places += [
+                        abs(bend) for bend in branch.start(joint_models.build_float_carrier(), 0.0, 1.0)
+                    ]
+                case joint_models.Relaxation():
                     pass
         label = re.sub(r"\W", "_", name, flags=re.ASCII)
         owner = f"joint {clean_text(name)} of robot {clean_text(robot.name)}"
@@ -313,7 +299,7 @@ def generate_springs(
     return tuple(made), tuple(notices)
 
 
-def build_sources(elasticity: Elasticity, order: ElementCode) -> SourceSet:
+def build_sources(elasticity: joint_models.Elasticity, order: ElementCode) -> SourceSet:
     """Return the files of an element's code, and their manifest."""
     prefix, made = build_library_prefix(order.name), _make_samples(elasticity, order)
     facts, programs = _list_facts(elasticity, order, made), _build_programs(elasticity)
@@ -327,7 +313,7 @@ def build_sources(elasticity: Elasticity, order: ElementCode) -> SourceSet:
         files = [(f"{prefix}.py", write_template("element/element.py.jinja", facts))]
     if order.target == "casadi":
         functions = build_element_functions(elasticity)
-        facts |= {"names": list(functions), "start": repr(start_states(elasticity, 0.0))}
+        facts |= {"names": list(functions), "start": repr(joint_models.start_states(elasticity, 0.0))}
         files = [(f"{prefix}.py", write_template("element/casadi.py.jinja", facts))]
         files += [(f"{prefix}_{name}.casadi", function.serialize()) for name, function in functions.items()]
     listed = [name for name in ("step", "inverse") if name in programs]

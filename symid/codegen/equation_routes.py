@@ -21,30 +21,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, product
 
+from symid import dynamics
 from symid.codegen.functions import Constants, FunctionSpec
 from symid.codegen.programs import ExpressionTable, differentiate_along
-from symid.dynamics import (
-    BaseParameters,
-    Label,
-    ProjectionFrame,
-    Recursion,
-    RobotState,
-    build_recursion,
-    choose_origin_shifts,
-    compute_coriolis_matrix,
-    compute_equation_terms,
-    compute_forward_dynamics,
-    compute_mass_derivatives,
-    compute_torque_derivatives,
-    fix_last_link_axes,
-    fold_matrix,
-    fold_vector,
-    list_symbols,
-    remove_constant_rotations,
-    shift_origins,
-    shift_parameters,
-    spread_coordinates,
-)
 from symid.errors import Notice, RobotError
 from symid.robot import Robot
 
@@ -62,11 +41,11 @@ class RouteWorkspace:
     `parameters` holds the base parameters as sparse link parameters.
     """
 
-    base: BaseParameters
+    base: dynamics.BaseParameters
     algebra: ExpressionTable
     inputs: Mapping[str, tuple[int, ...]]
-    recursion: Recursion[int]
-    parameters: Mapping[Label, int]
+    recursion: dynamics.Recursion[int]
+    parameters: Mapping[dynamics.Label, int]
     built: dict[RouteBuilder, tuple[Elements, ...]] = field(default_factory=dict)
 
     def recall(self, build: RouteBuilder) -> tuple[Elements, ...]:
@@ -82,33 +61,35 @@ class RouteWorkspace:
 
     def spread(self, values: Sequence[int]) -> tuple[int, ...]:
         """Return the values of the joints from those of the coordinates."""
-        return spread_coordinates(self.robot, self.algebra, values)[: self.robot.size]
+        return dynamics.spread_coordinates(self.robot, self.algebra, values)[: self.robot.size]
 
     def shift(self) -> "RouteWorkspace":
         """Return the same workspace with link origins moved along their joints' axes."""
-        shifts = choose_origin_shifts(self.robot)
-        moved = build_recursion(shift_origins(self.robot, shifts), self.algebra, self.recursion.state)
-        parameters = shift_parameters(self.algebra, self.parameters, shifts)
+        shifts = dynamics.choose_origin_shifts(self.robot)
+        moved = dynamics.build_recursion(
+            dynamics.shift_origins(self.robot, shifts), self.algebra, self.recursion.state
+        )
+        parameters = dynamics.shift_parameters(self.algebra, self.parameters, shifts)
         return replace(
             self, recursion=replace(moved, meet=self.recursion.meet), parameters=parameters, built={}
         )
 
     def hold(self) -> "RouteWorkspace":
         """Return the same workspace with the last links in axes that do not turn with them."""
-        recursion, parameters = fix_last_link_axes(self.recursion, self.parameters)
+        recursion, parameters = dynamics.fix_last_link_axes(self.recursion, self.parameters)
         return replace(self, recursion=recursion, parameters=parameters, built={})
 
-    def meet(self, meet: ProjectionFrame) -> "RouteWorkspace":
+    def meet(self, meet: dynamics.ProjectionFrame) -> "RouteWorkspace":
         """Return the same workspace, its wrenches on their way down to the joints stopped earlier."""
         return replace(self, recursion=replace(self.recursion, meet=meet), built={})
 
     def flatten_vector(self, values: Sequence[int]) -> Elements:
         """Return a value per joint as a port of shape (n,)."""
-        return fold_vector(self.robot, self.algebra, values)
+        return dynamics.fold_vector(self.robot, self.algebra, values)
 
     def flatten_matrix(self, matrix: Matrix) -> Elements:
         """Return a matrix of the joints as that of the coordinates, row by row."""
-        return tuple(chain(*fold_matrix(self.robot, self.algebra, matrix)))
+        return tuple(chain(*dynamics.fold_matrix(self.robot, self.algebra, matrix)))
 
     def differentiate(self, values: Sequence[int], name: str) -> list[list[int]]:
         """Return the derivatives of values by each element of input `name`."""
@@ -123,7 +104,7 @@ class RouteWorkspace:
 
 def check_symbols(robot: Robot) -> None:
     """Raise RobotError where a symbolic length has no value."""
-    missing = ", ".join(name for name in list_symbols(robot) if name not in dict(robot.symbols))
+    missing = ", ".join(name for name in dynamics.list_symbols(robot) if name not in dict(robot.symbols))
     if missing:
         text = f"code needs a value for the symbolic length {missing}: add it under [symbols], in m"
         raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
@@ -131,7 +112,7 @@ def check_symbols(robot: Robot) -> None:
 
 def build_workspace(
     robot: Robot,
-    base: BaseParameters,
+    base: dynamics.BaseParameters,
     spec: FunctionSpec,
     turns: Mapping[int, float] | None = None,
     constants: Constants | None = None,
@@ -152,17 +133,19 @@ def build_workspace(
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
     for name, values in (constants or {}).items():
         inputs[name] = tuple(map(table.constant, values))
-    motion = [spread_coordinates(robot, table, inputs[name])[: robot.size] for name in ("q", "dq", "ddq")]
+    motion = [
+        dynamics.spread_coordinates(robot, table, inputs[name])[: robot.size] for name in ("q", "dq", "ddq")
+    ]
     angles = [
         table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(motion[0])
     ]
     sine, cosine = (tuple(map(wave, angles)) for wave in (table.sin, table.cos))
-    state = RobotState(sine, cosine, *motion)
+    state = dynamics.RobotState(sine, cosine, *motion)
     return RouteWorkspace(
         base=base,
         algebra=table,
         inputs=inputs,
-        recursion=build_recursion(remove_constant_rotations(robot, turns), table, state),
+        recursion=dynamics.build_recursion(dynamics.remove_constant_rotations(robot, turns), table, state),
         parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
     )
 
@@ -238,7 +221,7 @@ def build_articulated(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build the accelerations by articulated bodies: without a matrix, the route of robots of many joints."""
     table, tau = workspace.algebra, workspace.spread(workspace.inputs["tau"])
     invert = partial(table.div, table.one)
-    return (compute_forward_dynamics(workspace.recursion, workspace.parameters, tau, invert),)
+    return (dynamics.compute_forward_dynamics(workspace.recursion, workspace.parameters, tau, invert),)
 
 
 def build_differentiated(
@@ -252,13 +235,13 @@ def build_differentiated(
 
 def build_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build dtau/dq, dtau/ddq and M by composite bodies."""
-    found = compute_torque_derivatives(workspace.recursion, workspace.parameters)
+    found = dynamics.compute_torque_derivatives(workspace.recursion, workspace.parameters)
     return tuple(map(workspace.flatten_matrix, found))
 
 
 def build_mass_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build dM/dq by composite bodies."""
-    slopes = compute_mass_derivatives(workspace.recursion, workspace.parameters)
+    slopes = dynamics.compute_mass_derivatives(workspace.recursion, workspace.parameters)
     entries = zip(*map(workspace.flatten_matrix, slopes), strict=True)
     return (tuple(chain(*map(workspace.flatten_vector, entries))),)
 
@@ -296,22 +279,24 @@ def build_regressor_derivatives(workspace: RouteWorkspace, regressor: RouteBuild
 
 def build_coriolis(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build the Coriolis matrix by composite bodies."""
-    return (workspace.flatten_matrix(compute_coriolis_matrix(workspace.recursion, workspace.parameters)),)
+    return (
+        workspace.flatten_matrix(dynamics.compute_coriolis_matrix(workspace.recursion, workspace.parameters)),
+    )
 
 
 def build_forward_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Build ddq and its derivatives by q, dq and tau (see above)."""
     robot, table, inputs = workspace.robot, workspace.algebra, workspace.inputs
-    terms = compute_equation_terms(workspace.recursion, workspace.parameters)
-    mass, coriolis = (fold_matrix(robot, table, part) for part in (terms.mass, terms.twice_coriolis))
+    terms = dynamics.compute_equation_terms(workspace.recursion, workspace.parameters)
+    mass, coriolis = (dynamics.fold_matrix(robot, table, part) for part in (terms.mass, terms.twice_coriolis))
     factors, halves = _Factors(table, mass), list(map(table.half, inputs["dq"]))
     rest = zip(inputs["tau"], workspace.flatten_vector(terms.rest), coriolis, strict=True)
     forces = [_remove(table, table.add(tau, -load), zip(row, halves, strict=True)) for tau, load, row in rest]
     ddq = factors.solve(forces)
     state = replace(workspace.recursion.state, acceleration=workspace.spread(ddq))
     moving = replace(workspace.recursion, state=state)
-    found = compute_torque_derivatives(moving, workspace.parameters)
-    slopes, inverse = fold_matrix(robot, table, found.by_position), factors.invert()
+    found = dynamics.compute_torque_derivatives(moving, workspace.parameters)
+    slopes, inverse = dynamics.fold_matrix(robot, table, found.by_position), factors.invert()
     products = [
         [
             [_remove(table, table.zero, zip(row, column, strict=True)) for row in inverse]

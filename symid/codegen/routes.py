@@ -18,96 +18,40 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from symid.codegen.equation_routes import (
-    Elements,
-    RouteBuilder,
-    RouteWorkspace,
-    build_articulated,
-    build_coriolis,
-    build_derivatives,
-    build_differentiated,
-    build_differentiated_mass,
-    build_forward_derivatives,
-    build_forward_dynamics,
-    build_mass_derivatives,
-    build_regressor_derivatives,
-    build_second_derivatives,
-    build_workspace,
-    check_symbols,
-)
+from symid import dynamics, joint_models
+from symid.codegen import equation_routes, programs
 from symid.codegen.functions import FRICTION_INPUTS, Constants, FunctionSpec, list_bristles, list_robot_specs
-from symid.codegen.programs import (
-    ExpressionTable,
-    Op,
-    Operations,
-    Program,
-    build_depth_first,
-    count_operations,
-    differentiate_along,
-    differentiate_backward,
-    order_by_growth,
-)
-from symid.dynamics import (
-    DRIVE_PARAMETERS,
-    BaseParameters,
-    Columns,
-    build_recursion,
-    compute_body_energy,
-    compute_drive_energy,
-    compute_energy_regressor,
-    compute_friction_columns,
-    compute_inverse_dynamics,
-    compute_jacobian,
-    compute_lagrange_columns,
-    compute_link_poses,
-    compute_mass_matrix,
-    compute_momentum_columns,
-    compute_tensor_torques,
-    compute_torque_columns,
-    derive_base_parameters,
-    gather_body,
-    get_friction,
-    list_constant_rotations,
-    spread_coordinates,
-)
-from symid.joint_models import (
-    SpringTerms,
-    advance_inverse_spring,
-    advance_memory,
-    advance_spring,
-    compute_outer_function,
-    get_law,
-    invert_spring,
-    list_memory_values,
-    list_value_names,
-)
 from symid.notation import INERTIAL
 from symid.robot import ZERO, Exact, Robot
 
-Routes = Mapping[str, RouteBuilder]
+Routes = Mapping[str, equation_routes.RouteBuilder]
 
 
-def _emit_forward_kinematics(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    poses, join = compute_link_poses(workspace.recursion), itertools.chain.from_iterable
+def _emit_forward_kinematics(
+    workspace: equation_routes.RouteWorkspace,
+) -> tuple[equation_routes.Elements, ...]:
+    poses, join = dynamics.compute_link_poses(workspace.recursion), itertools.chain.from_iterable
     rotations = join(join(pose.rotation for pose in poses))
     return tuple(rotations), tuple(join(pose.origin for pose in poses))
 
 
-def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
+def _list_friction_columns(workspace: equation_routes.RouteWorkspace) -> list[list[int]]:
     """Return the friction regressor by columns; friction acts on the coordinates that turn its drive."""
     robot, algebra, given = workspace.robot, workspace.algebra, {"velocity": "dq", **FRICTION_INPUTS}
     # What friction depends on, by its name in laws, of every joint and coupled drive.
     spread = {
-        name: tuple(spread_coordinates(robot, algebra, workspace.inputs[port]))
+        name: tuple(dynamics.spread_coordinates(robot, algebra, workspace.inputs[port]))
         for name, port in given.items()
         if port in workspace.inputs
     }
     columns = []
     for parameter in workspace.base.friction:
         index, name = parameter.label
-        friction = get_friction(robot, index)
+        friction = dynamics.get_friction(robot, index)
         inputs = {input_name: values[index] for input_name, values in spread.items()}
-        entry = compute_friction_columns(friction, algebra, inputs)[list_value_names(friction).index(name)]
+        entry = dynamics.compute_friction_columns(friction, algebra, inputs)[
+            joint_models.list_value_names(friction).index(name)
+        ]
         column = [algebra.zero] * robot.freedom
         for position, factor in robot.transmission[index]:
             column[position] = algebra.mul(algebra.constant(Exact.of(factor)), entry)
@@ -116,7 +60,10 @@ def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
 
 
 def _combine_columns(
-    workspace: RouteWorkspace, columns: Sequence[Sequence[int]], parameters: Sequence[int], rows: int
+    workspace: equation_routes.RouteWorkspace,
+    columns: Sequence[Sequence[int]],
+    parameters: Sequence[int],
+    rows: int,
 ) -> list[int]:
     """Return the sum of columns times parameters."""
     algebra = workspace.algebra
@@ -127,12 +74,14 @@ def _combine_columns(
     return total
 
 
-def _emit_friction(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_friction(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
     columns, parameters = _list_friction_columns(workspace), workspace.inputs["f"]
     return (tuple(_combine_columns(workspace, columns, parameters, workspace.robot.freedom)),)
 
 
-def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
+def _emit_friction_step(
+    workspace: equation_routes.RouteWorkspace,
+) -> tuple[equation_routes.Elements, equation_routes.Elements]:
     """Return friction and deflections after a step: of joints without bristles it is that of the columns."""
     robot, algebra = workspace.robot, workspace.algebra
     parameters, remembering = workspace.inputs["f"], dict(list_bristles(robot))
@@ -140,71 +89,83 @@ def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     zero, columns = [algebra.zero] * robot.freedom, _list_friction_columns(workspace)
     plain = [zero if at in remembering else row for (at, _), row in zip(labels, columns, strict=True)]
     torques = _combine_columns(workspace, plain, parameters, robot.freedom)
-    velocity, ways = (spread_coordinates(robot, algebra, workspace.inputs[name]) for name in ("dq", "way"))
+    velocity, ways = (
+        dynamics.spread_coordinates(robot, algebra, workspace.inputs[name]) for name in ("dq", "way")
+    )
     states, after = iter(workspace.inputs["z"]), list[int]()
     for index, count in remembering.items():
         friction = robot.joints[index].friction
         # A parameter that is grouped with others, such as an offset with a weight, is none of f.
-        values = dict.fromkeys(list_value_names(friction), algebra.zero)
+        values = dict.fromkeys(joint_models.list_value_names(friction), algebra.zero)
         pairs = zip(labels, parameters, strict=True)
         values |= {name: value for (owner, name), value in pairs if owner == index}
-        known = list_memory_values(get_law(friction.law), friction)
+        known = joint_models.list_memory_values(joint_models.get_law(friction.law), friction)
         values |= {name: algebra.scale(value, algebra.one) for name, value in known.items()}
         before = tuple(itertools.islice(states, count))
-        torque, moved = advance_memory(algebra, values, velocity[index], ways[index], before)
+        torque, moved = joint_models.advance_memory(algebra, values, velocity[index], ways[index], before)
         after += moved
         ((position, _),) = robot.transmission[index]
         torques[position] = algebra.add(torques[position], torque)
     return tuple(torques), tuple(after)
 
 
-def _emit_energy_regressor(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
+def _emit_energy_regressor(
+    workspace: equation_routes.RouteWorkspace,
+) -> tuple[equation_routes.Elements, equation_routes.Elements]:
     algebra = workspace.algebra
-    rows = [compute_energy_regressor(algebra, motion) for motion in workspace.recursion.motions]
+    rows = [dynamics.compute_energy_regressor(algebra, motion) for motion in workspace.recursion.motions]
     pairs = []
     for link, name in workspace.base.keys:
-        if name in DRIVE_PARAMETERS:
-            pairs.append(compute_drive_energy(workspace.recursion, (link, name)))
+        if name in dynamics.DRIVE_PARAMETERS:
+            pairs.append(dynamics.compute_drive_energy(workspace.recursion, (link, name)))
         else:
             place = INERTIAL.index(name)
             pairs.append((rows[link][0][place], rows[link][1][place]))
     return tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs)
 
 
-def _multiply_parameters(workspace: RouteWorkspace, row: Sequence[int]) -> Elements:
+def _multiply_parameters(
+    workspace: equation_routes.RouteWorkspace, row: Sequence[int]
+) -> equation_routes.Elements:
     pairs, algebra = zip(row, workspace.parameters.values(), strict=True), workspace.algebra
     return (algebra.sum_values(algebra.mul(entry, parameter) for entry, parameter in pairs),)
 
 
-def _emit_energy(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
+def _emit_energy(
+    workspace: equation_routes.RouteWorkspace,
+) -> tuple[equation_routes.Elements, equation_routes.Elements]:
     kinetic, potential = _emit_energy_regressor(workspace)
     return _multiply_parameters(workspace, kinetic), _multiply_parameters(workspace, potential)
 
 
-def _emit_energy_of_bodies(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_energy_of_bodies(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
     """Return the energies as sums over links and drives."""
     recursion, algebra = workspace.recursion, workspace.algebra
     parts = [
-        compute_body_energy(algebra, gather_body(algebra, workspace.parameters, link), motion)
+        dynamics.compute_body_energy(
+            algebra, dynamics.gather_body(algebra, workspace.parameters, link), motion
+        )
         for link, motion in enumerate(recursion.motions)
     ]
     for key, value in workspace.parameters.items():
-        if key[1] in DRIVE_PARAMETERS:
-            kinetic, potential = compute_drive_energy(recursion, key)
+        if key[1] in dynamics.DRIVE_PARAMETERS:
+            kinetic, potential = dynamics.compute_drive_energy(recursion, key)
             parts.append((algebra.mul(value, kinetic), algebra.mul(value, potential)))
     return tuple((algebra.sum_values([part[place] for part in parts]),) for place in (0, 1))
 
 
-def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> list[int]:
+def _derive_torque(workspace: equation_routes.RouteWorkspace, kinetic: int, potential: int) -> list[int]:
     table, inputs = workspace.algebra, workspace.inputs
-    momenta = differentiate_backward(table, kinetic, inputs["dq"])
-    slopes = differentiate_backward(table, table.add(kinetic, -potential), inputs["q"])
+    momenta = programs.differentiate_backward(table, kinetic, inputs["dq"])
+    slopes = programs.differentiate_backward(table, table.add(kinetic, -potential), inputs["q"])
     moving = (*zip(inputs["q"], inputs["dq"], strict=True), *zip(inputs["dq"], inputs["ddq"], strict=True))
-    (rates,) = differentiate_along(table, momenta, [dict(moving)])
+    (rates,) = programs.differentiate_along(table, momenta, [dict(moving)])
     return list(map(table.sub, rates, slopes))
 
 
-def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_derived_mass_matrix(
+    workspace: equation_routes.RouteWorkspace,
+) -> tuple[equation_routes.Elements, ...]:
     """Return the mass matrix as dp/ddq.
 
     The velocities are inputs of the momentum only: p is linear in them, its derivatives are free of them.
@@ -212,22 +173,24 @@ def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]
     table = workspace.algebra
     rates = tuple(table.input(-1, joint) for joint in range(workspace.robot.freedom))
     state = replace(workspace.recursion.state, velocity=workspace.spread(rates))
-    moving = replace(workspace, recursion=build_recursion(workspace.robot, table, state), built={})
+    moving = replace(workspace, recursion=dynamics.build_recursion(workspace.robot, table, state), built={})
     (kinetic,) = _multiply_parameters(moving, _emit_energy_regressor(moving)[0])
-    momenta = differentiate_backward(table, kinetic, rates)
-    columns = differentiate_along(table, momenta, [{rate: table.one} for rate in rates])
+    momenta = programs.differentiate_backward(table, kinetic, rates)
+    columns = programs.differentiate_along(table, momenta, [{rate: table.one} for rate in rates])
     return (workspace.flatten_columns(columns),)
 
 
-def _emit_torques_by_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_torques_by_regressor(
+    workspace: equation_routes.RouteWorkspace,
+) -> tuple[equation_routes.Elements, ...]:
     parameters = workspace.parameters
-    found = compute_torque_columns(workspace.meet(lambda link: link).recursion, workspace.base.keys)
+    found = dynamics.compute_torque_columns(workspace.meet(lambda link: link).recursion, workspace.base.keys)
     columns, values = [found[key] for key in parameters], tuple(parameters.values())
     torques = _combine_columns(workspace, columns, values, workspace.robot.size)
     return (workspace.flatten_vector(torques),)
 
 
-def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_coriolis_matrix(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
     """Return C column by column: the torques for dqr = e_k, ddqr = 0, without gravity and springs."""
     algebra = workspace.algebra
     weightless = replace(workspace.recursion, robot=replace(workspace.robot, gravity=(ZERO, ZERO, ZERO)))
@@ -236,12 +199,12 @@ def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     columns = []
     for k in coordinates:
         unit = workspace.spread([algebra.one if j == k else algebra.zero for j in coordinates])
-        torques = compute_tensor_torques(weightless, parameters, (unit, zeros))
+        torques = dynamics.compute_tensor_torques(weightless, parameters, (unit, zeros))
         columns.append(workspace.flatten_vector(torques))
     return (workspace.flatten_columns(columns),)
 
 
-def _stop_before_leaves(workspace: RouteWorkspace) -> RouteWorkspace:
+def _stop_before_leaves(workspace: equation_routes.RouteWorkspace) -> equation_routes.RouteWorkspace:
     """Return the meeting in a link's own frame, for a link that carries no other in its parent's.
 
     Into a last frame, the screws of all joints would be turned for one link only.
@@ -250,7 +213,7 @@ def _stop_before_leaves(workspace: RouteWorkspace) -> RouteWorkspace:
     return workspace.meet(lambda link: link if link in before or before[link] < 0 else before[link])
 
 
-def _stop_above(depth: int, workspace: RouteWorkspace) -> RouteWorkspace:
+def _stop_above(depth: int, workspace: equation_routes.RouteWorkspace) -> equation_routes.RouteWorkspace:
     """Return the meeting in the link `depth` links above the first one of its chain, or the link itself."""
 
     def locate(link: int) -> int:
@@ -263,22 +226,24 @@ def _stop_above(depth: int, workspace: RouteWorkspace) -> RouteWorkspace:
 
 
 _SHIFTED, _HELD, _THIRD = "shifted origins", "last links held", "meeting in the third link"
-_CHANGES: Mapping[str, Callable[[RouteWorkspace], RouteWorkspace]] = {
+_CHANGES: Mapping[str, Callable[[equation_routes.RouteWorkspace], equation_routes.RouteWorkspace]] = {
     "axis projection": lambda workspace: workspace.meet(lambda link: link),
     "last links one joint down": _stop_before_leaves,
     "meeting in the second link": partial(_stop_above, 1),
     _THIRD: partial(_stop_above, 2),
     "meeting in the fourth link": partial(_stop_above, 3),
-    _SHIFTED: RouteWorkspace.shift,
-    _HELD: RouteWorkspace.hold,
+    _SHIFTED: equation_routes.RouteWorkspace.shift,
+    _HELD: equation_routes.RouteWorkspace.hold,
 }
 """What a route may do before it builds, by the words that its name has for it."""
 
 
-def _list_variants(*names: tuple[str, ...], build: RouteBuilder) -> Routes:
+def _list_variants(*names: tuple[str, ...], build: equation_routes.RouteBuilder) -> Routes:
     """Return routes that build the same after what the words of their names say, one after the other."""
 
-    def build_changed(workspace: RouteWorkspace, words: tuple[str, ...]) -> tuple[Elements, ...]:
+    def build_changed(
+        workspace: equation_routes.RouteWorkspace, words: tuple[str, ...]
+    ) -> tuple[equation_routes.Elements, ...]:
         for word in words:
             workspace = _CHANGES[word](workspace) if word in _CHANGES else workspace
         return build(workspace)
@@ -289,14 +254,14 @@ def _list_variants(*names: tuple[str, ...], build: RouteBuilder) -> Routes:
     }
 
 
-def _list_four(name: str, build: RouteBuilder) -> Routes:
+def _list_four(name: str, build: equation_routes.RouteBuilder) -> Routes:
     """Return a route, also with link origins along their axes, with last links in fixed axes, or both."""
     return _list_variants((name,), (name, _SHIFTED), (name, _HELD), (name, _SHIFTED, _HELD), build=build)
 
 
 def _list_regressor_routes(
-    compute: Callable[..., Columns[int]],
-    derive: Callable[[RouteWorkspace, int, int], list[int]] | None = None,
+    compute: Callable[..., dynamics.Columns[int]],
+    derive: Callable[[equation_routes.RouteWorkspace, int, int], list[int]] | None = None,
     reference: tuple[str, ...] = (),
 ) -> Routes:
     """Return the routes to a regressor: by recursion, and with `derive` from the energies.
@@ -304,13 +269,13 @@ def _list_regressor_routes(
     `reference` names the inputs that `compute` takes besides the state.
     """
 
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    def build(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
         given = tuple(workspace.spread(workspace.inputs[name]) for name in reference)
         keys = workspace.base.keys
         columns = compute(workspace.recursion, keys, *((given,) if given else ()))
         return (workspace.flatten_columns([workspace.flatten_vector(columns[key]) for key in keys]),)
 
-    def build_derived(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    def build_derived(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
         pairs = zip(*_emit_energy_regressor(workspace), strict=True)
         columns = [derive(workspace, t, v) for t, v in pairs] if derive else []
         return (workspace.flatten_columns(columns),)
@@ -321,12 +286,16 @@ def _list_regressor_routes(
     return {**routes, "differentiation of the energy": build_derived} if derive else routes
 
 
-def _emit_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_mass_matrix(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
     """Return the mass matrix by composite bodies."""
-    return (workspace.flatten_matrix(compute_mass_matrix(workspace.recursion, workspace.parameters)),)
+    return (
+        workspace.flatten_matrix(dynamics.compute_mass_matrix(workspace.recursion, workspace.parameters)),
+    )
 
 
-def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTerms[int], Elements]]:
+def _list_springs(
+    workspace: equation_routes.RouteWorkspace, memory: str
+) -> list[tuple[joint_models.SpringTerms[int], equation_routes.Elements]]:
     """Return the springs of all coordinates, from h, each with its plays, which input `memory` holds."""
     rest, plays = iter(workspace.inputs["h"]), iter(workspace.inputs.get(memory, ()))
     springs = []
@@ -337,7 +306,7 @@ def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTe
         knees = [(next(rest), next(rest)) for _ in elasticity.knees]
         turned = tuple((threshold, slope) for slope, threshold in knees)
         count = sum(knee.threshold < 0 for knee in elasticity.knees)
-        spring = SpringTerms(
+        spring = joint_models.SpringTerms(
             stiffness=stiffness,
             cubic=cubic,
             stops=tuple((threshold, weight) for weight, threshold in stops),
@@ -348,45 +317,58 @@ def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTe
     return springs
 
 
-def _emit_hysteresis(workspace: RouteWorkspace, given: str, memory: str) -> tuple[Elements, ...]:
+def _emit_hysteresis(
+    workspace: equation_routes.RouteWorkspace, given: str, memory: str
+) -> tuple[equation_routes.Elements, ...]:
     """Return torques from torsions phi and plays P, or back from torques tau_J and plays Q; and the plays."""
     algebra, steps = workspace.algebra, []
     springs = zip(_list_springs(workspace, memory), workspace.inputs[given], strict=True)
     for (spring, plays), value in springs:
         if given == "phi":
-            steps.append(advance_spring(algebra, spring, value, plays))
+            steps.append(joint_models.advance_spring(algebra, spring, value, plays))
         else:
-            steps.append(advance_inverse_spring(algebra, invert_spring(algebra, spring), value, plays))
+            steps.append(
+                joint_models.advance_inverse_spring(
+                    algebra, joint_models.invert_spring(algebra, spring), value, plays
+                )
+            )
     after = tuple(itertools.chain(*(play for _, play in steps)))
     return (tuple(found for found, _ in steps), *((after,) if after else ()))
 
 
 def _invert_torque(
-    algebra: ExpressionTable, spring: SpringTerms[int], torques: tuple[int, int, int], memory: Sequence[int]
+    algebra: programs.ExpressionTable,
+    spring: joint_models.SpringTerms[int],
+    torques: tuple[int, int, int],
+    memory: Sequence[int],
 ) -> tuple[int, int, int, Sequence[int]]:
     """Return torsion, its two rates and the plays after the step, from a torque and its two rates."""
     torque, rate, second = torques
-    inverse = invert_spring(algebra, spring)
+    inverse = joint_models.invert_spring(algebra, spring)
     plays, above, below = inverse
-    value, after = advance_inverse_spring(algebra, inverse, torque, memory)
-    before, outer = compute_outer_function(algebra, torque, above, below), algebra.one
-    beyond = [(slope, algebra.apply(Op.LESS, threshold, torque)) for threshold, slope in above]
-    beyond += [(slope, algebra.apply(Op.LESS, torque, threshold)) for threshold, slope in below]
+    value, after = joint_models.advance_inverse_spring(algebra, inverse, torque, memory)
+    before, outer = joint_models.compute_outer_function(algebra, torque, above, below), algebra.one
+    beyond = [(slope, algebra.apply(programs.Op.LESS, threshold, torque)) for threshold, slope in above]
+    beyond += [(slope, algebra.apply(programs.Op.LESS, torque, threshold)) for threshold, slope in below]
     for slope, active in beyond:
         outer = algebra.add(outer, algebra.mul(slope, active))
     total = plays.weights[0]
-    rising, falling = (algebra.apply(Op.LESS, *pair) for pair in ((algebra.zero, rate), (rate, algebra.zero)))
+    rising, falling = (
+        algebra.apply(programs.Op.LESS, *pair) for pair in ((algebra.zero, rate), (rate, algebra.zero))
+    )
     for weight, threshold, play in zip(plays.weights[1:], plays.thresholds, memory, strict=True):
         # A play at its edge moves with the torque only while that goes on beyond the edge.
-        up = algebra.apply(Op.LESS_EQUAL, play, algebra.sub(before, threshold))
-        down = algebra.apply(Op.LESS_EQUAL, algebra.add(before, threshold), play)
+        up = algebra.apply(programs.Op.LESS_EQUAL, play, algebra.sub(before, threshold))
+        down = algebra.apply(programs.Op.LESS_EQUAL, algebra.add(before, threshold), play)
         moves = algebra.add(algebra.mul(up, rising), algebra.mul(down, falling))
         total = algebra.add(total, algebra.mul(weight, moves))
     compliance = algebra.mul(total, outer)
     return value, algebra.mul(compliance, rate), algebra.mul(compliance, second), after
 
 
-def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> tuple[Elements, ...]:
+def _emit_feed_forward(
+    workspace: equation_routes.RouteWorkspace, torques: equation_routes.RouteBuilder
+) -> tuple[equation_routes.Elements, ...]:
     """Return the torques of the motors, with those of the links from another route."""
     algebra, inputs = workspace.algebra, workspace.inputs
     springs = _list_springs(workspace, "Q")
@@ -394,8 +376,8 @@ def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> tupl
     for name, rate in itertools.pairwise(("q", "dq", "ddq", "dddq", "ddddq")):
         seeds |= dict(zip(inputs[name], inputs[rate], strict=True))
     (values,) = workspace.recall(torques)
-    (rates,) = differentiate_along(algebra, values, [seeds])
-    (seconds,) = differentiate_along(algebra, rates, [seeds])
+    (rates,) = programs.differentiate_along(algebra, values, [seeds])
+    (seconds,) = programs.differentiate_along(algebra, rates, [seeds])
     found = list(zip(values, rates, seconds, strict=True))
     torsions = [
         _invert_torque(algebra, spring, torque, plays)
@@ -423,10 +405,12 @@ _MASS_ROUTES: Routes = _list_variants(
     build=_emit_mass_matrix,
 )
 _RECURSION_ROUTES: Routes = {
-    "vector recursion": lambda w: (w.flatten_vector(compute_inverse_dynamics(w.recursion, w.parameters)),),
+    "vector recursion": lambda w: (
+        w.flatten_vector(dynamics.compute_inverse_dynamics(w.recursion, w.parameters)),
+    ),
     **_list_four(
         "tensor recursion",
-        lambda w: (w.flatten_vector(compute_tensor_torques(w.recursion, w.parameters)),),
+        lambda w: (w.flatten_vector(dynamics.compute_tensor_torques(w.recursion, w.parameters)),),
     ),
 }
 _TORQUE_ROUTES: Routes = {
@@ -438,7 +422,7 @@ _TORQUE_ROUTES: Routes = {
 }
 
 
-def _list_composite_routes(build: RouteBuilder) -> Routes:
+def _list_composite_routes(build: equation_routes.RouteBuilder) -> Routes:
     """Return the routes whose wrenches of composite bodies go down to every joint, or stop before.
 
     Last links are held in all of them: their composite bodies are carried without a turn.
@@ -451,17 +435,17 @@ def _list_composite_routes(build: RouteBuilder) -> Routes:
 
 _ARTICULATED, _SUM = "articulated bodies", "sum over bodies"
 _DIFFERENTIATED = ("tensor recursion", "tensor recursion, last links held")
-_TORQUE_REGRESSOR_ROUTES = _list_regressor_routes(compute_torque_columns, _derive_torque)
+_TORQUE_REGRESSOR_ROUTES = _list_regressor_routes(dynamics.compute_torque_columns, _derive_torque)
 ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": _emit_forward_kinematics},
     "jacobian": {
         "axes in the base frame": lambda w: (
-            tuple(itertools.chain(*map(w.flatten_vector, compute_jacobian(w.recursion)))),
+            tuple(itertools.chain(*map(w.flatten_vector, dynamics.compute_jacobian(w.recursion)))),
         )
     },
     "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": _emit_derived_mass_matrix},
     "coriolis_matrix": {
-        **_list_composite_routes(build_coriolis),
+        **_list_composite_routes(equation_routes.build_coriolis),
         **_list_four("torques of unit rates", _emit_coriolis_matrix),
     },
     "gravity": _TORQUE_ROUTES,
@@ -469,45 +453,52 @@ ROUTES: Mapping[str, Routes] = {
     "inverse_dynamics": _TORQUE_ROUTES,
     "forward_dynamics": {
         **{
-            f"{mass}; {torques}": partial(build_forward_dynamics, mass=_MASS_ROUTES[mass], torques=route)
+            f"{mass}; {torques}": partial(
+                equation_routes.build_forward_dynamics, mass=_MASS_ROUTES[mass], torques=route
+            )
             for mass in _MASS_ROUTES
             for torques, route in _RECURSION_ROUTES.items()
         },
-        **_list_four(_ARTICULATED, build_articulated),
+        **_list_four(_ARTICULATED, equation_routes.build_articulated),
     },
     "inverse_dynamics_derivatives": {
-        **_list_composite_routes(build_derivatives),
+        **_list_composite_routes(equation_routes.build_derivatives),
         **{
             f"differentiation of the {name}": partial(
-                build_differentiated, torques=_RECURSION_ROUTES[name], mass=_emit_mass_matrix
+                equation_routes.build_differentiated, torques=_RECURSION_ROUTES[name], mass=_emit_mass_matrix
             )
             for name in _DIFFERENTIATED
         },
     },
-    "forward_dynamics_derivatives": _list_composite_routes(build_forward_derivatives),
+    "forward_dynamics_derivatives": _list_composite_routes(equation_routes.build_forward_derivatives),
     "mass_matrix_derivatives": {
-        **_list_composite_routes(build_mass_derivatives),
-        "differentiation of composite bodies": partial(build_differentiated_mass, mass=_emit_mass_matrix),
+        **_list_composite_routes(equation_routes.build_mass_derivatives),
+        "differentiation of composite bodies": partial(
+            equation_routes.build_differentiated_mass, mass=_emit_mass_matrix
+        ),
     },
-    "inverse_dynamics_second_derivatives": _list_composite_routes(build_second_derivatives),
+    "inverse_dynamics_second_derivatives": _list_composite_routes(equation_routes.build_second_derivatives),
     "energy": {
         "regressor times parameters": _emit_energy,
         **_list_variants((_SUM,), (_SUM, _SHIFTED), (_SUM, _HELD), build=_emit_energy_of_bodies),
     },
     "energy_regressor": {"recursion": _emit_energy_regressor},
     "momentum_regressor": _list_regressor_routes(
-        compute_momentum_columns, lambda w, t, _: differentiate_backward(w.algebra, t, w.inputs["dq"])
+        dynamics.compute_momentum_columns,
+        lambda w, t, _: programs.differentiate_backward(w.algebra, t, w.inputs["dq"]),
     ),
     "lagrange_regressor": _list_regressor_routes(
-        compute_lagrange_columns,
-        lambda w, t, v: differentiate_backward(w.algebra, w.algebra.add(t, -v), w.inputs["q"]),
+        dynamics.compute_lagrange_columns,
+        lambda w, t, v: programs.differentiate_backward(w.algebra, w.algebra.add(t, -v), w.inputs["q"]),
     ),
     "torque_regressor": _TORQUE_REGRESSOR_ROUTES,
     "torque_regressor_derivatives": {
-        f"{name}, differentiated": partial(build_regressor_derivatives, regressor=route)
+        f"{name}, differentiated": partial(equation_routes.build_regressor_derivatives, regressor=route)
         for name, route in _TORQUE_REGRESSOR_ROUTES.items()
     },
-    "slotine_li_regressor": _list_regressor_routes(compute_torque_columns, reference=("dqr", "ddqr")),
+    "slotine_li_regressor": _list_regressor_routes(
+        dynamics.compute_torque_columns, reference=("dqr", "ddqr")
+    ),
     "friction": {"regressor times parameters": _emit_friction},
     "friction_regressor": {
         "columns of the joint models": lambda w: (w.flatten_columns(_list_friction_columns(w)),)
@@ -528,7 +519,7 @@ class RouteCount:
 
     function: str
     route: str
-    operations: Operations
+    operations: programs.Operations
     chosen: bool
 
 
@@ -536,7 +527,7 @@ class RouteCount:
 class RouteChoice:
     """The program of the route with the fewest operations, and the counts of all routes to its function."""
 
-    program: Program
+    program: programs.Program
     counts: tuple[RouteCount, ...]
 
 
@@ -561,23 +552,23 @@ def list_routes(robot: Robot, function: str) -> Routes:
 
 
 def choose_route(
-    robot: Robot, base: BaseParameters, spec: FunctionSpec, constants: Constants | None = None
+    robot: Robot, base: dynamics.BaseParameters, spec: FunctionSpec, constants: Constants | None = None
 ) -> RouteChoice:
     """Return the route to `spec` with the fewest products and sums, and the counts of all its routes.
 
     Constant turns about joint axes are part of the placements or of the joints' angles, whichever costs less.
     """
-    turns = list_constant_rotations(robot)
+    turns = dynamics.list_constant_rotations(robot)
     choices = []
     for turned in (None, turns) if turns else (None,):
-        workspace = build_workspace(robot, base, spec, turned, constants)
+        workspace = equation_routes.build_workspace(robot, base, spec, turned, constants)
         table = workspace.algebra
         routes = list_routes(robot, spec.name)
         if robot.freedom > _MOST_TRIED:
             # Only those with a chance, for each takes seconds.
             costly = {name for name in routes if any(word in name for word in _COSTLY)}
             routes = {name: routes[name] for name in routes if name not in costly} or routes
-        built, counts = dict[str, tuple[Elements, ...]](), dict[str, Operations]()
+        built, counts = dict[str, tuple[equation_routes.Elements, ...]](), dict[str, programs.Operations]()
         for name, build in routes.items():
             built[name] = workspace.recall(build)
             counts[name] = table.count(itertools.chain(*built[name]))
@@ -589,10 +580,10 @@ def choose_route(
         )
         whole = table.build_program(spec, built[chosen])
         # Their matrices share most values: 2 to 5 % of the time.
-        order = order_by_growth(whole) if spec.name.endswith("derivatives") else None
-        program = build_depth_first(whole, order)
+        order = programs.order_by_growth(whole) if spec.name.endswith("derivatives") else None
+        program = programs.build_depth_first(whole, order)
         choices.append(RouteChoice(program=program, counts=tuple(rows)))
-    old, new = (count_operations(choice.program) for choice in (choices[0], choices[-1]))
+    old, new = (programs.count_operations(choice.program) for choice in (choices[0], choices[-1]))
     cheaper = new.mul + new.add < old.mul + old.add and new.trig <= old.trig
     return choices[-1] if cheaper else choices[0]
 
@@ -603,7 +594,7 @@ def count_route_operations(robot: Robot) -> tuple[RouteCount, ...]:
     Raises:
         RobotError: a symbolic length has no value.
     """
-    check_symbols(robot)
-    base = derive_base_parameters(robot)
+    equation_routes.check_symbols(robot)
+    base = dynamics.derive_base_parameters(robot)
     specs = list_robot_specs(robot, base)
     return tuple(count for spec in specs for count in choose_route(robot, base, spec).counts)

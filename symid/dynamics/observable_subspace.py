@@ -24,24 +24,9 @@ from sympy import QQ
 from sympy.polys.domains.domain import Domain
 from sympy.polys.rings import PolyElement
 
+from symid.dynamics import exact_algebra
 from symid.dynamics.algebra import Label, build_state
 from symid.dynamics.bodies import transform_body
-from symid.dynamics.exact_algebra import (
-    BasisFunction,
-    ExactAlgebra,
-    Number,
-    Row,
-    TrigonometricBasis,
-    build_basis,
-    build_exact_algebra,
-    build_power_function,
-    build_wave_functions,
-    choose_domain,
-    convert_number,
-    list_symbols,
-    reduce_rows,
-    split_polynomial,
-)
 from symid.dynamics.friction_effects import PositionTorque, build_friction_rows, compute_position_torques
 from symid.dynamics.recursion import LinkMotion, Recursion, build_frames, compute_motions, fold_vector
 from symid.dynamics.regressors import compute_momentum_columns
@@ -104,8 +89,8 @@ def split_into_blocks(robot: Robot) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-SparseMatrix = tuple[Row, ...]
-Split = Mapping[BasisFunction, SparseMatrix]
+SparseMatrix = tuple[exact_algebra.Row, ...]
+Split = Mapping[exact_algebra.BasisFunction, SparseMatrix]
 _SIX = 6
 
 
@@ -126,18 +111,18 @@ class Transport:
     velocities: tuple[Split, ...]
     rates: tuple[Split, ...]
     momenta: tuple[Split, ...]
-    basis: TrigonometricBasis
+    basis: exact_algebra.TrigonometricBasis
 
     @property
-    def one(self) -> BasisFunction:
+    def one(self) -> exact_algebra.BasisFunction:
         """Return the constant function."""
-        return build_power_function(self.basis)
+        return exact_algebra.build_power_function(self.basis)
 
 
 def build_field(robot: Robot) -> Domain:
     """Return the field of the robot's geometry: rationals, roots, rational functions of lengths."""
-    domain = choose_domain(robot)
-    names = list_symbols(robot)
+    domain = exact_algebra.choose_domain(robot)
+    names = exact_algebra.list_symbols(robot)
     return domain.frac_field(*names) if names else domain
 
 
@@ -157,19 +142,19 @@ def build_block_robot(robot: Robot, block: Block) -> Robot:
     return Robot(name="", joints=joints)
 
 
-def _split(basis: TrigonometricBasis, table: Sequence[Sequence[PolyElement]]) -> Split:
+def _split(basis: exact_algebra.TrigonometricBasis, table: Sequence[Sequence[PolyElement]]) -> Split:
     """Return one matrix per function from a matrix of polynomials."""
-    parts: dict[BasisFunction, list[Row]] = {}
+    parts: dict[exact_algebra.BasisFunction, list[exact_algebra.Row]] = {}
     for row, entries in enumerate(table):
         for column, polynomial in enumerate(entries):
-            for function, value in split_polynomial(basis, polynomial).items():
+            for function, value in exact_algebra.split_polynomial(basis, polynomial).items():
                 matrix = parts.setdefault(function, [{} for _ in table])
                 matrix[row][column] = value
     return {function: tuple(parts[function]) for function in sorted(parts)}
 
 
 def _lift_parameters(
-    single: Robot, algebra: ExactAlgebra, recursion: Recursion[PolyElement], link: int
+    single: Robot, algebra: exact_algebra.ExactAlgebra, recursion: Recursion[PolyElement], link: int
 ) -> Iterator[tuple[PolyElement, ...]]:
     """Return, for each unit parameter of a link, the ten parameters about the link before the block."""
     for unit in range(len(INERTIAL)):
@@ -189,7 +174,7 @@ def derive_transport(single: Robot, domain: Domain, field: Domain) -> Transport:
 
     Robots of one kind are derived again and again, in several forms: what is the same is kept.
     """
-    algebra = build_exact_algebra(single, domain)
+    algebra = exact_algebra.build_exact_algebra(single, domain)
     state = build_state(single, algebra, algebra.generators)
     frames = build_frames(single, algebra, state)
     none = (algebra.zero,) * 3
@@ -206,7 +191,7 @@ def derive_transport(single: Robot, domain: Domain, field: Domain) -> Transport:
 
     turning = move(None)
     carried = [move(unit) for unit in range(_SIX)]
-    basis = build_basis(single, algebra, field)
+    basis = exact_algebra.build_basis(single, algebra, field)
     links = range(single.size)
     keys = [(link, name) for link in links for name in INERTIAL]
     momenta = []
@@ -231,9 +216,9 @@ def derive_transport(single: Robot, domain: Domain, field: Domain) -> Transport:
     )
 
 
-def multiply_row(row: Row, matrix: SparseMatrix) -> Row:
+def multiply_row(row: exact_algebra.Row, matrix: SparseMatrix) -> exact_algebra.Row:
     """Return the sparse row times the sparse matrix."""
-    result: Row = {}
+    result: exact_algebra.Row = {}
     for index, factor in row.items():
         for column, value in matrix[index].items():
             result[column] = result.get(column, 0) + factor * value
@@ -241,9 +226,9 @@ def multiply_row(row: Row, matrix: SparseMatrix) -> Row:
 
 
 _TEN = len(INERTIAL)
-_OWN: Row = {_SIX: 1}
+_OWN: exact_algebra.Row = {_SIX: 1}
 """The velocities of the block's coordinates, in place of one of the link before."""
-Family = dict[BasisFunction, Row]
+Family = dict[exact_algebra.BasisFunction, exact_algebra.Row]
 """Rows by the function of the coordinates that they belong to."""
 
 
@@ -255,9 +240,9 @@ class ObservableRows:
     all others, `velocities` the span of attainable (w, v); all in the link's frame.
     """
 
-    steady: Row
-    varying: tuple[Row, ...]
-    velocities: tuple[Row, ...]
+    steady: exact_algebra.Row
+    varying: tuple[exact_algebra.Row, ...]
+    velocities: tuple[exact_algebra.Row, ...]
 
 
 def number_columns(block: Block, robot: Robot, friction: Sequence[Label]) -> dict[Label, int]:
@@ -270,13 +255,15 @@ def number_columns(block: Block, robot: Robot, friction: Sequence[Label]) -> dic
     return {label: column for column, label in enumerate(labels)}
 
 
-def _add_row(target: Family, function: BasisFunction, row: Mapping[int, Number]) -> None:
+def _add_row(
+    target: Family, function: exact_algebra.BasisFunction, row: Mapping[int, exact_algebra.Number]
+) -> None:
     total = target.setdefault(function, {})
     for column, value in row.items():
         total[column] = total[column] + value if column in total else value
 
 
-def _list_momenta(transport: Transport, velocities: Sequence[Row]) -> list[Family]:
+def _list_momenta(transport: Transport, velocities: Sequence[exact_algebra.Row]) -> list[Family]:
     """Return the momentum along each coordinate for each velocity of the link before."""
     return [
         {function: row for function, matrix in momenta.items() if (row := multiply_row(velocity, matrix))}
@@ -285,7 +272,7 @@ def _list_momenta(transport: Transport, velocities: Sequence[Row]) -> list[Famil
     ]
 
 
-def _carry(row: Row, transport: Transport) -> Family:
+def _carry(row: exact_algebra.Row, transport: Transport) -> Family:
     """Return h_p A_l for one row of h_p, all links of the block together, by functions."""
     result: Family = {}
     for link, split in enumerate(transport.parameters):
@@ -303,9 +290,9 @@ def _build_drive_rows(
     torques: Mapping[Label, PositionTorque],
 ) -> tuple[Family, list[Family]]:
     """Return what springs and torques of positions add to the weight, rotors to the momenta."""
-    basis, weight = transport.basis, dict[BasisFunction, Row]()
+    basis, weight = transport.basis, dict[exact_algebra.BasisFunction, exact_algebra.Row]()
 
-    def convert(value: Fraction) -> Number:
+    def convert(value: Fraction) -> exact_algebra.Number:
         return basis.field.convert(QQ(value.numerator, value.denominator))
 
     momenta: list[Family] = [{} for _ in block.coordinates]
@@ -315,10 +302,10 @@ def _build_drive_rows(
         ]
         for c, left in shares:
             for k, right in shares:
-                parts, rates = build_power_function(basis)
+                parts, rates = exact_algebra.build_power_function(basis)
                 turning = tuple(int(position == k) for position in range(len(rates)))
                 _add_row(momenta[c], (parts, turning), {columns[index, "IA"]: convert(left) * convert(right)})
-            line, square = (build_power_function(basis, c, e) for e in (1, 2))
+            line, square = (exact_algebra.build_power_function(basis, c, e) for e in (1, 2))
             if index < robot.size:
                 _add_row(weight, line, {columns[index, "KR"]: convert(left)})
                 _add_row(weight, square, {columns[index, "KS"]: convert(left) * convert(left)})
@@ -327,17 +314,19 @@ def _build_drive_rows(
             if label[0] == index and not w:
                 for c, factor in shares:
                     row = {columns[label]: convert(factor * torque.factor)}
-                    _add_row(weight, build_power_function(basis, c, 1), row)
+                    _add_row(weight, exact_algebra.build_power_function(basis, c, 1), row)
             elif label[0] == index:
                 # The integral of cos w u is sin(w u) / w, that of sin w u is -cos(w u) / w.
                 angles = [(c, w * factor) for c, factor in shares]
                 scale = convert(torque.factor / (-w if torque.sine else w))
-                for function, size in build_wave_functions(basis, angles, sine=not torque.sine).items():
+                for function, size in exact_algebra.build_wave_functions(
+                    basis, angles, sine=not torque.sine
+                ).items():
                     _add_row(weight, function, {columns[label]: scale * size})
     return weight, momenta
 
 
-def _merge_families(*families: Mapping[BasisFunction, Row]) -> Family:
+def _merge_families(*families: Mapping[exact_algebra.BasisFunction, exact_algebra.Row]) -> Family:
     result: Family = {}
     for family in families:
         for function, row in family.items():
@@ -353,7 +342,7 @@ def derive_block(
     *,
     torques: Mapping[Label, PositionTorque],
     form: str,
-) -> tuple[tuple[Row, ...], list[ObservableRows]]:
+) -> tuple[tuple[exact_algebra.Row, ...], list[ObservableRows]]:
     """Return the rows of a block over the parameters of `number_columns`, and what is visible at its links.
 
     `torques` are those of friction. The form "gravity" has no rows of motion, "momentum" none of weight.
@@ -387,11 +376,11 @@ def derive_block(
         visible.append(
             ObservableRows(
                 steady={} if steady is None else multiply_row(parent.steady, steady),
-                varying=reduce_rows(varying),
-                velocities=reduce_rows(velocities),
+                varying=exact_algebra.reduce_rows(varying),
+                velocities=exact_algebra.reduce_rows(velocities),
             )
         )
-    return reduce_rows(rows), visible
+    return exact_algebra.reduce_rows(rows), visible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -399,7 +388,7 @@ class ObservableSubspace:
     """What a robot shows: `rows` over labels, coefficients in `field`; per link what is visible there."""
 
     field: Domain
-    rows: tuple[dict[Label, Number], ...]
+    rows: tuple[dict[Label, exact_algebra.Number], ...]
     visible: tuple[ObservableRows, ...]
 
 
@@ -407,10 +396,12 @@ Carried = Mapping[int, Sequence[tuple[int, SparseMatrix]]]
 """Per link, the links of the blocks on it, and the constant part of what they become there."""
 
 
-def _expand_row(carried: Carried, labels: Sequence[Label], row: Row) -> dict[Label, Number]:
+def _expand_row(
+    carried: Carried, labels: Sequence[Label], row: exact_algebra.Row
+) -> dict[Label, exact_algebra.Number]:
     """Return a row of a block over all parameters: its links with all beyond them, and its drives."""
-    result: dict[Label, Number] = {}
-    parts: dict[int, Row] = {}
+    result: dict[Label, exact_algebra.Number] = {}
+    parts: dict[int, exact_algebra.Row] = {}
     for column, value in row.items():
         index, name = labels[column]
         if name in INERTIAL:
@@ -438,14 +429,15 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
         rows_of = zip(robot.joints, robot.transmission, strict=False)
         sharing = [joint.name for joint, row in rows_of if row[0][0] == position]
         if len(sharing) > 2:
+            lengths = ", ".join(exact_algebra.list_symbols(robot))
             text = (
-                f"symbolic lengths ({', '.join(list_symbols(robot))}), angles of 30 or 45 degrees and a "
+                f"symbolic lengths ({lengths}), angles of 30 or 45 degrees and a "
                 f"coordinate that moves joints {', '.join(sharing)}: exact base parameters take too long. "
                 "Write the lengths as numbers"
             )
             raise RobotError(Notice(code="robot.too-symbolic", text=text, file=robot.path))
     blocks = split_into_blocks(robot)
-    domain = choose_domain(robot)
+    domain = exact_algebra.choose_domain(robot)
     transports = [derive_transport(build_block_robot(robot, block), domain, field) for block in blocks]
     carried: dict[int, list[tuple[int, SparseMatrix]]] = {}
     for block, transport in zip(blocks, transports, strict=True):
@@ -453,12 +445,12 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
             if transport.one in split:
                 carried.setdefault(block.base, []).append((link, split[transport.one]))
     # The potential of the base's own parameters is -g' MS.
-    gravity = [convert_number(value, domain, field) for value in robot.gravity]
+    gravity = [exact_algebra.convert_number(value, domain, field) for value in robot.gravity]
     weight = {INERTIAL.index("MX") + axis: -value for axis, value in enumerate(gravity) if value}
     root = ObservableRows(steady={} if form == "momentum" else weight, varying=(), velocities=())
     torques = compute_position_torques(robot)
     visible: dict[int, ObservableRows] = {-1: root}
-    rows: list[dict[Label, Number]] = []
+    rows: list[dict[Label, exact_algebra.Number]] = []
     for block, transport in zip(blocks, transports, strict=True):
         parent = visible[block.base]
         labels = tuple(number_columns(block, robot, tuple(torques)))

@@ -24,15 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
+from symid.dynamics import nearest_bodies
 from symid.dynamics.base_parameters import BaseParameters, build_grouping
-from symid.dynamics.nearest_bodies import (
-    PSEUDO_INERTIA_FORMS,
-    BodyProblem,
-    compute_standard_parameters,
-    compute_whitening,
-    optimise_bodies,
-    solve_body_equations,
-)
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.notation import INERTIAL
 from symid.robot import Robot, build_pseudo_inertias, move_parameters
@@ -160,7 +153,7 @@ def _build_system(
 
 def _whiten(covariance: FloatArray) -> FloatArray:
     """Return W with W C W' = 1, or raise an EstimateError where a standard deviation is missing."""
-    white = compute_whitening(covariance, len(covariance) * np.finfo(float).eps)
+    white = nearest_bodies.compute_whitening(covariance, len(covariance) * np.finfo(float).eps)
     if white is None:
         text = "an estimate has no standard deviations; identify it with an estimator that computes them"
         raise EstimateError(Notice(code="payload.no-deviations", text=text))
@@ -337,28 +330,28 @@ def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tupl
     _, _, right = np.linalg.svd(system.rows)
     known = right[: 10 - system.free.shape[1]] / system.sizes
     with np.errstate(all="ignore"):
-        solution = solve_body_equations(_build_body_problem(root, known, known @ found))
+        solution = nearest_bodies.solve_body_equations(_build_body_problem(root, known, known @ found))
         if solution is None:
             # Ten rows are equivalent to all.
             whole = np.column_stack([system.rows, system.target])
             triangle = compute_triangle(whole)[:10]
             rows, target = triangle[:, :10] / (system.sizes * scale), triangle[:, 10] / scale
-            solution = optimise_bodies(_build_body_problem(root, rows, target))
+            solution = nearest_bodies.optimise_bodies(_build_body_problem(root, rows, target))
     if not np.isfinite(solution.gap):
         text = "no body explains the change of the base values; check that both logs are of the same robot"
         raise IdentifiabilityError(Notice(code="payload.no-body", text=text))
-    body = compute_standard_parameters(root @ solution.blocks @ root.T)[0]
+    body = nearest_bodies.compute_standard_parameters(root @ solution.blocks @ root.T)[0]
     moved = float(np.linalg.norm(system.rows @ ((body - found) / system.sizes))) / scale
     return body, moved
 
 
-def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) -> BodyProblem:
+def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) -> nearest_bodies.BodyProblem:
     """Return the problem of the body nearest to root root' under rows (m, 10) of unit variance."""
     blocks, none = (
-        root.T @ np.einsum("mk,kab->mab", rows, PSEUDO_INERTIA_FORMS) @ root,
+        root.T @ np.einsum("mk,kab->mab", rows, nearest_bodies.PSEUDO_INERTIA_FORMS) @ root,
         np.zeros((len(target), 0)),
     )
-    return BodyProblem(
+    return nearest_bodies.BodyProblem(
         blocks=blocks[:, None],
         positive=none,
         others=none,

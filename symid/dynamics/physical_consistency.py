@@ -23,32 +23,15 @@ from enum import Enum
 
 import numpy as np
 
+from symid import robot as robots
 from symid.arrays import FloatArray, freeze
+from symid.dynamics import nearest_bodies
 from symid.dynamics.algebra import Label
 from symid.dynamics.base_parameters import BaseParameters, Grouping, build_grouping, list_known_values
 from symid.dynamics.friction_effects import get_friction
-from symid.dynamics.nearest_bodies import (
-    PSEUDO_INERTIA_FORMS,
-    BodyProblem,
-    NearestBodies,
-    build_prior,
-    compute_distance,
-    compute_errors,
-    compute_standard_parameters,
-    compute_whitening,
-    optimise_bodies,
-    solve_body_equations,
-)
 from symid.errors import Notice, SolverError, UsageError
 from symid.joint_models import Elasticity, FrictionValues, list_value_names
 from symid.notation import INERTIAL
-from symid.robot import (
-    JointKind,
-    Robot,
-    Spring,
-    build_pseudo_inertias,
-    explain_impossible_inertia,
-)
 
 _ROTOR_SHARE = 0.1
 # What the distance of an unknown rotor counts for: it takes what its link does not have.
@@ -63,7 +46,7 @@ class ScaledProblem:
     start and size of the others.
     """
 
-    problem: BodyProblem
+    problem: nearest_bodies.BodyProblem
     norms: FloatArray
     roots: FloatArray
     positive: Mapping[Label, float]
@@ -71,7 +54,12 @@ class ScaledProblem:
 
 
 def build_problem(
-    robot: Robot, grouping: Grouping, target: FloatArray, prior: FloatArray | None, *, grouped: bool = True
+    robot: robots.Robot,
+    grouping: Grouping,
+    target: FloatArray,
+    prior: FloatArray | None,
+    *,
+    grouped: bool = True,
 ) -> ScaledProblem:
     """Return the problem; the prior of an unknown rotor is a tenth of the inertia of its link.
 
@@ -81,9 +69,9 @@ def build_problem(
     column = {label: index for index, label in enumerate(grouping.labels)}
     links = [[column[index, name] for name in INERTIAL] for index in range(robot.size)]
     if prior is None:
-        prior = build_prior(robot, grouping.matrix[:, np.ravel(links)], target)
-    bodies = build_pseudo_inertias(prior)
-    parameters = compute_standard_parameters(bodies)
+        prior = nearest_bodies.build_prior(robot, grouping.matrix[:, np.ravel(links)], target)
+    bodies = robots.build_pseudo_inertias(prior)
+    parameters = nearest_bodies.compute_standard_parameters(bodies)
     stated = list_known_values(robot)
     positive: dict[Label, float] = {}
     shares: list[float] = []
@@ -97,7 +85,7 @@ def build_problem(
             continue
         if name == "IA":
             joint = index if index < robot.size else robot.couplings[index - robot.size].terms[0][0]
-            own = "ZZ" if robot.joints[joint].kind is JointKind.REVOLUTE else "M"
+            own = "ZZ" if robot.joints[joint].kind is robots.JointKind.REVOLUTE else "M"
             usual = _ROTOR_SHARE * float(parameters[joint, INERTIAL.index(own)])
             is_stated = known is not None and known > 0
             positive[label] = known if known is not None and is_stated else usual
@@ -107,14 +95,14 @@ def build_problem(
             size = float(np.abs(target[rows] / coefficients[rows]).max())
             free[label] = (known or 0.0, abs(known or 0.0) or size or 1.0)
     roots = np.asarray(np.linalg.cholesky(bodies), dtype=np.float64)
-    forms = np.einsum("mnk,kab->mnab", grouping.matrix[:, links], PSEUDO_INERTIA_FORMS)
+    forms = np.einsum("mnk,kab->mnab", grouping.matrix[:, links], nearest_bodies.PSEUDO_INERTIA_FORMS)
     blocks = roots.transpose(0, 2, 1) @ forms @ roots
     scaled = grouping.matrix[:, [column[label] for label in positive]] * np.array(list(positive.values()))
     starts, sizes = (np.array([pair[k] for pair in free.values()]) for k in (0, 1))
     chosen = grouping.matrix[:, [column[label] for label in free]]
     others, rest = chosen * sizes, target - chosen @ starts
     norms = np.sqrt((blocks**2).sum(axis=(1, 2, 3)) + (scaled**2).sum(axis=1) + (others**2).sum(axis=1))
-    problem = BodyProblem(
+    problem = nearest_bodies.BodyProblem(
         blocks=blocks / norms[:, None, None, None],
         positive=scaled / norms[:, None],
         others=others / norms[:, None],
@@ -173,11 +161,11 @@ class StandardSet:
 
 
 def _build_set(
-    grouping: Grouping, target: FloatArray, scaled: ScaledProblem, solution: NearestBodies
+    grouping: Grouping, target: FloatArray, scaled: ScaledProblem, solution: nearest_bodies.NearestBodies
 ) -> StandardSet:
     """Return the solution in the units of the parameters."""
     bodies = scaled.roots @ solution.blocks @ scaled.roots.transpose(0, 2, 1)
-    pi = compute_standard_parameters(bodies)
+    pi = nearest_bodies.compute_standard_parameters(bodies)
     drives = {
         label: unit * float(x)
         for (label, unit), x in zip(scaled.positive.items(), solution.positive, strict=True)
@@ -189,7 +177,8 @@ def _build_set(
     return StandardSet(
         pi=freeze(pi),
         drives=tuple((label, drives[label]) for label in grouping.labels if label in drives),
-        distance=compute_distance(scaled.problem, solution) + 0.5 * float(solution.others @ solution.others),
+        distance=nearest_bodies.compute_distance(scaled.problem, solution)
+        + 0.5 * float(solution.others @ solution.others),
         names=tuple(parameter.name for parameter in grouping.parameters),
         residual=freeze(grouping.matrix @ vector - target),
         eigenvalue=float(np.linalg.eigvalsh(bodies).min()),
@@ -202,7 +191,7 @@ def _build_set(
 
 
 def compute_standard_set(
-    robot: Robot,
+    robot: robots.Robot,
     base: BaseParameters,
     values: Mapping[str, float],
     *,
@@ -239,7 +228,7 @@ def compute_standard_set(
     if covariance is not None:
         places, given = [list(values).index(name) for name in known], np.asarray(covariance, dtype=np.float64)
         if given.shape == (len(known), len(known)):
-            whitening = compute_whitening(given[np.ix_(places, places)], _LEAST)
+            whitening = nearest_bodies.compute_whitening(given[np.ix_(places, places)], _LEAST)
         if whitening is None:
             text = (
                 "the covariance must have finite numbers, a row and a positive variance for each base value"
@@ -251,7 +240,7 @@ def compute_standard_set(
     with np.errstate(all="ignore"):
         scaled = build_problem(robot, grouping, target, prior, grouped=grouped)
         problem = scaled.problem
-        exact = solve_body_equations(problem)
+        exact = nearest_bodies.solve_body_equations(problem)
         if exact is not None:
             return _build_set(grouping, target, scaled, exact)
         size = _DEVIATION * np.sqrt(max(1.0, float(np.mean(problem.target**2))))
@@ -263,12 +252,14 @@ def compute_standard_set(
             others=weights @ problem.others,
             target=weights @ problem.target,
         )
-        nearest = optimise_bodies(weighed)
+        nearest = nearest_bodies.optimise_bodies(weighed)
         if whitening is not None and np.isfinite(nearest.gap):
             # The prior counts for more where values lie further from all bodies than their covariance says.
-            loose = min(1.0, _PRIOR * max(1.0, float(np.mean(compute_errors(weighed, nearest) ** 2))))
+            loose = min(
+                1.0, _PRIOR * max(1.0, float(np.mean(nearest_bodies.compute_errors(weighed, nearest) ** 2)))
+            )
             lighter = replace(weighed, weight=loose, loose=loose)
-            nearest = optimise_bodies(lighter, nearest, 1.0)
+            nearest = nearest_bodies.optimise_bodies(lighter, nearest, 1.0)
     if not np.isfinite(nearest.gap):
         text = "no consistent set was found: the values and the prior lie too many orders of magnitude apart"
         raise SolverError(Notice(code="solver.standard-set", text=text))
@@ -307,12 +298,12 @@ def compute_standard_set(
 class IdentifiedRobot:
     """A robot with identified values, and its bodies."""
 
-    robot: Robot
+    robot: robots.Robot
     standard: StandardSet
 
 
 def build_identified_robot(
-    robot: Robot,
+    robot: robots.Robot,
     base: BaseParameters,
     values: Mapping[str, float],
     *,
@@ -329,16 +320,16 @@ def build_identified_robot(
     # The prior is the file's own bodies, where it states them all and they can exist.
     rows = [joint.inertial for joint in robot.joints]
     prior = None
-    if not any(row is None or explain_impossible_inertia(row) for row in rows):
+    if not any(row is None or robots.explain_impossible_inertia(row) for row in rows):
         stated = np.array(rows, dtype=np.float64)
-        prior = stated if np.linalg.eigvalsh(build_pseudo_inertias(stated)).min() > 0 else None
+        prior = stated if np.linalg.eigvalsh(robots.build_pseudo_inertias(stated)).min() > 0 else None
     if not grouped:
         # Bodies that have the inertia of their rotors, about the joint's axis alone, or their mass.
         first = compute_standard_set(robot, base, values, prior=prior, covariance=covariance)
         prior = np.array(first.pi)
         for (index, name), value in first.drives:
             if name == "IA" and index < robot.size:
-                revolute = robot.joints[index].kind is JointKind.REVOLUTE
+                revolute = robot.joints[index].kind is robots.JointKind.REVOLUTE
                 own = [0.5, 0, 0, 0.5, 0, 1.0, 0, 0, 0, 0] if revolute else [0.0] * 9 + [1.0]
                 prior[index] += value * np.array(own)
     standard = compute_standard_set(robot, base, values, prior=prior, covariance=covariance, grouped=grouped)
@@ -360,7 +351,7 @@ def build_identified_robot(
             drive = replace(drive, has_rotor=True, rotor_inertia=rotor)
         stiffness = known.get((index, "KS"), 0.0)
         if spring is not None and stiffness:
-            spring = Spring(stiffness=stiffness, rest=-known.get((index, "KR"), 0.0) / stiffness)
+            spring = robots.Spring(stiffness=stiffness, rest=-known.get((index, "KR"), 0.0) / stiffness)
         changed = replace(
             joint,
             drive=drive,
@@ -382,7 +373,7 @@ def build_identified_robot(
     return IdentifiedRobot(robot=replace(robot, joints=tuple(joints), couplings=couplings), standard=standard)
 
 
-def _change_friction(robot: Robot, index: int, known: Mapping[Label, float]) -> FrictionValues:
+def _change_friction(robot: robots.Robot, index: int, known: Mapping[Label, float]) -> FrictionValues:
     friction = get_friction(robot, index)
     names = list_value_names(friction)
     old = friction.values or (None,) * len(names)

@@ -20,20 +20,11 @@ from typing import Any, final
 
 import numpy as np
 
+from symid import robot as robots
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, RobotError
 from symid.joint_models import NO_FRICTION, FrictionValues, get_friction_law, name_values
 from symid.options import ExciteOptions
-from symid.robot import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    JointKind,
-    Robot,
-    Section,
-    parse_toml,
-    read_text_file,
-    sort_notices,
-)
 
 Vector = tuple[float, float, float]
 Shape = tuple[int, ...]
@@ -43,7 +34,7 @@ _SLOW = 0.02
 """The same for joints without a velocity limit, rad/s or m/s."""
 
 
-def smooth_friction(robot: Robot) -> Robot:
+def smooth_friction(robot: robots.Robot) -> robots.Robot:
     """Return the robot with friction that has a slope everywhere."""
 
     def smooth(friction: FrictionValues, velocity: float | None) -> FrictionValues:
@@ -135,7 +126,7 @@ class MotionLimits(FrozenArrays):
         return np.array([self.half, self.velocity, self.acceleration, self.jerk])
 
 
-def get_motion_limits(robot: Robot, options: ExciteOptions) -> MotionLimits:
+def get_motion_limits(robot: robots.Robot, options: ExciteOptions) -> MotionLimits:
     """Return the limits of the robot's joints; those that its file does not state are the options'."""
     assumed: list[str] = []
     centre, half = np.zeros(robot.freedom), np.full(robot.freedom, options.sweep)
@@ -145,7 +136,7 @@ def get_motion_limits(robot: Robot, options: ExciteOptions) -> MotionLimits:
             continue
         low, high = joint.limits.position
         centre[place], half[place] = 0.5 * (low + high), 0.5 * (high - low)
-        if joint.kind is JointKind.REVOLUTE and half[place] > math.pi:
+        if joint.kind is robots.JointKind.REVOLUTE and half[place] > math.pi:
             # A cable-bound axis may turn several times; an experiment need not.
             assumed.append(f"position +-pi about the middle of {joint.name}")
             half[place] = math.pi
@@ -183,9 +174,9 @@ _LENGTH = "a number in m is needed"
 _KEYS = {"sphere": ("keep", "centre", "radius", *_COMMON), "plane": ("normal", "offset", *_COMMON)}
 
 
-def read_workspace(path: Path, robot: Robot) -> tuple[WorkspaceRegion, ...]:
+def read_workspace(path: Path, robot: robots.Robot) -> tuple[WorkspaceRegion, ...]:
     """Return the demands of a file, or raise a RobotError with all mistakes."""
-    root = parse_toml(read_text_file(path), str(path), "excitation.workspace")
+    root = robots.parse_toml(robots.read_text_file(path), str(path), "excitation.workspace")
     root.refuse_unknown_keys(tuple(_KEYS))
     regions: list[WorkspaceRegion] = []
     for kind, keys in _KEYS.items():
@@ -199,14 +190,14 @@ def read_workspace(path: Path, robot: Robot) -> tuple[WorkspaceRegion, ...]:
             region = _read_region(section, kind, robot)
             regions += [region] if region else []
     if root.errors:
-        raise RobotError(*sort_notices(root.errors))
+        raise RobotError(*robots.sort_notices(root.errors))
     if not regions:
         text = "has no [[sphere]] and no [[plane]]; write one, or leave the option out"
         raise RobotError(Notice(code="excitation.workspace", text=text, file=str(path)))
     return tuple(regions)
 
 
-def _read_region(section: Section, kind: str, robot: Robot) -> WorkspaceRegion | None:
+def _read_region(section: robots.Section, kind: str, robot: robots.Robot) -> WorkspaceRegion | None:
     names = [joint.name for joint in robot.joints]
     wanted: object = section.values.get("links", names[-1:])
     if not isinstance(wanted, list) or not wanted or any(name not in names for name in wanted):
@@ -214,7 +205,7 @@ def _read_region(section: Section, kind: str, robot: Robot) -> WorkspaceRegion |
         section.refuse("robot.bad-choice", "links", text)
         wanted = []
     place = _read_vector(section, "point") if "point" in section.values else (0.0, 0.0, 0.0)
-    size = section.read_float("size", "m", NOT_NEGATIVE) or 0.0
+    size = section.read_float("size", "m", robots.NOT_NEGATIVE) or 0.0
     if kind == "plane":
         anchor = _read_vector(section, "normal")
         extent = section.read_float("offset", "m") if section.require("offset", _LENGTH) else None
@@ -226,7 +217,9 @@ def _read_region(section: Section, kind: str, robot: Robot) -> WorkspaceRegion |
     else:
         kind = section.read_choice("keep", ("out", "in")) or "out"
         anchor = _read_vector(section, "centre")
-        extent = section.read_float("radius", "m", POSITIVE) if section.require("radius", _LENGTH) else None
+        extent = (
+            section.read_float("radius", "m", robots.POSITIVE) if section.require("radius", _LENGTH) else None
+        )
         if kind == "in" and extent is not None and size >= extent:
             text = f"a ball of this size does not fit within {extent:g} m"
             section.refuse("robot.out-of-range", "size", text)
@@ -243,7 +236,7 @@ def _read_region(section: Section, kind: str, robot: Robot) -> WorkspaceRegion |
     )
 
 
-def _read_vector(section: Section, key: str) -> Vector | None:
+def _read_vector(section: robots.Section, key: str) -> Vector | None:
     found = section.read_numbers(key, "m", 3) if section.require(key, "three numbers are needed") else None
     return (float(found[0]), float(found[1]), float(found[2])) if found else None
 
@@ -286,7 +279,7 @@ class StateLimits:
     notices: tuple[Notice, ...] = ()
 
 
-def build_state_limits(robot: Robot, limits: MotionLimits, options: ExciteOptions) -> StateLimits:
+def build_state_limits(robot: robots.Robot, limits: MotionLimits, options: ExciteOptions) -> StateLimits:
     """Return the limits that depend on the whole state, or raise a RobotError if values are missing.
 
     The workspace is read from its file; a RobotError has all its mistakes.
@@ -327,7 +320,7 @@ def build_state_limits(robot: Robot, limits: MotionLimits, options: ExciteOption
 
 
 def _list_loads(
-    robot: Robot, limits: MotionLimits, options: ExciteOptions, states: Sequence[Any]
+    robot: robots.Robot, limits: MotionLimits, options: ExciteOptions, states: Sequence[Any]
 ) -> tuple[list[StateLimit], tuple[Notice, ...]]:
     """Return limits of torque and torsion, and a notice where they cannot be kept."""
     if not np.any(np.isfinite(limits.torque)) and options.torsion is None:

@@ -21,33 +21,13 @@ from typing import Any
 
 import numpy as np
 
+from symid import joint_models
 from symid.codegen import Library, ParameterCard, compute_model_signature
 from symid.errors import Notice, UsageError
+from symid.identification import rigid
 from symid.identification.estimators import Estimate, FittedLaw
 from symid.identification.friction import AUTO
 from symid.identification.regression import fill_load, fill_loads, list_coupled_rotors, list_measured_joints
-from symid.identification.rigid import (
-    CANDIDATES,
-    PLAIN,
-    FrictionChoice,
-    Wish,
-    choose_laws,
-    compare_friction,
-    identify_parameters,
-    plan_fit,
-)
-from symid.joint_models import (
-    NO_FRICTION,
-    FrictionLaw,
-    FrictionValues,
-    describe_unknown_law,
-    get_friction_law,
-    get_law,
-    list_known_laws,
-    list_shape_names,
-    name_shape,
-    name_values,
-)
 from symid.logs import Recording
 from symid.notation import join_name
 from symid.robot import Processing, Robot, suggest_names
@@ -65,7 +45,9 @@ _NEXT = re.compile(r",(?=[^,=]*=)")
 
 
 def read_joint_laws(
-    friction: str | Mapping[str, str] | None, robot: Robot, further: Sequence[str] = (AUTO, NO_FRICTION)
+    friction: str | Mapping[str, str] | None,
+    robot: Robot,
+    further: Sequence[str] = (AUTO, joint_models.NO_FRICTION),
 ) -> str | dict[str, str] | None:
     """Return a law for all joints, or those of single joints by name.
 
@@ -93,23 +75,28 @@ def read_joint_laws(
             mistakes.append(f"friction of joint {joint!r}: no such joint{hint or '.'}")
         elif joint in found:
             mistakes.append(f"friction of joint {joint!r} is given twice; give it once.")
-        if not isinstance(law, str) or (law not in further and (reason := describe_unknown_law(law))):
+        if not isinstance(law, str) or (
+            law not in further and (reason := joint_models.describe_unknown_law(law))
+        ):
             wrong["law"] = True
             hint = reason if isinstance(law, str) else f"expected the name of a law, got {law!r}"
             if not hint.endswith("?"):
                 hint += suggest_names(str(law), further, before="; ") or "."
             mistakes.append(f"friction of joint {joint!r}: {hint}")
-        elif joint in joints and law not in further and get_law(law).memory:
+        elif joint in joints and law not in further and joint_models.get_law(law).memory:
             # A law with a state is that of the robot file, or none.
-            if get_law(law).name != joints[joint].friction.law:
-                values = ", ".join(entry.name for entry in (*get_law(law).shape, *get_law(law).memory))
+            if joint_models.get_law(law).name != joints[joint].friction.law:
+                values = ", ".join(
+                    entry.name
+                    for entry in (*joint_models.get_law(law).shape, *joint_models.get_law(law).memory)
+                )
                 text = f"{law!r} needs {values}, which no option gives; write it into the robot file."
                 mistakes.append(f"friction of joint {joint!r}: {text}")
             continue
         found[joint] = law
     if mistakes:
         allowed = [f"joints are {', '.join(joints)}"] if wrong["joint"] else []
-        allowed += [f"laws are {list_known_laws(*further)}"] if wrong["law"] else []
+        allowed += [f"laws are {joint_models.list_known_laws(*further)}"] if wrong["law"] else []
         mistakes[-1] = " ".join([mistakes[-1], *(f"Allowed {entry}." for entry in allowed)])
         raise UsageError(*(Notice(code="usage.joint-friction", text=text) for text in mistakes))
     return found or None
@@ -123,18 +110,18 @@ def needs_search(friction: str | Mapping[str, str] | None) -> bool:
     """
     if isinstance(friction, Mapping):
         return bool(friction)
-    if friction is None or friction == NO_FRICTION:
+    if friction is None or friction == joint_models.NO_FRICTION:
         return False
     if friction == AUTO:
         return True
-    law = get_law(friction)
+    law = joint_models.get_law(friction)
     # A law with a state is that of the robot file, bristles and shape.
     return bool(law.shape) and not law.memory
 
 
-def _list_states(robot: Robot) -> dict[str, FrictionLaw]:
+def _list_states(robot: Robot) -> dict[str, joint_models.FrictionLaw]:
     """Return the laws with a state by joint."""
-    laws = {joint.name: get_friction_law(joint.friction) for joint in robot.axes}
+    laws = {joint.name: joint_models.get_friction_law(joint.friction) for joint in robot.axes}
     return {name: law for name, law in laws.items() if law is not None and law.memory}
 
 
@@ -143,7 +130,9 @@ def describe_states(robot: Robot, friction: str | Mapping[str, str] | None) -> t
     kept, replaced, notices = list[str](), list[str](), list[Notice]()
     for name, law in _list_states(robot).items():
         wanted = friction.get(name) if isinstance(friction, Mapping) else friction
-        if wanted in {AUTO, NO_FRICTION} or (wanted is not None and not get_law(wanted).memory):
+        if wanted in {AUTO, joint_models.NO_FRICTION} or (
+            wanted is not None and not joint_models.get_law(wanted).memory
+        ):
             replaced.append(f"{name}: {law.name}")
         else:
             kept.append(f"{name}: {law.name} with its {', '.join(e.name for e in (*law.shape, *law.memory))}")
@@ -196,16 +185,18 @@ def search_friction(
     """
     axes = {joint.name: joint for joint in robot.axes}
     names = friction if isinstance(friction, Mapping) else dict.fromkeys(axes, friction)
-    plain = _set_friction(robot, dict.fromkeys(axes, FrictionValues(law=PLAIN)))
+    plain = _set_friction(robot, dict.fromkeys(axes, joint_models.FrictionValues(law=rigid.PLAIN)))
     progress(f"finding friction laws ({', '.join(dict.fromkeys(names.values()))})")
     # The laws that each joint's is chosen from, or the friction that it keeps.
-    wishes: list[Wish] = [joint.friction for joint in robot.axes]
+    wishes: list[rigid.Wish] = [joint.friction for joint in robot.axes]
     for place, name in enumerate(axes):
-        if names.get(name) == NO_FRICTION:
-            wishes[place] = FrictionValues()
+        if names.get(name) == joint_models.NO_FRICTION:
+            wishes[place] = joint_models.FrictionValues()
         elif name in names:
-            wishes[place] = CANDIDATES if names[name] == AUTO else (get_law(names[name]).name,)
-    choice = choose_laws(
+            wishes[place] = (
+                rigid.CANDIDATES if names[name] == AUTO else (joint_models.get_law(names[name]).name,)
+            )
+    choice = rigid.choose_laws(
         prepare(plain),
         recordings,
         robot.processing,
@@ -233,16 +224,18 @@ def search_friction(
                     value=value,
                 )
                 for number, joint in enumerate(found.joints, start=1)
-                if joint.name in names and joint.friction.law != NO_FRICTION
-                for entry, value in zip(get_law(joint.friction.law).shape, joint.friction.shape, strict=True)
+                if joint.name in names and joint.friction.law != joint_models.NO_FRICTION
+                for entry, value in zip(
+                    joint_models.get_law(joint.friction.law).shape, joint.friction.shape, strict=True
+                )
             )
             library = Library(replace(library.card, searched=searched), library.engine)
             loaded = fill_loads(library, recordings, robot.processing, beta)
             if plan is None:
                 rows, estimator = options.get("rows", "torque"), options.get("estimator")
-                plan = plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
+                plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
                 plan = replace(plan, laws_chosen=AUTO in names.values())
-            estimate = identify_parameters(library, loaded, robot.processing, plan=plan, **options)
+            estimate = rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
             values = {entry.name: entry for entry in estimate.parameters}
             still = all(
                 abs(values[card.name].value - (card.value or 0.0))
@@ -259,10 +252,10 @@ def search_friction(
 
     result = fit(found)
     if (plain := _make_plain(found, _list_chosen(found, names))) != found and result[0].evidence is not None:
-        progress(f"comparing with {PLAIN}")
+        progress(f"comparing with {rigid.PLAIN}")
         choice, result = _give_up_worse(choice, names, fit, result, fit(plain))
     estimate, found, library = result
-    laws = compare_friction(choice, {joint.name: joint.friction for joint in found.axes})
+    laws = rigid.compare_friction(choice, {joint.name: joint.friction for joint in found.axes})
     estimate = replace(estimate, notices=(*choice.notices, *laws, *estimate.notices))
     return _record_laws(estimate, found, robot, library, choice, names), found, library
 
@@ -276,23 +269,25 @@ def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:
     return [
         joint.name
         for joint in robot.axes
-        if names.get(joint.name) == AUTO and joint.friction.law not in {PLAIN, NO_FRICTION}
+        if names.get(joint.name) == AUTO and joint.friction.law not in {rigid.PLAIN, joint_models.NO_FRICTION}
     ]
 
 
 def _make_plain(robot: Robot, joints: Collection[str]) -> Robot:
     """Return the robot with the plain law at these joints."""
-    law = FrictionValues(law=PLAIN, values=(0.0,) * len(get_law(PLAIN).linear))
+    law = joint_models.FrictionValues(
+        law=rigid.PLAIN, values=(0.0,) * len(joint_models.get_law(rigid.PLAIN).linear)
+    )
     return _set_friction(robot, dict.fromkeys(joints, law))
 
 
 def _give_up_worse(
-    choice: FrictionChoice,
+    choice: rigid.FrictionChoice,
     names: Mapping[str, str],
     fit: Callable[[Robot], _Result],
     found: _Result,
     plain: _Result,
-) -> tuple[FrictionChoice, _Result]:
+) -> tuple[rigid.FrictionChoice, _Result]:
     """Return choice and fit without laws that the plain one surpasses on all rows of the whole robot."""
     if plain[0].evidence is None:
         return choice, found
@@ -310,7 +305,7 @@ def _give_up_worse(
             break
         laws = {joint.name: joint.friction.law for joint in found[1].axes}
         texts += [
-            f"{entry.joint}: {laws[entry.joint]} leaves {entry.held_out:.3g} %, {PLAIN} "
+            f"{entry.joint}: {laws[entry.joint]} leaves {entry.held_out:.3g} %, {rigid.PLAIN} "
             f"{usual[entry.joint]:.3g} %"
             for entry in worse
         ]
@@ -318,20 +313,19 @@ def _give_up_worse(
         found = plain if len(given_up) == len(chosen) else fit(_make_plain(found[1], given_up))
     if not given_up:
         return choice, found
-    text = (
-        f"{PLAIN} was taken where it predicts held-out torque of the whole robot better ({'; '.join(texts)})"
-    )
+    said = "; ".join(texts)
+    text = f"{rigid.PLAIN} was taken where it predicts held-out torque of the whole robot better ({said})"
     joints = []
     for law in choice.joints:
         if law.joint in given_up and law.selection is not None:
-            verdict = f"{law.selection.verdict} In fits of the whole robot {PLAIN} predicts better."
-            law = replace(law, selection=replace(law.selection, chosen=PLAIN, verdict=verdict))  # noqa: PLW2901
+            verdict = f"{law.selection.verdict} In fits of the whole robot {rigid.PLAIN} predicts better."
+            law = replace(law, selection=replace(law.selection, chosen=rigid.PLAIN, verdict=verdict))  # noqa: PLW2901
         joints.append(law)
     note = Notice(code="identify.plain-friction", text=text)
     return replace(choice, joints=tuple(joints), notices=(*choice.notices, note)), found
 
 
-def _set_friction(robot: Robot, friction: Mapping[str, FrictionValues]) -> Robot:
+def _set_friction(robot: Robot, friction: Mapping[str, joint_models.FrictionValues]) -> Robot:
     joints = tuple(
         replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in robot.joints
     )
@@ -344,8 +338,8 @@ def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
     joints = []
     for number, joint in enumerate(robot.joints, start=1):
         friction = joint.friction
-        if joint.mimic is None and friction.law != NO_FRICTION and friction.values is not None:
-            law = get_law(friction.law)
+        if joint.mimic is None and friction.law != joint_models.NO_FRICTION and friction.values is not None:
+            law = joint_models.get_law(friction.law)
             values, shape = (
                 tuple(
                     float(known.get(join_name(entry.name, number), old))
@@ -368,7 +362,7 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
     robot: Robot,
     stated: Robot,
     library: Library,
-    choice: FrictionChoice,
+    choice: rigid.FrictionChoice,
     names: Collection[str],
 ) -> Estimate:
     """Return the estimate with its laws, and the signature of the robot that has them."""
@@ -378,7 +372,7 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
             joint=joint.name,
             law=joint.friction.law,
             shape=joint.friction.shape,
-            names=tuple(join_name(name, number) for name in list_shape_names(joint.friction)),
+            names=tuple(join_name(name, number) for name in joint_models.list_shape_names(joint.friction)),
             smoothing=joint.friction.smoothing,
             selection=selections[joint.name],
         )
@@ -389,7 +383,7 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
     truth: dict[str, float] = {}
     for number, (joint, own) in enumerate(zip(robot.joints, stated.joints, strict=True), start=1):
         if own.friction.law == joint.friction.law:
-            pairs = name_values(own.friction) | name_shape(own.friction)
+            pairs = joint_models.name_values(own.friction) | joint_models.name_shape(own.friction)
             truth |= {join_name(name, number): value for name, value in pairs.items()}
     card = library.card
     parameters = tuple(

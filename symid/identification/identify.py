@@ -14,9 +14,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
+from symid import logs as log_files
 from symid.codegen import Library
 from symid.environment import report_count, show_path
 from symid.errors import Notice, UsageError
+from symid.identification import friction as frictions, friction_search, regression
 from symid.identification.elastic import (
     ElasticEstimate,
     ElasticOptions,
@@ -32,30 +34,7 @@ from symid.identification.elastic import (
     warn_of_rotors,
 )
 from symid.identification.estimators import Estimate, FitRecord
-from symid.identification.friction import (
-    AUTO,
-    STOCHASTIC,
-    FrictionIdentification,
-    FrictionOptions,
-    FrictionTask,
-    identify_friction,
-)
-from symid.identification.friction_search import (
-    describe_states,
-    identify_loaded,
-    read_joint_laws,
-    refuse_search,
-    refuse_states,
-    search_friction,
-)
 from symid.identification.options import IdentifyOptions, LawOptions
-from symid.identification.regression import (
-    WHOLE_MODEL,
-    RankRule,
-    list_coupled_rotors,
-    list_measured_joints,
-    outline_motion,
-)
 from symid.identification.rigid import (
     PRIOR_OF_ROBOT,
     SIMULATING,
@@ -64,16 +43,6 @@ from symid.identification.rigid import (
     identify_parameters,
 )
 from symid.identification.stored import read_rigid
-from symid.logs import (
-    Alignment,
-    Recording,
-    check_recording,
-    describe_logs,
-    describe_runs,
-    get_run_weights,
-    get_second_encoder_side,
-    refuse_known_payloads,
-)
 from symid.robot import Robot, describe_settings
 
 if TYPE_CHECKING:
@@ -105,12 +74,12 @@ class Identification(Generic[Fit_co]):
     estimate: Fit_co
     notices: tuple[Notice, ...]
     backend: str
-    alignment: Alignment | None = None
+    alignment: log_files.Alignment | None = None
 
 
 def identify_robot(
     robot: Robot,
-    recordings: Sequence[Recording],
+    recordings: Sequence[log_files.Recording],
     options: IdentifyOptions,
     context: TaskContext,
     pairs: Sequence[tuple[str, str]] = (),
@@ -129,17 +98,17 @@ def identify_robot(
     """
     estimator = options.estimator
     if any(robot.elastic):
-        refuse_known_payloads(recordings, "a robot with elastic joints")
+        log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
     elif estimator in SIMULATING:
-        refuse_known_payloads(recordings, f"--estimator {estimator}")
+        log_files.refuse_known_payloads(recordings, f"--estimator {estimator}")
     route = choose_route(
         robot, recordings, method=options.method, elastic=options.list_elastic(), rigid=options.list_given()
     )
     if options.friction is not None and (route.kind == "elastic" or estimator in SIMULATING):
         where = "elastic joints are" if route.kind == "elastic" else f"--estimator {estimator} is"
-        raise refuse_search(options.friction, f"is not done where {where} identified")
+        raise friction_search.refuse_search(options.friction, f"is not done where {where} identified")
     if estimator in SIMULATING:
-        refuse_states(robot, f"--estimator {estimator}")
+        friction_search.refuse_states(robot, f"--estimator {estimator}")
     if route.kind == "elastic":
         return prepare_elastic_methods(robot, recordings, options, context, pairs)(route.method)
     if options.known is not None:
@@ -152,17 +121,17 @@ def identify_robot(
     return _identify_rigid(robot, recordings, options, context, motor_side=motor_side)
 
 
-def _list_log_notices(robot: Robot, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
+def _list_log_notices(robot: Robot, recordings: Sequence[log_files.Recording]) -> tuple[Notice, ...]:
     """Return the notices on the robot file and on the logs."""
     found: tuple[Notice, ...] = robot.notices
     for recording in recordings:
-        found += (*recording.notices, *check_recording(recording, robot))
+        found += (*recording.notices, *log_files.check_recording(recording, robot))
     return found
 
 
 def _identify_rigid(
     robot: Robot,
-    recordings: Sequence[Recording],
+    recordings: Sequence[log_files.Recording],
     options: IdentifyOptions,
     context: TaskContext,
     *,
@@ -171,7 +140,7 @@ def _identify_rigid(
     rows, estimator, overlap = options.rows or "torque", options.estimator, options.overlap or 0.0
     friction = options.friction
     check_rigid_options(rows, estimator, options)
-    warnings = (*_list_log_notices(robot, recordings), *describe_states(robot, friction))
+    warnings = (*_list_log_notices(robot, recordings), *friction_search.describe_states(robot, friction))
     both = has_both_encoders(recordings)
     recordings = [build_motor_recording(recording, robot) for recording in recordings]
     rigid = build_rigid_variant(robot) if motor_side else robot
@@ -181,12 +150,12 @@ def _identify_rigid(
         # What cannot be simulated is refused before anything is compiled.
         check_closed_loop(robot, recordings)
     context.progress(f"identifying {robot.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
-    rule = RankRule(least=0.0 if options.partial else WHOLE_MODEL)
-    weights = get_run_weights(recordings)
+    rule = regression.RankRule(least=0.0 if options.partial else regression.WHOLE_MODEL)
+    weights = log_files.get_run_weights(recordings)
     if friction is not None:
         if options.prior is not None or estimator == "ridge":
-            raise refuse_search(friction, "a prior does not know")
-        estimate, _, library = search_friction(
+            raise friction_search.refuse_search(friction, "a prior does not know")
+        estimate, _, library = friction_search.search_friction(
             rigid,
             recordings,
             friction,
@@ -198,7 +167,7 @@ def _identify_rigid(
             overlap=overlap,
             rule=rule,
             weights=weights,
-            echo=describe_logs(rigid, recordings),
+            echo=log_files.describe_logs(rigid, recordings),
         )
     else:
         library = context.prepare(rigid)
@@ -211,8 +180,8 @@ def _identify_rigid(
         if options.prior not in (None, PRIOR_OF_ROBOT):
             prior = read_rigid(options.prior, library.card)
 
-        def fit(logs: Sequence[Recording]) -> Estimate:
-            echo = describe_logs(rigid, logs)
+        def fit(logs: Sequence[log_files.Recording]) -> Estimate:
+            echo = log_files.describe_logs(rigid, logs)
             if estimator in SIMULATING:
                 return identify_closed_loop(
                     estimator,
@@ -241,15 +210,15 @@ def _identify_rigid(
             )
 
         # Loads that friction reads, and that were not measured, follow from the estimate.
-        estimate = identify_loaded(library, recordings, rigid.processing, fit)
-    motion = outline_motion(library, recordings, rigid.processing)
+        estimate = friction_search.identify_loaded(library, recordings, rigid.processing, fit)
+    motion = regression.outline_motion(library, recordings, rigid.processing)
     estimate = replace(estimate, motion=motion, drawn=robot.made_from is not None)
     if motor_side:
         estimate = refuse_elasticity(estimate, robot, both=both)
         warnings += tuple(
             note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
         )
-    elif any(get_second_encoder_side(recording) for recording in recordings):
+    elif any(log_files.get_second_encoder_side(recording) for recording in recordings):
         text = (
             "the second encoder of the log is not used: a rigid model takes the position of [log.position]; "
             "--method stiffness uses both"
@@ -261,7 +230,7 @@ def _identify_rigid(
 
 def prepare_elastic_methods(
     robot: Robot,
-    recordings: Sequence[Recording],
+    recordings: Sequence[log_files.Recording],
     options: IdentifyOptions,
     context: TaskContext,
     pairs: Sequence[tuple[str, str]] = (),
@@ -280,7 +249,7 @@ def prepare_elastic_methods(
         from symid.identification.identified import name_known_dynamics
 
         elastic = replace(elastic, known=name_known_dynamics(options.known, robot, ready.library))
-    echo = {**describe_settings(robot), **describe_runs(ready.cut)}
+    echo = {**describe_settings(robot), **log_files.describe_runs(ready.cut)}
     by_method = prepare_methods(ready.library, ready.moved, elastic, echo=echo)
 
     def identify(method: str) -> Identification[ElasticEstimate]:
@@ -303,9 +272,9 @@ class _ElasticInput(NamedTuple):
 
     library: Library
     options: ElasticOptions
-    cut: Sequence[Recording]
-    moved: Sequence[Recording]
-    alignment: Alignment | None
+    cut: Sequence[log_files.Recording]
+    moved: Sequence[log_files.Recording]
+    alignment: log_files.Alignment | None
     notices: tuple[Notice, ...]
 
     @property
@@ -315,7 +284,7 @@ class _ElasticInput(NamedTuple):
 
 def _prepare_elastic(
     robot: Robot,
-    recordings: Sequence[Recording],
+    recordings: Sequence[log_files.Recording],
     options: ElasticOptions,
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
@@ -331,7 +300,7 @@ def _prepare_elastic(
     # What a log says of the unused position of a rigid joint is no news.
     warnings = (
         *_list_log_notices(robot, join_rigid_joints(library.card, cut)[0]),
-        *describe_states(robot, None),
+        *friction_search.describe_states(robot, None),
     )
     moved, alignment, aligned = prepare_aligned(library, cut)
     unused = list_unused_settings(robot, "elastic")
@@ -341,7 +310,7 @@ def _prepare_elastic(
 
 def build_elastic_graph(
     robot: Robot,
-    recordings: Sequence[Recording],
+    recordings: Sequence[log_files.Recording],
     options: IdentifyOptions,
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
@@ -353,7 +322,7 @@ def build_elastic_graph(
     """
     from symid.identification.elastic import build_one_shot
 
-    refuse_known_payloads(recordings, "a robot with elastic joints")
+    log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
     choose_route(robot, recordings, method="nlp", elastic={}, rigid=options.list_given())
     elastic = replace(options.build_elastic(), method="nlp")
     ready = _prepare_elastic(robot, recordings, elastic, pairs, context)
@@ -362,7 +331,10 @@ def build_elastic_graph(
 
 
 def identify_stiffness(
-    robot: Robot, recordings: Sequence[Recording], pairs: Sequence[tuple[str, str]], context: TaskContext
+    robot: Robot,
+    recordings: Sequence[log_files.Recording],
+    pairs: Sequence[tuple[str, str]],
+    context: TaskContext,
 ) -> "tuple[StiffnessEstimate, tuple[Notice, ...]]":
     """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
 
@@ -375,7 +347,7 @@ def identify_stiffness(
     from symid.identification.elastic import estimate_stiffness
 
     if any(robot.elastic):
-        refuse_known_payloads(recordings, "a robot with elastic joints")
+        log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
     check_settings(pairs, "stiffness")
     recordings = cut_logs(recordings, robot.processing)
     warnings = _list_log_notices(robot, recordings)
@@ -387,8 +359,8 @@ def identify_stiffness(
 
 
 def identify_robot_friction(
-    robot: Robot, recordings: Sequence[Recording], options: LawOptions, context: TaskContext
-) -> Identification[FrictionIdentification]:
+    robot: Robot, recordings: Sequence[log_files.Recording], options: LawOptions, context: TaskContext
+) -> Identification[frictions.FrictionIdentification]:
     """Return the friction of every joint that the recordings move, of a robot with the settings of the call.
 
     Raises:
@@ -398,14 +370,14 @@ def identify_robot_friction(
         IdentifiabilityError: no joint's friction is identifiable.
         SolverError: a search ended without usable numbers.
     """
-    model = read_joint_laws(options.model, robot, (AUTO,)) or AUTO
-    if not all(list_measured_joints(recordings)) or options.known is not None:
-        refuse_known_payloads(recordings, "--rows friction")
+    model = friction_search.read_joint_laws(options.model, robot, (frictions.AUTO,)) or frictions.AUTO
+    if not all(regression.list_measured_joints(recordings)) or options.known is not None:
+        log_files.refuse_known_payloads(recordings, "--rows friction")
     described = build_rigid_variant(robot) if any(robot.elastic) else robot
     measured = [build_motor_recording(recording, robot) for recording in recordings]
     library = context.prepare(described)
     what = "choosing and fitting friction laws"
-    if isinstance(model, str) and model != AUTO:
+    if isinstance(model, str) and model != frictions.AUTO:
         what = f"fitting the friction law {model}"
     context.progress(f"{what} for {robot.name} from {len(measured)} log{'s'[: len(measured) > 1]}")
     beta, known = None, None
@@ -413,29 +385,31 @@ def identify_robot_friction(
         from symid.identification.identified import read_known_values
 
         beta, known = read_known_values(options.known, described, library)
-    search = options.search or FrictionOptions()
-    task = FrictionTask(
+    search = options.search or frictions.FrictionOptions()
+    task = frictions.FrictionTask(
         model=model,
         estimator=options.estimator or "varpro",
         options=search if options.seed is None else replace(search, seed=options.seed),
         beta=beta,
         smoothing=options.smoothing or 0.0,
         periods=options.period,
-        rotors=list_coupled_rotors(described),
+        rotors=regression.list_coupled_rotors(described),
     )
     names = [entry.name for entry in library.card.beta]
     echo = {
         "log": describe_settings(robot)["log"],
-        **describe_runs(measured),
+        **log_files.describe_runs(measured),
         "known": known,
         "known_values": None if beta is None else dict(zip(names, beta.tolist(), strict=True)),
         "friction": [joint.friction for joint in library.card.joints],
     }
     counted = report_count(context.progress, "joint")
-    found = identify_friction(library, measured, described.processing, task, echo=echo, progress=counted)
+    found = frictions.identify_friction(
+        library, measured, described.processing, task, echo=echo, progress=counted
+    )
     texts = []
-    if options.seed is not None and found.estimator not in STOCHASTIC:
-        stochastic = ", ".join(sorted(STOCHASTIC))
+    if options.seed is not None and found.estimator not in frictions.STOCHASTIC:
+        stochastic = ", ".join(sorted(frictions.STOCHASTIC))
         texts.append(f"--seed is not used: {found.estimator} is deterministic; stochastic are {stochastic}")
     estimates = [joint.estimate for joint in found.joints]
     beside = {entry.name for estimate in estimates for entry in estimate.extra}
@@ -446,7 +420,7 @@ def identify_robot_friction(
             "joint's own friction"
         )
     unused = [Notice(code="friction.unused-option", text=text) for text in texts]
-    if options.known is not None and any(list_measured_joints(measured)):
+    if options.known is not None and any(regression.list_measured_joints(measured)):
         text = (
             "the loads that joint-torque sensors measured are not used, because base parameters were given; "
             "without --known the loads are subtracted, and no model of the links is needed"

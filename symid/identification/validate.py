@@ -13,38 +13,10 @@ from typing import final
 
 import numpy as np
 
+from symid import logs as log_files
 from symid.errors import LogError, Notice, UsageError
 from symid.excitation import Trajectory, build_trajectory
-from symid.identification.diagnostics import (
-    BandResidual,
-    build_warning,
-    compute_band_residual,
-    predict_torques,
-)
-from symid.identification.elastic import (
-    ElasticEstimate,
-    ElasticTrial,
-    TrackingRun,
-    build_motor_recording,
-    build_rigid_estimate,
-    build_rigid_variant,
-    check_settings,
-    cut_logs,
-    evaluate_elastic,
-    get_encoder_positions,
-    get_stated_cutoff,
-    prepare_aligned,
-    simulate_tracking,
-)
-from symid.identification.estimators import (
-    Estimate,
-    Residual,
-    ResolvedProcessing,
-    Validation,
-    check_model,
-    check_robot,
-    compute_mean_relative,
-)
+from symid.identification import diagnostics, elastic, estimators
 from symid.identification.friction import FrictionIdentification, set_identified_friction, validate_friction
 from symid.identification.identify import TaskContext
 from symid.identification.regression import fill_loads, list_coupled_rotors
@@ -56,17 +28,6 @@ from symid.identification.rigid import (
     validate_estimate,
 )
 from symid.identification.stored import StoredResult
-from symid.logs import (
-    IN_MEMORY_PREFIX,
-    Alignment,
-    LogPart,
-    Recording,
-    describe_overlap,
-    measure_overlap,
-    read_one_log,
-    read_recorded_runs,
-    take_parts,
-)
 from symid.robot import Robot
 from symid.serialization import compute_file_digest
 from symid.simulation import build_noisy_options, check_stated_values
@@ -93,24 +54,24 @@ class FitValidation:
 
     robot: Robot
     source: str
-    tables: tuple[tuple[str, tuple[Residual, ...]], ...]
+    tables: tuple[tuple[str, tuple[estimators.Residual, ...]], ...]
     notices: tuple[Notice, ...]
 
     @property
-    def residual(self) -> tuple[Residual, ...]:
+    def residual(self) -> tuple[estimators.Residual, ...]:
         """Return the residual of each joint."""
         return self.tables[0][1]
 
     @property
     def mean_relative_percent(self) -> float:
         """Return the mean over joints of the relative residuals, in percent."""
-        return compute_mean_relative(self.residual)
+        return estimators.compute_mean_relative(self.residual)
 
     def list_missed(self, gate: float | None) -> tuple[Notice, ...]:
         """Return which tables miss a gate in percent; nothing where none does, or there is no gate."""
         notices = []
         for caption, residual in self.tables if gate is not None else ():
-            reached = compute_mean_relative(residual)
+            reached = estimators.compute_mean_relative(residual)
             if not reached <= (gate or 0.0):
                 place = f"{caption.rstrip('.')}: " if caption else ""
                 text = f"{place}mean relative residual {reached:.4f} %, the gate is {gate:g} %"
@@ -128,9 +89,9 @@ class RigidValidation(FitValidation):
         band: residual below a frequency at the full rate; None where not asked for.
     """
 
-    validation: Validation
-    settled: ResolvedProcessing
-    band: BandResidual | None = None
+    validation: estimators.Validation
+    settled: estimators.ResolvedProcessing
+    band: diagnostics.BandResidual | None = None
 
 
 @final
@@ -138,7 +99,7 @@ class RigidValidation(FitValidation):
 class FrictionValidation(FitValidation):
     """The same of laws of friction with the rigid part; `laws` by joint."""
 
-    validation: Validation
+    validation: estimators.Validation
     laws: Mapping[str, str]
 
 
@@ -147,7 +108,7 @@ class TrackingComparison:
     """Closed loops along one trajectory, the first of rigid joints, and the methods of the others."""
 
     trajectory: Trajectory
-    runs: tuple[TrackingRun, ...]
+    runs: tuple[elastic.TrackingRun, ...]
     methods: Mapping[str, str]
     seed: int | None
 
@@ -163,7 +124,7 @@ class TrackingTask:
 
     trajectory: Trajectory
     seed: int | None = None
-    against: tuple[tuple[str, ElasticEstimate], ...] = ()
+    against: tuple[tuple[str, elastic.ElasticEstimate], ...] = ()
 
 
 @final
@@ -177,9 +138,9 @@ class ElasticValidation(FitValidation):
         tracking: None where not asked for.
     """
 
-    estimate: ElasticEstimate
-    trial: ElasticTrial
-    alignment: Alignment | None = None
+    estimate: elastic.ElasticEstimate
+    trial: elastic.ElasticTrial
+    alignment: log_files.Alignment | None = None
     tracking: TrackingComparison | None = None
 
 
@@ -189,11 +150,11 @@ AnyValidation = RigidValidation | ElasticValidation | FrictionValidation
 def validate_fit(
     robot: Robot,
     fit: StoredResult,
-    log: Path | Recording,
+    log: Path | log_files.Recording,
     context: TaskContext,
     *,
     pairs: Pairs = (),
-    test: Sequence[LogPart] = (),
+    test: Sequence[log_files.LogPart] = (),
     band: float | None = None,
     tracking: TrackingTask | None = None,
     file: str = "",
@@ -223,14 +184,14 @@ def validate_fit(
         IdentifiabilityError: no joint moves in it, or none can be validated.
         RobotError: the robot file lacks values to simulate with.
     """
-    if isinstance(fit, ElasticEstimate):
+    if isinstance(fit, elastic.ElasticEstimate):
         return _validate_elastic(
             robot, fit, log, context, pairs=pairs, test=test, tracking=tracking, file=file
         )
     found, notices, wanted = fit, tuple[Notice, ...](), tuple[str, ...]()
     if isinstance(fit, FrictionIdentification):
         # The log map of another robot would only say that its columns do not fit.
-        check_robot(fit, robot.name, file)
+        estimators.check_robot(fit, robot.name, file)
         wanted, processing = ("a law of friction",), fit.settings.get("processing")
         if (fit.settings.get("period") or fit.settings.get("periods")) and isinstance(processing, dict):
             # Mean periods have cut ends of their own.
@@ -241,17 +202,17 @@ def validate_fit(
                 "friction was fitted to mean periods; this log is not averaged, so its residual contains "
                 "noise"
             )
-            source = str(log.source if isinstance(log, Recording) else log)
+            source = str(log.source if isinstance(log, log_files.Recording) else log)
             notices = (Notice(code="validate.not-folded", text=text, file=source),)
     described = restore_robot(robot, fit, pairs)
-    rigid = build_rigid_variant(described)
-    if isinstance(found, Estimate):
-        found = build_rigid_estimate(found, described)
-    (read,) = take_parts((read_one_log(log, described, *wanted),), test, "--test")
-    recording = build_motor_recording(read, described)
-    rigid = rigid if isinstance(found, Estimate) else set_identified_friction(rigid, found)
+    rigid = elastic.build_rigid_variant(described)
+    if isinstance(found, estimators.Estimate):
+        found = elastic.build_rigid_estimate(found, described)
+    (read,) = log_files.take_parts((log_files.read_one_log(log, described, *wanted),), test, "--test")
+    recording = elastic.build_motor_recording(read, described)
+    rigid = rigid if isinstance(found, estimators.Estimate) else set_identified_friction(rigid, found)
     library = context.prepare(rigid)
-    check_model(found, library.card, file)
+    estimators.check_model(found, library.card, file)
     context.progress(f"validating on {recording.source}")
     notices = (*described.notices, *notices, *library.notices)
     if isinstance(found, FrictionIdentification):
@@ -272,8 +233,8 @@ def validate_fit(
     within = None
     if band is not None:
         values = found.assemble([entry.name for entry in (*card.beta, *card.friction)])
-        predicted = predict_torques(values, library, recording, settled.processing, band=band)
-        within = compute_band_residual(predicted)
+        predicted = diagnostics.predict_torques(values, library, recording, settled.processing, band=band)
+        within = diagnostics.compute_band_residual(predicted)
     return RigidValidation(
         robot=described,
         source=validation.source,
@@ -287,29 +248,29 @@ def validate_fit(
 
 def _validate_elastic(
     robot: Robot,
-    estimate: ElasticEstimate,
-    log: Path | Recording,
+    estimate: elastic.ElasticEstimate,
+    log: Path | log_files.Recording,
     context: TaskContext,
     *,
     pairs: Pairs,
-    test: Sequence[LogPart],
+    test: Sequence[log_files.LogPart],
     tracking: TrackingTask | None,
     file: str,
 ) -> ElasticValidation:
-    check_settings(pairs, "elastic")
+    elastic.check_settings(pairs, "elastic")
     described = restore_robot(robot, estimate, pairs)
-    read = take_parts((read_one_log(log, described, "an elastic robot"),), test, "--test")
-    (recording,) = cut_logs(read, described.processing)
+    read = log_files.take_parts((log_files.read_one_log(log, described, "an elastic robot"),), test, "--test")
+    (recording,) = elastic.cut_logs(read, described.processing)
     # A log with one position is refused before minutes go into a library.
-    get_encoder_positions(recording)
+    elastic.get_encoder_positions(recording)
     if tracking is not None:
         check_stated_values(described)
     library = context.prepare(described)
-    check_model(estimate, library.card, file)
-    cases: dict[str, ElasticEstimate] = {}
+    estimators.check_model(estimate, library.card, file)
+    cases: dict[str, elastic.ElasticEstimate] = {}
     if tracking is not None:
         for path, other in tracking.against:
-            check_model(other, library.card, path)
+            estimators.check_model(other, library.card, path)
         text = "the estimate lacks springs, which a feed-forward of elastic joints needs; identify them too"
         tried = ((file, estimate), *tracking.against)
         lacking = [
@@ -320,14 +281,18 @@ def _validate_elastic(
         if lacking:
             raise UsageError(*lacking)
         cases = {f"Case {k}: {entry.method}": entry for k, (_, entry) in enumerate(tried, start=1)}
-    (moved,), alignment, aligned = prepare_aligned(library, (recording,))
+    (moved,), alignment, aligned = elastic.prepare_aligned(library, (recording,))
     context.progress(f"validating on {recording.source}")
-    trial = evaluate_elastic(estimate, library, moved, cutoff=get_stated_cutoff(described, pairs))
+    trial = elastic.evaluate_elastic(
+        estimate, library, moved, cutoff=elastic.get_stated_cutoff(described, pairs)
+    )
     warnings = []
     if trial.fitted:
-        overlap = measure_overlap(moved, estimate.sources, estimate.settings)
-        part = describe_overlap(overlap, moved)
-        warnings = [build_warning("validate.fitted-log", file=trial.source, what="estimate", part=part)]
+        overlap = log_files.measure_overlap(moved, estimate.sources, estimate.settings)
+        part = log_files.describe_overlap(overlap, moved)
+        warnings = [
+            diagnostics.build_warning("validate.fitted-log", file=trial.source, what="estimate", part=part)
+        ]
     reached = {joint.joint: float(abs(joint.torsion).max()) for joint in trial.joints}
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"
@@ -347,7 +312,7 @@ def _validate_elastic(
         context.progress(f"tracking {tracking.trajectory.source} with {kinds}")
         followed = TrackingComparison(
             trajectory=tracking.trajectory,
-            runs=simulate_tracking(
+            runs=elastic.simulate_tracking(
                 described,
                 library,
                 {name: entry.build_fit(library.card) for name, entry in cases.items()},
@@ -371,7 +336,7 @@ def _validate_elastic(
 
 
 def build_tracking_task(
-    robot: Robot, seed: int | None, against: tuple[tuple[str, ElasticEstimate], ...] = ()
+    robot: Robot, seed: int | None, against: tuple[tuple[str, elastic.ElasticEstimate], ...] = ()
 ) -> TrackingTask:
     """Return a motion to follow: the one made for validation, or a random one of `seed`.
 
@@ -385,7 +350,7 @@ def build_tracking_task(
     return TrackingTask(trajectory=trajectory, seed=chosen, against=against)
 
 
-def diagnose_fit(robot: Robot, estimate: Estimate, context: TaskContext) -> Diagnosis:
+def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskContext) -> Diagnosis:
     """Return the diagnosis of a fit by its own logs, which are where they were when it was made.
 
     Raises:
@@ -399,7 +364,7 @@ def diagnose_fit(robot: Robot, estimate: Estimate, context: TaskContext) -> Diag
     notices = [
         Notice(code="diagnosis.no-file", text=text, file=source)
         for source, digest in pairs
-        if not digest or str(digest).startswith(IN_MEMORY_PREFIX)
+        if not digest or str(digest).startswith(log_files.IN_MEMORY_PREFIX)
     ]
     if notices:
         raise LogError(*notices)
@@ -410,10 +375,10 @@ def diagnose_fit(robot: Robot, estimate: Estimate, context: TaskContext) -> Diag
         if compute_file_digest(source) != digest
     ]
     fitted = restore_robot(robot, estimate)
-    tried = build_rigid_estimate(estimate, fitted)
-    library = context.prepare(build_rigid_variant(fitted))
-    read = read_recorded_runs(estimate.sources, estimate.settings.get("runs"), fitted)
-    recordings = [build_motor_recording(entry, fitted) for entry in read]
+    tried = elastic.build_rigid_estimate(estimate, fitted)
+    library = context.prepare(elastic.build_rigid_variant(fitted))
+    read = log_files.read_recorded_runs(estimate.sources, estimate.settings.get("runs"), fitted)
+    recordings = [elastic.build_motor_recording(entry, fitted) for entry in read]
     context.progress(f"diagnosing the fit to {len(recordings)} log{'s'[: len(recordings) > 1]}")
     beta = tried.assemble([entry.name for entry in library.card.beta])
     recordings = fill_loads(library, recordings, fitted.processing, beta)

@@ -27,43 +27,12 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, RobotError
-from symid.joint_models.branches import (
-    AttractedSlip,
-    BoucWen,
-    Branch,
-    BranchStep,
-    BristleBranch,
-    ElementMotion,
-    Relaxation,
-    Relays,
-    SlipSpring,
-    add_all,
-    clamp,
-    count_states,
-)
+from symid.joint_models import branches, hysteresis as elements, prandtl_ishlinskii
 from symid.joint_models.carriers import (
     Carrier,
     build_casadi_carrier,
     build_float_carrier,
     build_numpy_carrier,
-)
-from symid.joint_models.hysteresis import (
-    Elasticity,
-    Plays,
-    SpringTerms,
-    advance_inverse_spring,
-    advance_spring,
-    invert_plays_memory,
-    invert_spring,
-)
-from symid.joint_models.prandtl_ishlinskii import (
-    compute_clamps,
-    compute_outer_integral,
-    compute_outer_torque,
-    compute_plays,
-    find_turns,
-    invert_hysteresis,
-    read_spring_terms,
 )
 
 V = TypeVar("V")
@@ -82,7 +51,7 @@ class ElementStep(Generic[V]):
     stored: V | None
 
 
-def _name_branches(elasticity: Elasticity) -> list[tuple[str, Branch]]:
+def _name_branches(elasticity: elements.Elasticity) -> list[tuple[str, branches.Branch]]:
     """Return the branches with the beginnings of their values' names: slip_, slip1_, slip2_, ..."""
     kinds = [branch.kind for branch in elasticity.branches]
     named = []
@@ -92,13 +61,13 @@ def _name_branches(elasticity: Elasticity) -> list[tuple[str, Branch]]:
     return named
 
 
-def list_element_values(elasticity: Elasticity) -> dict[str, float]:
+def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:
     """Return the numbers of an element by name: backlash, k0, kc, D, offset, r1, k1, ..., R1, s1, ...
 
     Numbers of branches follow; what is zero for want of a part is left out. A RobotError where a stiffness is
     unknown.
     """
-    terms = read_spring_terms(elasticity)
+    terms = prandtl_ishlinskii.read_spring_terms(elasticity)
     named = {"backlash": elasticity.backlash, "k0": terms.stiffness, "kc": elasticity.cubic}
     named |= {"D": elasticity.damping, "offset": elasticity.offset}
     named = {name: value for name, value in named.items() if value or name == "k0"}
@@ -108,31 +77,34 @@ def list_element_values(elasticity: Elasticity) -> dict[str, float]:
         named |= {f"R{k}": place, f"s{k}": slope}
     if elasticity.knees and not elasticity.cubic:
         # The least value of the formula of its energy, J.
-        inverse, _, _ = invert_spring(build_float_carrier(), terms)
+        inverse, _, _ = elements.invert_spring(build_float_carrier(), terms)
         weights, radii = np.array(inverse.weights[1:]), np.array(inverse.thresholds)
         # S(p + r) + S(p - r) rises with p, and is zero between -r and r.
         low, high = -radii, radii
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             below = (
-                compute_outer_torque(terms, middle + radii) + compute_outer_torque(terms, middle - radii)
+                prandtl_ishlinskii.compute_outer_torque(terms, middle + radii)
+                + prandtl_ishlinskii.compute_outer_torque(terms, middle - radii)
                 < 0.0
             )
             low, high = np.where(below, middle, low), np.where(below, high, middle)
-        ends = compute_outer_integral(terms, low + radii) + compute_outer_integral(terms, low - radii)
+        ends = prandtl_ishlinskii.compute_outer_integral(
+            terms, low + radii
+        ) + prandtl_ishlinskii.compute_outer_integral(terms, low - radii)
         named["least"] = math.fsum((0.5 * weights * ends).tolist())
     for head, branch in _name_branches(elasticity):
         named |= {head + name: value for name, value in branch.list_values().items()}
     return named
 
 
-def needs_time(elasticity: Elasticity) -> bool:
+def needs_time(elasticity: elements.Elasticity) -> bool:
     """Return whether the output depends on how fast the input moves."""
     return elasticity.damping != 0.0 or any(branch.needs_time for branch in elasticity.branches)
 
 
 def start_element(
-    algebra: Carrier[V], elasticity: Elasticity, position: V, side: float = 0.0
+    algebra: Carrier[V], elasticity: elements.Elasticity, position: V, side: float = 0.0
 ) -> tuple[V, ...]:
     """Return the states where the input stands still at `position`, rad or m.
 
@@ -152,20 +124,20 @@ def start_element(
     return tuple(states)
 
 
-def start_states(elasticity: Elasticity, position: float, side: float = 0.0) -> tuple[float, ...]:
+def start_states(elasticity: elements.Elasticity, position: float, side: float = 0.0) -> tuple[float, ...]:
     """Return the states of `start_element` as numbers."""
     return start_element(build_float_carrier(), elasticity, position, side)
 
 
 def advance_element(
     algebra: Carrier[V],
-    elasticity: Elasticity,
+    elasticity: elements.Elasticity,
     values: Mapping[str, V],
     held: tuple[V, V],
     states: Sequence[V],
     *,
     velocity: V | None = None,
-    taken: Sequence[BranchStep[V] | None] = (),
+    taken: Sequence[branches.BranchStep[V] | None] = (),
 ) -> ElementStep[V]:
     """Return what an element does when its input has gone to a position, without turning back on the way.
 
@@ -182,16 +154,16 @@ def advance_element(
     before, after = states[0], [position]
     if elasticity.backlash:
         low, high = (change(position, values["backlash"]) for change in (algebra.sub, algebra.add))
-        before, position = states[1], clamp(algebra, states[1], low, high)
+        before, position = states[1], branches.clamp(algebra, states[1], low, high)
         after.append(position)
         at = 2
     way = algebra.sub(position, before)
     if velocity is None:
         velocity = algebra.div(way, period) if needs_time(elasticity) else algebra.zero
-    motion = ElementMotion(position=position, way=way, velocity=velocity, period=period)
+    motion = branches.ElementMotion(position=position, way=way, velocity=velocity, period=period)
     terms = _gather_spring(elasticity, values, algebra)
     count = len(terms.stops)
-    force, plays = advance_spring(algebra, terms, position, states[at : at + count])
+    force, plays = elements.advance_spring(algebra, terms, position, states[at : at + count])
     least = values.get("least", algebra.zero)
     stored = _compute_stored(algebra, terms, (position, plays), least)
     after += plays
@@ -200,7 +172,7 @@ def advance_element(
     if elasticity.damping:
         forces.append(algebra.mul(values["D"], velocity))
     for (head, branch), known in zip_longest(_name_branches(elasticity), taken):
-        size = count_states(branch)
+        size = branches.count_states(branch)
         own = {name: values[head + name] for name in branch.list_values()}
         step = known or branch.advance(algebra, own, motion, states[at : at + size])
         forces.append(step.force)
@@ -209,14 +181,16 @@ def advance_element(
         at += size
     if elasticity.offset:
         forces.append(values["offset"])
-    return ElementStep(output=add_all(algebra, forces), states=tuple(after), stored=stored)
+    return ElementStep(output=branches.add_all(algebra, forces), states=tuple(after), stored=stored)
 
 
-def _gather_spring(elasticity: Elasticity, values: Mapping[str, V], algebra: Carrier[V]) -> SpringTerms[V]:
+def _gather_spring(
+    elasticity: elements.Elasticity, values: Mapping[str, V], algebra: Carrier[V]
+) -> elements.SpringTerms[V]:
     """Return the numbers of the spring in a carrier; without stiffness, stops and knees it is zero."""
-    terms = read_spring_terms(elasticity)
+    terms = prandtl_ishlinskii.read_spring_terms(elasticity)
     knees = [(values[f"R{k}"], values[f"s{k}"]) for k in range(1, len(elasticity.knees) + 1)]
-    return SpringTerms(
+    return elements.SpringTerms(
         stiffness=values["k0"] if terms.stiffness else algebra.zero,
         cubic=values["kc"] if elasticity.cubic else None,
         stops=tuple((values[f"r{k}"], values[f"k{k}"]) for k in range(1, len(terms.stops) + 1)),
@@ -226,7 +200,7 @@ def _gather_spring(elasticity: Elasticity, values: Mapping[str, V], algebra: Car
 
 
 def _compute_stored(
-    algebra: Carrier[V], terms: SpringTerms[V], motion: tuple[V, Sequence[V]], least: V
+    algebra: Carrier[V], terms: elements.SpringTerms[V], motion: tuple[V, Sequence[V]], least: V
 ) -> V | None:
     """Return the energy that a spring stores at a position with its plays, J; None for a cubic with knees."""
     position, plays = motion
@@ -241,7 +215,7 @@ def _compute_stored(
             parts.append(algebra.scale(0.5, algebra.mul(terms.cubic, halve_square(square))))
         pairs = zip(terms.stops, plays, strict=True)
         parts += [algebra.mul(k, halve_square(algebra.sub(position, play))) for (_, k), play in pairs]
-        return add_all(algebra, parts)
+        return branches.add_all(algebra, parts)
     if terms.cubic is not None:
         return None
 
@@ -255,7 +229,7 @@ def _compute_stored(
 
     # U = sum_i w'_i [G(P'_i + r'_i) + G(P'_i - r'_i)] / 2 less its least value,
     # P'_i = W_i P_i - sum_j>i k_j P_j.
-    inverse, _, _ = invert_spring(algebra, terms)
+    inverse, _, _ = elements.invert_spring(algebra, terms)
     slope, rest, images = terms.stiffness, algebra.zero, []
     for (_, stiffness), play in zip(reversed(terms.stops), reversed(plays), strict=True):
         images.append(algebra.sub(algebra.mul(slope, play), rest))
@@ -265,26 +239,26 @@ def _compute_stored(
     pieces = zip(inverse.weights[1:], inverse.thresholds, reversed(images), strict=True)
     for weight, radius, image in pieces:
         ends = [integrate(algebra.add(image, radius)), integrate(algebra.sub(image, radius))]
-        total = algebra.add(total, algebra.mul(weight, algebra.scale(0.5, add_all(algebra, ends))))
+        total = algebra.add(total, algebra.mul(weight, algebra.scale(0.5, branches.add_all(algebra, ends))))
     return algebra.sub(total, least)
 
 
 _HALVINGS = 60
 
 
-def is_passive_element(elasticity: Elasticity) -> bool:
+def is_passive_element(elasticity: elements.Elasticity) -> bool:
     """Return whether no motion gets work out of the element beyond what it stores, its offset left out."""
-    terms = read_spring_terms(elasticity)
+    terms = prandtl_ishlinskii.read_spring_terms(elasticity)
     signs = (terms.stiffness, elasticity.cubic, elasticity.damping, *(k for _, k in terms.stops))
     kept = all(value >= 0.0 for value in signs) and not elasticity.backlash
     return kept and all(branch.passive for branch in elasticity.branches)
 
 
-def find_least_slope(elasticity: Elasticity) -> float:
+def find_least_slope(elasticity: elements.Elasticity) -> float:
     """Return a bound below of dy/dx on ways without reversal, N m/rad or N/m; it may be minus infinity."""
     if elasticity.cubic < 0.0:
         return -math.inf
-    terms = read_spring_terms(elasticity)
+    terms = prandtl_ishlinskii.read_spring_terms(elasticity)
     least = min(accumulate((k for _, k in reversed(terms.stops)), initial=terms.stiffness))
     outer = [
         slope
@@ -295,7 +269,7 @@ def find_least_slope(elasticity: Elasticity) -> float:
     return spring + math.fsum(branch.least_slope for branch in elasticity.branches)
 
 
-def find_most_slope(elasticity: Elasticity) -> float:
+def find_most_slope(elasticity: elements.Elasticity) -> float:
     """Return a bound above of dy/dx at a held speed, its cubic part and damping left out, N m/rad or N/m."""
     knees = (
         math.fsum(knee.slope for knee in elasticity.knees if knee.threshold * side > 0.0) for side in (1, -1)
@@ -304,7 +278,7 @@ def find_most_slope(elasticity: Elasticity) -> float:
     return (elasticity.initial_stiffness or 0.0) * (1.0 + max(0.0, *knees)) + slopes
 
 
-def describe_inverse(elasticity: Elasticity) -> str:
+def describe_inverse(elasticity: elements.Elasticity) -> str:
     """Return why an element has no inverse, in a sentence; empty where it has one."""
     if elasticity.backlash:
         return "within the backlash the output stays while the input moves"
@@ -319,26 +293,30 @@ def describe_inverse(elasticity: Elasticity) -> str:
     return ""
 
 
-def has_closed_inverse(elasticity: Elasticity) -> bool:
+def has_closed_inverse(elasticity: elements.Elasticity) -> bool:
     """Return whether there is an inverse, of plays and knees alone: `invert_step` gives it."""
     plain = not (elasticity.cubic or elasticity.branches or elasticity.damping)
     return plain and not describe_inverse(elasticity)
 
 
 def invert_step(
-    algebra: Carrier[V], elasticity: Elasticity, values: Mapping[str, V], output: V, states: Sequence[V]
+    algebra: Carrier[V],
+    elasticity: elements.Elasticity,
+    values: Mapping[str, V],
+    output: V,
+    states: Sequence[V],
 ) -> V:
     """Return the input at which an element has an output, where the inverse has a closed form.
 
     `values` and `states`, before the step, are those of `advance_element`, which then moves the states there.
     """
     terms = _gather_spring(elasticity, values, algebra)
-    weights = [add_all(algebra, [terms.stiffness, *(k for _, k in terms.stops)])]
+    weights = [branches.add_all(algebra, [terms.stiffness, *(k for _, k in terms.stops)])]
     weights += [algebra.sub(algebra.zero, k) for _, k in terms.stops]
-    plays = Plays(weights=tuple(weights), thresholds=tuple(r for r, _ in terms.stops))
-    memory = invert_plays_memory(algebra, plays, states[1:])
+    plays = elements.Plays(weights=tuple(weights), thresholds=tuple(r for r, _ in terms.stops))
+    memory = elements.invert_plays_memory(algebra, plays, states[1:])
     goal = algebra.sub(output, values["offset"]) if elasticity.offset else output
-    found, _ = advance_inverse_spring(algebra, invert_spring(algebra, terms), goal, memory)
+    found, _ = elements.advance_inverse_spring(algebra, elements.invert_spring(algebra, terms), goal, memory)
     return found
 
 
@@ -356,7 +334,7 @@ class ElementRun:
     states: tuple[float, ...]
 
 
-SteppedBranch = BoucWen | BristleBranch | AttractedSlip | Relaxation
+SteppedBranch = branches.BoucWen | branches.BristleBranch | branches.AttractedSlip | branches.Relaxation
 """Branches whose states follow from those before, step by step."""
 BranchPath = tuple[FloatArray, ...]
 """Input, way to each sample, rad or m, velocity, rad/s or m/s, and length of the step, s, (N,) each."""
@@ -366,7 +344,7 @@ states before it (n,)."""
 
 
 def run_element(
-    elasticity: Elasticity,
+    elasticity: elements.Elasticity,
     position: FloatArray,
     time: FloatArray | None = None,
     *,
@@ -400,16 +378,16 @@ def run_element(
     traces, at = [np.concatenate([states[:1], position])], 1
     if elasticity.backlash:
         gap, memory = np.array([elasticity.backlash]), np.array(states[1:2])
-        traces.append(np.concatenate([memory, compute_plays(position, gap, memory)[:, 0]]))
+        traces.append(np.concatenate([memory, prandtl_ishlinskii.compute_plays(position, gap, memory)[:, 0]]))
         at = 2
     middle = traces[-1]
     radii = np.array([stop.threshold for stop in elasticity.stops])
     memory = np.array(states[at : at + len(radii)])
-    traces += list(np.vstack([memory, compute_plays(middle[1:], radii, memory)]).T)
+    traces += list(np.vstack([memory, prandtl_ishlinskii.compute_plays(middle[1:], radii, memory)]).T)
     at += len(radii)
     path, taken = (middle[1:], np.diff(middle), velocity, periods), []
     for branch in elasticity.branches:
-        size = count_states(branch)
+        size = branches.count_states(branch)
         trace, steps = trace_branch(branch, path, states[at : at + size], runner)
         traces += list(trace.T)
         taken.append(steps)
@@ -431,7 +409,7 @@ def run_element(
     )
 
 
-def _read_periods(elasticity: Elasticity, count: int, time: FloatArray | None) -> FloatArray:
+def _read_periods(elasticity: elements.Elasticity, count: int, time: FloatArray | None) -> FloatArray:
     """Return the lengths (N,) of the steps, s: the first as the second, as its way is that of the start."""
     if time is None:
         if needs_time(elasticity):
@@ -443,26 +421,30 @@ def _read_periods(elasticity: Elasticity, count: int, time: FloatArray | None) -
 
 
 def trace_branch(
-    branch: Branch, path: BranchPath, states: Sequence[float], runner: BranchRunner | None = None
-) -> tuple[FloatArray, BranchStep[FloatArray] | None]:
+    branch: branches.Branch, path: BranchPath, states: Sequence[float], runner: BranchRunner | None = None
+) -> tuple[FloatArray, branches.BranchStep[FloatArray] | None]:
     """Return states (N + 1, n) of a branch along a path, the first those before it, and what steps led to.
 
     The latter is None where the states are found without.
     """
     (position, _, velocity, _), memory, steps = path, np.array(states, dtype=np.float64), None
-    if isinstance(branch, SlipSpring):
+    if isinstance(branch, branches.SlipSpring):
         speed = np.abs(velocity)
         low, high = (-branch.threshold / (1.0 + fall * speed) for fall in branch.falls)
-        turns = None if any(branch.falls) else find_turns(position)
-        after = compute_clamps((position + high)[:, None], (position - low)[:, None], memory, turns)
-    elif isinstance(branch, Relays):
+        turns = None if any(branch.falls) else prandtl_ishlinskii.find_turns(position)
+        after = prandtl_ishlinskii.compute_clamps(
+            (position + high)[:, None], (position - low)[:, None], memory, turns
+        )
+    elif isinstance(branch, branches.Relays):
         places = branch.low + branch.step * np.array(branch.pairs, dtype=np.float64).reshape(-1, 2).T
         ramps = [np.clip((position[:, None] - edge) / branch.step, 0.0, 1.0) for edge in places]
-        after = compute_clamps(ramps[0], ramps[1], memory, find_turns(position))
+        after = prandtl_ishlinskii.compute_clamps(
+            ramps[0], ramps[1], memory, prandtl_ishlinskii.find_turns(position)
+        )
     else:
         found = (runner or run_branch)(branch, path, memory)
         after = found[:, :-2]
-        steps = BranchStep(force=found[:, -2], states=tuple(after.T), stored=found[:, -1])
+        steps = branches.BranchStep(force=found[:, -2], states=tuple(after.T), stored=found[:, -1])
     return np.vstack([memory, after]), steps
 
 
@@ -484,15 +466,17 @@ def _accumulate(plain: SteppedBranch, count: int) -> Any:  # noqa: ANN401  casad
 def strip_branch(branch: SteppedBranch) -> SteppedBranch:
     """Return a branch of the same structure with numbers that do not matter."""
     match branch:
-        case BristleBranch():
+        case branches.BristleBranch():
             return replace(branch, values=tuple((name, 1.0) for name, _ in branch.values))
-        case AttractedSlip():
+        case branches.AttractedSlip():
             places = tuple(float(k) for k in range(1, len(branch.thresholds) + 1))
-            return AttractedSlip(thresholds=places, stiffnesses=places, excess=0.0, speed=1.0, attraction=1.0)
-        case BoucWen():
-            return BoucWen(level=1.0, length=1.0, loop=1.0, lean=0.5 if branch.lean else 0.0)
-        case Relaxation():
-            return Relaxation(stiffness=1.0, time=1.0)
+            return branches.AttractedSlip(
+                thresholds=places, stiffnesses=places, excess=0.0, speed=1.0, attraction=1.0
+            )
+        case branches.BoucWen():
+            return branches.BoucWen(level=1.0, length=1.0, loop=1.0, lean=0.5 if branch.lean else 0.0)
+        case branches.Relaxation():
+            return branches.Relaxation(stiffness=1.0, time=1.0)
 
 
 def build_branch_step(plain: SteppedBranch) -> Any:  # noqa: ANN401  casadi
@@ -503,10 +487,10 @@ def build_branch_step(plain: SteppedBranch) -> Any:  # noqa: ANN401  casadi
     import casadi
 
     names = tuple(plain.list_values())
-    states = casadi.SX.sym("states", count_states(plain))
+    states = casadi.SX.sym("states", branches.count_states(plain))
     given, numbers = casadi.SX.sym("motion", 4), casadi.SX.sym("numbers", len(names))
     position, way, velocity, period = casadi.vertsplit(given)
-    motion = ElementMotion(position=position, way=way, velocity=velocity, period=period)
+    motion = branches.ElementMotion(position=position, way=way, velocity=velocity, period=period)
     values = dict(zip(names, casadi.vertsplit(numbers), strict=True))
     step = plain.advance(build_casadi_carrier(), values, motion, casadi.vertsplit(states))
     found = casadi.vertcat(*step.states), casadi.vertcat(step.force, step.stored)
@@ -520,7 +504,7 @@ _MOST_STEPS = 200
 
 
 def invert_element(
-    elasticity: Elasticity,
+    elasticity: elements.Elasticity,
     output: FloatArray,
     time: FloatArray | None = None,
     *,
@@ -559,7 +543,9 @@ def invert_element(
         states = tuple(map(float, start))
     periods = _read_periods(elasticity, len(output), time)
     if has_closed_inverse(elasticity):
-        return invert_hysteresis(elasticity, output - elasticity.offset, np.array(states[1:]))
+        return prandtl_ishlinskii.invert_hysteresis(
+            elasticity, output - elasticity.offset, np.array(states[1:])
+        )
     found = np.empty(len(output))
     for k, (goal, period) in enumerate(zip(output.tolist(), periods.tolist(), strict=True)):
 

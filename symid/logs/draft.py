@@ -17,6 +17,7 @@ from decimal import Decimal, InvalidOperation
 from functools import partial
 from pathlib import Path
 
+from symid import robot as robots
 from symid.dynamics import choose_reading
 from symid.errors import LogError, Notice, RobotError, UsageError
 from symid.joint_models import NO_FRICTION
@@ -26,23 +27,6 @@ from symid.logs.headings import list_quantities
 from symid.logs.reader import read_raw, read_recording, recognise_columns
 from symid.logs.sampling import resample_if_uneven
 from symid.options import DraftOptions, Numbers
-from symid.robot import (
-    DEFAULT_GRAVITY,
-    QUANTITIES,
-    LogMap,
-    LogQuantity,
-    Robot,
-    complete_robot,
-    is_xml,
-    locate_robot_file,
-    parse_robot,
-    read_dh_table,
-    read_robot,
-    read_xml_robot,
-    suggest_names,
-    to_decimal,
-    write_robot,
-)
 
 _TOPIC = "topic"
 """Named in place of columns, it has all of them."""
@@ -65,16 +49,18 @@ class LogMapDraft:
         warnings: what is suspicious in the log, read so.
     """
 
-    robot: Robot
+    robot: robots.Robot
     file: Path
-    read: Mapping[str, LogQuantity]
+    read: Mapping[str, robots.LogQuantity]
     units: Mapping[str, tuple[str, ...]]
     unused: tuple[str, ...]
     assumed: tuple[Notice, ...]
     warnings: tuple[Notice, ...]
 
 
-def draft_log_map(robot: Robot, log: Path, columns: NamesByQuantity, units: NamesByQuantity) -> LogMapDraft:
+def draft_log_map(
+    robot: robots.Robot, log: Path, columns: NamesByQuantity, units: NamesByQuantity
+) -> LogMapDraft:
     """Return the robot with a `[log]` table for a log.
 
     `columns` and `units`, one a column or one for all, replace what the headings say of a quantity; "topic"
@@ -86,7 +72,7 @@ def draft_log_map(robot: Robot, log: Path, columns: NamesByQuantity, units: Name
     ]
     columns = {name: entry for name, entry in columns.items() if name != _TOPIC}
     named, of_units = _split_names("--columns", columns), _split_names("--units", units)
-    robot = replace(robot, log=LogMap(topic=next(iter(topics), None)))
+    robot = replace(robot, log=robots.LogMap(topic=next(iter(topics), None)))
     raw = read_raw(log)
     findings = Findings(file=str(log))
     found = recognise_columns(raw, robot, named, of_units, findings)
@@ -135,8 +121,11 @@ def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ..
     for quantity, names in given.items():
         parts = names.split(",") if isinstance(names, str) else names
         found[quantity] = tuple(part.strip() for part in parts)
-        if quantity not in QUANTITIES:
-            hint = suggest_names(quantity, QUANTITIES) or f"known are {', '.join(QUANTITIES)}"
+        if quantity not in robots.QUANTITIES:
+            hint = (
+                robots.suggest_names(quantity, robots.QUANTITIES)
+                or f"known are {', '.join(robots.QUANTITIES)}"
+            )
             mistake = f"there is no quantity {quantity!r}; {hint}"
         elif not all(found[quantity]) or not found[quantity]:
             example = "deg" if option == "--units" else "NAME,NAME"
@@ -167,7 +156,7 @@ class Draft:
         notices: assumptions and warnings.
     """
 
-    robot: Robot
+    robot: robots.Robot
     source: Path
     text: str
     log: LogMapDraft | None
@@ -204,21 +193,21 @@ def draft_robot(
     if texts:
         raise UsageError(*(Notice(code="usage.call", text=text) for text in texts))
     notices: list[Notice] = []
-    if name is not None and is_xml(found := locate_robot_file(name)):
-        robot = choose_reading(partial(read_xml_robot, found))
+    if name is not None and robots.is_xml(found := robots.locate_robot_file(name)):
+        robot = choose_reading(partial(robots.read_xml_robot, found))
     elif name is not None:
         more = {"--log": log, "--friction": friction, "--rotors": options.rotors, "--gear": options.gear}
         if added := _list_given({**more, "--torque-constant": options.torque_constant}):
             listed = ", ".join(added)
             text = f"{listed}: a robot file is copied as it is; leave this out, and complete it by hand"
             raise UsageError(Notice(code="usage.copied", text=text, file=str(found)))
-        robot = read_robot(found)
+        robot = robots.read_robot(found)
         text = found.read_text(encoding="utf-8-sig")
         return Draft(robot=robot, source=found, text=text, log=None, notices=robot.notices)
     elif urdf is not None:
-        robot = choose_reading(partial(read_xml_robot, urdf, base=options.base, tip=options.tip))
+        robot = choose_reading(partial(robots.read_xml_robot, urdf, base=options.base, tip=options.tip))
     else:
-        gravity = DEFAULT_GRAVITY
+        gravity = robots.DEFAULT_GRAVITY
         if options.gravity is None:
             text = "gravity is assumed as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the"
             notices.append(Notice(code="new.gravity", text=f"{text} file"))
@@ -230,12 +219,12 @@ def draft_robot(
                 raise UsageError(Notice(code="usage.gravity", text=text))
             x, y, z = (text.strip() for text in texts)
             gravity = (x, y, z)
-        robot = read_dh_table(table or Path(), options.convention or "", gravity)
+        robot = robots.read_dh_table(table or Path(), options.convention or "", gravity)
     gears, constants = (
         _split_numbers(option, given)
         for option, given in (("--gear", options.gear), ("--torque-constant", options.torque_constant))
     )
-    robot = complete_robot(robot, friction, gears, constants, rotors=options.rotors)
+    robot = robots.complete_robot(robot, friction, gears, constants, rotors=options.rotors)
     part = draft_log_map(robot, log, columns, units) if log else None
     robot = part.robot if part else robot
     assumed, warnings = (part.assumed, part.warnings) if part else ((), ())
@@ -245,9 +234,9 @@ def draft_robot(
         lines += textwrap.wrap(notice.text, _WIDTH, initial_indent="* ", subsequent_indent="  ")
     if lines:
         comment = "\n".join((comment, "", _ASSUMED, *lines))
-    written = write_robot(robot, comment=comment, hints=True)
+    written = robots.write_robot(robot, comment=comment, hints=True)
     try:
-        parse_robot(written)
+        robots.parse_robot(written)
     except RobotError as error:
         texts = [f"cannot be written as a robot file: {notice.text}" for notice in error.notices]
         wrong = (Notice(code="new.unwritable", text=written, file=robot.path) for written in texts)
@@ -278,7 +267,7 @@ def _read_numbers(given: Numbers) -> tuple[list[str], list[float]]:
     else:
         texts = [str(float(entry)) for entry in plain]
     try:
-        numbers = [to_decimal(Decimal(text.strip())) for text in texts]
+        numbers = [robots.to_decimal(Decimal(text.strip())) for text in texts]
     except InvalidOperation:
         return texts, []
     return texts, [] if None in numbers else [float(number) for number in numbers if number is not None]

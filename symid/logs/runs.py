@@ -22,6 +22,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from symid import robot as robots
 from symid.arrays import FloatArray
 from symid.errors import InputError, LogError, Notice, RobotError, UsageError
 from symid.logs.reader import read_recording
@@ -36,24 +37,12 @@ from symid.logs.recording import (
 )
 from symid.logs.sampling import resample_if_uneven
 from symid.notation import INERTIAL
-from symid.robot import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Robot,
-    Section,
-    describe_settings,
-    parse_toml,
-    read_body,
-    read_offset,
-    read_text_file,
-    sort_notices,
-)
 from symid.serialization import compute_file_digest, compute_signature, read_record, write_plain
 
 T = TypeVar("T")
 
 
-def read_payload(section: Section, robot: Robot) -> tuple[str, tuple[float, ...]]:
+def read_payload(section: robots.Section, robot: robots.Robot) -> tuple[str, tuple[float, ...]]:
     """Return a payload's name, and what it adds to beta (p,): nothing where it is not known."""
     value = section.values.get("payload")
     if not isinstance(value, dict):
@@ -68,7 +57,7 @@ def read_payload(section: Section, robot: Robot) -> tuple[str, tuple[float, ...]
         return name, ()
     link = names.index(joint)
     section = replace(section, symbols=dict(robot.symbols))
-    parameters, _ = read_body(section, "payload", robot.joints[link].frame, ("name", "joint"))
+    parameters, _ = robots.read_body(section, "payload", robot.joints[link].frame, ("name", "joint"))
     if parameters is None:
         return name, ()
     from symid.dynamics import build_grouping, derive_base_parameters
@@ -96,7 +85,7 @@ _SUFFIX = ".toml"
 _KEYS = ("file", "weight", "drop_first", "drop_last", "train", "payload", "offset")
 
 
-def read_log_runs(path: Path, robot: Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
+def read_log_runs(path: Path, robot: robots.Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
     """Return the recording of a log, or those of all runs of a `.toml`, or raise all mistakes."""
     if path.suffix.lower() != _SUFFIX:
         return (_read_even(path, robot, uneven=uneven),)
@@ -110,7 +99,7 @@ def read_log_runs(path: Path, robot: Robot, *, uneven: bool = False) -> tuple[Re
 _UNEVEN = frozenset(("log.gap", "log.jitter"))
 
 
-def _read_even(path: Path, robot: Robot, *, uneven: bool = False) -> Recording:
+def _read_even(path: Path, robot: robots.Robot, *, uneven: bool = False) -> Recording:
     """Return the recording in a log, as it is if `uneven`, else at even times, with a notice if moved."""
     try:
         recording = read_recording(path, robot, uneven=uneven)
@@ -121,17 +110,17 @@ def _read_even(path: Path, robot: Robot, *, uneven: bool = False) -> Recording:
         return resample_if_uneven(read_recording(path, robot, uneven=True))
 
 
-def list_log_files(path: Path, robot: Robot) -> tuple[Path, ...]:
+def list_log_files(path: Path, robot: robots.Robot) -> tuple[Path, ...]:
     """Return the log `path`, in place of a `.toml` the different logs of its runs."""
     if path.suffix.lower() != _SUFFIX:
         return (path,)
     return tuple(dict.fromkeys(Path(run.file) for run in _parse_runs(path, robot)[0]))
 
 
-def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tuple[Notice, ...]]:
+def _parse_runs(path: Path, robot: robots.Robot) -> tuple[tuple[RunSettings, ...], tuple[Notice, ...]]:
     """Return the runs that a file lists, and warnings; mistakes are raised with their places."""
     try:
-        root = parse_toml(read_text_file(path), str(path), "robot.syntax")
+        root = robots.parse_toml(robots.read_text_file(path), str(path), "robot.syntax")
     except RobotError as error:
         raise LogError(*map(_rename, error.notices)) from error
     root.refuse_unknown_keys(("run",))
@@ -144,7 +133,7 @@ def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tupl
         section = root.inside(table, f"run {index + 1}", "run", index)
         section.refuse_unknown_keys(_KEYS)
         section.require("file", 'write file = "log.npz"')
-        weight = section.read_float("weight", "", POSITIVE)
+        weight = section.read_float("weight", "", robots.POSITIVE)
         payload, load = read_payload(section, robot)
         train = section.read_text("train")
         try:
@@ -154,17 +143,17 @@ def _parse_runs(path: Path, robot: Robot) -> tuple[tuple[RunSettings, ...], tupl
         run = RunSettings(
             file=str(path.parent / (section.read_text("file") or "")),
             weight=1.0 if weight is None else weight,
-            drop_first=section.read_integer("drop_first", NOT_NEGATIVE) or 0,
-            drop_last=section.read_integer("drop_last", NOT_NEGATIVE) or 0,
+            drop_first=section.read_integer("drop_first", robots.NOT_NEGATIVE) or 0,
+            drop_last=section.read_integer("drop_last", robots.NOT_NEGATIVE) or 0,
             train=train or "",
             payload=payload,
             load=load,
-            offset=read_offset(section, robot.freedom) or (0.0,),
+            offset=robots.read_offset(section, robot.freedom) or (0.0,),
         )
         runs.append(run)
     if root.errors:
-        raise LogError(*map(_rename, sort_notices(root.errors)))
-    return tuple(runs), tuple(map(_rename, sort_notices(root.warnings)))
+        raise LogError(*map(_rename, robots.sort_notices(root.errors)))
+    return tuple(runs), tuple(map(_rename, robots.sort_notices(root.warnings)))
 
 
 def _rename(notice: Notice) -> Notice:
@@ -196,7 +185,7 @@ def get_run_weights(recordings: Sequence[Recording]) -> tuple[float, ...] | None
     return None if len(set(weights)) == 1 else weights
 
 
-def read_recorded_runs(sources: Sequence[str], stored: object, robot: Robot) -> tuple[Recording, ...]:
+def read_recorded_runs(sources: Sequence[str], stored: object, robot: robots.Robot) -> tuple[Recording, ...]:
     """Return the recordings of a result, read again with the settings of their runs, or raise all LogErrors.
 
     `sources`: the files, one a run, in the order of the fit; `stored`: the entry "runs" of `describe_logs`,
@@ -258,7 +247,7 @@ IN_MEMORY_PREFIX = "samples:"
 """Prefix of the digest of a log that is no file."""
 
 
-def read_one_log(log: Path | Recording, robot: Robot, alone: str = "") -> Recording:
+def read_one_log(log: Path | Recording, robot: robots.Robot, alone: str = "") -> Recording:
     """Return the recording of one log, or of a file of one run; a UsageError if it lists several.
 
     `alone` names a method that does not support known payloads; LogErrors name all mistakes of the log.
@@ -394,13 +383,13 @@ def get_train_unit(settings: Mapping[str, object]) -> str:
         return ""
 
 
-def describe_logs(robot: Robot, recordings: Sequence[Recording]) -> dict[str, object]:
+def describe_logs(robot: robots.Robot, recordings: Sequence[Recording]) -> dict[str, object]:
     """Return for the echo in a result the log map, the files' digests, the runs' settings."""
-    return {"log": describe_settings(robot)["log"], **describe_runs(recordings)}
+    return {"log": robots.describe_settings(robot)["log"], **describe_runs(recordings)}
 
 
 def read_recordings(
-    logs: Sequence[Path | Recording], robot: Robot, *, uneven: bool = False
+    logs: Sequence[Path | Recording], robot: robots.Robot, *, uneven: bool = False
 ) -> tuple[Recording, ...]:
     """Return the recordings of logs (files, files of runs, recordings), or a LogError with all mistakes.
 
@@ -419,7 +408,7 @@ def read_recordings(
     return _read_all(logs, read)
 
 
-def read_fit_recordings(logs: Sequence[Path | Recording], robot: Robot) -> tuple[Recording, ...]:
+def read_fit_recordings(logs: Sequence[Path | Recording], robot: robots.Robot) -> tuple[Recording, ...]:
     """Return the recordings for one fit; see `read_recordings`.
 
     A UsageError refuses a log that is given twice, or none, a LogError different payloads.

@@ -16,26 +16,8 @@ from fractions import Fraction
 from itertools import chain
 from math import atan2, hypot
 
+from symid.robot import geometry
 from symid.robot.description import Joint
-from symid.robot.geometry import (
-    IDENTITY,
-    ONE,
-    ZERO,
-    Exact,
-    ExactMatrix,
-    ExactVector,
-    Placement,
-    build_exact_angle,
-    compose_placements,
-    compute_rotation,
-    compute_square_root,
-    invert_exact,
-    invert_placement,
-    rotate_x,
-    rotate_z,
-    snap_to_quarter_turns,
-    to_floats,
-)
 from symid.robot.inertia import move_by_placement
 
 # Angles (rad) and lengths (m) below these are the rounding of what was written.
@@ -50,8 +32,8 @@ _QUATERNION_PARTS = 10**16
 
 
 def rationalize_placement(
-    placement: Placement, symbols: Mapping[str, float] | None = None, *, snap: float = 1e-5
-) -> tuple[Placement, float]:
+    placement: geometry.Placement, symbols: Mapping[str, float] | None = None, *, snap: float = 1e-5
+) -> tuple[geometry.Placement, float]:
     """Return the placement in short numbers, and how far its axes were moved (rad).
 
     Long exact numbers, which come together in many steps, become short ones some 1e-15 away, and quarter
@@ -59,27 +41,27 @@ def rationalize_placement(
     exact angles, any other rotation with long numbers a rational quaternion. Short numbers stay as they are.
     Rotations within `snap` (rad) of quarter turns become these; zero turns that off.
     """
-    r = to_floats(placement)
+    r = geometry.to_floats(placement)
     long = any(has_long_denominator(entry, _LONGEST_TURN) for row in placement.rotation for entry in row)
-    rotation = snap_to_quarter_turns(placement, snap=snap) or placement
+    rotation = geometry.snap_to_quarter_turns(placement, snap=snap) or placement
     if rotation is placement and (long or placement.rotation[0][2]):
         if abs(r[0][2]) <= max(snap, _SMALLEST_SNAP):
-            alpha = build_exact_angle(atan2(-r[1][2], r[2][2]), snap=snap)
-            theta = build_exact_angle(atan2(-r[0][1], r[0][0]), snap=snap)
-            rotation = compose_placements(rotate_x(alpha), rotate_z(theta))
+            alpha = geometry.build_exact_angle(atan2(-r[1][2], r[2][2]), snap=snap)
+            theta = geometry.build_exact_angle(atan2(-r[0][1], r[0][0]), snap=snap)
+            rotation = geometry.compose_placements(geometry.rotate_x(alpha), geometry.rotate_z(theta))
         elif long:
             rotation = replace(placement, rotation=_approximate_rotation(r))
-    moved = max(abs(a - b) for a, b in zip(chain(*r), chain(*to_floats(rotation)), strict=True))
+    moved = max(abs(a - b) for a, b in zip(chain(*r), chain(*geometry.to_floats(rotation)), strict=True))
     origin = _rationalize_translation(placement, rotation.rotation, symbols or {})
     return replace(rotation, translation=origin), moved
 
 
-def has_long_denominator(value: Exact, longest: int) -> bool:
+def has_long_denominator(value: geometry.Exact, longest: int) -> bool:
     """Return whether a number has a denominator above `longest`."""
     return any(part.denominator > longest for _, surd in value.terms for part in surd)
 
 
-def _approximate_rotation(r: tuple[tuple[float, ...], ...]) -> ExactMatrix:
+def _approximate_rotation(r: tuple[tuple[float, ...], ...]) -> geometry.ExactMatrix:
     """Return the rotation of a rational quaternion near `r` (Shepperd 1978, the largest part first)."""
     trace = r[0][0] + r[1][1] + r[2][2]
     squares = [trace, r[0][0], r[1][1], r[2][2]]
@@ -94,18 +76,20 @@ def _approximate_rotation(r: tuple[tuple[float, ...], ...]) -> ExactMatrix:
         parts[1 + j] = r[j][i] + r[i][j]
         parts[1 + k] = r[k][i] + r[i][k]
     scale = max(abs(part) for part in parts)
-    return compute_rotation([Exact.of(round(part / scale * _QUATERNION_PARTS)) for part in parts])
+    return geometry.compute_rotation(
+        [geometry.Exact.of(round(part / scale * _QUATERNION_PARTS)) for part in parts]
+    )
 
 
 def _rationalize_translation(
-    placement: Placement, rotation: ExactMatrix, symbols: Mapping[str, float]
-) -> ExactVector:
+    placement: geometry.Placement, rotation: geometry.ExactMatrix, symbols: Mapping[str, float]
+) -> geometry.ExactVector:
     """Return the translation in short numbers: a and d, where it has the modified form."""
     origin = placement.translation
     longest = (_LONGEST_LENGTH if value.is_rational else _LONGEST_SURD for value in origin)
     if not any(map(has_long_denominator, origin, longest)):
         x, y, z = (
-            ZERO if value.is_number and abs(value.to_float()) < _SMALLEST_LENGTH else value
+            geometry.ZERO if value.is_number and abs(value.to_float()) < _SMALLEST_LENGTH else value
             for value in origin
         )
         return (x, y, z)
@@ -121,14 +105,14 @@ def _rationalize_translation(
     return (_round_length(t[0]), _round_length(t[1]), _round_length(t[2]))
 
 
-def _round_length(value: float) -> Exact:
+def _round_length(value: float) -> geometry.Exact:
     if abs(value) < _SMALLEST_LENGTH:
-        return ZERO
-    return Exact.surd(Fraction(round(Fraction(value) * _LENGTH_PARTS), _LENGTH_PARTS))
+        return geometry.ZERO
+    return geometry.Exact.surd(Fraction(round(Fraction(value) * _LENGTH_PARTS), _LENGTH_PARTS))
 
 
-_Direction = tuple[Exact, Exact]
-_KEPT: _Direction = (ONE, ZERO)
+_Direction = tuple[geometry.Exact, geometry.Exact]
+_KEPT: _Direction = (geometry.ONE, geometry.ZERO)
 # Digits of a length that somebody chose; programs write six and more.
 _CHOSEN_DIGITS = 4
 _DECIMALS = 10**30
@@ -170,11 +154,11 @@ def choose_canonical_frames(
         children.setdefault(joint.parent, joint)
     lengths = [hypot(*(value.to_float(values) for value in joint.placement.translation)) for joint in joints]
     farthest = _FARTHEST * max(lengths, default=0.0)
-    moves: list[Placement] = []
+    moves: list[geometry.Placement] = []
     found, moved_by, tilts = [], [], []
     for index, joint in enumerate(joints):
-        before = IDENTITY if joint.parent < 0 else moves[joint.parent]
-        placement = compose_placements(invert_placement(before), joint.placement)
+        before = geometry.IDENTITY if joint.parent < 0 else moves[joint.parent]
+        placement = geometry.compose_placements(geometry.invert_placement(before), joint.placement)
         # Where the origin stands along its own z axis, seen from the parent's origin.
         x, y, z = (row[2] * t for row, t in zip(placement.rotation, placement.translation, strict=True))
         along = x + y + z
@@ -194,13 +178,21 @@ def choose_canonical_frames(
         lifted = [(cosine * a + sine * b).to_float() for a, b in zip(xs, ys, strict=True)]
         if next(entry for entry in lifted if abs(entry) > tolerance) < 0:
             cosine, sine = -cosine, -sine
-        turn = ((cosine, -sine, ZERO), (sine, cosine, ZERO), (ZERO, ZERO, ONE))
+        turn = (
+            (cosine, -sine, geometry.ZERO),
+            (sine, cosine, geometry.ZERO),
+            (geometry.ZERO, geometry.ZERO, geometry.ONE),
+        )
         # The new frame seen from the old one.
-        move = Placement(rotation=turn, translation=(ZERO, ZERO, shift))
+        move = geometry.Placement(rotation=turn, translation=(geometry.ZERO, geometry.ZERO, shift))
         moves.append(move)
-        settled, moved = rationalize_placement(compose_placements(placement, move), values, snap=snap)
-        back = invert_placement(move)
-        frame, turned = rationalize_placement(compose_placements(back, joint.frame), values, snap=snap)
+        settled, moved = rationalize_placement(
+            geometry.compose_placements(placement, move), values, snap=snap
+        )
+        back = geometry.invert_placement(move)
+        frame, turned = rationalize_placement(
+            geometry.compose_placements(back, joint.frame), values, snap=snap
+        )
         inertial = joint.inertial and move_by_placement(joint.inertial, back, values)
         found.append(replace(joint, placement=settled, frame=frame, inertial=inertial))
         moved_by.append(max(moved, turned))
@@ -210,8 +202,8 @@ def choose_canonical_frames(
 
 
 def _choose_frame(
-    child: Placement, symbols: Mapping[str, float], tolerance: float
-) -> tuple[_Direction | None, Exact | None]:
+    child: geometry.Placement, symbols: Mapping[str, float], tolerance: float
+) -> tuple[_Direction | None, geometry.Exact | None]:
     """Return the direction of x in the old frame's plane, and the shift along z; None where they are free.
 
     With the axis of the first joint after the link along u through p, x stands along z x u, and the origin at
@@ -229,11 +221,11 @@ def _choose_frame(
         chosen = not ux and not uy and _is_chosen(px) and _is_chosen(py)
         return _KEPT if chosen else _approximate_direction(px, py, symbols), None
     direction = _compute_exact_direction(-uy, ux) or _approximate_direction(-uy, ux, symbols)
-    along = (px * ux + py * uy) * invert_exact(ux * ux + uy * uy)
+    along = (px * ux + py * uy) * geometry.invert_exact(ux * ux + uy * uy)
     return direction, pz - uz * along
 
 
-def _is_chosen(value: Exact) -> bool:
+def _is_chosen(value: geometry.Exact) -> bool:
     """Return whether all numbers in a length are decimals of few digits."""
     for _, (one, *roots) in value.terms:
         whole = abs(one) * _DECIMALS
@@ -243,18 +235,18 @@ def _is_chosen(value: Exact) -> bool:
     return True
 
 
-def _compute_exact_direction(x: Exact, y: Exact) -> _Direction | None:
+def _compute_exact_direction(x: geometry.Exact, y: geometry.Exact) -> _Direction | None:
     """Return the unit vector along (x, y), in either sense; None where it is not in the field."""
     if not x or not y:
-        return (ZERO, ONE) if y else (ONE, ZERO)
-    length = compute_square_root(x * x + y * y) if x.is_number and y.is_number else None
+        return (geometry.ZERO, geometry.ONE) if y else (geometry.ONE, geometry.ZERO)
+    length = geometry.compute_square_root(x * x + y * y) if x.is_number and y.is_number else None
     if length is None:
         return None
-    inverse = invert_exact(length)
+    inverse = geometry.invert_exact(length)
     return (x * inverse, y * inverse)
 
 
-def _approximate_direction(x: Exact, y: Exact, symbols: Mapping[str, float]) -> _Direction:
+def _approximate_direction(x: geometry.Exact, y: geometry.Exact, symbols: Mapping[str, float]) -> _Direction:
     """Return a direction along (x, y) to the digits of a double."""
-    angle = build_exact_angle(atan2(y.to_float(symbols), x.to_float(symbols)), snap=0)
+    angle = geometry.build_exact_angle(atan2(y.to_float(symbols), x.to_float(symbols)), snap=0)
     return (angle.cosine, angle.sine)

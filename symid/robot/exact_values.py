@@ -19,27 +19,7 @@ from collections.abc import Mapping
 from decimal import Decimal, localcontext
 from fractions import Fraction
 
-from symid.robot.geometry import (
-    IDENTITY,
-    ONE,
-    ZERO,
-    Angle,
-    Exact,
-    ExactVector,
-    Placement,
-    build_exact_angle,
-    build_tangent_angle,
-    compose_placements,
-    compute_quaternion,
-    compute_rotation,
-    compute_rpy,
-    invert_exact,
-    place_modified_dh,
-    rotate_rpy,
-    rotate_x,
-    rotate_z,
-    translate,
-)
+from symid.robot import geometry
 from symid.robot.toml_values import ANY, Range, Section, explain_number, suggest_names, to_decimal
 
 _FACTOR = r"(?:\d+(?:\.\d+)?(?:[eE][-+]?\d{1,2})?|sqrt\(\s*[236]\s*\)|[A-Za-z][A-Za-z0-9_]*)"
@@ -49,7 +29,11 @@ _LONGEST = 2000
 _LARGEST_PART = Fraction(10) ** 30
 """Of a coefficient; numbers in files have the same limit."""
 _NO = Fraction(0)
-_ROOTS = {2: Exact.surd(_NO, 1), 3: Exact.surd(_NO, 0, 1), 6: Exact.surd(_NO, 0, 0, 1)}
+_ROOTS = {
+    2: geometry.Exact.surd(_NO, 1),
+    3: geometry.Exact.surd(_NO, 0, 1),
+    6: geometry.Exact.surd(_NO, 0, 0, 1),
+}
 # What a symbol can be, by its unit: an example, in words, a typical value.
 _QUANTITIES = {
     "m": ("L1", "a length", "0.5"),
@@ -59,13 +43,13 @@ _QUANTITIES = {
 }
 
 
-def parse_linear_form(text: str) -> Exact | None:
+def parse_linear_form(text: str) -> geometry.Exact | None:
     """Return the linear form that `text` writes, or None if it writes none."""
     if len(text) > _LONGEST or not text.strip():
         return None
     # The sign of the first term may be left out.
     text = text if text.lstrip()[0] in "+-" else f"+{text}"
-    total, product, position = ZERO, ZERO, 0
+    total, product, position = geometry.ZERO, geometry.ZERO, 0
     while position < len(text):
         match = _STEP.match(text, position)
         if not match:
@@ -74,7 +58,7 @@ def parse_linear_form(text: str) -> Exact | None:
         if name.startswith("sqrt("):
             factor = _ROOTS[int(name[5:-1])]
         else:
-            factor = Exact.of(name) if name[0].isdigit() else Exact.symbol(name)
+            factor = geometry.Exact.of(name) if name[0].isdigit() else geometry.Exact.symbol(name)
         if operator in "+-":
             total, product = total + product, factor if operator == "+" else -factor
             continue
@@ -82,18 +66,18 @@ def parse_linear_form(text: str) -> Exact | None:
             if not factor or not factor.is_number:
                 return None
             # A factor is a rational number or a root; 1 / sqrt(n) is sqrt(n) / n.
-            factor = factor * Exact.surd(1 / (factor * factor).coefficient("")[0])
+            factor = factor * geometry.Exact.surd(1 / (factor * factor).coefficient("")[0])
         if not (product.is_number or factor.is_number):
             return None
         product = product * factor
     return total + product
 
 
-def _parse_value(value: object, largest: Fraction = _LARGEST_PART) -> Exact | None:
+def _parse_value(value: object, largest: Fraction = _LARGEST_PART) -> geometry.Exact | None:
     """Return a value of a file, a number or the text of a linear form with parts up to `largest`."""
     number = to_decimal(value)
     if number is not None:
-        return Exact.of(str(number))
+        return geometry.Exact.of(str(number))
     form = parse_linear_form(value) if isinstance(value, str) else None
     sizes = [abs(part) for _, parts in (form.terms if form else ()) for part in parts if part]
     return form if all(1 / largest <= size <= largest for size in sizes) else None
@@ -101,7 +85,7 @@ def _parse_value(value: object, largest: Fraction = _LARGEST_PART) -> Exact | No
 
 def read_linear_form(
     section: Section, key: str, unit: str, *inner: int, allowed: Range = ANY, code: str = "robot.wrong-type"
-) -> Exact | None:
+) -> geometry.Exact | None:
     """Return the number or form at `key`, or at its element `inner`; None where it is absent or wrong.
 
     The first use of a symbol fixes its `unit`, "m", "kg", "kg*m^2" or "m/s^2". `allowed` is what the number
@@ -137,11 +121,11 @@ def read_linear_form(
     return form
 
 
-def read_vector(section: Section, key: str, unit: str) -> ExactVector:
+def read_vector(section: Section, key: str, unit: str) -> geometry.ExactVector:
     """Return the three numbers or forms at `key`; zeros where it is absent or wrong."""
     if not section.has_list(key, 3, f"numbers in {unit}"):
-        return (ZERO, ZERO, ZERO)
-    x, y, z = (read_linear_form(section, key, unit, index) or ZERO for index in range(3))
+        return (geometry.ZERO, geometry.ZERO, geometry.ZERO)
+    x, y, z = (read_linear_form(section, key, unit, index) or geometry.ZERO for index in range(3))
     return (x, y, z)
 
 
@@ -172,7 +156,7 @@ _FRACTION_OF_PI = re.compile(
     r"(?P<sign>[-+]?)\s*(?:(?P<times>\d+(?:\.\d+)?)\s*\*?\s*)?pi\s*(?:/\s*(?P<by>\d+(?:\.\d+)?))?"
 )
 _TANGENT = re.compile(r"2\s*\*?\s*atan\((?P<tangent>.+)\)")
-ZERO_ANGLE = build_exact_angle(0.0)
+ZERO_ANGLE = geometry.build_exact_angle(0.0)
 DH_KEYS = ("alpha", "a", "d", "theta")
 _LARGEST_ANGLE = 12.0
 _LARGEST_LENGTH = 10
@@ -203,7 +187,7 @@ def read_constant(section: Section, key: str, expected: str, *inner: int) -> flo
     return None
 
 
-def read_angle(section: Section, key: str, *inner: int) -> Angle:
+def read_angle(section: Section, key: str, *inner: int) -> geometry.Angle:
     """Return the angle at `key`, or at its element `inner`; zero where there is none.
 
     A number within 1e-5 rad of a multiple of pi/2 is taken as that multiple, with a warning.
@@ -215,7 +199,7 @@ def read_angle(section: Section, key: str, *inner: int) -> Angle:
     if match := _TANGENT.fullmatch(text):
         tangent = parse_linear_form(match["tangent"])
         if tangent is not None and tangent.is_number:
-            return build_tangent_angle(tangent)
+            return geometry.build_tangent_angle(tangent)
     radians = _parse_degrees(value)
     if match := _FRACTION_OF_PI.fullmatch(text):
         by = float(match["by"] or 1)
@@ -229,7 +213,7 @@ def read_angle(section: Section, key: str, *inner: int) -> Angle:
     if abs(radians) > _LARGEST_ANGLE and not text:
         words = f'{shown} rad is about {radians / math.tau:.1f} turns; degrees are written "90 deg"'
         section.warn("robot.large-angle", key, words, *inner)
-    angle = build_exact_angle(radians)
+    angle = geometry.build_exact_angle(radians)
     if angle.snapped_by:
         quarters = round(angle.radians / (math.pi / 2))
         exact = {0: "0", 1: "pi/2", -1: "-pi/2", 2: "pi", -2: "-pi"}.get(quarters, f"{quarters}*pi/2")
@@ -238,26 +222,26 @@ def read_angle(section: Section, key: str, *inner: int) -> Angle:
     return angle
 
 
-def read_length(section: Section, key: str, *inner: int) -> Exact:
+def read_length(section: Section, key: str, *inner: int) -> geometry.Exact:
     """Return the length at `key` in m, or at its element `inner`: a number or a form; zero by default."""
     length = read_linear_form(section, key, "m", *inner, code="robot.bad-length")
     number = to_decimal(section.get(key, *inner))
     if length is not None and number is not None and abs(number) > _LARGEST_LENGTH:
         text = f"{section.show(key, *inner)} m is long; lengths are in m"
         section.warn("robot.long-length", key, text, *inner)
-    return length or ZERO
+    return length or geometry.ZERO
 
 
-def read_position(section: Section, key: str) -> tuple[Exact, Placement]:
+def read_position(section: Section, key: str) -> tuple[geometry.Exact, geometry.Placement]:
     """Return the position (rad or m) at `key` of a joint and its frame there; zero where there is none."""
     if section.prismatic:
         length = read_length(section, key)
-        return length, translate(ZERO, ZERO, length)
+        return length, geometry.translate(geometry.ZERO, geometry.ZERO, length)
     angle = read_angle(section, key)
-    return Exact.of(angle.radians), rotate_z(angle)
+    return geometry.Exact.of(angle.radians), geometry.rotate_z(angle)
 
 
-def read_frames(section: Section, convention: str) -> tuple[Placement, Placement]:
+def read_frames(section: Section, convention: str) -> tuple[geometry.Placement, geometry.Placement]:
     """Return the joint's frame at q = 0 seen from the link before it, and the link's seen from the joint's.
 
     A modified row ends in the joint's frame, which is the link's; a standard row goes on to the far end of
@@ -274,26 +258,28 @@ def read_frames(section: Section, convention: str) -> tuple[Placement, Placement
     alpha, a = read_angle(section, "alpha"), read_length(section, "a")
     d, theta = read_length(section, "d"), read_angle(section, "theta")
     if convention == "modified":
-        return place_modified_dh(alpha, a, d, theta), IDENTITY
-    near = place_modified_dh(ZERO_ANGLE, ZERO, d, theta)
-    return near, compose_placements(translate(a, ZERO, ZERO), rotate_x(alpha))
+        return geometry.place_modified_dh(alpha, a, d, theta), geometry.IDENTITY
+    near = geometry.place_modified_dh(ZERO_ANGLE, geometry.ZERO, d, theta)
+    return near, geometry.compose_placements(
+        geometry.translate(a, geometry.ZERO, geometry.ZERO), geometry.rotate_x(alpha)
+    )
 
 
-def _read_origin(section: Section, key: str) -> Placement:
+def _read_origin(section: Section, key: str) -> geometry.Placement:
     """Return the frame at `key`; the identity where there is none or it is wrong."""
     table = section.read_table(key, ("xyz", "rpy", "quaternion"))
     if table is None:
-        return IDENTITY
-    x, y, z = IDENTITY.translation
+        return geometry.IDENTITY
+    x, y, z = geometry.IDENTITY.translation
     if table.has_list("xyz", 3, "lengths in m"):
         x, y, z = (read_length(table, "xyz", index) for index in range(3))
     if "rpy" in table.values and "quaternion" in table.values:
         text = "cannot be combined with rpy, which means the same; keep one of the two"
         table.refuse_key("robot.two-forms", "quaternion", text)
-    rotation = IDENTITY.rotation
+    rotation = geometry.IDENTITY.rotation
     if table.has_list("rpy", 3, "angles"):
         roll, pitch, yaw = (read_angle(table, "rpy", index) for index in range(3))
-        rotation = rotate_rpy(roll, pitch, yaw).rotation
+        rotation = geometry.rotate_rpy(roll, pitch, yaw).rotation
     if table.has_list("quaternion", 4, "numbers w, x, y, z"):
         # Only ratios count: the whole numbers of an exact turn may be long.
         forms = [_parse_value(table.get("quaternion", index), _LARGEST_PART**2) for index in range(4)]
@@ -303,13 +289,13 @@ def _read_origin(section: Section, key: str) -> Placement:
             text = f'expected a number or a text such as "1+sqrt(2)", got {table.show("quaternion", index)}'
             table.refuse("robot.wrong-type", "quaternion", text, index)
         elif any(parts):
-            rotation = compute_rotation(parts)
+            rotation = geometry.compute_rotation(parts)
         else:
             table.refuse("robot.out-of-range", "quaternion", "must not be zero; no turn is [1, 0, 0, 0]")
-    return Placement(rotation=rotation, translation=(x, y, z))
+    return geometry.Placement(rotation=rotation, translation=(x, y, z))
 
 
-_TWELFTHS = tuple((k, build_exact_angle(k * math.pi / 12)) for k in range(-11, 13))
+_TWELFTHS = tuple((k, geometry.build_exact_angle(k * math.pi / 12)) for k in range(-11, 13))
 _MOST_PLACES = 40
 _COMMENT_COLUMN = 35
 # Outside of this a number is a slip for the reader; a fraction in quotes is not.
@@ -341,17 +327,17 @@ def write_fraction(value: Fraction) -> str:
     return f'"{value}"'
 
 
-def write_exact(value: Exact) -> str:
+def write_exact(value: geometry.Exact) -> str:
     """Return a number or form, such as 0.5, "L1" or "1/2*sqrt(3)"."""
     return write_fraction(value.coefficient("")[0]) if value.is_rational else f'"{value}"'
 
 
-def write_list(values: tuple[Exact, ...]) -> str:
+def write_list(values: tuple[geometry.Exact, ...]) -> str:
     """Return a list of numbers and forms."""
     return f"[{', '.join(map(write_exact, values))}]"
 
 
-def write_angle(angle: Angle) -> str:
+def write_angle(angle: geometry.Angle) -> str:
     """Return an angle that is read back with the same cosine and sine."""
     for k, twelfth in _TWELFTHS:
         if (angle.cosine, angle.sine) == (twelfth.cosine, twelfth.sine):
@@ -360,11 +346,11 @@ def write_angle(angle: Angle) -> str:
             by = "" if part.denominator == 1 else f"/{part.denominator}"
             return f'"{times}pi{by}"' if part else "0"
     radians = math.atan2(angle.sine.to_float(), angle.cosine.to_float())
-    found = build_exact_angle(radians)
+    found = geometry.build_exact_angle(radians)
     if (found.cosine, found.sine) == (angle.cosine, angle.sine):
         return repr(radians)
     # tan(angle / 2); a half turn, where it is infinite, is a multiple of pi/12.
-    return f'"2*atan({angle.sine * invert_exact(ONE + angle.cosine)})"'
+    return f'"2*atan({angle.sine * geometry.invert_exact(geometry.ONE + angle.cosine)})"'
 
 
 def write_value(value: object) -> str:
@@ -393,45 +379,49 @@ def write_key(key: str) -> str:
     return key if bare else write_value(key)
 
 
-def _write_row(alpha: Angle, a: Exact, d: Exact, theta: Angle) -> dict[str, str]:
+def _write_row(
+    alpha: geometry.Angle, a: geometry.Exact, d: geometry.Exact, theta: geometry.Angle
+) -> dict[str, str]:
     """Return the values of a row that are not zero."""
     row = zip(DH_KEYS, (write_angle(alpha), write_exact(a), write_exact(d), write_angle(theta)), strict=True)
     return {key: text for key, text in row if text != "0"}
 
 
-def write_modified_row(placement: Placement) -> dict[str, str] | None:
+def write_modified_row(placement: geometry.Placement) -> dict[str, str] | None:
     """Return alpha, a, d, theta of a frame, those that are zero left out; None where it is no such row.
 
     The rotation is Rx(alpha) Rz(theta), the translation (a, -sin(alpha) d, cos(alpha) d).
     """
     r, t = placement.rotation, placement.translation
-    alpha, theta = Angle.of(r[2][2], -r[1][2]), Angle.of(r[0][0], -r[0][1])
+    alpha, theta = geometry.Angle.of(r[2][2], -r[1][2]), geometry.Angle.of(r[0][0], -r[0][1])
     d = alpha.cosine * t[2] - alpha.sine * t[1]
-    is_row = place_modified_dh(alpha, t[0], d, theta) == placement
+    is_row = geometry.place_modified_dh(alpha, t[0], d, theta) == placement
     return _write_row(alpha, t[0], d, theta) if is_row else None
 
 
-def write_standard_row(near: Placement, frame: Placement) -> dict[str, str] | None:
+def write_standard_row(near: geometry.Placement, frame: geometry.Placement) -> dict[str, str] | None:
     """Return alpha, a, d, theta of a joint's frame and its link's; None where they are no such row.
 
     These are `near` = Rz(theta) Tz(d) seen from the link before, `frame` = Tx(a) Rx(alpha) from the joint's.
     """
-    theta = Angle.of(near.rotation[0][0], near.rotation[1][0])
-    alpha = Angle.of(frame.rotation[1][1], frame.rotation[2][1])
+    theta = geometry.Angle.of(near.rotation[0][0], near.rotation[1][0])
+    alpha = geometry.Angle.of(frame.rotation[1][1], frame.rotation[2][1])
     d, a = near.translation[2], frame.translation[0]
-    far = compose_placements(translate(a, ZERO, ZERO), rotate_x(alpha))
-    is_row = (place_modified_dh(ZERO_ANGLE, ZERO, d, theta), far) == (near, frame)
+    far = geometry.compose_placements(
+        geometry.translate(a, geometry.ZERO, geometry.ZERO), geometry.rotate_x(alpha)
+    )
+    is_row = (geometry.place_modified_dh(ZERO_ANGLE, geometry.ZERO, d, theta), far) == (near, frame)
     return _write_row(alpha, a, d, theta) if is_row else None
 
 
-def write_origin(placement: Placement) -> str:
+def write_origin(placement: geometry.Placement) -> str:
     """Return the table of a frame: xyz, and rpy or quaternion where it is turned."""
     parts = []
     if any(placement.translation):
         parts.append(f"xyz = {write_list(placement.translation)}")
-    if placement.rotation != IDENTITY.rotation:
-        if angles := compute_rpy(placement.rotation):
+    if placement.rotation != geometry.IDENTITY.rotation:
+        if angles := geometry.compute_rpy(placement.rotation):
             parts.append(f"rpy = [{', '.join(map(write_angle, angles))}]")
         else:
-            parts.append(f"quaternion = {write_list(compute_quaternion(placement.rotation))}")
+            parts.append(f"quaternion = {write_list(geometry.compute_quaternion(placement.rotation))}")
     return f"{{ {', '.join(parts)} }}" if parts else "{}"

@@ -28,42 +28,10 @@ from pathlib import Path
 import numpy as np
 
 from symid.errors import RobotError
+from symid.robot import geometry, urdf_parts
 from symid.robot.description import Coupling, Drive, Limits, MimicStep, Robot, Spring
-from symid.robot.geometry import (
-    IDENTITY,
-    ZERO,
-    Angle,
-    Exact,
-    ExactVector,
-    Placement,
-    build_exact_angle,
-    compose_placements,
-    compute_rotation,
-    invert_placement,
-    rotate_x,
-    rotate_y,
-    rotate_z,
-    snap_to_quarter_turns,
-    to_floats,
-    translate,
-)
 from symid.robot.inertia import explain_impossible_inertia, move_parameters
 from symid.robot.toml_values import read_text_file, show
-from symid.robot.urdf_parts import (
-    INFERENCE,
-    MJCF_UNUSED,
-    NULL,
-    ModelSettings,
-    TreeJoint,
-    TreeLink,
-    TreeReading,
-    Triple,
-    XmlPart,
-    build_axis,
-    build_body,
-    build_friction,
-    build_lengths,
-)
 from symid.robot.urdf_reader import DEFAULT_SNAP, assemble_robot, read_urdf
 from symid.robot.urdf_xml import XmlDocument, XmlElement, parse_document, read_urdf_text
 
@@ -80,14 +48,16 @@ _TORQUE = "actuatorfrcrange"
 _UPRIGHT = (Decimal(0), Decimal(0), Decimal(1))
 _Body = tuple[float, ...] | None
 _COUNTS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
-_TURNS = {"x": rotate_x, "y": rotate_y, "z": rotate_z}
+_TURNS = {"x": geometry.rotate_x, "y": geometry.rotate_y, "z": geometry.rotate_z}
 _ANGLES = ("radian", "degree")
 _ROUNDED = 1e-9
 
 
-def read_settings(reading: TreeReading, elements: Sequence[XmlElement]) -> ModelSettings:
+def read_settings(
+    reading: urdf_parts.TreeReading, elements: Sequence[XmlElement]
+) -> urdf_parts.ModelSettings:
     """Return what all <compiler> elements say together; a later one replaces an earlier one."""
-    found = ModelSettings()
+    found = urdf_parts.ModelSettings()
     for element in elements:
         part = reading.enter(element, "compiler")
         unit = part.read_choice("angle", _ANGLES, "degree" if found.degrees else "radian")
@@ -104,18 +74,20 @@ def read_settings(reading: TreeReading, elements: Sequence[XmlElement]) -> Model
             if (part.read_float(attribute) or 0.0) > 0:
                 text = f"{attribute}: is not supported; write the values that it gives into the bodies"
                 part.refuse("robot.mjcf-unsupported", text, attribute)
-        found = ModelSettings(
+        found = urdf_parts.ModelSettings(
             degrees=unit == "degree",
             sequence=sequence,
-            inference=part.read_choice("inertiafromgeom", INFERENCE, found.inference),
+            inference=part.read_choice("inertiafromgeom", urdf_parts.INFERENCE, found.inference),
             groups=(int(groups[0]), int(groups[1])) if groups else found.groups,
-            autolimits=part.read_choice("autolimits", INFERENCE[:2], str(found.autolimits).lower()) == "true",
-            balance=part.read_choice("balanceinertia", INFERENCE[:2], str(found.balance).lower()) == "true",
+            autolimits=part.read_choice("autolimits", urdf_parts.INFERENCE[:2], str(found.autolimits).lower())
+            == "true",
+            balance=part.read_choice("balanceinertia", urdf_parts.INFERENCE[:2], str(found.balance).lower())
+            == "true",
         )
     return found
 
 
-def read_classes(reading: TreeReading, elements: Sequence[XmlElement]) -> None:
+def read_classes(reading: urdf_parts.TreeReading, elements: Sequence[XmlElement]) -> None:
     """Add the classes of all <default> elements, each with what it takes over from the one around it."""
     waiting = [(element, "") for element in reversed(elements)]
     while waiting:
@@ -137,31 +109,31 @@ def read_classes(reading: TreeReading, elements: Sequence[XmlElement]) -> None:
         waiting += [(child, name) for child in reversed(element.children) if child.tag == "default"]
 
 
-def read_rotation(part: XmlPart) -> Placement:
+def read_rotation(part: urdf_parts.XmlPart) -> geometry.Placement:
     """Return the turn that an element states, exactly; none where it states none."""
     stated = [name for name in ORIENTATIONS if part.has(name)]
     if len(stated) > 1:
         text = f"{' and '.join(stated)} mean the same; keep one of them"
         part.refuse("robot.two-forms", text, stated[1])
     if not stated:
-        return IDENTITY
+        return geometry.IDENTITY
     name, settings = stated[0], part.reading.settings
     numbers = part.read_numbers(name, _COUNTS[name])
     match name, numbers:
         case _, ():
-            return IDENTITY
+            return geometry.IDENTITY
         case "quat", (w, *vector):
             if not any(numbers):
                 part.refuse("robot.zero-axis", "quat: must not be zero; no turn is 1 0 0 0", name)
-                return IDENTITY
+                return geometry.IDENTITY
             axes = [k for k, value in enumerate(vector) if value]
             if len(axes) <= 1:
                 k = axes[0] if axes else 0
                 return _TURNS["xyz"[k]](_build_angle(part, 2 * math.atan2(vector[k], w), name))
-            rotation = compute_rotation([Exact.surd(Fraction(value)) for value in numbers])
-            return _settle(part, replace(IDENTITY, rotation=rotation), name)
+            rotation = geometry.compute_rotation([geometry.Exact.surd(Fraction(value)) for value in numbers])
+            return _settle(part, replace(geometry.IDENTITY, rotation=rotation), name)
         case "axisangle", (x, y, z, angle):
-            frame = build_axis(part, (x, y, z), name, name)
+            frame = urdf_parts.build_axis(part, (x, y, z), name, name)
             return _turn_about(part, frame, settings.to_radians(angle), name)
         case "zaxis", (x, y, z):
             return _turn_to(part, (x, y, z), name)
@@ -172,67 +144,71 @@ def read_rotation(part: XmlPart) -> Placement:
             if not any(normal):
                 text = "xyaxes: the two axes must have different directions"
                 part.refuse("robot.zero-axis", text, name)
-                return IDENTITY
-            frame = build_axis(part, normal, name, name)
-            across, along, _ = np.array(to_floats(frame)).T @ np.array([float(a), float(b), float(c)])
-            turn = rotate_z(_build_angle(part, math.atan2(along, across), name))
-            return _settle(part, compose_placements(frame, turn), name)
-    turn = IDENTITY
+                return geometry.IDENTITY
+            frame = urdf_parts.build_axis(part, normal, name, name)
+            across, along, _ = np.array(geometry.to_floats(frame)).T @ np.array(
+                [float(a), float(b), float(c)]
+            )
+            turn = geometry.rotate_z(_build_angle(part, math.atan2(along, across), name))
+            return _settle(part, geometry.compose_placements(frame, turn), name)
+    turn = geometry.IDENTITY
     for letter, value in zip(settings.sequence, numbers, strict=True):
         step = _TURNS[letter.lower()](_build_angle(part, settings.to_radians(value), name))
         # Small letters turn about axes that turn along, capital ones about those of the parent.
-        turn = compose_placements(*((turn, step) if letter.islower() else (step, turn)))
+        turn = geometry.compose_placements(*((turn, step) if letter.islower() else (step, turn)))
     return turn
 
 
-def _build_angle(part: XmlPart, radians: float, attribute: str) -> Angle:
-    angle = build_exact_angle(radians, snap=part.reading.snap)
+def _build_angle(part: urdf_parts.XmlPart, radians: float, attribute: str) -> geometry.Angle:
+    angle = geometry.build_exact_angle(radians, snap=part.reading.snap)
     _tell_snap(part, angle.snapped_by, attribute)
     return angle
 
 
-def _tell_snap(part: XmlPart, moved: float, attribute: str) -> None:
+def _tell_snap(part: urdf_parts.XmlPart, moved: float, attribute: str) -> None:
     if moved:
         text = f"{attribute} was moved to the nearest multiple of pi/2, of bodies (by rad) {{}}"
         part.group("robot.angle-snapped", text, f"{abs(moved):.1e}", attribute)
 
 
-def _turn_about(part: XmlPart, frame: Placement, radians: float, attribute: str) -> Placement:
+def _turn_about(
+    part: urdf_parts.XmlPart, frame: geometry.Placement, radians: float, attribute: str
+) -> geometry.Placement:
     """Return the turn about the z axis of a frame."""
-    turn = rotate_z(_build_angle(part, radians, attribute))
-    return compose_placements(frame, turn, invert_placement(frame))
+    turn = geometry.rotate_z(_build_angle(part, radians, attribute))
+    return geometry.compose_placements(frame, turn, geometry.invert_placement(frame))
 
 
-def _turn_to(part: XmlPart, axis: Triple, attribute: str) -> Placement:
+def _turn_to(part: urdf_parts.XmlPart, axis: urdf_parts.Triple, attribute: str) -> geometry.Placement:
     """Return the least turn that takes z to an axis; about x where any would do."""
     x, y, z = axis
     if not any(axis):
         part.refuse("robot.zero-axis", f"{attribute}: the axis 0 0 0 has no direction", attribute)
-        return IDENTITY
+        return geometry.IDENTITY
     zero, one = Decimal(0), Decimal(1)
-    frame = build_axis(part, (-y, x, zero) if x or y else (one, zero, zero), attribute, attribute)
+    frame = urdf_parts.build_axis(part, (-y, x, zero) if x or y else (one, zero, zero), attribute, attribute)
     return _turn_about(part, frame, math.atan2(math.hypot(x, y), z), attribute)
 
 
-def _settle(part: XmlPart, turn: Placement, attribute: str) -> Placement:
+def _settle(part: urdf_parts.XmlPart, turn: geometry.Placement, attribute: str) -> geometry.Placement:
     """Return a turn by right angles where it is near one."""
     snap = part.reading.snap
-    settled = snap_to_quarter_turns(turn, snap=snap) if snap else None
+    settled = geometry.snap_to_quarter_turns(turn, snap=snap) if snap else None
     if settled is None:
         return turn
-    moved = float(np.abs(np.array(to_floats(settled)) - to_floats(turn)).max())
+    moved = float(np.abs(np.array(geometry.to_floats(settled)) - geometry.to_floats(turn)).max())
     _tell_snap(part, moved if moved > _ROUNDED else 0.0, attribute)
     return settled
 
 
-def read_placement(own: XmlPart) -> Placement:
+def read_placement(own: urdf_parts.XmlPart) -> geometry.Placement:
     """Return the frame that pos and an orientation state."""
     return replace(read_rotation(own), translation=_read_position(own))
 
 
-def _read_position(own: XmlPart) -> ExactVector:
+def _read_position(own: urdf_parts.XmlPart) -> geometry.ExactVector:
     text = "lengths below 1e-9 m in pos were taken as zero, of {}"
-    return build_lengths(own, own.read_vector("pos") or NULL, "pos", text)
+    return urdf_parts.build_lengths(own, own.read_vector("pos") or urdf_parts.NULL, "pos", text)
 
 
 _HINGE, _SLIDE = "hinge", "slide"
@@ -240,14 +216,18 @@ _JOINTS = (_HINGE, _SLIDE, "ball", "free")
 
 
 def read_joint(
-    own: XmlPart, name: str, ends: tuple[str, str], origin: Placement, frame: Placement
-) -> TreeJoint:
+    own: urdf_parts.XmlPart,
+    name: str,
+    ends: tuple[str, str],
+    origin: geometry.Placement,
+    frame: geometry.Placement,
+) -> urdf_parts.TreeJoint:
     """Return a joint between two links; `frame` is that around it seen from its body, `origin` the body's."""
     kind = "free" if own.element.tag == "freejoint" else own.read_choice("type", _JOINTS, _HINGE)
-    joint = TreeJoint(name=name, type=kind, parent=ends[0], child=ends[1], part=own, origin=origin)
+    joint = urdf_parts.TreeJoint(name=name, type=kind, parent=ends[0], child=ends[1], part=own, origin=origin)
     if kind not in (_HINGE, _SLIDE):
         return joint
-    axis = build_axis(own, own.read_vector("axis") or _UPRIGHT, "axis", "axis")
+    axis = urdf_parts.build_axis(own, own.read_vector("axis") or _UPRIGHT, "axis", "axis")
     unit = math.pi / 180 if own.reading.settings.degrees and kind == _HINGE else 1.0
     position = own.read_range("range", "limited")
     zero = own.read_decimal("ref") or Decimal(0)
@@ -255,8 +235,8 @@ def read_joint(
     if damping < 0:
         text = f"damping: {damping:g} drives the joint instead of braking it"
         own.warn("robot.negative-friction", text, "damping")
-    turn = compose_placements(frame, translate(*_read_position(own)), axis)
-    friction = build_friction(damping, own.read_positive("frictionloss"))
+    turn = geometry.compose_placements(frame, geometry.translate(*_read_position(own)), axis)
+    friction = urdf_parts.build_friction(damping, own.read_positive("frictionloss"))
     # What the actuators may have together.
     torque = None
     if bounds := own.read_range(_TORQUE, "actuatorfrclimited"):
@@ -281,7 +261,7 @@ def read_joint(
         friction=friction,
         limits=Limits(position=(position[0] * unit, position[1] * unit) if position else None, torque=torque),
         drive=Drive(has_rotor=armature > 0, rotor_inertia=armature or None),
-        zero=Exact.surd(Fraction(zero)) if unit == 1.0 else Exact.of(float(zero) * unit),
+        zero=geometry.Exact.surd(Fraction(zero)) if unit == 1.0 else geometry.Exact.of(float(zero) * unit),
         spring=spring,
     )
 
@@ -290,7 +270,9 @@ def read_joint(
 _ORDER = (0, 3, 4, 1, 5, 2)
 
 
-def read_body(body: XmlPart, geoms: Sequence[tuple[XmlPart, Placement]], *, moves: bool) -> _Body:
+def read_body(
+    body: urdf_parts.XmlPart, geoms: Sequence[tuple[urdf_parts.XmlPart, geometry.Placement]], *, moves: bool
+) -> _Body:
     """Return the ten parameters of a body in its frame, None where nothing states them.
 
     `geoms` come with the frame around each, seen from the body. A body that does not move needs no inertia.
@@ -312,12 +294,12 @@ def read_body(body: XmlPart, geoms: Sequence[tuple[XmlPart, Placement]], *, move
         if full and (principal or any(map(inertial.has, ORIENTATIONS))):
             text = "fullinertia stands in the axes of the body; leave out diaginertia and orientations"
             inertial.refuse("robot.two-forms", text, "fullinertia")
-        com = [float(value) for value in inertial.read_vector("pos") or NULL]
-        rotation = np.array(to_floats(read_rotation(inertial)))
+        com = [float(value) for value in inertial.read_vector("pos") or urdf_parts.NULL]
+        rotation = np.array(geometry.to_floats(read_rotation(inertial)))
         central = [float(full[k]) for k in _ORDER] if full else [0.0] * 6
         if principal:
             central[0], central[3], central[5] = map(float, principal)
-        found = build_body(inertial, inertial.read_positive("mass"), com, central, rotation)
+        found = urdf_parts.build_body(inertial, inertial.read_positive("mass"), com, central, rotation)
     if found and body.reading.settings.balance and explain_impossible_inertia(found):
         text = "balanceinertia changes the inertia of this body; write the values that it gives into the body"
         body.refuse("robot.mjcf-unsupported", text)
@@ -329,7 +311,7 @@ _NO_BODIES = ("plane", "hfield")
 _GEOMS = (*_NO_BODIES, *_SOLIDS, "mesh", "sdf")
 
 
-def _compute_geom(own: XmlPart, frame: Placement) -> _Body:
+def _compute_geom(own: urdf_parts.XmlPart, frame: geometry.Placement) -> _Body:
     """Return the ten parameters of a solid in the frame of its body; None where it has no mass."""
     kind = own.read_choice("type", _GEOMS, "sphere")
     mass, density = own.read_float("mass"), own.read_float("density", 1000.0)
@@ -348,7 +330,7 @@ def _compute_geom(own: XmlPart, frame: Placement) -> _Body:
         vector = [a - b for a, b in zip(ends[:3], ends[3:], strict=True)]
         half = math.hypot(*map(float, vector)) / 2
         size = [size[0], half, 0.0] if kind in ("capsule", "cylinder") else [size[0], size[0], half]
-        middle = [Exact.surd(Fraction(a + b) / 2) for a, b in zip(ends[:3], ends[3:], strict=True)]
+        middle = [geometry.Exact.surd(Fraction(a + b) / 2) for a, b in zip(ends[:3], ends[3:], strict=True)]
         turn = _turn_to(own, (vector[0], vector[1], vector[2]), "fromto")
         placed = replace(turn, translation=(middle[0], middle[1], middle[2]))
     else:
@@ -379,10 +361,10 @@ def _compute_geom(own: XmlPart, frame: Placement) -> _Body:
             volume = 4 / 3 * math.pi * (a**3 if kind == "sphere" else a * b * c)
             moments = (y + z, x + z, x + y)
     mass = volume * (density or 0.0) if mass is None else mass
-    placed = compose_placements(frame, placed)
+    placed = geometry.compose_placements(frame, placed)
     central = [mass * moments[0], 0.0, 0.0, mass * moments[1], 0.0, mass * moments[2], 0.0, 0.0, 0.0, mass]
     origin = np.array([value.to_float() for value in placed.translation])
-    return move_parameters(central, np.array(to_floats(placed)), origin)
+    return move_parameters(central, np.array(geometry.to_floats(placed)), origin)
 
 
 WORLD = "world"
@@ -445,14 +427,14 @@ def parse_xml_robot(
     return assemble_robot(*read_urdf(document, snap), base, tip)
 
 
-def assemble_model(reading: TreeReading, base: str | None, tip: str | None) -> Robot:
+def assemble_model(reading: urdf_parts.TreeReading, base: str | None, tip: str | None) -> Robot:
     """Return the robot of a model that was read, or raise a RobotError with all mistakes."""
-    gravity, weightless = (ZERO, ZERO, Exact.of("-9.81")), False
+    gravity, weightless = (geometry.ZERO, geometry.ZERO, geometry.Exact.of("-9.81")), False
     # A later <option> replaces an earlier one.
     for element in reading.document.root.find_all("option"):
         part = reading.enter(element, "option")
         if vector := part.read_vector("gravity"):
-            x, y, z = (Exact.surd(Fraction(value)) for value in vector)
+            x, y, z = (geometry.Exact.surd(Fraction(value)) for value in vector)
             gravity = (x, y, z)
         for name in ("density", "viscosity"):
             if part.read_decimal(name):
@@ -466,13 +448,13 @@ def assemble_model(reading: TreeReading, base: str | None, tip: str | None) -> R
                     reading.group("robot.mjcf-flag", text, name, flag, name)
     # A joint whose name is taken was left out, and its bodies are not connected.
     complete = not any(error.code == "robot.duplicate-joint" for error in reading.errors)
-    gravity = (ZERO, ZERO, ZERO) if weightless else gravity
+    gravity = (geometry.ZERO, geometry.ZERO, geometry.ZERO) if weightless else gravity
     return assemble_robot(reading, complete, base, tip, gravity)
 
 
-def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> TreeReading:
+def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> urdf_parts.TreeReading:
     """Return a model with bodies as links, and mistakes; a RobotError tells of an included file not read."""
-    reading = TreeReading(document=document, snap=snap)
+    reading = urdf_parts.TreeReading(document=document, snap=snap)
     root = document.root
     waiting = [root]
     while waiting:
@@ -507,26 +489,26 @@ def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> TreeReading
     return reading
 
 
-def _skip(reading: TreeReading, element: XmlElement, kind: str = "") -> None:
+def _skip(reading: urdf_parts.TreeReading, element: XmlElement, kind: str = "") -> None:
     """Record an element that does not matter."""
-    reading.group(MJCF_UNUSED, _UNUSED, kind or f"<{element.tag}>", element)
+    reading.group(urdf_parts.MJCF_UNUSED, _UNUSED, kind or f"<{element.tag}>", element)
 
 
-def _skip_attributes(reading: TreeReading, element: XmlElement) -> None:
+def _skip_attributes(reading: urdf_parts.TreeReading, element: XmlElement) -> None:
     for name in element.attributes:
         if name not in _KNOWN[element.tag]:
             kind = f"{name} of <{element.tag}>"
-            reading.group(MJCF_UNUSED, _UNUSED, kind, element, name)
+            reading.group(urdf_parts.MJCF_UNUSED, _UNUSED, kind, element, name)
 
 
-def _lose(reading: TreeReading, kind: str, element: XmlElement, attribute: str = "") -> None:
+def _lose(reading: urdf_parts.TreeReading, kind: str, element: XmlElement, attribute: str = "") -> None:
     """Record a force that the model lacks."""
     reading.group("robot.mjcf-forces", _LOST, kind, element, attribute)
 
 
 def _list_contents(
-    element: XmlElement, childclass: str, frame: Placement, reading: TreeReading
-) -> Iterator[tuple[XmlElement, str, Placement]]:
+    element: XmlElement, childclass: str, frame: geometry.Placement, reading: urdf_parts.TreeReading
+) -> Iterator[tuple[XmlElement, str, geometry.Placement]]:
     """Yield what stands in a body, frames resolved, with the class and the frame around each."""
     waiting = [(child, childclass, frame) for child in reversed(element.children)]
     while waiting:
@@ -535,19 +517,19 @@ def _list_contents(
             yield child, outer, around
             continue
         inner = child.attributes.get("childclass", outer)
-        placed = compose_placements(around, read_placement(reading.enter(child, "a frame")))
+        placed = geometry.compose_placements(around, read_placement(reading.enter(child, "a frame")))
         waiting += [(entry, inner, placed) for entry in reversed(child.children)]
 
 
-def _read_bodies(reading: TreeReading) -> None:
+def _read_bodies(reading: urdf_parts.TreeReading) -> None:
     """Add the links and joints, in the order of the file."""
     root = reading.document.root
     part = reading.enter(root.find("worldbody") or root, "body 'world'")
-    reading.links[WORLD] = TreeLink(name=WORLD, part=part, inertial=None)
+    reading.links[WORLD] = urdf_parts.TreeLink(name=WORLD, part=part, inertial=None)
     contents = [
         entry
         for element in root.find_all("worldbody")
-        for entry in _list_contents(element, "", IDENTITY, reading)
+        for entry in _list_contents(element, "", geometry.IDENTITY, reading)
     ]
     _check_contents(reading, contents, "the world")
     waiting = [(entry, WORLD, False) for entry in reversed(contents) if entry[0].tag == "body"]
@@ -565,9 +547,9 @@ def _read_bodies(reading: TreeReading) -> None:
             _lose(reading, "gravcomp", element, "gravcomp")
         reading.parts["body", name] = part
         inner = element.attributes.get("childclass", childclass)
-        contents = list(_list_contents(element, inner, IDENTITY, reading))
+        contents = list(_list_contents(element, inner, geometry.IDENTITY, reading))
         _check_contents(reading, contents, part.owner)
-        origin = compose_placements(frame, read_placement(part))
+        origin = geometry.compose_placements(frame, read_placement(part))
         joints = [entry for entry in contents if entry[0].tag in ("joint", "freejoint")]
         # Between them stand links without mass; a fixed joint stands for none.
         end = parent
@@ -584,13 +566,15 @@ def _read_bodies(reading: TreeReading) -> None:
             reading.parts["joint", joint] = moving
             reading.joints[joint] = read_joint(moving, joint, (end, child), origin, place)
             if not last:
-                link = TreeLink(name=child, part=moving, inertial=(0.0,) * 10, between=True)
+                link = urdf_parts.TreeLink(name=child, part=moving, inertial=(0.0,) * 10, between=True)
                 reading.links[child] = link
-            end, origin = child, IDENTITY
+            end, origin = child, geometry.IDENTITY
         if not joints:
             # No joint of the file has such a name: it stands in no message.
             weld = f"weld of body '{name}'"
-            fixed = TreeJoint(name=weld, type="fixed", parent=parent, child=name, part=part, origin=origin)
+            fixed = urdf_parts.TreeJoint(
+                name=weld, type="fixed", parent=parent, child=name, part=part, origin=origin
+            )
             reading.joints[weld] = fixed
         moves = moves or bool(joints)
         geoms = []
@@ -598,12 +582,16 @@ def _read_bodies(reading: TreeReading) -> None:
             if geom.tag == "geom":
                 owner = f"{part.owner}: geom '{geom.attributes.get('name', '')}'"
                 geoms.append((reading.enter(geom, owner, "geom", around), place))
-        reading.links[name] = TreeLink(name=name, part=part, inertial=read_body(part, geoms, moves=moves))
+        reading.links[name] = urdf_parts.TreeLink(
+            name=name, part=part, inertial=read_body(part, geoms, moves=moves)
+        )
         waiting += [(entry, name, moves) for entry in reversed(contents) if entry[0].tag == "body"]
 
 
 def _check_contents(
-    reading: TreeReading, contents: Sequence[tuple[XmlElement, str, Placement]], owner: str
+    reading: urdf_parts.TreeReading,
+    contents: Sequence[tuple[XmlElement, str, geometry.Placement]],
+    owner: str,
 ) -> None:
     for element, _, _ in contents:
         if element.tag in _REFUSED:
@@ -613,13 +601,13 @@ def _check_contents(
             _skip(reading, element)
 
 
-def _list_entries(reading: TreeReading, section: str) -> Iterator[XmlElement]:
+def _list_entries(reading: urdf_parts.TreeReading, section: str) -> Iterator[XmlElement]:
     """Yield what stands in all sections of a name."""
     for element in reading.document.root.find_all(section):
         yield from element.children
 
 
-def _read_equality(reading: TreeReading) -> None:
+def _read_equality(reading: urdf_parts.TreeReading) -> None:
     """Add the followers."""
     for element in _list_entries(reading, "equality"):
         own = reading.enter(element, f"equality '{element.attributes.get('name', '')}'", "equality")
@@ -645,20 +633,20 @@ def _read_equality(reading: TreeReading) -> None:
             continue
         # joint1 - ref1 = c0 + c1 (joint2 - ref2)
         factor = factor if master else Decimal(0)
-        offset = reading.joints[follower].zero + Exact.surd(Fraction(shift))
+        offset = reading.joints[follower].zero + geometry.Exact.surd(Fraction(shift))
         if master:
-            offset = offset - Exact.of(Fraction(factor)) * reading.joints[master].zero
+            offset = offset - geometry.Exact.of(Fraction(factor)) * reading.joints[master].zero
         reading.steps[follower] = MimicStep(master=master, multiplier=Fraction(factor), offset=offset)
 
 
-def _read_tendons(reading: TreeReading) -> None:
+def _read_tendons(reading: urdf_parts.TreeReading) -> None:
     """Add the drives that turn with several joints."""
     names = [element.attributes.get("name") for element in _list_entries(reading, "tendon")]
     for number, element in enumerate(_list_entries(reading, "tendon"), start=1):
         name = element.attributes.get("name") or f"tendon{number}"
         own = reading.parts["tendon", name] = reading.enter(element, f"tendon '{name}'", "tendon")
         rotor = own.read_positive("armature")
-        friction = build_friction(own.read_linear("damping"), own.read_positive("frictionloss"))
+        friction = urdf_parts.build_friction(own.read_linear("damping"), own.read_positive("frictionloss"))
         if own.read_linear("stiffness"):
             _lose(reading, "stiffness of a tendon", element)
         if element.tag != "fixed":
@@ -680,9 +668,9 @@ def _read_tendons(reading: TreeReading) -> None:
         reading.couplings.append((replace(drive, friction=friction), own, factors))
 
 
-def _read_actuators(reading: TreeReading) -> None:
+def _read_actuators(reading: urdf_parts.TreeReading) -> None:
     """Add gears, and limits of the torque where the joint itself has none."""
-    found: dict[str, list[tuple[XmlPart, float]]] = {}
+    found: dict[str, list[tuple[urdf_parts.XmlPart, float]]] = {}
     for element in _list_entries(reading, "actuator"):
         own = reading.enter(element, f"actuator '{element.attributes.get('name', '')}'", "actuator")
         key = "joint" if "joint" in element.attributes else "jointinparent"

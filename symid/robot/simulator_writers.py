@@ -35,15 +35,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from symid.joint_models import (
-    NO_FRICTION,
-    FrictionValues,
-    get_friction_law,
-    list_shape_names,
-    list_value_names,
-    name_bristles,
-    name_values,
-)
+from symid import joint_models
 from symid.robot.description import Coupling, Joint, JointKind, Robot
 from symid.robot.geometry import IDENTITY, Placement, compose_placements, compute_unit_quaternion, to_floats
 from symid.robot.inertia import split_body, to_tensor
@@ -75,21 +67,21 @@ def _write_head(robot: Robot, comments: Sequence[str], omissions: Iterator[str])
     return [f"  <!-- {escape(text).replace('--', '- -')} -->" for text in texts]
 
 
-def get_plain_friction(friction: FrictionValues) -> tuple[float, float] | None:
+def get_plain_friction(friction: joint_models.FrictionValues) -> tuple[float, float] | None:
     """Return damping (N m s/rad or N s/m) and dry friction (N m or N) of a model; None where unknown or none.
 
     Of a model that tells directions apart it is their mean. What noise made negative is zero: simulators gain
     energy from negative damping, or refuse it.
     """
-    if friction.law == NO_FRICTION or friction.values is None:
+    if friction.law == joint_models.NO_FRICTION or friction.values is None:
         return None
-    named = name_values(friction)
+    named = joint_models.name_values(friction)
     groups = (("Fv", "Fvp", "Fvn"), ("Fc", "Fcp", "Fcn"))
     damping, dry = ([named[name] for name in names if name in named] or [0.0] for names in groups)
     return max(0.0, sum(damping) / len(damping)), max(0.0, sum(dry) / len(dry))
 
 
-def find_bristles(friction: FrictionValues) -> tuple[float, ...] | None:
+def find_bristles(friction: joint_models.FrictionValues) -> tuple[float, ...] | None:
     """Return sigma0, sigma1, fC, fS, vs of friction with a state that MuJoCo has: Dahl, LuGre with gamma 2.
 
     dz/dt = v - sigma0 |v| / g z, g = fC + (fS - fC) exp(-(v / vs)^2), torque sigma0 z + sigma1 dz/dt
@@ -97,8 +89,8 @@ def find_bristles(friction: FrictionValues) -> tuple[float, ...] | None:
     """
     if friction.law not in ("dahl", "lugre") or friction.values is None:
         return None
-    named = name_values(friction)
-    shape = dict(zip(list_shape_names(friction), friction.shape, strict=True))
+    named = joint_models.name_values(friction)
+    shape = dict(zip(joint_models.list_shape_names(friction), friction.shape, strict=True))
     coulomb = named["Fc"]
     static, gamma = coulomb + named.get("Fe", 0.0), shape.get("gamma", 2.0)
     if gamma != 2.0 or min(coulomb, static) <= 0.0 or named["Fv"] < 0.0:
@@ -107,36 +99,36 @@ def find_bristles(friction: FrictionValues) -> tuple[float, ...] | None:
     return stiffness, damping, coulomb, static, shape.get("vs", 1.0)
 
 
-def _find_curve(friction: FrictionValues) -> tuple[float, ...] | None:
+def _find_curve(friction: joint_models.FrictionValues) -> tuple[float, ...] | None:
     """Return the damping times 1, |v|, v^2 of a law with dry friction besides, if it brakes at any speed."""
     if friction.law != "cubic" or friction.values is None or friction.smoothing:
         return None
-    named = name_values(friction)
+    named = joint_models.name_values(friction)
     least, slope, most = named["Fv"], named["Fvq"], named["Fvc"]
     brakes = min(least, most, named["Fc"]) >= 0.0 and slope >= -2.0 * math.sqrt(least * most)
     return (least, slope, most) if brakes else None
 
 
-def list_friction_omissions(owner: str, friction: FrictionValues) -> Iterator[str]:
+def list_friction_omissions(owner: str, friction: joint_models.FrictionValues) -> Iterator[str]:
     """Yield what a friction model has beyond damping and dry friction, with all its values."""
-    if friction.law != NO_FRICTION and friction.values is None:
+    if friction.law != joint_models.NO_FRICTION and friction.values is None:
         yield f"{owner}: friction of unknown size ({friction.law})"
     elif friction.law in ("coulomb", "coulomb-viscous"):
-        named = name_values(friction)
+        named = joint_models.name_values(friction)
         parts = (f"{name} = {value:.3g}" for name, value in named.items() if value < 0.0)
         if negative := ", ".join(parts):
             yield f"{owner}: negative friction, {negative}; it is written as 0"
-    elif friction.law != NO_FRICTION:
-        names = [", ".join(list_value_names(friction))]
+    elif friction.law != joint_models.NO_FRICTION:
+        names = [", ".join(joint_models.list_value_names(friction))]
         values = write_decimals(friction.values or ())
         text = f"{owner}: friction model {friction.law}, values {values}"
         if friction.shape:
             text += f", shape {write_decimals(friction.shape)}"
-            names.append(", ".join(list_shape_names(friction)))
-        law = get_friction_law(friction)
+            names.append(", ".join(joint_models.list_shape_names(friction)))
+        law = joint_models.get_friction_law(friction)
         if law is not None and law.memory:
             text += f", state {write_decimals(friction.bristles)}"
-            names.append(", ".join(name_bristles(law, friction.bristles)))
+            names.append(", ".join(joint_models.name_bristles(law, friction.bristles)))
         text += f" ({'; '.join(names)})"
         yield f"{text}; only its damping and dry friction, alike in both directions, are written"
     if friction.smoothing:
@@ -240,7 +232,7 @@ def list_drive_omissions(robot: Robot) -> Iterator[str]:
             text += f", rotor inertia {coupling.rotor_inertia}"
         if coupling.friction.values:
             values = write_decimals(coupling.friction.values)
-            text += f", friction {values} ({', '.join(list_value_names(coupling.friction))})"
+            text += f", friction {values} ({', '.join(joint_models.list_value_names(coupling.friction))})"
         yield text
 
 
@@ -539,7 +531,7 @@ def _write_usd_joint(
     if joint.limits.velocity is not None:
         values["maxJointVelocity"] = joint.limits.velocity * degrees
     if (plain := get_plain_friction(joint.friction)) is not None:
-        named = name_values(joint.friction)
+        named = joint_models.name_values(joint.friction)
         extra = [named[key] for key in ("Fe", "Fep", "Fen") if key in named]
         damping, dry = plain
         if dry:

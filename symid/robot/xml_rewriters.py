@@ -28,19 +28,8 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice, RobotError
 from symid.joint_models import NO_FRICTION
+from symid.robot import geometry, urdf_parts, urdf_xml
 from symid.robot.description import Coupling, Joint, JointKind, Robot, SourceFile, Spring
-from symid.robot.geometry import (
-    IDENTITY,
-    ZERO,
-    Exact,
-    ExactVector,
-    Placement,
-    compose_placements,
-    compute_unit_quaternion,
-    invert_placement,
-    place_joint,
-    to_floats,
-)
 from symid.robot.inertia import build_pseudo_inertias, is_same_body, move_parameters, split_body, to_tensor
 from symid.robot.mjcf_reader import ORIENTATIONS, assemble_model, read_model, read_rotation
 from symid.robot.simulator_writers import (
@@ -51,25 +40,7 @@ from symid.robot.simulator_writers import (
     write_inertial,
 )
 from symid.robot.toml_values import BASE, sort_notices
-from symid.robot.urdf_parts import (
-    ROTORS,
-    TreeJoint,
-    TreeLink,
-    TreeReading,
-    XmlPart,
-    build_rpy_matrix,
-)
 from symid.robot.urdf_reader import assemble_robot, read_urdf
-from symid.robot.urdf_xml import (
-    TENSOR,
-    Edit,
-    XmlDocument,
-    XmlElement,
-    apply_edits,
-    insert_element,
-    parse_document,
-    set_values,
-)
 
 # Of old bodies, in units of their largest entries: flatter ones cannot be mapped.
 _FLAT = 1e-9
@@ -97,12 +68,12 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
     RobotError if the text is no URDF, or the robot was made from none.
     """
     made = _get_source(robot, "URDF", "robot.not-made")
-    document = parse_document(text, robot.path)
+    document = urdf_xml.parse_document(text, robot.path)
     reading, complete = read_urdf(document, made.snap)
     before = assemble_robot(reading, complete, made.base, made.tip)
     names = _match_names(robot, reading)
     below = _map_children(reading)
-    edits: list[Edit] = []
+    edits: list[urdf_xml.Edit] = []
     shared: dict[str, tuple[str, ...]] = {}
     for joint, old in zip(robot.joints, before.joints, strict=True):
         entry = reading.joints[names[joint.name]]
@@ -132,16 +103,16 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
         inertia = rotors.get(ends[0].attributes.get("name", ""))
         if inertia is None:
             continue
-        value, stated = write_decimal(inertia), list(actuators[0].find_all(*ROTORS))
+        value, stated = write_decimal(inertia), list(actuators[0].find_all(*urdf_parts.ROTORS))
         for rotor in stated:
             if "value" in rotor.attributes:
-                edits += set_values(document, rotor, {"value": value})
+                edits += urdf_xml.set_values(document, rotor, {"value": value})
             else:
                 edits.append((*document.locate_inside(rotor), value))
         if not stated and inertia:
             line = f"<motorInertia>{value}</motorInertia>"
-            edits.append(insert_element(document, actuators[0], [line]))
-    return RewrittenFile(text=apply_edits(document, edits), shared=shared)
+            edits.append(urdf_xml.insert_element(document, actuators[0], [line]))
+    return RewrittenFile(text=urdf_xml.apply_edits(document, edits), shared=shared)
 
 
 def _get_source(robot: Robot, what: str, code: str) -> SourceFile:
@@ -151,26 +122,26 @@ def _get_source(robot: Robot, what: str, code: str) -> SourceFile:
     return robot.made_from
 
 
-def _match_names(robot: Robot, reading: TreeReading) -> dict[str, str]:
+def _match_names(robot: Robot, reading: urdf_parts.TreeReading) -> dict[str, str]:
     """Return the names that joints have in the file; the reader gives another one to a joint `base`."""
     return {joint.name: joint.name if joint.name in reading.joints else BASE for joint in robot.joints}
 
 
-def _map_children(reading: TreeReading) -> dict[str, list[TreeJoint]]:
+def _map_children(reading: urdf_parts.TreeReading) -> dict[str, list[urdf_parts.TreeJoint]]:
     """Return the joints behind each link."""
-    below: dict[str, list[TreeJoint]] = {}
+    below: dict[str, list[urdf_parts.TreeJoint]] = {}
     for entry in reading.joints.values():
         below.setdefault(entry.parent, []).append(entry)
     return below
 
 
 def _spread_change(
-    reading: TreeReading,
-    below: Mapping[str, Sequence[TreeJoint]],
+    reading: urdf_parts.TreeReading,
+    below: Mapping[str, Sequence[urdf_parts.TreeJoint]],
     names: Mapping[str, str],
     changed: Joint,
     tip: str | None,
-) -> list[tuple[TreeLink, tuple[float, ...]]]:
+) -> list[tuple[urdf_parts.TreeLink, tuple[float, ...]]]:
     """Return the joint's own link and those that it carries, which stand still, with their new values."""
     moving, first = set(names.values()), reading.links[reading.joints[names[changed.name]].child]
     # Each link, and where its frame (4, 4) stands in that of the first one.
@@ -180,8 +151,14 @@ def _spread_change(
             if joint.name not in moving:
                 offset = _compute_offset(reading, joint.name) - joint.zero
                 prismatic = joint.type == "prismatic"
-                shift = place_joint(offset, prismatic=prismatic, snap=0.0) if joint.moves else IDENTITY
-                placed = compose_placements(joint.origin, joint.turn, shift, invert_placement(joint.turn))
+                shift = (
+                    geometry.place_joint(offset, prismatic=prismatic, snap=0.0)
+                    if joint.moves
+                    else geometry.IDENTITY
+                )
+                placed = geometry.compose_placements(
+                    joint.origin, joint.turn, shift, geometry.invert_placement(joint.turn)
+                )
                 members.append((reading.links[joint.child], pose @ _to_pose(placed)))
     frame = _to_pose(changed.frame)
     for link, pose in members[1:]:
@@ -209,21 +186,21 @@ def _spread_change(
     return found
 
 
-def _compute_offset(reading: TreeReading, name: str) -> Exact:
+def _compute_offset(reading: urdf_parts.TreeReading, name: str) -> geometry.Exact:
     """Return where a joint stands whose masters stand still, too; a ring of them stands at zero."""
-    total, factor, seen = ZERO, Exact.of(1), set[str]()
+    total, factor, seen = geometry.ZERO, geometry.Exact.of(1), set[str]()
     while name in reading.steps and name not in seen:
         seen.add(name)
         step = reading.steps[name]
         total += factor * step.offset
-        factor *= Exact.surd(step.multiplier)
+        factor *= geometry.Exact.surd(step.multiplier)
         name = step.master or ""
-    return ZERO if name in seen else total
+    return geometry.ZERO if name in seen else total
 
 
-def _to_pose(placement: Placement) -> FloatArray:
+def _to_pose(placement: geometry.Placement) -> FloatArray:
     pose = np.eye(4)
-    pose[:3, :3] = to_floats(placement)
+    pose[:3, :3] = geometry.to_floats(placement)
     pose[:3, 3] = [entry.to_float() for entry in placement.translation]
     return pose
 
@@ -240,22 +217,24 @@ def _factorise(matrix: FloatArray) -> FloatArray | None:
     return np.asarray(sizes[:, None] * lower[::-1, ::-1])
 
 
-def _edit_urdf_inertial(document: XmlDocument, link: XmlElement, values: Sequence[float]) -> Iterator[Edit]:
+def _edit_urdf_inertial(
+    document: urdf_xml.XmlDocument, link: urdf_xml.XmlElement, values: Sequence[float]
+) -> Iterator[urdf_xml.Edit]:
     """Yield the edits that give ten parameters, in the link's frame, to a link."""
     inertial = link.find("inertial")
     if inertial is None:
-        yield insert_element(document, link, write_inertial(values))
+        yield urdf_xml.insert_element(document, link, write_inertial(values))
         return
     mass, com, central = split_body(values)
     origin, weight, tensor = (inertial.find(tag) for tag in ("origin", "mass", "inertia"))
     if origin is not None and "rpy" in origin.attributes:
         # The file's own axes stay.
-        rotation = build_rpy_matrix([float(part) for part in origin.attributes["rpy"].split()])
+        rotation = urdf_parts.build_rpy_matrix([float(part) for part in origin.attributes["rpy"].split()])
         central = move_parameters((*central, 0.0, 0.0, 0.0, 0.0), rotation.T, np.zeros(3))[:6]
     least = _ROUNDING * max(map(abs, central))
     central = tuple(value if abs(value) > least else 0.0 for value in central)
     com = [value if abs(value) > _ROUNDING else 0.0 for value in com]
-    entries = dict(zip(TENSOR, map(write_decimal, central), strict=True))
+    entries = dict(zip(urdf_xml.TENSOR, map(write_decimal, central), strict=True))
     if mass:
         yield from _set(document, inertial, origin, "origin", {"xyz": write_decimals(com)})
     yield from _set(document, inertial, weight, "mass", {"value": write_decimal(mass)})
@@ -263,8 +242,12 @@ def _edit_urdf_inertial(document: XmlDocument, link: XmlElement, values: Sequenc
 
 
 def _set(
-    document: XmlDocument, owner: XmlElement, found: XmlElement | None, tag: str, values: Mapping[str, str]
-) -> Iterator[Edit]:
+    document: urdf_xml.XmlDocument,
+    owner: urdf_xml.XmlElement,
+    found: urdf_xml.XmlElement | None,
+    tag: str,
+    values: Mapping[str, str],
+) -> Iterator[urdf_xml.Edit]:
     """Yield the edits of an element's attributes, or of the whole element where `owner` lacks it."""
     if found is not None:
         old = {
@@ -272,10 +255,10 @@ def _set(
         }
         new = {name: list(map(float, text.split())) for name, text in values.items()}
         changed = {name: text for name, text in values.items() if old.get(name) != new[name]}
-        yield from set_values(document, found, changed)
+        yield from urdf_xml.set_values(document, found, changed)
     else:
         listed = " ".join(f'{name}="{text}"' for name, text in values.items())
-        yield insert_element(document, owner, [f"<{tag} {listed}/>"])
+        yield urdf_xml.insert_element(document, owner, [f"<{tag} {listed}/>"])
 
 
 def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
@@ -286,7 +269,7 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
     """
     code = "robot.mjcf-unsupported"
     made = _get_source(robot, "model", code)
-    reading = read_model(parse_document(text, robot.path), made.snap)
+    reading = read_model(urdf_xml.parse_document(text, robot.path), made.snap)
     for name, entry in reading.joints.items():
         if entry.moves and entry.spring is None:
             # A spring that does nothing shows where the joint's own coordinate is zero.
@@ -302,7 +285,7 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
         text += "give them the names and joints of the model's tendons, or write a new model (-o FILE)"
         raise RobotError(Notice(code=code, text=text, file=robot.path))
     names, below = _match_names(robot, reading), _map_children(reading)
-    edits: list[Edit] = []
+    edits: list[urdf_xml.Edit] = []
     shared: dict[str, tuple[str, ...]] = {}
     bodies: set[str] = set()
     pairs = list(zip(robot.joints, before.joints, strict=True))
@@ -336,9 +319,9 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
     for element in reading.document.root.find_all("compiler") if geoms_alone else ():
         if element.attributes.get("inertiafromgeom") == "true":
             edits += _write_attributes(reading.enter(element, "compiler"), {"inertiafromgeom": "auto"})
-    written = apply_edits(reading.document, edits)
+    written = urdf_xml.apply_edits(reading.document, edits)
     if geoms_alone and not reading.errors:
-        links = read_model(parse_document(written, robot.path), reading.snap).links
+        links = read_model(urdf_xml.parse_document(written, robot.path), reading.snap).links
         for name, link in reading.links.items():
             if name not in bodies and not is_same_body(links[name].inertial, link.inertial):
                 text = 'its <inertial>, which inertiafromgeom="true" leaves unused, would hold in the new '
@@ -364,7 +347,9 @@ def _is_same(new: float, old: float) -> bool:
     return math.isclose(new, old, rel_tol=_SAME)
 
 
-def _list_values(reading: TreeReading, joint: Joint, tree: TreeJoint, old: Joint) -> dict[str, float]:
+def _list_values(
+    reading: urdf_parts.TreeReading, joint: Joint, tree: urdf_parts.TreeJoint, old: Joint
+) -> dict[str, float]:
     """Return the values of a joint's attributes."""
     values, spring = _list_mechanics(joint, old), joint.spring or Spring(stiffness=0.0)
     if spring.stiffness is None or old.spring is None or tree.spring is None:
@@ -379,7 +364,7 @@ def _list_values(reading: TreeReading, joint: Joint, tree: TreeJoint, old: Joint
     return values
 
 
-def _check_file(own: XmlPart) -> bool:
+def _check_file(own: urdf_parts.XmlPart) -> bool:
     """Refuse to change what stands in an included file."""
     inside = own.element.file == own.reading.document.file
     if not inside:
@@ -388,7 +373,7 @@ def _check_file(own: XmlPart) -> bool:
     return inside
 
 
-def _edit_mjcf_inertial(body: XmlPart, values: Sequence[float]) -> Iterator[Edit]:
+def _edit_mjcf_inertial(body: urdf_parts.XmlPart, values: Sequence[float]) -> Iterator[urdf_xml.Edit]:
     """Yield the edits of <inertial>: in its own attributes where they can hold the values, else a new one."""
     old, document = body.element.find("inertial"), body.reading.document
     own = body if old is None else body.enter(old)
@@ -404,7 +389,7 @@ def _edit_mjcf_inertial(body: XmlPart, values: Sequence[float]) -> Iterator[Edit
     if "fullinertia" in names:
         stated = {"fullinertia": tensor}
     elif "diaginertia" in names and turned == ["quat"]:
-        moments, quaternion = _find_axes(central, np.array(to_floats(read_rotation(own))))
+        moments, quaternion = _find_axes(central, np.array(geometry.to_floats(read_rotation(own))))
         stated = {"diaginertia": write_decimals(moments), "quat": write_decimals(quaternion)}
     elif "diaginertia" in names and not turned and off_diagonal <= least:
         stated = {"diaginertia": write_decimals([central[k] for k in (0, 3, 5)])}
@@ -413,7 +398,7 @@ def _edit_mjcf_inertial(body: XmlPart, values: Sequence[float]) -> Iterator[Edit
     if stated:
         yield from _write_attributes(own, {**numbers, **stated})
     elif old is None:
-        yield insert_element(document, body.element, [line])
+        yield urdf_xml.insert_element(document, body.element, [line])
     else:
         # What stands inside, as comments, stays.
         inside, _ = document.locate_inside(old)
@@ -430,19 +415,20 @@ def _find_axes(central: Sequence[float], near: FloatArray) -> tuple[list[float],
     axes *= np.where(np.sum(near * axes, axis=0) < 0, -1.0, 1.0)
     if np.linalg.det(axes) < 0:
         axes[:, 2] *= -1.0
-    rows: list[ExactVector] = [
-        (Exact.of(float(x)), Exact.of(float(y)), Exact.of(float(z))) for x, y, z in axes
+    rows: list[geometry.ExactVector] = [
+        (geometry.Exact.of(float(x)), geometry.Exact.of(float(y)), geometry.Exact.of(float(z)))
+        for x, y, z in axes
     ]
-    return [float(moments[k]) for k in order], compute_unit_quaternion((rows[0], rows[1], rows[2]))
+    return [float(moments[k]) for k in order], geometry.compute_unit_quaternion((rows[0], rows[1], rows[2]))
 
 
-def _edit_attributes(own: XmlPart, values: Mapping[str, float]) -> Iterator[Edit]:
+def _edit_attributes(own: urdf_parts.XmlPart, values: Mapping[str, float]) -> Iterator[urdf_xml.Edit]:
     """Yield the edits that give an element these values, where it and its class do not state them already."""
     new = {name: value for name, value in values.items() if not _is_same(own.read_linear(name), value)}
     if new:
         yield from _write_attributes(own, {name: write_decimal(value) for name, value in new.items()})
 
 
-def _write_attributes(own: XmlPart, values: Mapping[str, str]) -> Iterator[Edit]:
+def _write_attributes(own: urdf_parts.XmlPart, values: Mapping[str, str]) -> Iterator[urdf_xml.Edit]:
     if _check_file(own):
-        yield from set_values(own.reading.document, own.element, values)
+        yield from urdf_xml.set_values(own.reading.document, own.element, values)

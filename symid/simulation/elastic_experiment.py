@@ -30,17 +30,7 @@ from symid.joint_models import NO_FRICTION
 from symid.logs import Recording
 from symid.options import SimulateOptions
 from symid.robot import Controller, Coupling, Joint, Robot
-from symid.simulation import experiment
-from symid.simulation.elastic_plant import (
-    ElasticValues,
-    build_elements,
-    build_plant_robot,
-    compute_rest,
-    count_substeps,
-    get_elastic_values,
-    refuse_rigid_joints,
-    simulate_plant,
-)
+from symid.simulation import elastic_plant, experiment
 from symid.simulation.experiment import (
     PERIOD,
     ExperimentOptions,
@@ -122,7 +112,7 @@ class ElasticRun(FrozenArrays):
     friction: FloatArray
     spring: FloatArray
     turn: FloatArray
-    values: ElasticValues
+    values: elastic_plant.ElasticValues
     backend: str
 
     @property
@@ -178,7 +168,7 @@ def simulate_elastic(
     options: ExperimentOptions,
     rng: np.random.Generator,
     *,
-    values: ElasticValues | None = None,
+    values: elastic_plant.ElasticValues | None = None,
     reference: MotorReference | None = None,
 ) -> ElasticRun:
     """Return the run of an elastic robot along `trajectory`, from rest at its start.
@@ -192,7 +182,7 @@ def simulate_elastic(
         SolverError: the controlled robot is unstable, is not held near its reference, or its springs do not
             carry it.
     """
-    stated = values or get_elastic_values(robot, library.card)
+    stated = values or elastic_plant.get_elastic_values(robot, library.card)
     time, gains = _check_experiment(robot, library, trajectory, options)
     desired, speed = trajectory.evaluate_derivatives(time, 1)
     # Values that are tried, and not a robot's own, may have friction that drives a joint.
@@ -203,9 +193,9 @@ def simulate_elastic(
     if stated.friction.size:
         still = gather_inputs(library.card, np.zeros_like(pose), pose, weight[None])
         hold = weight + library.evaluate("friction", *still, stated.friction)[0][0]
-    plant = build_plant_robot(stated)
-    elements = build_elements(stated)
-    phi, play = compute_rest(plant, weight, tuple(joint.name for joint in robot.axes), elements)
+    plant = elastic_plant.build_plant_robot(stated)
+    elements = elastic_plant.build_elements(stated)
+    phi, play = elastic_plant.compute_rest(plant, weight, tuple(joint.name for joint in robot.axes), elements)
     # Motors follow the trajectory shifted by the first torsion, and carry the weight.
     torque = np.broadcast_to(hold, desired.shape)
     followed = reference or MotorReference(angle=desired + phi, speed=speed, torque=torque)
@@ -235,13 +225,15 @@ def simulate_elastic(
         limit=experiment.get_limits(robot, "torque"),
         step=get_encoder_turns(robot) / (options.control_counts or np.inf),
         period=options.period,
-        substeps=count_substeps(library, stated, poses, period=options.period, step=options.step),
+        substeps=elastic_plant.count_substeps(
+            library, stated, poses, period=options.period, step=options.step
+        ),
         parts=options.parts,
         q=desired[0],
         theta=desired[0] + phi,
         play=play,
     )
-    ran = simulate_plant(library, plant, order, elements)
+    ran = elastic_plant.simulate_plant(library, plant, order, elements)
     log = ran.log
     # Whether it went out of control.
     reach = experiment.compute_reach(robot, desired)
@@ -408,7 +400,7 @@ def check_stated_values(robot: Robot) -> None:
         UsageError: only some of its joints are elastic.
     """
     if any(robot.elastic):
-        refuse_rigid_joints(robot)
+        elastic_plant.refuse_rigid_joints(robot)
     lacking = [f"joint '{joint.name}': {gap}" for joint in robot.joints for gap in _list_gaps(joint)]
     lacking += [f"coupling '{one.name}': {gap}" for one in robot.couplings for gap in _list_gaps(one)]
     if lacking:

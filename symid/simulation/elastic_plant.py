@@ -21,29 +21,12 @@ from typing import final
 import numpy as np
 import scipy
 
+from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard, PlantExperiment, PlantLog, PlantRobot
 from symid.errors import Notice, SolverError, UsageError
-from symid.joint_models import (
-    Elasticity,
-    ElementStep,
-    advance_element,
-    build_float_carrier,
-    find_most_slope,
-    get_friction_law,
-    list_element_values,
-    start_states,
-)
 from symid.robot import Robot
-from symid.simulation.rigid_plant import (
-    BristleStride,
-    PlantRun,
-    RigidPlantState,
-    build_bristles,
-    find_compiled_plant,
-    gather_inputs,
-    quantise,
-)
+from symid.simulation import rigid_plant
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,7 +41,7 @@ class ElasticValues(FrozenArrays):
     beta: FloatArray
     rotor: FloatArray
     friction: FloatArray
-    elasticity: tuple[Elasticity, ...]
+    elasticity: tuple[joint_models.Elasticity, ...]
 
 
 def refuse_rigid_joints(robot: Robot) -> None:
@@ -87,7 +70,7 @@ def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
             soft.append(joint.name)
     light = [name for name, value in rotors.items() if value is not None and not value > 0.0]
     # A motor that sticks is not among the plant's modes.
-    laws = {joint.name: get_friction_law(joint.friction) for joint in robot.axes}
+    laws = {joint.name: joint_models.get_friction_law(joint.friction) for joint in robot.axes}
     gentle = {name for name, law in laws.items() if law is not None and law.memory}
     gentle |= {joint.name for joint in robot.joints if joint.friction.smoothing > 0.0}
     gentle |= {coupling.name for coupling in robot.couplings if coupling.friction.smoothing > 0.0}
@@ -243,23 +226,25 @@ class Elements:
 
     __slots__ = ("_algebra", "_sizes", "_values", "springs")
 
-    def __init__(self, springs: Sequence[Elasticity]) -> None:
+    def __init__(self, springs: Sequence[joint_models.Elasticity]) -> None:
         """Take the springs, all numbers known."""
-        self._algebra = build_float_carrier()
+        self._algebra = joint_models.build_float_carrier()
         self.springs = tuple(replace(spring, damping=0.0) for spring in springs)
-        self._values = [list_element_values(spring) for spring in self.springs]
-        self._sizes = [len(start_states(spring, 0.0)) for spring in self.springs]
+        self._values = [joint_models.list_element_values(spring) for spring in self.springs]
+        self._sizes = [len(joint_models.start_states(spring, 0.0)) for spring in self.springs]
 
     def _advance(
         self, joint: int, torsion: float, motion: tuple[float, float], states: Sequence[float]
-    ) -> ElementStep[float]:
+    ) -> joint_models.ElementStep[float]:
         rate, passed = motion
         held, spring, before = (torsion, passed), self.springs[joint], states[: self._sizes[joint]]
-        return advance_element(self._algebra, spring, self._values[joint], held, before, velocity=rate)
+        return joint_models.advance_element(
+            self._algebra, spring, self._values[joint], held, before, velocity=rate
+        )
 
-    def load(self, joint: int, torsion: float) -> ElementStep[float]:
+    def load(self, joint: int, torsion: float) -> joint_models.ElementStep[float]:
         """Return where a virgin spring is that has gone slowly from zero to a torsion."""
-        return self._advance(joint, torsion, (0.0, 1.0), start_states(self.springs[joint], 0.0))
+        return self._advance(joint, torsion, (0.0, 1.0), joint_models.start_states(self.springs[joint], 0.0))
 
     def pad(self, states: Sequence[Sequence[float]]) -> FloatArray:
         """Return the memory of these states of all joints."""
@@ -307,7 +292,7 @@ class _ElasticStepper:
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._friction = library.bind("friction") if robot.friction.size else None
         self._card = library.card
-        self._bristles = build_bristles(library, robot.friction)
+        self._bristles = rigid_plant.build_bristles(library, robot.friction)
         # Before and after a step.
         self.z = self.bent = np.zeros(0 if self._bristles is None else len(self._bristles.owner))
 
@@ -323,7 +308,7 @@ class _ElasticStepper:
         robot, twist = self._robot, x[3] - x[1]
         drag = np.zeros(robot.size)
         if self._friction is not None:
-            (drag,) = self._friction(*gather_inputs(self._card, x[3], x[2], push), robot.friction)
+            (drag,) = self._friction(*rigid_plant.gather_inputs(self._card, x[3], x[2], push), robot.friction)
         if self._bristles is not None:
             drag = np.where(self._bristles.joints, self._bristles.compute_torque(x[3], z), drag)
         (acceleration,) = self._forward(x[0], x[1], push, robot.beta)
@@ -338,8 +323,8 @@ class _ElasticStepper:
             # A motor at rest goes where it is pushed.
             spin = self._compute_slope(x, push, torque, self.z)[3]
             modes = np.where(np.where(x[3] == 0.0, spin, x[3]) < 0.0, -1, 1)
-            state = RigidPlantState(q=x[2], dq=x[3], modes=tuple(modes.tolist()), bristles=self.z)
-            bend = BristleStride(self._bristles, state, h)
+            state = rigid_plant.RigidPlantState(q=x[2], dq=x[3], modes=tuple(modes.tolist()), bristles=self.z)
+            bend = rigid_plant.BristleStride(self._bristles, state, h)
 
         def find_slope(y: FloatArray, passed: float) -> FloatArray:
             bent = z if bend is None else bend.move(y[2] - x[2], y[3])
@@ -381,7 +366,7 @@ def simulate_in_numpy(
     for tick in range(order.ticks):
         if not np.all(np.isfinite(x[:4])):
             return PlantLog(**log, ticks=tick)
-        measured = quantise(x[2], order.step)
+        measured = rigid_plant.quantise(x[2], order.step)
         demand = order.stiffness * (order.angle[tick] - measured) + order.damping * (order.speed[tick] - x[3])
         torque: FloatArray = np.clip(demand + order.torque[tick], -order.limit, order.limit)
         row = (x[0], x[1], x[2], x[3], stepper.compute_springs(x, memory), torque, work, x[4], elastic, x[5])
@@ -414,10 +399,10 @@ def simulate_plant(
     elements: Elements | None = None,
     *,
     compiler: str | None = None,
-) -> PlantRun[PlantLog]:
+) -> rigid_plant.PlantRun[PlantLog]:
     """Return the motion; a notice says where it was computed without a compiler (None: the first found)."""
     bends = any(spec.name == "friction_step" for spec in library.card.functions)
-    plant, notices = find_compiled_plant(
+    plant, notices = rigid_plant.find_compiled_plant(
         library,
         ("forward_dynamics", *(("friction",) if robot.friction.size else ())),
         "elastic",
@@ -427,8 +412,8 @@ def simulate_plant(
     )
     if plant is None:
         log = simulate_in_numpy(library, robot, order, elements)
-        return PlantRun(log=log, backend="python", notices=notices)
-    return PlantRun(log=plant.run(library, robot, order), backend="c", notices=notices)
+        return rigid_plant.PlantRun(log=log, backend="python", notices=notices)
+    return rigid_plant.PlantRun(log=plant.run(library, robot, order), backend="c", notices=notices)
 
 
 def count_substeps(
@@ -441,16 +426,16 @@ def count_substeps(
     # Links and rotors swing against each other, or settle by damping.
     (mass,) = library.evaluate("mass_matrix", poses, values.beta)
     mobility = np.linalg.inv(mass) + np.diag(1.0 / values.rotor)
-    root = np.sqrt([find_most_slope(spring) for spring in values.elasticity])
+    root = np.sqrt([joint_models.find_most_slope(spring) for spring in values.elasticity])
     rate = float(np.sqrt(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
     root = np.sqrt([spring.damping for spring in values.elasticity])
     rate = max(rate, float(np.linalg.eigvalsh(root[:, None] * mobility * root).max()))
     if values.friction.size:
         # Friction stops a rotor.
         speeds = _SMALL * np.vstack([np.eye(len(values.rotor)), -np.eye(len(values.rotor))])
-        given = gather_inputs(library.card, speeds)
+        given = rigid_plant.gather_inputs(library.card, speeds)
         (drag,) = library.evaluate("friction", *given, values.friction)
-        bristles = build_bristles(library, values.friction)
+        bristles = rigid_plant.build_bristles(library, values.friction)
         if bristles is not None:
             drag = drag * ~bristles.joints
             # Motors swing or settle on bristles.

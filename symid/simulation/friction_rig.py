@@ -21,16 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, SolverError, UsageError
-from symid.joint_models import (
-    DynamicLaw,
-    build_float_carrier,
-    check_dynamic_values,
-    compute_bristle_rate,
-    compute_dynamic_torque,
-    compute_largest_level,
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,13 +79,13 @@ RigDrive = ForceDrive | SpringDrive | PositionControl
 class Rig:
     """A mass (kg m^2 or kg) on friction; `values` in the order of the law."""
 
-    law: DynamicLaw
+    law: joint_models.DynamicLaw
     values: tuple[float, ...]
     mass: float
 
     def __post_init__(self) -> None:
         """Refuse values that do not fit the law, and a mass that is not positive."""
-        check_dynamic_values(self.law, self.values)
+        joint_models.check_dynamic_values(self.law, self.values)
         if not (math.isfinite(self.mass) and self.mass > 0):
             text = f"the mass on the friction must be positive, got {self.mass:g}"
             raise UsageError(Notice(code="simulate.friction-rig", text=text))
@@ -143,7 +136,7 @@ class RigRun(FrozenArrays):
     energy: FloatArray
 
 
-_FLOATS = build_float_carrier()
+_FLOATS = joint_models.build_float_carrier()
 _RUNAWAY = 1e15
 """Largest position and speed, relative to those of the bristles."""
 
@@ -152,7 +145,7 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
     """Return the motion of the mass from straight bristles; a SolverError if it cannot be integrated."""
     count = math.floor(options.duration * options.rate * (1.0 + 1e-12)) + 1
     time = np.arange(count) / options.rate
-    largest = compute_largest_level(rig.law, rig.values)
+    largest = joint_models.compute_largest_level(rig.law, rig.values)
     bend = largest / rig.values[0]
     speed = bend * math.sqrt(rig.values[0] / rig.mass)
     scales = np.array([bend, speed, bend, bend * options.duration, largest * bend, largest * bend])
@@ -164,8 +157,8 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
         if not (abs(velocity) < _RUNAWAY * speed and abs(position) < _RUNAWAY * bend):
             raise OverflowError
         force, memory_rate = drive.evaluate(at, known)
-        friction = compute_dynamic_torque(_FLOATS, rig.law, velocity, deflection, rig.values)
-        rate = compute_bristle_rate(_FLOATS, rig.law, velocity, deflection, rig.values)
+        friction = joint_models.compute_dynamic_torque(_FLOATS, rig.law, velocity, deflection, rig.values)
+        rate = joint_models.compute_bristle_rate(_FLOATS, rig.law, velocity, deflection, rig.values)
         loss = friction * velocity - rig.values[0] * deflection * rate
         acceleration = (force - friction) / rig.mass
         return [velocity, acceleration, rate, memory_rate, force * velocity, loss, force, friction]

@@ -28,48 +28,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from symid import logs as log_files
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice, UsageError
-from symid.identification.diagnostics.causes import (
-    LikelyCause,
-    build_quick_logs,
-    find_cause,
-    fit_quick,
-    list_proportions,
-    mask_impossible,
-)
+from symid.identification import regression
+from symid.identification.diagnostics import causes
 from symid.identification.diagnostics.fit_warnings import evaluate_inertia_columns
 from symid.identification.diagnostics.stretches import compute_jackknife, measure_scoring_band
-from symid.identification.regression import (
-    WHOLE_MODEL,
-    RankRule,
-    choose_filters,
-    compute_payload_torque,
-    compute_spectrum,
-    evaluate_columns,
-    hold_resting_joints,
-    list_resting_joints,
-    solve_scaled,
-)
 from symid.joint_models import REFERENCE_TEMPERATURE
-from symid.logs import (
-    JointSummary,
-    LogTiming,
-    Recording,
-    check_recording,
-    decimate,
-    describe_timing,
-    measure_timing,
-    prepare_signals,
-    read_raw,
-    read_recordings,
-    resample_if_uneven,
-    resample_log,
-    shift_channel,
-    summarise_joints,
-    write_raw_log,
-)
 from symid.robot import JointKind, Processing, Robot
 from symid.serialization import name_key
 
@@ -110,7 +77,7 @@ class QuickFit:
     inertial: int
     moving: tuple[int, ...]
     period: float
-    recording: Recording
+    recording: log_files.Recording
     processing: Processing
 
     def stack_rows(self, weights: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -120,15 +87,15 @@ class QuickFit:
         return matrix, (tau[:, joints] * weights).ravel(), self.keep[:, joints].ravel()
 
 
-def build_quick_fit(library: Library, recording: Recording, processing: Processing) -> QuickFit:
+def build_quick_fit(library: Library, recording: log_files.Recording, processing: Processing) -> QuickFit:
     """Return the equations of a recording; cut-off and decimation that are not stated are chosen.
 
     Raises:
         IdentifiabilityError: no joint moves.
         LogError: the recording is uneven or too short for the settings.
     """
-    processing = choose_filters(replace(processing, automatic=True), [recording]).processing
-    resting = list_resting_joints(recording)
+    processing = regression.choose_filters(replace(processing, automatic=True), [recording]).processing
+    resting = regression.list_resting_joints(recording)
     moving = tuple(joint for joint in range(library.card.size) if joint not in resting)
     if not moving:
         text = (
@@ -136,8 +103,8 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
             "accelerates and turns both ways"
         )
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text, file=recording.source))
-    signals = hold_resting_joints(prepare_signals(recording, processing), resting)
-    load = compute_payload_torque(library, signals, recording)
+    signals = regression.hold_resting_joints(log_files.prepare_signals(recording, processing), resting)
+    load = regression.compute_payload_torque(library, signals, recording)
     if load is not None:
         torque, first = recording.torque.copy(), processing.drop_first
         torque[first : first + len(load)] -= load
@@ -163,7 +130,9 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
         dq=dq,
         ddq=ddq,
         tau=tau,
-        rows=evaluate_columns(library, q, dq, ddq, np.zeros_like(q), np.full_like(q, REFERENCE_TEMPERATURE)),
+        rows=regression.evaluate_columns(
+            library, q, dq, ddq, np.zeros_like(q), np.full_like(q, REFERENCE_TEMPERATURE)
+        ),
         keep=np.where(left_out, 0.0, 1.0),
         blocks=blocks,
         names=tuple(entry.name for entry in card.fitted),
@@ -177,7 +146,7 @@ def build_quick_fit(library: Library, recording: Recording, processing: Processi
 
 def _sample_blocks(values: FloatArray, processing: Processing) -> tuple[FloatArray, tuple[slice, ...]]:
     """Return decimated rows of `values` (N, k), all of them or pieces at even distances, and the pieces."""
-    thin = decimate(np.column_stack([values, np.ones(len(values))]), processing.decimation)
+    thin = log_files.decimate(np.column_stack([values, np.ones(len(values))]), processing.decimation)
     # A Chebyshev filter of even order passes a constant with its ripple: harmless where all columns of a
     # model pass it, not where states do.
     thin = thin[:, :-1] / thin[:, -1:]
@@ -229,7 +198,9 @@ def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[Joint
         dq, ddq = fit.dq[samples, joint], fit.ddq[samples, joint]
         lengths = np.linalg.norm(rows, axis=0)
         # A column of rounding alone would be scaled to the length of the others.
-        solution = solve_scaled(np.where(lengths > _ROUNDING * lengths.max(), rows, 0.0), tau, rcond=_SMALL)
+        solution = regression.solve_scaled(
+            np.where(lengths > _ROUNDING * lengths.max(), rows, 0.0), tau, rcond=_SMALL
+        )
         inertia = columns[joint][samples, joint] @ solution[: fit.inertial]
         braking = rows[:, fit.inertial :] @ solution[fit.inertial :]
         braking = braking - np.mean(braking)
@@ -313,7 +284,7 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
 
     def predict(tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         matrix, values, keep = fit.stack_rows(weights, tau)
-        kept = solve_scaled(matrix * keep[:, None], values * keep, rcond=_SMALL)
+        kept = regression.solve_scaled(matrix * keep[:, None], values * keep, rcond=_SMALL)
         return matrix, values, keep, matrix @ kept
 
     def solve(gram: FloatArray) -> FloatArray:
@@ -348,8 +319,8 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
         delay += step
         if abs(step) < _CONVERGED * fit.recording.period or abs(delay) > _LARGEST:
             break
-        moved = shift_channel(fit.recording.time, fit.recording.torque, delay)
-        signals = prepare_signals(replace(fit.recording, torque=moved), fit.processing)
+        moved = log_files.shift_channel(fit.recording.time, fit.recording.torque, delay)
+        signals = log_files.prepare_signals(replace(fit.recording, torque=moved), fit.processing)
         tau, _ = _sample_blocks(signals.tau, fit.processing)
     # Where joints disagree by more than their own deviations, these are too small (Birge 1932).
     excess = float(np.sum(((values - step) / np.maximum(stds, 1e-9)) ** 2)) / max(1, len(values) - 1)
@@ -369,7 +340,7 @@ class LogCheck:
 
     source: str
     signs: tuple[JointSigns, ...]
-    mistake: LikelyCause | None
+    mistake: causes.LikelyCause | None
     delay: TorqueDelay | None
     notices: tuple[Notice, ...]
 
@@ -392,17 +363,17 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     file = fit.recording.source
     notices = tuple(
         describe_proportion(robot.axes[first].name, robot.axes[second].name, file)
-        for first, second in list_proportions(fit.dq, fit.moving)
+        for first, second in causes.list_proportions(fit.dq, fit.moving)
     )
     signs = estimate_signs(fit, library, robot)
-    mistake: LikelyCause | None = None
+    mistake: causes.LikelyCause | None = None
     if not notices:
-        usual = choose_filters(replace(fit.processing, automatic=True), [fit.recording]).processing
-        logs = build_quick_logs(library, [fit.recording], usual, measure_scoring_band([fit.recording]))
-        before = fit_quick(logs)
-        if before.percent > _SUSPICIOUS or mask_impossible(logs, before).any():
+        usual = regression.choose_filters(replace(fit.processing, automatic=True), [fit.recording]).processing
+        logs = causes.build_quick_logs(library, [fit.recording], usual, measure_scoring_band([fit.recording]))
+        before = causes.fit_quick(logs)
+        if before.percent > _SUSPICIOUS or causes.mask_impossible(logs, before).any():
             # A log that fits badly has negative values by chance, too.
-            likeliest = find_cause(logs, before, cures=before.percent <= _SUSPICIOUS)
+            likeliest = causes.find_cause(logs, before, cures=before.percent <= _SUSPICIOUS)
             mistake = likeliest if np.isfinite(likeliest.percent) else None
     if mistake is not None:
         text = f"{mistake.cause}: undone, {mistake.effect}; {mistake.remedy}"
@@ -486,12 +457,12 @@ class LogExcitation:
     def poor(self) -> bool:
         """Return whether too few parameters are identifiable for a model of the whole robot."""
         kept = len(self.parameters) - len(self.list_names("refused"))
-        return self.empty or kept < WHOLE_MODEL * len(self.parameters)
+        return self.empty or kept < regression.WHOLE_MODEL * len(self.parameters)
 
 
 def analyse_excitation(fits: Sequence[QuickFit], joints: Sequence[str]) -> LogExcitation:
     """Return which parameters the logs behind `fits` excite, `joints` the names of the robot's joints."""
-    rule = RankRule()
+    rule = regression.RankRule()
 
     def stack(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         parts = [fit.stack_rows(weights[list(fit.moving)], fit.tau) for fit in fits]
@@ -500,13 +471,13 @@ def analyse_excitation(fits: Sequence[QuickFit], joints: Sequence[str]) -> LogEx
         return matrix, np.concatenate([values[keep > 0.0] for _, values, keep in parts])
 
     matrix, values = stack(np.ones(fits[0].tau.shape[1]))
-    first = solve_scaled(matrix, values, rcond=_SMALL)
+    first = regression.solve_scaled(matrix, values, rcond=_SMALL)
     keep, tau = (np.vstack([getattr(fit, name) for fit in fits]) for name in ("keep", "tau"))
     left = tau - np.vstack([fit.rows @ first for fit in fits])
     squares, sizes, counts = (np.sum(part, axis=0) for part in ((keep * left) ** 2, (keep * tau) ** 2, keep))
     scatter = np.sqrt(np.maximum(squares, 1e-12 * sizes) / np.maximum(counts, 1.0))
     matrix, values = stack(1.0 / np.where(scatter > 0.0, scatter, 1.0))
-    spectrum = compute_spectrum(matrix, rule.zero)
+    spectrum = regression.compute_spectrum(matrix, rule.zero)
     kept, identifiable = spectrum.mask_directions(rule), spectrum.mask_identifiable(rule)
     inner = spectrum.scales[:, None] * spectrum.directions[kept].T / spectrum.singular[kept]
     solution: FloatArray = inner @ (inner.T @ (matrix.T @ values))
@@ -570,9 +541,9 @@ def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
 class CheckedLog:
     """A log at even times, how it was sampled before, and what every joint does in it."""
 
-    recording: Recording
-    timing: LogTiming
-    joints: tuple[JointSummary, ...]
+    recording: log_files.Recording
+    timing: log_files.LogTiming
+    joints: tuple[log_files.JointSummary, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -592,16 +563,16 @@ class LogsCheck:
     errors: tuple[Notice, ...] = ()
 
 
-def summarise_log(recording: Recording, robot: Robot) -> CheckedLog:
+def summarise_log(recording: log_files.Recording, robot: Robot) -> CheckedLog:
     """Return the log at even times, how it was sampled before, and what every joint does in it."""
-    even = resample_if_uneven(recording)
-    timing, joints = measure_timing(recording.time), summarise_joints(even, robot)
+    even = log_files.resample_if_uneven(recording)
+    timing, joints = log_files.measure_timing(recording.time), log_files.summarise_joints(even, robot)
     return CheckedLog(recording=even, timing=timing, joints=joints)
 
 
 def check_robot_logs(
     robot: Robot,
-    logs: Sequence[Path | Recording],
+    logs: Sequence[Path | log_files.Recording],
     *,
     prepare: Callable[[], Library],
     progress: Callable[[str], None],
@@ -620,20 +591,24 @@ def check_robot_logs(
     progress(f"reading {len(logs)} log{'s'[: len(logs) > 1]}")
     found: list[CheckedLog] = []
     notices: list[Notice] = []
-    for recording in read_recordings(logs, robot, uneven=True):
+    for recording in log_files.read_recordings(logs, robot, uneven=True):
         found.append(summarise_log(recording, robot))
         even, told = found[-1].recording, recording.notices
-        notices += (*told, *describe_timing(recording.time, recording.source), *even.notices[len(told) :])
-        notices += check_recording(even, robot)
+        notices += (
+            *told,
+            *log_files.describe_timing(recording.time, recording.source),
+            *even.notices[len(told) :],
+        )
+        notices += log_files.check_recording(even, robot)
     copy = None
     if output is not None:
         log = logs[0]
         source = log if isinstance(log, Path) else Path(log.source)
-        if isinstance(log, Recording) and not os.path.isfile(source):  # noqa: PTH113  any text may stand there
+        if isinstance(log, log_files.Recording) and not os.path.isfile(source):  # noqa: PTH113  any text may stand there
             text = "an evenly sampled copy is made of a log's file, and this log has none; save it first"
             raise UsageError(Notice(code="usage.no-file", text=text, file=log.source))
-        raw, note = resample_log(read_raw(source), robot, str(source))
-        copy = write_raw_log(raw, output), note
+        raw, note = log_files.resample_log(log_files.read_raw(source), robot, str(source))
+        copy = log_files.write_raw_log(raw, output), note
         notices.append(note)
     checked = LogsCheck(logs=tuple(found), copy=copy, notices=tuple(notices))
     if any(robot.elastic):

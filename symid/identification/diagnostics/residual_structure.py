@@ -35,17 +35,9 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
+from symid.identification import regression
 from symid.identification.diagnostics.stretches import ENDS
 from symid.identification.estimators import Residual, compute_mean_relative
-from symid.identification.regression import (
-    choose_filters,
-    compute_payload_torque,
-    evaluate_columns,
-    evaluate_torques,
-    hold_resting_joints,
-    list_resting_joints,
-    prepare_states,
-)
 from symid.logs import Recording, Signals, decimate, decimate_blocks, low_pass, prepare_signals
 from symid.robot import Decimation, Processing
 from symid.serialization import name_key
@@ -181,14 +173,14 @@ def compute_joint_residuals(
     largest: float = _LARGEST,
 ) -> Iterator[tuple[JointCard, JointResidual]]:
     """Yield every joint that moves in one of the logs, with its residual; as `analyse_structure`."""
-    processing = choose_filters(processing, recordings).processing
+    processing = regression.choose_filters(processing, recordings).processing
     rows = sum(len(entry.time) for entry in recordings) / processing.decimation.factor
     step = max(1, math.ceil(8.0 * rows * (len(values) + 1) / largest))
     logs = []
     for recording, weight in zip(recordings, weights or [1.0] * len(recordings), strict=True):
-        signals = prepare_states(library, recording, processing)
-        predicted = evaluate_torques(library, signals, values)
-        logs.append((signals, predicted, weight, list_resting_joints(recording)))
+        signals = regression.prepare_states(library, recording, processing)
+        predicted = regression.evaluate_torques(library, signals, values)
+        logs.append((signals, predicted, weight, regression.list_resting_joints(recording)))
     for joint, card in enumerate(library.card.joints):
         moving = [entry for entry in logs if joint not in entry[-1]]
         if not moving:
@@ -226,7 +218,7 @@ def _tabulate(
     """Return [Y | Yf] of a joint and its torque: (M, p + 1)."""
 
     def evaluate(part: slice) -> FloatArray:
-        rows = evaluate_columns(library, *signals.pick_states(part))
+        rows = regression.evaluate_columns(library, *signals.pick_states(part))
         return np.column_stack([rows[:, joint], signals.tau[part, joint]])
 
     blocks = decimate_blocks(evaluate, len(signals.time), decimation)
@@ -432,9 +424,9 @@ def predict_torques(
     Raises:
         LogError: the band does not fit the sample rate, or too little is left of the log.
     """
-    processing = choose_filters(processing, [recording]).processing
-    resting = list_resting_joints(recording)
-    signals = hold_resting_joints(prepare_signals(recording, processing), resting)
+    processing = regression.choose_filters(processing, [recording]).processing
+    resting = regression.list_resting_joints(recording)
+    signals = regression.hold_resting_joints(prepare_signals(recording, processing), resting)
     left = round(ENDS / signals.period)
     if len(signals.time) < 2 * left + _FEWEST:
         text = (
@@ -444,11 +436,11 @@ def predict_torques(
         raise LogError(Notice(code="validate.short-log", text=text, file=recording.source))
     kept, joints = slice(left, len(signals.time) - left), library.card.joints
     torque = recording.torque[processing.drop_first :][: len(signals.time)]
-    load = compute_payload_torque(library, signals, recording)
+    load = regression.compute_payload_torque(library, signals, recording)
     torque = torque if load is None else torque - load
     measured, predicted = (
         low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]
-        for torques in (torque, evaluate_torques(library, signals, values))
+        for torques in (torque, regression.evaluate_torques(library, signals, values))
     )
     return TorquePrediction(
         joints=tuple(joint.name for joint in joints),

@@ -20,40 +20,8 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
-from symid.identification.elastic.estimate import (
-    ElasticEstimate,
-    MethodFit,
-    MethodTrial,
-    SpringEstimate,
-    measure_identifiability,
-    measure_spring_spread,
-)
-from symid.identification.elastic.methods import (
-    AUTOMATIC_METHODS,
-    ENERGY_METHODS,
-    ElasticEquations,
-    MethodSelection,
-    build_elastic_equations,
-    build_linear_rows,
-    choose_fit,
-    choose_springs,
-    compute_relative_deviations,
-    find_contradiction,
-    fit_method,
-    fit_one_shot,
-    list_contradicted,
-    weigh_evidence,
-)
+from symid.identification.elastic import estimate, methods, regression
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
-from symid.identification.elastic.regression import (
-    compute_joint_torque,
-    fill_motor_loads,
-    get_encoder_positions,
-    list_parameter_cards,
-    locate_settled,
-    mark_rigid_rotors,
-    measure_noise,
-)
 from symid.identification.elastic.together import compute_spring_torques, filter_spring
 from symid.identification.estimators import Residual, list_parameters
 from symid.identification.regression import check_joints, warn_of_energy
@@ -68,8 +36,8 @@ _NOTHING = 0.9
 
 
 def _refuse_springs(
-    work: ElasticEquations,
-    fit: MethodFit,
+    work: methods.ElasticEquations,
+    fit: estimate.MethodFit,
     shares: FloatArray,
     hidden: Mapping[int, Notice],
     warnings: Sequence[Notice],
@@ -99,8 +67,8 @@ def _refuse_springs(
 
 
 def _list_springs(
-    work: ElasticEquations, fit: MethodFit, refused: Mapping[int, Notice]
-) -> Iterator[SpringEstimate]:
+    work: methods.ElasticEquations, fit: estimate.MethodFit, refused: Mapping[int, Notice]
+) -> Iterator[estimate.SpringEstimate]:
     """Yield the spring of every elastic joint, and how far it was excited; see `_refuse_springs`."""
     problem, count = work.problem, work.problem.sizes[0]
     card, signals = problem.library.card, problem.signals
@@ -109,7 +77,9 @@ def _list_springs(
         if not problem.gives[joint]:
             continue
         phi, stated = [part.phi[:, joint] for part in signals], card.elasticity[joint]
-        torque = np.concatenate([compute_joint_torque(elasticity, part, joint) for part in signals])
+        torque = np.concatenate(
+            [regression.compute_joint_torque(elasticity, part, joint) for part in signals]
+        )
         # A stop is sure to have slipped once the torsion's range exceeds twice its threshold.
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
@@ -118,14 +88,14 @@ def _list_springs(
         if joint not in refused and fit.covariance is not None and np.all(np.isfinite(covariance)):
             link = [rows.compute_link_side(fit.chi)[:, joint] for rows in problem.filtered]
             own = filter_spring(problem, elasticity, joint)
-            torque_std, slope_std = measure_spring_spread(
+            torque_std, slope_std = estimate.measure_spring_spread(
                 elasticity,
                 partial(filter_spring, problem, joint=joint),
                 [rows.design[:, joint, :count] for rows in problem.filtered],
                 [passed - part for passed, part in zip(link, own, strict=True)],
                 covariance,
             )
-        yield SpringEstimate(
+        yield estimate.SpringEstimate(
             joint=entry.name,
             torque_unit=entry.torque_unit,
             position_unit=entry.position_unit,
@@ -177,9 +147,9 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
         )
         raise IdentifiabilityError(Notice(code="elastic.no-torque", text=text))
     found = []
-    for motor, link in map(get_encoder_positions, recordings):
+    for motor, link in map(regression.get_encoder_positions, recordings):
         ranges = [np.ptp(values, axis=0) for values in (motor, link, motor - link)]
-        noise = np.hypot(measure_noise(motor), measure_noise(link))
+        noise = np.hypot(regression.measure_noise(motor), regression.measure_noise(link))
         found.append([*ranges, np.std(motor - link, axis=0), noise])
     motors, links, torsions, scatters, noises = np.swapaxes(found, 0, 1)
     if np.all(np.maximum(motors, links) <= _CLEAR * noises):
@@ -218,7 +188,7 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
 
 
 def warn_of_fit(
-    work: ElasticEquations, fit: MethodFit, condition: float, refused: Collection[int] = ()
+    work: methods.ElasticEquations, fit: estimate.MethodFit, condition: float, refused: Collection[int] = ()
 ) -> tuple[Notice, ...]:
     """Return warnings about the result; nothing of springs that are `refused`, by joint."""
     library = work.problem.library
@@ -229,8 +199,8 @@ def warn_of_fit(
     unknown = list_unknown_parameters(work, fit)
     if unknown:
         notices.append(build_warning("elastic.not-identifiable", names=", ".join(unknown)))
-    percents = 100.0 * compute_relative_deviations(work, fit)
-    names = np.array([card.name for card in list_parameter_cards(library.card)])
+    percents = 100.0 * methods.compute_relative_deviations(work, fit)
+    names = np.array([card.name for card in regression.list_parameter_cards(library.card)])
     poor = ", ".join(
         name for name in names[(percents > _POOR_PERCENT) & (percents < np.inf)] if name not in unknown
     )
@@ -245,7 +215,7 @@ def warn_of_fit(
     )
 
 
-def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str, str]:
+def list_unknown_parameters(work: methods.ElasticEquations, fit: estimate.MethodFit) -> dict[str, str]:
     """Return the parameters whose deviation exceeds their value and what is little, with the reason.
 
     Little is what gives 5 % of its joint's torque at most in motions like those of the fastest joint: what
@@ -266,7 +236,7 @@ def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str,
         **dict.fromkeys(("N m s/rad", "N s/m"), speed),
     }
     unknown = {}
-    cards = list_parameter_cards(card)
+    cards = regression.list_parameter_cards(card)
     for entry, value, deviation in zip(cards, fit.chi.tolist(), deviations.tolist(), strict=True):
         # A coupled drive has no load of its own.
         load = loads.get(entry.joint, max(loads.values()))
@@ -279,8 +249,10 @@ def list_unknown_parameters(work: ElasticEquations, fit: MethodFit) -> dict[str,
     return unknown
 
 
-def _warn_of_condition(work: ElasticEquations, fit: MethodFit, condition: float) -> tuple[Notice, ...]:
-    energy = fit.method in ENERGY_METHODS
+def _warn_of_condition(
+    work: methods.ElasticEquations, fit: estimate.MethodFit, condition: float
+) -> tuple[Notice, ...]:
+    energy = fit.method in methods.ENERGY_METHODS
     notices = warn_of_energy(work.problem.sizes[1]) if energy else ()
     if condition <= (_ILL_ENERGY if energy else _ILL):
         return notices
@@ -292,7 +264,9 @@ def _warn_of_condition(work: ElasticEquations, fit: MethodFit, condition: float)
     return (*notices, Notice(code="elastic.condition", text=text))
 
 
-def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection[int]) -> Iterator[Notice]:
+def _warn_of_springs(
+    work: methods.ElasticEquations, fit: estimate.MethodFit, refused: Collection[int]
+) -> Iterator[Notice]:
     """Yield springs without stiffness, and stops whose state was not known when the rows of a log began."""
     cards = work.problem.library.card.joints
     for joint, (card, spring) in enumerate(zip(cards, fit.elasticity, strict=False)):
@@ -306,7 +280,7 @@ def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection
             yield Notice(code="elastic.no-stiffness", text=text)
         for signals in work.problem.signals:
             phi = signals.phi[:, joint]
-            most = float(np.max(np.abs(compute_joint_torque(spring, signals, joint))))
+            most = float(np.max(np.abs(regression.compute_joint_torque(spring, signals, joint))))
             span, before = float(np.ptp(phi)), float(np.ptp(phi[: signals.settled + 1]))
             pairs = ((stop.threshold, stop.threshold * (stop.stiffness or 0.0)) for stop in spring.stops)
             late = {
@@ -316,7 +290,7 @@ def _warn_of_springs(work: ElasticEquations, fit: MethodFit, refused: Collection
             }
             if late:
                 radius, torque = max(late), sum(late.values())
-                samples = [locate_settled(phi, radius), signals.settled]
+                samples = [regression.locate_settled(phi, radius), signals.settled]
                 end, start = (signals.time[samples] - signals.time[0]).tolist()
                 text = (
                     f"joint {card.name!r}: the state of its stop at {radius:.3g} {card.position_unit} is "
@@ -333,7 +307,7 @@ def prepare_methods(
     options: ElasticOptions,
     *,
     echo: Mapping[str, object] | None = None,
-) -> Callable[[str], ElasticEstimate]:
+) -> Callable[[str], estimate.ElasticEstimate]:
     """Return what identifies by a method of a name: equations are built, and every method fitted, once.
 
     `recordings` are one or more, each with the positions of motors and links; `echo` are further settings to
@@ -349,36 +323,36 @@ def prepare_methods(
     work = _build_equations(library, recordings, options)
 
     @cache
-    def spring() -> tuple[MethodFit, tuple[str, ...]]:
-        return choose_springs(work, fit("weighted"), hidden)
+    def spring() -> tuple[estimate.MethodFit, tuple[str, ...]]:
+        return methods.choose_springs(work, fit("weighted"), hidden)
 
     @cache
-    def fit(method: str) -> MethodFit:
+    def fit(method: str) -> estimate.MethodFit:
         start = None
         if method == "simultaneous":
             start = spring()[0]
         elif method == "nlp" and work.problem.options.moves_stops:
             start = fit("weighted")
-        return fit_method(work, method, start)
+        return methods.fit_method(work, method, start)
 
-    def identify(method: str) -> ElasticEstimate:
+    def identify(method: str) -> estimate.ElasticEstimate:
         stated, automatic = replace(options, method=method), method == "automatic"
-        names: tuple[str, ...] = AUTOMATIC_METHODS if automatic else (method,)
+        names: tuple[str, ...] = methods.AUTOMATIC_METHODS if automatic else (method,)
         if automatic and any(kind not in ("", "linear") for kind in spring()[1]):
             # The one-shot problem has no such springs; a hidden torsion has none to rely on.
             names = tuple(name for name in names if name != "nlp")
             names = names if hidden else (*names, "simultaneous")
         fits = [fit(name) for name in names]
         if not automatic:
-            _, ratio = find_contradiction(work, fits[0])
-            choice = MethodSelection(fit=fits[0], reason="the method was given", contradiction=ratio)
+            _, ratio = methods.find_contradiction(work, fits[0])
+            choice = methods.MethodSelection(fit=fits[0], reason="the method was given", contradiction=ratio)
         else:
-            choice, (sprung, kinds) = choose_fit(work, fits), spring()
+            choice, (sprung, kinds) = methods.choose_fit(work, fits), spring()
             # The kinds of springs are those for `weighted`: stops and knees that suit one method suit all.
             if choice.fit.method == "weighted":
                 choice = replace(choice, fit=sprung)
             elif choice.fit.method == "linear-spring" or (any(kinds) and choice.fit.method != "simultaneous"):
-                choice = replace(choice, fit=choose_springs(work, choice.fit, hidden)[0])
+                choice = replace(choice, fit=methods.choose_springs(work, choice.fit, hidden)[0])
         # As JSON would give them back, with the cut-offs that were chosen.
         cutoffs = [part.cutoff for part in work.problem.signals]
         grid = [entry.tolist() for entry in work.problem.thresholds]
@@ -393,18 +367,20 @@ def prepare_methods(
 
 
 def _build_estimate(
-    work: ElasticEquations,
-    choice: MethodSelection,
-    fits: Sequence[MethodFit],
+    work: methods.ElasticEquations,
+    choice: methods.MethodSelection,
+    fits: Sequence[estimate.MethodFit],
     hidden: Mapping[int, Notice],
     *,
     settings: Mapping[str, object],
     sources: Sequence[str],
-) -> ElasticEstimate:
+) -> estimate.ElasticEstimate:
     problem, fit = work.problem, choice.fit
     library = problem.library
-    cards, joints = list_parameter_cards(library.card), library.card.joints
-    identifiable, condition = measure_identifiability(build_linear_rows(work, fit).design, problem.known)
+    cards, joints = regression.list_parameter_cards(library.card), library.card.joints
+    identifiable, condition = estimate.measure_identifiability(
+        methods.build_linear_rows(work, fit).design, problem.known
+    )
     # F[tau_J] by the motor equation, and what the springs leave of it; the same of the energy, J.
     target = problem.compute_motor_side(fit.chi)
     left = target - np.concatenate(compute_spring_torques(problem, fit))
@@ -412,15 +388,15 @@ def _build_estimate(
     shares = np.array([np.std(target, axis=0), np.std(left, axis=0)])
     springs = _refuse_springs(work, fit, shares, hidden, _warn_of_condition(work, fit, condition))
     columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
-    contradicted = list_contradicted(work)
+    contradicted = methods.list_contradicted(work)
     warnings = warn_of_fit(work, fit, condition, springs)
     # Rotors of rigid joints have a place in chi only.
-    shown = np.flatnonzero(~mark_rigid_rotors(library.card)).tolist()
+    shown = np.flatnonzero(~regression.mark_rigid_rotors(library.card)).tolist()
     covariance = None if fit.covariance is None else np.asarray(fit.covariance)[np.ix_(shown, shown)]
     refused = list_unknown_parameters(work, fit) | {
         card.name: _INSEPARABLE for card, known in zip(cards, identifiable, strict=True) if not known
     }
-    return ElasticEstimate(
+    return estimate.ElasticEstimate(
         robot=library.card.robot,
         signature=library.card.signature,
         friction=tuple(joint.friction for joint in joints),
@@ -436,7 +412,7 @@ def _build_estimate(
         outcome=fit.outcome,
         history=fit.history,
         trials=tuple(
-            MethodTrial(
+            estimate.MethodTrial(
                 method=entry.method,
                 outcome=entry.outcome,
                 error=choice.errors.get(entry.method),
@@ -452,7 +428,7 @@ def _build_estimate(
         ),
         covariance=() if covariance is None else tuple(map(tuple, covariance.tolist())),
         effects=work.effects,
-        evidence=weigh_evidence(work, fit, choice.contradiction, contradicted[0]),
+        evidence=methods.weigh_evidence(work, fit, choice.contradiction, contradicted[0]),
         notices=(
             *springs.values(),
             *choice.notices,
@@ -464,11 +440,11 @@ def _build_estimate(
 
 
 def _tell_known(
-    work: ElasticEquations, contradicted: tuple[float, Sequence[tuple[str, float, float]]]
+    work: methods.ElasticEquations, contradicted: tuple[float, Sequence[tuple[str, float, float]]]
 ) -> Iterator[Notice]:
     """Yield which dynamic parameters were known, and whether the logs contradict them."""
-    cards = list_parameter_cards(work.problem.library.card)
-    told = np.isfinite(work.problem.known) & ~mark_rigid_rotors(work.problem.library.card)
+    cards = regression.list_parameter_cards(work.problem.library.card)
+    told = np.isfinite(work.problem.known) & ~regression.mark_rigid_rotors(work.problem.library.card)
     names = [card.name for card, known in zip(cards, told, strict=True) if known]
     if not names:
         return
@@ -496,21 +472,24 @@ def build_one_shot(library: Library, recordings: Sequence[Recording], options: E
 
     _check_recordings(library, recordings)
     work = _build_equations(library, recordings, options)
-    return build_nlp_graph(fit_one_shot(work), work.wide, options.nlp)
+    return build_nlp_graph(methods.fit_one_shot(work), work.wide, options.nlp)
 
 
 def _build_equations(
     library: Library, recordings: Sequence[Recording], options: ElasticOptions
-) -> ElasticEquations:
+) -> methods.ElasticEquations:
     """Return the equations; loads that friction reads are measured, or those of a fit that agrees."""
     beta = np.zeros(len(library.card.beta))
-    loaded = fill_motor_loads(library, recordings, beta)
+    loaded = regression.fill_motor_loads(library, recordings, beta)
     for _ in range(_REPEATS if loaded != tuple(recordings) else 0):
-        before, beta = beta, fit_method(build_elastic_equations(library, loaded, options), "elimination").beta
-        loaded = fill_motor_loads(library, recordings, beta)
+        before, beta = (
+            beta,
+            methods.fit_method(methods.build_elastic_equations(library, loaded, options), "elimination").beta,
+        )
+        loaded = regression.fill_motor_loads(library, recordings, beta)
         if np.linalg.norm(beta - before) <= _SAME_LOAD * np.linalg.norm(beta):
             break
-    return build_elastic_equations(library, loaded, options)
+    return methods.build_elastic_equations(library, loaded, options)
 
 
 _REPEATS = 6

@@ -27,6 +27,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
 from symid.identification.diagnostics import measure_behind
+from symid.identification.elastic import elimination, estimate, regression, together
 from symid.identification.elastic.effects import (
     compute_link_torque,
     measure_eccentricity,
@@ -35,54 +36,7 @@ from symid.identification.elastic.effects import (
     measure_offsets,
     refine_eccentricity,
 )
-from symid.identification.elastic.elimination import (
-    BandFit,
-    BandRows,
-    build_band_rows,
-    choose_sliding_rows,
-    compute_speeds,
-    fit_band,
-    fit_elimination,
-    fit_independent,
-    get_effect_edge,
-    get_wide_cutoff,
-    measure_torque_noise,
-    split_recordings,
-)
-from symid.identification.elastic.estimate import (
-    ElasticEvidence,
-    MethodFit,
-    build_method_fit,
-    compute_covariance,
-    mark_unidentifiable,
-    measure_identifiability,
-)
 from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.regression import (
-    WAVES,
-    DriveEffect,
-    ElasticProblem,
-    ElasticSignals,
-    build_elastic_problem,
-    choose_cutoff,
-    list_parameter_cards,
-    mark_rigid_rotors,
-    measure_motion_band,
-    prepare_elastic_signals,
-    read_known,
-    solve_with_signs,
-)
-from symid.identification.elastic.together import (
-    LinearRows,
-    build_side_rows,
-    calm_torsions,
-    compute_spring_torques,
-    fit_alternation,
-    fit_linear_spring,
-    fit_simultaneous,
-    fit_two_step,
-    list_row_times,
-)
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.logs import Recording, differentiate_smooth
 
@@ -111,7 +65,7 @@ def assign_folds(time: FloatArray) -> NDArray[np.intp]:
 
 
 def choose_candidate(
-    candidates: Sequence[MethodCandidate], rows: BandRows, scatter: FloatArray
+    candidates: Sequence[MethodCandidate], rows: elimination.BandRows, scatter: FloatArray
 ) -> tuple[int, FloatArray, int]:
     """Return the place of the best candidate, the errors (c,) of all, and how many are as good as the best.
 
@@ -131,7 +85,7 @@ def choose_candidate(
     return taken, means, len(close)
 
 
-def predict_held_out(candidate: MethodCandidate, rows: BandRows) -> FloatArray:
+def predict_held_out(candidate: MethodCandidate, rows: elimination.BandRows) -> FloatArray:
     """Return the errors (m,) of rows, N m or N, each predicted by a fit without its fold."""
     folds = assign_folds(rows.time)
     errors = np.empty(len(rows.torque))
@@ -161,12 +115,12 @@ class ElasticEquations:
         share: of the joints' RMS speeds, below which motors near rest are left out; 0 for none.
     """
 
-    problem: ElasticProblem
-    wide: ElasticProblem
-    rows: BandRows
-    band: BandFit
+    problem: regression.ElasticProblem
+    wide: regression.ElasticProblem
+    rows: elimination.BandRows
+    band: elimination.BandFit
     noise: FloatArray
-    effects: tuple[DriveEffect, ...] = ()
+    effects: tuple[regression.DriveEffect, ...] = ()
     share: float = 0.0
 
     @property
@@ -184,37 +138,45 @@ def build_elastic_equations(
         LogError: a recording lacks an encoder, is too short or unevenly sampled.
         UsageError: windows or thresholds do not fit.
     """
-    band = measure_motion_band(recordings)
-    known, bases = read_known(library.card, options.known), len(library.card.beta)
+    band = regression.measure_motion_band(recordings)
+    known, bases = regression.read_known(library.card, options.known), len(library.card.beta)
     broader = []
     for recording in recordings:
         # Signals pass no filter where the options' pass none; a cut-off that suits fast sampling would be
         # none for a slow one.
-        filtered = choose_cutoff(recording) if options.cutoff is None else options.cutoff
-        cutoff = get_wide_cutoff(recording.period, band) if filtered else 0.0
+        filtered = regression.choose_cutoff(recording) if options.cutoff is None else options.cutoff
+        cutoff = elimination.get_wide_cutoff(recording.period, band) if filtered else 0.0
         broader.append(replace(options, cutoff=cutoff))
 
-    def prepare(effects: tuple[DriveEffect, ...]) -> list[ElasticSignals]:
+    def prepare(effects: tuple[regression.DriveEffect, ...]) -> list[regression.ElasticSignals]:
         pairs = zip(recordings, broader, strict=True)
-        return [prepare_elastic_signals(recording, wider, effects) for recording, wider in pairs]
+        return [regression.prepare_elastic_signals(recording, wider, effects) for recording, wider in pairs]
 
-    def free(effects: tuple[DriveEffect, ...]) -> tuple[list[ElasticSignals], BandRows, float, BandFit]:
+    def free(
+        effects: tuple[regression.DriveEffect, ...],
+    ) -> tuple[list[regression.ElasticSignals], elimination.BandRows, float, elimination.BandFit]:
         # Signals without effects, rows in the band of them, the share of their speeds, and a fit.
         broad = prepare(effects)
-        rows, share = choose_sliding_rows(library.card, build_band_rows(library, broad, band), known)
-        return broad, rows, share, fit_band(library.card, rows, known=known)
+        rows, share = elimination.choose_sliding_rows(
+            library.card, elimination.build_band_rows(library, broad, band), known
+        )
+        return broad, rows, share, elimination.fit_band(library.card, rows, known=known)
 
-    effects: tuple[DriveEffect, ...] = ()
+    effects: tuple[regression.DriveEffect, ...] = ()
     if options.effects:
         broad = prepare(())
-        effects = measure_effects(library, broad, get_effect_edge(max(part.period for part in broad), band))
+        effects = measure_effects(
+            library, broad, elimination.get_effect_edge(max(part.period for part in broad), band)
+        )
     broad, rows, share, fit = free(effects)
     if options.effects:
         # What gears and encoders of the links add.
         discs = measure_eccentricity(library, broad, fit.chi[:bases])
         for _ in range(_DISC_ROUNDS if discs else 0):
             broad, rows, share, fit = free((*effects, *discs))
-            trial = build_elastic_problem(library, broad, options, share * compute_speeds(broad))
+            trial = regression.build_elastic_problem(
+                library, broad, options, share * elimination.compute_speeds(broad)
+            )
             discs = refine_eccentricity(trial, fit.chi, discs)
         if discs:
             effects = (*effects, *discs)
@@ -224,22 +186,24 @@ def build_elastic_equations(
             if further := measure(library, broad, fit.chi[:bases]):
                 effects = (*effects, *further)
                 broad = prepare(effects)
-    limits = share * compute_speeds(broad)
-    signals = [prepare_elastic_signals(recording, options, effects) for recording in recordings]
-    problem = build_elastic_problem(library, signals, options, limits)
+    limits = share * elimination.compute_speeds(broad)
+    signals = [regression.prepare_elastic_signals(recording, options, effects) for recording in recordings]
+    problem = regression.build_elastic_problem(library, signals, options, limits)
     filtered = any(part.cutoff for part in signals)
     return ElasticEquations(
         problem=problem,
-        wide=build_elastic_problem(library, broad, options, limits) if filtered else problem,
+        wide=regression.build_elastic_problem(library, broad, options, limits) if filtered else problem,
         rows=rows,
         band=fit,
-        noise=measure_torque_noise(recordings, band),
+        noise=elimination.measure_torque_noise(recordings, band),
         effects=effects,
         share=share,
     )
 
 
-def fit_method(work: ElasticEquations, method: str, start: MethodFit | None = None) -> MethodFit:
+def fit_method(
+    work: ElasticEquations, method: str, start: estimate.MethodFit | None = None
+) -> estimate.MethodFit:
     """Return dynamics and springs by one method, with the covariance of the dynamics.
 
     What the rows do not identify has an infinite variance. "simultaneous" needs a `start` with springs of the
@@ -250,32 +214,34 @@ def fit_method(work: ElasticEquations, method: str, start: MethodFit | None = No
         case "nlp":
             fit = _widen(work, fit_one_shot(work, start).fit)
         case "simultaneous" if start is not None:
-            fit = _widen(work, fit_simultaneous(work.wide, problem, start))
+            fit = _widen(work, together.fit_simultaneous(work.wide, problem, start))
         case "weighted":
             fit = _fit_weighted(work)
         case "two-step" if problem.options.scheme == "same-cost":
-            fit = fit_alternation(problem)
+            fit = together.fit_alternation(problem)
         case _:
             fit = _MAKERS[method](problem)
     # Variances are infinite where the rows do not identify.
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
-        covariance = compute_covariance(rows.design, rows.right - rows.design @ fit.chi, problem.known)
+        covariance = estimate.compute_covariance(
+            rows.design, rows.right - rows.design @ fit.chi, problem.known
+        )
     else:
-        identifiable = measure_identifiability(rows.design, problem.known)[0]
-        covariance = mark_unidentifiable(fit.covariance, identifiable)
+        identifiable = estimate.measure_identifiability(rows.design, problem.known)[0]
+        covariance = estimate.mark_unidentifiable(fit.covariance, identifiable)
     return _add_model_error(work, replace(fit, covariance=covariance))
 
 
-_MAKERS: dict[str, Callable[[ElasticProblem], MethodFit]] = {
-    "linear-spring": fit_linear_spring,
-    "two-step": fit_two_step,
-    "elimination": fit_elimination,
-    "independent": fit_independent,
+_MAKERS: dict[str, Callable[[regression.ElasticProblem], estimate.MethodFit]] = {
+    "linear-spring": together.fit_linear_spring,
+    "two-step": together.fit_two_step,
+    "elimination": elimination.fit_elimination,
+    "independent": elimination.fit_independent,
 }
 
 
-def fit_one_shot(work: ElasticEquations, weighted: MethodFit | None = None) -> "NlpFit":
+def fit_one_shot(work: ElasticEquations, weighted: estimate.MethodFit | None = None) -> "NlpFit":
     """Return what the one-shot problem gives, with its last round; `weighted` is that fit, if known."""
     # Imported here: it needs CasADi, which the other methods do without.
     from symid.identification.elastic.nlp import fit_nlp
@@ -286,33 +252,33 @@ def fit_one_shot(work: ElasticEquations, weighted: MethodFit | None = None) -> "
     return fit_nlp(work.wide, start=start)
 
 
-def _fit_weighted(work: ElasticEquations) -> MethodFit:
+def _fit_weighted(work: ElasticEquations) -> estimate.MethodFit:
     chi = work.band.chi
     springs = work.wide.fit_springs(work.wide.average_sides(chi))
-    fit = build_method_fit("weighted", chi, work.problem.sizes, springs)
+    fit = estimate.build_method_fit("weighted", chi, work.problem.sizes, springs)
     return replace(fit, covariance=work.band.covariance)
 
 
-def build_linear_rows(work: ElasticEquations, fit: MethodFit) -> LinearRows:
+def build_linear_rows(work: ElasticEquations, fit: estimate.MethodFit) -> together.LinearRows:
     """Return the equations that are linear in the dynamics of `fit`, its springs given."""
     problem, band = work.problem, work.rows
     if fit.method == "weighted":
         weights = 1.0 / work.band.scatter[band.group]
-        return LinearRows(band.design * weights[:, None], band.torque * weights, band.time)
+        return together.LinearRows(band.design * weights[:, None], band.torque * weights, band.time)
     if fit.method in ENERGY_METHODS:
         pairs = zip(problem.signals, problem.energy, strict=True)
         times = [(np.arange(len(part.time)) / len(part.time))[rows.ends][:-1] for part, rows in pairs]
         right = problem.supplied - problem.compute_work(fit.elasticity)
-        return LinearRows(problem.design, right, np.concatenate(times))
+        return together.LinearRows(problem.design, right, np.concatenate(times))
     numbers: Sequence[int] = range(len(problem.signals))
     if fit.method == "independent":
-        numbers = split_recordings(problem.signals)[0]
+        numbers = elimination.split_recordings(problem.signals)[0]
     design, torque = problem.stack_filtered(numbers)
-    times = [np.repeat(list_row_times(problem, number), problem.sizes[1]) for number in numbers]
-    return LinearRows(design.reshape(-1, design.shape[2]), torque.reshape(-1), np.concatenate(times))
+    times = [np.repeat(together.list_row_times(problem, number), problem.sizes[1]) for number in numbers]
+    return together.LinearRows(design.reshape(-1, design.shape[2]), torque.reshape(-1), np.concatenate(times))
 
 
-def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
+def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCandidate:
     """Return `fit` as a candidate whose dynamics can be fitted again without a part of the rows."""
     card, known = work.problem.library.card, work.problem.known
     # What no method can identify does not set them apart.
@@ -328,27 +294,29 @@ def build_candidate(work: ElasticEquations, fit: MethodFit) -> MethodCandidate:
         # Exact where the fit is the least-squares solution of these rows, and near to it the influence of
         # the rows left out.
         calm = fit.method == "simultaneous"
-        problem = calm_torsions(work.wide, work.problem, fit) if calm else work.wide
-        rows = build_side_rows(problem, fit, zeros=calm)
-        offset = fit.chi - solve_with_signs(card, rows.design, rows.right, known)
+        problem = together.calm_torsions(work.wide, work.problem, fit) if calm else work.wide
+        rows = together.build_side_rows(problem, fit, zeros=calm)
+        offset = fit.chi - regression.solve_with_signs(card, rows.design, rows.right, known)
     else:
         rows = build_linear_rows(work, fit)
     if fit.method == "linear-spring":
         # Its springs are linear too, and are fitted with the dynamics.
         work_of_springs = work.problem.compute_stop_work([np.zeros(0)] * card.size)
-        rows = LinearRows(np.hstack([rows.design, work_of_springs]), work.problem.supplied, rows.time)
+        rows = together.LinearRows(
+            np.hstack([rows.design, work_of_springs]), work.problem.supplied, rows.time
+        )
     folds = assign_folds(rows.time)
 
     def refit(fold: int) -> FloatArray:
         kept = folds != fold
-        return offset + solve_with_signs(card, rows.design[kept], rows.right[kept], known)[:count]
+        return offset + regression.solve_with_signs(card, rows.design[kept], rows.right[kept], known)[:count]
 
     return MethodCandidate(refit, float(spread))
 
 
 def weigh_evidence(
-    work: ElasticEquations, fit: MethodFit, contradiction: float, known: float = 0.0
-) -> ElasticEvidence:
+    work: ElasticEquations, fit: estimate.MethodFit, contradiction: float, known: float = 0.0
+) -> estimate.ElasticEvidence:
     """Return what fits without a stretch of the logs leave of it, and the springs of the links' torque.
 
     `contradiction` and `known` are those of `ElasticEvidence`.
@@ -365,10 +333,10 @@ def weigh_evidence(
     springs: FloatArray = np.zeros(0)
     if fit.elasticity:
         link = work.problem.compute_link_side(fit.chi)
-        torque = np.concatenate(compute_spring_torques(work.problem, fit))
+        torque = np.concatenate(together.compute_spring_torques(work.problem, fit))
         springs = 100.0 * _divide(np.linalg.norm(link - torque, axis=0), np.linalg.norm(link, axis=0))
     counts = np.maximum(np.bincount(joint, minlength=size), 1)
-    return ElasticEvidence(
+    return estimate.ElasticEvidence(
         held_out=tuple((100.0 * np.sqrt(_divide(left, whole))).tolist()),
         noise=tuple(np.sqrt(beyond / counts).tolist()),
         springs=tuple(springs.tolist()),
@@ -382,7 +350,7 @@ def _divide(part: FloatArray, whole: FloatArray) -> FloatArray:
     return np.divide(part, whole, out=np.zeros_like(part), where=whole > 0.0)
 
 
-def compute_relative_deviations(work: ElasticEquations, fit: MethodFit) -> FloatArray:
+def compute_relative_deviations(work: ElasticEquations, fit: estimate.MethodFit) -> FloatArray:
     """Return the standard deviation of every dynamic parameter relative to its size (p + n + pf,)."""
     if fit.covariance is None:
         return np.full(len(fit.chi), np.inf)
@@ -418,14 +386,14 @@ class MethodSelection:
     `contradiction` is that of `ElasticEvidence`.
     """
 
-    fit: MethodFit
+    fit: estimate.MethodFit
     reason: str
     errors: Mapping[str, float] = field(default_factory=dict)
     contradiction: float = 0.0
     notices: tuple[Notice, ...] = ()
 
 
-def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelection:
+def choose_fit(work: ElasticEquations, fits: Sequence[estimate.MethodFit]) -> MethodSelection:
     """Return the choice among `fits`, at least one of which is usable."""
     usable = [fit for fit in fits if fit.outcome.usable and np.all(np.isfinite(fit.chi))]
     found = {fit.method: find_contradiction(work, fit) for fit in usable}
@@ -455,7 +423,7 @@ def choose_fit(work: ElasticEquations, fits: Sequence[MethodFit]) -> MethodSelec
     )
 
 
-def find_contradiction(work: ElasticEquations, fit: MethodFit) -> tuple[str, float]:
+def find_contradiction(work: ElasticEquations, fit: estimate.MethodFit) -> tuple[str, float]:
     """Return what speaks against a fit that rests on springs, "" for nothing, and chi^2 over its limit.
 
     The latter is 0 for a fit that does not rest on springs.
@@ -477,21 +445,21 @@ def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, f
     The latter are names, what the weighted elimination finds where nothing is known, and its deviations.
     """
     problem, card = work.problem, work.problem.library.card
-    rigid = mark_rigid_rotors(card)
+    rigid = regression.mark_rigid_rotors(card)
     told, unknown = np.isfinite(problem.known) & ~rigid, np.where(rigid, 0.0, np.nan)
     if not np.any(told):
         return 0.0, ()
-    alone = fit_band(card, work.rows, known=unknown)
+    alone = elimination.fit_band(card, work.rows, known=unknown)
     weights = 1.0 / alone.scatter[work.rows.group]
     design, errors = work.rows.design * weights[:, None], work.rows.torque - work.rows.design @ alone.chi
     # Noise that is not white must not look like a contradiction.
-    spread = compute_covariance(design, errors * weights, unknown)
+    spread = estimate.compute_covariance(design, errors * weights, unknown)
     known = np.flatnonzero(told & np.isfinite(np.diag(spread)))
     if not len(known):
         return 0.0, ()
     slack = _TOLERATED * _measure_sizes(work, alone.chi)[known]
     chi2, shift, lengths = _compute_chi2(alone.chi - problem.known, spread, known, slack)
-    names = [entry.name for entry in list_parameter_cards(card)]
+    names = [entry.name for entry in regression.list_parameter_cards(card)]
     # Where only a combination is wrong, those that are farthest off stand for it.
     order = np.argsort(-np.abs(shift))[: max(_NAMED, int(np.count_nonzero(np.abs(shift) > _FAR)))]
     far = tuple((names[known[k]], float(alone.chi[known[k]]), float(lengths[k])) for k in order)
@@ -514,7 +482,7 @@ _FAR, _NAMED = 3.0, 2
 
 
 def _measure_disagreement(
-    work: ElasticEquations, fit: MethodFit, tolerated: float = 0.0
+    work: ElasticEquations, fit: estimate.MethodFit, tolerated: float = 0.0
 ) -> tuple[float, int]:
     """Return chi^2 of beta and IA of a fit about those of the weighted elimination, and their number.
 
@@ -529,7 +497,7 @@ def _measure_disagreement(
     return chi2, len(known)
 
 
-def _widen(work: ElasticEquations, fit: MethodFit) -> MethodFit:
+def _widen(work: ElasticEquations, fit: estimate.MethodFit) -> estimate.MethodFit:
     """Return a fit with deviations that its distance from the weighted elimination allows (Birge 1932)."""
     chi2, count = _measure_disagreement(work, fit)
     if fit.covariance is None or not chi2 > count > 0:
@@ -537,7 +505,7 @@ def _widen(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     return replace(fit, covariance=fit.covariance * (chi2 / count), plain=fit.covariance)
 
 
-def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
+def _add_model_error(work: ElasticEquations, fit: estimate.MethodFit) -> estimate.MethodFit:
     """Return a fit with variances that also count what no row shows: columns are made of measured states.
 
     The torque of a joint may be off by a factor, and the direction of a link by an angle, which gives a part
@@ -551,7 +519,7 @@ def _add_model_error(work: ElasticEquations, fit: MethodFit) -> MethodFit:
     sizes = np.array([max(values[k] for k, other in enumerate(kinds) if other == kind) for kind in kinds])
     variances = np.zeros(len(fit.chi))
     states, angle = (_SPRUNG, _SPRUNG) if fit.method == "simultaneous" else (_STATES, _TURNED)
-    if any(effect.kind in WAVES for effect in work.effects):
+    if any(effect.kind in regression.WAVES for effect in work.effects):
         states, angle = max(states, _WAVY), max(angle, _WAVY)
     factor = states + _STICKING * work.share**2
     variances[: len(kinds)] = (factor * values) ** 2 + (angle * sizes) ** 2
@@ -567,8 +535,8 @@ of the share; the angle else, in rad. Found on arms of other simulators, where n
 
 
 def choose_springs(
-    work: ElasticEquations, fit: MethodFit, hidden: Collection[int]
-) -> tuple[MethodFit, tuple[str, ...]]:
+    work: ElasticEquations, fit: estimate.MethodFit, hidden: Collection[int]
+) -> tuple[estimate.MethodFit, tuple[str, ...]]:
     """Return the fit with springs of other kinds where these predict the joint torque surely better.
 
     The torque is that of the links, which no friction of the motors blurs. Joints that are `hidden` keep

@@ -38,26 +38,9 @@ import scipy
 
 from symid.arrays import FloatArray
 from symid.errors import RobotError
-from symid.identification.elastic.estimate import (
-    HistoryEntry,
-    MethodFit,
-    SpringPlace,
-    build_method_fit,
-    compute_covariance,
-    list_spring_numbers,
-    move_spring,
-)
+from symid.identification import hysteresis as elements
+from symid.identification.elastic import estimate
 from symid.identification.elastic.regression import ElasticProblem, compute_joint_torque, solve_with_signs
-from symid.identification.hysteresis import (
-    SpringData,
-    SpringWeights,
-    build_elasticity,
-    build_stops,
-    filter_smooth,
-    fit_spring,
-    follow_spring,
-    refine_spring,
-)
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import Elasticity
@@ -82,26 +65,26 @@ class TwoStepState:
     """
 
     chi: FloatArray
-    data: tuple[SpringData, ...]
-    springs: tuple[SpringWeights, ...] = ()
+    data: tuple[elements.SpringData, ...]
+    springs: tuple[elements.SpringWeights, ...] = ()
     scales: tuple[float, ...] = ()
-    history: tuple[HistoryEntry, ...] = ()
+    history: tuple[estimate.HistoryEntry, ...] = ()
     merit: float = float("inf")
 
 
-_NO_SPRING = SpringWeights(
+_NO_SPRING = elements.SpringWeights(
     thresholds=np.zeros(0), stiffness=np.zeros(1), knees=np.zeros(0), slopes=np.zeros(0)
 )
 """Of a rigid joint."""
 
 
-def fit_linear_spring(problem: ElasticProblem) -> MethodFit:
+def fit_linear_spring(problem: ElasticProblem) -> estimate.MethodFit:
     """Return dynamics and linear springs that explain the energy rows best: the initialisation step."""
     joints = problem.sizes[1]
     design = np.hstack([problem.design, problem.compute_stop_work([np.zeros(0)] * joints)])
     solution = solve_with_signs(problem.library.card, design, problem.supplied, problem.known)
     springs = tuple(Elasticity(stiffness=float(value)) for value in solution[-joints:])
-    return build_method_fit("linear-spring", solution[:-joints], problem.sizes, springs)
+    return estimate.build_method_fit("linear-spring", solution[:-joints], problem.sizes, springs)
 
 
 def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
@@ -115,12 +98,12 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
         if not state.springs:
             start = problem.start_spring(joint, known, aim)
         if count == _GRID_STEPS:
-            start = refine_spring(known, aim, start)
+            start = elements.refine_spring(known, aim, start)
         elif count == _GRID_STEPS + 1:
-            start = follow_spring(known, aim, start)
+            start = elements.follow_spring(known, aim, start)
         data[joint] = known.rebuild(start.thresholds)
-        springs[joint] = fit_spring(data[joint], aim, start)
-    work = problem.compute_work(list(map(build_elasticity, springs)))
+        springs[joint] = elements.fit_spring(data[joint], aim, start)
+    work = problem.compute_work(list(map(elements.build_elasticity, springs)))
     goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work, problem.known)
     torques = np.column_stack([known.compute_torque(own) for known, own in zip(data, springs, strict=True)])
     fraction = 1.0
@@ -141,7 +124,7 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     lengths = np.maximum(np.linalg.norm(problem.design, axis=0), 1e-300)
     sizes = np.maximum(np.abs(chi), 0.05 * float(np.linalg.norm(problem.supplied)) / lengths)
     change = float(np.max(np.abs(chi - state.chi) / sizes))
-    entry = HistoryEntry(merit=merit, change=change, damping=fraction, norms=norms)
+    entry = estimate.HistoryEntry(merit=merit, change=change, damping=fraction, norms=norms)
     return TwoStepState(
         chi=chi,
         data=tuple(data),
@@ -152,7 +135,7 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     )
 
 
-def fit_two_step(problem: ElasticProblem) -> MethodFit:
+def fit_two_step(problem: ElasticProblem) -> estimate.MethodFit:
     """Return dynamics and hysteresis by the two-step method with two costs."""
     options, outcome = problem.options, None
     # What a residual moves by counts relative to what was measured, not to a residual near zero.
@@ -174,8 +157,8 @@ def fit_two_step(problem: ElasticProblem) -> MethodFit:
             outcome = Ending.LIMIT
     if outcome is Ending.CONVERGED and state.merit <= best.merit * (1.0 + _RISE):
         best = state
-    springs = tuple(map(build_elasticity, best.springs))
-    fit = build_method_fit("two-step", best.chi, problem.sizes, springs)
+    springs = tuple(map(elements.build_elasticity, best.springs))
+    fit = estimate.build_method_fit("two-step", best.chi, problem.sizes, springs)
     return replace(fit, history=state.history, outcome=outcome)
 
 
@@ -183,7 +166,7 @@ _LONGEST = 500
 _RANK = 1e-9
 
 
-def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> MethodFit:
+def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> estimate.MethodFit:
     """Return what minimises the energy cost by turns over stiffnesses and dynamics, from no springs at all.
 
     The history's `change` is the relative step of chi, its `merit` the cost in J^2.
@@ -193,7 +176,7 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> M
     columns = problem.compute_stop_work(problem.thresholds)
     chi, stiffness = solve_scaled(design, supplied, rcond=_RANK), np.zeros(columns.shape[1])
     lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    history: list[HistoryEntry] = []
+    history: list[estimate.HistoryEntry] = []
     outcome = Ending.LIMIT
     while outcome is Ending.LIMIT and len(history) < iterations:
         before, stiffness = chi, solve_scaled(columns, supplied - design @ chi, rcond=_RANK)
@@ -201,16 +184,16 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> M
         size = max(float(np.linalg.norm(chi * lengths)), 1e-300)
         change = float(np.linalg.norm((chi - before) * lengths)) / size
         norm = float(np.linalg.norm(supplied - design @ chi - columns @ stiffness))
-        history.append(HistoryEntry(merit=norm**2, change=change, norms=(norm,)))
+        history.append(estimate.HistoryEntry(merit=norm**2, change=change, norms=(norm,)))
         if change <= problem.options.tolerance:
             outcome = Ending.CONVERGED
     ends = np.cumsum([len(grid) + 1 for grid in problem.thresholds])[:-1]
     springs = tuple(
-        Elasticity(stiffness=float(own[0]), stops=build_stops(grid, own[1:], -1.0))
+        Elasticity(stiffness=float(own[0]), stops=elements.build_stops(grid, own[1:], -1.0))
         for grid, own in zip(problem.thresholds, np.split(stiffness, ends), strict=True)
     )
     values[free] = chi
-    fit = build_method_fit("same-cost", values, problem.sizes, springs)
+    fit = estimate.build_method_fit("same-cost", values, problem.sizes, springs)
     return replace(fit, history=tuple(history), outcome=outcome)
 
 
@@ -238,12 +221,14 @@ def list_row_times(problem: ElasticProblem, number: int) -> FloatArray:
 def filter_spring(problem: ElasticProblem, spring: Elasticity, joint: int) -> list[FloatArray]:
     """Return F[tau_J] (M,) of a spring at the filtered rows of every recording, N m or N."""
     return [
-        filter_smooth(compute_joint_torque(spring, part, joint), problem.options.rate, part.period)[rows.keep]
+        elements.filter_smooth(compute_joint_torque(spring, part, joint), problem.options.rate, part.period)[
+            rows.keep
+        ]
         for part, rows in zip(problem.signals, problem.filtered, strict=True)
     ]
 
 
-def compute_spring_torques(problem: ElasticProblem, fit: MethodFit) -> list[FloatArray]:
+def compute_spring_torques(problem: ElasticProblem, fit: estimate.MethodFit) -> list[FloatArray]:
     """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of every recording.
 
     That of a rigid joint is by the links.
@@ -273,7 +258,7 @@ class _Sides(NamedTuple):
         return np.asarray(values - pulls * shares)
 
 
-def _build_sides(problem: ElasticProblem, fit: MethodFit) -> list[_Sides]:
+def _build_sides(problem: ElasticProblem, fit: estimate.MethodFit) -> list[_Sides]:
     """Return motor and link equations with the springs' torques, each over its scatter about `fit`.
 
     Motors that are not trusted to slide have empty rows, and so have the links of rigid joints.
@@ -297,7 +282,7 @@ def _build_sides(problem: ElasticProblem, fit: MethodFit) -> list[_Sides]:
     return sides
 
 
-def build_side_rows(problem: ElasticProblem, fit: MethodFit, *, zeros: bool = False) -> LinearRows:
+def build_side_rows(problem: ElasticProblem, fit: estimate.MethodFit, *, zeros: bool = False) -> LinearRows:
     """Return motor and link equations with the torques of the springs of `fit`, each over its scatter.
 
     `zeros`: whether those of the encoders may be off, so that springs have an offset in every recording.
@@ -318,7 +303,7 @@ def _stack(sides: Sequence[_Sides], *, zeros: bool) -> tuple[FloatArray, FloatAr
     return design.reshape(-1, design.shape[-1]), right.reshape(-1)
 
 
-def calm_torsions(wide: ElasticProblem, narrow: ElasticProblem, fit: MethodFit) -> ElasticProblem:
+def calm_torsions(wide: ElasticProblem, narrow: ElasticProblem, fit: estimate.MethodFit) -> ElasticProblem:
     """Return the problem `wide` with the torsions of `narrow` where springs explain links better with these.
 
     Noise that turns a torsion back moves springs with memory and no sharp thresholds a little every time;
@@ -343,7 +328,9 @@ def calm_torsions(wide: ElasticProblem, narrow: ElasticProblem, fit: MethodFit) 
     return replace(wide, signals=tuple(signals))
 
 
-def fit_simultaneous(wide: ElasticProblem, narrow: ElasticProblem, start: MethodFit) -> MethodFit:
+def fit_simultaneous(
+    wide: ElasticProblem, narrow: ElasticProblem, start: estimate.MethodFit
+) -> estimate.MethodFit:
     """Return dynamics and springs that explain both equations best, and the covariance of the dynamics.
 
     `start` has springs of the kinds wanted, and dynamics near the answer; for the problems see
@@ -360,8 +347,10 @@ def fit_simultaneous(wide: ElasticProblem, narrow: ElasticProblem, start: Method
     whole = np.hstack([design, -springs.differentiate(np.ones(len(springs.numbers)))])
     known = np.concatenate([problem.known, np.full(len(springs.numbers), np.nan)])
     dynamics = slice(len(fit.chi))
-    covariance = compute_covariance(whole, springs.right - design @ fit.chi, known)[dynamics, dynamics]
-    found = build_method_fit("simultaneous", fit.chi, wide.sizes, fit.elasticity)
+    covariance = estimate.compute_covariance(whole, springs.right - design @ fit.chi, known)[
+        dynamics, dynamics
+    ]
+    found = estimate.build_method_fit("simultaneous", fit.chi, wide.sizes, fit.elasticity)
     return replace(found, covariance=covariance, notices=start.notices)
 
 
@@ -376,7 +365,7 @@ class _Springs:
     problem: ElasticProblem
     start: tuple[Elasticity, ...]
     sides: Sequence[_Sides]
-    numbers: Sequence[tuple[int, SpringPlace, float]]
+    numbers: Sequence[tuple[int, estimate.SpringPlace, float]]
     right: FloatArray
     begun: Sequence[Sequence[FloatArray]]
 
@@ -385,7 +374,7 @@ class _Springs:
         for (joint, place, value), factor in zip(self.numbers, factors.tolist(), strict=True):
             # At the edge of what springs can be, a number stays.
             with suppress(RobotError):
-                springs[joint] = move_spring(springs[joint], place, value * factor)
+                springs[joint] = estimate.move_spring(springs[joint], place, value * factor)
         return tuple(springs)
 
     def _change(self, joint: int, spring: Elasticity, before: Sequence[FloatArray]) -> FloatArray:
@@ -413,13 +402,13 @@ class _Springs:
         for (joint, place, value), factor in zip(self.numbers, factors.tolist(), strict=True):
             column = np.zeros_like(self.right)
             with suppress(RobotError):
-                ahead = move_spring(springs[joint], place, value * (factor + _FACTOR_STEP))
+                ahead = estimate.move_spring(springs[joint], place, value * (factor + _FACTOR_STEP))
                 column = self._change(joint, ahead, before[joint]) / _FACTOR_STEP
             columns.append(column)
         return np.column_stack(columns)
 
 
-def _follow_springs(problem: ElasticProblem, fit: MethodFit) -> tuple[FloatArray, _Springs]:
+def _follow_springs(problem: ElasticProblem, fit: estimate.MethodFit) -> tuple[FloatArray, _Springs]:
     """Return the design (M, p + n + pf) of both equations, and how springs move their right sides."""
     sides = _build_sides(problem, fit)
     design, right = _stack(sides, zeros=True)
@@ -431,7 +420,7 @@ def _follow_springs(problem: ElasticProblem, fit: MethodFit) -> tuple[FloatArray
             (joint, place, value)
             for joint, spring in enumerate(fit.elasticity)
             if problem.gives[joint]
-            for value, place in list_spring_numbers(spring)
+            for value, place in estimate.list_spring_numbers(spring)
         ],
         right=right,
         begun=[filter_spring(problem, spring, joint) for joint, spring in enumerate(fit.elasticity)],
@@ -439,7 +428,7 @@ def _follow_springs(problem: ElasticProblem, fit: MethodFit) -> tuple[FloatArray
     return design, springs
 
 
-def _improve(problem: ElasticProblem, fit: MethodFit) -> tuple[MethodFit, float]:
+def _improve(problem: ElasticProblem, fit: estimate.MethodFit) -> tuple[estimate.MethodFit, float]:
     """Return a fit with less error for the scatter of both sides as it is about `fit`, and how far it is.
 
     The latter is the largest relative change of a number of the springs.
@@ -463,4 +452,4 @@ def _improve(problem: ElasticProblem, fit: MethodFit) -> tuple[MethodFit, float]
     )
     chi = solve_with_signs(problem.library.card, design, springs.move(found.x), problem.known)
     moved = float(np.max(np.abs(found.x - 1.0), initial=0.0))
-    return build_method_fit(fit.method, chi, problem.sizes, springs.build(found.x)), moved
+    return estimate.build_method_fit(fit.method, chi, problem.sizes, springs.build(found.x)), moved

@@ -33,19 +33,8 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
+from symid.identification import regression
 from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
-from symid.identification.regression import (
-    BLOCK,
-    Rotor,
-    check_joints,
-    compute_rotor_columns,
-    extend_triangle,
-    hold_resting_joints,
-    list_resting_joints,
-    measure_bands,
-    measure_moving_ends,
-    subtract_loads,
-)
 from symid.logs import Recording, Signals, choose_processing, prepare_signals
 from symid.robot import Processing
 
@@ -134,9 +123,9 @@ class Column(NamedTuple):
 
 def _condense(columns: Sequence[FloatArray]) -> FloatArray:
     """Return the triangle (p, p) of columns (N,), which has their lengths and angles."""
-    starts = range(0, len(columns[0]), BLOCK)
-    blocks = (np.column_stack([one[start : start + BLOCK] for one in columns]) for start in starts)
-    return extend_triangle(np.zeros((0, len(columns))), blocks)
+    starts = range(0, len(columns[0]), regression.BLOCK)
+    blocks = (np.column_stack([one[start : start + regression.BLOCK] for one in columns]) for start in starts)
+    return regression.extend_triangle(np.zeros((0, len(columns))), blocks)
 
 
 def _keep_independent(columns: list[Column]) -> list[Column]:
@@ -191,7 +180,7 @@ class JointLogs:
     processing: Processing
     cutoffs: tuple[tuple[float, ...], ...] = ()
     measured: tuple[bool, ...] = ()
-    rotors: tuple[Rotor, ...] = ()
+    rotors: tuple[regression.Rotor, ...] = ()
 
     def list_moving(self, joint: int) -> tuple[int, ...]:
         """Return which recordings move a joint."""
@@ -263,7 +252,7 @@ class JointLogs:
     def list_rotor_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return the inertia of a joint's own rotor, and of the coupled rotors that turn with it."""
         ddq = np.concatenate([self.signals[k].ddq for k in runs])
-        rows = compute_rotor_columns(ddq, self.rotors)[:, joint]
+        rows = regression.compute_rotor_columns(ddq, self.rotors)[:, joint]
         unit = "kg" if self.library.card.joints[joint].kind == "prismatic" else "kg m^2"
         coupled = enumerate(self.rotors, start=ddq.shape[1])
         return [
@@ -328,7 +317,7 @@ def _prepare_at_cutoffs(recording: Recording, processing: Processing, cutoffs: F
     lowest = replace(processing, filter_cutoff=float(np.min(cutoffs)))
     # Of a short log not much is left out.
     most = len(recording.time) // 20
-    first, last = (min(spoilt, most) for spoilt in measure_moving_ends(lowest, [recording]))
+    first, last = (min(spoilt, most) for spoilt in regression.measure_moving_ends(lowest, [recording]))
     cut = replace(
         processing,
         drop_first=max(first, processing.drop_first),
@@ -349,7 +338,7 @@ def prepare_joint_logs(
     processing: Processing,
     *,
     measured: Sequence[bool] = (),
-    rotors: Sequence[Rotor] = (),
+    rotors: Sequence[regression.Rotor] = (),
 ) -> JointLogs:
     """Return the recordings filtered and differentiated.
 
@@ -364,11 +353,11 @@ def prepare_joint_logs(
         LogError: a recording does not fit the robot.
         IdentifiabilityError: no joint moves.
     """
-    check_joints(library, recordings)
-    recordings = [subtract_loads(recording, measured) for recording in recordings]
+    regression.check_joints(library, recordings)
+    recordings = [regression.subtract_loads(recording, measured) for recording in recordings]
     is_open = processing.automatic and processing.filter_cutoff is None
     processing = choose_processing(processing, recordings[0].period)
-    resting = tuple(map(list_resting_joints, recordings))
+    resting = tuple(map(regression.list_resting_joints, recordings))
     if all(len(still) == library.card.size for still in resting):
         text = (
             "no joint moves beyond the noise of its encoder in any of these logs: record joints that turn "
@@ -380,7 +369,7 @@ def prepare_joint_logs(
         # Where noise takes over, at most that of the rule.
         rule, cutoffs = processing.filter_cutoff or 0.0, []
         for one, still in pairs:
-            wanted = [min(max(band.clean, _LEAST_CUTOFF), rule) for band in measure_bands(one)]
+            wanted = [min(max(band.clean, _LEAST_CUTOFF), rule) for band in regression.measure_bands(one)]
             found = (rule if k in still else float(f"{cut:.3g}") for k, cut in enumerate(wanted))
             cutoffs.append(np.array(list(found)))
         states = list(map(_prepare_at_cutoffs, recordings, [processing] * len(recordings), cutoffs))
@@ -389,7 +378,9 @@ def prepare_joint_logs(
             processing = replace(processing, filter_cutoff=None, automatic=True)
     else:
         states = [prepare_signals(one, processing) for one in recordings]
-    signals = tuple(hold_resting_joints(one, still) for one, still in zip(states, resting, strict=True))
+    signals = tuple(
+        regression.hold_resting_joints(one, still) for one, still in zip(states, resting, strict=True)
+    )
     kinds = np.array([joint.kind == "prismatic" for joint in library.card.joints])
     carried = []
     for entry in signals:

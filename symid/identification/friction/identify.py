@@ -30,26 +30,10 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import EstimateError, IdentifiabilityError, LogError, Notice, UsageError
+from symid.identification import estimators, regression
 from symid.identification.diagnostics import build_warning
-from symid.identification.estimators import (
-    FitRecord,
-    LawSelection,
-    MotionResidual,
-    Residual,
-    Series,
-    Validation,
-    check_model,
-)
+from symid.identification.friction import extraction
 from symid.identification.friction.estimators import check_estimator, fit_friction
-from symid.identification.friction.extraction import (
-    ROTOR,
-    JointLogs,
-    describe_cutoffs,
-    extract_joint,
-    fold_recording,
-    list_independent,
-    prepare_joint_logs,
-)
 from symid.identification.friction.joint_fit import (
     FrictionEstimate,
     FrictionSamples,
@@ -60,12 +44,6 @@ from symid.identification.friction.joint_fit import (
 from symid.identification.friction.poses import PoseTest, compare_poses, warn_of_friction_pattern
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.selection import CANDIDATE_LAWS, measure_motion, predict_rows, select_law
-from symid.identification.regression import (
-    Rotor,
-    list_measured_joints,
-    measure_load_gain,
-    warn_of_load_gain,
-)
 from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, get_law, has_sign, rename_law
 from symid.logs import Recording, cut_ends, describe_overlap, measure_overlap
 from symid.robot import Processing, Robot, override_robot
@@ -100,12 +78,12 @@ class JointFriction:
     unit: str = field(metadata=HIDDEN)
     velocity_unit: str = field(metadata=HIDDEN)
     rigid: str
-    residual: Residual
-    selection: LawSelection | None
+    residual: estimators.Residual
+    selection: estimators.LawSelection | None
     poses: PoseTest | None
     velocity_map: VelocityMap = field(metadata=name_key("map"))
     sources: tuple[str, ...]
-    motion: MotionResidual | None = None
+    motion: estimators.MotionResidual | None = None
 
     @property
     def joint(self) -> str:
@@ -120,7 +98,7 @@ class JointFriction:
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionIdentification(FitRecord):
+class FrictionIdentification(estimators.FitRecord):
     """Friction of the joints that move, `refused` the others; `model` is the law asked for, or "auto"."""
 
     kind: ClassVar[str] = "friction"
@@ -228,7 +206,7 @@ class FrictionTask:
     smoothing: float = 0.0
     periods: tuple[float, ...] = ()
     poses: bool = True
-    rotors: tuple[Rotor, ...] = ()
+    rotors: tuple[regression.Rotor, ...] = ()
 
 
 def identify_friction(
@@ -260,13 +238,15 @@ def identify_friction(
         each = task.periods if len(task.periods) == len(cut) else [task.periods[0]] * len(cut)
         pairs = list(zip(cut, each, strict=True))
         margin = max(round(period / entry.period) for entry, period in pairs)
-        recordings = tuple(fold_recording(entry, period, margin=margin) for entry, period in pairs)
+        recordings = tuple(extraction.fold_recording(entry, period, margin=margin) for entry, period in pairs)
         processing = replace(processing, drop_first=margin, drop_last=margin)
         codes = {"log.folded", _NOT_PERIODIC}
         notices = tuple(one for entry in recordings for one in entry.notices if one.code in codes)
-    measured = list_measured_joints(recordings) if task.beta is None else ()
-    logs = prepare_joint_logs(library, recordings, processing, measured=measured, rotors=task.rotors)
-    notices += describe_cutoffs(logs)
+    measured = regression.list_measured_joints(recordings) if task.beta is None else ()
+    logs = extraction.prepare_joint_logs(
+        library, recordings, processing, measured=measured, rotors=task.rotors
+    )
+    notices += extraction.describe_cutoffs(logs)
     joints, refused = list[JointFriction](), list[tuple[str, str]]()
     cards = library.card.joints
     for joint, card in enumerate(cards):
@@ -345,10 +325,10 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
 
 
 def _identify_joint(
-    logs: JointLogs, joint: int, task: FrictionTask
+    logs: extraction.JointLogs, joint: int, task: FrictionTask
 ) -> tuple[JointFriction, tuple[Notice, ...]]:
     """Return the friction of a joint, and what concerns the whole identification."""
-    extracted = extract_joint(logs, joint, beta=task.beta)
+    extracted = extraction.extract_joint(logs, joint, beta=task.beta)
     samples, card = extracted.samples, logs.library.card.joints[joint]
     name = task.model if isinstance(task.model, str) else task.model.get(card.name, AUTO)
     selection, estimate = None, None
@@ -363,7 +343,7 @@ def _identify_joint(
         estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
     torque = samples.build_rows().torque
     left = torque - predict_rows(samples, law, estimate)
-    residual = Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)
+    residual = estimators.Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)
     warnings = [*warn_of_friction_pattern(samples, law, estimate), *warn_of_inertia(estimate)]
     if residual.relative_percent > 30.0:
         text = (
@@ -378,10 +358,10 @@ def _identify_joint(
         design = compute_sensitivities(samples, law, estimate.linear, estimate.shape)
         table = np.column_stack([design, samples.pass_columns(samples.load[:, None]), left])
         stretches = np.array_split(table, _STRETCHES)
-        gain = measure_load_gain(np.stack([part.T @ part for part in stretches]))
+        gain = regression.measure_load_gain(np.stack([part.T @ part for part in stretches]))
     if gain is not None:
         rigid += f"; a factor on the load would be {gain.value:.4g} +- {gain.deviation:.2g} (1 was taken)"
-    warnings += [*_warn_of_smoothing(law), *warn_of_load_gain(gain)]
+    warnings += [*_warn_of_smoothing(law), *regression.warn_of_load_gain(gain)]
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
     poses = compare_poses(logs, joint, law, beta=task.beta) if task.poses else None
     texts = [f"{held}: not in the comparison of poses: {why}" for held, why in poses.skipped] if poses else []
@@ -432,7 +412,7 @@ def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
 
 def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
     """Return a warning where the rigid part has a negative inertia or mass."""
-    pairs = (entry for entry in estimate.extra if entry.name in {"J", ROTOR} and entry.value < 0.0)
+    pairs = (entry for entry in estimate.extra if entry.name in {"J", extraction.ROTOR} and entry.value < 0.0)
     found = next(pairs, None)
     if found is None:
         return ()
@@ -455,8 +435,8 @@ def validate_friction(
     recording: Recording,
     processing: Processing,
     *,
-    rotors: Sequence[Rotor] = (),
-) -> Validation:
+    rotors: Sequence[regression.Rotor] = (),
+) -> estimators.Validation:
     """Return residuals and series of `recording` under identified friction, joint by joint.
 
     `processing` is that of the fit; `rotors` are those of coupled drives.
@@ -466,13 +446,13 @@ def validate_friction(
         LogError: the recording does not fit the robot, or lacks the loads that the fit subtracted.
         IdentifiabilityError: no joint can be validated.
     """
-    check_model(found, library.card)
+    estimators.check_model(found, library.card)
     beta, joints = read_known_parameters(found, library.card), library.card.joints
     # The joints whose measured loads were subtracted.
     stored = found.settings.get("measured_loads")
     measured = tuple(map(bool, stored)) if isinstance(stored, Sequence) else ()
     lacking = np.ptp(recording.position, axis=0) > 0.0
-    lacking &= ~np.array(list_measured_joints((recording,)), dtype=np.bool_)
+    lacking &= ~np.array(regression.list_measured_joints((recording,)), dtype=np.bool_)
     dead = [joint.name for joint, *both in zip(joints, measured, lacking, strict=False) if all(both)]
     if dead:
         what = "has none" if recording.load is None else f"has a constant one for {', '.join(dead)}"
@@ -481,8 +461,12 @@ def validate_friction(
             "name their columns in [log.load], or identify friction again from logs without loads"
         )
         raise LogError(Notice(code="validate.friction-load", text=text, file=recording.source))
-    logs = prepare_joint_logs(library, (recording,), processing, measured=measured, rotors=rotors)
-    residuals, motion, series = list[Residual](), list[MotionResidual](), list[Series]()
+    logs = extraction.prepare_joint_logs(library, (recording,), processing, measured=measured, rotors=rotors)
+    residuals, motion, series = (
+        list[estimators.Residual](),
+        list[estimators.MotionResidual](),
+        list[estimators.Series](),
+    )
     lost, notices = list[Notice](), list[Notice]()
     for entry in found.joints:
         law = get_law(entry.estimate.law, smoothing=entry.smoothing)
@@ -497,10 +481,12 @@ def validate_friction(
             continue
         rows, predicted = samples.build_rows(), predict_rows(samples, law, entry.estimate)
         torque = rows.torque[kept]
-        residuals.append(Residual.measure(entry.joint, torque - predicted[kept], torque, entry.unit))
+        residuals.append(
+            estimators.Residual.measure(entry.joint, torque - predicted[kept], torque, entry.unit)
+        )
         motion.append(measure_motion(samples, law, entry.estimate, unit=entry.unit, kept=kept))
         series.append(
-            Series(
+            estimators.Series(
                 joint=entry.joint,
                 unit=entry.unit,
                 velocity_unit=entry.velocity_unit,
@@ -519,7 +505,7 @@ def validate_friction(
         part = describe_overlap(overlap, recording, cut)
         warning = build_warning("validate.fitted-log", file=recording.source, what="friction", part=part)
         lost.insert(0, warning)
-    return Validation(
+    return estimators.Validation(
         robot=found.robot,
         signature=found.signature,
         source=recording.source,
@@ -552,7 +538,7 @@ def _refuse(joint: str, reason: str) -> IdentifiabilityError:
 
 
 def _build_samples(
-    entry: JointFriction, logs: JointLogs, joint: int, beta: FloatArray | None
+    entry: JointFriction, logs: extraction.JointLogs, joint: int, beta: FloatArray | None
 ) -> tuple[FrictionSamples, tuple[Notice, ...]]:
     """Return a joint's samples with the columns of its fit; refuse a motion that needs more of them."""
     card, measured = logs.library.card, logs.is_measured(joint)
@@ -583,7 +569,7 @@ def _build_samples(
     fitted = samples.extra[:, inertial]
     samples = replace(samples, load=fitted @ np.array(estimate.other)[inertial])
     whole = np.column_stack([fitted, *(column.values for column in rigid)])
-    if len(list_independent(whole)) != len(list_independent(fitted)):
+    if len(extraction.list_independent(whole)) != len(extraction.list_independent(fitted)):
         reason = (
             "this motion needs more of its rigid part than was fitted, as where a joint moved alone there "
             "and moves with others here. Identify the base parameters, and friction with --known"

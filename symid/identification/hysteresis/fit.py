@@ -22,9 +22,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import run_compiled_branch
 from symid.errors import Notice, UsageError
+from symid.identification.hysteresis import spring_fit
 from symid.identification.hysteresis.families import (
     BoucWenFamily,
     ElementFamily,
@@ -36,33 +38,11 @@ from symid.identification.hysteresis.families import (
     WithRelaxation,
     list_families,
 )
-from symid.identification.hysteresis.spring_fit import (
-    SpringData,
-    SpringWeights,
-    build_elasticity,
-    build_knee_grid,
-    compute_slips,
-    compute_spring_slopes,
-    fit_spring,
-    read_weights,
-    refine_spring,
-)
-from symid.joint_models import (
-    Elasticity,
-    Start,
-    compute_stop_basis,
-    describe_inverse,
-    invert_element,
-    is_passive_element,
-    list_element_values,
-    needs_time,
-    run_element,
-)
 from symid.notation import HYSTERESIS_MODELS
 from symid.options import HysteresisOptions
 from symid.serialization import HIDDEN
 
-_STARTS: tuple[Start, ...] = ("zero", "fresh", "below", "above")
+_STARTS: tuple[joint_models.Start, ...] = ("zero", "fresh", "below", "above")
 _LEAST_SAMPLES = 50
 _SEARCHED = 3000
 """Samples of a search; more would only slow it down."""
@@ -128,8 +108,8 @@ class HysteresisRecord(FrozenArrays):
 
     model: str
     form: str
-    elasticity: Elasticity = field(metadata=HIDDEN)
-    start: Start
+    elasticity: joint_models.Elasticity = field(metadata=HIDDEN)
+    start: joint_models.Start
     parameters: tuple[ElementParameter, ...]
     candidates: tuple[HysteresisCandidate, ...]
     passive: bool
@@ -240,7 +220,7 @@ def compute_velocity(x: FloatArray, t: FloatArray) -> FloatArray:
     return np.asarray((number * products - times * places) / (number * squares - times**2))
 
 
-def build_path(x: FloatArray, t: FloatArray | None, start: Start = "zero") -> ElementPath:
+def build_path(x: FloatArray, t: FloatArray | None, start: joint_models.Start = "zero") -> ElementPath:
     """Return the path of an input (N,), at times (N,) in s; without them one sample takes one second."""
     time = np.arange(len(x), dtype=np.float64) if t is None else t
     return ElementPath(
@@ -312,7 +292,7 @@ class _ElementTrial:
     model: str
     form: str
     point: FloatArray
-    rebuild: Callable[[FloatArray], Elasticity]
+    rebuild: Callable[[FloatArray], joint_models.Elasticity]
     jacobian: FloatArray
     error: FloatArray
     held: FloatArray
@@ -322,7 +302,7 @@ class _ElementTrial:
     shape: FloatArray | None = None
 
     @property
-    def elasticity(self) -> Elasticity:
+    def elasticity(self) -> joint_models.Elasticity:
         """Return the element."""
         return self.rebuild(self.point)
 
@@ -426,7 +406,7 @@ def _try(
         further = _build_matrix(family, data, moved, parts) @ found
         jacobian.append(((further - matrix @ found) / step)[:, None])
 
-    def rebuild(point: FloatArray) -> Elasticity:
+    def rebuild(point: FloatArray) -> joint_models.Elasticity:
         values, own = found.copy(), shape.copy()
         values[free], own[:searched] = point[:known], point[known:]
         names = ["damping" if part == "viscous" else part for part in (*parts, "offset")]
@@ -514,24 +494,34 @@ def _fit_spring(data: ElementData, *, knees: bool) -> _ElementTrial | None:
     torsion: FloatArray = np.concatenate([np.array(ahead, dtype=np.float64), x])
     first = len(ahead) + int(np.argmax(data.kept))
     grid: FloatArray = data.path.reach * np.power(0.7, np.arange(_GRID, 0, -1))
-    spring = SpringData(torsions=(torsion,), periods=(_PERIOD,), keeps=(slice(first, None, 1),), rate=_SHARP)
+    spring = spring_fit.SpringData(
+        torsions=(torsion,), periods=(_PERIOD,), keeps=(slice(first, None, 1),), rate=_SHARP
+    )
     spring = spring.rebuild(grid)
     begun = spring.fit_stops(output)
     if knees:
-        places = build_knee_grid([compute_stop_basis(torsion, grid) @ begun.stiffness], _KNEES)
-        begun = fit_spring(spring, output, replace(begun, knees=places, slopes=np.ones(len(places))))
-    elasticity = build_elasticity(refine_spring(spring, output, begun))
+        places = spring_fit.build_knee_grid(
+            [joint_models.compute_stop_basis(torsion, grid) @ begun.stiffness], _KNEES
+        )
+        begun = spring_fit.fit_spring(
+            spring, output, replace(begun, knees=places, slopes=np.ones(len(places)))
+        )
+    elasticity = spring_fit.build_elasticity(spring_fit.refine_spring(spring, output, begun))
     if knees and not elasticity.knees:
         return None
-    found = read_weights(elasticity)
-    basis = compute_stop_basis(torsion, found.thresholds)
-    slopes = compute_spring_slopes(basis, found, compute_slips(basis, found.thresholds))[first:]
+    found = spring_fit.read_weights(elasticity)
+    basis = joint_models.compute_stop_basis(torsion, found.thresholds)
+    slopes = spring_fit.compute_spring_slopes(
+        basis, found, spring_fit.compute_slips(basis, found.thresholds)
+    )[first:]
     names = ("stiffness", "slopes", "thresholds", "knees")
     numbers = [getattr(found, name) for name in names]
     ends = np.cumsum([len(part) for part in numbers])[:-1]
 
-    def rebuild(point: FloatArray) -> Elasticity:
-        return build_elasticity(SpringWeights(**dict(zip(names, np.split(point, ends), strict=True))))
+    def rebuild(point: FloatArray) -> joint_models.Elasticity:
+        return spring_fit.build_elasticity(
+            spring_fit.SpringWeights(**dict(zip(names, np.split(point, ends), strict=True)))
+        )
 
     return _ElementTrial(
         model=("modified-" if knees else "") + "prandtl-ishlinskii",
@@ -662,7 +652,7 @@ def _list_trials(
         if trial is not None
     ]
     if options.passive:
-        found = [trial for trial in found if is_passive_element(trial.elasticity)]
+        found = [trial for trial in found if joint_models.is_passive_element(trial.elasticity)]
     if not found:
         kind = "passive element" if options.passive else "element"
         text = f"no {kind} of model {options.model} explains the recording; try passive=None, or model auto"
@@ -679,7 +669,9 @@ def _extend(
     kinds: list[type[WithBacklash | WithRelaxation]] = [] if passive else [WithBacklash]
     kinds += [WithRelaxation] if timed else []
     # Stops that a passive fit has placed stay springs.
-    springs = passive or (isinstance(trial.family, Stops) and is_passive_element(trial.elasticity))
+    springs = passive or (
+        isinstance(trial.family, Stops) and joint_models.is_passive_element(trial.elasticity)
+    )
     begin = tuple(trial.shape.tolist())
     known: list[ElementFamily] = [trial.family]
     while isinstance(known[-1], WithBacklash | WithRelaxation):
@@ -761,7 +753,7 @@ def fit_hysteresis(
     t = None if t is None else np.asarray(t, dtype=np.float64)
     whole = _prepare(x, y, t)
     timed, passive = t is not None, bool(options.passive)
-    tried: list[Start] = []
+    tried: list[joint_models.Start] = []
     while True:
         tried.append(whole.path.start)
         data = whole.thin(_SEARCHED)
@@ -799,7 +791,7 @@ def fit_hysteresis(
                 model=trial.model,
                 form=trial.form,
                 count=len(trial.point),
-                passive=is_passive_element(trial.elasticity),
+                passive=joint_models.is_passive_element(trial.elasticity),
                 fitted=100.0 * float(np.sqrt(np.mean(trial.error**2))) / scale,
                 held_out=100.0 * score / scale,
                 spread=100.0 * 0.5 * error / max(score, 1e-300) / scale,
@@ -809,12 +801,12 @@ def fit_hysteresis(
     predicted = predict_output(elasticity, whole.path)
     every = slice(None, None, max(1, len(predicted) // _SHOWN))
     # The numbers of the element, and how they follow what the data decide.
-    centre, covariance = list_element_values(elasticity), _compute_covariance(chosen, folds)
+    centre, covariance = joint_models.list_element_values(elasticity), _compute_covariance(chosen, folds)
     rates = np.zeros((len(centre), len(chosen.point)))
     for k, number in enumerate(chosen.point):
         step, moved = 1e-6 * (abs(float(number)) or 1.0), chosen.point.copy()
         moved[k] += step
-        after = list_element_values(chosen.rebuild(moved))
+        after = joint_models.list_element_values(chosen.rebuild(moved))
         rates[:, k] = [(after.get(name, value) - value) / step for name, value in centre.items()]
     deviations = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", rates, covariance, rates), 0.0))
     return HysteresisRecord(
@@ -827,7 +819,7 @@ def fit_hysteresis(
             for (name, value), deviation in zip(centre.items(), deviations, strict=True)
         ),
         candidates=tuple(candidates),
-        passive=is_passive_element(elasticity),
+        passive=joint_models.is_passive_element(elasticity),
         fitted=100.0 * float(np.sqrt(np.mean((y - predicted)[whole.kept] ** 2))) / spread,
         held_out=candidates[0].held_out,
         samples=len(x),
@@ -868,7 +860,7 @@ def predict_element(
 
 def describe_inversion(record: HysteresisRecord) -> str:
     """Return why an element that was identified has no inverse to rely on; empty where it has one."""
-    reason = describe_inverse(record.elasticity)
+    reason = joint_models.describe_inverse(record.elasticity)
     slope = next((entry for entry in record.parameters if entry.name == "k0"), None)
     if reason or slope is None or slope.value > _SURE * slope.deviation:
         return reason
@@ -894,7 +886,7 @@ def invert_fit(
     if reason:
         raise UsageError(Notice(code="usage.no-inverse", text=f"the element has no inverse: {reason}"))
     _check_time(record, t)
-    x = invert_element(record.elasticity, y, t, start=record.start)
+    x = joint_models.invert_element(record.elasticity, y, t, start=record.start)
     low, high = record.span
     slack = _FAR * (high - low)
     if not beyond and len(x) and not (low - slack <= x.min() and x.max() <= high + slack):
@@ -911,25 +903,25 @@ _FAR = 0.5
 
 
 def _check_time(record: HysteresisRecord, t: FloatArray | None) -> None:
-    if t is None and needs_time(record.elasticity):
+    if t is None and joint_models.needs_time(record.elasticity):
         text = "this element depends on the speed: give the time of the samples, too"
         raise UsageError(Notice(code="usage.hysteresis-time", text=text))
 
 
-def predict_output(elasticity: Elasticity, path: ElementPath) -> FloatArray:
+def predict_output(elasticity: joint_models.Elasticity, path: ElementPath) -> FloatArray:
     """Return the output (N,) of an element along a path."""
     if path.begins[1:]:
         return np.concatenate([predict_output(elasticity, part) for part in path.split()])
     time = np.cumsum(path.period)
-    run = run_element(
+    run = joint_models.run_element(
         elasticity, path.position, time, start=path.start, velocity=path.velocity, runner=run_compiled_branch
     )
     return run.output
 
 
 def choose_spring(
-    path: ElementPath, output: FloatArray, kept: NDArray[np.bool_], known: Elasticity
-) -> tuple[Elasticity, str, float, float]:
+    path: ElementPath, output: FloatArray, kept: NDArray[np.bool_], known: joint_models.Elasticity
+) -> tuple[joint_models.Elasticity, str, float, float]:
     """Return the spring of a joint that predicts its torque best with as few numbers as that takes.
 
     A linear one, Bouc-Wen elements, stops without knees, all passive and with viscous or cubic parts where
@@ -1025,7 +1017,7 @@ def validate_element(
         # How far the inputs are that give the measured outputs.
         thin = data.thin(_INVERTED)
         time, shifted = np.cumsum(thin.path.period), thin.output - float(np.mean(error))
-        found = invert_element(record.elasticity, shifted, time, start=thin.path.start)
+        found = joint_models.invert_element(record.elasticity, shifted, time, start=thin.path.start)
         counted = thin.path.position[thin.kept]
         inverse = 100.0 * float(np.std(found[thin.kept] - counted) / np.std(counted))
     return HysteresisTrial(

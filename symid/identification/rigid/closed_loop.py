@@ -52,37 +52,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard, RigidExperiment
 from symid.errors import IdentifiabilityError, Notice, SolverError, SymidError, UsageError
-from symid.identification.diagnostics import (
-    build_warning,
-    warn_of_correlated_residuals,
-    warn_of_poorly_identifiable,
-    warn_of_processing,
-)
-from symid.identification.estimators import (
-    Estimate,
-    InstrumentalSolution,
-    RegressionFit,
-    assess_exogeneity,
-    fit_instruments,
-    fit_rows,
-)
-from symid.identification.regression import (
-    JOINT_AT_REST,
-    WINDOW,
-    Identifiability,
-    RankRule,
-    Rows,
-    analyse_identifiability,
-    build_rows,
-    choose_filters,
-    drop_groups,
-    evaluate_torques,
-    hold_resting_joints,
-    list_resting_joints,
-    prepare_rows,
-    select_rows,
-    stack_rows,
-)
+from symid.identification import diagnostics, estimators, regression
 from symid.identification.rigid.fit import build_estimate, identify_parameters
 from symid.identification.rigid.plan import INSTRUMENTAL
 from symid.logs import Recording, Signals, choose_processing, decimate, differentiate, prepare_signals
@@ -190,7 +160,7 @@ def list_unusable(recording: Recording, controller: Controller | None = None) ->
         texts.append(f"the reference has shape {reference.shape}, the position {position.shape}")
     elif not texts and reference is not None:
         moved, away = np.std(position, axis=0), np.std(reference - position, axis=0)
-        resting = list_resting_joints(recording)
+        resting = regression.list_resting_joints(recording)
         strange = [j for j in range(len(moved)) if j not in resting and away[j] > _STRANGE * moved[j]]
         if strange:
             listed = ", ".join(f"{j + 1} ({away[j]:.3g} against {moved[j]:.3g})" for j in strange)
@@ -343,11 +313,11 @@ class ClosedLoopFit:
             after the loops settled; lag: (n,) the same between references and measured positions.
     """
 
-    fit: RegressionFit
-    identifiability: Identifiability
-    rows: Rows
-    simulated: Rows
-    instrumental: InstrumentalSolution | None = None
+    fit: estimators.RegressionFit
+    identifiability: regression.Identifiability
+    rows: regression.Rows
+    simulated: regression.Rows
+    instrumental: estimators.InstrumentalSolution | None = None
     changes: tuple[float, ...] = ()
     tracking: FloatArray = field(default_factory=lambda: np.empty(0))
     lag: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -441,7 +411,7 @@ def fit_output_error(
     problem: ClosedLoopProblem,
     start: Mapping[str, float],
     *,
-    rule: RankRule | None = None,
+    rule: regression.RankRule | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> ClosedLoopFit:
     """Return the parameters whose simulated torque is nearest to the measured one; positions pass no filter.
@@ -457,24 +427,24 @@ def fit_output_error(
     problem = replace(problem, processing=replace(processing, filter_cutoff=None, filter_torque=False))
 
     def solve(values: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
-        pairs: list[tuple[Rows, Rows]] = []
+        pairs: list[tuple[regression.Rows, regression.Rows]] = []
         library, processing = problem.library, problem.processing
         for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
             kept = _select_compared(problem, recording, loop)
             columns = {name: getattr(run, name)[kept] for name in ("time", "q", "dq", "ddq")}
             signals = Signals(**columns, tau=recording.torque[kept], period=run.period)
-            built = build_rows("torque", library, signals, processing)
-            beyond = evaluate_torques(library, signals, values) - run.tau[kept]
+            built = regression.build_rows("torque", library, signals, processing)
+            beyond = regression.evaluate_torques(library, signals, values) - run.tau[kept]
             excess = decimate(beyond, processing.decimation).T.ravel()
             # A brake may hold a joint at rest: its torque contains no information.
             joints = library.card.joints
-            held = tuple(j for j in list_resting_joints(recording) if joints[j].friction != "none")
+            held = tuple(j for j in regression.list_resting_joints(recording) if joints[j].friction != "none")
             away = replace(built, values=built.values + excess)
-            pairs.append((drop_groups(built, held), drop_groups(away, held)))
+            pairs.append((regression.drop_groups(built, held), regression.drop_groups(away, held)))
         # With the measured torques, and with tau - tau_s + W x in their place.
-        rows, shifted = (stack_rows(parts, problem.weights) for parts in zip(*pairs, strict=True))
+        rows, shifted = (regression.stack_rows(parts, problem.weights) for parts in zip(*pairs, strict=True))
         try:
-            identifiability = analyse_identifiability(shifted, rule)
+            identifiability = regression.analyse_identifiability(shifted, rule)
         except IdentifiabilityError as error:
             text = (
                 "the simulated robot does not move enough: the reference of the log hardly moves, or the "
@@ -482,7 +452,7 @@ def fit_output_error(
             )
             blind = Notice(code="identify.blind-simulation", text=text)
             raise IdentifiabilityError(blind, *error.notices) from error
-        fit = fit_rows("wls", shifted, identifiability, problem.processing.noise_freedom)
+        fit = estimators.fit_rows("wls", shifted, identifiability, problem.processing.noise_freedom)
         return ClosedLoopFit(fit=fit, identifiability=identifiability, rows=rows, simulated=rows)
 
     return _iterate(problem, start, solve, progress)
@@ -492,7 +462,7 @@ def fit_instrumental(
     problem: ClosedLoopProblem,
     start: Mapping[str, float],
     *,
-    rule: RankRule | None = None,
+    rule: regression.RankRule | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> ClosedLoopFit:
     """Return the parameters that explain the torque at the measured states, by instruments.
@@ -510,9 +480,9 @@ def fit_instrumental(
 
     def solve(_: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
         measured = build()
-        rows = stack_rows(measured, problem.weights)
+        rows = regression.stack_rows(measured, problem.weights)
         simulated = _build_beside(problem, [run.q for run in runs], measured)
-        found = fit_instruments(rows, simulated, rule, processing.noise_freedom)
+        found = estimators.fit_instruments(rows, simulated, rule, processing.noise_freedom)
         return ClosedLoopFit(
             fit=found.fit,
             identifiability=found.identifiability,
@@ -534,7 +504,9 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
     measured = _build_measured(problem)
     beside = _build_beside(problem, [loop.reference for loop in problem.loops], measured)
     try:
-        found = fit_instruments(stack_rows(measured), beside, freedom=processing.noise_freedom)
+        found = estimators.fit_instruments(
+            regression.stack_rows(measured), beside, freedom=processing.noise_freedom
+        )
     except IdentifiabilityError:
         # References may stand still, or move together, where the logs do not.
         return None
@@ -552,28 +524,28 @@ def _list_settings(problem: ClosedLoopProblem) -> list[tuple[Recording, Processi
     return list(zip(problem.recordings, settings, strict=True))
 
 
-def _build_measured(problem: ClosedLoopProblem) -> list[Rows]:
+def _build_measured(problem: ClosedLoopProblem) -> list[regression.Rows]:
     """Return the rows of each recording."""
     library, pairs = problem.library, _list_settings(problem)
-    return [prepare_rows("torque", library, *pair, window=WINDOW) for pair in pairs]
+    return [regression.prepare_rows("torque", library, *pair, window=regression.WINDOW) for pair in pairs]
 
 
 def _build_beside(
-    problem: ClosedLoopProblem, positions: Sequence[FloatArray], measured: Sequence[Rows]
-) -> Rows:
+    problem: ClosedLoopProblem, positions: Sequence[FloatArray], measured: Sequence[regression.Rows]
+) -> regression.Rows:
     """Return the rows along other positions (N, n) of each recording, beside the measured ones."""
     parts = []
     pairs = _list_settings(problem)
     for (recording, processing), position, rows in zip(pairs, positions, measured, strict=True):
         signals = prepare_signals(replace(recording, position=position), processing)
-        signals = hold_resting_joints(signals, list_resting_joints(recording))
-        whole = build_rows("torque", problem.library, signals, processing)
+        signals = regression.hold_resting_joints(signals, regression.list_resting_joints(recording))
+        whole = regression.build_rows("torque", problem.library, signals, processing)
         kept = np.zeros(len(whole.values), dtype=bool)
         for group in range(len(whole.group_names)):
             members = whole.group == group
             kept[members] = np.isin(whole.time[members], rows.time[rows.group == group])
-        parts.append(select_rows(whole, kept))
-    return stack_rows(parts, problem.weights)
+        parts.append(regression.select_rows(whole, kept))
+    return regression.stack_rows(parts, problem.weights)
 
 
 _FAR = 0.1
@@ -588,13 +560,13 @@ def identify_closed_loop(
     library: Library,
     recordings: Sequence[Recording],
     *,
-    start: Estimate | None = None,
+    start: estimators.Estimate | None = None,
     start_name: str = "",
-    rule: RankRule | None = None,
+    rule: regression.RankRule | None = None,
     weights: Sequence[float] | None = None,
     echo: Mapping[str, object] | None = None,
     progress: Callable[[str], None] = lambda _: None,
-) -> Estimate:
+) -> estimators.Estimate:
     """Return the parameters that an estimator, one of `SIMULATING`, finds with the simulated robot.
 
     Output error: the simulated torques approach the measured ones; the filter of the processing is not used.
@@ -610,7 +582,7 @@ def identify_closed_loop(
     """
     controller = check_closed_loop(robot, recordings)
     limits = np.array([np.inf if axis.limits.torque is None else axis.limits.torque for axis in robot.axes])
-    filters = choose_filters(robot.processing, recordings)
+    filters = regression.choose_filters(robot.processing, recordings)
     first = identify_parameters(
         library, recordings, filters.processing, estimator="wls", rule=rule, weights=weights, echo=echo
     )
@@ -678,7 +650,7 @@ def identify_closed_loop(
         )
         effect = "the standard deviations are larger" if instrumental else "the parameters are biased"
         missed = ", ".join(f"{share[index]:.3g} %" for index in apart)
-        told = build_warning(
+        told = diagnostics.build_warning(
             "identify.tracking", joints=listed, limit=100.0 * _FAR, effect=effect, missed=missed
         )
         warnings = (told, *warnings)
@@ -694,13 +666,13 @@ def identify_closed_loop(
     )
     notices = (
         *(filters.notices if instrumental else ()),
-        *(notice for notice in first.notices if notice.code == JOINT_AT_REST),
+        *(notice for notice in first.notices if notice.code == regression.JOINT_AT_REST),
         *found.rows.notices,
         *found.identifiability.notices,
         *found.fit.notices,
-        *warn_of_correlated_residuals(found.simulated, found.fit, found.identifiability),
+        *diagnostics.warn_of_correlated_residuals(found.simulated, found.fit, found.identifiability),
         *warnings,
-        *warn_of_poorly_identifiable(estimate.parameters),
+        *diagnostics.warn_of_poorly_identifiable(estimate.parameters),
     )
     return replace(estimate, notices=tuple(dict.fromkeys(notices)))
 
@@ -738,7 +710,7 @@ def _assess_instruments(
     solution, processing = found.instrumental, problem.processing
     if solution is None:
         return {}, ()
-    test = assess_exogeneity(found.rows, solution, processing.noise_freedom)
+    test = estimators.assess_exogeneity(found.rows, solution, processing.noise_freedom)
     chance = f"= {test.probability:.2g}" if test.probability > _ROUNDING else "< 1e-16"
     verdict = "not biased by noise in the states"
     if test.biased:
@@ -762,7 +734,7 @@ def _assess_instruments(
         },
     }
     # Instruments allow raw differences, but not a filter that damps the motion.
-    warnings = warn_of_processing(processing, problem.recordings)
+    warnings = diagnostics.warn_of_processing(processing, problem.recordings)
     damping = [notice for notice in warnings if notice.code == "identify.low-cutoff"]
-    biased = [build_warning("identify.biased-wls", verdict=verdict)] if test.biased else []
+    biased = [diagnostics.build_warning("identify.biased-wls", verdict=verdict)] if test.biased else []
     return report, (*biased, *damping)

@@ -47,74 +47,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import IdentifiabilityError, Notice, UsageError
-from symid.identification.diagnostics import (
-    FAMILIES,
-    OTHER_VALUES,
-    JointMotion,
-    Stretches,
-    build_quick_logs,
-    build_warning,
-    compute_jackknife,
-    describe_proportion,
-    evaluate_inertia_columns,
-    find_cause,
-    fit_quick,
-    fit_stretches,
-    list_proportions,
-    mask_inner,
-    measure_gain,
-    measure_scoring_band,
-    pick_motion,
-    smooth_rows,
-    warn_of_correlated_residuals,
-    warn_of_mass_matrix,
-    warn_of_moving_ends,
-    warn_of_poorly_identifiable,
-    warn_of_processing,
-)
-from symid.identification.estimators import (
-    ESTIMATORS,
-    Estimate,
-    EstimatorOptions,
-    Evidence,
-    Influence,
-    JointEvidence,
-    ModelTerm,
-    Outcome,
-    RegressionFit,
-    compute_coloured_covariance,
-    compute_residuals,
-    estimate_group_weights,
-    find_phases,
-    fit_condensed,
-    fit_instruments,
-    fit_rows,
-    fit_weighted,
-    list_parameters,
-    measure_influence,
-)
-from symid.identification.regression import (
-    LONG_KINDS,
-    ROW_KINDS,
-    SCALAR_KINDS,
-    WINDOW,
-    Identifiability,
-    RankRule,
-    RowBuilder,
-    Rows,
-    StatesKeeper,
-    analyse_condensed,
-    analyse_identifiability,
-    check_identifiable_share,
-    choose_window,
-    condense_recordings,
-    list_resting_joints,
-    mask_fast,
-    predict_outlines,
-    prepare_states,
-    select_rows,
-    stack_rows,
-)
+from symid.identification import diagnostics, estimators, regression
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan, list_unknown, plan_fit
 from symid.identification.rigid.settings_choice import ROW_RATE
 from symid.joint_models import is_braking
@@ -139,11 +72,11 @@ def list_missing_terms(  # noqa: PLR0917 - what was fitted, and how
     library: Library,
     recordings: Sequence[Recording],
     plan: FitPlan,
-    rows: Rows,
+    rows: regression.Rows,
     weights: FloatArray,
     values: FloatArray,
     scoring: float,
-) -> tuple[ModelTerm, ...]:
+) -> tuple[estimators.ModelTerm, ...]:
     """Return the terms that help, the largest gain first, one a joint.
 
     `weights` (g,) are those of the squared residuals of each joint, `values` (p,) those of the fit, `scoring`
@@ -153,11 +86,13 @@ def list_missing_terms(  # noqa: PLR0917 - what was fitted, and how
     predicted = rows.matrix @ values
     # The motion of every joint at its rows, one entry for each log that has rows of it, with the same terms
     # in all logs: a joint at rest in one of them has zeros there. Of the rows some are kept, by the band.
-    motions: dict[int, list[JointMotion]] = {group: [] for group in np.unique(rows.group).tolist()}
-    resting = set.intersection(*(set(list_resting_joints(entry)) for entry in recordings))
+    motions: dict[int, list[diagnostics.JointMotion]] = {
+        group: [] for group in np.unique(rows.group).tolist()
+    }
+    resting = set.intersection(*(set(regression.list_resting_joints(entry)) for entry in recordings))
     thin = np.zeros(len(rows.values), dtype=np.bool_)
     for run in np.unique(rows.run).tolist():
-        signals = prepare_states(library, recordings[run], plan.processing)
+        signals = regression.prepare_states(library, recordings[run], plan.processing)
         for group, parts in motions.items():
             own = np.flatnonzero((rows.run == run) & (rows.group == group))
             if not len(own):
@@ -167,29 +102,31 @@ def list_missing_terms(  # noqa: PLR0917 - what was fitted, and how
                 thin[own[:: max(1, math.floor(1.0 / (_RATE * band * period)))]] = True
             places = np.searchsorted(signals.time, rows.time[own] - 0.5 * signals.period)
             states = (rows.time[own], signals.q[places], signals.dq[places], signals.ddq[places])
-            parts.append(pick_motion(states, group, predicted[own], period, resting))
-    table = smooth_rows(rows, np.column_stack([rows.matrix, rows.values]), band)
-    smooth = select_rows(replace(rows, matrix=table[:, :-1], values=table[:, -1]), thin)
-    stretches = fit_stretches(smooth, None, np.ones(len(smooth.values), dtype=np.bool_), weights)
+            parts.append(diagnostics.pick_motion(states, group, predicted[own], period, resting))
+    table = diagnostics.smooth_rows(rows, np.column_stack([rows.matrix, rows.values]), band)
+    smooth = regression.select_rows(replace(rows, matrix=table[:, :-1], values=table[:, -1]), thin)
+    stretches = diagnostics.fit_stretches(smooth, None, np.ones(len(smooth.values), dtype=np.bool_), weights)
     found = []
     for group in np.unique(rows.group).tolist():
         whole = np.flatnonzero(rows.group == group)
         own = np.flatnonzero(smooth.group == group)
-        best: ModelTerm | None = None
-        for name, family in FAMILIES.items():
-            if name == OTHER_VALUES or (plan.laws_chosen and name in _FRICTION):
+        best: estimators.ModelTerm | None = None
+        for name, family in diagnostics.FAMILIES.items():
+            if name == diagnostics.OTHER_VALUES or (plan.laws_chosen and name in _FRICTION):
                 continue
             built = list(map(family.build, motions[group]))
             if not built[0]:
                 continue
             columns = np.vstack(list(map(np.column_stack, built)))
-            columns = smooth_rows(select_rows(rows, whole), columns, band)[thin[whole]]
+            columns = diagnostics.smooth_rows(regression.select_rows(rows, whole), columns, band)[thin[whole]]
             size = np.sqrt(np.mean(columns**2, axis=0))
             columns = columns[:, size > _TINY] / size[size > _TINY]
-            gain, errors = measure_gain(stretches, smooth, own, columns)
+            gain, errors = diagnostics.measure_gain(stretches, smooth, own, columns)
             sure = errors > (_SURE if gain < _LARGE else _SURE_OF_LARGE)
             if gain > _LEAST_GAIN and sure and (best is None or 100.0 * gain > best.gain):
-                best = ModelTerm(joint=rows.group_names[group], term=name, gain=100.0 * gain, errors=errors)
+                best = estimators.ModelTerm(
+                    joint=rows.group_names[group], term=name, gain=100.0 * gain, errors=errors
+                )
         if best is not None:
             found.append(best)
     return tuple(sorted(found, key=lambda entry: -entry.gain))
@@ -206,33 +143,35 @@ class FittedRows:
         stretches: fits without each stretch, None where rows do not go into memory.
     """
 
-    rows: Rows
-    identifiability: Identifiability
-    fit: RegressionFit
+    rows: regression.Rows
+    identifiability: regression.Identifiability
+    fit: estimators.RegressionFit
     pattern: tuple[Notice, ...] = ()
-    whole: Rows
+    whole: regression.Rows
     residuals: FloatArray
     speed: FloatArray
     kept: NDArray[np.bool_]
-    smooth: Rows | None = None
-    stretches: Stretches | None = None
+    smooth: regression.Rows | None = None
+    stretches: diagnostics.Stretches | None = None
 
 
 def list_joint_evidence(
-    fitted: FittedRows, stretches: Stretches, scoring: float
-) -> tuple[JointEvidence, ...]:
+    fitted: FittedRows, stretches: diagnostics.Stretches, scoring: float
+) -> tuple[estimators.JointEvidence, ...]:
     """Return what is left unexplained of every joint within the `scoring` band in Hz."""
     rows = fitted.whole
     errors = rows.values - stretches.predict(rows)
     # Near rest, noise turns the sign of a velocity: that is no friction of another kind.
     slow = errors if fitted.smooth is None else rows.values - stretches.predict(fitted.smooth)
-    table = smooth_rows(rows, np.column_stack([rows.values, errors, fitted.residuals, slow]), scoring)
-    inner = mask_inner(rows)
+    table = diagnostics.smooth_rows(
+        rows, np.column_stack([rows.values, errors, fitted.residuals, slow]), scoring
+    )
+    inner = diagnostics.mask_inner(rows)
     found = []
     for group in np.unique(rows.group):
         own = rows.group == group
         counted, phases = own & inner, np.full(len(own), -1)
-        phases[own] = find_phases(rows.time[own], fitted.speed[own], rows.run[own])
+        phases[own] = estimators.find_phases(rows.time[own], fitted.speed[own], rows.run[own])
         torque = float(np.sqrt(np.mean(table[counted, 0] ** 2))) if counted.any() else 0.0
 
         def share(column: int, mask: NDArray[np.bool_], torque: float = torque) -> float:
@@ -241,7 +180,7 @@ def list_joint_evidence(
             return 100.0 * float(np.sqrt(np.mean(table[mask, column] ** 2))) / torque
 
         found.append(
-            JointEvidence(
+            estimators.JointEvidence(
                 joint=rows.group_names[group],
                 fitted=share(2, counted & fitted.kept),
                 held_out=share(1, counted),
@@ -269,27 +208,29 @@ def collect_evidence(
     recordings: Sequence[Recording],
     plan: FitPlan,
     fitted: FittedRows,
-    stretches: Stretches,
-) -> Evidence:
+    stretches: diagnostics.Stretches,
+) -> estimators.Evidence:
     """Return the evidence for a fit in memory."""
     values, choice = fitted.fit.values, plan.choice
-    scoring = choice.scoring if choice is not None else measure_scoring_band(recordings)
-    logs = build_quick_logs(library, recordings, plan.processing, scoring)
-    quick = fit_quick(logs)
+    scoring = choice.scoring if choice is not None else diagnostics.measure_scoring_band(recordings)
+    logs = diagnostics.build_quick_logs(library, recordings, plan.processing, scoring)
+    quick = diagnostics.fit_quick(logs)
     resampled: tuple[float, ...] = ()
     if any(recording.stamps is not None for recording in recordings):
         before = [undo_resampling(recording) for recording in recordings]
-        other = fit_quick(build_quick_logs(library, before, plan.processing, scoring))
+        other = diagnostics.fit_quick(diagnostics.build_quick_logs(library, before, plan.processing, scoring))
         resampled = quick.percent, other.percent
     names = [joint.name for joint in library.card.joints]
-    found = Evidence(
+    found = estimators.Evidence(
         joints=list_joint_evidence(fitted, stretches, scoring),
         scoring=scoring,
         stretches=len(stretches.logs),
         logs=len(stretches.logwise),
         movement=choice.chosen.movement if choice is not None else 0.0,
         impossible=list_impossible(library, recordings, plan.processing, fitted),
-        in_proportion=tuple((names[j], names[k]) for j, k in list_proportions(logs.dq, quick.moving)),
+        in_proportion=tuple(
+            (names[j], names[k]) for j, k in diagnostics.list_proportions(logs.dq, quick.moving)
+        ),
         resampled=resampled,
     )
     if fitted.whole.kind == "torque" and found.unexplained <= _SUSPICIOUS:
@@ -299,7 +240,7 @@ def collect_evidence(
     left = {entry.joint: entry.held_out for entry in found.joints}
     held_out = np.array([left.get(names[joint], np.inf) for joint in quick.moving])
     most, impossible = _HELPS * found.unexplained, bool(found.impossible)
-    cause = find_cause(logs, quick, most, cures=impossible, held_out=held_out)
+    cause = diagnostics.find_cause(logs, quick, most, cures=impossible, held_out=held_out)
     if not (np.isfinite(cause.percent) or found.unexplained > _SUSPICIOUS or impossible):
         return found
     return replace(
@@ -312,19 +253,20 @@ def collect_evidence(
     )
 
 
-def warn_of_evidence(evidence: Evidence) -> tuple[Notice, ...]:
+def warn_of_evidence(evidence: estimators.Evidence) -> tuple[Notice, ...]:
     """Return warnings of missing terms, and of joints that move in proportion; a note on resampling."""
     found = [
-        build_warning(
+        diagnostics.build_warning(
             "identify.structure",
             joint=term.joint,
             term=term.term,
             gain=term.gain,
-            advice=FAMILIES[term.term].advice[:1].upper() + FAMILIES[term.term].advice[1:],
+            advice=diagnostics.FAMILIES[term.term].advice[:1].upper()
+            + diagnostics.FAMILIES[term.term].advice[1:],
         )
         for term in evidence.missing
     ]
-    found += [describe_proportion(*pair) for pair in evidence.in_proportion]
+    found += [diagnostics.describe_proportion(*pair) for pair in evidence.in_proportion]
     if evidence.resampled:
         after, before = evidence.resampled
         text = (
@@ -369,7 +311,7 @@ def list_impossible(
     # The largest part of a joint's torque, in root mean squares, that negative inertia takes.
     most = 0.0
     for recording in recordings if bad else ():
-        signals = prepare_states(library, recording, processing)
+        signals = regression.prepare_states(library, recording, processing)
         places = np.linspace(0, len(signals.time) - 1, _POSES).astype(int)
         _, least, vectors = _analyse_mass(library, signals.q[places], fit.values[:count])
         negative = np.minimum(least, 0.0)
@@ -386,7 +328,7 @@ def _analyse_mass(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return dM/dbeta (t, n, n, p) at poses (t, n), and eigenvalues (t, n) and vectors (t, n, n) of M."""
     # (t, i, j, k): row i of column j of M at pose t.
-    mass = np.stack(list(evaluate_inertia_columns(library, np.ascontiguousarray(poses))), axis=2)
+    mass = np.stack(list(diagnostics.evaluate_inertia_columns(library, np.ascontiguousarray(poses))), axis=2)
     matrices = mass @ values
     least, vectors = np.linalg.eigh((matrices + matrices.swapaxes(1, 2)) / 2.0)
     return mass, least, vectors
@@ -405,13 +347,13 @@ def identify_parameters(
     estimator: str | None = None,
     window: float | None = None,
     overlap: float = 0.0,
-    rule: RankRule | None = None,
-    options: EstimatorOptions | None = None,
+    rule: regression.RankRule | None = None,
+    options: estimators.EstimatorOptions | None = None,
     weights: Sequence[float] | None = None,
     echo: Mapping[str, object] | None = None,
     largest: float = LARGEST,
     plan: FitPlan | None = None,
-) -> Estimate:
+) -> estimators.Estimate:
     """Return the parameters of the library's model that explain the recordings best.
 
     Args:
@@ -434,22 +376,22 @@ def identify_parameters(
         LogError: a recording does not fit the robot.
         IdentifiabilityError: no parameter is identifiable.
     """
-    notices = list_unknown("rows", rows, ROW_KINDS)
+    notices = list_unknown("rows", rows, regression.ROW_KINDS)
     if estimator is not None:
-        notices += list_unknown("estimator", estimator, (*ESTIMATORS, FILTERED_INSTRUMENTAL))
+        notices += list_unknown("estimator", estimator, (*estimators.ESTIMATORS, FILTERED_INSTRUMENTAL))
     if not recordings:
         notices.append(Notice(code="usage.no-log", text="no log was given: name at least one"))
     if notices:
         raise UsageError(*notices)
     # As many rows as can be chosen at most.
     thinned = choose_processing(processing, recordings[0].period, ROW_RATE)
-    builder = RowBuilder(rows, library, thinned, window or WINDOW, overlap)
+    builder = regression.RowBuilder(rows, library, thinned, window or regression.WINDOW, overlap)
     long = is_long(builder, recordings, estimator or "wls", largest)
     plan = plan or plan_fit(library, recordings, processing, rows=rows, estimator=estimator, long=long)
-    used, rule = plan.processing, rule or RankRule()
+    used, rule = plan.processing, rule or regression.RankRule()
     chosen = plan.choice is not None
-    window = window or choose_window(rows, used, recordings[0].period, chosen=chosen)
-    builder = RowBuilder(rows, library, used, window, overlap)
+    window = window or regression.choose_window(rows, used, recordings[0].period, chosen=chosen)
+    builder = regression.RowBuilder(rows, library, used, window, overlap)
     fitted = None
     if is_long(builder, recordings, plan.estimator, largest):
         fitted = fit_long(builder, recordings, plan.estimator, rule=rule, weights=weights)
@@ -491,30 +433,30 @@ def identify_parameters(
     )
     notices = [*plan.notices, *estimate.notices, *fitted.pattern]
     if plan.choice is None:
-        notices += warn_of_processing(used, recordings)
+        notices += diagnostics.warn_of_processing(used, recordings)
     if not processing.automatic:
-        notices += warn_of_moving_ends(used, recordings)
+        notices += diagnostics.warn_of_moving_ends(used, recordings)
     evidence, residual = None, estimate.residual
-    if fitted.stretches is not None and rows not in SCALAR_KINDS:
+    if fitted.stretches is not None and rows not in regression.SCALAR_KINDS:
         evidence = collect_evidence(library, recordings, plan, fitted, fitted.stretches)
         notices += warn_of_evidence(evidence)
     elif not fitted.identifiability.refused:
-        notices += warn_of_mass_matrix(library, fitted.fit.values, recordings)
-    if rows not in SCALAR_KINDS:
+        notices += diagnostics.warn_of_mass_matrix(library, fitted.fit.values, recordings)
+    if rows not in regression.SCALAR_KINDS:
         # The residuals of all rows, slow ones too, with the scatter of those in the fit.
         scatter = {entry.joint: entry.std for entry in residual}
-        whole = compute_residuals(fitted.whole, fitted.residuals, 0)
+        whole = estimators.compute_residuals(fitted.whole, fitted.residuals, 0)
         residual = tuple(replace(entry, std=scatter.get(entry.joint, entry.std)) for entry in whole)
     return replace(estimate, choice=plan.choice, evidence=evidence, residual=residual, notices=tuple(notices))
 
 
 def fit_in_memory(
-    builder: RowBuilder,
+    builder: regression.RowBuilder,
     recordings: Sequence[Recording],
     plan: FitPlan,
     *,
-    rule: RankRule,
-    options: EstimatorOptions | None = None,
+    rule: regression.RankRule,
+    options: estimators.EstimatorOptions | None = None,
     weights: Sequence[float] | None = None,
 ) -> FittedRows:
     """Return the fit of recordings whose equations are all in memory; `weights` as for `stack_rows`.
@@ -525,28 +467,30 @@ def fit_in_memory(
     """
     used = plan.processing
     moving = builder._replace(processing=replace(used, standstill=None))
-    whole = stack_rows(list(map(moving.prepare, recordings)), weights)
+    whole = regression.stack_rows(list(map(moving.prepare, recordings)), weights)
     instruments, speed = None, whole.velocity
     if plan.estimator == FILTERED_INSTRUMENTAL:
         settings = replace(moving.processing, filter_cutoff=used.instrument_cutoff)
         smooth = moving._replace(processing=settings)
-        instruments = stack_rows(list(map(smooth.prepare, recordings)), weights)
+        instruments = regression.stack_rows(list(map(smooth.prepare, recordings)), weights)
         speed = instruments.velocity
-    elif plan.choice is not None and builder.kind not in SCALAR_KINDS:
+    elif plan.choice is not None and builder.kind not in regression.SCALAR_KINDS:
         cutoff = min(plan.choice.scoring, used.filter_cutoff or plan.choice.scoring)
         smooth = moving._replace(processing=replace(moving.processing, filter_cutoff=cutoff))
-        speed = stack_rows(list(map(smooth.outline, recordings))).velocity
-    kept, slow = mask_fast(whole, speed, used, margin=plan.margin)
-    built = replace(select_rows(whole, kept), notices=(*whole.notices, *slow))
+        speed = regression.stack_rows(list(map(smooth.outline, recordings))).velocity
+    kept, slow = regression.mask_fast(whole, speed, used, margin=plan.margin)
+    built = replace(regression.select_rows(whole, kept), notices=(*whole.notices, *slow))
     freedom = used.noise_freedom
     if instruments is None:
-        identifiability = analyse_identifiability(built, rule)
-        fit = fit_rows(plan.estimator, built, identifiability, freedom, options)
-        influence = measure_influence(built, identifiability.basis, fit.weights, fit.residuals)
+        identifiability = regression.analyse_identifiability(built, rule)
+        fit = estimators.fit_rows(plan.estimator, built, identifiability, freedom, options)
+        influence = estimators.measure_influence(built, identifiability.basis, fit.weights, fit.residuals)
     else:
-        found = fit_instruments(built, select_rows(instruments, kept), rule, freedom, simulated=False)
+        found = estimators.fit_instruments(
+            built, regression.select_rows(instruments, kept), rule, freedom, simulated=False
+        )
         fit, identifiability = found.fit, found.identifiability
-        influence = Influence(
+        influence = estimators.Influence(
             left=found.gain, scores=found.frame, frame=found.frame, residuals=fit.residuals * fit.weights
         )
     # What the squared residuals of each joint count for in the fit.
@@ -554,25 +498,30 @@ def fit_in_memory(
     for group in np.unique(built.group):
         own = built.group == group
         squares[group] = np.median(fit.weights[own] ** 2 / built.weight[own])
-    stretches = fit_stretches(whole, instruments, kept, squares)
+    stretches = diagnostics.fit_stretches(whole, instruments, kept, squares)
     pattern: tuple[Notice, ...] = ()
-    if builder.kind in SCALAR_KINDS or freedom != "band":
-        pattern = warn_of_correlated_residuals(built, fit, identifiability)
+    if builder.kind in regression.SCALAR_KINDS or freedom != "band":
+        pattern = diagnostics.warn_of_correlated_residuals(built, fit, identifiability)
     elif plan.estimator in {"ols", "wls", FILTERED_INSTRUMENTAL}:
         # The jackknife holds for errors of the model, which follow the motion, but from a few stretches it
         # is uncertain by half: a third of it, where that is larger, lets intervals of right models cover
         # 92 to 98 %.
-        covariance = compute_coloured_covariance(built, influence)
+        covariance = estimators.compute_coloured_covariance(built, influence)
         variances = np.diag(covariance)
         known, safe = variances > 0.0, np.where(variances > 0.0, variances, 1.0)
-        ratio = np.where(known, compute_jackknife(stretches.folds) / safe, 1.0)
+        ratio = np.where(known, diagnostics.compute_jackknife(stretches.folds) / safe, 1.0)
         factor = np.sqrt(np.maximum(1.0, (2.0 + ratio) / 3.0))
         fit = replace(fit, covariance=np.asarray(covariance * factor * factor[:, None]))
     else:
         # Other estimators keep their covariance, each deviation times what colour adds to that of wls.
-        plain = fit_weighted(built, identifiability, estimate_group_weights(built, identifiability))
-        influence = measure_influence(built, identifiability.basis, plain.weights, plain.residuals)
-        coloured, white = np.diag(compute_coloured_covariance(built, influence)), np.diag(plain.covariance)
+        plain = estimators.fit_weighted(
+            built, identifiability, estimators.estimate_group_weights(built, identifiability)
+        )
+        influence = estimators.measure_influence(built, identifiability.basis, plain.weights, plain.residuals)
+        coloured, white = (
+            np.diag(estimators.compute_coloured_covariance(built, influence)),
+            np.diag(plain.covariance),
+        )
         ratio = np.where(white > 0.0, coloured / np.where(white > 0.0, white, 1.0), 1.0)
         ratio = np.sqrt(np.maximum(ratio, 1.0))
         fit = replace(fit, covariance=np.asarray(fit.covariance * ratio * ratio[:, None]))
@@ -590,9 +539,11 @@ def fit_in_memory(
     )
 
 
-def is_long(builder: RowBuilder, recordings: Sequence[Recording], estimator: str, largest: float) -> bool:
+def is_long(
+    builder: regression.RowBuilder, recordings: Sequence[Recording], estimator: str, largest: float
+) -> bool:
     """Return whether the equations take more than `largest` bytes, and can be fitted block by block."""
-    if builder.kind not in LONG_KINDS or estimator not in {"ols", "wls"}:
+    if builder.kind not in regression.LONG_KINDS or estimator not in {"ols", "wls"}:
         return False
     card = builder.library.card
     width = 8.0 * card.size * (len(card.fitted) + 1)
@@ -605,11 +556,11 @@ def is_long(builder: RowBuilder, recordings: Sequence[Recording], estimator: str
 
 
 def fit_long(
-    builder: RowBuilder,
+    builder: regression.RowBuilder,
     recordings: Sequence[Recording],
     estimator: str,
     *,
-    rule: RankRule,
+    rule: regression.RankRule,
     weights: Sequence[float] | None = None,
 ) -> FittedRows | None:
     """Return the fit of recordings whose matrix is never in memory; None where a joint has too few equations.
@@ -620,20 +571,20 @@ def fit_long(
         LogError, UsageError: as for `prepare_rows`.
         IdentifiabilityError: no parameter is identifiable.
     """
-    builder = builder._replace(keeper=StatesKeeper())
-    long = condense_recordings(builder, recordings, weights)
+    builder = builder._replace(keeper=regression.StatesKeeper())
+    long = regression.condense_recordings(builder, recordings, weights)
     if long is None:
         return None
     every = builder._replace(processing=replace(builder.processing, standstill=None))
-    whole = stack_rows(list(map(every.outline, recordings)), weights)
-    kept, slow = mask_fast(whole, whole.velocity, builder.processing)
+    whole = regression.stack_rows(list(map(every.outline, recordings)), weights)
+    kept, slow = regression.mask_fast(whole, whole.velocity, builder.processing)
     rows = replace(long.outline, notices=(*whole.notices, *slow))
     condensed, freedom = long.condense(), builder.processing.noise_freedom
-    identifiability = analyse_condensed(condensed, rows.kind, rows.names, rule)
-    check_identifiable_share(identifiability, rows.names, rule.least, rows.notices)
+    identifiability = regression.analyse_condensed(condensed, rows.kind, rows.names, rule)
+    regression.check_identifiable_share(identifiability, rows.names, rule.least, rows.notices)
     plain = None if estimator == "wls" else np.ones(len(condensed.counts))
-    found = fit_condensed(condensed, identifiability.basis, plain, freedom)
-    predicted, every_row = predict_outlines(every, recordings, (rows, whole), found.values)
+    found = estimators.fit_condensed(condensed, identifiability.basis, plain, freedom)
+    predicted, every_row = regression.predict_outlines(every, recordings, (rows, whole), found.values)
     groups, sketch = found.weights, long.sketch()
     factors = groups[rows.group] * np.sqrt(rows.weight)
     fit = replace(found, residuals=rows.values - predicted, weights=factors)
@@ -643,7 +594,7 @@ def fit_long(
         rows=rows,
         identifiability=identifiability,
         fit=fit,
-        pattern=warn_of_correlated_residuals(sketch, blocks, identifiability),
+        pattern=diagnostics.warn_of_correlated_residuals(sketch, blocks, identifiability),
         whole=whole,
         residuals=whole.values - every_row,
         speed=whole.velocity,
@@ -653,14 +604,14 @@ def fit_long(
 
 def build_estimate(
     card: ModelCard,
-    rows: Rows,
-    identifiability: Identifiability,
-    fit: RegressionFit,
+    rows: regression.Rows,
+    identifiability: regression.Identifiability,
+    fit: estimators.RegressionFit,
     *,
     estimator: str,
     recordings: Sequence[Recording],
     settings: Mapping[str, object],
-) -> Estimate:
+) -> estimators.Estimate:
     """Return the estimate of fitted equations of the model of `card`, without warnings about the fit.
 
     `settings` are kept as JSON would give them back, so that a stored result equals its origin.
@@ -673,17 +624,17 @@ def build_estimate(
     values[len(values) - len(card.searched) :] += [entry.value or 0.0 for entry in card.searched]
     covariance = fit.covariance[np.ix_(identifiable, identifiable)]
     known = [replace(cards[k], value=None) if cards[k] in card.searched else cards[k] for k in identifiable]
-    parameters = list_parameters(known, values[identifiable], covariance)
-    return Estimate(
+    parameters = estimators.list_parameters(known, values[identifiable], covariance)
+    return estimators.Estimate(
         robot=card.robot,
         signature=card.signature,
         rows=rows.kind,
         estimator=estimator,
         friction=tuple(joint.friction for joint in card.joints),
         parameters=parameters,
-        residual=compute_residuals(rows, fit.residuals, fit.spent),
+        residual=estimators.compute_residuals(rows, fit.residuals, fit.spent),
         condition=fit.condition,
-        outcome=Outcome.SOME_REFUSED if identifiability.refused else Outcome.SOLVED,
+        outcome=estimators.Outcome.SOME_REFUSED if identifiability.refused else estimators.Outcome.SOLVED,
         samples=len(rows.values),
         sources=tuple(recording.source for recording in recordings),
         settings=json.loads(json.dumps(settings)),
@@ -694,6 +645,6 @@ def build_estimate(
             *rows.notices,
             *identifiability.notices,
             *fit.notices,
-            *warn_of_poorly_identifiable(parameters),
+            *diagnostics.warn_of_poorly_identifiable(parameters),
         ),
     )

@@ -18,19 +18,8 @@ import numpy as np
 
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
+from symid.identification import estimators
 from symid.identification.diagnostics import PART
-from symid.identification.estimators import (
-    ESTIMATORS,
-    PHASES,
-    Estimate,
-    EstimatorOptions,
-    SettingsChoice,
-    build_bodies,
-    build_prior_of_card,
-    build_prior_of_estimate,
-    estimate_period_noise,
-    find_phases,
-)
 from symid.identification.regression import SCALAR_KINDS, choose_filters, measure_moving_ends
 from symid.identification.rigid.friction_tables import balance_cutoff, limit_cutoff
 from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
@@ -59,7 +48,7 @@ class FitPlan:
 
     processing: Processing
     estimator: str
-    choice: SettingsChoice | None = None
+    choice: estimators.SettingsChoice | None = None
     notices: tuple[Notice, ...] = ()
     laws_chosen: bool = False
     margin: float = 0.0
@@ -216,7 +205,8 @@ def _find_rests(recordings: Sequence[Recording]) -> bool:
     time = np.concatenate([entry.time for entry in recordings])
     speeds = np.vstack([np.gradient(entry.position, entry.period, axis=0) for entry in recordings])
     return any(
-        bool(column.any()) and np.mean(find_phases(time, column, run) == PHASES.index("rest")) >= _RESTING
+        bool(column.any())
+        and np.mean(estimators.find_phases(time, column, run) == estimators.PHASES.index("rest")) >= _RESTING
         for column in speeds.T
     )
 
@@ -266,7 +256,7 @@ def check_estimator(rows: str, estimator: str | None) -> None:
         UsageError: there is no such estimator; those of friction laws are others.
     """
     more = f" with {rows} rows; those of friction laws go with --rows friction"
-    allowed = (*ESTIMATORS, FILTERED_INSTRUMENTAL, *SIMULATING)
+    allowed = (*estimators.ESTIMATORS, FILTERED_INSTRUMENTAL, *SIMULATING)
     if estimator is not None and (notices := list_unknown("estimator", estimator, allowed, more)):
         raise UsageError(*notices)
 
@@ -308,8 +298,8 @@ def build_estimator_options(
     estimator: str | None,
     options: RigidOptions,
     *,
-    prior: Estimate | None = None,
-) -> EstimatorOptions:
+    prior: estimators.Estimate | None = None,
+) -> estimators.EstimatorOptions:
     """Return the options of an estimator; `prior` is of the same model, None for values of the robot file.
 
     Raises:
@@ -317,13 +307,15 @@ def build_estimator_options(
     """
     if estimator == "ridge":
         known = (
-            build_prior_of_card(library.card, (options.prior_percent or _DEVIATION) / 100.0)
+            estimators.build_prior_of_card(library.card, (options.prior_percent or _DEVIATION) / 100.0)
             if prior is None
-            else build_prior_of_estimate(prior, options.prior_factor or 1.0)
+            else estimators.build_prior_of_estimate(prior, options.prior_factor or 1.0)
         )
-        return EstimatorOptions(prior=known, prior_weight=options.prior_weight)
+        return estimators.EstimatorOptions(prior=known, prior_weight=options.prior_weight)
     if estimator == "consistent":
-        return EstimatorOptions(bodies=build_bodies(robot))
+        return estimators.EstimatorOptions(bodies=estimators.build_bodies(robot))
     if estimator == "gls" and options.period:
-        return EstimatorOptions(noise=estimate_period_noise(recordings, robot.processing, options.period))
-    return EstimatorOptions()
+        return estimators.EstimatorOptions(
+            noise=estimators.estimate_period_noise(recordings, robot.processing, options.period)
+        )
+    return estimators.EstimatorOptions()

@@ -33,17 +33,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.identification.diagnostics import (
-    ENDS,
-    PART,
-    STRETCHES,
-    compute_jackknife,
-    count_stretches,
-    determine_each_other,
-    measure_behind,
-    measure_scoring_band,
-    solve_sums,
-)
+from symid.identification import diagnostics
 from symid.identification.estimators import Candidate, SettingsChoice
 from symid.identification.regression import evaluate_columns, list_resting_joints, prepare_states
 from symid.logs import STATES, Recording, cut_recording, has_states
@@ -119,10 +109,10 @@ def pick_pieces(recordings: Sequence[Recording]) -> list[tuple[int, Recording]]:
     pieces = []
     for run, recording in enumerate(recordings):
         count, most = len(recording.time), round(_PIECE / recording.period)
-        if count <= STRETCHES * most:
+        if count <= diagnostics.STRETCHES * most:
             pieces.append((run, recording))
             continue
-        starts = np.linspace(0, count - most, STRETCHES).astype(int).tolist()
+        starts = np.linspace(0, count - most, diagnostics.STRETCHES).astype(int).tolist()
         pieces += [(run, cut_recording(recording, slice(start, start + most))) for start in starts]
     return pieces
 
@@ -143,12 +133,12 @@ class _Study:
         friction = np.array([joint.friction != "none" for joint in library.card.joints])
         self.dry = bool(friction.any())
         runs, tops, levels = [], [], []
-        count = count_stretches(len(pieces))
+        count = diagnostics.count_stretches(len(pieces))
         for run, recording in pieces:
             samples = len(recording.time) - (processing.drop_first or 0) - (processing.drop_last or 0)
             step = max(1, round(1.0 / (recording.period * ROW_RATE)))
             # Where filters extrapolate.
-            ends = round(min(ENDS / recording.period, PART * samples) / step) * step
+            ends = round(min(diagnostics.ENDS / recording.period, diagnostics.PART * samples) / step) * step
             places = np.arange(ends, samples - ends, step)
             levels.append([self._build_level(library, recording, band, places) for band in bands])
             tops.append(np.quantile(np.abs(levels[-1][_OCTAVES].velocity), _TOP, axis=0))
@@ -172,7 +162,7 @@ class _Study:
         squares = self.sums[_OCTAVES, _OCTAVES][:, 0]
         logs = np.stack([squares[self.runs == run].sum(axis=0) for run in range(runs[-1] + 1)])
         torque = logs[:, :, -1, -1].sum(axis=0)
-        self.logwise = determine_each_other(logs, 1.0 / np.where(torque > 0.0, torque, 1.0))
+        self.logwise = diagnostics.determine_each_other(logs, 1.0 / np.where(torque > 0.0, torque, 1.0))
 
     def _build_level(
         self, library: Library, recording: Recording, band: float, places: NDArray[np.intp]
@@ -228,16 +218,16 @@ class _Study:
         # A joint without torque, or at rest in all logs, has no rows that count.
         size = np.where(torque > 0.0, torque, 1.0)
         weights = 1.0 / size
-        values = solve_sums(whole, weights)
+        values = diagnostics.solve_sums(whole, weights)
         for _ in range(_ROUNDS):
             left = np.einsum("k,jkl,l->j", np.append(values, -1.0), counted, np.append(values, -1.0))
             weights = 1.0 / np.maximum(left, 1e-12 * size)
-            values = solve_sums(whole, weights)
+            values = diagnostics.solve_sums(whole, weights)
         folds = whole - sums
         if self.logwise:
             logs = [sums[self.runs != run].sum(axis=0) for run in range(self.runs[-1] + 1)]
             folds = np.concatenate([folds, np.stack(logs)])
-        return values, solve_sums(folds, weights)
+        return values, diagnostics.solve_sums(folds, weights)
 
     def measure(self, folds: FloatArray) -> FloatArray:
         """Return the loss (folds, bands, n) of every fold on what it leaves out, relative to the torque."""
@@ -266,7 +256,7 @@ class _Study:
             for y in range(z):
                 # Rms of the change from an estimate of less band, over the deviations of that one.
                 lower, others = fits[(k, y, share) if k > z else (y, y, share)]
-                variances = compute_jackknife(others[: self.count])
+                variances = diagnostics.compute_jackknife(others[: self.count])
                 deviations = np.sqrt(variances + (_SMALL * lower) ** 2)
                 alive = deviations > 0.0
                 if alive.any():
@@ -291,7 +281,7 @@ class _Study:
         pool = np.flatnonzero(still) if still.any() else np.arange(len(candidates))
         table = np.array(losses)[pool]
         totals = table.sum(axis=1)
-        behind = measure_behind(table, int(np.argmin(totals)))
+        behind = diagnostics.measure_behind(table, int(np.argmin(totals)))
         close = np.flatnonzero((behind <= _MARGIN) | (totals <= _ALIKE**2 * totals.min()))
         taken = min(close.tolist(), key=lambda place: (costs[pool[place]], totals[place]))
         for place, far in zip(pool.tolist(), behind.tolist(), strict=True):
@@ -325,7 +315,7 @@ def choose_settings(
         IdentifiabilityError: no joint moves in a recording.
     """
     pieces = pick_pieces(recordings)
-    scoring = measure_scoring_band(recordings)
+    scoring = diagnostics.measure_scoring_band(recordings)
     most = band or min(_MOST_BAND, 0.4 * min(1.0 / recordings[0].period, ROW_RATE), widest or math.inf)
     scoring = min(scoring, most if band else 0.5 * most)
     above = max(0, math.floor(math.log2(most / scoring) + 1e-9))

@@ -31,82 +31,21 @@ from typing import Any, NoReturn, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
+from symid import robot as robots
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import EstimateError, Notice, UsageError
-from symid.identification.diagnostics import (
-    Bootstrap,
-    Drift,
-    Ellipse,
-    Essential,
-    JointProfiles,
-    ResidualFinding,
-    analyse_structure,
-    build_warning,
-    compute_bootstrap,
-    compute_ellipse,
-    compute_mean_weights,
-    compute_profiles,
-    list_correlated,
-    mask_inner,
-    measure_drift,
-    select_essential,
-    smooth_rows,
-)
-from symid.identification.estimators import (
-    OPEN_SETTINGS,
-    Estimate,
-    FitRecord,
-    MotionResidual,
-    RegressionFit,
-    ResolvedProcessing,
-    Series,
-    Validation,
-    check_model,
-    compute_residuals,
-    estimate_group_weights,
-    find_phases,
-    fit_condensed,
-    fit_weighted,
-)
-from symid.identification.regression import (
-    SAME_PERIOD,
-    SCALAR_KINDS,
-    WINDOW,
-    Identifiability,
-    RankRule,
-    RowBuilder,
-    analyse_condensed,
-    choose_filters,
-    compute_spectrum,
-    condense_recordings,
-    count_freedom,
-    count_pieces,
-    leave_out_rows,
-    prepare_rows,
-    select_rows,
-)
+from symid.identification import diagnostics, estimators, regression
 from symid.identification.rigid.fit import LARGEST, fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.joint_models import FrictionValues, rename_law
 from symid.logs import Recording, describe_overlap, has_states, measure_overlap
-from symid.robot import (
-    Decimation,
-    Places,
-    Processing,
-    Robot,
-    Section,
-    describe_settings,
-    override_settings,
-    read_log,
-    read_processing,
-)
 from symid.serialization import HIDDEN, name_key
 
 
 def resolve_processing(
-    estimate: Estimate, processing: Processing, recording: Recording
-) -> ResolvedProcessing:
+    estimate: estimators.Estimate, processing: robots.Processing, recording: Recording
+) -> estimators.ResolvedProcessing:
     """Return how `recording` is processed under the settings of `estimate`.
 
     `processing` is stated now; what it leaves open (`automatic`) is the fit's, or chosen from the log.
@@ -115,12 +54,12 @@ def resolve_processing(
         EstimateError: the settings of the estimate cannot be read.
     """
     left = processing.left_open
-    stated = dict.fromkeys(OPEN_SETTINGS, "stated")
-    told = [name for name in OPEN_SETTINGS if name in left]
+    stated = dict.fromkeys(estimators.OPEN_SETTINGS, "stated")
+    told = [name for name in estimators.OPEN_SETTINGS if name in left]
     if not left:
-        return ResolvedProcessing(processing=replace(processing, automatic=False), origin=stated)
+        return estimators.ResolvedProcessing(processing=replace(processing, automatic=False), origin=stated)
     period = estimate.settings.get("sample_period")
-    if _is_positive(period) and math.isclose(period, recording.period, rel_tol=SAME_PERIOD):
+    if _is_positive(period) and math.isclose(period, recording.period, rel_tol=regression.SAME_PERIOD):
         fitted = read_fit_processing(estimate.settings)
         factor = (fitted if "decimation.factor" in left else processing).decimation.factor
         settled = replace(
@@ -134,16 +73,16 @@ def resolve_processing(
             states=fitted.states if has_states(recording, fitted.states) else processing.states,
             automatic=False,
         )
-        return ResolvedProcessing(processing=settled, origin=stated | dict.fromkeys(told, "fit"))
-    choice = choose_filters(processing, [recording])
-    return ResolvedProcessing(
+        return estimators.ResolvedProcessing(processing=settled, origin=stated | dict.fromkeys(told, "fit"))
+    choice = regression.choose_filters(processing, [recording])
+    return estimators.ResolvedProcessing(
         processing=choice.processing,
         origin=stated | dict.fromkeys(told, "log"),
         notices=tuple(replace(notice, file=recording.source) for notice in choice.notices),
     )
 
 
-def read_fit_processing(settings: Mapping[str, object]) -> Processing:
+def read_fit_processing(settings: Mapping[str, object]) -> robots.Processing:
     """Return how the fit behind an estimate's settings processed its logs.
 
     Raises:
@@ -154,8 +93,8 @@ def read_fit_processing(settings: Mapping[str, object]) -> Processing:
     if isinstance(table.get("standstill"), list):
         table["standstill"] = tuple(table["standstill"])
     try:
-        decimation = Decimation(**table.get("decimation", {}))
-        found = Processing(**{**table, "decimation": decimation})
+        decimation = robots.Decimation(**table.get("decimation", {}))
+        found = robots.Processing(**{**table, "decimation": decimation})
     except TypeError:
         _refuse("processing", "a table of the processing", stored)
     if found.filter_cutoff is not None and not _is_positive(found.filter_cutoff):
@@ -167,7 +106,7 @@ def read_fit_processing(settings: Mapping[str, object]) -> Processing:
 
 def get_fit_window(settings: Mapping[str, object]) -> float:
     """Return the length in s of the windows of the fit; EstimateError if it is no positive number."""
-    window = settings.get("window", WINDOW)
+    window = settings.get("window", regression.WINDOW)
     if not _is_positive(window):
         _refuse("window", "a positive number", window)
     return float(window)
@@ -181,7 +120,7 @@ def get_usable_window(
     Raises:
         EstimateError: windows or overlap in the settings cannot be used.
     """
-    window, pieces = get_fit_window(settings), count_pieces(get_fit_overlap(settings))
+    window, pieces = get_fit_window(settings), regression.count_pieces(get_fit_overlap(settings))
     # Windows are pieces of at least two sample periods, see `choose_windows`.
     if round(window / pieces / (2.0 * recording.period)) >= 1:
         return window, ()
@@ -222,7 +161,9 @@ def _refuse(name: str, expected: str, found: object) -> NoReturn:
     raise EstimateError(Notice(code="estimate.settings", text=text))
 
 
-def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[str, str]] = ()) -> Robot:
+def restore_robot(
+    robot: robots.Robot, estimate: estimators.FitRecord, settings: Sequence[tuple[str, str]] = ()
+) -> robots.Robot:
     """Return the robot as it was when identified: with the estimate's friction, log map and processing.
 
     Settings of the call, keys and values, come last, and win. Where the estimate's differ from the robot
@@ -235,7 +176,7 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
     # A result of friction has no friction models; its signature has. Joints with different models have them
     # from the file: an option sets one for all.
     kinds = tuple(dict.fromkeys(estimate.friction))
-    if isinstance(estimate, Estimate) and estimate.laws:
+    if isinstance(estimate, estimators.Estimate) and estimate.laws:
         laws = {
             law.joint: FrictionValues(law=rename_law(law.law), shape=law.shape, smoothing=law.smoothing)
             for law in estimate.laws
@@ -243,12 +184,12 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
         joints = [replace(joint, friction=laws.get(joint.name, joint.friction)) for joint in robot.joints]
         described = replace(robot, joints=tuple(joints))
     else:
-        described = override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
+        described = robots.override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
     restored = _restore_settings(described, estimate.settings)
     # The settings that differ between the estimate and the robot file, but for overridden ones. Where the fit
     # has chosen some from its logs, ends that it cut, instruments and velocities are chosen too.
     overridden = {key for key, _ in settings} | (_CHOSEN_TOO if estimate.settings.get("chosen") else set())
-    of_file, of_estimate = (_flatten(describe_settings(entry)) for entry in (described, restored))
+    of_file, of_estimate = (_flatten(robots.describe_settings(entry)) for entry in (described, restored))
     texts = []
     for key in sorted({*of_file, *of_estimate} - overridden):
         mine, other = of_estimate.get(key, "nothing"), of_file.get(key, "nothing")
@@ -257,7 +198,9 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
                 f"{key}: the estimate has {mine}, the robot file {other}; that of the estimate is used"
             )
     for entry in described.settings:
-        of_set = _flatten(describe_settings(override_settings(described, [("settings", entry.name)])))
+        of_set = _flatten(
+            robots.describe_settings(robots.override_settings(described, [("settings", entry.name)]))
+        )
         if of_set == of_estimate and of_file != of_estimate:
             # Those of a named set in the file differ together, and are named once.
             text = f"the estimate has the settings '{entry.name}' of the robot file, and they are used"
@@ -267,7 +210,7 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
     restored = replace(restored, notices=(*restored.notices, *notices))
     if not settings:
         return restored
-    changed = override_settings(restored, settings)
+    changed = robots.override_settings(restored, settings)
     processing = changed.processing
     empty = {
         "processing.filter_cutoff": processing.filter_cutoff is None,
@@ -276,10 +219,12 @@ def restore_robot(robot: Robot, estimate: FitRecord, settings: Sequence[tuple[st
     if not processing.automatic or not any(empty.get(key, False) for key, _ in settings):
         return changed
     # No filter and no decimation, where they are set, are no open entries: then all is as in the fit.
-    return override_settings(_restore_settings(restored, {**estimate.settings, "chosen": []}), settings)
+    return robots.override_settings(
+        _restore_settings(restored, {**estimate.settings, "chosen": []}), settings
+    )
 
 
-def _restore_settings(robot: Robot, settings: Mapping[str, object]) -> Robot:
+def _restore_settings(robot: robots.Robot, settings: Mapping[str, object]) -> robots.Robot:
     """Return `robot` with the log map and the processing of an estimate, checked like those of a file."""
     processing, chosen = settings.get("processing"), settings.get("chosen", ())
     if not isinstance(processing, Mapping):
@@ -294,9 +239,9 @@ def _restore_settings(robot: Robot, settings: Mapping[str, object]) -> Robot:
     values = {"processing": _make_exact(processing)}
     if "log" in settings:
         values["log"] = _make_exact(settings["log"])
-    root = Section(values=values, places=Places())
-    log = read_log(root, robot.joints) if "log" in values else robot.log
-    restored = replace(robot, log=log, processing=read_processing(root))
+    root = robots.Section(values=values, places=robots.Places())
+    log = robots.read_log(root, robot.joints) if "log" in values else robot.log
+    restored = replace(robot, log=log, processing=robots.read_processing(root))
     if root.errors:
         texts = (f"its settings cannot be used: {notice.text}; identify again" for notice in root.errors)
         raise EstimateError(*(Notice(code="estimate.settings", text=text) for text in texts))
@@ -328,15 +273,15 @@ def _flatten(value: object, prefix: str = "") -> dict[str, object]:
 
 
 def validate_estimate(
-    estimate: Estimate,
+    estimate: estimators.Estimate,
     library: Library,
     recording: Recording,
-    processing: Processing,
+    processing: robots.Processing,
     *,
     rows: str = "torque",
-    window: float = WINDOW,
+    window: float = regression.WINDOW,
     overlap: float = 0.0,
-) -> Validation:
+) -> estimators.Validation:
     """Return residuals and series of `recording` under the estimate; nothing is fitted.
 
     What `processing` leaves open is as in the fit, see `resolve_processing`. `rows` is one of `ROW_KINDS`,
@@ -349,7 +294,7 @@ def validate_estimate(
         LogError: the recording does not fit the robot.
         IdentifiabilityError: no joint moves in it.
     """
-    check_model(estimate, library.card)
+    estimators.check_model(estimate, library.card)
     settled = resolve_processing(estimate, processing, recording)
     stored = estimate.settings.get("processing")
     found = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
@@ -357,13 +302,15 @@ def validate_estimate(
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
-    whole = prepare_rows(rows, library, recording, counted, window=window, overlap=overlap, every=True)
-    built = leave_out_rows(whole, library, recording, counted)
+    whole = regression.prepare_rows(
+        rows, library, recording, counted, window=window, overlap=overlap, every=True
+    )
+    built = regression.leave_out_rows(whole, library, recording, counted)
     shared = measure_overlap(recording, estimate.sources, estimate.settings, cut=cut, fitted_cut=fitted_cut)
     predicted = built.matrix @ estimate.assemble(built.names)
     masks = [(index, built.group == index) for index in range(len(built.group_names))]
     series = tuple(
-        Series(
+        estimators.Series(
             joint=built.group_names[index],
             unit=built.group_units[index],
             velocity_unit=built.velocity_units[index],
@@ -378,37 +325,51 @@ def validate_estimate(
     warnings = []
     if shared:
         part = describe_overlap(shared, recording, cut)
-        warnings = [build_warning("validate.fitted-log", file=recording.source, what="estimate", part=part)]
-    residual = compute_residuals(built, built.values - predicted, 0)
+        warnings = [
+            diagnostics.build_warning(
+                "validate.fitted-log", file=recording.source, what="estimate", part=part
+            )
+        ]
+    residual = estimators.compute_residuals(built, built.values - predicted, 0)
     # Who states filter and decimation of the log compares its rows, as publications do.
     choice, scoring, scored = estimate.choice, 0.0, residual
     left_open = {*settled.origin.values()} != {"stated"}
     # Without held-out stretches, as of long logs, the fit has nothing to compare with.
-    if choice is not None and estimate.evidence is not None and left_open and rows not in SCALAR_KINDS:
+    if (
+        choice is not None
+        and estimate.evidence is not None
+        and left_open
+        and rows not in regression.SCALAR_KINDS
+    ):
         # Rows and what is predicted of them, both low-passed.
-        scoring, inner = choice.scoring, mask_inner(built)
-        table = smooth_rows(built, np.column_stack([built.values, built.values - predicted]), scoring)
+        scoring, inner = choice.scoring, diagnostics.mask_inner(built)
+        table = diagnostics.smooth_rows(
+            built, np.column_stack([built.values, built.values - predicted]), scoring
+        )
         inner = inner if inner.any() else np.ones_like(inner)
-        smooth = replace(select_rows(built, inner), values=table[inner, 0])
-        scored = compute_residuals(smooth, table[inner, 1], 0)
+        smooth = replace(regression.select_rows(built, inner), values=table[inner, 0])
+        scored = estimators.compute_residuals(smooth, table[inner, 1], 0)
     motion = []
-    if whole.kind not in SCALAR_KINDS:
+    if whole.kind not in regression.SCALAR_KINDS:
         # What is left of all rows in the phases of motion; joints without rows that count are left out of
         # residuals.
         errors = whole.values - whole.matrix @ estimate.assemble(whole.names)
         inner = np.ones(len(errors), dtype=np.bool_)
         if scoring:
-            errors, inner = smooth_rows(whole, errors[:, None], scoring)[:, 0], mask_inner(whole)
+            errors, inner = (
+                diagnostics.smooth_rows(whole, errors[:, None], scoring)[:, 0],
+                diagnostics.mask_inner(whole),
+            )
             inner = inner if inner.any() else np.ones_like(inner)
         names = {built.group_names[group] for group in np.unique(built.group)}
         for group in np.unique(whole.group):
             own, name = inner & (whole.group == group), whole.group_names[group]
             if own.any():
-                phases = find_phases(whole.time[own], whole.velocity[own], whole.run[own])
+                phases = estimators.find_phases(whole.time[own], whole.velocity[own], whole.run[own])
                 left_out = 0 if name in names else int(np.sum(own))
                 unit = whole.group_units[group]
-                motion.append(MotionResidual.measure(name, unit, errors[own], phases, left_out))
-    return Validation(
+                motion.append(estimators.MotionResidual.measure(name, unit, errors[own], phases, left_out))
+    return estimators.Validation(
         robot=estimate.robot,
         signature=estimate.signature,
         source=recording.source,
@@ -440,9 +401,9 @@ class Price:
 
 
 def measure_decimation_price(
-    builder: RowBuilder,
+    builder: regression.RowBuilder,
     recordings: Sequence[Recording],
-    identifiability: Identifiability,
+    identifiability: regression.Identifiability,
     groups: FloatArray,
     weights: Sequence[float] | None = None,
 ) -> tuple[Price, ...]:
@@ -452,15 +413,15 @@ def measure_decimation_price(
     """
     if builder.kind != "torque" or builder.processing.decimation.factor == 1:
         return ()
-    every = builder._replace(processing=replace(builder.processing, decimation=Decimation()))
+    every = builder._replace(processing=replace(builder.processing, decimation=robots.Decimation()))
     found: list[tuple[FloatArray, NDArray[np.intp], FloatArray]] = []
     for entry in (builder, every):
-        long = condense_recordings(entry, recordings, weights)
+        long = regression.condense_recordings(entry, recordings, weights)
         if long is None:
             return ()
         condensed, sketch = long.condense(), long.sketch()
-        basis = analyse_condensed(condensed, long.outline.kind, long.outline.names).basis
-        own = fit_condensed(condensed, basis, groups, builder.processing.noise_freedom)
+        basis = regression.analyse_condensed(condensed, long.outline.kind, long.outline.names).basis
+        own = estimators.fit_condensed(condensed, basis, groups, builder.processing.noise_freedom)
         # Weighted rows [A B, y] with the squares of all equations, and the fifth of time of each.
         table = np.column_stack([sketch.matrix @ identifiability.basis, sketch.values])
         counts = [int(np.sum(sketch.group == group)) for group in np.unique(sketch.group)]
@@ -513,22 +474,22 @@ class Diagnosis:
     singular: tuple[float, ...] = field(metadata=name_key("singular_values"))
     rank: int
     correlated: tuple[tuple[str, str, float], ...]
-    ellipse: Ellipse | None = field(metadata=HIDDEN)
-    essential: Essential
-    bootstrap: Bootstrap
-    drift: Drift
-    structure: tuple[ResidualFinding, ...]
-    profiles: tuple[JointProfiles, ...] = field(metadata=HIDDEN)
+    ellipse: diagnostics.Ellipse | None = field(metadata=HIDDEN)
+    essential: diagnostics.Essential
+    bootstrap: diagnostics.Bootstrap
+    drift: diagnostics.Drift
+    structure: tuple[diagnostics.ResidualFinding, ...]
+    profiles: tuple[diagnostics.JointProfiles, ...] = field(metadata=HIDDEN)
     prices: tuple[Price, ...]
     refit: float | None = None
     notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
 
 
 def diagnose_estimate(
-    estimate: Estimate,
+    estimate: estimators.Estimate,
     library: Library,
     recordings: Sequence[Recording],
-    processing: Processing,
+    processing: robots.Processing,
 ) -> Diagnosis:
     """Return the diagnosis of `estimate` on the recordings that it was fitted to, as their runs are set.
 
@@ -538,14 +499,14 @@ def diagnose_estimate(
         EstimateError: the estimate belongs to another model, or its settings cannot be read.
         UsageError: its rows mix the joints.
     """
-    check_model(estimate, library.card)
+    estimators.check_model(estimate, library.card)
     if estimate.rows not in _KINDS:
         text = f"{estimate.rows} rows mix the joints, which a diagnosis treats one by one; use torque rows"
         raise UsageError(Notice(code="usage.mixed-rows", text=text))
     settled = resolve_processing(estimate, processing, recordings[0])
     processing, weights = settled.processing, get_run_weights(estimate.settings, len(recordings))
     window, overlap = get_fit_window(estimate.settings), get_fit_overlap(estimate.settings)
-    builder = RowBuilder(estimate.rows, library, processing, window, overlap)
+    builder = regression.RowBuilder(estimate.rows, library, processing, window, overlap)
     alone = estimate.estimator in _ALONE
     # The choice says by which speed a row is slow, but not to fits of logs that are too long for memory.
     long = is_long(builder, recordings, estimate.estimator, LARGEST)
@@ -554,7 +515,7 @@ def diagnose_estimate(
         estimator=estimate.estimator if alone else "wls",
         choice=None if long else estimate.choice,
     )
-    fitted = fit_in_memory(builder, recordings, plan, rule=RankRule(), weights=weights)
+    fitted = fit_in_memory(builder, recordings, plan, rule=regression.RankRule(), weights=weights)
     rows, identifiability = fitted.rows, fitted.identifiability
     values = estimate.assemble(rows.names)
     names, stated = [entry.name for entry in estimate.parameters], np.array(estimate.covariance)
@@ -565,21 +526,21 @@ def diagnose_estimate(
         covariance[np.ix_(ours, ours)] = stated[np.ix_(theirs, theirs)]
     groups = np.ones(len(rows.group_names))
     if estimate.estimator != "ols":
-        groups = estimate_group_weights(rows, identifiability, processing.noise_freedom)
+        groups = estimators.estimate_group_weights(rows, identifiability, processing.noise_freedom)
     rank = int(identifiability.basis.shape[1])
-    fit = RegressionFit(
+    fit = estimators.RegressionFit(
         values=values,
         covariance=covariance,
         residuals=rows.values - rows.matrix @ values,
-        spent=count_freedom(processing.noise_freedom, rank, rows.independent)[0],
+        spent=regression.count_freedom(processing.noise_freedom, rank, rows.independent)[0],
         condition=estimate.condition,
         weights=groups[rows.group] * np.sqrt(rows.weight),
     )
-    correlated, ellipse = list_correlated(stated, names), None
+    correlated, ellipse = diagnostics.list_correlated(stated, names), None
     if correlated:
         pair = [names.index(name) for name in correlated[0][:2]]
         chosen = [estimate.parameters[k].value for k in pair]
-        ellipse = compute_ellipse(chosen, stated[np.ix_(pair, pair)])
+        ellipse = diagnostics.compute_ellipse(chosen, stated[np.ix_(pair, pair)])
     refit: float | None = None
     if alone:
         # The largest difference between the estimate and the same fit made again, in its deviations.
@@ -591,24 +552,24 @@ def diagnose_estimate(
         ]
         refit = max(away, default=0.0)
     # By how much the residual is larger than that of plain least squares of the same weights.
-    weighed = compute_mean_weights(rows, fit)
-    least = fit_weighted(rows, identifiability, weighed)
+    weighed = diagnostics.compute_mean_weights(rows, fit)
+    least = estimators.fit_weighted(rows, identifiability, weighed)
     own, best = (float(np.linalg.norm(entry.residuals * fit.weights)) for entry in (fit, least))
     percent = 100.0 * (own / best - 1.0) if best else 0.0
     what = f"estimator {estimate.estimator} instead of least squares"
     price = (Price(what=what, of="residual", percent=percent),) if percent >= _FREE else ()
     changed = refit is not None and refit > _CHANGED
-    warnings = (build_warning("diagnosis.other-values", refit=refit),) if changed else ()
+    warnings = (diagnostics.build_warning("diagnosis.other-values", refit=refit),) if changed else ()
     return Diagnosis(
-        singular=tuple(map(float, compute_spectrum(rows.matrix * fit.weights[:, None]).singular)),
+        singular=tuple(map(float, regression.compute_spectrum(rows.matrix * fit.weights[:, None]).singular)),
         rank=rank,
         correlated=correlated,
         ellipse=ellipse,
-        essential=select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
-        bootstrap=compute_bootstrap(rows, fit, identifiability, np.random.default_rng(0)),
-        drift=measure_drift(rows, fit, processing.noise_freedom),
-        structure=analyse_structure(values, library, recordings, processing, weights=weights),
-        profiles=compute_profiles(values, library, recordings, processing),
+        essential=diagnostics.select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
+        bootstrap=diagnostics.compute_bootstrap(rows, fit, identifiability, np.random.default_rng(0)),
+        drift=diagnostics.measure_drift(rows, fit, processing.noise_freedom),
+        structure=diagnostics.analyse_structure(values, library, recordings, processing, weights=weights),
+        profiles=diagnostics.compute_profiles(values, library, recordings, processing),
         prices=(
             *price,
             *measure_decimation_price(builder, recordings, identifiability, weighed, weights),
