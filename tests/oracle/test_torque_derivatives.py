@@ -36,9 +36,9 @@ from tests.chains import (
     draw_parameters,
     each_robot,
     name_parameters,
-    run_program,
 )
 from tests.float_algebra import build_float_state
+from tests.sx_programs import run_program
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 

@@ -47,9 +47,8 @@ def test_numbers_of_numpy_and_lists_become_python_s_own():
 
 def test_keywords_win_over_fields_where_they_are_given():
     options = SimulateOptions(seed=5, clean=True)
-    given = {"seed": None, "clean": False, "self": 1}
-    assert merge(options, SimulateOptions(), given) == SimulateOptions(seed=5)
-    assert merge(None, SimulateOptions(), {"seed": 7}).seed == 7
+    assert merge(options, SimulateOptions(), seed=None, clean=False) == SimulateOptions(seed=5)
+    assert merge(None, SimulateOptions(), seed=7).seed == 7
 
 
 @pytest.mark.parametrize("record", RECORDS)

@@ -201,7 +201,7 @@ def test_references_of_ones_own(elastic_robot, elastic_library):
 
 def test_gains_damp_critically(elastic_robot, elastic_library, monkeypatch):
     found = Mock(side_effect=KeyboardInterrupt)
-    monkeypatch.setattr(elastic_experiment, "simulate_plant", found)
+    monkeypatch.setattr(elastic_experiment.elastic_plant, "simulate_plant", found)
     trajectory = build_ta(duration=1.0)
     trajectory = replace(trajectory, amplitude=0.0 * trajectory.amplitude)
     with pytest.raises(KeyboardInterrupt):
