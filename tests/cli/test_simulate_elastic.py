@@ -58,11 +58,3 @@ def test_a_spring_without_values_is_refused_first(tmp_path, monkeypatch, robots_
     robot.write_text(empty, encoding="utf-8")
     text = hear(3, "robot.no-values", "simulate", robot, "-o", tmp_path / "a.npz")
     assert "the stiffness of [joint.elasticity]" in text
-
-
-def test_tc_moves_any_rigid_robot_too(tmp_path):
-    result = simulate(
-        tmp_path / "a.npz", "--trajectory", "tc", "--duration", "2", "--scale", "0.5", robot="two_link"
-    )
-    assert result["trajectory"].endswith("amplitudes times 0.5")
-    assert result["noise"] == 0.05

@@ -29,6 +29,7 @@ from symid.simulation.friction_rig import (
     simulate_friction_rig,
 )
 from tests.refusals import raises
+from tests.state_laws import find_rate, find_torque, give_values, take_step
 
 DAHL, LUGRE = get_dynamic_law("dahl"), get_dynamic_law("lugre")
 FLOATS = build_float_carrier()
@@ -61,6 +62,16 @@ def test_the_step_is_the_integral_of_the_rate(velocity):
         solved = solve_ivp(rate, (0.0, 0.05), [2e-4], method="Radau", rtol=1e-11, atol=1e-16)
         after, _ = compute_bristle_step(FLOATS, law, (velocity, 0.05), 2e-4, own)
         assert after == pytest.approx(solved.y[0, -1], rel=1e-8)
+
+
+@pytest.mark.parametrize("law", ["dahl", "lugre", "lugre+offset"])
+def test_the_step_that_all_targets_equal_is_the_solution_of_the_bristle_equation(law):
+    p = give_values(law)
+    for v, z0 in ((0.003, 0.0), (0.2, -1e-4), (-0.04, 1.5e-4)):
+        rate = lambda _t, z, v=v: [find_rate(p, v, z[0])]  # noqa: E731
+        after = solve_ivp(rate, (0, 5e-3), [z0], "Radau", rtol=1e-11, atol=1e-16).y[:, -1]
+        torque, (z,) = take_step(p, v, 5e-3, [z0])
+        assert (z, torque) == pytest.approx((after[0], find_torque(p, v, after)), rel=1e-8, abs=1e-13)
 
 
 @pytest.mark.parametrize("velocity", [-1.0, -0.02, 1e-3, 0.2])
@@ -192,6 +203,34 @@ def find_balance(run):
     """Check that the energies of a run close."""
     gap = run.energy - run.energy[0] - run.work + run.loss
     assert np.abs(gap).max() < 1e-6 * max(np.abs(run.work).max(), run.energy.max())
+
+
+def test_a_driven_mass_moves_as_an_implicit_solver_says():
+    stiffness, damping, coulomb, static, speed, exponent, viscous = values = (1e4, 50, 1, 1.5, 0.01, 2, 0.4)
+
+    def force(time):
+        return 1.4 * math.sin(2.0 * time) + 0.8 * math.sin(9.0 * time)
+
+    def slope(time, y):
+        _, v, z = y
+        level = coulomb + (static - coulomb) * math.exp(-((abs(v) / speed) ** exponent))
+        rate = v - stiffness * abs(v) / level * z
+        return [v, force(time) - stiffness * z - damping * rate - viscous * v, rate]
+
+    run = simulate(values, ForceDrive(force=force), duration=2.0, rate=100.0, tolerance=1e-11)
+    exact = solve_ivp(slope, (0.0, 2.0), np.zeros(3), "Radau", run.time, rtol=1e-8, atol=1e-12).y[0]
+    np.testing.assert_allclose(run.position, exact, atol=1e-5 * np.abs(exact).max())
+
+
+def test_storage_and_loss_of_a_held_step_make_up_the_work():
+    # Dahl from straight bristles: F = fC (1 - exp(-sigma0 x / fC)), whose integral is the work.
+    stiffness, level = values = (2e4, 7.0)
+    options = {"duration": 0.4, "rate": 1000.0, "velocity": 1e-3}
+    drive = SpringDrive(stiffness=1e9, damping=1e5, speed=1e-3)
+    run = simulate(values, drive, law=DAHL, mass=1e-3, **options)
+    work = level * (4e-4 + level / stiffness * math.expm1(-stiffness * 4e-4 / level))
+    assert run.loss[-1] + 0.5 * stiffness * run.deflection[-1] ** 2 == pytest.approx(work, rel=1e-3)
+    find_balance(run)
 
 
 def test_a_passive_law_never_gives_energy_back():

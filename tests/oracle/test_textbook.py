@@ -127,6 +127,16 @@ CHAINS = {
     "tilted 3R": (TILTED_3R, VERTICAL),
     "PUMA": (PUMA, VERTICAL),
     "LWR": (LWR, VERTICAL),
+    "PUMA in numbers": (
+        build_rows((0, 1, 0, -1, 1, -1), {3: 0.4318, 4: 0.0203}, {3: 0.15005, 4: 0.4318}),
+        VERTICAL,
+    ),
+    "Panda in numbers": (
+        build_rows(
+            (0, -1, 1, 1, -1, 1, 1), {4: 0.0825, 5: -0.0825, 7: 0.088}, {1: 0.333, 3: 0.316, 5: 0.384}
+        ),
+        VERTICAL,
+    ),
 }
 
 

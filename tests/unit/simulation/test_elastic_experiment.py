@@ -251,8 +251,7 @@ def test_runs_that_go_wrong_are_errors_with_a_remedy(elastic_robot, elastic_libr
 
 def test_robots_that_cannot_be_simulated_are_refused(elastic_robot, elastic_library):
     part = replace(
-        elastic_robot,
-        joints=(elastic_robot.joints[0], replace(elastic_robot.joints[1], elasticity=None)),
+        elastic_robot, joints=(elastic_robot.joints[0], replace(elastic_robot.joints[1], elasticity=None))
     )
     library = Changed(elastic_library, elasticity=(elastic_robot.joints[0].elasticity, None))
     with raises(UsageError, "usage.not-elastic", match=r"without \[joint\.elasticity\] are elbow"):

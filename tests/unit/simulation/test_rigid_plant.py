@@ -241,15 +241,6 @@ def test_no_choice_of_resting_joints_is_an_error_in_both_plants(make_arm, monkey
         simulate_rigid_plant(library, plant, push(swing(20, (8.0, 20.0, 3.0), 5.0)))
 
 
-@pytest.mark.parametrize("kind", [int, np.float32])
-def test_numbers_of_any_type_are_seconds(make_arm, kind):
-    _, library = make_arm(dry=1.5)
-    plant, order = RigidPlant(library), push(swing(3, (8.0, 20.0, 3.0), 5.0))
-    one, same = (replace(order, period=period) for period in (1.0, kind(1)))
-    first, second = (simulate_rigid_plant(library, plant, one).log.q for one in (one, same))
-    assert first.tobytes() == second.tobytes()
-
-
 def test_the_controller_is_the_same_in_both_plants(make_arm, monkeypatch):
     arm = make_arm(dry=1.5, effort=30.0)
     options = replace(CLEAN, duration=0.3, sensors=SensorOptions(counts_per_turn=2.0**14))
