@@ -207,26 +207,11 @@ def test_bandwidths_and_gains_that_are_too_high_are_lowered_or_told(make_arm):
     assert "--bandwidth" not in caught.value.notices[0].text
 
 
-def test_damping_far_too_large_for_fixed_steps_is_no_chatter(make_arm, monkeypatch):
+def test_damping_far_too_large_for_fixed_steps_is_no_chatter(make_arm):
     """Explicit steps reverse such a joint at every stop; those that their error allows do not."""
     _, library = make_arm(damping=1e6)
     plant, order = RigidPlant(library), push(swing(20, (8.0, 20.0, 3.0), 5.0))
     assert simulate_rigid_plant(library, plant, order).log.end == "well"
-    run = rigid_plant._run_once
-    ends = []
-
-    def watch(library, plant, order, **options):
-        try:
-            ran = run(library, plant, order, **options)
-        except SolverError as error:
-            ends.append((order.controlled, error.notices[0].code))
-            raise
-        ends.append((order.controlled, ran.log.end))
-        return ran
-
-    monkeypatch.setattr(rigid_plant, "_run_once", watch)
-    simulate_rigid_plant(library, plant, order)
-    assert ends == [(False, "simulate.chatter"), (True, "well")]
 
 
 @pytest.mark.parametrize("compiled", [True, False])
