@@ -3,7 +3,7 @@
 import pytest
 
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, do, fail, hear, list_codes
+from tests.calls import ask, do, hear, list_codes
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow,0,0.5,0,q\n"
 URDF = """<robot name="arm">
@@ -73,13 +73,6 @@ def test_a_file_that_exists_is_kept_without_force(tmp_path, table):
     assert (code, answer["errors"][0]["code"], path.read_text()) == (3, "output.exists", "mine")
     do(*arguments, "--force")
     assert read_robot(path).size == 2
-
-
-def test_a_wrong_table_writes_nothing(tmp_path, table):
-    table.write_text("joint,alpha,a,d,theta\none,x y,0,0,q\n")
-    path = tmp_path / "arm.toml"
-    assert fail("new", path, "--from-dh", table, "--convention", "modified") == (3, "robot.bad-angle")
-    assert not path.exists()
 
 
 @pytest.mark.parametrize(

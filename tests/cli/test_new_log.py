@@ -9,7 +9,7 @@ from symid.logs.headings import read_headings
 from symid.logs.reader import read_recording
 from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, call, do, find_texts, list_codes, refuse, say
+from tests.calls import ask, call, do, find_texts, list_codes, refuse
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
 SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
@@ -85,13 +85,6 @@ def test_what_real_robots_have_is_asked_for(folder):
     write_log(folder, PLAIN)
     answer = do(*order("--gear", "50"))
     assert list_codes(answer) == ["new.no-friction", "new.no-rotor", "new.assumed-order", "new.assumed-side"]
-
-
-def test_the_text_shows_the_columns_and_what_to_do_next(folder):
-    write_log(folder, PLAIN)
-    text = say("new", "arm.toml", *SOURCE, "--log", "log.csv")
-    assert "position  shoulder pos, elbow pos, slide pos  deg, deg, mm" in text
-    assert text.endswith("next: symid check arm.toml log.csv\n")
 
 
 def test_currents_need_torque_constants(folder):

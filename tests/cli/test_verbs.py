@@ -4,7 +4,6 @@ import re
 
 import pytest
 
-from symid.cli.main import run
 from tests.calls import ask, do, fail, find_codes, hear, list_codes
 
 
@@ -174,15 +173,6 @@ def test_no_output_destroys_an_input(log, estimate, tmp_path):
         for force in ((), ("--force",)):
             assert fail(*arguments, *force) == (3, "output.is-input")
     assert before == {path: path.read_bytes() for path in (mine, found)}
-
-
-def test_what_is_only_worth_knowing_is_a_note(capsys, log):
-    assert run(["identify", "two_link", str(log)]) == 0
-    written = capsys.readouterr()
-    lines = [line for line in written.err.splitlines() if "were left out" in line]
-    assert lines
-    assert all(line.startswith("note: ") for line in lines)
-    assert "norm  relative/%" in written.out
 
 
 def test_options_of_a_robot_that_was_not_named_are_refused(estimate, tmp_path):

@@ -219,13 +219,6 @@ def test_twists_that_add_up_to_a_right_angle_or_none(twists, kind):
     assert_base_set(build_chain(rows, name="twisted"))
 
 
-def test_a_joint_that_stands_at_45_degrees_hides_nothing():
-    """Its twist of 45 degrees and one of 90 give the same count: neither axis is parallel to the other."""
-    for twist in (PI / 4, PI / 2):
-        rows = [(0.0, 0, 0, "q"), (twist, 0, 0, "q"), (twist, 0, 0, "q")]
-        assert derive_base_parameters(build_chain(rows)).count == 15
-
-
 def draw_point(robot, field, rng):
     """Return random values of the generators, sines and cosines of followers in their true relation.
 

@@ -1,7 +1,6 @@
 """Exact numbers and placements: axioms, and agreement with floating point."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -42,20 +41,6 @@ def test_exact_arithmetic_is_float_arithmetic(a, b, f, g):
 def test_products_of_symbols_are_refused():
     with pytest.raises(ValueError, match="not a linear form"):
         geometry.Exact.symbol("L1") * geometry.Exact.symbol("L2")
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (geometry.ZERO, "0"),
-        (geometry.Exact.of("-0.5"), "-1/2"),
-        (geometry.Exact.surd(Fraction(0), 1) * geometry.Exact.symbol("L1"), "sqrt(2)*L1"),
-        (geometry.Exact.symbol("L1") - geometry.Exact.symbol("L2"), "L1-L2"),
-        (geometry.Exact.surd(Fraction(1), 0, Fraction(-1, 2)), "1-1/2*sqrt(3)"),
-    ],
-)
-def test_numbers_read_as_they_should(value, text):
-    assert str(value) == text
 
 
 @given(radians=st.floats(-20, 20))

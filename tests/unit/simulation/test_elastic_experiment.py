@@ -10,8 +10,6 @@ from scipy.integrate import cumulative_simpson
 from symid.codegen.cache import prepare_library
 from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import (
-    FourierOptions,
-    build_random_fourier,
     build_ta,
     build_tb,
     build_tc,
@@ -21,7 +19,6 @@ from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 from symid.robot.description import Limits
-from symid.robot.toml_reader import read_robot
 from symid.simulation import elastic_experiment
 from symid.simulation.elastic_experiment import (
     MotorReference,
@@ -173,16 +170,6 @@ def test_delays_offsets_and_noise_of_sensors(fast):
     np.testing.assert_allclose((loud.torque - fast.torque).std(axis=0), [0.5, 2.0], rtol=0.03)
 
 
-def test_limits_and_gains_by_bandwidth(elastic_robot, elastic_library):
-    weak = change_joints(elastic_robot, limits=Limits(torque=2.0))
-    run = simulate(weak, elastic_library, build_ta(duration=3.0))
-    assert np.abs(run.torque).max(axis=0)[0] == 2.0
-    assert "simulate.saturation" in {notice.code for notice in run.recording.notices}
-    other = replace(elastic_robot, name="another")
-    run = simulate(other, elastic_library, build_ta(duration=3.0), build_noisy_options())
-    assert np.abs(run.theta - run.desired).max() < 0.02
-
-
 def test_references_of_ones_own(elastic_robot, elastic_library):
     plain = simulate(elastic_robot, elastic_library, build_ta(duration=1.0))
     trajectory = build_ta(duration=1.0)
@@ -303,15 +290,3 @@ def test_values_that_are_missing_or_that_no_plant_can_have(elastic_robot, elasti
 def test_options_that_cannot_be(elastic_robot, elastic_library, options, text):
     with raises(UsageError, "usage.experiment", match=text):
         simulate(elastic_robot, elastic_library, options=replace(CLEAN, **options))
-
-
-@pytest.mark.parametrize("name", ["two_link_harmonic", "puma560_elastic"])
-def test_other_elastic_robots_of_the_shelf(robots_folder, c_compiler, name):
-    robot = read_robot(robots_folder / f"{name}.toml")
-    library = prepare_library(robot, names=ELASTIC_CALLED)
-    trajectory = build_random_fourier(robot, np.random.default_rng(3), FourierOptions(duration=3.0))
-    run = simulate(robot, library, trajectory, build_noisy_options())
-    assert run.backend == "c"
-    assert run.energy_gap < 1e-9
-    assert find_window_gap(run, 0.1) < 1e-6
-    assert np.abs(run.theta - run.desired).max() < 0.05
