@@ -1,4 +1,4 @@
-"""`symid plot`, `--page` and `--open`: what is drawn, what is written, what is refused."""
+"""`symid plot` and `--open`: what is drawn, what is refused."""
 
 import webbrowser
 

@@ -1,4 +1,4 @@
-"""`symid simulate` of elastic robots: both encoders in the log, sensors as told, refusals."""
+"""`symid simulate` of elastic robots: sensors as told, refusals."""
 
 import re
 

@@ -1,10 +1,8 @@
 """Every verb does its work, on files, and says what it did."""
 
-import re
-
 import pytest
 
-from tests.calls import ask, do, fail, find_codes, hear, list_codes
+from tests.calls import ask, do, fail, find_codes, hear
 
 
 @pytest.fixture(scope="module")
@@ -23,11 +21,6 @@ def estimate(log):
     return path
 
 
-def test_generate_says_when_there_is_no_compiler(tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.codegen.generation.locate_compiler", lambda *_: None)
-    assert list_codes(do("generate", "emps", "-o", tmp_path / "code")) == ["generate.selftest-not-run"]
-
-
 def test_identify_finds_the_truth(log):
     result = do("identify", "two_link", log, "--drop-first", "2000")["result"]
     assert result["settings"]["processing"]["drop_first"] == 2000
@@ -44,14 +37,6 @@ def test_all_wrong_logs_are_told_at_once(tmp_path):
     assert len(answer["errors"]) == 2
 
 
-def test_doctor():
-    answer = do("doctor")
-    names = {entry["name"] for entry in answer["result"]["findings"]}
-    assert {"python", "sympy", "casadi", "C compiler", "cache", "robots", "templates"} <= names
-    (calls,) = (entry for entry in answer["result"]["findings"] if entry["name"] == "calls of compiled code")
-    assert re.match(r"Python's limited API|ctypes", calls["found"])
-
-
 @pytest.mark.parametrize("rows", ["momentum", "energy"])
 def test_the_report_compares_rows_of_one_kind(log, tmp_path, rows):
     other, found, page = (tmp_path / name for name in ("other.npz", "estimate.json", "report.html"))
@@ -61,13 +46,6 @@ def test_the_report_compares_rows_of_one_kind(log, tmp_path, rows):
     text = page.read_text()
     assert "does not carry over" not in text
     assert "nothing about carrying over" not in text
-
-
-def test_the_log_of_the_fit_is_told_even_under_another_name(log, estimate, tmp_path):
-    twin = tmp_path / "twin.npz"
-    twin.write_bytes(log.read_bytes())
-    for path in (log, twin):
-        assert "validate.fitted-log" in find_codes(do("validate", "two_link", estimate, path))
 
 
 def test_simulate_says_first_what_the_file_lacks(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Derivatives of the CasADi functions: Pinocchio's, differences, closed forms; the shapes that users meet."""
+"""Derivatives of the CasADi functions: differences, closed forms; the shapes that users meet."""
 
 from dataclasses import replace
 

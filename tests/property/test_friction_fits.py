@@ -1,4 +1,4 @@
-"""Identities of a fit: scaled torques, reflected motions, reordered samples, shifted rigid columns."""
+"""Identities of a fit: scaled torques, shifted rigid columns, numbers whatever the motion."""
 
 import numpy as np
 import pytest
