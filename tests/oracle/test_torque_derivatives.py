@@ -10,17 +10,12 @@ from sympy import QQ
 from symid.codegen.casadi_functions import build_casadi_function
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.routes import choose_route
+from symid.dynamics import torque_derivatives
 from symid.dynamics.algebra import FloatAlgebra, build_state
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.exact_algebra import build_exact_algebra, differentiate
 from symid.dynamics.newton_euler import compute_tensor_torques
 from symid.dynamics.recursion import build_recursion
-from symid.dynamics.torque_derivatives import (
-    compute_coriolis_matrix,
-    compute_equation_terms,
-    compute_mass_derivatives,
-    compute_torque_derivatives,
-)
 from symid.errors import UsageError
 from symid.notation import INERTIAL
 from tests import chains
@@ -51,7 +46,10 @@ def test_derivatives_are_those_of_the_exact_polynomials(robot):
     }
     recursion = build_recursion(robot, algebra, build_state(robot, algebra, algebra.generators))
     torques = [algebra.reduce(torque) for torque in compute_tensor_torques(recursion, values)]
-    found, slopes = compute_torque_derivatives(recursion, values), compute_mass_derivatives(recursion, values)
+    found, slopes = (
+        torque_derivatives.compute_torque_derivatives(recursion, values),
+        torque_derivatives.compute_mass_derivatives(recursion, values),
+    )
     for j in range(robot.size):
         for i, torque in enumerate(torques):
             expected = (
@@ -76,9 +74,9 @@ def test_derivatives_equal_pinocchio_at_a_thousand_states(robot, meet):
     recursion = build_recursion(robot, FloatAlgebra(dict(robot.symbols)), build_float_state(q, dq, ddq))
     values = chains.name_parameters(parameters)
     recursion = replace(recursion, meet=meet)
-    found = compute_torque_derivatives(recursion, values)
-    coriolis = compute_coriolis_matrix(recursion, values)
-    terms = compute_equation_terms(recursion, values)
+    found = torque_derivatives.compute_torque_derivatives(recursion, values)
+    coriolis = torque_derivatives.compute_coriolis_matrix(recursion, values)
+    terms = torque_derivatives.compute_equation_terms(recursion, values)
 
     def stack(rows):
         return np.array([[np.broadcast_to(entry, STATES) for entry in row] for row in rows])

@@ -21,7 +21,6 @@ from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, com
 from symid.robot.description import Limits
 from symid.simulation import elastic_experiment
 from symid.simulation.elastic_experiment import (
-    MotorReference,
     build_clean_options,
     build_noisy_options,
     observe,
@@ -168,22 +167,6 @@ def test_delays_offsets_and_noise_of_sensors(fast):
     np.testing.assert_allclose(early.motor_position[5:], fast.theta[:-5] + 0.5, atol=1e-12)
     loud = observe(fast, SensorOptions(counts_per_turn=None, torque_noise=(0.5, 2.0)), rng)
     np.testing.assert_allclose((loud.torque - fast.torque).std(axis=0), [0.5, 2.0], rtol=0.03)
-
-
-def test_references_of_ones_own(elastic_robot, elastic_library):
-    plain = simulate(elastic_robot, elastic_library, build_ta(duration=1.0))
-    trajectory = build_ta(duration=1.0)
-    angle, speed, _ = trajectory.evaluate(plain.time)
-    zero = np.zeros_like(angle)
-
-    def drive(torque):
-        wanted = MotorReference(angle=angle, speed=speed, torque=torque)
-        return simulate(elastic_robot, elastic_library, trajectory, reference=wanted)
-
-    np.testing.assert_array_equal(drive(zero).theta, plain.theta)
-    assert np.abs(drive(zero + 0.1).theta - plain.theta).max() > 1e-5
-    with raises(UsageError, "usage.experiment", match=r"reference torque: .*got \(5, 2\)"):
-        drive(zero[:5])
 
 
 def test_gains_damp_critically(elastic_robot, elastic_library, monkeypatch):
