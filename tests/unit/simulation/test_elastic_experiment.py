@@ -19,7 +19,7 @@ from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 from symid.robot.description import Limits
-from symid.simulation import elastic_experiment
+from symid.simulation import elastic_plant
 from symid.simulation.elastic_experiment import (
     build_clean_options,
     build_noisy_options,
@@ -171,7 +171,7 @@ def test_delays_offsets_and_noise_of_sensors(fast):
 
 def test_gains_damp_critically(elastic_robot, elastic_library, monkeypatch):
     found = Mock(side_effect=KeyboardInterrupt)
-    monkeypatch.setattr(elastic_experiment, "simulate_plant", found)
+    monkeypatch.setattr(elastic_plant, "simulate_plant", found)
     trajectory = build_ta(duration=1.0)
     trajectory = replace(trajectory, amplitude=0.0 * trajectory.amplitude)
     with pytest.raises(KeyboardInterrupt):
