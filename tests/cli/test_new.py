@@ -120,7 +120,7 @@ def test_a_urdf_at_hand_is_converted(tmp_path):
 def test_what_no_robot_file_can_say_is_told_of_the_source(tmp_path, monkeypatch):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF)
-    monkeypatch.setattr("symid.logs.draft.write_robot", lambda *_, **__: 'name = "arm"\n')
+    monkeypatch.setattr("symid.robot.write_robot", lambda *_, **__: 'name = "arm"\n')
     path = tmp_path / "arm.toml"
     code, answer = ask("new", path, "--from-urdf", source)
     assert code == 3
