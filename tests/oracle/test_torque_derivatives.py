@@ -20,6 +20,7 @@ from symid.errors import UsageError
 from symid.notation import INERTIAL
 from tests import chains
 from tests.float_algebra import build_float_state
+from tests.sx_programs import run_program
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
@@ -112,7 +113,7 @@ def test_derivatives_of_the_forward_dynamics_equal_pinocchio(robot):
     data = model.createData()
     for _ in range(20):
         q, dq, tau = rng.uniform(-2, 2, (3, robot.size))
-        found = chains.run_program(program, {"q": q, "dq": dq, "tau": tau, "beta": beta})
+        found = run_program(program, {"q": q, "dq": dq, "tau": tau, "beta": beta})
         pin.computeABADerivatives(model, data, q, dq, tau)
         expected = (data.ddq, data.ddq_dq, data.ddq_dv, data.Minv)
         for mine, theirs in zip(found, expected, strict=True):
