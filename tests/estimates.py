@@ -8,13 +8,7 @@ import numpy as np
 from symid.codegen.functions import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.identification.elastic.estimate import ElasticEstimate, SpringEstimate
-from symid.identification.estimators.estimate import (
-    Estimate,
-    Outcome,
-    ParameterEstimate,
-    Residual,
-    list_parameters,
-)
+from symid.identification.estimators import estimate
 from symid.identification.stored import write_fit
 from symid.ipopt import Ending
 from symid.joint_models import list_value_names
@@ -51,26 +45,28 @@ def fill_robot(robot, seed=1):
     return dataclasses.replace(robot, joints=joints, couplings=couplings)
 
 
-def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
+def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> estimate.Estimate:
     """Return an estimate with the values that `robot` states; `covariance` of all of them, (p, p)."""
     card = build_model_card(robot, derive_base_parameters(robot), ())
     values = np.array([entry.value for entry in (*card.beta, *card.friction)])
     cards = [dataclasses.replace(entry, value=None) for entry in (*card.beta, *card.friction)]
     given = np.diag([STD**2] * len(cards)) if covariance is None else np.asarray(covariance)
     processing = list_processing(robot.processing)
-    return Estimate(
+    return estimate.Estimate(
         robot=robot.name,
         signature=card.signature,
         rows="torque",
         estimator="ols",
         friction=tuple(joint.friction for joint in card.joints),
-        parameters=list_parameters(cards, values, given),
+        parameters=estimate.list_parameters(cards, values, given),
         residual=tuple(
-            Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=100, unit="N m")
+            estimate.Residual(
+                joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=100, unit="N m"
+            )
             for joint in card.joints
         ),
         condition=10.0,
-        outcome=Outcome.SOLVED,
+        outcome=estimate.Outcome.SOLVED,
         samples=100,
         sources=sources,
         settings={"processing": make_plain(processing)},
@@ -80,7 +76,7 @@ def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
 
 def build_elastic_estimate(values, spring, *, joints=("joint1",), unit="N m", **changes) -> ElasticEstimate:
     """Return an estimate with parameters `values` by name and the same, true, spring in all joints."""
-    residual = Residual(joint="", norm=1.0, relative_percent=0.8, std=0.02, samples=900, unit=unit)
+    residual = estimate.Residual(joint="", norm=1.0, relative_percent=0.8, std=0.02, samples=900, unit=unit)
     found = SpringEstimate(
         joint="",
         torque_unit=unit,
@@ -97,7 +93,7 @@ def build_elastic_estimate(values, spring, *, joints=("joint1",), unit="N m", **
         "method": "elimination",
         "reason": "the method was asked for",
         "parameters": tuple(
-            ParameterEstimate(name=k, value=x, std=0.1, unit="kg") for k, x in values.items()
+            estimate.ParameterEstimate(name=k, value=x, std=0.1, unit="kg") for k, x in values.items()
         ),
         "springs": tuple(dataclasses.replace(found, joint=joint) for joint in joints),
         "residual": tuple(dataclasses.replace(residual, joint=joint) for joint in joints),
@@ -130,7 +126,7 @@ def build_springless_estimate(robot, *, shift=0.0, sources=("log.npz",)) -> Elas
     card = build_model_card(robot, derive_base_parameters(robot), ())
     cards = (*card.beta, *card.rotors, *card.friction)
     residual = tuple(
-        Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=100, unit="N m")
+        estimate.Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=100, unit="N m")
         for joint in card.joints
     )
     return ElasticEstimate(
@@ -139,7 +135,7 @@ def build_springless_estimate(robot, *, shift=0.0, sources=("log.npz",)) -> Elas
         method="elimination",
         reason="for the test",
         parameters=tuple(
-            ParameterEstimate(name=entry.name, value=entry.value + shift, std=STD, unit=entry.unit)
+            estimate.ParameterEstimate(name=entry.name, value=entry.value + shift, std=STD, unit=entry.unit)
             for entry in cards
         ),
         springs=(),

@@ -41,13 +41,7 @@ def draw_samples(
     torque = compute_friction_torque(law, inputs, linear, shape)
     torque = torque + noise * np.random.default_rng(seed).standard_normal(count)
     given = {"extra": np.zeros((count, 0)), **given}
-    return FrictionSamples(
-        joint="1",
-        time=1e-3 * np.arange(count),
-        velocity=velocity,
-        torque=torque,
-        **given,
-    )
+    return FrictionSamples(joint="1", time=1e-3 * np.arange(count), velocity=velocity, torque=torque, **given)
 
 
 def build_cosines(*peaks: float, count: int = 1000) -> np.ndarray:

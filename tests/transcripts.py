@@ -25,12 +25,6 @@ from pathlib import Path
 
 from symid.cli.main import run
 
-STEP = re.compile(
-    r"^```sh\n(?P<command>[^\n]*)\n```\n\n```text\n(?P<answer>.*?)^```$", re.DOTALL | re.MULTILINE
-)
-SCRIPT = re.compile(
-    r"^```python\n(?P<script>.*?)^```\n\n```text\n(?P<answer>.*?)^```$", re.DOTALL | re.MULTILINE
-)
 BLOCK = re.compile(
     r"^```(?:sh\n(?P<command>[^\n]*)\n|python\n(?P<script>(?:(?!```)[^\n]*\n)*))"
     r"```\n\n```text\n(?P<answer>.*?)^```$",
@@ -42,12 +36,12 @@ LONGEST = 300
 
 def list_steps(page: str) -> list[tuple[str, str]]:
     """Return commands and their answers."""
-    return [(step["command"], step["answer"]) for step in STEP.finditer(page)]
+    return [(step["command"], step["answer"]) for step in BLOCK.finditer(page) if step["command"]]
 
 
 def list_scripts(page: str) -> list[tuple[str, str]]:
     """Return scripts and their answers."""
-    return [(step["script"], step["answer"]) for step in SCRIPT.finditer(page)]
+    return [(step["script"], step["answer"]) for step in BLOCK.finditer(page) if step["script"]]
 
 
 def run_step(command: str, folder: Path, cache: Path) -> tuple[int, str]:

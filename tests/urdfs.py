@@ -6,20 +6,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from symid.robot import geometry
 from symid.robot.description import JointKind, Robot
-from symid.robot.geometry import (
-    IDENTITY,
-    ZERO,
-    Exact,
-    Placement,
-    build_exact_angle,
-    compose_placements,
-    invert_placement,
-    rotate_x,
-    rotate_y,
-    rotate_z,
-    translate,
-)
 from tests.chains import to_se3
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
@@ -34,14 +22,16 @@ AXES = {
 }
 """Axes of a URDF, and the turns (degrees, one after the other) that take z to them."""
 
-TURNS = {"x": rotate_x, "y": rotate_y, "z": rotate_z}
+TURNS = {"x": geometry.rotate_x, "y": geometry.rotate_y, "z": geometry.rotate_z}
 
 
-def turn(steps: Sequence[tuple[str, int]]) -> Placement:
+def turn(steps: Sequence[tuple[str, int]]) -> geometry.Placement:
     """Return the rotation of several turns about the axes that the last ones left."""
-    result = IDENTITY
+    result = geometry.IDENTITY
     for axis, degrees in steps:
-        result = compose_placements(result, TURNS[axis](build_exact_angle(np.radians(degrees))))
+        result = geometry.compose_placements(
+            result, TURNS[axis](geometry.build_exact_angle(np.radians(degrees)))
+        )
     return result
 
 
@@ -140,14 +130,16 @@ def find_torques(model: pin.Model, robot: Robot, state: np.ndarray) -> np.ndarra
     return pin.rnea(model, model.createData(), q, v, a)[list_rows(model, names)]
 
 
-def is_orthogonal(placement: Placement) -> bool:
+def is_orthogonal(placement: geometry.Placement) -> bool:
     """Return whether the rotation is orthogonal to the last digit."""
-    turned = Placement(rotation=placement.rotation, translation=(ZERO, ZERO, ZERO))
-    return compose_placements(turned, invert_placement(turned)) == IDENTITY
+    turned = geometry.Placement(
+        rotation=placement.rotation, translation=(geometry.ZERO, geometry.ZERO, geometry.ZERO)
+    )
+    return geometry.compose_placements(turned, geometry.invert_placement(turned)) == geometry.IDENTITY
 
 
-def shift_z(value: str) -> Placement:
-    return translate(ZERO, ZERO, Exact.of(value))
+def shift_z(value: str) -> geometry.Placement:
+    return geometry.translate(geometry.ZERO, geometry.ZERO, geometry.Exact.of(value))
 
 
 def find_link_poses(robot: Robot, positions: np.ndarray) -> list[pin.SE3]:

@@ -80,11 +80,3 @@ def test_an_unknown_set_is_a_mistake_of_the_call(axis_log, tmp_path):
     assert text.startswith("--settings is of the logs")
     do("report", fit, "--validation", axis_log, "--settings", "published", "-o", page)
     assert page.is_file()
-
-
-def test_an_exported_robot_keeps_its_sets(axis_log, tmp_path):
-    fit, file = tmp_path / "fit.json", tmp_path / "axis.toml"
-    ask("identify", "emps", axis_log, "--settings", "published", "-o", fit)
-    do("export", "emps", fit, "-o", file)
-    answer = do("identify", file, axis_log, "--settings", "published")
-    assert answer["result"]["settings"]["processing"]["drop_first"] == 49

@@ -1,11 +1,9 @@
 """`symid new`: a robot file from a table, a URDF, or a robot at hand."""
 
-import numpy as np
 import pytest
 
-from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, do, fail, find_codes, hear, list_codes, say
+from tests.calls import ask, do, hear, list_codes
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow,0,0.5,0,q\n"
 URDF = """<robot name="arm">
@@ -50,13 +48,6 @@ def test_a_table_becomes_a_robot_file(tmp_path, table):
     do("check", path)
 
 
-def test_gravity_may_be_given(tmp_path, table):
-    path = tmp_path / "arm.toml"
-    options = ("--convention", "modified", "--gravity", "0, -9.81, 0")
-    assert do("new", path, "--from-dh", table, *options)["warnings"] == []
-    assert [str(entry) for entry in read_robot(path).gravity] == ["0", "-981/100", "0"]
-
-
 def test_a_urdf_becomes_a_robot_file(tmp_path):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF)
@@ -82,13 +73,6 @@ def test_a_file_that_exists_is_kept_without_force(tmp_path, table):
     assert (code, answer["errors"][0]["code"], path.read_text()) == (3, "output.exists", "mine")
     do(*arguments, "--force")
     assert read_robot(path).size == 2
-
-
-def test_a_wrong_table_writes_nothing(tmp_path, table):
-    table.write_text("joint,alpha,a,d,theta\none,x y,0,0,q\n")
-    path = tmp_path / "arm.toml"
-    assert fail("new", path, "--from-dh", table, "--convention", "modified") == (3, "robot.bad-angle")
-    assert not path.exists()
 
 
 @pytest.mark.parametrize(
@@ -125,55 +109,12 @@ def test_calls_that_do_not_fit_are_refused(table, monkeypatch, case):
     assert not (table.parent / "arm.toml").exists()
 
 
-def test_base_gives_formulas_in_the_symbols_of_the_file():
-    answer = do("base", "two_link_symbols")
-    found = {entry["name"]: entry["form"] for entry in answer["result"]["parameters"]}
-    assert found["ZZR1"] == "I1 + L1^2*m2 + lc1^2*m1"
-    assert found["MY1"] is None
-    assert "\nMX2 = lc2*m2 = 0.4  [kg m]\n" in say("base", "two_link_symbols")
-
-
-def test_what_is_new_is_filtered_by_itself(tmp_path, table):
-    (tmp_path / "arm.urdf").write_text(URDF)
-    sources = (
-        ("--from-urdf", tmp_path / "arm.urdf"),
-        ("--from", tmp_path / "arm.urdf"),
-        ("--from-dh", table, "--convention", "modified"),
-    )
-    for number, options in enumerate(sources):
-        path = tmp_path / f"new{number}.toml"
-        do("new", path, *options)
-        assert "[processing]" not in path.read_text()
-        assert read_robot(path).processing.automatic
-
-
-def test_values_of_a_urdf_that_no_body_has_are_kept(tmp_path):
-    source = tmp_path / "arm.urdf"
-    source.write_text(URDF.replace('ixx="0.01"', 'ixx="0.01" ').replace('iyy="0.02"', 'iyy="0.2"'))
-    path = tmp_path / "arm.toml"
-    do("new", path, "--from-urdf", source)
-    wanted, found = read_urdf(source), read_robot(path)
-    np.testing.assert_allclose(
-        [joint.inertial for joint in found.joints], [joint.inertial for joint in wanted.joints], atol=1e-13
-    )
-    assert "robot.impossible-inertia" in {notice.code for notice in found.notices}
-    assert found.joints[1].inertial == (0.0,) * 10
-
-
 def test_a_urdf_at_hand_is_converted(tmp_path):
     source = tmp_path / "arm"
     source.write_text("\ufeff\n" + URDF, encoding="utf-8")
     path = tmp_path / "arm.toml"
     do("new", path, "--from", source)
     assert [joint.name for joint in read_robot(path).joints] == ["shoulder", "elbow"]
-
-
-def test_a_joint_called_base_is_renamed(tmp_path):
-    source = tmp_path / "arm.urdf"
-    source.write_text(URDF.replace('name="shoulder"', 'name="base"'))
-    path = tmp_path / "arm.toml"
-    assert "robot.renamed" in find_codes(do("new", path, "--from-urdf", source))
-    assert read_robot(path).joints[0].name == "base_joint"
 
 
 def test_what_no_robot_file_can_say_is_told_of_the_source(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from symid.logs.headings import read_headings
 from symid.logs.reader import read_recording
 from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, call, do, find_texts, hear, list_codes, refuse, say
+from tests.calls import ask, call, do, find_texts, list_codes, refuse
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
 SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
@@ -87,19 +87,6 @@ def test_what_real_robots_have_is_asked_for(folder):
     assert list_codes(answer) == ["new.no-friction", "new.no-rotor", "new.assumed-order", "new.assumed-side"]
 
 
-def test_the_text_shows_the_columns_and_what_to_do_next(folder):
-    write_log(folder, PLAIN)
-    text = say("new", "arm.toml", *SOURCE, "--log", "log.csv")
-    assert "position  shoulder pos, elbow pos, slide pos  deg, deg, mm" in text
-    assert text.endswith("next: symid check arm.toml log.csv\n")
-
-
-def test_what_to_do_next_can_be_typed(folder):
-    write_log(folder, PLAIN, "my log.csv")
-    out = say("new", "arm.toml", *SOURCE, "--log", "my log.csv")
-    assert out.endswith("next: symid check arm.toml 'my log.csv'\n")
-
-
 def test_currents_need_torque_constants(folder):
     heading = "t [s],q1 [rad],q2 [rad],q3 [mm],motor current 1 [mA],motor current 2 [mA],motor current 3 [mA]"
     values = write_log(folder, heading)
@@ -130,13 +117,6 @@ def test_units_are_given_for_each_column(folder):
     assert answer["result"]["log"]["units"]["position"] == "deg, deg, mm"
     recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
     np.testing.assert_allclose(recording.position, values[:, :3] * SI, atol=1e-6)
-
-
-def test_a_column_without_a_name_is_told_as_one(folder):
-    write_log(folder, f"{PLAIN},")
-    answer = do(*order())
-    assert answer["result"]["log"]["unused"] == [""]
-    assert "not used: ''; --columns" in find_texts(answer, "new.unused-columns")
 
 
 @pytest.mark.parametrize(
@@ -216,17 +196,6 @@ def test_options_that_do_not_fit_are_refused(folder, case):
     assert not (folder / "arm.toml").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--columns", "time=t"), "--columns belongs to --log LOG"),
-        (("--units", "time=s"), "--units belongs to --log LOG"),
-    ],
-)
-def test_options_of_a_log_want_one(folder, options, words):
-    assert hear(2, "usage.call", "new", folder / "arm.toml", *SOURCE, *options) == words
-
-
 def test_a_robot_file_is_copied_as_it_is(folder):
     write_log(folder, PLAIN)
     code, answer = ask(*order("--rotors", source=("--from", "scara")))
@@ -260,57 +229,14 @@ def test_the_log_is_an_input(folder):
     assert refuse("new", "log.toml", *SOURCE, "--log", "log.toml", "--force") == (3, ["output.is-input"])
 
 
-PRESETS = {
-    "ur-rtde": [
-        "timestamp",
-        *(f"actual_q_{k}" for k in range(3)),
-        *(f"actual_current_{k}" for k in range(3)),
-    ],
-    "franka": ["time", *(f"q[{k}]" for k in range(3)), *(f"tau_J[{k}]" for k in range(3))],
-    "ros": ["%time", *(f"field.position{k}" for k in range(3)), *(f"field.effort{k}" for k in range(3))],
-    "symid": ["t [s]", "q1 [rad]", "q2 [rad]", "q3 [m]", "tau1 [N m]", "tau2 [N m]", "tau3 [N]"],
-}
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-def test_logs_of_known_programs_are_known(folder, preset):
-    heading = ",".join(PRESETS[preset])
-    write_log(folder, heading)
-    text = (folder / "log.csv").read_text().splitlines()
-    if preset in {"ros", "franka"}:  # nanoseconds, milliseconds
-        scale = 1e9 if preset == "ros" else 1e3
-        rows = [line.split(",") for line in text[1:]]
-        text[1:] = [",".join((f"{float(row[0]) * scale:.0f}", *row[1:])) for row in rows]
-        (folder / "log.csv").write_text("\n".join(text) + "\n")
-    constants = ("--torque-constant", "0.1,0.1,0.1") if preset == "ur-rtde" else ()
-    answer = do(*order(*constants))
-    assert answer["result"]["log"]["preset"] == preset
-    robot = read_robot(folder / "arm.toml")
-    assert (robot.log.preset, robot.log.position) == (preset, None)
-    assert read_recording(folder / "log.csv", robot).period == pytest.approx(0.01)
-    assert ("new.preset" in list_codes(answer)) == (preset != "symid")
-
-
-@pytest.mark.parametrize(
-    ("unit", "codes"), [("foo", ["new.wrong-unit"] * 2), ("A", ["new.mixed-units", "new.torque-constant"])]
-)
-def test_names_of_symid_with_other_units_are_read_as_any_others(folder, unit, codes):
-    write_log(folder, ",".join(PRESETS["symid"]).replace("N m", unit))
-    assert refuse(*order()) == (3, codes)
-
-
-def test_currents_of_a_known_program_need_torque_constants(folder):
-    write_log(folder, ",".join(PRESETS["ur-rtde"]))
-    assert refuse(*order()) == (3, ["new.torque-constant"])
-
-
-def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(folder):
-    heading = ",".join(name.replace("time", "time [s]").replace("2]", "2] [m]") for name in PRESETS["franka"])
-    write_log(folder, heading)
-    code, answer = ask(*order())
-    assert code == 3
-    assert "new.no-unit" in list_codes(answer, "errors")
-    assert "for 'q[0]', 'q[1]'; " in answer["errors"][0]["text"]
+def test_logs_of_known_programs_are_known(folder):
+    names = (f"field.{name}{k}" for name in ("position", "effort") for k in range(3))
+    write_log(folder, ",".join(("%time", *names)))
+    answer = do(*order())
+    assert answer["result"]["log"]["preset"] == "ros"
+    log = read_robot(folder / "arm.toml").log
+    assert (log.preset, log.position) == ("ros", None)
+    assert "new.preset" in list_codes(answer)
 
 
 def read_heading(heading, robots_folder):
@@ -334,15 +260,6 @@ def test_headings_are_read_as_words(headings, words, number, robots_folder):
         found = read_heading(heading, robots_folder)
         assert (found.quantity, found.unit, found.commanded) == ("position", "deg", False)
         assert (found.words, found.number) == (words, number)
-
-
-def test_what_is_not_a_quantity_of_a_joint_is_none(robots_folder):
-    for heading in ("motor position 1 [deg]", "q1 tau1 [deg]", "temperature 1", "voltage1 [V]"):
-        found = read_heading(heading, robots_folder)
-        assert not found.quantity or found.number is None
-    for heading in ("acc1_rad/s\u00b2", "q\u00b2 [rad]"):
-        found = read_heading(heading, robots_folder)
-        assert not found.quantity or found.number is None
 
 
 def test_arrays_and_single_joints_need_no_numbers(folder):
@@ -385,38 +302,9 @@ def test_columns_apart_by_spaces_are_refused(folder):
     assert answer["errors"][0]["line"] == 1
 
 
-def test_an_order_is_told_once(folder):
-    heading = "t [s],q1 [rad],q2 [rad],q3 [m],dq1 [rad/s],dq2 [rad/s],dq3 [m/s],i1 [A],i2 [A],i3 [A]"
-    write_log(folder, heading)
-    answer = do(*order("--torque-constant", "0.1"))
-    assert list_codes(answer).count("new.assumed-order") == 1
-    assert list(answer["result"]["log"]["columns"]) == ["time", "position", "torque", "velocity"]
-
-
-THREE = "{time},q1 [rad],q2 [rad],q3 [rad],tau1 [Nm],tau2 [Nm],tau3 [Nm]"
-TWO = "{time},q1 [rad],q2 [rad],tau1 [Nm],tau2 [Nm]"
-
-
 def name_joints(folder, *names):
     rows = [f"{name},0,0,0,q" for name in names]
     (folder / "rows.csv").write_text("\n".join(("joint,alpha,a,d,theta", *rows)) + "\n")
-
-
-@pytest.mark.parametrize(
-    ("joints", "heading", "text"),
-    [
-        ("axis_2 axis_1 axis_3", THREE, "position of joint 'axis_2' could be 'q2' or 'q1'"),
-        # Of joints wrist_j2 and wrist_j1, in this order, nobody can tell whose column q1 is.
-        ("wrist_j2 wrist_j1", TWO, "position of joint 'wrist_j2' could be 'q2' or 'q1'"),
-    ],
-)
-@pytest.mark.parametrize("time", ["t [s]", "stamp [s]"])
-def test_numbers_in_names_of_joints_that_are_out_of_order_are_refused(folder, joints, heading, text, time):
-    name_joints(folder, *joints.split())
-    write_log(folder, heading.format(time=time))
-    code, answer = ask(*order())
-    assert (code, list_codes(answer, "errors")) == (3, ["new.ambiguous-column"] * 2)
-    assert text in answer["errors"][0]["text"]
 
 
 def test_the_name_of_a_joint_is_no_unit(folder):
@@ -427,53 +315,9 @@ def test_the_name_of_a_joint_is_no_unit(folder):
     assert do(*order("--units", "torque=Nm"))["result"]["log"]["units"]["torque"] == "Nm"
 
 
-@pytest.mark.parametrize(
-    ("joints", "heading", "positions", "told"),
-    [
-        # Numbers of columns count from 0, whatever the joints are called.
-        (
-            "arm_j1 arm_j2",
-            "stamp [s],q0 [rad],q1 [rad],tau0 [Nm],tau1 [Nm]",
-            "q0 q1",
-            "0 is 'arm_j1', 1 is 'arm_j2'",
-        ),
-        # Numbers in names of joints are those of columns.
-        (
-            "axis_2 axis_3 axis_4",
-            "t [s],q4 [rad],q2 [rad],q3 [rad],tau2 [Nm],tau3 [Nm],tau4 [Nm]",
-            "q2 q3 q4",
-            "",
-        ),
-        # The name of a gripper has no number, and its column has.
-        ("joint1 joint2 jointGripper", THREE.replace("Nm", "N m"), "q1 q2 q3", ""),
-        ("joint1 joint2 joint3", THREE.replace("Nm", "N m"), "q1 q2 q3", ""),
-    ],
-)
-def test_numbers_tell_joints(folder, joints, heading, positions, told):
-    name_joints(folder, *joints.split())
-    write_log(folder, heading.format(time="t [s]"))
-    answer = do(*order())
-    assert answer["result"]["log"]["columns"]["position"] == positions.split()
-    assert answer["result"]["log"]["preset"] == ("symid" if "N m" in heading else None)
-    assert find_texts(answer, "new.assumed-order").endswith(told)
-    assert ("new.assumed-order" in list_codes(answer)) == bool(told)
-
-
 def test_mixed_currents_are_refused(folder):
     write_log(folder, PLAIN.replace("tau0 [N m]", "tau0 [A]").replace("tau1 [N m]", "tau1 [mA]"))
     assert refuse(*order("--torque-constant", "0.1")) == (3, ["new.mixed-units"])
-
-
-@pytest.mark.parametrize(("size", "code"), [(3, 0), (4, 3)])
-def test_elements_of_arrays_count_from_0_and_name_no_joint(folder, size, code):
-    """Of joints j1 to j3, tau_J[1] was read as that of j1."""
-    name_joints(folder, "j1", "j2", "j3")
-    names = [*(f"q[{k}] [rad]" for k in range(size)), *(f"tau_J[{k}] [N m]" for k in range(size))]
-    write_log(folder, ",".join(("t [s]", *names)))
-    found, answer = ask(*order())
-    assert found == code
-    if not code:
-        assert answer["result"]["log"]["columns"]["torque"] == ["tau_J[0]", "tau_J[1]", "tau_J[2]"]
 
 
 def test_a_urdf_reads_the_columns_that_a_new_file_would(folder, project):

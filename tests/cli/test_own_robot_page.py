@@ -112,12 +112,6 @@ def test_the_table_of_words_is_that_of_the_reader(page):
                 assert found.quantity == quantities[meaning.partition(",")[0]], word
 
 
-def test_files_are_small_and_all_there(project):
-    files = list((project / "docs" / "own_robot").iterdir())
-    assert sorted(path.name for path in files) == sorted(FILES)
-    assert sum(path.stat().st_size for path in files) < 400_000
-
-
 def find_truth():
     robot = parse_robot(TRUTH)
     return compute_parameter_values(robot, derive_base_parameters(robot))

@@ -77,13 +77,6 @@ def test_two_estimates_give_the_payload(arm, tmp_path):
     assert answer["warnings"] == []
 
 
-def test_the_text_has_values_with_deviations(arm):
-    lines = say(*order(arm[0]), "--mass", "1.5").splitlines()
-    assert lines[0].startswith("puma560: ")
-    assert "'joint6'" in lines[0]
-    assert lines[5].split()[0] == "mass"
-
-
 def test_what_noise_hides_is_refused_with_warnings(arm, tmp_path):
     folder, robot = arm
     covariance = find_covariance(robot, 1.0)

@@ -1,4 +1,4 @@
-"""`symid plot`, `--page` and `--open`: what is drawn, what is written, what is refused."""
+"""`symid plot` and `--open`: what is drawn, what is refused."""
 
 import webbrowser
 
@@ -6,7 +6,7 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from tests.calls import ask, do, refuse
+from tests.calls import do, refuse
 
 
 @pytest.fixture
@@ -35,23 +35,3 @@ def test_a_plot_opens_in_the_browser(here, monkeypatch):
     assert opened == []
     assert run(["plot", "two_link", "-o", "arm.html", "--force", "--open"]) == 0
     assert opened == [(here / "arm.html").resolve().as_uri()]
-
-
-def test_verbs_write_pages(here):
-    for verb, *rest in (
-        ("check", "log.npz"),
-        ("excite", "--candidates", "10", "--starts", "1", "--harmonics", "2"),
-        ("identify", "log.npz", "-o", "fit.json"),
-        ("compare", "fit.json", "fit.json"),
-    ):
-        code, answer = ask(verb, "two_link", *rest, "--page", f"{verb}.html")
-        if verb == "compare":
-            # A file beside itself is refused; the page is not written.
-            assert code == 2
-            assert not (here / "compare.html").exists()
-        else:
-            assert code == 0
-            assert answer["result"]["page"] == f"{verb}.html"
-            assert '<section class="verdict' in (here / f"{verb}.html").read_text()
-    code, answer = ask("check", "two_link", "log.npz", "--page", "check.html")
-    assert [error["code"] for error in answer["errors"]] == ["output.exists"]

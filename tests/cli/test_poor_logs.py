@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.dynamics.base_parameters import build_grouping, derive_base_parameters
+from symid.dynamics.base_parameters import derive_base_parameters
 from symid.excitation.trajectories import FourierOptions, build_random_fourier
-from symid.notation import INERTIAL
 from symid.robot.loading import override_robot
 from symid.robot.toml_reader import read_robot
 from tests.calls import ask, do, refuse
+from tests.chains import compute_beta, draw_parameters
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -21,18 +21,6 @@ FRICTION = "viscous_coulomb_offset"
 @pytest.fixture(scope="module")
 def robot(robots_folder):
     return override_robot(read_robot(robots_folder / "panda.toml"), (), FRICTION)
-
-
-def draw_base_values(robot, rng):
-    """Return the base parameters of bodies that can be: what verdicts ask of a fit is true of them."""
-    bodies = {}
-    for joint in range(robot.size):
-        mass, centre, size = 2.0 + 2.0 * rng.random(), rng.uniform(-0.1, 0.1, 3), 0.02 + 0.02 * rng.random(3)
-        tensor = np.diag(size) + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-        values = (*tensor[np.triu_indices(3)], *(mass * centre), mass)
-        bodies |= {(joint, name): value for name, value in zip(INERTIAL, values, strict=True)}
-    grouping = build_grouping(robot, derive_base_parameters(robot))
-    return grouping.matrix @ np.array([bodies.get(label, 0.0) for label in grouping.labels])
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +36,8 @@ def log(robot, tmp_path_factory):
         q, dq, ddq = map(np.array, build_random_fourier(robot, rng, options).evaluate(time))
         q[:, still] = q[:1, still]
         dq[:, still] = ddq[:, still] = 0.0
-        beta = draw_base_values(robot, rng)
+        # Bodies that can be: what verdicts ask of a fit is true of them.
+        beta = compute_beta(derive_base_parameters(robot), draw_parameters(rng, robot.size))
         friction = np.abs(rng.normal(size=len(library.card.friction)))
         (rigid,) = library.evaluate("torque_regressor", q, dq, ddq)
         (rubbing,) = library.evaluate("friction_regressor", dq)

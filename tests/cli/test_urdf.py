@@ -38,12 +38,6 @@ def test_base_of_a_urdf_and_of_a_part_of_it(urdf):
     assert "robot.cut-off" in {warning["code"] for warning in part["warnings"]}
 
 
-def test_derive_and_check_cut_too(urdf):
-    answer = do("check", urdf, "--tip", "joint2_link")
-    assert [entry["name"] for entry in answer["result"]["joints"]] == ["joint1", "joint2"]
-    assert do("derive", urdf, "--tip", "joint1_link")["result"]["robot"] == "panda"
-
-
 @pytest.mark.parametrize("verb", ["check", "base", "derive"])
 @pytest.mark.parametrize("option", ["--base", "--tip"])
 def test_only_a_urdf_is_cut(verb, option):
@@ -51,44 +45,11 @@ def test_only_a_urdf_is_cut(verb, option):
     assert text.startswith(f"{option} link1: only a URDF or MJCF is cut")
 
 
-def test_a_link_that_does_not_exist(urdf):
-    assert fail("base", urdf, "--tip", "joint9_link") == (3, "robot.bad-cut")
-
-
-def test_mistakes_have_their_place(urdf):
-    urdf.write_text(urdf.read_text(encoding="utf-8").replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"', 1))
-    code, answer = ask("check", urdf)
-    assert code == 3
-    (error,) = answer["errors"]
-    assert (error["code"], error["file"]) == ("robot.zero-axis", str(urdf))
-    assert error["line"] > 1
-    assert error["column"] > 1
-
-
-def test_xacro_that_cannot_be_expanded_is_refused(tmp_path):
-    path = tmp_path / "arm.urdf.xacro"
-    path.write_text('<robot xmlns:xacro="x"><xacro:arm/></robot>', encoding="utf-8")
-    code, answer = ask("check", path)
-    assert code == 3
-    assert "unknown macro name: xacro:arm" in answer["errors"][0]["text"]
-
-
-def test_a_missing_urdf_gets_the_nearest_name(urdf):
-    code, answer = ask("check", urdf.with_name("pandas.urdf"))
-    assert code == 2
-    assert "panda.urdf?" in answer["errors"][0]["text"]
-
-
 @pytest.mark.parametrize("name", ["arm", "arm.txt"])
 def test_a_urdf_is_known_by_what_it_holds(urdf, name):
     path = urdf.with_name(name)
     path.write_text("\ufeff \n" + urdf.read_text(encoding="utf-8").partition("?>")[2], encoding="utf-8")
     assert do("check", path)["result"]["convention"] == "urdf"
-
-
-def test_check_counts_one_joint_and_names_origins(urdf, robots_folder):
-    assert "panda, 1 joint, URDF: no mistakes" in say("check", urdf, "-q", "--tip", "joint1_link")
-    assert "DH" not in say("check", robots_folder / "quadruped.toml")
 
 
 def test_rounding_of_angles_can_be_turned_off(tmp_path):

@@ -1,13 +1,8 @@
 """Every verb does its work, on files, and says what it did."""
 
-import json
-import re
-
-import numpy as np
 import pytest
 
-from symid.cli.main import run
-from tests.calls import ask, do, fail, find_codes, hear, list_codes, say
+from tests.calls import ask, do, fail, find_codes, hear
 
 
 @pytest.fixture(scope="module")
@@ -26,58 +21,6 @@ def estimate(log):
     return path
 
 
-@pytest.mark.parametrize(("robot", "count"), [("emps", 1), ("two_link", 6), ("puma560", 36), ("panda", 43)])
-def test_base(robot, count):
-    result = do("base", robot)["result"]
-    assert result["count"] == len(result["parameters"]) == count
-    for entry in result["parameters"]:
-        assert entry["name"]
-        assert entry["expression"]
-        assert entry["reason"]
-        assert entry["unit"]
-    names = {entry["name"] for entry in result["parameters"]}
-    assert not names & {entry["name"] for entry in result["eliminated"]}
-
-
-def test_generate_says_when_there_is_no_compiler(tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.codegen.generation.locate_compiler", lambda *_: None)
-    assert list_codes(do("generate", "emps", "-o", tmp_path / "code")) == ["generate.selftest-not-run"]
-
-
-@pytest.mark.parametrize("more", [(), ("--force",), ("--force", "--target", "python")])
-def test_generate_refuses_a_folder_of_others(tmp_path, more):
-    (tmp_path / "thesis.txt").write_text("mine")
-    assert fail("generate", "emps", *more, "-o", tmp_path) == (3, "output.foreign-folder")
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
-    assert (tmp_path / "thesis.txt").read_text() == "mine"
-
-
-@pytest.mark.parametrize("trajectory", ["ta", "tb"])
-def test_simulate_clean_closes_the_energy_balance(tmp_path, trajectory):
-    arguments = ("--trajectory", trajectory, "--duration", "3", "--clean")
-    answer = do("simulate", "two_link", "-o", tmp_path / "run.csv", *arguments)
-    assert answer["result"]["noise"] == 0.0
-    assert answer["result"]["energy_gap"] < 1e-6
-
-
-def test_simulate_writes_over_nothing(log):
-    before = log.read_bytes()
-    assert fail("simulate", "two_link", "-o", log) == (3, "output.exists")
-    assert log.read_bytes() == before
-
-
-def test_simulate_ta_is_for_two_joints(tmp_path, monkeypatch):
-    monkeypatch.setattr("symid.simulation.elastic_experiment.check_stated_values", lambda _: None)
-    code, answer = ask("simulate", "emps", "--trajectory", "ta", "-o", tmp_path / "a.npz")
-    assert code == 2
-    assert list(tmp_path.iterdir()) == []
-    assert answer["errors"][0]["code"] == "usage.trajectory"
-
-
-def test_output_in_a_missing_folder_is_refused_first(tmp_path):
-    assert fail("simulate", "two_link", "-o", tmp_path / "no" / "a.npz") == (3, "output.no-folder")
-
-
 def test_identify_finds_the_truth(log):
     result = do("identify", "two_link", log, "--drop-first", "2000")["result"]
     assert result["settings"]["processing"]["drop_first"] == 2000
@@ -88,94 +31,10 @@ def test_identify_finds_the_truth(log):
         assert entry["relative_std_percent"] == pytest.approx(100 * entry["std"] / abs(entry["value"]))
 
 
-def test_set_and_named_options_are_the_same(log):
-    named = ("--cutoff", "40", "--decimate", "5")
-    generic = ("--set", "processing.filter_cutoff=40", "--set", "processing.decimation.factor=5")
-    left = do("identify", "two_link", log, *named)
-    right = do("identify", "two_link", log, *generic)
-    assert left["result"] == right["result"]
-    assert left["result"]["settings"]["processing"]["filter_cutoff"] == 40
-
-
-@pytest.mark.parametrize(
-    ("damage", "expected"),
-    [
-        ({"tau": None}, "log.missing-column"),
-        ({"time": lambda t: t[::-1]}, "log."),
-        ({"q": lambda q: np.where(q == q[50], np.nan, q)}, "log.not-finite"),
-        ({"q": lambda q: q[:, :1]}, "log."),
-    ],
-)
-def test_a_wrong_log_is_refused_and_nothing_is_written(log, tmp_path, damage, expected):
-    with np.load(log) as archive:
-        arrays = dict(archive)
-    for name, change in damage.items():
-        key = name if name in arrays else "t"
-        if change is None:
-            del arrays[key]
-        else:
-            arrays[key] = change(arrays[key])
-    bad, output = tmp_path / "bad.npz", tmp_path / "estimate.json"
-    np.savez(bad, **arrays)
-    code, answer = ask("identify", "two_link", bad, "-o", output)
-    assert code == 3
-    assert answer["errors"][0]["code"].startswith(expected)
-    assert str(bad) in answer["errors"][0]["file"]
-    assert not output.exists()
-
-
 def test_all_wrong_logs_are_told_at_once(tmp_path):
     code, answer = ask("identify", "two_link", tmp_path / "a.npz", tmp_path / "b.mat")
     assert code == 3
     assert len(answer["errors"]) == 2
-
-
-def test_a_unit_that_does_not_exist(log):
-    code, answer = ask(
-        "identify", "two_link", log, "--set", "log.torque.columns=tau", "--set", "log.torque.unit=furlong"
-    )
-    assert code == 2
-    assert "furlong" in answer["errors"][0]["text"]
-
-
-def test_validate_uses_the_settings_of_the_estimate(log, estimate):
-    answer = do("validate", "two_link", estimate, log, "--gate", "20")
-    assert answer["result"]["accepted"] is True
-    assert len(answer["result"]["residual"]) == 2
-
-
-def test_a_missed_gate_exits_1_and_keeps_the_result(log, estimate):
-    code, answer = ask("validate", "two_link", estimate, log, "--gate", "0.01")
-    assert code == 1
-    assert answer["ok"] is False
-    assert answer["errors"][0]["code"] == "validate.gate-missed"
-    assert answer["result"]["mean_relative_percent"] > 0.01
-
-
-def test_validate_refuses_the_estimate_of_another_robot(log, estimate, tmp_path):
-    assert ask("validate", "two_link", tmp_path / "none.json", log)[0] == 3
-    data = json.loads(estimate.read_text())
-    data["settings"] = {}
-    broken = tmp_path / "broken.json"
-    broken.write_text(json.dumps(data))
-    assert fail("validate", "two_link", broken, log) == (3, "estimate.settings")
-
-
-def test_report_is_one_page(log, estimate, tmp_path):
-    page = tmp_path / "report.html"
-    answer = do("report", estimate, "--validation", log, "-o", page)
-    text = page.read_text()
-    assert answer["result"]["validations"] == [str(log)]
-    assert "ZZR1" in text
-    assert "http" + "://" not in text.replace("http" + "://www.w3.org", "")
-
-
-def test_doctor():
-    answer = do("doctor")
-    names = {entry["name"] for entry in answer["result"]["findings"]}
-    assert {"python", "sympy", "casadi", "C compiler", "cache", "robots", "templates"} <= names
-    (calls,) = (entry for entry in answer["result"]["findings"] if entry["name"] == "calls of compiled code")
-    assert re.match(r"Python's limited API|ctypes", calls["found"])
 
 
 @pytest.mark.parametrize("rows", ["momentum", "energy"])
@@ -187,20 +46,6 @@ def test_the_report_compares_rows_of_one_kind(log, tmp_path, rows):
     text = page.read_text()
     assert "does not carry over" not in text
     assert "nothing about carrying over" not in text
-
-
-def test_the_log_of_the_fit_is_told_even_under_another_name(log, estimate, tmp_path):
-    twin = tmp_path / "twin.npz"
-    twin.write_bytes(log.read_bytes())
-    for path in (log, twin):
-        assert "validate.fitted-log" in find_codes(do("validate", "two_link", estimate, path))
-
-
-def test_identify_takes_a_log_once(log, tmp_path):
-    twin = tmp_path / "twin.npz"
-    twin.write_bytes(log.read_bytes())
-    for path in (log, twin):
-        assert fail("identify", "two_link", log, path) == (2, "usage.same-log")
 
 
 def test_simulate_says_first_what_the_file_lacks(tmp_path, monkeypatch):
@@ -289,28 +134,6 @@ def test_validate_and_report_restore_the_log_map(log, tmp_path):
     assert "was multiplied by 0.001" in page.read_text()
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"processing": {"filter_order": "x"}},
-        {"processing": {"decimation": 3}},
-        {"processing": {"colour": 3}},
-        {"processing": [], "log": {}},
-        {"log": {"torque": {"columns": "tau", "unit": "furlong"}}},
-        {"log": 3},
-        {"window": "long"},
-    ],
-)
-def test_settings_of_an_estimate_are_checked(log, estimate, tmp_path, change):
-    data = json.loads(estimate.read_text())
-    data["settings"] |= change
-    broken = tmp_path / "broken.json"
-    broken.write_text(json.dumps(data))
-    page = tmp_path / "report.html"
-    assert fail("report", broken, "--validation", log, "-o", page) == (3, "estimate.settings")
-    assert not page.exists()
-
-
 def test_no_output_destroys_an_input(log, estimate, tmp_path):
     mine = tmp_path / "mine.npz"
     mine.write_bytes(log.read_bytes())
@@ -328,29 +151,6 @@ def test_no_output_destroys_an_input(log, estimate, tmp_path):
         for force in ((), ("--force",)):
             assert fail(*arguments, *force) == (3, "output.is-input")
     assert before == {path: path.read_bytes() for path in (mine, found)}
-
-
-def test_report_names_the_option_for_an_unknown_robot(log, estimate, tmp_path):
-    data = json.loads(estimate.read_text())
-    data["robot"] = "nowhere"
-    other = tmp_path / "other.json"
-    other.write_text(json.dumps(data))
-    code, answer = ask("report", other, "--validation", log, "-o", tmp_path / "a.html")
-    assert code == 2
-    assert "--robot FILE.toml" in answer["errors"][0]["text"]
-
-
-def test_what_is_only_worth_knowing_is_a_note(capsys, log):
-    assert run(["identify", "two_link", str(log)]) == 0
-    written = capsys.readouterr()
-    lines = [line for line in written.err.splitlines() if "were left out" in line]
-    assert lines
-    assert all(line.startswith("note: ") for line in lines)
-    assert "norm  relative/%" in written.out
-
-
-def test_one_base_parameter_is_one():
-    assert "1 base parameter of" in say("base", "emps")
 
 
 def test_options_of_a_robot_that_was_not_named_are_refused(estimate, tmp_path):

@@ -127,11 +127,3 @@ def test_three_warnings_then_notes_then_errors(capsys, monkeypatch):
     print_answer(make_answer(5), as_json=True, quiet=False)
     codes = [entry["code"] for entry in json.loads(capsys.readouterr().out)["warnings"]]
     assert codes == ["log.torque-sign", *(f"export.k{k}" for k in range(4)), "log.converted"]
-
-
-def test_verbose_reaches_the_warnings_of_a_call(logs):
-    code, answer = ask("identify", "two_link", logs[2], "--accept")
-    warnings = [entry for entry in answer["warnings"] if entry["code"] not in symid.errors.NOTES]
-    _, _, err = call("identify", "two_link", logs[2], "--accept", "-v")
-    assert code == 0
-    assert err.count("warning:") == len(warnings)

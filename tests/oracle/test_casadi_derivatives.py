@@ -1,4 +1,4 @@
-"""Derivatives of the CasADi functions: Pinocchio's, differences, closed forms; the shapes that users meet."""
+"""Derivatives of the CasADi functions: differences, closed forms; the shapes that users meet."""
 
 from dataclasses import replace
 
@@ -154,8 +154,3 @@ def test_vectors_are_columns_and_matrices_have_their_shape(arm):
     forward = build_casadi_function(arm, "forward_dynamics")
     columns = forward.map(5)(np.zeros((2, 5)), np.zeros((2, 5)), np.ones((2, 5)), np.tile(np.ones((6, 1)), 5))
     assert columns.shape == (2, 5)
-
-
-def test_constants_are_baked_in(arm):
-    function = build_casadi_function(arm, "gravity", constant=True)
-    assert [function.name_in(k) for k in range(function.n_in())] == ["q"]

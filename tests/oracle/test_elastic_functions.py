@@ -12,16 +12,8 @@ from symid.codegen.casadi_functions import build_functions
 from symid.codegen.functions import build_spring_vector
 from symid.codegen.library import load_library
 from symid.errors import UsageError
+from symid.joint_models import prandtl_ishlinskii
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop
-from symid.joint_models.prandtl_ishlinskii import (
-    build_play_model,
-    compute_hysteresis_torque,
-    compute_plays,
-    invert_hysteresis,
-    invert_outer,
-    invert_play_model,
-    read_spring_terms,
-)
 from symid.robot import load_robot
 from symid.robot.toml_reader import parse_robot
 from tests.builds import build_shipped, make, run, write_c, write_python
@@ -98,9 +90,9 @@ def delay(states):
 
 def follow(elasticity, torques):
     """Return the plays of the inverse after every sample, from a virgin spring."""
-    inverse, _ = invert_play_model(build_play_model(elasticity))
-    values = invert_outer(read_spring_terms(elasticity), torques)
-    return compute_plays(values, np.array(inverse.thresholds))
+    inverse, _ = prandtl_ishlinskii.invert_play_model(prandtl_ishlinskii.build_play_model(elasticity))
+    values = prandtl_ishlinskii.invert_outer(prandtl_ishlinskii.read_spring_terms(elasticity), torques)
+    return prandtl_ishlinskii.compute_plays(values, np.array(inverse.thresholds))
 
 
 @pytest.mark.parametrize("name", ["arm", "uneven"])
@@ -110,9 +102,14 @@ def test_steps_are_those_of_the_model_in_every_language(name, request, build):
     springs = [joint.elasticity for joint in robot.joints]
     h = build_spring_vector(springs)
     phi = draw_motion(3, np.linspace(0, 4, 200))[0] * [0.02, 0.03]
-    torques = stack(compute_hysteresis_torque, springs, phi)
+    torques = stack(prandtl_ishlinskii.compute_hysteresis_torque, springs, phi)
     radii = [np.array([stop.threshold for stop in spring.stops]) for spring in springs]
-    plays = np.hstack([compute_plays(column, radius) for column, radius in zip(phi.T, radii, strict=True)])
+    plays = np.hstack(
+        [
+            prandtl_ishlinskii.compute_plays(column, radius)
+            for column, radius in zip(phi.T, radii, strict=True)
+        ]
+    )
     images = stack(follow, springs, torques)
     step = {function.name(): function for function in functions.functions}["hysteresis_step"]
     for library in libraries:
@@ -147,7 +144,7 @@ def test_the_torque_of_the_motors_moves_motors_and_links(name, request, build):
         found = library.evaluate("elastic_inverse_dynamics", *motion, beta, rotors, friction, h, *memory)
         results.append(found)
         tau, theta, dtheta = found[:3]
-        phi = stack(invert_hysteresis, springs, torques)
+        phi = stack(prandtl_ishlinskii.invert_hysteresis, springs, torques)
         np.testing.assert_allclose(theta, motion[0] + phi, rtol=0, atol=1e-14)
         rate = (theta[2:] - theta[:-2]) / (2 * step)
         second = (theta[2:] - 2 * theta[1:-1] + theta[:-2]) / step**2
@@ -222,7 +219,7 @@ def test_a_cubic_spring_steps_too(arm, build):
     joints = tuple(replace(joint, elasticity=spring) for joint in arm.joints)
     _, *libraries = build(replace(arm, name="cubic", joints=joints), ("hysteresis_step",))
     phi, h = np.array([0.01, -0.02]), build_spring_vector([spring, spring])
-    torques = [compute_hysteresis_torque(spring, phi[k : k + 1])[0] for k in range(2)]
+    torques = [prandtl_ishlinskii.compute_hysteresis_torque(spring, phi[k : k + 1])[0] for k in range(2)]
     assert [parameter.name for parameter in libraries[0].card.springs[:4]] == ["k0_1", "kc_1", "k1_1", "r1_1"]
     for library in libraries:
         tau, plays = library.evaluate("hysteresis_step", phi, np.zeros(2), h)
@@ -245,13 +242,6 @@ def test_the_card_lists_the_parameters_of_the_springs(arm):
     layouts = r"'elbow'.*\b0\b.*\b3\b.*\b1\b.*\b1\b.*\b0\b.*\b3\b.*\b0\b.*\b2\b"
     with raises(UsageError, "usage.spring-layout", match=layouts):
         build_spring_vector([springs[0], turned], card)
-
-
-def test_unknown_stiffnesses_still_give_code(arm, build):
-    unknown = Elasticity(stops=(Stop(threshold=0.004), Stop(threshold=0.009)))
-    joints = tuple(replace(joint, elasticity=unknown) for joint in arm.joints)
-    _, library, _ = build(replace(arm, name="unknown", joints=joints))
-    assert [parameter.value for parameter in library.card.springs[:3]] == [None, None, 0.004]
 
 
 build_once = cache(build_shipped)

@@ -10,16 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from symid.errors import SolverError, UsageError
+from symid.joint_models import dynamic_friction
 from symid.joint_models.carriers import build_float_carrier
-from symid.joint_models.dynamic_friction import (
-    build_held_path,
-    compute_bristle_rate,
-    compute_bristle_step,
-    compute_steady_torque,
-    get_dynamic_law,
-    is_passive,
-    simulate_dynamic_friction,
-)
 from symid.simulation.friction_rig import (
     ForceDrive,
     PositionControl,
@@ -29,8 +21,9 @@ from symid.simulation.friction_rig import (
     simulate_friction_rig,
 )
 from tests.refusals import raises
+from tests.state_laws import find_rate, find_torque, give_values, take_step
 
-DAHL, LUGRE = get_dynamic_law("dahl"), get_dynamic_law("lugre")
+DAHL, LUGRE = dynamic_friction.get_dynamic_law("dahl"), dynamic_friction.get_dynamic_law("lugre")
 FLOATS = build_float_carrier()
 STIFF = 1e5
 # The paper's own example: mass 1, sigma1 = sqrt(sigma0), static friction half more than Coulomb.
@@ -46,7 +39,9 @@ def find_loop(law, values, amplitude, *, period, count, cycles=3):
     phase = 2.0 * np.pi * np.arange(cycles * count + 1) / count
     position = amplitude * np.sin(phase)
     step = period / count
-    run = simulate_dynamic_friction(law, values, build_held_path(np.diff(position) / step, step))
+    run = dynamic_friction.simulate_dynamic_friction(
+        law, values, dynamic_friction.build_held_path(np.diff(position) / step, step)
+    )
     return position[-count - 1 :], run.torque[-count - 1 :]
 
 
@@ -56,11 +51,21 @@ def test_the_step_is_the_integral_of_the_rate(velocity):
     for law, own in ((LUGRE, values), (DAHL, values[:1] + values[2:3])):
 
         def rate(_t, z, law=law, own=own):
-            return [compute_bristle_rate(FLOATS, law, velocity, float(z[0]), own)]
+            return [dynamic_friction.compute_bristle_rate(FLOATS, law, velocity, float(z[0]), own)]
 
         solved = solve_ivp(rate, (0.0, 0.05), [2e-4], method="Radau", rtol=1e-11, atol=1e-16)
-        after, _ = compute_bristle_step(FLOATS, law, (velocity, 0.05), 2e-4, own)
+        after, _ = dynamic_friction.compute_bristle_step(FLOATS, law, (velocity, 0.05), 2e-4, own)
         assert after == pytest.approx(solved.y[0, -1], rel=1e-8)
+
+
+@pytest.mark.parametrize("law", ["dahl", "lugre", "lugre+offset"])
+def test_the_step_that_all_targets_equal_is_the_solution_of_the_bristle_equation(law):
+    p = give_values(law)
+    for v, z0 in ((0.003, 0.0), (0.2, -1e-4), (-0.04, 1.5e-4)):
+        rate = lambda _t, z, v=v: [find_rate(p, v, z[0])]  # noqa: E731
+        after = solve_ivp(rate, (0, 5e-3), [z0], "Radau", rtol=1e-11, atol=1e-16).y[:, -1]
+        torque, (z,) = take_step(p, v, 5e-3, [z0])
+        assert (z, torque) == pytest.approx((after[0], find_torque(p, v, after)), rel=1e-8, abs=1e-13)
 
 
 @pytest.mark.parametrize("velocity", [-1.0, -0.02, 1e-3, 0.2])
@@ -68,11 +73,13 @@ def test_steady_motion_is_the_static_law(velocity):
     stiffness, damping, coulomb, static, speed, exponent, viscous = values = (2e4, 90.0, 10.0, 15, 0.02, 2, 4)
     state = 0.0
     for _ in range(40):
-        state, torque = compute_bristle_step(FLOATS, LUGRE, (velocity, 10.0), state, values)
+        state, torque = dynamic_friction.compute_bristle_step(FLOATS, LUGRE, (velocity, 10.0), state, values)
     fall = math.exp(-((abs(velocity) / speed) ** exponent))
     law = math.copysign(coulomb + (static - coulomb) * fall, velocity) + viscous * velocity
     assert torque == pytest.approx(law, rel=1e-12)
-    assert compute_steady_torque(FLOATS, LUGRE, velocity, values) == pytest.approx(law, rel=1e-14)
+    assert dynamic_friction.compute_steady_torque(FLOATS, LUGRE, velocity, values) == pytest.approx(
+        law, rel=1e-14
+    )
     assert state == pytest.approx((law - viscous * velocity) / stiffness, rel=1e-12)
     assert damping > 0
 
@@ -194,9 +201,37 @@ def find_balance(run):
     assert np.abs(gap).max() < 1e-6 * max(np.abs(run.work).max(), run.energy.max())
 
 
+def test_a_driven_mass_moves_as_an_implicit_solver_says():
+    stiffness, damping, coulomb, static, speed, exponent, viscous = values = (1e4, 50, 1, 1.5, 0.01, 2, 0.4)
+
+    def force(time):
+        return 1.4 * math.sin(2.0 * time) + 0.8 * math.sin(9.0 * time)
+
+    def slope(time, y):
+        _, v, z = y
+        level = coulomb + (static - coulomb) * math.exp(-((abs(v) / speed) ** exponent))
+        rate = v - stiffness * abs(v) / level * z
+        return [v, force(time) - stiffness * z - damping * rate - viscous * v, rate]
+
+    run = simulate(values, ForceDrive(force=force), duration=2.0, rate=100.0, tolerance=1e-11)
+    exact = solve_ivp(slope, (0.0, 2.0), np.zeros(3), "Radau", run.time, rtol=1e-8, atol=1e-12).y[0]
+    np.testing.assert_allclose(run.position, exact, atol=1e-5 * np.abs(exact).max())
+
+
+def test_storage_and_loss_of_a_held_step_make_up_the_work():
+    # Dahl from straight bristles: F = fC (1 - exp(-sigma0 x / fC)), whose integral is the work.
+    stiffness, level = values = (2e4, 7.0)
+    options = {"duration": 0.4, "rate": 1000.0, "velocity": 1e-3}
+    drive = SpringDrive(stiffness=1e9, damping=1e5, speed=1e-3)
+    run = simulate(values, drive, law=DAHL, mass=1e-3, **options)
+    work = level * (4e-4 + level / stiffness * math.expm1(-stiffness * 4e-4 / level))
+    assert run.loss[-1] + 0.5 * stiffness * run.deflection[-1] ** 2 == pytest.approx(work, rel=1e-3)
+    find_balance(run)
+
+
 def test_a_passive_law_never_gives_energy_back():
     values = (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 40.0)
-    assert is_passive(LUGRE, values)
+    assert dynamic_friction.is_passive(LUGRE, values)
     drive = ForceDrive(
         force=lambda t: 25.0 * math.sin(7.0 * t) * math.sin(1.3 * t) + 3.0 * math.sin(90.0 * t)
     )
@@ -216,7 +251,9 @@ def test_any_closed_way_costs_energy(law):
             w * np.sin(2 * np.pi * (k + 1) * time + p)
             for k, (w, p) in enumerate(zip(weights, phases, strict=True))
         )
-        run = simulate_dynamic_friction(law, values, build_held_path(np.diff(position) * 4000, 1 / 4000))
+        run = dynamic_friction.simulate_dynamic_friction(
+            law, values, dynamic_friction.build_held_path(np.diff(position) * 4000, 1 / 4000)
+        )
         work = run.torque * np.diff(position)
         assert work[-4000:].sum() > 0
 

@@ -120,14 +120,3 @@ def test_single_precision_has_no_double_in_it(tmp_path, c_compiler):
     function.restype = ctypes.c_float
     torque = function(ctypes.c_float(0.02), (ctypes.c_float * 4)(11.0, 23.0, 0.03, 28.0))
     assert torque == pytest.approx(11 + 12 * np.exp(-4 / 9) + 0.56, rel=1e-6)
-
-
-def test_names_in_c_are_distinct_and_the_header_names_every_parameter():
-    (_, header), (_, source) = generate_friction_laws(LAWS)
-    names = [name_of(law) for law in LAWS]
-    assert len(set(names)) == len(names)
-    for law in LAWS:
-        declaration = f"double {name_of(law)}("
-        assert header.count(declaration) == source.count(declaration) == 1
-        for k, parameter in enumerate(law.physical):
-            assert f"p[{k}] {parameter.name} (" in header

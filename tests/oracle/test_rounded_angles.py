@@ -1,8 +1,5 @@
 """What rounding the angles of a URDF costs, against Pinocchio on the file's own numbers."""
 
-import importlib.metadata
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -85,15 +82,3 @@ def test_the_reading_keeps_the_number_of_base_parameters(tmp_path, rolls):
     drawn = tmp_path / "arm.toml"
     symid.new_robot(urdf=path).save(drawn)
     assert len(symid.load(drawn).base) == whole
-
-
-def test_an_arm_that_loses_parameters_is_read_as_written():
-    """The SO-101: its right angles have five digits, and two of its axes are parallel up to these."""
-    package = importlib.metadata.distribution("example-robot-data")
-    robots = Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
-    path = robots / "so_arm_description" / "urdf" / "so101.urdf"
-    whole, _ = compute_columns(path.read_text())
-    robot = symid.load(path)
-    assert "robot.not-rounded" in {entry.code for entry in robot.notices}
-    assert len(robot.base) == whole == 38
-    assert len(symid.load(path, snap=1e-5).base) == 36

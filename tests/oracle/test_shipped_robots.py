@@ -4,9 +4,7 @@ The known counts are ranks of Pinocchio 4.1's torque regressor at 200 random sam
 again for every shipped robot.
 """
 
-import csv
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -80,34 +78,3 @@ def test_the_links_count_as_pinocchio_says(robots_folder, name):
     count = COUNTS[name][0]
     assert values[count - 1] / values[0] > 1e-7
     assert count == len(values) or values[count] / values[count - 1] < 1e-8
-
-
-PUBLISHED = {"XX": "Ixx", "XY": "Ixy", "XZ": "Ixz", "YY": "Iyy", "YZ": "Iyz", "ZZ": "Izz", "MX": "mx"}
-PUBLISHED |= {"MY": "my", "MZ": "mz", "M": "m", "IA": "Ia", "Fv": "fv", "Fc": "fs", "offset": "off"}
-
-
-def read_group(text):
-    """Return the members of a published group with their coefficients."""
-    terms = re.findall(r"([+-]?)(?:([\d.]+)\*)?([A-Za-z]+\d)", text.replace(" ", ""))
-    return frozenset(
-        (name, round(float(factor or 1) * (-1 if sign == "-" else 1), 9)) for sign, factor, name in terms
-    )
-
-
-def test_tx40_groups_as_published(robots_folder, shared_data):
-    """Every published group, member by member with its coefficient; our set has IA6 besides, 61 in all."""
-    robot = read_robot(robots_folder / "tx40.toml")
-    base = derive_base_parameters(robot)
-    found = set()
-    for parameter in (*base.parameters, *base.friction):
-        owners = [str(index + 1) if index < robot.size else "m6" for (index, _), _ in parameter.terms]
-        names = [
-            PUBLISHED[name] + owner for ((_, name), _), owner in zip(parameter.terms, owners, strict=True)
-        ]
-        values = [round(float(value), 9) for _, value in parameter.terms]
-        found.add(frozenset(zip(names, values, strict=True)))
-    with (shared_data / "tx40" / "published.csv").open(encoding="utf-8") as file:
-        published = {read_group(row["base_parameter"]) for row in csv.DictReader(file)}
-    assert len(found) == 61
-    assert published <= found
-    assert {tuple(group) for group in found - published} <= {(("Ia6", 1.0),)}

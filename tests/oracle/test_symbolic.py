@@ -15,19 +15,13 @@ from sympy.physics.mechanics import dynamicsymbols
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.routes import choose_route
 from symid.codegen.symbolic import derive_symbolic
-from symid.dynamics.base_parameters import derive_base_parameters
+from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
 from symid.errors import UsageError
 from symid.joint_models import FrictionValues
 from symid.robot import load_robot
 from symid.robot.description import Coupling, Drive, Spring
+from tests import chains
 from tests.builds import run
-from tests.chains import (
-    PANDA,
-    TWO_LINK,
-    assert_close,
-    build_chain,
-    follow,
-)
 from tests.refusals import raises
 from tests.sx_programs import run_program
 
@@ -41,8 +35,8 @@ WRITTEN_OUT = 300_000
 
 def build_coupled():
     """Return twisted axes: one follows another, a coupled drive, rotors, a spring, friction, a length."""
-    robot = build_chain(ROWS, rotors=True, friction="coulomb-viscous-offset", name="coupled")
-    robot = follow(robot, 3, 1, "-63/100", friction=FrictionValues(law="none"), drive=Drive())
+    robot = chains.build_chain(ROWS, rotors=True, friction="coulomb-viscous-offset", name="coupled")
+    robot = chains.follow(robot, 3, 1, "-63/100", friction=FrictionValues(law="none"), drive=Drive())
     joints = list(robot.joints)
     joints[1] = replace(joints[1], spring=Spring())
     joints[0] = replace(joints[0], friction=replace(joints[0].friction, smoothing=0.03))
@@ -144,7 +138,9 @@ def test_expressions_equal_generated_programs(robots, derive, name):
             for call in numeric:
                 found = call(*inputs.values(), *lengths)
                 for value, output in zip(found, expected, strict=True):
-                    assert_close(np.asarray(value, dtype=float).reshape(output.shape), output, tolerance)
+                    chains.assert_close(
+                        np.asarray(value, dtype=float).reshape(output.shape), output, tolerance
+                    )
 
 
 def vanish(expression, coordinates):
@@ -190,6 +186,28 @@ def test_dynamics_follow_from_the_energy(robots, name):
     assert all(vanish(sympy.fraction(sympy.together(entry))[0], q) == 0 for entry in solved)
 
 
+def test_panda_equals_pinocchio(robots):
+    rng, robot = np.random.default_rng(1), robots["panda"]
+    links, (q, dq, ddq) = chains.draw_parameters(rng, robot.size), rng.uniform(-3, 3, (3, robot.size))
+    torque = chains.find_pinocchio_torques(chains.set_inertia(robot, links), (q, dq, ddq))
+    values = chains.name_parameters(links)
+    pi = np.array([values[parameter.label] for parameter in build_standard_parameters(robot).parameters])
+    beta = chains.compute_beta(derive_base_parameters(robot), links)
+    for chosen, vector in ((False, beta), (True, pi)):
+        (found,) = derive_symbolic(robot, "inverse_dynamics", standard=chosen).lambdify()(q, dq, ddq, vector)
+        chains.assert_close(np.ravel(found), torque)
+
+
+def test_twisted_axes_keep_their_roots(robots):
+    """dM/dt - 2C of a spatial arm is skew exactly; the twist of pi/6 shows as sqrt(3)."""
+    mass, coriolis = (derive_symbolic(robots["rrp_twisted"], n) for n in ("mass_matrix", "coriolis_matrix"))
+    q, dq = coriolis.inputs["q"], coriolis.inputs["dq"]
+    assert mass.expr.has(sympy.sqrt(3))
+    rate = mass.expr.applyfunc(lambda e: sum(e.diff(a) * b for a, b in zip(q, dq, strict=True)))
+    skew = rate - 2 * coriolis.expr
+    assert all(vanish(entry, q[:2]) == 0 for entry in skew + skew.T)
+
+
 def test_a_small_arm_reads_as_in_a_textbook(robots):
     function = derive_symbolic(robots["two_link"], "mass_matrix")
     zz1, zz2, mx, my, q2 = sympy.symbols("ZZR1 ZZ2 MX2 MY2 q2")
@@ -225,9 +243,9 @@ def test_no_float_anywhere(derive):
 def test_own_symbols_may_be_functions_of_time():
     q, t = dynamicsymbols("q1 q2"), dynamicsymbols._t
     speeds = [angle.diff(t) for angle in q]
-    energy = derive_symbolic(TWO_LINK, "energy", symbols={"q": q, "dq": speeds})
+    energy = derive_symbolic(chains.TWO_LINK, "energy", symbols={"q": q, "dq": speeds})
     symbols = {"q": q, "dq": speeds, "ddq": [speed.diff(t) for speed in speeds]}
-    torque = derive_symbolic(TWO_LINK, "inverse_dynamics", symbols=symbols)
+    torque = derive_symbolic(chains.TWO_LINK, "inverse_dynamics", symbols=symbols)
     lagrangian = energy["T"] - energy["V"]
     for angle, speed, tau in zip(q, speeds, torque.expr, strict=True):
         equation = lagrangian.diff(speed).diff(t) - lagrangian.diff(angle)
@@ -269,4 +287,4 @@ def test_equal_expressions_under_any_hash_seed(project):
 def test_the_panda_of_a_table_of_numbers_has_the_same_form(robots):
     """The shipped file and the DH rows give the same expressions: its wording takes no part."""
     for name in ("mass_matrix", "gravity"):
-        assert derive_symbolic(PANDA, name).expr == derive_symbolic(robots["panda"], name).expr
+        assert derive_symbolic(chains.PANDA, name).expr == derive_symbolic(robots["panda"], name).expr

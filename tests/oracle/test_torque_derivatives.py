@@ -10,33 +10,15 @@ from sympy import QQ
 from symid.codegen.casadi_functions import build_casadi_function
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.routes import choose_route
+from symid.dynamics import torque_derivatives
 from symid.dynamics.algebra import FloatAlgebra, build_state
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.exact_algebra import build_exact_algebra, differentiate
 from symid.dynamics.newton_euler import compute_tensor_torques
 from symid.dynamics.recursion import build_recursion
-from symid.dynamics.torque_derivatives import (
-    compute_coriolis_matrix,
-    compute_equation_terms,
-    compute_mass_derivatives,
-    compute_torque_derivatives,
-)
 from symid.errors import UsageError
 from symid.notation import INERTIAL
-from tests.chains import (
-    PANDA,
-    PUMA560,
-    STANFORD,
-    TWO_LINK,
-    UR5,
-    assert_close,
-    build_chain,
-    build_pinocchio,
-    compute_beta,
-    draw_parameters,
-    each_robot,
-    name_parameters,
-)
+from tests import chains
 from tests.float_algebra import build_float_state
 from tests.sx_programs import run_program
 
@@ -44,17 +26,17 @@ pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 STATES = 1000
 # Revolute and prismatic joints, axes that are neither parallel nor at right angles, gravity along no axis.
-TILTED = build_chain(
+TILTED = chains.build_chain(
     [(0.0, 0, 0, "q"), (np.pi / 3, 0.3, 0.1, "q"), (np.pi / 2, 0.2, "q", 0.0)],
     gravity=("0.3", "-0.5", "-9.7"),
     name="tilted",
 )
 
 
-ARMS = each_robot(PANDA, UR5, STANFORD)
+ARMS = chains.each_robot(chains.PANDA, chains.UR5, chains.STANFORD)
 
 
-@each_robot(TWO_LINK, TILTED)
+@chains.each_robot(chains.TWO_LINK, TILTED)
 def test_derivatives_are_those_of_the_exact_polynomials(robot):
     algebra = build_exact_algebra(robot)
     rng = np.random.default_rng(2)
@@ -65,7 +47,10 @@ def test_derivatives_are_those_of_the_exact_polynomials(robot):
     }
     recursion = build_recursion(robot, algebra, build_state(robot, algebra, algebra.generators))
     torques = [algebra.reduce(torque) for torque in compute_tensor_torques(recursion, values)]
-    found, slopes = compute_torque_derivatives(recursion, values), compute_mass_derivatives(recursion, values)
+    found, slopes = (
+        torque_derivatives.compute_torque_derivatives(recursion, values),
+        torque_derivatives.compute_mass_derivatives(recursion, values),
+    )
     for j in range(robot.size):
         for i, torque in enumerate(torques):
             expected = (
@@ -86,13 +71,13 @@ def test_derivatives_are_those_of_the_exact_polynomials(robot):
 def test_derivatives_equal_pinocchio_at_a_thousand_states(robot, meet):
     rng = np.random.default_rng(3)
     q, dq, ddq = rng.uniform(-3, 3, (3, robot.size, STATES))
-    parameters = draw_parameters(rng, robot.size)
+    parameters = chains.draw_parameters(rng, robot.size)
     recursion = build_recursion(robot, FloatAlgebra(dict(robot.symbols)), build_float_state(q, dq, ddq))
-    values = name_parameters(parameters)
+    values = chains.name_parameters(parameters)
     recursion = replace(recursion, meet=meet)
-    found = compute_torque_derivatives(recursion, values)
-    coriolis = compute_coriolis_matrix(recursion, values)
-    terms = compute_equation_terms(recursion, values)
+    found = torque_derivatives.compute_torque_derivatives(recursion, values)
+    coriolis = torque_derivatives.compute_coriolis_matrix(recursion, values)
+    terms = torque_derivatives.compute_equation_terms(recursion, values)
 
     def stack(rows):
         return np.array([[np.broadcast_to(entry, STATES) for entry in row] for row in rows])
@@ -101,7 +86,7 @@ def test_derivatives_equal_pinocchio_at_a_thousand_states(robot, meet):
         stack, (found.by_position, found.by_velocity, found.by_acceleration, coriolis)
     )
     (rest,) = stack([terms.rest])
-    model = build_pinocchio(robot, parameters)
+    model = chains.build_pinocchio(robot, parameters)
     data = model.createData()
     for k in range(STATES):
         pin.computeRNEADerivatives(model, data, q[:, k], dq[:, k], ddq[:, k])
@@ -116,15 +101,15 @@ def test_derivatives_equal_pinocchio_at_a_thousand_states(robot, meet):
     np.testing.assert_array_equal(stack(terms.twice_coriolis), by_dq)
 
 
-@each_robot(PANDA, UR5, PUMA560)
+@chains.each_robot(chains.PANDA, chains.UR5, chains.PUMA560)
 def test_derivatives_of_the_forward_dynamics_equal_pinocchio(robot):
     rng = np.random.default_rng(4)
-    parameters = draw_parameters(rng, robot.size)
+    parameters = chains.draw_parameters(rng, robot.size)
     base = derive_base_parameters(robot)
-    beta = compute_beta(base, parameters)
+    beta = chains.compute_beta(base, parameters)
     (spec,) = list_robot_specs(robot, base, ("forward_dynamics_derivatives",))
     program = choose_route(robot, base, spec).program
-    model = build_pinocchio(robot, parameters)
+    model = chains.build_pinocchio(robot, parameters)
     data = model.createData()
     for _ in range(20):
         q, dq, tau = rng.uniform(-2, 2, (3, robot.size))
@@ -132,7 +117,7 @@ def test_derivatives_of_the_forward_dynamics_equal_pinocchio(robot):
         pin.computeABADerivatives(model, data, q, dq, tau)
         expected = (data.ddq, data.ddq_dq, data.ddq_dv, data.Minv)
         for mine, theirs in zip(found, expected, strict=True):
-            assert_close(mine.reshape(theirs.shape), theirs, 1e-9)
+            chains.assert_close(mine.reshape(theirs.shape), theirs, 1e-9)
 
 
 @ARMS
@@ -156,7 +141,7 @@ def test_second_derivatives_are_those_of_casadi_of_the_torques(robot):
         inputs = [rng.uniform(-2, 2, torques.size1_in(k)) for k in range(4)]
         for mine, other in zip(second.call(inputs), expected.call(inputs), strict=True):
             # A row of the Jacobian is one pair (i, j); entries (j, k) of a port are side by side.
-            assert_close(mine.full().reshape(n, n, n), other.full().reshape(n, n, n), 1e-10)
+            chains.assert_close(mine.full().reshape(n, n, n), other.full().reshape(n, n, n), 1e-10)
 
 
 @ARMS
@@ -182,7 +167,7 @@ def test_derivatives_of_the_regressor_are_casadis_and_give_those_of_the_torque(r
 
 
 def test_what_is_too_large_for_full_matrices_is_said():
-    robot = build_chain([(np.pi / 2, 0.1, 0, "q")] * 17, name="long")
+    robot = chains.build_chain([(np.pi / 2, 0.1, 0, "q")] * 17, name="long")
     base = derive_base_parameters(robot)
     assert "forward_dynamics_derivatives" not in [spec.name for spec in list_robot_specs(robot, base)]
     with pytest.raises(UsageError, match="16 coordinates at most, the robot has 17"):

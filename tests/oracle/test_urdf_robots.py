@@ -15,14 +15,7 @@ from symid.dynamics.base_parameters import derive_base_parameters
 from symid.errors import RobotError
 from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from symid.robot.simulator_writers import write_urdf
-from tests.urdfs import (
-    find_factors,
-    find_largest_gap,
-    find_positions,
-    find_torques,
-    list_rows,
-    to_configuration,
-)
+from tests import urdfs
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
@@ -49,12 +42,16 @@ def list_files() -> list[Path]:
 
 def compute_rank(robot, model, rng):
     """Return the rank of the torque regressor folded to coordinates, and the gap in its singular values."""
-    data, names, factors = model.createData(), [joint.name for joint in robot.joints], find_factors(robot)
-    rows = list_rows(model, names)
+    data, names, factors = (
+        model.createData(),
+        [joint.name for joint in robot.joints],
+        urdfs.find_factors(robot),
+    )
+    rows = urdfs.list_rows(model, names)
     total = np.zeros((0, 10 * model.nv))
     for _ in range(max(40, 20 * robot.size // robot.freedom)):
         state = rng.uniform(-3, 3, (3, robot.freedom)) @ factors.T
-        columns = pin.computeJointTorqueRegressor(model, data, *to_configuration(model, names, state))
+        columns = pin.computeJointTorqueRegressor(model, data, *urdfs.to_configuration(model, names, state))
         total = np.vstack([total, factors.T @ columns.reshape(model.nv, -1)[rows]])
         if len(total) > 4 * total.shape[1]:
             total = np.linalg.qr(total, mode="r")
@@ -76,18 +73,18 @@ def find_differences(path, robot, model, rng):
         if mimic is not None:
             numbers = (float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0)))
             followers[joint.get("name")] = (mimic.get("joint"), *numbers)
-    factors = find_factors(robot)
+    factors = urdfs.find_factors(robot)
     worst, scale, gap = 0.0, 1e-12, 0.0
     for sample in range(20):
         masters = rng.uniform(-3, 3, (3, robot.freedom))
         state = masters @ factors.T
-        own, positions = find_positions(robot, followers, masters[0])
-        ours = find_torques(model, robot, state)
-        theirs = find_torques(original, robot, np.array([positions, state[1], state[2]]))
+        own, positions = urdfs.find_positions(robot, followers, masters[0])
+        ours = urdfs.find_torques(model, robot, state)
+        theirs = urdfs.find_torques(original, robot, np.array([positions, state[1], state[2]]))
         worst = max(worst, float(np.abs(factors.T @ (ours - theirs)).max()))
         scale = max(scale, float(np.abs(factors.T @ theirs).max()))
         if sample < 2:
-            gap = max(gap, find_largest_gap(original, robot, own, positions))
+            gap = max(gap, urdfs.find_largest_gap(original, robot, own, positions))
     return worst / scale, gap
 
 

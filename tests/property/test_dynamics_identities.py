@@ -5,40 +5,24 @@ their formulas (`tests.chains.regress`). Derivatives in time are complex steps, 
 """
 
 from dataclasses import dataclass, replace
-from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from symid.codegen.casadi_functions import build_functions
+from symid.dynamics import regressors
 from symid.dynamics.algebra import FloatAlgebra
 from symid.dynamics.base_parameters import build_standard_parameters, derive_base_parameters
 from symid.dynamics.bodies import compute_drive_energy, compute_mass_matrix, list_drive_parameters
 from symid.dynamics.newton_euler import compute_inverse_dynamics
 from symid.dynamics.recursion import build_recursion, fold_matrix, fold_vector
-from symid.dynamics.regressors import (
-    compute_energy_regressor,
-    compute_lagrange_columns,
-    compute_momentum_columns,
-    compute_torque_columns,
-)
 from symid.notation import INERTIAL
-from symid.robot.description import Mimic
-from symid.robot.geometry import (
-    ZERO,
-    Exact,
-    compose_placements,
-    invert_placement,
-    rotate_z,
-    translate,
-)
-from symid.robot.inertia import move_parameters
+from symid.robot.geometry import ZERO
 from tests import chains
 from tests.chains import (
     RATIONAL_ANGLES,
     RATIONAL_LENGTHS,
-    build_angle,
     build_chain,
     build_pinocchio,
     draw_parameters,
@@ -46,7 +30,6 @@ from tests.chains import (
     name_parameters,
     regress,
     spread,
-    to_matrix,
     trees,
 )
 from tests.float_algebra import build_float_state
@@ -141,7 +124,7 @@ def measure_energy(case, q, dq):
     recursion = build(case.robot, q, dq, 0 * dq)
     kinetic = potential = 0.0
     for link, motion in enumerate(recursion.motions):
-        moving, resting = compute_energy_regressor(recursion.algebra, motion)
+        moving, resting = regressors.compute_energy_regressor(recursion.algebra, motion)
         kinetic = kinetic + np.dot(moving, case.pi[link])
         potential = potential + np.dot(resting, case.pi[link])
     for label, value in case.values.items():
@@ -166,14 +149,14 @@ def call(robot, *names, **options):
 def test_regressor_newton_euler_and_pinocchio_give_the_same_torques(case):
     robot = case.robot
     recursion = build(robot, case.q, case.dq, case.ddq)
-    regressor = stack(case, compute_torque_columns(recursion, case.keys))
+    regressor = stack(case, regressors.compute_torque_columns(recursion, case.keys))
     expected = find_torques(case)
     assert_close(regressor @ np.array(list(case.values.values())), expected)
     assert_close(find_inverse(robot, recursion, case.values), expected)
     oracle = regress(robot, case.q, case.dq, case.ddq, friction=False)
     assert_close(regressor, np.array([oracle[key] for key in case.keys]).T)
     reference = (recursion.state.velocity, recursion.state.acceleration)
-    assert_close(stack(case, compute_torque_columns(recursion, case.keys, reference)), regressor)
+    assert_close(stack(case, regressors.compute_torque_columns(recursion, case.keys, reference)), regressor)
 
 
 @over_cases(25)
@@ -250,9 +233,9 @@ def test_momentum_and_lagrange_regressors_make_the_torque(case):
     robot = case.robot
     values = np.array(list(case.values.values()))
     moving = build(robot, case.q + 1j * STEP * case.dq, case.dq + 1j * STEP * case.ddq, case.ddq)
-    momentum = stack(case, compute_momentum_columns(moving, case.keys)).astype(complex)
+    momentum = stack(case, regressors.compute_momentum_columns(moving, case.keys)).astype(complex)
     recursion = build(robot, case.q, case.dq, case.ddq)
-    lagrange = stack(case, compute_lagrange_columns(recursion, case.keys))
+    lagrange = stack(case, regressors.compute_lagrange_columns(recursion, case.keys))
     assert_close(momentum.imag @ values / STEP - lagrange @ values, find_torques(case))
     mass = find_mass(case, recursion).astype(float)
     assert_close(momentum.real @ values, mass @ case.dq)
@@ -348,125 +331,6 @@ def test_kinematics_are_pinocchios(case):
     turn = data.oMi[robot.size].rotation
     world = np.vstack([turn @ jacobian[:3], turn @ jacobian[3:]])
     assert_close(functions["jacobian"](case.q), fold(robot, world.T).T)
-
-
-def renumber(robot, order):
-    """Return the robot with its joints in another order; parents stay before their children."""
-    place = {old: new for new, old in enumerate(order)}
-    joints = []
-    for old in order:
-        joint = robot.joints[old]
-        mimic = joint.mimic and Mimic(master=place[joint.mimic.master], multiplier=joint.mimic.multiplier)
-        joints.append(replace(joint, parent=place.get(joint.parent, -1), mimic=mimic))
-    couplings = tuple(
-        replace(entry, terms=tuple((place[index], factor) for index, factor in entry.terms))
-        for entry in robot.couplings
-    )
-    return replace(robot, joints=tuple(joints), couplings=couplings)
-
-
-def draw_order(robot, rng):
-    order, waiting = [], list(range(robot.size))
-    while waiting:
-        ready = [index for index in waiting if robot.joints[index].parent in (-1, *order)]
-        order.append(ready[rng.integers(len(ready))])
-        waiting.remove(order[-1])
-    return order
-
-
-def build_grouping(robot, labels):
-    """Return K in numbers, friction included, with its columns in the order of `labels`."""
-    base = derive_base_parameters(robot)
-    parameters = (*base.parameters, *base.friction)
-    matrix = np.zeros((len(parameters), len(labels)))
-    for row, parameter in enumerate(parameters):
-        for label, value in parameter.terms:
-            matrix[row, labels.index(label)] = float(value)
-    return matrix
-
-
-def assert_same_span(left, right):
-    """Two grouping matrices have the same rows, but for their combination."""
-    assert left.shape == right.shape
-    both = np.vstack([left, right])
-    sizes = np.linalg.norm(both, axis=0)
-    # A column that is nothing but rounding must not be blown up.
-    values = np.linalg.svd(both / np.where(sizes > 1e-12, sizes, 1.0), compute_uv=False)
-    assert int(np.sum(values > 1e-9)) == len(left)
-
-
-@settings(max_examples=20, deadline=None)
-@given(robot=TREES, seed=SEEDS)
-def test_renumbering_joints_changes_nothing(robot, seed):
-    rng = np.random.default_rng(seed)
-    order = draw_order(robot, rng)
-    other, case = renumber(robot, order), draw_case(robot, seed)
-    links = [*order, *range(robot.size, robot.size + len(robot.couplings))]
-    values = {(links.index(old), name): value for (old, name), value in case.values.items()}
-    free = [robot.coordinates.index(old) for old in order if old in robot.coordinates]
-    recursion = build(other, case.q[free], case.dq[free], case.ddq[free])
-    assert_close(find_inverse(other, recursion, values), find_torques(case)[free])
-    labels = list(derive_base_parameters(other).labels)
-    renamed = [(links[index], name) for index, name in labels]
-    assert_same_span(build_grouping(other, labels), build_grouping(robot, renamed))
-
-
-def reframe(robot, moves):
-    """Return the robot with each link frame moved along its own axis: turned about z, shifted."""
-    joints = []
-    for joint, move in zip(robot.joints, moves, strict=True):
-        placement = compose_placements(joint.placement, move)
-        if joint.parent >= 0:
-            placement = compose_placements(invert_placement(moves[joint.parent]), placement)
-        joints.append(replace(joint, placement=placement))
-    return replace(robot, joints=tuple(joints))
-
-
-MOVES = st.builds(
-    lambda tangent, shift: compose_placements(rotate_z(build_angle(tangent)), translate(ZERO, ZERO, shift)),
-    st.fractions(Fraction(-1), Fraction(1), max_denominator=3),
-    st.integers(-3, 3).map(lambda value: Exact.of(Fraction(value, 10))),
-)
-
-
-@settings(max_examples=20, deadline=None)
-@given(robot=TREES, moves=st.lists(MOVES, min_size=4, max_size=4), seed=SEEDS)
-def test_reframing_links_changes_nothing(robot, moves, seed):
-    moves = moves[: robot.size]
-    other, case = reframe(robot, moves), draw_case(robot, seed)
-    back = [(matrix[:3, :3], matrix[:3, 3]) for matrix in map(to_matrix, map(invert_placement, moves))]
-    values = dict(case.values)
-    for link, (rotation, translation) in enumerate(back):
-        moved = move_parameters(case.pi[link], rotation, translation)
-        values |= {(link, name): value for name, value in zip(INERTIAL, moved, strict=True)}
-    recursion = build(other, case.q, case.dq, case.ddq)
-    assert_close(find_inverse(other, recursion, values), find_torques(case))
-    labels = list(derive_base_parameters(robot).labels)
-    change = np.eye(len(labels))
-    for link, (rotation, translation) in enumerate(back):
-        columns = [labels.index((link, name)) for name in INERTIAL]
-        # Moving is linear: its matrix from the ten unit vectors.
-        units = [move_parameters(unit, rotation, translation) for unit in np.eye(10)]
-        change[np.ix_(columns, columns)] = np.array(units).T
-    assert_same_span(build_grouping(other, labels) @ change, build_grouping(robot, labels))
-
-
-@over_cases(10)
-def test_turning_gravity_and_base_together_changes_nothing(case):
-    robot = case.robot
-    turn = rotate_z(build_angle(Fraction(1, 3)))
-    joints = tuple(
-        replace(joint, placement=compose_placements(turn, joint.placement)) if joint.parent < 0 else joint
-        for joint in robot.joints
-    )
-    gravity = tuple(
-        sum((a * b for a, b in zip(row, robot.gravity, strict=True)), ZERO) for row in turn.rotation
-    )
-    other = replace(robot, joints=joints, gravity=gravity)
-    recursion = build(other, case.q, case.dq, case.ddq)
-    assert_close(find_inverse(other, recursion, case.values), find_torques(case))
-    labels = list(derive_base_parameters(robot).labels)
-    assert_same_span(build_grouping(other, labels), build_grouping(robot, labels))
 
 
 def test_a_machine_of_parallel_slides_has_all_functions():

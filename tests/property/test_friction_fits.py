@@ -1,4 +1,4 @@
-"""Identities of a fit: scaled torques, reflected motions, reordered samples, shifted rigid columns."""
+"""Identities of a fit: scaled torques, shifted rigid columns, numbers whatever the motion."""
 
 import numpy as np
 import pytest
@@ -41,28 +41,6 @@ def test_scaled_torque_scales_the_linear_parameters(name, seed, factor):
     largest = np.max(np.abs(fit.linear))
     np.testing.assert_allclose(np.array(scaled.linear) / factor, fit.linear, rtol=1e-5, atol=1e-6 * largest)
     assert scaled.objective == pytest.approx(factor**2 * fit.objective, rel=1e-9)
-
-
-@settings(max_examples=25)
-@given(st.sampled_from(LAWS[:-1]), SEEDS)
-def test_reflected_motion_gives_the_same_law(name, seed):
-    samples, law = draw(name, seed)
-    fit = fit_friction(samples, law)
-    mirrored = fit_friction(build(-samples.velocity, -samples.torque), law)
-    assert mirrored.objective == pytest.approx(fit.objective, rel=1e-9)
-    np.testing.assert_allclose(mirrored.shape, fit.shape, rtol=1e-5)
-    signs = [-1.0 if entry.name == "Fp" else 1.0 for entry in law.linear]
-    np.testing.assert_allclose(np.array(mirrored.linear) * signs, fit.linear, rtol=1e-4, atol=1e-4)
-
-
-@settings(max_examples=15)
-@given(NAMES, SEEDS)
-def test_the_order_of_samples_does_not_matter(name, seed):
-    samples, law = draw(name, seed)
-    order = np.random.default_rng(seed).permutation(samples.count)
-    fit = fit_friction(samples, law)
-    mixed = fit_friction(build(samples.velocity[order], samples.torque[order]), law)
-    assert mixed.objective == pytest.approx(fit.objective, rel=1e-9)
 
 
 @settings(max_examples=15)

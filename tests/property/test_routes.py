@@ -12,16 +12,7 @@ from symid.codegen.printing import print_c
 from symid.codegen.programs import count_operations
 from symid.codegen.routes import ROUTES, choose_route, count_route_operations
 from symid.dynamics.base_parameters import derive_base_parameters
-from tests.chains import (
-    PANDA,
-    PUMA560,
-    STANFORD,
-    TWO_LINK,
-    build_route_programs,
-    draw_parameters,
-    name_parameters,
-    trees,
-)
+from tests import chains
 from tests.sx_programs import run_program
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
@@ -34,7 +25,7 @@ SOLVED = ("forward_dynamics", "forward_dynamics_derivatives")
 
 def draw_inputs(robot, base, rng):
     """Return a state, and the base values of consistent link parameters and rotors."""
-    values, lengths = name_parameters(draw_parameters(rng, robot.size)), dict(robot.symbols)
+    values, lengths = chains.name_parameters(chains.draw_parameters(rng, robot.size)), dict(robot.symbols)
     # Rotors, and offsets that are grouped with a weight, are not in the list.
     beta = [
         sum(float(c.subs(lengths)) * values.get(label, 0.5) for label, c in p.terms) for p in base.parameters
@@ -53,7 +44,7 @@ def check_routes(robot, seed):
     base = derive_base_parameters(robot)
     inputs = draw_inputs(robot, base, np.random.default_rng(seed))
     for spec in list_robot_specs(robot, base):
-        programs = build_route_programs(robot, base, spec)
+        programs = chains.build_route_programs(robot, base, spec)
         (first, reference), *others = [(name, run_program(p, inputs)) for name, p in programs.items()]
         tolerance = 1e-7 if spec.name in SOLVED else 1e-11
         for name, outputs in others:
@@ -62,33 +53,35 @@ def check_routes(robot, seed):
 
 
 @settings(max_examples=25, deadline=None)
-@given(robot=trees(most=4, rotors=True, friction=True, followers=True, couplings=True, springs=True))
+@given(robot=chains.trees(most=4, rotors=True, friction=True, followers=True, couplings=True, springs=True))
 def test_all_routes_agree_on_random_trees(robot):
     check_routes(robot, 3)
 
 
 @settings(max_examples=8, deadline=None)
-@given(robot=trees(most=3, symbols=True))
+@given(robot=chains.trees(most=3, symbols=True))
 def test_all_routes_agree_with_symbolic_lengths(robot):
     values = [(f"{letter}{index}", 0.1 + 0.07 * index) for index in range(robot.size) for letter in "AD"]
     check_routes(replace(robot, symbols=tuple(values)), 4)
 
 
-@pytest.mark.parametrize("robot", [TWO_LINK, PUMA560, PANDA, STANFORD], ids=lambda r: r.name)
+@pytest.mark.parametrize(
+    "robot", [chains.TWO_LINK, chains.PUMA560, chains.PANDA, chains.STANFORD], ids=lambda r: r.name
+)
 def test_all_routes_agree_on_known_robots(robot):
     check_routes(robot, 5)
 
 
 def test_the_route_with_the_fewest_operations_is_emitted():
-    counts = count_route_operations(PUMA560)
-    base = derive_base_parameters(PUMA560)
-    for spec in list_robot_specs(PUMA560, base):
+    counts = count_route_operations(chains.PUMA560)
+    base = derive_base_parameters(chains.PUMA560)
+    for spec in list_robot_specs(chains.PUMA560, base):
         routes = [count for count in counts if count.function == spec.name]
         assert [count.route for count in routes] == list(ROUTES[spec.name])
         (chosen,) = [count for count in routes if count.chosen]
         sums = [count.operations.mul + count.operations.add for count in routes]
         assert chosen is routes[sums.index(min(sums))], "ties are broken by the order of the table"
-        assert choose_route(PUMA560, base, spec).counts == tuple(routes)
+        assert choose_route(chains.PUMA560, base, spec).counts == tuple(routes)
 
 
 def count_written(program):
@@ -99,7 +92,7 @@ def count_written(program):
 
 
 @settings(max_examples=15, deadline=None)
-@given(robot=trees(most=4, rotors=True, friction=True, followers=True, couplings=True, springs=True))
+@given(robot=chains.trees(most=4, rotors=True, friction=True, followers=True, couplings=True, springs=True))
 def test_what_is_emitted_has_the_counts_of_the_chosen_routes(robot):
     chosen = {count.function: count.operations for count in count_route_operations(robot) if count.chosen}
     made = build_functions(robot)

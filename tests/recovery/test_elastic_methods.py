@@ -116,6 +116,19 @@ def test_two_steps_on_a_grid_find_clean_dynamics_and_springs_in_six_iterations(a
     assert np.all(torque_error(fit.elasticity, run) < 1.5e-2)
 
 
+def test_torque_times_a_number_scales_every_parameter(arm, run):
+    options = replace(PLACED, knees=0, knee_torques=None)
+    logs = run.recording, replace(run.recording, torque=2.0 * run.recording.torque)
+    plain, scaled = (fit_two_step(build(arm[1], [log], options)) for log in logs)
+    np.testing.assert_allclose(scaled.chi, 2.0 * plain.chi, rtol=1e-9, atol=1e-12)
+    one, two = (
+        [[spring.stiffness, *(stop.stiffness for stop in spring.stops)] for spring in fit.elasticity]
+        for fit in (plain, scaled)
+    )
+    for mine, theirs in zip(two, one, strict=True):
+        assert mine == pytest.approx([2.0 * value for value in theirs], rel=1e-7)
+
+
 def test_a_step_makes_the_merit_less_and_no_numbers_end_the_iteration(arm, run, problem, monkeypatch):
     state = TwoStepState(chi=fit_linear_spring(problem).chi, data=problem.springs)
     after = step_two_step(problem, state)

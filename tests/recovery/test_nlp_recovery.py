@@ -9,6 +9,7 @@ import pytest
 from symid.codegen.cache import prepare_library
 from symid.errors import UsageError
 from symid.excitation.trajectories import build_tc
+from symid.identification.elastic.elimination import fit_elimination
 from symid.identification.elastic.nlp import (
     NlpPlace,
     compute_certificate,
@@ -22,9 +23,9 @@ from symid.identification.elastic.nlp import (
 from symid.identification.elastic.nlp_cost import build_nlp_recording
 from symid.identification.elastic.options import METHODS, ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import build_elastic_problem
-from symid.identification.elastic.together import fit_linear_spring
+from symid.identification.elastic.together import fit_linear_spring, fit_two_step
 from symid.ipopt import Ending
-from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
+from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 from symid.robot.toml_reader import read_robot
 from symid.study.elastic_methods import get_true_parameters
 from tests.elastic_fits import identify_elastic
@@ -115,6 +116,29 @@ def test_without_noise_all_rows_give_the_truth(arm, clean, rows):
     assert certificate.kkt < 1e-8
     assert certificate.curvature > 0.0
     assert certificate.active == ()
+
+
+def test_the_work_of_the_knees_is_that_of_the_exact_formula(arm, clean):
+    """Step means stand for the work of the outer function between samples."""
+    result, rows = fit_nlp(clean, NlpOptions(rows=("energy",), rounds=0)), clean.energy[0]
+    (block,) = result.cost.recordings[0].blocks
+    x, layout, exact = np.array(result.run.x), result.cost.layout, np.zeros(len(block.values))
+    pairs = zip(arm[1].card.elasticity, layout.springs, clean.signals[0].phi.T, strict=True)
+    for spring, place, phi in pairs:
+        x[place.weights] = [spring.stiffness, *(stop.stiffness for stop in spring.stops)]
+        x[place.slopes] = 1.0 + spring.knees[0].slope
+        exact += np.diff(compute_spring_work(spring, phi)[rows.ends])
+    expected = block.values - block.matrix @ x[layout.dynamics] - exact
+    np.testing.assert_allclose(result.cost.compute_state(x).residuals[0], expected, atol=2e-8)
+
+
+@pytest.mark.parametrize(("stops", "knees"), [(0, 4), (8, 0), (0, 0)])
+def test_no_stops_and_no_knees_are_none(arm, stops, knees):
+    log = run_arm(*arm, build_tc(), noisy=True).recording
+    problem = build(arm[1], [log], ElasticOptions(stops=stops, knees=knees))
+    for fit in (fit_nlp(problem).fit, fit_two_step(problem), fit_elimination(problem)):
+        for spring in fit.elasticity:
+            assert (not spring.stops or stops) and (not spring.knees or knees)  # noqa: PT018
 
 
 def test_gradient_and_hessian_are_exact(noisy):

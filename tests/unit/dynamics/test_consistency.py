@@ -28,14 +28,17 @@ from symid.robot.toml_reader import read_robot
 from tests.chains import (
     PANDA,
     PUMA560,
+    RIGHT_ANGLES,
     STANFORD,
     TWO_LINK,
+    assert_close,
     build_chain,
     build_pinocchio,
     draw_parameters,
     each_robot,
     name_parameters,
     set_inertia,
+    trees,
 )
 from tests.refusals import raises
 
@@ -117,6 +120,38 @@ def test_bodies_have_the_base_values_and_the_same_torques(robot, own_prior):
         state = rng.uniform(-3, 3, (3, robot.size))
         torques = pin.rnea(theirs, theirs.createData(), *state)
         np.testing.assert_allclose(pin.rnea(ours, ours.createData(), *state), torques, atol=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(robot=trees(most=4, rotors=True, angles=RIGHT_ANGLES), seed=st.integers(0, 99))
+def test_bodies_have_the_base_values_on_random_trees(robot, seed):
+    rng = np.random.default_rng(seed)
+    base, truth = derive_base_parameters(robot), draw_parameters(rng, robot.size)
+    rotors = {label: rng.uniform(0.01, 2) for label in base.labels if label[1] == "IA"}
+    beta = group(robot, truth, rotors, base)
+    found = find_set(robot, base, beta)
+    assert found.outcome is StandardOutcome.CONSISTENT
+    assert_bodies(found.pi)
+    drives = dict.fromkeys(rotors, 1.0) | dict(found.drives)
+    assert min(drives.values(), default=1.0) > 0
+    assert_close(group(robot, found.pi, drives, base), beta, 1e-10)
+
+
+@each_robot(TWO_LINK, PUMA560)
+def test_the_distance_is_stationary_along_all_that_base_values_allow(robot):
+    """Its gradient, by central differences, is a combination of the rows of K; congruence changes nothing."""
+    rng = np.random.default_rng(8)
+    base, prior = derive_base_parameters(robot), draw_parameters(rng, robot.size)
+    pi = np.array(find_set(robot, base, group(robot, draw_parameters(rng, robot.size)), prior=prior).pi)
+    units = 1e-6 * np.eye(pi.size).reshape(-1, *pi.shape)
+    slope = np.array([measure(pi + unit, prior) - measure(pi - unit, prior) for unit in units]) / 2e-6
+    rows = build_grouping(robot, base).matrix
+    rest = slope - rows.T @ np.linalg.lstsq(rows.T, slope, rcond=None)[0]
+    assert np.abs(rest).max() < 1e-6 * np.abs(slope).max()
+    assert np.abs(slope).max() > 1
+    change = rng.normal(size=(4, 4))
+    turned = (compute_standard_parameters(change @ build_pseudo_inertias(x) @ change.T) for x in (pi, prior))
+    assert measure(*turned) == pytest.approx(measure(pi, prior), rel=1e-9)
 
 
 def test_values_of_the_robot_file_come_back_from_their_base_values():

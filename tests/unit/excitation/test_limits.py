@@ -77,6 +77,14 @@ def test_rows_at_one_keep_all_limits_at_all_times(seed, harmonics, density):
     assert np.all(np.abs(states).max(axis=1) <= 0.9 * limits.bounds * (1 + 1e-9))
 
 
+def test_scales_are_the_amplitudes_that_one_harmonic_may_have():
+    limits = get_motion_limits(build_limited(LIMITS), USUAL)
+    scales, w = compute_coefficient_scales(limits, 3, 8.0), 2 * np.pi / 8 * np.arange(1, 4)
+    wanted = 0.95 * np.min([np.full(3, 0.6), 0.7 / w, 3.0 / w**2, 9.0 / w**3], axis=0)
+    np.testing.assert_allclose(scales[0, 1:], np.tile(wanted, 2))
+    np.testing.assert_allclose(scales[:, 0], 0.95 * limits.half)
+
+
 def test_rows_allow_nearly_all_of_a_limit_and_leave_out_what_follows():
     limits = get_motion_limits(build_limited(LIMITS), USUAL)
     space = make_space(limits)

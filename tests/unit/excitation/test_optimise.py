@@ -9,7 +9,6 @@ from symid.codegen.cache import prepare_library
 from symid.errors import IdentifiabilityError, SolverError, UsageError
 from symid.excitation.optimise import draw_candidates, optimise_excitation
 from symid.excitation.problem import Margin, build_problem, compute_margins
-from symid.joint_models import FrictionValues
 from symid.options import ExciteOptions
 from symid.robot.description import Limits
 from tests.refusals import raises
@@ -169,16 +168,3 @@ def test_what_no_motion_can_do_is_refused(robot, tmp_path, monkeypatch):
     monkeypatch.setattr("symid.excitation.optimise.compute_margins", lambda *_: ((broken,), np.zeros(2)))
     with raises(SolverError, "excitation.between", match=r"\(torque of elbow\)"):
         search(robot, candidates=5, starts=1)
-
-
-def test_what_is_told_of_margins_and_progress(robot):
-    within = Margin(kind="velocity", name="a", value=1.9, limit=2.0, allowed=0.95)
-    clear = Margin(kind="space", name="a", value=0.01, limit=0.0, allowed=1.0)
-    assert (within.share, within.kept, replace(within, value=1.91).kept) == (0.95, True, False)
-    assert (clear.share, clear.kept, replace(clear, value=-0.01).kept) == (None, True, False)
-    told = []
-    bare = replace(robot, joints=tuple(replace(joint, friction=FrictionValues()) for joint in robot.joints))
-    options = ExciteOptions(candidates=10, starts=1)
-    optimise_excitation(bare, options, rng=np.random.default_rng(0), progress=told.append)
-    assert told[0] == "deriving the regressor of two_link"
-    assert any(text.startswith("round 3") for text in told)

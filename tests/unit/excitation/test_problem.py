@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 
 from symid.codegen.cache import prepare_library
 from symid.errors import RobotError, UsageError
-from symid.excitation.limits import StateValues, build_state_limits, get_motion_limits, smooth_friction
+from symid.excitation.limits import StateValues, build_state_limits, get_motion_limits
 from symid.excitation.problem import (
     Criterion,
     Observation,
@@ -18,7 +18,6 @@ from symid.excitation.problem import (
     compute_information,
 )
 from symid.excitation.trajectories import build_grid_basis
-from symid.joint_models import FrictionValues
 from symid.options import ExciteOptions
 from symid.robot.toml_reader import read_robot
 from tests.refusals import raises
@@ -82,15 +81,6 @@ def test_columns_are_those_of_the_library(robot):
     np.testing.assert_allclose(found, wanted, atol=1e-12)
     names = [entry.name for entry in (*library.card.beta, *library.card.friction)]
     assert list(observation.names) == names
-
-
-def test_friction_gets_a_slope_only_where_it_has_none(robot):
-    smooth = smooth_friction(robot)
-    assert [joint.friction.smoothing for joint in smooth.joints] == [pytest.approx(0.08), pytest.approx(0.1)]
-    assert smooth_friction(smooth) == smooth
-    bare = replace(robot, joints=tuple(replace(joint, friction=FrictionValues()) for joint in robot.joints))
-    assert smooth_friction(bare) == bare
-    assert bare.joints[0].friction.law == "none"
 
 
 def check_slopes(problem, criterion):

@@ -8,12 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from symid.errors import LogError, OutputError, UsageError
-from symid.excitation.reference_motion import (
-    SampledMotion,
-    build_motion,
-    read_trajectory,
-    write_trajectory,
-)
+from symid.excitation.reference_motion import SampledMotion, build_motion, read_trajectory, write_trajectory
 from symid.excitation.trajectories import (
     FourierOptions,
     build_basis,
@@ -84,11 +79,7 @@ def test_ta_and_tb_without_ramp_start_and_turn_where_the_papers_do():
         build_tb(2)
 
 
-LIMITS = (
-    Limits(position=(-0.2, 1.0), velocity=0.7),
-    Limits(position=(-20.0, 20.0), velocity=30.0),
-    Limits(),
-)
+LIMITS = (Limits(position=(-0.2, 1.0), velocity=0.7), Limits(position=(-20.0, 20.0), velocity=30.0), Limits())
 
 
 @given(seed=st.integers(0, 500), harmonics=st.integers(1, 8))

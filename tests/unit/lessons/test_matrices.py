@@ -47,6 +47,32 @@ def test_names_put_in_give_the_matrices(name):
     assert max(total.count_terms() for total in sums) <= 20
 
 
+def test_every_element_of_the_puma_is_the_exact_polynomial():
+    """All names put in, the elements of M and g are the polynomials of the base form, term by term."""
+    robot = load_robot("puma560")
+    composites, found = (
+        matrices.derive_composites(robot),
+        matrices.derive_equations(matrices.build_model(robot, "base")),
+    )
+    ring = found.model.algebra
+    values = {name: ring.generators.get(name) for name in map(str, composites.model.algebra.ring.symbols)}
+
+    def put(polynomial):
+        total = ring.zero
+        for exponents, coefficient in polynomial.terms():
+            term = ring.one * coefficient
+            for symbol, power in zip(polynomial.ring.symbols, exponents, strict=True):
+                for _ in range(power):
+                    term = ring.mul(term, values[str(symbol)])
+            total += term
+        return total
+
+    for entry in composites.definitions:
+        values[entry.name] = put(entry.value)
+    assert all(put(value) == found.mass[i][j] for (i, j), value in composites.mass.items())
+    assert [put(value) for value in composites.gravity] == list(found.gravity)
+
+
 def test_textbook_forms_chains_and_named_lengths():
     arm = build_chain(
         [(0.0, 0, 0, "q"), (0.0, "L1", 0, "q"), (0.0, "L2", 0, "q")], gravity=("0", "-9.81", "0")

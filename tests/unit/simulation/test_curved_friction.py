@@ -15,7 +15,7 @@ from symid.simulation.rigid_plant import (
     build_rest_state,
     check_friction_at_speeds,
 )
-from tests.friction_forms import EVERY_LAW
+from tests.friction_forms import EVERY_LAW, find_linear_torque
 from tests.recovery.test_every_law import state_values
 from tests.refusals import raises
 from tests.simulations import CALLED, prepare_slide
@@ -171,8 +171,23 @@ SIMULATED = [name for name in EVERY_LAW if "h4" not in name]
 
 
 @pytest.mark.parametrize("name", SIMULATED)
-def test_every_law_loses_what_the_drive_gives(name):
+def test_every_law_slides_by_its_equation_and_loses_what_the_drive_gives(name):
     plant = RigidPlant(prepare_slide(write_table(name), backend="python"))
+    state = plant.advance(build_rest_state(np.array([0.2])), np.array([12.0]), 0.15, 150)
+    values = [list(part.values()) for part in state_values(get_law(name))]
+
+    def find_drag(q, v):
+        """Return friction where the gear carries what the drive gives less friction."""
+        inputs = get_law(name).inputs
+        given = {key: value for key, value in (("position", q), ("temperature", 40.0)) if key in inputs}
+        if "load" not in inputs:
+            return find_linear_torque(name, *values, v, **given)
+        carried = lambda x: 12.0 - x - find_linear_torque(name, *values, v, load=x, **given)  # noqa: E731
+        return 12.0 - brentq(carried, -50.0, 50.0, xtol=1e-14)
+
+    slope = lambda _t, x: [x[1], (12.0 - find_drag(*x)) / 2.0]  # noqa: E731
+    exact = solve_ivp(slope, (0, 0.15), [0.2, 1e-12], rtol=1e-10, atol=1e-12, method="LSODA").y[:, -1]
+    assert (state.q[0], state.dq[0]) == pytest.approx(tuple(exact), rel=1e-5)
     state, speeds = build_rest_state(np.zeros(1)), []
     for k in range(500):
         state = plant.advance(state, np.array([12.0 * np.sin(2 * np.pi * 4.0 * k * 1e-3)]), 1e-3)

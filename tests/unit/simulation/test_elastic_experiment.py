@@ -10,8 +10,6 @@ from scipy.integrate import cumulative_simpson
 from symid.codegen.cache import prepare_library
 from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import (
-    FourierOptions,
-    build_random_fourier,
     build_ta,
     build_tb,
     build_tc,
@@ -21,10 +19,8 @@ from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 from symid.robot.description import Limits
-from symid.robot.toml_reader import read_robot
-from symid.simulation import elastic_experiment
+from symid.simulation import elastic_plant
 from symid.simulation.elastic_experiment import (
-    MotorReference,
     build_clean_options,
     build_noisy_options,
     observe,
@@ -173,35 +169,9 @@ def test_delays_offsets_and_noise_of_sensors(fast):
     np.testing.assert_allclose((loud.torque - fast.torque).std(axis=0), [0.5, 2.0], rtol=0.03)
 
 
-def test_limits_and_gains_by_bandwidth(elastic_robot, elastic_library):
-    weak = change_joints(elastic_robot, limits=Limits(torque=2.0))
-    run = simulate(weak, elastic_library, build_ta(duration=3.0))
-    assert np.abs(run.torque).max(axis=0)[0] == 2.0
-    assert "simulate.saturation" in {notice.code for notice in run.recording.notices}
-    other = replace(elastic_robot, name="another")
-    run = simulate(other, elastic_library, build_ta(duration=3.0), build_noisy_options())
-    assert np.abs(run.theta - run.desired).max() < 0.02
-
-
-def test_references_of_ones_own(elastic_robot, elastic_library):
-    plain = simulate(elastic_robot, elastic_library, build_ta(duration=1.0))
-    trajectory = build_ta(duration=1.0)
-    angle, speed, _ = trajectory.evaluate(plain.time)
-    zero = np.zeros_like(angle)
-
-    def drive(torque):
-        wanted = MotorReference(angle=angle, speed=speed, torque=torque)
-        return simulate(elastic_robot, elastic_library, trajectory, reference=wanted)
-
-    np.testing.assert_array_equal(drive(zero).theta, plain.theta)
-    assert np.abs(drive(zero + 0.1).theta - plain.theta).max() > 1e-5
-    with raises(UsageError, "usage.experiment", match=r"reference torque: .*got \(5, 2\)"):
-        drive(zero[:5])
-
-
 def test_gains_damp_critically(elastic_robot, elastic_library, monkeypatch):
     found = Mock(side_effect=KeyboardInterrupt)
-    monkeypatch.setattr(elastic_experiment.elastic_plant, "simulate_plant", found)
+    monkeypatch.setattr(elastic_plant, "simulate_plant", found)
     trajectory = build_ta(duration=1.0)
     trajectory = replace(trajectory, amplitude=0.0 * trajectory.amplitude)
     with pytest.raises(KeyboardInterrupt):
@@ -251,8 +221,7 @@ def test_runs_that_go_wrong_are_errors_with_a_remedy(elastic_robot, elastic_libr
 
 def test_robots_that_cannot_be_simulated_are_refused(elastic_robot, elastic_library):
     part = replace(
-        elastic_robot,
-        joints=(elastic_robot.joints[0], replace(elastic_robot.joints[1], elasticity=None)),
+        elastic_robot, joints=(elastic_robot.joints[0], replace(elastic_robot.joints[1], elasticity=None))
     )
     library = Changed(elastic_library, elasticity=(elastic_robot.joints[0].elasticity, None))
     with raises(UsageError, "usage.not-elastic", match=r"without \[joint\.elasticity\] are elbow"):
@@ -304,15 +273,3 @@ def test_values_that_are_missing_or_that_no_plant_can_have(elastic_robot, elasti
 def test_options_that_cannot_be(elastic_robot, elastic_library, options, text):
     with raises(UsageError, "usage.experiment", match=text):
         simulate(elastic_robot, elastic_library, options=replace(CLEAN, **options))
-
-
-@pytest.mark.parametrize("name", ["two_link_harmonic", "puma560_elastic"])
-def test_other_elastic_robots_of_the_shelf(robots_folder, c_compiler, name):
-    robot = read_robot(robots_folder / f"{name}.toml")
-    library = prepare_library(robot, names=ELASTIC_CALLED)
-    trajectory = build_random_fourier(robot, np.random.default_rng(3), FourierOptions(duration=3.0))
-    run = simulate(robot, library, trajectory, build_noisy_options())
-    assert run.backend == "c"
-    assert run.energy_gap < 1e-9
-    assert find_window_gap(run, 0.1) < 1e-6
-    assert np.abs(run.theta - run.desired).max() < 0.05

@@ -1,5 +1,6 @@
 """The elastic plant against an event-driven integrator, closed forms, its NumPy twin, fine quadrature."""
 
+import itertools
 from dataclasses import fields, replace
 from unittest.mock import Mock
 
@@ -12,14 +13,7 @@ from symid.codegen.cache import prepare_library
 from symid.codegen.compiled_models import PlantExperiment, has_addresses, load_plant_code
 from symid.errors import GenerationError, Notice
 from symid.joint_models import FrictionValues
-from symid.simulation import rigid_plant
-from symid.simulation.elastic_plant import (
-    build_plant_robot,
-    count_substeps,
-    get_elastic_values,
-    simulate_in_numpy,
-    simulate_plant,
-)
+from symid.simulation import elastic_plant, rigid_plant
 from tests.refusals import tell
 from tests.simulations import ELASTIC_CALLED
 
@@ -118,12 +112,12 @@ def order_run(ticks=250, period=1e-3, substeps=10, parts=16, **changes):
 
 @pytest.fixture(scope="module")
 def values(elastic_robot, elastic_library):
-    return get_elastic_values(elastic_robot, elastic_library.card)
+    return elastic_plant.get_elastic_values(elastic_robot, elastic_library.card)
 
 
 @pytest.fixture(scope="module")
 def numbers(values):
-    return build_plant_robot(values)
+    return elastic_plant.build_plant_robot(values)
 
 
 @pytest.fixture(scope="module")
@@ -179,14 +173,26 @@ def test_the_plant_agrees_with_an_event_driven_integrator_and_keeps_its_order(
 
 def test_numpy_and_compiled_plant_agree(plant, elastic_library, numbers, values):
     cubic = tuple(replace(spring, cubic=2e5, damping=0.4) for spring in values.elasticity)
-    for robot in (numbers, build_plant_robot(replace(values, elasticity=cubic))):
+    for robot in (numbers, elastic_plant.build_plant_robot(replace(values, elasticity=cubic))):
         order = order_run(ticks=120, step=np.full(2, 1e-4), limit=np.array([9.0, 2.5]), substeps=4)
         fast = plant.run(elastic_library, robot, order)
-        slow = simulate_in_numpy(elastic_library, robot, order)
+        slow = elastic_plant.simulate_in_numpy(elastic_library, robot, order)
         for field in fields(fast):
             pair = getattr(fast, field.name), getattr(slow, field.name)
             np.testing.assert_allclose(*pair, atol=1e-10, err_msg=field.name)
         assert np.abs(fast.torque).max(axis=0).tolist() == [9.0, 2.5]
+
+
+def test_spring_work_is_exact_on_any_path(numbers):
+    """The integral of the torque over a monotone step, against fine quadrature, from plays anywhere."""
+    rng = np.random.default_rng(4)
+    for robot, _ in itertools.product((numbers, replace(numbers, cubic=np.array([3e5, -1e4]))), range(40)):
+        springs, joint = elastic_plant.Springs(robot), int(rng.integers(2))
+        start, end = rng.uniform(-0.03, 0.03, size=2).tolist()
+        play = np.tile(start - rng.uniform(-1.0, 1.0, size=3) * RADIUS[joint], (2, 1))
+        points = np.linspace(start, end, 20_001)
+        wanted = np.trapezoid(springs.compute_torque(points, play, joint), points)
+        assert springs.integrate(joint, start, end, play) == pytest.approx(wanted, abs=2e-9)
 
 
 def dry(v):
@@ -222,7 +228,7 @@ def set_friction(robot, *laws):
 def test_friction_of_load_position_and_temperature_is_that_of_the_integrator(plant, elastic_robot, laws):
     robot = set_friction(elastic_robot, *laws)
     library = prepare_library(robot, names=ELASTIC_CALLED)
-    numbers = build_plant_robot(get_elastic_values(robot, library.card))
+    numbers = elastic_plant.build_plant_robot(elastic_plant.get_elastic_values(robot, library.card))
     order = order_run(ticks=80, substeps=20)
 
     def find_friction(theta, dtheta, load):
@@ -230,7 +236,7 @@ def test_friction_of_load_position_and_temperature_is_that_of_the_integrator(pla
         return np.array([find(p, v, x) for (_, _, find), p, v, x in parts])
 
     states = find_states(order, find_friction)
-    for log in (plant.run(library, numbers, order), simulate_in_numpy(library, numbers, order)):
+    for log in (plant.run(library, numbers, order), elastic_plant.simulate_in_numpy(library, numbers, order)):
         gap = np.abs(stack(log) - states)
         assert gap[:, [0, 1, 4, 5]].max() < 1e-7
         assert gap[:, [2, 3, 6, 7]].max() < 1e-4
@@ -241,7 +247,7 @@ def test_small_free_oscillations_have_the_eigenfrequencies_of_the_linear_robot(
 ):
     springs = tuple(replace(spring, stops=(), knees=()) for spring in values.elasticity)
     linear = replace(values, elasticity=springs, friction=np.zeros(4))
-    robot = build_plant_robot(linear)
+    robot = elastic_plant.build_plant_robot(linear)
     start = np.array([1e-6, -2e-6, 3e-6, 1e-6])
     still = dict.fromkeys(("angle", "speed", "torque"), np.zeros((500, 2)))
     loose = dict.fromkeys(("stiffness", "damping"), np.zeros(2))
@@ -265,7 +271,7 @@ def test_the_same_order_gives_the_same_bytes_until_a_state_is_not_finite(plant, 
     assert first.elastic.tobytes() == second.elastic.tobytes()
     order = order_run(stiffness=np.array([-1e9, -1e9]), damping=np.array([-1e6, -1e6]))
     with np.errstate(all="ignore"):
-        logs = [run(elastic_library, numbers, order) for run in (plant.run, simulate_in_numpy)]
+        logs = [run(elastic_library, numbers, order) for run in (plant.run, elastic_plant.simulate_in_numpy)]
     assert all(0 < log.ticks < order.ticks for log in logs)
 
 
@@ -273,18 +279,18 @@ def test_without_compiled_code_numpy_does_it_and_says_why(arm, numbers, elastic_
     assert not has_addresses(arm)
     beta = np.array([entry.value for entry in arm.card.beta])
     robot = replace(numbers, beta=beta, friction=np.zeros(0))
-    run = simulate_plant(arm, robot, order_run(ticks=5))
+    run = elastic_plant.simulate_plant(arm, robot, order_run(ticks=5))
     assert run.backend == "python"
     assert "not compiled" in tell(run.notices)["simulate.slow-plant"]
     order = order_run(ticks=5)
-    run = simulate_plant(elastic_library, numbers, order, compiler="no-such-compiler")
+    run = elastic_plant.simulate_plant(elastic_library, numbers, order, compiler="no-such-compiler")
     assert "no C compiler" in tell(run.notices)["simulate.slow-plant"]
-    fast = simulate_plant(elastic_library, numbers, order)
+    fast = elastic_plant.simulate_plant(elastic_library, numbers, order)
     assert (fast.backend, fast.notices) == ("c", ())
     np.testing.assert_allclose(run.log.theta, fast.log.theta, atol=1e-14)
     broken = Mock(side_effect=GenerationError(Notice(code="codegen.compiler-failed", text="no headers")))
     monkeypatch.setattr(rigid_plant, "load_plant_code", broken)
-    run = simulate_plant(elastic_library, numbers, order)
+    run = elastic_plant.simulate_plant(elastic_library, numbers, order)
     assert "no headers" in tell(run.notices)["simulate.slow-plant"]
 
 
@@ -292,7 +298,7 @@ def test_fast_springs_and_friction_shorten_the_steps(elastic_library, values):
     poses = np.zeros((3, 2))
 
     def count(changed):
-        return count_substeps(elastic_library, changed, poses, period=1e-3, step=1e-4)
+        return elastic_plant.count_substeps(elastic_library, changed, poses, period=1e-3, step=1e-4)
 
     assert count(values) == 10
     stiff = tuple(replace(spring, stiffness=1e8) for spring in values.elasticity)
@@ -300,4 +306,4 @@ def test_fast_springs_and_friction_shorten_the_steps(elastic_library, values):
     assert count(replace(values, elasticity=stiff)) > 50
     assert count(replace(values, elasticity=damped)) > 50
     assert count(replace(values, friction=100.0 * values.friction)) > 50
-    assert count_substeps(elastic_library, values, poses, period=2e-4, step=1e-4) == 2
+    assert elastic_plant.count_substeps(elastic_library, values, poses, period=2e-4, step=1e-4) == 2

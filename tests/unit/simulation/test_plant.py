@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from symid.errors import SolverError, UsageError
 from symid.simulation.rigid_plant import RigidPlant, RigidPlantState, build_friction_lines, build_rest_state
@@ -84,6 +85,18 @@ def test_many_reversals_close_the_balance_and_smaller_steps_change_little(arm):
     _, coarse = energy_gap(arm, torques, start)
     _, fine = energy_gap(arm, torques, start, substeps=8)
     np.testing.assert_allclose(coarse.q, fine.q, atol=2e-5)
+
+
+def test_frictionless_arm_agrees_with_an_adaptive_integrator(make_library):
+    library = make_library("arm", ARM, ("none", "none"), ())
+    plant, forward = RigidPlant(library), library.bind("forward_dynamics")
+    state = run(plant, moving([0.3, -0.5], [0.4, -1.0]), [np.zeros(2)] * 1000)
+
+    def slope(_t, x):
+        return np.concatenate([x[2:], forward(x[:2], x[2:], np.zeros(2), plant.beta)[0]])
+
+    truth = solve_ivp(slope, (0.0, 1.0), [0.3, -0.5, 0.4, -1.0], rtol=1e-11, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(np.concatenate([state.q, state.dq]), truth, atol=2e-9)
 
 
 def test_held_joints_do_not_move_and_leave_the_others_free(make_library):

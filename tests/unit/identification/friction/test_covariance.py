@@ -60,6 +60,17 @@ def test_a_linear_law_has_the_textbook_covariance():
     assert told.rank == 2
 
 
+def test_the_bound_is_that_of_derivatives_by_hand():
+    # tau = [fC + (fS - fC) e] sign v + fV v, e = exp(-(v / vs)^2).
+    samples, law = draw_s1()
+    coulomb, static, speed, _ = TABLE_1
+    v, fall = samples.velocity, np.exp(-((samples.velocity / speed) ** 2))
+    rise = (static - coulomb) * fall * 2.0 * v**2 / speed**3 * np.sign(v)
+    design = np.column_stack([(1.0 - fall) * np.sign(v), fall * np.sign(v), rise, v])
+    bound = 0.7 * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    np.testing.assert_allclose(compute_cramer_rao(samples, law, TABLE_1, 0.7), bound, rtol=1e-7)
+
+
 def test_a_known_shape_value_makes_the_others_surer():
     samples, law = draw_s1()
     design = compute_sensitivities(samples, law, *law.from_physical(TABLE_1))

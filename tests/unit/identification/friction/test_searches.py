@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import differential_evolution
+from scipy.optimize import differential_evolution, least_squares
 
 from symid.errors import UsageError
 from symid.identification.friction.problem import (
@@ -28,7 +28,8 @@ from symid.identification.friction.searches import (
 )
 from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import get_law
-from tests.frictions import build_cosines, draw_s1, draw_s2, draw_samples
+from symid.joint_models.friction_law import compute_friction_torque
+from tests.frictions import TABLE_1, build_cosines, draw_s1, draw_s2, draw_samples
 from tests.refusals import raises
 
 OPTIONS = FrictionOptions()
@@ -77,6 +78,38 @@ def test_kaufmans_gradient_is_exact(name):
         move = step * np.eye(len(z))[place]
         rise = projector.project(z + move).objective - projector.project(z - move).objective
         assert slope[place] == pytest.approx(rise / (2.0 * step), rel=1e-4, abs=1e-4)
+
+
+def test_projection_is_linear_least_squares_and_its_optimum_that_of_all_values_at_once():
+    samples, law = draw_s1()
+    problem = build_problem(samples, law, OPTIONS)
+    state = Projector(problem, 10).project(problem.encode([0.04]))
+    expected, rest, *_ = np.linalg.lstsq(problem.compute_columns([0.04]), problem.target, rcond=None)
+    np.testing.assert_allclose(state.linear, expected, rtol=1e-10)
+    assert state.objective == pytest.approx(float(rest[0]), rel=1e-12)
+    search = search_by_projection(problem, FREE)
+
+    def find_errors(x):
+        return compute_friction_torque(law, samples.inputs, *law.from_physical(x)) - samples.torque
+
+    answer = least_squares(find_errors, TABLE_1, x_scale=(10, 10, 0.01, 10), xtol=1e-14)
+    assert search.objective == pytest.approx(2.0 * answer.cost, rel=1e-9)
+    np.testing.assert_allclose(law.to_physical(search.linear, search.shape), answer.x, rtol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["improved-stribeck", "improved-stribeck-h2"])
+def test_the_gain_beside_a_kink_is_that_of_the_slope_there(name):
+    problem = build(name)
+    projector = Projector(problem, 10**6)
+    speed = np.unique(np.abs(problem.samples.velocity))[8]
+    state, gains = projector.project(problem.encode([0.03, speed])), []
+    for side in (-1.0, 1.0):
+        near = projector.project(state.z + np.array([0.0, side * 1e-6]))
+        slope = min((near.objective - state.objective) / 1e-6, 0.0)
+        rate = projector.compute_jacobian(near)[:, 1]
+        gains.append(projector.compute_side_gain(state, 1, side))
+        assert gains[-1] == pytest.approx(slope**2 / (4.0 * float(rate @ rate)), rel=1e-2, abs=0.0)
+    assert any(gains)
 
 
 @pytest.mark.parametrize("name", sorted(TRUTHS))

@@ -11,6 +11,8 @@ from symid.identification.hysteresis.spring_fit import (
     SpringWeights,
     build_elasticity,
     build_knee_grid,
+    compute_local_slopes,
+    compute_ramps,
     filter_parts,
     fit_spring,
     follow_spring,
@@ -29,6 +31,14 @@ TRUE = SpringWeights(
     knees=np.array([-3.0, 2.0, 5.0]),
     slopes=np.array([1.5, 1.4, 0.7]),
 )
+
+
+def test_slopes_are_the_differences_of_the_outer_function():
+    inner = np.linspace(-8.0, 8.0, 4001)
+    outer, middle = inner + compute_ramps(inner, TRUE) @ (TRUE.slopes - 1.0), (inner[1:] + inner[:-1]) / 2.0
+    inside = np.all(np.abs(middle[:, None] - TRUE.knees) > 0.01, axis=1)
+    slope = np.diff(outer) / np.diff(inner)
+    np.testing.assert_allclose(slope[inside], compute_local_slopes(middle, TRUE)[inside], atol=1e-9)
 
 
 @pytest.fixture(scope="module")
