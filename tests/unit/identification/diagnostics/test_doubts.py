@@ -1,4 +1,4 @@
-"""What speaks against an estimate is said, and nothing is said of a sound one."""
+"""What speaks against an estimate, and what a log cannot tell, is said; nothing is said of a sound one."""
 
 import re
 from dataclasses import replace
@@ -13,6 +13,7 @@ from symid.identification.diagnostics.fit_warnings import (
     warn_of_moving_ends,
     warn_of_processing,
 )
+from symid.identification.diagnostics.log_check import LogExcitation, ParameterVerdict, describe_excitation
 from symid.identification.estimators.least_squares import fit_ols, fit_wls
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.rigid.fit import identify_parameters
@@ -132,3 +133,31 @@ def test_ends_at_rest_are_not_named():
     assert " ends " in notice.text
     assert " begins " not in notice.text
     assert warn_of_moving_ends(replace(PROCESSING, drop_last=50), [cut]) == ()
+
+
+def make(*verdicts, condition=10.0):
+    parameters = tuple(
+        ParameterVerdict(
+            name=f"P{index}",
+            verdict=verdict,
+            relative_std_percent=5.0,
+            reason="none",
+        )
+        for index, verdict in enumerate(verdicts)
+    )
+    return LogExcitation(parameters=parameters, singular=(1.0, 0.1), rank=2, condition=condition)
+
+
+def said(found):
+    return {notice.code: notice.text for notice in describe_excitation(found)}
+
+
+def test_what_a_log_does_not_tell_is_said_and_nothing_else():
+    assert said(make("identifiable", "poorly identifiable")) == {}
+    assert not make("identifiable", "refused").empty
+    assert make("not identifiable", "refused").empty
+    assert " 5e+03" in said(make("identifiable", condition=5e3))["log.condition"]
+    # Of many parameters the first eight are listed.
+    for verdict, code in (("refused", "log.not-excited"), ("not identifiable", "log.faint-parameters")):
+        text = said(make("identifiable", *[verdict] * 10))[code]
+        assert ("P1" in text, "P9" in text) == (True, False)

@@ -90,22 +90,6 @@ def test_rows_at_which_joints_stick_are_left_out(seed):
     assert {notice.code for notice in estimate.notices} >= {"identify.automatic", "identify.slow-rows"}
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_candidates_without_slow_rows(seed):
-    """Of a log that is best fitted with all its rows; where the caller wants none that is slow."""
-    log = record(seed)
-    whole, moving = choose(log), choose(log, moving=True)
-    assert whole.chosen.standstill == 0.0
-    assert all(entry.standstill > 0.0 for entry in moving.candidates)
-    held_out = {
-        (entry.band, entry.instruments, entry.standstill): entry.held_out for entry in whole.candidates
-    }
-    assert len(held_out) == len(whole.candidates)
-    for entry in moving.candidates:
-        expected = held_out[entry.band, entry.instruments, entry.standstill]
-        assert entry.held_out == pytest.approx(expected)
-
-
 @pytest.mark.parametrize("density", [4e-7, 4e-6])
 def test_the_cutoff_at_which_noise_is_a_quarter_of_the_slowest_velocity(density):
     """Against white noise that an ideal low-pass and an ideal derivative have passed."""
@@ -118,25 +102,6 @@ def test_the_cutoff_at_which_noise_is_a_quarter_of_the_slowest_velocity(density)
     spectrum = np.fft.rfft(noise[:, 1]) * 2j * np.pi * frequency * (frequency < cutoff)
     assert np.std(np.fft.irfft(spectrum)) == pytest.approx(slowest[1] / 4.0, rel=0.1)
     assert limit_cutoff([log], (0.0, 0.0)) == 0.0
-
-
-def vary_scoring(monkeypatch, log, find):
-    """Return what `find` gives where the scoring band is half, once, and twice what was measured."""
-    measure = settings_choice.measure_scoring_band
-    found = []
-    for factor in (0.5, 1.0, 2.0):
-        with monkeypatch.context() as patch:
-            patch.setattr(
-                settings_choice, "measure_scoring_band", lambda logs, factor=factor: factor * measure(logs)
-            )
-            found.append(find(log))
-    return found
-
-
-@pytest.mark.parametrize(("seed", "encoder"), [(0, 1e-6), (3, 3e-5)])
-def test_another_scoring_band_makes_the_same_choice(monkeypatch, seed, encoder):
-    chosen = [found.chosen for found in vary_scoring(monkeypatch, record(seed, encoder=encoder), choose)]
-    assert len({(entry.band, entry.instruments, entry.standstill) for entry in chosen}) == 1
 
 
 def test_what_is_stated_is_not_chosen():
@@ -154,14 +119,6 @@ def test_what_is_stated_is_not_chosen():
     assert max(entry.band for entry in choose(log, widest=15.0).candidates) <= 15.0
     moving = replace(log, velocity=np.gradient(log.position, log.period, axis=0))
     assert list_states(moving, processing=replace(AUTOMATIC, states="velocity")) == {"velocity"}
-
-
-def test_several_logs_are_held_out_one_by_one():
-    """One log with a torque of its own is predicted badly by the others, however long its stretches."""
-    logs = [record(seed, samples=2501) for seed in (4, 5)]
-    alike = choose(*logs).chosen.held_out[-1]
-    offset = replace(logs[1], torque=logs[1].torque + np.array([0.0, 2.0]))
-    assert choose(logs[0], offset).chosen.held_out[-1] > 5.0 * alike
 
 
 def list_states(log, **options):
