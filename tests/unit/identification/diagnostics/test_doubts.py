@@ -20,6 +20,7 @@ from symid.identification.rigid.fit import identify_parameters
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording
+from tests.refusals import tell
 from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES
 from tests.unit.identification.row_tables import make_rows
 
@@ -148,16 +149,12 @@ def make(*verdicts, condition=10.0):
     return LogExcitation(parameters=parameters, singular=(1.0, 0.1), rank=2, condition=condition)
 
 
-def said(found):
-    return {notice.code: notice.text for notice in describe_excitation(found)}
-
-
 def test_what_a_log_does_not_tell_is_said_and_nothing_else():
-    assert said(make("identifiable", "poorly identifiable")) == {}
+    assert tell(describe_excitation(make("identifiable", "poorly identifiable"))) == {}
     assert not make("identifiable", "refused").empty
     assert make("not identifiable", "refused").empty
-    assert " 5e+03" in said(make("identifiable", condition=5e3))["log.condition"]
+    assert " 5e+03" in tell(describe_excitation(make("identifiable", condition=5e3)))["log.condition"]
     # Of many parameters the first eight are listed.
     for verdict, code in (("refused", "log.not-excited"), ("not identifiable", "log.faint-parameters")):
-        text = said(make("identifiable", *[verdict] * 10))[code]
+        text = tell(describe_excitation(make("identifiable", *[verdict] * 10)))[code]
         assert ("P1" in text, "P9" in text) == (True, False)

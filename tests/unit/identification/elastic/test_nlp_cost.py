@@ -116,11 +116,6 @@ def test_names_bounds_and_places():
     # The last stop is beyond the largest torsion: it cannot be told from k0, and has no weight.
     np.testing.assert_allclose(layout.upper[7:], [1e4, 1e4, 1e4, 0, *[20.0] * 4])
     assert layout.size == 15
-    # A joint whose file states no rotor has one nevertheless.
-    layout = NlpLayout.build(SimpleNamespace(**{**vars(CARD), "rotors": ()}), [GRID], NlpOptions())
-    assert layout.names == LAYOUT.names
-    assert len(layout.lower) == len(layout.upper) == layout.size
-    assert layout.lower[1] == 0.0
 
 
 @pytest.mark.parametrize("trace", [1e-163, 1e-150, 1e-30])

@@ -19,7 +19,6 @@ from symid.identification.friction.problem import (
 )
 from symid.identification.friction.searches import (
     build_nlp,
-    build_shape_grid,
     search_by_evolution,
     search_by_nlp,
     search_by_population,
@@ -112,7 +111,6 @@ def test_the_grid_stays_inside_the_bounds():
     # Bounds may hold the other order of two slopes alone, as around an earlier fit with a greater g3.
     bounds = FrictionOptions(bounds=(("g2", (40.0, 700.0)), ("g3", (1000.0, 5000.0)), ("g5", (10.0, 170.0))))
     problem = build("makkar", bounds)
-    assert len(build_shape_grid(problem, FREE)) == 60
     search = search_by_projection(problem, FREE)
     assert np.all((problem.low <= search.shape) & (search.shape <= problem.high))
     assert search.objective <= min(search.history)

@@ -107,7 +107,6 @@ def test_the_cutoff_at_which_noise_is_a_quarter_of_the_slowest_velocity(density)
 def test_what_is_stated_is_not_chosen():
     log = record(1, encoder=1e-4, samples=2501)
     assert choose(log) == choose(log)
-    assert repr(choose(log)) == repr(choose(log))
     found = choose(log, band=20.0)
     assert {entry.band for entry in found.candidates} == {20.0}
     found = choose(log, instruments=(False,))
