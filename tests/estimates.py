@@ -8,7 +8,13 @@ import numpy as np
 from symid.codegen.functions import build_model_card
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.identification.elastic.estimate import ElasticEstimate, SpringEstimate
-from symid.identification.estimators import estimate
+from symid.identification.estimators.estimate import (
+    Estimate,
+    Outcome,
+    ParameterEstimate,
+    Residual,
+    list_parameters,
+)
 from symid.identification.stored import write_fit
 from symid.ipopt import Ending
 from symid.joint_models import list_value_names
@@ -45,28 +51,28 @@ def fill_robot(robot, seed=1):
     return dataclasses.replace(robot, joints=joints, couplings=couplings)
 
 
-def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> estimate.Estimate:
+def list_residuals(card):
+    sizes = {"norm": 1.0, "relative_percent": 1.0, "std": 0.1, "samples": 100, "unit": "N m"}
+    return tuple(Residual(joint=joint.name, **sizes) for joint in card.joints)
+
+
+def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
     """Return an estimate with the values that `robot` states; `covariance` of all of them, (p, p)."""
     card = build_model_card(robot, derive_base_parameters(robot), ())
     values = np.array([entry.value for entry in (*card.beta, *card.friction)])
     cards = [dataclasses.replace(entry, value=None) for entry in (*card.beta, *card.friction)]
     given = np.diag([STD**2] * len(cards)) if covariance is None else np.asarray(covariance)
     processing = list_processing(robot.processing)
-    return estimate.Estimate(
+    return Estimate(
         robot=robot.name,
         signature=card.signature,
         rows="torque",
         estimator="ols",
         friction=tuple(joint.friction for joint in card.joints),
-        parameters=estimate.list_parameters(cards, values, given),
-        residual=tuple(
-            estimate.Residual(
-                joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=100, unit="N m"
-            )
-            for joint in card.joints
-        ),
+        parameters=list_parameters(cards, values, given),
+        residual=list_residuals(card),
         condition=10.0,
-        outcome=estimate.Outcome.SOLVED,
+        outcome=Outcome.SOLVED,
         samples=100,
         sources=sources,
         settings={"processing": make_plain(processing)},
@@ -76,28 +82,20 @@ def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> estimate.
 
 def build_elastic_estimate(values, spring, *, joints=("joint1",), unit="N m", **changes) -> ElasticEstimate:
     """Return an estimate with parameters `values` by name and the same, true, spring in all joints."""
-    residual = estimate.Residual(joint="", norm=1.0, relative_percent=0.8, std=0.02, samples=900, unit=unit)
-    found = SpringEstimate(
-        joint="",
-        torque_unit=unit,
-        position_unit="m" if unit == "N" else "rad",
-        elasticity=spring,
-        torsion=0.02,
-        excited=0.006,
-        torque=11.0,
-        truth=spring,
-    )
+    residual = Residual(joint="all joints", norm=1.0, relative_percent=0.8, std=0.02, samples=900, unit="J")
+    sizes = {"torsion": 0.02, "excited": 0.006, "torque": 11.0, "elasticity": spring, "truth": spring}
+    units = {"torque_unit": unit, "position_unit": "m" if unit == "N" else "rad"}
     known = {
         "robot": "arm",
         "signature": "abc",
         "method": "elimination",
         "reason": "the method was asked for",
         "parameters": tuple(
-            estimate.ParameterEstimate(name=k, value=x, std=0.1, unit="kg") for k, x in values.items()
+            ParameterEstimate(name=k, value=x, std=0.1, unit="kg") for k, x in values.items()
         ),
-        "springs": tuple(dataclasses.replace(found, joint=joint) for joint in joints),
-        "residual": tuple(dataclasses.replace(residual, joint=joint) for joint in joints),
-        "energy": dataclasses.replace(residual, joint="all joints", unit="J"),
+        "springs": tuple(SpringEstimate(joint=joint, **sizes, **units) for joint in joints),
+        "residual": tuple(dataclasses.replace(residual, joint=joint, unit=unit) for joint in joints),
+        "energy": residual,
         "condition": 30.0,
         "outcome": Ending.SOLVED,
         "history": (),
@@ -125,26 +123,17 @@ def build_springless_estimate(robot, *, shift=0.0, sources=("log.npz",)) -> Elas
     """Return an estimate of elastic joints without springs: the values of the robot file plus `shift`."""
     card = build_model_card(robot, derive_base_parameters(robot), ())
     cards = (*card.beta, *card.rotors, *card.friction)
-    residual = tuple(
-        estimate.Residual(joint=joint.name, norm=1.0, relative_percent=1.0, std=0.1, samples=100, unit="N m")
-        for joint in card.joints
-    )
-    return ElasticEstimate(
-        robot=robot.name,
-        signature=card.signature,
-        method="elimination",
-        reason="for the test",
+    values = {entry.name: entry.value + shift for entry in cards}
+    found = build_elastic_estimate(values, None, joints=(), robot=robot.name, signature=card.signature)
+    residual = list_residuals(card)
+    return dataclasses.replace(
+        found,
         parameters=tuple(
-            estimate.ParameterEstimate(name=entry.name, value=entry.value + shift, std=STD, unit=entry.unit)
-            for entry in cards
+            dataclasses.replace(entry, std=STD, unit=stated.unit)
+            for entry, stated in zip(found.parameters, cards, strict=True)
         ),
-        springs=(),
         residual=residual,
         energy=residual[0],
-        condition=1.0,
-        outcome=Ending.SOLVED,
-        history=(),
-        trials=(),
         sources=sources,
         settings={"processing": make_plain(list_processing(robot.processing))},
         covariance=tuple(tuple(map(float, row)) for row in STD**2 * np.eye(len(cards))),

@@ -25,6 +25,12 @@ def two_link_library(two_link):
     return prepare_library(two_link)
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder that the tests of a file share."""
+    return tmp_path_factory.mktemp("files")
+
+
 @pytest.fixture(scope="session")
 def load_text(tmp_path_factory):
     """Return a function that loads a robot from the text of its file."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from symid.codegen.cache import prepare_library
 from symid.excitation.trajectories import build_ta, scale_trajectory
+from symid.identification.elastic.identify import prepare_methods
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import build_elastic_problem, prepare_elastic_signals
 from symid.robot.toml_reader import read_robot
@@ -46,3 +47,9 @@ def build(library, recordings, options):
     return build_elastic_problem(
         library, [prepare_elastic_signals(part, options) for part in recordings], options
     )
+
+
+def identify_elastic(library, recordings, options=None, *, echo=None):
+    """Return the estimate by the method of the options."""
+    options = options or ElasticOptions()
+    return prepare_methods(library, recordings, options, echo=echo)(options.method)

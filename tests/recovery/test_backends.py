@@ -88,6 +88,6 @@ def test_a_compiled_plant_runs_on_the_c_of_casadi_and_a_slow_one_on_its_machine(
     compiled = backend == "casadi"
     assert has_addresses(other) == compiled
     assert (expected.backend, found.backend) == ("c", "c" if compiled else "python")
-    codes = [notice.code for notice in found.notices]
+    codes = [notice.code for notice in found.recording.notices]
     assert codes == [] if compiled else "simulate.slow-plant" in codes
     np.testing.assert_allclose(found.phi, expected.phi, rtol=0, atol=1e-9 * np.abs(expected.phi).max())

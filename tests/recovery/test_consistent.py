@@ -77,21 +77,13 @@ def test_bodies_that_fit_cost_nothing(bodies):
     assert fit.report["eigenvalue"] > 0.0
 
 
-def test_a_log_at_odds_with_all_bodies_is_told_and_friction_never_drives(bodies):
-    fit = fit_consistent(*spoil_rows(bodies, 1, "ZZ2", -5.0, 0.01), bodies=bodies)
-    (notice,) = fit.notices
-    assert notice.code == "identify.price"
-    assert f" {fit.report['price_percent']:.3g} % " in notice.text
-    fit = fit_consistent(*spoil_rows(bodies, 2, "Fc1", -0.3, 0.05), bodies=bodies)
-    assert -1e-9 < fit.values[bodies.names.index("Fc1")] < 1e-3
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_values_that_no_bodies_have_are_brought_back_at_a_price(bodies, seed):
     rows, seen = spoil_rows(bodies, seed, "ZZ2", -0.5, 0.05, rows_seed=seed)
     fit, free = fit_consistent(rows, seen, bodies=bodies), fit_wls(rows, seen)
     dear = bool(fit.report["price_percent"] > 5.0)
     assert [notice.code for notice in fit.notices] == ["identify.price"] * dear
+    assert all(f" {fit.report['price_percent']:.3g} % " in notice.text for notice in fit.notices)
     assert free.values[bodies.names.index("ZZ2")] < 0.0
     assert fit.values[bodies.names.index("ZZ2")] > 0.0
     assert find_smallest(fit) > 0.0
@@ -205,17 +197,6 @@ def test_a_friction_that_would_drive_ends_on_its_bound(bodies, monkeypatch):
     monkeypatch.setattr(nearest_bodies, "_LIMIT", 5)
     with raises(SolverError, "solver.consistent", match="steps"):
         fit_consistent(*given, bodies=bodies)
-
-
-def test_rotors_stay_positive(robots_folder):
-    robot = read_robot(robots_folder / "tx40.toml")
-    bodies = build_bodies(robot)
-    assert bodies.positive.shape[1] == 7
-    truth = np.einsum("pnk,nk->p", bodies.links, bodies.stated) + bodies.positive @ np.full(7, -0.2)
-    rows = make_rows(bodies, truth, 0.05)
-    fit = fit_consistent(rows, analyse_identifiability(rows), bodies=bodies)
-    assert fit.report["eigenvalue"] > 0.0
-    assert fit.report["price_percent"] > 0.0
 
 
 SETTLED = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.errors import EstimateError, IdentifiabilityError, LogError, UsageError
+from symid.errors import IdentifiabilityError, LogError, UsageError
 from symid.excitation.trajectories import (
     FourierOptions,
     build_random_fourier,
@@ -28,7 +28,7 @@ from symid.identification.elastic.methods import (
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import prepare_elastic_signals
 from symid.identification.elastic.validation import predict_elastic
-from symid.identification.stored import is_fit, read_fit, write_fit
+from symid.identification.stored import read_fit, write_fit
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.logs.recording import cut_recording
 from symid.robot.toml_reader import read_robot
@@ -37,8 +37,7 @@ from symid.simulation.elastic_experiment import (
     observe,
     simulate_elastic,
 )
-from tests.elastic_fits import identify_elastic
-from tests.recovery.elastic_runs import find_error, find_truth, run_arm
+from tests.recovery.elastic_runs import find_error, find_truth, identify_elastic, run_arm
 from tests.refusals import raises, tell
 
 
@@ -184,17 +183,6 @@ def test_the_bound_is_that_of_torque_rows_with_true_accelerations(arm, exact):
     found = compute_elimination_bound(library, [exact], [noise])
     expected = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     assert np.allclose(np.sqrt(np.diag(found)), expected, rtol=1e-3)
-
-
-def test_an_estimate_is_read_as_it_was_written(tmp_path, arm, estimate):
-    path = write_fit(estimate, tmp_path / "estimate.json")
-    assert is_fit(path)
-    assert read_fit(path, arm[1].card) == estimate
-    fit = estimate.build_fit(arm[1].card)
-    assert np.array_equal(fit.chi, values(estimate))
-    assert len(fit.elasticity) == 2
-    with raises(EstimateError, "estimate.signature"):
-        read_fit(path, replace(arm[1].card, signature="0" * 64))
 
 
 def test_one_cost_can_be_asked_for_and_keeps_to_its_grid(arm):

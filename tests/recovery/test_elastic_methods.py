@@ -27,7 +27,6 @@ from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
-from tests.elastic_fits import identify_elastic
 from tests.recovery.elastic_runs import (
     KNEES,
     PLACED,
@@ -35,6 +34,7 @@ from tests.recovery.elastic_runs import (
     build,
     find_error,
     find_truth,
+    identify_elastic,
     prepare_arm,
     run_arm,
 )

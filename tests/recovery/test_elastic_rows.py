@@ -1,20 +1,25 @@
-"""The equations of elastic joints hold for simulated motions with the true parameters."""
+"""Equations of elastic joints hold for simulated motions; closed forms of the bound with springs known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from symid.errors import UsageError
+from symid.identification.elastic.estimate import compute_elimination_bound, compute_spring_bound
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
+    ElasticSignals,
     build_energy_windows,
     build_filtered_rows,
     filter_held,
     prepare_elastic_signals,
 )
 from symid.identification.hysteresis import filter_smooth
-from tests.recovery.elastic_runs import STOPS, find_truth, run_arm
+from symid.joint_models.hysteresis import Stop
+from symid.logs.signals import differentiate
+from tests.recovery.elastic_runs import find_truth, run_arm
 from tests.refusals import raises
 
 
@@ -68,26 +73,6 @@ def test_filters_are_exact_for_the_signals_that_they_assume(rate):
     assert np.allclose(step, 1.0 - np.exp(-rate * time), atol=1e-12)
 
 
-def test_a_slower_replay_changes_what_inertias_do_and_not_what_springs_do(arm, signals):
-    library = arm[1]
-    slow = replace(
-        signals,
-        time=2.0 * signals.time,
-        dq=signals.dq / 2.0,
-        dtheta=signals.dtheta / 2.0,
-        period=2.0 * signals.period,
-    )
-    rows, replay = build_energy_windows(library, signals, 0.1), build_energy_windows(library, slow, 0.2)
-    grids = [np.array(grid) for grid in STOPS]
-    once, twice = rows.compute_columns(grids, signals), replay.compute_columns(grids, slow)
-    assert all(map(np.array_equal, once, twice))
-    names = [entry.name for entry in library.card.beta]
-    for column in (names.index("ZZ2"), len(names), len(names) + 1):
-        assert np.allclose(rows.design[:, column], 4.0 * replay.design[:, column], atol=1e-12)
-    weight = names.index("MXR1")
-    assert np.allclose(rows.design[:, weight], replay.design[:, weight], atol=1e-9)
-
-
 def test_windows_that_do_not_fit_are_refused(arm, signals):
     with raises(UsageError, "usage.window", match="100 s"):
         build_energy_windows(arm[1], signals, 100.0)
@@ -110,13 +95,51 @@ def test_noisy_encoders_ask_for_a_filter_and_clean_ones_do_not(arm, run):
     assert np.array_equal(first.phi, second.phi)
 
 
-def test_a_torque_times_a_number_scales_the_right_sides_alone(arm, signals):
-    found = [
-        (build_energy_windows(arm[1], part, 0.1), build_filtered_rows(arm[1], part, 60.0))
-        for part in (signals, replace(signals, tau=3.0 * signals.tau))
-    ]
-    (energy, torque), (tripled, thrice) = found
-    assert np.array_equal(energy.design, tripled.design)
-    assert np.array_equal(torque.design, thrice.design)
-    assert np.allclose(3.0 * energy.supplied, tripled.supplied, rtol=1e-12, atol=1e-12)
-    assert np.allclose(3.0 * torque.torque, thrice.torque, rtol=1e-12, atol=1e-12)
+SIGMA = np.array([0.2, 0.05])
+
+
+@pytest.fixture(scope="module")
+def whole(run):
+    states = {name: getattr(run, name) for name in ("time", "q", "dq", "theta", "dtheta")}
+    return ElasticSignals(**states, tau=run.torque, period=run.recording.period, settled=0, hold="zero")
+
+
+def test_the_scale_of_links_and_springs_is_all_that_exact_links_leave_open(arm, run, whole):
+    """With it, rotors and friction: six numbers of the motor equations, a plain least-squares problem."""
+    _, library = arm
+    bound = compute_spring_bound(library, [whole], [SIGMA])
+    truth, beta = find_truth(library), len(library.card.beta)
+    (momentum,) = library.evaluate("momentum_regressor", run.q, run.dq)
+    (lagrange,) = library.evaluate("lagrange_regressor", run.q, run.dq)
+    load = (differentiate(momentum, whole.period) - lagrange) @ truth[:beta]
+    rotor = differentiate(run.dtheta, whole.period)[:, :, None] * np.eye(2)
+    (friction,) = library.evaluate("friction_regressor", run.dtheta)
+    rows = np.concatenate([load[:, :, None], rotor, friction], axis=2) / SIGMA[:, None]
+    rows = rows.reshape(-1, rows.shape[2])
+    expected = np.linalg.inv(rows.T @ rows)
+    known = np.abs(truth[:beta]) > 1e-9
+    scale = np.sqrt(np.diag(bound)[:beta][known]) / np.abs(truth[:beta][known])
+    np.testing.assert_allclose(scale, np.sqrt(expected[0, 0]), rtol=2e-2)
+    deviations = np.sqrt(np.diag(bound)[beta:])
+    np.testing.assert_allclose(deviations, np.sqrt(np.diag(expected)[1:]), rtol=2e-2)
+
+
+def test_who_knows_the_form_can_do_better_and_noise_scales_the_bound(arm, run, whole):
+    _, library = arm
+    known, unknown = (
+        find(library, [whole], [SIGMA]) for find in (compute_spring_bound, compute_elimination_bound)
+    )
+    assert np.all(np.diag(known) < np.diag(unknown))
+    twice = compute_spring_bound(library, [whole], [2.0 * SIGMA])
+    np.testing.assert_allclose(twice, 4.0 * known, rtol=1e-6, atol=1e-12 * np.abs(known).max())
+    again = compute_spring_bound(library, [whole, whole], [SIGMA, SIGMA])
+    np.testing.assert_allclose(again, known / 2.0, rtol=1e-5, atol=1e-9 * np.abs(known).max())
+    # A far stop is one with k0, and nobody can tell them apart; links and friction do not care.
+    stop = Stop(threshold=1.0, stiffness=10.0)
+    far = tuple(
+        replace(spring, stiffness=spring.stiffness - 10.0, stops=(*spring.stops, stop))
+        for spring in library.card.elasticity
+    )
+    other = SimpleNamespace(card=replace(library.card, elasticity=far), evaluate=library.evaluate)
+    more = compute_spring_bound(other, [whole], [SIGMA])
+    np.testing.assert_allclose(np.diag(more), np.diag(known), rtol=1e-3, atol=1e-12)

@@ -10,8 +10,7 @@ from symid.identification.elastic import ElasticOptions
 from symid.identification.elastic.effects import _build_rows, _measure_values, measure_effects
 from symid.identification.elastic.regression import DriveEffect, prepare_elastic_signals
 from symid.joint_models import run_element
-from tests.elastic_fits import identify_elastic
-from tests.recovery.elastic_runs import run_arm
+from tests.recovery.elastic_runs import identify_elastic, run_arm
 
 BENCH = """
 name = "coupling_bench"

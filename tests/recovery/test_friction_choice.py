@@ -1,4 +1,4 @@
-"""Friction laws chosen inside the whole robot: torques of a hand-written arm with friction written anew."""
+"""Friction laws chosen inside the whole robot, with payloads too: torques of an arm written out by hand."""
 
 import numpy as np
 import pytest
@@ -24,16 +24,21 @@ ROBOT = flexible_arm.ROBOT.replace("shoulder", "joint1").replace("elbow", "joint
 CUT = Processing(drop_first=50, drop_last=50)
 
 
-def record(friction, seed, noise=0.005):
-    """Return a log with friction(dq, load) (N, 2), 17 bit encoders and noise of a part of the torque."""
+def record(friction, seed, noise=0.005, *, payload=0.0, sensed=False):
+    """Return a log with friction(dq, load) (N, 2), 17 bit encoders and noise of a part of the torque.
+
+    `payload` is added to the base parameters; loads are measured too where they are `sensed`.
+    """
     rng = np.random.default_rng(1000 + seed)
     time = np.arange(round(DURATION * RATE)) / RATE
     q, dq, ddq = move(time, seed)
-    load = find_two_link_torque(q, dq, ddq)[0] @ BETA
+    load = find_two_link_torque(q, dq, ddq)[0] @ (BETA + payload)
     tau = load + friction(dq, load)
-    tau = tau + noise * np.std(tau, axis=0) * rng.normal(size=tau.shape)
-    step = 2 * np.pi / 2**20
-    return Recording(time=time, position=np.round(q / step) * step, torque=tau, source=f"seed {seed}")
+    scatter, step = noise * np.std(tau, axis=0), 2 * np.pi / 2**20
+    tau = tau + scatter * rng.normal(size=tau.shape)
+    felt = load + scatter * rng.normal(size=tau.shape) if sensed else None
+    position = np.round(q / step) * step
+    return Recording(time=time, position=position, torque=tau, load=felt, source=f"seed {seed}")
 
 
 def cubic_and_asymmetric(dq, _load):
@@ -255,3 +260,66 @@ def test_where_joints_rest_slow_rows_and_those_beside_are_left_out(fit, tmp_path
     assert min(shares[0]) > resting.mean()
     for share, entry in zip(shares[0], usual.evidence.joints, strict=True):
         assert share > entry.share
+
+
+MASS, CENTRE, INERTIA = 6.0, (0.15, 0.03), 0.02
+X, Y = CENTRE
+ADDED = np.array([0.25 * MASS, 0.5 * MASS, 0.0, INERTIA + MASS * (X * X + Y * Y), MASS * X, MASS * Y])
+"""What the body on the second link adds to ZZR1, MXR1, MY1, ZZ2, MX2, MY2 of an arm with a = 0.5 m."""
+RUN = '[[run]]\nfile = "{file}"\n'
+PAYLOAD = (
+    f'payload = {{ name = "disc", joint = "joint2", mass = {MASS}, com = [{X}, {Y}, 0], '
+    f"inertia = {{ xx = 0.01, yy = 0.01, zz = {INERTIA} }} }}\n"
+)
+LAWS = """friction = { model = "stribeck", Fv = 1, Fc = 1, Fe = 0.5, vs = 0.08 }
+[[joint]]
+name = "joint2"
+kind = "revolute"
+a = 0.5
+friction = { model = "load-dependent", Fv = 1, Fc = 1, Fl = 0.05 }
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    root = tmp_path_factory.mktemp("runs")
+    (root / "plain.toml").write_text(ROBOT)
+    (root / "laws.toml").write_text(ROBOT[: ROBOT.index('[[joint]]\nname = "joint2"')] + LAWS)
+    robot = symid.load(root / "plain.toml")
+    for name, payload, seed in (("empty", 0.0, 0), ("with", ADDED, 1), ("sensed", ADDED, 1)):
+        log = record(find_friction, seed, payload=payload, sensed=name == "sensed")
+        Log(recording=log, robot=robot.description).save(root / f"{name}.npz")
+    (root / "alone.toml").write_text(RUN.format(file="with.npz") + PAYLOAD)
+    (root / "sensed.toml").write_text(RUN.format(file="sensed.npz") + PAYLOAD)
+    (root / "both.toml").write_text(RUN.format(file="empty.npz") + RUN.format(file="with.npz") + PAYLOAD)
+    return root
+
+
+@pytest.mark.parametrize("runs", ["alone", "both", "sensed"])
+def test_laws_of_the_load_are_found_with_a_known_payload(folder, runs):
+    fit = symid.load(folder / "plain.toml").identify(folder / f"{runs}.toml", friction="auto")
+    assert [law.law for law in fit.estimate.laws] == ["stribeck", "load-dependent"]
+    errors = measure_errors(fit)
+    assert set(errors) == set(TRUTH)
+    assert max(errors.values()) < 4.0, errors
+
+
+@pytest.mark.parametrize("runs", ["alone", "both"])
+def test_laws_of_a_robot_file_read_the_load_of_a_payload(folder, runs):
+    robot = symid.load(folder / "laws.toml")
+    fit = robot.identify(folder / f"{runs}.toml")
+    errors = measure_errors(fit)
+    assert max(errors.values()) < 4.0, errors
+    assert fit.validate(folder / "alone.toml").verdict.level in {"good", "usable"}
+    # The same log without its payload is another load.
+    told, untold = (
+        fit.validate(folder / name).to_dict()["mean_relative_percent"] for name in ("alone.toml", "with.npz")
+    )
+    assert told < 0.2 * untold
+
+
+def test_a_payload_is_found_where_friction_reads_the_load(folder):
+    robot = symid.load(folder / "laws.toml")
+    found = robot.payload(folder / "with.npz", empty=folder / "empty.npz")
+    mass = next(entry for entry in found.product.payload.quantities if entry.name == "mass")
+    assert abs(mass.value - MASS) < 4.0 * mass.std

@@ -4,6 +4,7 @@ The data come from the rig's adaptive integrator, not from the step that the fit
 """
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -39,27 +40,19 @@ def build_target(bend, speed):
     return target
 
 
-@pytest.fixture(scope="module")
-def motions():
-    """Return a function that simulates a truth once."""
-    made = {}
-
-    def simulate(name):
-        if name not in made:
-            law = get_dynamic_law("dahl" if name == "dahl" else "lugre")
-            named = dict(zip(law.names, TRUTHS[name], strict=True))
-            gain = 3.0 * named["sigma0"]
-            control = PositionControl(
-                proportional=gain,
-                integral=0.0,
-                derivative=1.4 * np.sqrt(gain * MASS),
-                target=build_target(named["fC"] / named["sigma0"], named.get("vs", 0.01)),
-            )
-            rig, options = Rig(law=law, values=TRUTHS[name], mass=MASS), RigOptions(duration=10.0, rate=500.0)
-            made[name] = law, named, simulate_friction_rig(rig, control, options)
-        return made[name]
-
-    return simulate
+@cache
+def simulate(name):
+    law = get_dynamic_law("dahl" if name == "dahl" else "lugre")
+    named = dict(zip(law.names, TRUTHS[name], strict=True))
+    gain = 3.0 * named["sigma0"]
+    control = PositionControl(
+        proportional=gain,
+        integral=0.0,
+        derivative=1.4 * np.sqrt(gain * MASS),
+        target=build_target(named["fC"] / named["sigma0"], named.get("vs", 0.01)),
+    )
+    rig, options = Rig(law=law, values=TRUTHS[name], mass=MASS), RigOptions(duration=10.0, rate=500.0)
+    return law, named, simulate_friction_rig(rig, control, options)
 
 
 def build_samples(log, seed, *, with_mass=False, **changes):
@@ -89,8 +82,8 @@ def check_recovered(found, named):
 
 
 @pytest.mark.parametrize("name", ["lugre", "stiff", "dahl"])
-def test_all_parameters_come_back_within_five_per_cent(motions, name):
-    law, named, run = motions(name)
+def test_all_parameters_come_back_within_five_per_cent(name):
+    law, named, run = simulate(name)
     found = fit_presliding(build_samples(run, 1), law)
     assert found.outcome is Ending.CONVERGED
     assert (found.refused, found.notices) == ((), ())
@@ -114,8 +107,8 @@ def test_all_parameters_come_back_within_five_per_cent(motions, name):
         assert found.get_value("M") == pytest.approx(MASS, rel=0.01)
 
 
-def test_an_exponent_that_the_data_want_beyond_its_bound_is_told(motions):
-    law, _, run = motions("lugre")
+def test_an_exponent_that_the_data_want_beyond_its_bound_is_told():
+    law, _, run = simulate("lugre")
     samples = build_samples(run, 1)
     wide = replace(law, parameters=tuple(replace(entry, upper=np.inf) for entry in law.parameters))
     values = (1e4, 100.0, 10.0, 15.0, 0.01, 9.0, 25.0)
@@ -127,9 +120,9 @@ def test_an_exponent_that_the_data_want_beyond_its_bound_is_told(motions):
     assert exponent.reason.endswith("bound, 4")
 
 
-def test_an_encoder_and_a_noisy_velocity_do_not_matter(motions):
+def test_an_encoder_and_a_noisy_velocity_do_not_matter():
     # One micrometre, a thousandth of the presliding way; one per cent of the velocity's RMS.
-    law, named, run = motions("lugre")
+    law, named, run = simulate("lugre")
     noise = np.random.default_rng(9).normal(size=run.time.size) * NOISE * np.sqrt(np.mean(run.velocity**2))
     position = np.round(run.position / 1e-6) * 1e-6
     found = fit_presliding(build_samples(run, 1, position=position, velocity=run.velocity + noise), law)
@@ -137,8 +130,8 @@ def test_an_encoder_and_a_noisy_velocity_do_not_matter(motions):
         assert found.get_value(name) == pytest.approx(named[name], rel=0.05), name
 
 
-def test_two_recordings_and_a_filter(motions):
-    law, named, run = motions("dahl")
+def test_two_recordings_and_a_filter():
+    law, named, run = simulate("dahl")
     half = run.time.size
     twice = {
         "time": np.tile(run.time, 2),
@@ -155,8 +148,8 @@ def test_two_recordings_and_a_filter(motions):
     assert found.samples == half
 
 
-def test_without_slip_the_law_of_slip_gets_a_sentence_and_no_number(motions):
-    law, named, run = motions("lugre")
+def test_without_slip_the_law_of_slip_gets_a_sentence_and_no_number():
+    law, named, run = simulate("lugre")
     short = slice(0, 400)
     small = 0.02 * run.position[short]
     # A spring and a damper, nothing else: what bristles far from slip are.
@@ -174,15 +167,15 @@ def test_without_slip_the_law_of_slip_gets_a_sentence_and_no_number(motions):
     assert found.get_value("sigma0") == pytest.approx(named["sigma0"], rel=0.01)
 
 
-def test_static_friction_that_equals_or_falls_below_coulomb_is_told(motions):
-    law, named, run = motions("flat")
+def test_static_friction_that_equals_or_falls_below_coulomb_is_told():
+    law, named, run = simulate("flat")
     found = fit_presliding(build_samples(run, 5), law)
     assert found.get_value("vs") is None
     assert "static" in dict(found.refused)["vs"]
     assert found.notices == ()
     for name in ("sigma0", "sigma1", "fC"):
         assert found.get_value(name) == pytest.approx(named[name], rel=0.05)
-    law, named, run = motions("lugre")
+    law, named, run = simulate("lugre")
     rising = (1e4, 100.0, 10.0, 7.0, 0.01, 2.0, 25.0)
     samples = build_samples(run, 6)
     torque = simulate_dynamic_friction(law, rising, build_path(samples)).torque
@@ -194,8 +187,8 @@ def test_static_friction_that_equals_or_falls_below_coulomb_is_told(motions):
     assert named["fS"] == 15.0
 
 
-def test_a_coarse_log_is_told_to_have_few_presliding_samples(motions):
-    law, _, run = motions("dahl")
+def test_a_coarse_log_is_told_to_have_few_presliding_samples():
+    law, _, run = simulate("dahl")
     coarse = slice(2000, None, 100)
     changes = {name: getattr(run, name)[coarse] for name in ("time", "velocity", "position")}
     empty = np.zeros((len(run.time[coarse]), 0))
@@ -243,8 +236,8 @@ def test_a_damping_of_zero_that_the_motion_shows_is_told():
 
 
 @pytest.mark.parametrize("position", [None, np.ones(5001)], ids=["none", "constant"])
-def test_what_cannot_be_fitted_is_refused(motions, position):
-    law, _, run = motions("dahl")
+def test_what_cannot_be_fitted_is_refused(position):
+    law, _, run = simulate("dahl")
     with raises(IdentifiabilityError, "friction.presliding-position", match=r"joint .*position"):
         fit_presliding(build_samples(run, 0, position=position), law)
     with raises(UsageError, "friction.presliding-time"):

@@ -36,11 +36,6 @@ def draw(folder, name="cad", *, rotors=(None, 0.06), mass=1.5):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("known")
-
-
-@pytest.fixture(scope="module")
 def log(mixed):
     return build(mixed, simulate(12.0, 5))
 

@@ -40,11 +40,6 @@ def save(robot, path):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("known")
-
-
-@pytest.fixture(scope="module")
 def arm(folder):
     return symid.load(save(build_arm(known=False), folder / "arm.toml"))
 

@@ -1,4 +1,4 @@
-"""A robot with an elastic and a rigid joint: the rigid one has no rotor of its own, and no spring."""
+"""An arm with an elastic and a rigid joint, written out; a link's encoder that is not centred."""
 
 import numpy as np
 import pytest
@@ -125,3 +125,47 @@ def test_it_is_saved_validated_reported_and_exported(fit, mixed, motion, tmp_pat
     found = exported.identify(build(exported, motion), method="weighted")
     with pytest.raises(UsageError, match="are elbow"):
         found.track(build(exported, motion))
+
+
+OFF = 1.2e-3
+"""Rad: the encoder reads q + OFF sin q, a twentieth of the torsion's range."""
+
+
+@pytest.fixture(scope="module")
+def eccentric(mixed, motion):
+    time, motor, link, torque = motion
+    wrong = link.copy()
+    wrong[:, 0] += OFF * np.sin(link[:, 0])
+    return mixed.identify(build(mixed, (time, motor, wrong, torque)))
+
+
+def find_eccentricity(estimate):
+    return [effect for effect in estimate.effects if effect.kind == "link-eccentricity"]
+
+
+def test_an_eccentric_encoder_is_found_and_taken_off(eccentric, motion):
+    (effect,) = find_eccentricity(eccentric.estimate)
+    assert effect.joint == 0
+    assert effect.values[1] == pytest.approx(OFF, rel=0.05)
+    off = np.abs(np.subtract(effect.values, (0.0, OFF)))
+    assert np.all(off < 4.0 * np.array(effect.deviations))
+    for entry in eccentric.estimate.parameters:
+        assert abs(entry.value - TRUTH[entry.name]) <= 4.0 * entry.std, entry
+    assert eccentric.verdict.level == "good"
+    (row,) = (entry for entry in eccentric.to_dict()["effects"] if entry["kind"] == "link-eccentricity")
+    assert (row["joint"], row["unit"], row["order"]) == ("shoulder", "rad", 1.0)
+    # The spring is that of the true torsion.
+    time, motor, link, _ = motion
+    phi, true = compute_spring_torque(motor, link)
+    left = run_element(eccentric.springs[0].elasticity, phi, time).output - true
+    assert np.std(left) < 0.02 * np.sqrt(np.mean(true**2))
+
+
+@pytest.mark.parametrize("zero", [0.0, 0.3])
+def test_no_eccentricity_is_found_where_there_is_none(mixed, motion, zero):
+    """Gravity of a link that is turned, its zero not known, is a wave of one turn, too."""
+    time, motor, link, torque = motion
+    turned = link + np.array([zero, 0.0])
+    assert not find_eccentricity(
+        mixed.identify(build(mixed, (time, motor, turned, torque)), method="weighted").estimate
+    )

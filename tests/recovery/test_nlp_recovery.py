@@ -11,7 +11,6 @@ from symid.errors import UsageError
 from symid.excitation.trajectories import build_tc
 from symid.identification.elastic.elimination import fit_elimination
 from symid.identification.elastic.nlp import (
-    NlpPlace,
     compute_certificate,
     compute_place_slopes,
     compute_scales,
@@ -20,16 +19,14 @@ from symid.identification.elastic.nlp import (
     optimise_nlp,
     prepare_setting,
 )
-from symid.identification.elastic.nlp_cost import build_nlp_recording
 from symid.identification.elastic.options import METHODS, ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import build_elastic_problem
-from symid.identification.elastic.together import fit_linear_spring, fit_two_step
+from symid.identification.elastic.together import fit_two_step
 from symid.ipopt import Ending
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 from symid.robot.toml_reader import read_robot
 from symid.study.elastic_methods import get_true_parameters
-from tests.elastic_fits import identify_elastic
-from tests.recovery.elastic_runs import KNEES, STOPS, build, find_error, find_truth, run_arm
+from tests.recovery.elastic_runs import KNEES, STOPS, build, find_error, find_truth, identify_elastic, run_arm
 from tests.refusals import raises
 
 TRUE_PLACES = {"thresholds": STOPS, "knee_torques": KNEES}
@@ -225,22 +222,6 @@ def test_slopes_by_places_are_those_of_the_problem(noisy, noisy_fit):
             before, trial.compute_state(result.run.x).residuals, slopes[places.index(place)], strict=True
         ):
             assert np.linalg.norm((then - now) / step - slope) <= 0.02 * np.linalg.norm(slope)
-
-
-@pytest.mark.parametrize("rows", [("energy", "momentum"), ("filtered",)])
-def test_rows_with_a_stop_elsewhere_are_those_made_anew(noisy, rows):
-    grids = tuple(np.array(grid) for grid in STOPS)
-    problem = replace(noisy, thresholds=grids, options=replace(noisy.options, refine=False))
-    setting = prepare_setting(problem, NlpOptions(rows=rows, rounds=0), fit_linear_spring(problem))
-    moves = grids[0] * [0.0, 0.1, -0.1]
-    places = [NlpPlace(joint=0, knee=False, index=index) for index in range(3)]
-    moved = setting.shift(places, moves).recordings[0]
-    anew = build_nlp_recording(problem, 0, (grids[0] + moves, grids[1]), rows)
-    for one, other in zip(moved.blocks, anew.blocks, strict=True):
-        for left, right in zip(one.springs, other.springs, strict=True):
-            np.testing.assert_allclose(left.columns, right.columns, rtol=1e-12, atol=1e-15)
-    for left, right in zip(moved.bases, anew.bases, strict=True):
-        np.testing.assert_array_equal(left, right)
 
 
 def test_a_file_without_rotor_inertias_is_identified_by_every_method(

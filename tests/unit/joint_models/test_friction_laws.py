@@ -7,7 +7,12 @@ import pytest
 import sympy
 
 from symid.errors import UsageError
-from symid.joint_models.carriers import build_float_carrier
+from symid.joint_models.carriers import (
+    build_casadi_carrier,
+    build_float_carrier,
+    build_numpy_carrier,
+    build_symbol_carrier,
+)
 from symid.joint_models.friction_catalogue import (
     FRICTION_LAWS,
     build_improved,
@@ -26,6 +31,7 @@ from symid.joint_models.friction_catalogue import (
     rename_law,
     with_offset,
 )
+from symid.joint_models.friction_columns import compute_stribeck_derivatives
 from symid.joint_models.friction_law import (
     FrictionValues,
     compute_column_derivatives,
@@ -271,11 +277,6 @@ def test_some_laws_as_formulas_and_in_latex():
         r"e^{-\left|\frac{\dot q}{v_s}\right|^{\gamma}} \, \operatorname{sgn}\left(\dot q\right)"
     )
     assert r"\left(\dot q - \dot q_0\right)" in get_law("improved-stribeck-h4").latex
-    assert get_law("temperature").latex == (
-        r"\tau_f = f_V \, \dot q + f_C \, \operatorname{sgn}\left(\dot q\right) + "
-        r"f_{VT} \, \left(T - 40\right) \, \dot q + "
-        r"f_{CT} \, \left(T - 40\right) \, \operatorname{sgn}\left(\dot q\right)"
-    )
     assert get_law("temperature-viscous").latex.endswith(r" + f_{VL} \, e^{-\frac{T}{T_V}} \, \dot q")
 
 
@@ -335,3 +336,24 @@ def test_no_friction_has_no_law_and_a_name_without_one_cannot_be_renamed():
     )
     with pytest.raises(UsageError, match=r"'viscus'.* Known laws: "):
         rename_law("viscus")
+
+
+SYMBOLS = build_symbol_carrier()
+SPEEDS = np.array([-2.0, -0.3, -0.05, 0.0, 0.02, 0.1, 0.7])
+
+
+@pytest.mark.parametrize("smoothing", [0.0, 0.05])
+def test_rates_are_the_derivatives_by_the_stribeck_velocity(smoothing):
+    v, speed = sympy.symbols("v v_s", positive=True)
+    shape, *rates = compute_stribeck_derivatives(SYMBOLS, v, speed, smoothing)
+    sign = sympy.tanh(v / smoothing) if smoothing else 1
+    for order, rate in enumerate((shape, *rates)):
+        difference = sympy.diff(sympy.exp(-((v / speed) ** 2)) * sign, speed, order) - rate
+        for value, at in ((0.1, 0.2), (0.5, 0.3), (1.3, 2.0)):
+            assert abs(float(difference.subs({v: value, speed: at}))) < 1e-12
+    arrays = compute_stribeck_derivatives(build_numpy_carrier(), SPEEDS, 0.15, smoothing)
+    u = casadi.SX.sym("u")
+    graph = compute_stribeck_derivatives(build_casadi_carrier(), u, 0.15, smoothing)
+    function = casadi.Function("f", [u], [casadi.horzcat(*graph)])
+    found = np.array([function(value).full().ravel() for value in SPEEDS]).T
+    np.testing.assert_allclose(arrays, found, rtol=1e-12, atol=1e-300)

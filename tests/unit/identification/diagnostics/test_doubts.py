@@ -1,4 +1,4 @@
-"""What speaks against an estimate is said, and nothing is said of a sound one."""
+"""What speaks against an estimate, and what a log cannot tell, is said; nothing is said of a sound one."""
 
 import re
 from dataclasses import replace
@@ -13,12 +13,14 @@ from symid.identification.diagnostics.fit_warnings import (
     warn_of_moving_ends,
     warn_of_processing,
 )
+from symid.identification.diagnostics.log_check import LogExcitation, ParameterVerdict, describe_excitation
 from symid.identification.estimators.least_squares import fit_ols, fit_wls
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording
+from tests.refusals import tell
 from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES
 from tests.unit.identification.row_tables import make_rows
 
@@ -132,3 +134,27 @@ def test_ends_at_rest_are_not_named():
     assert " ends " in notice.text
     assert " begins " not in notice.text
     assert warn_of_moving_ends(replace(PROCESSING, drop_last=50), [cut]) == ()
+
+
+def make(*verdicts, condition=10.0):
+    parameters = tuple(
+        ParameterVerdict(
+            name=f"P{index}",
+            verdict=verdict,
+            relative_std_percent=5.0,
+            reason="none",
+        )
+        for index, verdict in enumerate(verdicts)
+    )
+    return LogExcitation(parameters=parameters, singular=(1.0, 0.1), rank=2, condition=condition)
+
+
+def test_what_a_log_does_not_tell_is_said_and_nothing_else():
+    assert tell(describe_excitation(make("identifiable", "poorly identifiable"))) == {}
+    assert not make("identifiable", "refused").empty
+    assert make("not identifiable", "refused").empty
+    assert " 5e+03" in tell(describe_excitation(make("identifiable", condition=5e3)))["log.condition"]
+    # Of many parameters the first eight are listed.
+    for verdict, code in (("refused", "log.not-excited"), ("not identifiable", "log.faint-parameters")):
+        text = tell(describe_excitation(make("identifiable", *[verdict] * 10)))[code]
+        assert ("P1" in text, "P9" in text) == (True, False)

@@ -38,12 +38,9 @@ def test_a_clean_log_gives_the_truth():
 
 
 def test_samples_are_thinned_cut_and_slow_ones_do_not_count(quick):
-    assert len(quick.q) == len(quick.tau) == len(quick.run)
-    assert np.bincount(quick.run).tolist() == [len(quick.q) // 2] * 2
     # Forty a second, of 20 s less the ends, where filters extrapolate.
     assert len(quick.q) == pytest.approx(2 * 40.0 * 18.6, abs=4)
     assert quick.period == pytest.approx(0.025)
-    assert np.unique(quick.stretch).tolist() == list(range(6))
     assert np.unique(quick.stretch[quick.run == 1]).tolist() == [3, 4, 5]
     for run in (0, 1):
         speed = np.abs(quick.dq[quick.run == run])

@@ -33,7 +33,6 @@ ELASTIC, NLP = (ElasticOptions, "usage.elastic-option"), (NlpOptions, "usage.nlp
         (NLP, {"rows": "energy"}, "^rows"),
         (NLP, {"rows": ()}, "^rows"),
         (NLP, {"rows": ("energy", "energy")}, "^rows"),
-        (NLP, {"rows": ("power",)}, "^rows"),
     ],
 )
 def test_wrong_options_are_refused_with_what_is_allowed(kind, options, message):

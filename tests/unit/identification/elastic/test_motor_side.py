@@ -1,6 +1,5 @@
 """Elastic robots seen from the motor side alone: what is identified, and what is refused."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,9 +11,7 @@ from symid.identification.elastic.routing import (
     build_rigid_variant,
     has_both_encoders,
     list_unidentifiable,
-    warn_of_rotors,
 )
-from symid.identification.estimators.estimate import ParameterEstimate
 from symid.logs.recording import Recording
 from symid.robot.loading import locate_robot_file
 from symid.robot.toml_reader import read_robot
@@ -67,12 +64,3 @@ def test_elastic_joints_take_the_position_of_their_motors(arm):
     dead = np.column_stack([np.zeros(len(q)), q[:, 1] + 0.01])
     kept = build_motor_recording(make_recording(motor_position=dead), arm)
     np.testing.assert_array_equal(kept.position, q + np.array([0.0, 0.01]))
-
-
-def test_a_negative_rotor_is_told():
-    values = {"IA1": 0.2, "IA2": -0.01, "IA12": -1.0, "MY1": -0.3, "Fv1": -1.0}
-    entries = [ParameterEstimate(name=name, value=x, std=0.1, unit="kg m^2") for name, x in values.items()]
-    (notice,) = warn_of_rotors(entries)
-    assert notice.code == "elastic.negative-rotor"
-    assert re.findall(r"\b[A-Z]+[a-z]?\d+", notice.text) == ["IA2", "IA12"]
-    assert warn_of_rotors(entries[:1]) == ()

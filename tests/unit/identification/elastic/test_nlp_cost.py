@@ -1,14 +1,27 @@
-"""Parts of the cost: step means of knees against fine sampling and finite differences, sums against loops."""
+"""The one-shot cost: its unknowns, step means of knees against fine sampling, sums against loops."""
+
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from symid.identification.elastic.nlp_cost import build_filter_sums, build_knee_steps, build_window_sums
+from symid.identification.elastic.nlp_cost import (
+    ElasticNlpCost,
+    NlpLayout,
+    NlpRecording,
+    RowBlock,
+    SpringGrid,
+    build_filter_sums,
+    build_knee_steps,
+    build_window_sums,
+)
+from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import filter_held
+from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_stop_basis
 
 KNEES = ((-0.8, 1), (-0.3, 0), (0.25, 2), (0.8, 1))
-SLOPES = np.array([0.5, -0.2, 0.7])
 WEIGHTS = np.array([0.6, 0.4, 0.5])
 
 
@@ -33,33 +46,6 @@ def test_means_are_those_of_the_dead_zones_along_each_step():
     steps = build_knee_steps(BASIS, WEIGHTS, ())
     assert steps.means.shape == (399, 0)
     assert not steps.compute_slopes(np.zeros(0)).any()
-
-
-def test_slopes_are_the_derivatives_by_the_weights():
-    found = find(WEIGHTS).compute_slopes(SLOPES)
-    for column, step in enumerate(1e-6 * np.eye(3)):
-        before, after = (find(WEIGHTS + sign * step).means @ SLOPES for sign in (-1.0, 1.0))
-        np.testing.assert_allclose(found[:, column], (after - before) / 2e-6, atol=2e-5)
-
-
-def test_cross_terms_and_curvature_are_the_derivatives_of_the_slopes():
-    rng = np.random.default_rng(0)
-    multipliers = rng.normal(size=399)
-    steps = find(WEIGHTS)
-    slopes = np.eye(3)
-    for slot in range(3):
-        expected = multipliers @ steps.compute_slopes(slopes[slot])
-        np.testing.assert_allclose(steps.compute_cross(multipliers)[:, slot], expected, rtol=1e-12)
-    curvature = steps.compute_curvature(multipliers, SLOPES)
-    np.testing.assert_allclose(curvature, curvature.T, rtol=1e-12)
-    size = 1e-7
-    for column, step in enumerate(size * np.eye(3)):
-        before, after = (
-            multipliers @ find(WEIGHTS + sign * step).compute_slopes(SLOPES) for sign in (-1.0, 1.0)
-        )
-        np.testing.assert_allclose(
-            (after - before) / (2.0 * size), curvature[:, column], rtol=1e-4, atol=1e-4
-        )
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -99,3 +85,54 @@ def test_windows_are_weighted_sums_and_spread_as_their_adjoint():
     check_adjoint(sums, rng)
     counted = np.arange(30) % 3 > 0
     np.testing.assert_allclose(sums.mask(counted).add(steps), sums.add(steps) * counted[:, None], rtol=1e-12)
+
+
+def name(*names):
+    return tuple(SimpleNamespace(name=entry) for entry in names)
+
+
+CARD = SimpleNamespace(
+    beta=name("ZZ1"),
+    rotors=name("IA1"),
+    friction=name("Fv1", "Fc1", "offset1"),
+    size=1,
+    joints=(SimpleNamespace(name="a", number=1, kind="revolute"),),
+    yielding=(True,),
+)
+GRID = SpringGrid(
+    thresholds=np.array([0.01, 0.02, 0.05]), knees=(-3.0, -1.0, 1.0, 2.0), stiffness=100.0, reach=0.04
+)
+
+LAYOUT = NlpLayout.build(CARD, [GRID], NlpOptions())
+
+
+def test_names_bounds_and_places():
+    layout = NlpLayout.build(CARD, [GRID], NlpOptions(stribeck=True, speeds=(0.01, 1.0)))
+    assert layout.names[:7] == ("ZZ1", "IA1", "Fv1", "Fc1", "offset1", "Fs1", "vs1")
+    assert layout.names[7:11] == ("k0 of joint 1", "k1 of joint 1", "k2 of joint 1", "k3 of joint 1")
+    assert layout.names[11:13] == ("slope beyond -1 of joint 1", "slope beyond -3 of joint 1")
+    np.testing.assert_array_equal(layout.lower[:7], [-np.inf, 0, 0, 0, -np.inf, 0, 0.01])
+    np.testing.assert_allclose(layout.lower[7:], [0.1, 0, 0, 0, *[0.05] * 4])
+    # The last stop is beyond the largest torsion: it cannot be told from k0, and has no weight.
+    np.testing.assert_allclose(layout.upper[7:], [1e4, 1e4, 1e4, 0, *[20.0] * 4])
+    assert layout.size == 15
+
+
+@pytest.mark.parametrize("trace", [1e-163, 1e-150, 1e-30])
+def test_what_filters_leave_of_a_constant_is_no_information(trace):
+    rng = np.random.default_rng(0)
+    moving, still = (scale * rng.normal(size=(200, 5)) for scale in (1.0, trace))
+    chi = np.arange(1.0, 6.0)
+    blocks = tuple(
+        RowBlock(matrix=rows, values=rows @ chi + 0.01 * scale * rng.normal(size=200), sign=-1.0, springs=())
+        for rows, scale in ((moving, 1.0), (still, trace))
+    )
+    torsion = np.zeros((200, 1))
+    one = NlpRecording(blocks=blocks[:1], bases=(np.zeros((200, 4)),), phi=torsion, speed=torsion)
+    x, found = LAYOUT.build_start(chi, [Elasticity(stiffness=100.0)]), []
+    for part in (one, replace(one, blocks=blocks)):
+        cost = ElasticNlpCost(recordings=(part,), layout=LAYOUT)
+        cost = cost.weigh([block.values - block.matrix @ chi for block in cost.blocks], chi)
+        found.append((cost.sigmas[0], *cost.invert_normal_equations(x)))
+    for alone, both in zip(*found, strict=True):
+        np.testing.assert_allclose(both, alone, rtol=1e-12, atol=0.0)

@@ -1,5 +1,6 @@
-"""Springs found from the gravity that bends them, against arms whose springs are known in closed form."""
+"""Springs, delays and zeros of encoders from the gravity that bends springs known in closed form."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from symid.identification.elastic.stiffness import (
     StiffnessVerdict,
     estimate_stiffness,
     estimate_torsion_alignment,
+    prepare_aligned,
 )
 from symid.logs.recording import Recording
 from symid.robot.loading import locate_robot_file
@@ -21,13 +23,8 @@ RATE = 500.0
 
 
 @pytest.fixture(scope="module")
-def arm():
-    return read_robot(locate_robot_file("two_link_elastic"))
-
-
-@pytest.fixture(scope="module")
-def library(arm):
-    return prepare_library(arm)
+def library():
+    return prepare_library(read_robot(locate_robot_file("two_link_elastic")))
 
 
 def move(time, seed):
@@ -114,22 +111,6 @@ def test_what_runs_do_not_tell_is_refused(library):
     assert np.isnan(found.joints[1].compliance)
 
 
-def test_without_gravity_there_is_no_stiffness(arm):
-    flat = replace(arm, gravity=tuple(entry - entry for entry in arm.gravity), name="flat_arm")
-    library = prepare_library(flat, backend="python")
-    names = {card.name for card in library.card.beta}
-    assert "MX1" not in names
-    time = np.arange(int(20 * RATE)) / RATE
-    q, dq, ddq = move(time, 4)
-    torque = np.array([0.5, 0.06]) * ddq
-    recording = Recording(
-        time=time, position=q, motor_position=q + torque / STIFFNESS, torque=torque + dq, source="flat"
-    )
-    found = estimate_stiffness(library, [recording])
-    assert {entry.verdict for entry in found.joints} == {StiffnessVerdict.NO_GRAVITY}
-    assert f"{found.joints[0].left:.3g} rad" in found.joints[0].reason
-
-
 def test_a_large_zero_offset_is_found_as_exactly_as_none(library):
     plain = record(library, 0, noise=1e-6)
     moved = replace(plain, position=plain.position - np.array([0.5, -0.5]))
@@ -137,3 +118,80 @@ def test_a_large_zero_offset_is_found_as_exactly_as_none(library):
     np.testing.assert_allclose(large.offsets - small.offsets, [[0.5, -0.5]], atol=1e-6)
     assert large.delay == pytest.approx(small.delay, abs=1e-7)
     assert not large.unknown.any()
+
+
+LIFT = """name = "lift"
+convention = "modified"
+gravity = [0, 0, -9.81]
+
+[[joint]]
+name = "carriage"
+kind = "prismatic"
+
+[joint.drive]
+rotor_inertia = 0.25
+rotor_inertia_side = "joint"
+
+[joint.friction]
+model = "coulomb-viscous"
+
+[joint.elasticity]
+stiffness = 4000
+"""
+SPRING, MASS, ROTOR = 4000.0, 2.5, 0.25
+
+
+@pytest.fixture(scope="module")
+def lift(tmp_path_factory):
+    path = tmp_path_factory.mktemp("lift") / "lift.toml"
+    path.write_text(LIFT, encoding="utf-8")
+    return prepare_library(read_robot(path))
+
+
+def raise_and_lower(gravity, *, offset=0.0, delay=0.0, noise=1e-6):
+    """Return a carriage on a spring: force m (ddq + g), friction and rotor before the spring."""
+    time = np.arange(10_000) * 2e-3
+    w, phase = 2.0 * np.pi * np.array([0.3, 0.8, 1.7]), np.array([0.0, 1.0, 2.0])
+
+    def move(at, order):
+        sizes = 0.2 / w * w**order
+        return (sizes * np.sin(w * at[:, None] + phase + 0.5 * np.pi * order)).sum(axis=1, keepdims=True)
+
+    force = MASS * (move(time, 2) + gravity)
+    theta = move(time, 0) + force / SPRING
+    speed = move(time, 1) + MASS * move(time, 3) / SPRING
+    acceleration = move(time, 2) + MASS * move(time, 4) / SPRING
+    rng = np.random.default_rng(1)
+    return Recording(
+        time=time,
+        position=move(time - delay, 0) - offset + noise * rng.normal(size=theta.shape),
+        motor_position=theta,
+        torque=force + ROTOR * acceleration + 1.5 * np.tanh(speed / 0.01) + speed,
+        source="run",
+    )
+
+
+@pytest.mark.parametrize("offset", [0.0, 0.004])
+def test_no_zero_is_invented_where_gravity_never_changes(lift, offset):
+    recording = raise_and_lower(9.81, offset=offset, delay=0.003)
+    found = estimate_torsion_alignment(lift, [recording])
+    assert found.unknown.tolist() == [True]
+    assert found.delay == pytest.approx(0.003, abs=2e-5)
+    (moved,), kept, told = prepare_aligned(lift, [recording])
+    assert {notice.code for notice in told} == {"log.aligned", "log.offset-unknown"}
+    assert "'carriage'" in told[-1].text
+    assert np.isnan(kept.offsets).all()
+    gap = moved.motor_position - moved.position
+    assert np.mean(gap) == pytest.approx(MASS * 9.81 / SPRING + offset, abs=1e-4)
+
+
+def test_a_log_in_line_and_its_stiffness_say_that_gravity_never_changes(lift):
+    _, _, told = prepare_aligned(lift, [raise_and_lower(9.81, noise=1e-4)])
+    assert [notice.code for notice in told] == ["log.in-line", "log.offset-unknown"]
+    # No number of an offset stands there: only the delay and its deviation.
+    assert len(re.findall(r"[0-9.]+ ms", told[0].text)) == len(re.findall(r"[0-9.]+", told[0].text)) == 2
+    found = estimate_stiffness(lift, [raise_and_lower(9.81)])
+    (joint,) = found.joints
+    assert joint.verdict is StiffnessVerdict.NO_GRAVITY
+    assert joint.left > 0.0
+    assert "log.offset-unknown" in {notice.code for notice in found.notices}

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from symid.errors import EstimateError
 from symid.identification.elastic.estimate import (
     compute_covariance,
     mark_unidentifiable,
@@ -16,13 +15,12 @@ from symid.identification.elastic.estimate import (
 )
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import solve_with_signs
-from symid.identification.stored import read_fit, write_fit
+from symid.identification.stored import write_fit
 from symid.joint_models import FrictionValues, list_value_names
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import describe_settings
-from tests.elastic_fits import identify_elastic
 from tests.friction_forms import OLD_NAMES
-from tests.recovery.elastic_runs import prepare_arm, run_arm
+from tests.recovery.elastic_runs import identify_elastic, prepare_arm, run_arm
 
 
 @pytest.fixture(scope="module")
@@ -101,16 +99,6 @@ def refuse(estimate):
     first, second = estimate.springs
     second = replace(second, identifiable=False, reason="it is for the test")
     return replace(estimate, springs=(first, second))
-
-
-def test_springs_are_read_as_they_were_written(tmp_path, arm, estimate):
-    path = write_fit(refuse(estimate), tmp_path / "estimate.json")
-    assert read_fit(path, arm[1].card) == refuse(estimate)
-    data = json.loads(path.read_text(encoding="utf-8"))
-    data["springs"][0]["identifiable"] = 1
-    path.write_text(json.dumps(data), encoding="utf-8")
-    with pytest.raises(EstimateError, match="expected true or false"):
-        read_fit(path)
 
 
 def test_a_refused_spring_is_not_exported(capsys, tmp_path, robots_folder, estimate):

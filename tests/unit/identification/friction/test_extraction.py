@@ -14,10 +14,10 @@ from symid.identification.friction.extraction import (
     list_independent,
     prepare_joint_logs,
 )
-from symid.identification.friction.joint_fit import FrictionSamples, build_reduction, list_shaped_columns
+from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
 from symid.identification.friction.selection import CANDIDATE_LAWS
 from symid.joint_models import compute_columns
-from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
+from symid.joint_models.friction_catalogue import get_law
 from symid.logs.recording import Recording
 from symid.robot import Decimation
 from symid.robot.description import Processing
@@ -301,15 +301,6 @@ def build(**changes):
     return FrictionSamples(**(fields | changes))
 
 
-def test_inputs_are_those_that_are_known_and_columns_pass_the_operator():
-    assert set(build().inputs) == {"velocity"}
-    given = ("load", "position", "temperature")
-    assert set(build(**dict.fromkeys(given, np.ones(4))).inputs) == {"velocity", *given}
-    columns = np.arange(8.0).reshape(4, 2)
-    assert build().pass_columns(columns) is columns
-    assert build(reduce=lambda values: values[::2]).pass_columns(columns).tolist() == [[0.0, 1.0], [4.0, 5.0]]
-
-
 @pytest.mark.parametrize(
     ("changes", "word"),
     [
@@ -325,18 +316,6 @@ def test_what_does_not_fit_is_refused(changes, word):
     with pytest.raises(LogError, match=word) as refused:
         build(**changes)
     assert {notice.code for notice in refused.value.notices} == {"friction.samples"}
-
-
-@pytest.mark.parametrize("smoothing", [0.0, 0.02])
-@pytest.mark.parametrize("name", [*FRICTION_LAWS, *CANDIDATE_LAWS])
-def test_columns_that_depend_on_the_shape_are_those_that_change_with_it(name, smoothing):
-    law = get_law(name, smoothing=smoothing)
-    rng = np.random.default_rng(6)
-    drawn = dict(zip(("velocity", "load", "temperature"), rng.normal(size=(3, 200)), strict=True))
-    inputs = {**drawn, "position": np.zeros(200)}
-    one, *others = (compute_columns(law, inputs, rng.uniform(0.1, 1.5, len(law.shape))) for _ in range(9))
-    changed = np.any([np.any(one != other, axis=0) for other in others], axis=0)
-    assert list_shaped_columns(law) == np.flatnonzero(changed).tolist()
 
 
 def draw_long(count=5000):
@@ -373,16 +352,3 @@ def test_columns_and_rows_that_are_kept_are_those_that_pass_the_operator():
     assert set(rows.run.tolist()) == {0, 1}
     with pytest.raises(ValueError, match="read-only"):
         samples.pass_law(get_law("coulomb"), ())[0] = 1.0
-
-
-def test_columns_pass_the_filter_once():
-    calls = []
-    samples = draw_long()
-    names = ("joint", "time", "velocity", "torque", "extra", "extra_names")
-    counted = FrictionSamples(
-        **{name: getattr(samples, name) for name in names},
-        reduce=lambda columns: calls.append(columns.shape[1]) or samples.reduce(columns),
-    )
-    for speed, passed in ((0.1, 4), (0.1, 4), (0.2, 5)):
-        counted.pass_law(get_law("stribeck+offset"), [speed])
-        assert sum(calls) == passed

@@ -1,5 +1,7 @@
 """Output error of one axis: known values are found again, the simpler model is taken where it may be."""
 
+from dataclasses import replace
+
 import mpmath
 import numpy as np
 import pytest
@@ -131,9 +133,7 @@ def test_runs_that_cannot_be(position, force):
         fit_output_error(PLAIN, build_run(PLAIN, 1.0), [Window(first=0, last=30)], [TRUTH[PLAIN.name]])
 
 
-# The ladder of laws: the law that made the motion leaves least of it.
 PROCESSING = Processing(
-    filter_order=4,
     filter_cutoff=100.0,
     filter_torque=False,
     drop_first=50,
@@ -141,19 +141,12 @@ PROCESSING = Processing(
 )
 
 
-def build_recording(phase, joints=1):
+def build_recording(phase):
     time = 2.0 + 1e-3 * np.arange(6000)
-    model = AxisModel(law=get_law("asymmetric"), terms=("drift",))
-    values = np.array([95.0, 160.0, 20.0, 240.0, 21.0, -0.2])
     # Strong enough that the axis hardly rests: at rest the force tells nothing of a law.
     force = 250.0 * np.sin(4.0 * time + phase) + 60.0 * np.sin(1.3 * time)
-    position, _ = simulate_axis(model, values, force, 1e-3, (0.0, 0.0, 2.0))
-    return Recording(
-        time=time,
-        position=np.column_stack([position] * joints),
-        torque=np.column_stack([force] * joints),
-        source="simulated",
-    )
+    position, _ = simulate_axis(RICH, [95.0, 160.0, 20.0, 240.0, 21.0, -0.2], force, 1e-3, (0.0, 0.0, 2.0))
+    return Recording(time=time, position=position[:, None], torque=force[:, None], source="simulated")
 
 
 def test_the_law_that_made_the_motion_leaves_least():
@@ -177,7 +170,7 @@ def test_a_run_is_the_recording_of_one_joint():
     assert np.array_equal(run.position, recording.position[:, 0])
     assert np.array_equal(run.force, recording.torque[:, 0])
     assert (run.period, run.begin) == (pytest.approx(1e-3), 2.0)
-    two = build_recording(0.0, joints=2)
+    two = replace(recording, position=recording.position[:, [0, 0]], torque=recording.torque[:, [0, 0]])
     for build in (build_axis_run, lambda entry: build_axis_samples(entry, PROCESSING)):
         with raises(LogError, "log.joints", match=r"\b2 joints.* 1$"):
             build(two)

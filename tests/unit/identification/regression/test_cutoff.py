@@ -1,4 +1,4 @@
-"""Cut-off and decimation follow from the noise of the positions, and the choice is explained."""
+"""Cut-off and decimation follow from the noise of the positions; known payloads are taken off."""
 
 from dataclasses import replace
 
@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from symid.errors import LogError
-from symid.identification.regression.preparation import choose_filters, choose_window, measure_bands
+from symid.identification.regression.preparation import (
+    choose_filters,
+    choose_window,
+    compute_payload_torque,
+    measure_bands,
+)
 from symid.identification.rigid.fit import identify_parameters
-from symid.logs.recording import Recording, cut_recording
+from symid.logs.recording import Recording, RunSettings, cut_recording
 from symid.logs.signals import choose_processing
 from symid.robot.description import Decimation, Processing
-from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
+from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_signals, build_two_link
 from tests.refusals import raises
 
 AUTOMATIC = Processing(automatic=True)
@@ -57,18 +62,6 @@ def test_clean_logs_keep_the_rule_of_the_sample_rate_and_noisy_ones_less():
     assert choose_filters(part, [noisy]).processing.filter_cutoff == 60.0
 
 
-def test_the_choice_lowers_the_bias_of_noisy_positions():
-    library = build_two_link()
-    recordings = [record(1e-3, seed) for seed in (1, 2, 3)]
-    usual = choose_processing(AUTOMATIC, 1e-3)
-    errors = []
-    for processing in (usual, AUTOMATIC):
-        estimate = identify_parameters(library, recordings, processing, estimator="wls")
-        found = estimate.assemble(tuple(entry.name for entry in estimate.parameters))
-        errors.append(np.abs(found - TWO_LINK_TRUTH)[:6])
-    assert np.linalg.norm(errors[1]) < 0.5 * np.linalg.norm(errors[0])
-
-
 def test_windows_of_momentum_rows_are_as_long_as_torque_rows_are_apart():
     recording = record()
     estimate = identify_parameters(build_two_link(), [recording], AUTOMATIC, rows="momentum")
@@ -97,3 +90,22 @@ def test_logs_of_other_rates_are_refused_where_there_is_something_to_choose():
             choose_filters(AUTOMATIC, pair)
         stated = Processing(filter_cutoff=60.0, decimation=Decimation(factor=4))
         assert choose_filters(stated, pair).processing == stated
+
+
+def record_payload(load):
+    signals = build_signals(build_two_link(), TWO_LINK_TRUTH, samples=101)
+    run = RunSettings(file="log.npz", payload="disc", load=load)
+    return signals, Recording(
+        time=signals.time, position=signals.q, torque=signals.tau, source="log.npz", run=run
+    )
+
+
+def test_without_one_nothing_changes_and_that_of_another_model_is_refused():
+    signals, recording = record_payload(())
+    assert compute_payload_torque(build_two_link(), signals, recording) is None
+    signals, recording = record_payload((1.0, 2.0))
+    with pytest.raises(LogError) as caught:
+        compute_payload_torque(build_two_link(), signals, recording)
+    (notice,) = caught.value.notices
+    assert (notice.code, notice.file) == ("log.payload-model", "log.npz")
+    assert [word for word in notice.text.replace(":", "").split() if word.isdigit()] == ["2", "6"]

@@ -1,13 +1,25 @@
+"""What rows tell, triangles that stand for all of them, windows that integrate them."""
+
+import gc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from symid.errors import IdentifiabilityError, LogError, UsageError
-from symid.identification.estimators.least_squares import fit_ols, fit_wls
-from symid.identification.regression.equations import build_rows
+from symid.errors import IdentifiabilityError, UsageError
+from symid.identification.estimators.least_squares import fit_condensed, fit_ols, fit_wls
+from symid.identification.regression import identifiability as condensation
+from symid.identification.regression.equations import (
+    build_rows,
+    choose_windows,
+    integrate_windows,
+    select_rows,
+)
 from symid.identification.regression.identifiability import (
     analyse_identifiability,
+    compute_square_sums,
+    condense_rows,
+    condense_weighted,
     hold_resting_joints,
     list_resting_joints,
 )
@@ -152,23 +164,6 @@ def test_parameters_that_are_hardly_known_are_named():
     assert "offset1" in notice.text
 
 
-def test_wrong_calls_name_what_is_allowed():
-    library = build_one_axis()
-    with pytest.raises(UsageError) as caught:
-        identify_parameters(library, [], PLAIN, rows="impulse", estimator="magic")
-    text = str(caught.value)
-    codes = [notice.code for notice in caught.value.notices]
-    assert codes == ["usage.unknown-rows", "usage.unknown-estimator", "usage.no-log"]
-    assert "torque, momentum, filtered, power, energy" in text
-    assert "ols, wls" in text
-    with pytest.raises(UsageError, match="'impulse'"):
-        build_rows("impulse", library, build_signals(library, ONE_AXIS_TRUTH), PLAIN)
-    # Nor is a log of another robot.
-    recording = build_recording(build_two_link(), TWO_LINK_TRUTH, source="two.npz")
-    with raises(LogError, "log.joints", match=r"two\.npz: .* 2 joints.* 'one_axis' .* 1\b"):
-        identify_parameters(library, [recording], PLAIN)
-
-
 def test_energy_rows_warn_beyond_three_joints():
     library = build_one_axis()
     joints = library.card.joints * 4
@@ -190,3 +185,87 @@ def test_logs_whose_rows_are_all_left_out_say_so():
         identify_parameters(library, [recording], processing)
     assert caught.value.notices[0].code == "identify.no-rows"
     assert "identify.slow-rows" in {entry.code for entry in caught.value.notices}
+
+
+def draw_rows():
+    library = build_two_link()
+    signals = build_signals(library, TWO_LINK_TRUTH, samples=9001, noise=(0.5, 0.2))
+    return build_rows("torque", library, signals, PLAIN)
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return draw_rows()
+
+
+def test_rows_in_any_order_condense_to_the_same_once(rows):
+    order = np.random.default_rng(0).permutation(len(rows.values))
+    names = ("matrix", "values", "group", "time", "velocity", "run", "weight")
+    shuffled = replace(rows, **{name: getattr(rows, name)[order] for name in names})
+    products = [f.transpose(0, 2, 1) @ f for f in (condense_rows(r).factors for r in (rows, shuffled))]
+    np.testing.assert_allclose(products[0], products[1], rtol=1e-9, atol=1e-6)
+    # Rows are factorised once and forgotten with them.
+    fresh = draw_rows()
+    assert condense_rows(fresh) is condense_rows(fresh)
+    known = len(condensation._KNOWN)
+    del fresh
+    gc.collect()
+    assert len(condensation._KNOWN) < known
+
+
+def test_a_weight_of_zero_is_a_row_left_out(rows):
+    keep = rows.time < 4.0
+    cut = condense_rows(select_rows(rows, keep))
+    zero = condense_weighted(rows, keep * 1.0)
+    np.testing.assert_allclose(
+        compute_square_sums(zero, TWO_LINK_TRUTH), compute_square_sums(cut, TWO_LINK_TRUTH), rtol=1e-10
+    )
+    np.testing.assert_array_equal(zero.counts, cut.counts)
+
+
+@pytest.mark.parametrize("freedom", ["band", "one"])
+def test_condensed_fits_are_those_of_the_rows(rows, freedom):
+    seen = analyse_identifiability(rows)
+    for fit, weights in ((fit_ols, np.ones(2)), (fit_wls, None)):
+        expected = fit(rows, seen, freedom)
+        found = fit_condensed(condense_rows(rows), seen.basis, weights, freedom)
+        np.testing.assert_allclose(found.values, expected.values, rtol=1e-9)
+        np.testing.assert_allclose(found.covariance, expected.covariance, rtol=1e-7, atol=1e-18)
+        assert found.condition == pytest.approx(expected.condition)
+
+
+def test_simpson_is_exact_for_cubics():
+    time = np.linspace(0.0, 2.0, 41)
+    windows = choose_windows(41, 0.05, 0.5)
+    assert (windows.count, windows.intervals) == (4, 10)
+    found = integrate_windows(np.column_stack([time**3, np.ones(41)]), windows)
+    ends = time[windows.ends]
+    np.testing.assert_allclose(found[:, 0], np.diff(ends**4) / 4, rtol=1e-13)
+    np.testing.assert_allclose(found[:, 1], np.diff(ends), rtol=1e-13)
+    # Samples that fill no window are left over.
+    windows = choose_windows(100, 0.01, 0.1)
+    assert windows.count == 9
+    assert integrate_windows(np.ones((100, 2)), windows).shape == (9, 2)
+
+
+def test_error_falls_with_the_fourth_power_of_the_period():
+    errors = []
+    for samples in (201, 401):
+        time = np.linspace(0.0, 1.0, samples)
+        total = integrate_windows(np.exp(3 * time), choose_windows(samples, time[1], 0.1)).sum()
+        errors.append(abs(total - (np.exp(3) - 1) / 3))
+    assert errors[0] / errors[1] == pytest.approx(16, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("length", "pieces", "words"),
+    [
+        *((length, 1, r"0\.02 s.*1 s") for length in (0.0, -1.0, 0.005, 100.0)),
+        # Windows that overlap too much are told as they were asked for.
+        (0.1, 10, r"0\.1 s.*0\.01 s.*overlap"),
+    ],
+)
+def test_windows_that_do_not_fit_are_refused(length, pieces, words):
+    with raises(UsageError, "usage.window", match=words):
+        choose_windows(101, 0.01, length, pieces=pieces)
+    assert choose_windows(101, 0.01, 0.4, pieces=10) == choose_windows(101, 0.01, 0.04)

@@ -1,10 +1,11 @@
-"""What speaks for a fit: against explicit fits without each stretch, and truths that no robot has."""
+"""What speaks for a fit: explicit fits without each stretch, truths no robot has, terms the model lacks."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from symid.identification.diagnostics import FAMILIES
 from symid.identification.diagnostics.stretches import fit_stretches
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.preparation import prepare_rows
@@ -189,3 +190,66 @@ def test_noise_of_a_velocity_near_rest_is_no_friction():
     for one, other in zip(alone, beside, strict=True):
         assert other.reversing < 0.5 * one.reversing
         assert (other.moving, other.held_out) == (one.moving, one.held_out)
+
+
+WIDE = Processing(filter_cutoff=80.0, drop_first=50, drop_last=50, decimation=Decimation(factor=3))
+
+
+def identify(seed, friction=None, processing=AUTOMATIC, estimator=None, encoder=1e-5):
+    log = record(seed, encoder=encoder, torque=0.05, friction=friction)
+    return identify_parameters(LIBRARY, [log], processing, estimator=estimator)
+
+
+def rise_at_rest(dq):
+    """Return what Stribeck friction has beyond Coulomb's."""
+    return 0.8 * np.sign(dq) * np.exp(-((dq / 0.15) ** 2))
+
+
+def differ_by_direction(dq):
+    return 0.4 * np.abs(dq) + 0.15 * (dq > 0.0)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_a_whole_model_misses_nothing(seed):
+    for processing in (AUTOMATIC, WIDE):
+        estimate = identify(seed, processing=processing)
+        assert estimate.evidence.missing == ()
+        assert "identify.structure" not in {notice.code for notice in estimate.notices}
+
+
+@pytest.mark.parametrize(
+    ("term", "friction"), [("slow motion", rise_at_rest), ("velocity", differ_by_direction)]
+)
+@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize(
+    ("processing", "estimator"), [(AUTOMATIC, None), (AUTOMATIC, "wls"), (WIDE, "huber")]
+)
+def test_friction_that_the_model_lacks_is_named(seed, term, friction, processing, estimator):
+    estimate = identify(seed, friction, processing, estimator)
+    (missing,) = estimate.evidence.missing
+    assert (missing.joint, missing.term) == ("joint2", term)
+    assert missing.gain > 30.0
+    assert missing.errors > 2.5
+    (notice,) = (entry for entry in estimate.notices if entry.code == "identify.structure")
+    assert term in notice.text
+    assert FAMILIES[term].advice[1:] in notice.text
+
+
+def test_the_gain_is_in_percent_of_the_squares_that_are_left():
+    """Asymmetric friction is nearly all that the model does not explain; more noise, and it is less."""
+    gains = []
+    for noise in (0.05, 1.0):
+        log = record(0, encoder=1e-5, torque=noise, friction=differ_by_direction)
+        (missing,) = identify_parameters(LIBRARY, [log], WIDE).evidence.missing
+        gains.append(missing.gain)
+    assert 95.0 < gains[0] <= 100.0
+    assert gains[1] < 0.9 * gains[0]
+
+
+def test_a_term_within_the_noise_is_not_named_and_a_log_that_is_hardly_explained_has_causes():
+    assert identify(1, lambda dq: 0.01 * differ_by_direction(dq)).evidence.missing == ()
+    log = record(0)
+    noise = np.random.default_rng(2).normal(size=log.torque.shape)
+    evidence = identify_parameters(LIBRARY, [replace(log, torque=noise)], WIDE).evidence
+    assert evidence.missing == ()
+    assert "nothing to do with this motion" in evidence.cause

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from symid.errors import EstimateError, UsageError
+from symid.errors import EstimateError
 from symid.identification.estimators.least_squares import fit_ols
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import analyse_identifiability
@@ -16,13 +16,12 @@ from symid.identification.rigid.validation import (
     get_fit_overlap,
     get_fit_window,
     get_run_weights,
-    get_usable_window,
     read_fit_processing,
     resolve_processing,
     restore_robot,
     validate_estimate,
 )
-from symid.logs.recording import Recording, cut_recording
+from symid.logs.recording import cut_recording
 from symid.logs.signals import choose_processing
 from symid.robot.description import Decimation, Processing
 from symid.robot.loading import load_robot
@@ -277,25 +276,3 @@ def test_settings_that_cannot_be_read_are_refused(read, settings):
     # Those that say nothing have defaults.
     assert (get_fit_window({}), get_fit_overlap({}), get_weights({})) == (0.1, 0.0, None)
     assert get_weights({"weights": [2, 0.5]}) == (2.0, 0.5)
-
-
-@pytest.mark.parametrize(
-    ("overlap", "step", "expected"),
-    [(0.0, 1e-2, 2e-2), (0.5, 1e-2, 4e-2), (0.5, 2e-3, 1e-2), (0.0, 2e-3, 1e-2)],
-)
-def test_windows_too_short_for_a_coarse_log_become_longer(overlap, step, expected):
-    time = step * np.arange(200)
-    position = np.column_stack([np.sin(9.0 * time), np.cos(7.0 * time)])
-    recording = Recording(time=time, position=position, torque=position, source="coarse")
-    settings = {"window": 1e-2, "overlap": overlap}
-    window, notices = get_usable_window(settings, recording)
-    assert window == pytest.approx(expected)
-    assert [(entry.code, entry.file) for entry in notices] == [("validate.longer-windows", "coarse")] * (
-        expected > 1e-2
-    )
-    # The window serves, and where another one took its place the fit's would not have.
-    call = ("momentum", LIBRARY, recording, Processing(filter_cutoff=20.0))
-    assert len(prepare_rows(*call, window=window, overlap=overlap).values) > 0
-    if notices:
-        with pytest.raises(UsageError, match="two sample periods"):
-            prepare_rows(*call, window=1e-2, overlap=overlap)

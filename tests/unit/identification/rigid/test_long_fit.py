@@ -16,10 +16,7 @@ from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
 from symid.identification.regression.preparation import (
     RowBuilder,
-    StatesKeeper,
     condense_recordings,
-    predict_outlines,
-    prepare_rows,
 )
 from symid.identification.rigid.fit import fit_long, identify_parameters, is_long
 from symid.robot.description import Decimation, Processing
@@ -118,20 +115,6 @@ def test_deviations_of_blocks(kind, freedom):
     )
 
 
-@pytest.mark.parametrize("kind", ["torque", "momentum"])
-def test_outlines_are_predicted_by_one_pass(kind, recordings):
-    keeper, values = StatesKeeper(), TWO_LINK_TRUTH * 1.01
-    maker = RowBuilder(kind, LIBRARY, PROCESSING, 0.04, 0.5, keeper)
-    every = maker._replace(processing=replace(PROCESSING, standstill=None))
-    outlines = [stack_rows([one.outline(log) for log in recordings]) for one in (maker, every)]
-    assert len(outlines[0].values) < len(outlines[1].values)
-    found = predict_outlines(maker, recordings, outlines, values)
-    for one, outline, predicted in zip((maker, every), outlines, found, strict=True):
-        rows = stack_rows([one._replace(keeper=None).prepare(log) for log in recordings])
-        np.testing.assert_array_equal(rows.values, outline.values)
-        np.testing.assert_allclose(predicted, rows.matrix @ values, rtol=1e-9, atol=1e-9)
-
-
 def test_every_sample_joints_at_rest_and_refused_parameters(recordings):
     """The second joint rests in one log, and the first in the other."""
     plain = replace(PROCESSING, decimation=Decimation(), filter_torque=True)
@@ -165,19 +148,6 @@ def test_what_blocks_cannot_do_is_done_in_memory(recordings):
     assert condense_recordings(maker, short, None) is None
     whole, again = (identify_parameters(LIBRARY, short, PROCESSING, largest=size) for size in (1e9, 0.0))
     assert whole == again
-
-
-@pytest.mark.parametrize("overlap", [0.0, 0.5, 0.9])
-@pytest.mark.parametrize("kind", ["torque", "momentum"])
-def test_blocks_are_the_rows(recordings, kind, overlap, monkeypatch):
-    processing = replace(PROCESSING, standstill=0.0)
-    monkeypatch.setattr("symid.identification.regression.equations._SAMPLES", 10**9)
-    rows = prepare_rows(kind, LIBRARY, recordings[0], processing, window=0.02, overlap=overlap)
-    monkeypatch.setattr("symid.identification.regression.equations._SAMPLES", 500)
-    blocks = list(RowBuilder(kind, LIBRARY, processing, 0.02, overlap).cut(recordings[0]))
-    assert [part.start for part, _ in blocks] == [0, *(part.stop for part, _ in blocks)][:-1]
-    whole = np.concatenate([matrix for _, matrix in blocks]).swapaxes(0, 1).reshape(rows.matrix.shape)
-    np.testing.assert_allclose(whole, rows.matrix, rtol=0, atol=1e-12 * np.abs(rows.matrix).max())
 
 
 def test_structure_of_very_long_logs_is_that_of_some_of_their_rows():
