@@ -18,7 +18,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from decimal import Decimal
+from decimal import Decimal, DecimalException
 from fractions import Fraction
 
 import numpy as np
@@ -335,8 +335,11 @@ class XmlPart:
 def _parse_decimal(text: str) -> Decimal | None:
     if len(text) > _LONGEST_NUMBER or not _DECIMAL.fullmatch(text):
         return None
-    number = Decimal(text)
-    return to_decimal(number) if abs(number) >= _SMALLEST else Decimal(0)
+    try:
+        number = Decimal(text)
+        return to_decimal(number) if abs(number) >= _SMALLEST else Decimal(0)
+    except DecimalException:  # an exponent beyond all bounds
+        return None
 
 
 def _list_parts(

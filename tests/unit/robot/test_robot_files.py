@@ -42,7 +42,8 @@ def test_emps_states_the_published_processing(robots_folder):
     assert emps.joints[0].friction.law == "coulomb-viscous-offset"
     assert emps.log.torque.factor == (35.15065188,)
     decimation = Decimation(factor=10, order=8, ripple_db=0.05, band=0.8)
-    found = Processing(filter_cutoff=100.0, drop_first=49, noise_freedom="one", decimation=decimation)
+    stated = {"filter_cutoff": 100.0, "drop_first": 49, "standstill": 0.0, "noise_freedom": "one"}
+    found = Processing(**stated, decimation=decimation)
     assert emps.settings == (NamedSettings(name="published", processing=found),)
 
 

@@ -197,7 +197,11 @@ IN_ELASTIC_JOINT = [
     (MISSING, "^" + SPRING + 'model = "bouc-wen"\nlevel = 3', "a number in rad"),
     (MISSING, "^" + SPRING + 'model = "lugre"\nFc = 1\nsigma0 = 2\nFe = 1', "where Fe is not 0"),
     (MISSING, "^" + TABLE + "damping = 1", 'or stiffness = "unknown"'),
-    (MIXED, TABLE + "^stiffness = 380\ncatalogue = {}", "stiffness: "),
+    (
+        MIXED,
+        TABLE + "^stiffness = 380\ncatalogue = { K1 = 1, K2 = 2, K3 = 3, T1 = 1, T2 = 2 }",
+        "stiffness: ",
+    ),
     (MISSING, TABLE + "catalogue = ^{ K1 = 1, K2 = 2, K3 = 3, T1 = 1 }", "T2: missing; "),
     (RANGE, TABLE + "catalogue = { K1 = 1, K2 = 2, K3 = 3, T1 = 2, T2 = ^2 }", "T1 = 2"),
     (RANGE, TABLE + "catalogue = { K1 = ^0, K2 = 2, K3 = 3, T1 = 2, T2 = 3 }", "than 0 N*m/rad"),
