@@ -221,11 +221,11 @@ def draft_robot(
             gravity = (x, y, z)
         robot = robots.read_dh_table(table or Path(), options.convention or "", gravity)
     stated: list[tuple[float, ...]] = []
-    for option, given in (("--gear", options.gear), ("--torque-constant", options.torque_constant)):
-        if given is None:
+    for option, value in (("--gear", options.gear), ("--torque-constant", options.torque_constant)):
+        if value is None:
             stated.append(())
             continue
-        texts, numbers = _read_numbers(given)
+        texts, numbers = _read_numbers(value)
         if not numbers or not all(numbers):
             expected = "expected numbers other than 0 with commas between, one for each joint"
             text = f"{option} {','.join(texts)}: {expected}, such as {option} {_EXAMPLES[option]}"

@@ -179,7 +179,7 @@ def test_a_joint_called_base_is_renamed(tmp_path):
 def test_what_no_robot_file_can_say_is_told_of_the_source(tmp_path, monkeypatch):
     source = tmp_path / "arm.urdf"
     source.write_text(URDF)
-    monkeypatch.setattr("symid.logs.draft.write_robot", lambda *_, **__: 'name = "arm"\n')
+    monkeypatch.setattr("symid.robot.toml_writer.write_robot", lambda *_, **__: 'name = "arm"\n')
     path = tmp_path / "arm.toml"
     code, answer = ask("new", path, "--from-urdf", source)
     assert code == 3
