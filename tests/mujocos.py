@@ -32,6 +32,10 @@ def find_mujoco_torques(model: mujoco.MjModel, names, state: np.ndarray, *, dry:
     return np.array([data.qfrc_inverse[joint.dofadr[0]] for joint in joints])
 
 
+def build_model(worldbody, tail="", head=""):
+    return f"<mujoco>{head}<worldbody>{worldbody}</worldbody>{tail}</mujoco>"
+
+
 def parse_mjcf(text, file="robot.xml", *, base=None, tip=None, snap=DEFAULT_SNAP):
     """Return symid's robot of a model; messages call the text `file`."""
     return parse_xml_robot(text, file, base=base, tip=tip, snap=snap)

@@ -6,9 +6,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from symid.robot import geometry
 from symid.robot.description import JointKind, Robot
-from tests.chains import to_se3
+from symid.robot.urdf_xml import TENSOR
+from tests.chains import draw_parameters, spread, to_se3
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
@@ -21,18 +21,6 @@ AXES = {
     "1 1 0": (("z", 45), ("y", 90)),
 }
 """Axes of a URDF, and the turns (degrees, one after the other) that take z to them."""
-
-TURNS = {"x": geometry.rotate_x, "y": geometry.rotate_y, "z": geometry.rotate_z}
-
-
-def turn(steps: Sequence[tuple[str, int]]) -> geometry.Placement:
-    """Return the rotation of several turns about the axes that the last ones left."""
-    result = geometry.IDENTITY
-    for axis, degrees in steps:
-        result = geometry.compose_placements(
-            result, TURNS[axis](geometry.build_exact_angle(np.radians(degrees)))
-        )
-    return result
 
 
 def invert(steps: Sequence[tuple[str, int]]) -> tuple[tuple[str, int], ...]:
@@ -95,15 +83,6 @@ def write_odd_urdf(
     return "\n".join((*lines, "</robot>"))
 
 
-def find_factors(robot: Robot) -> np.ndarray:
-    """Return G (joints, coordinates) with dq_joint = G dq."""
-    factors = np.zeros((robot.size, robot.freedom))
-    for joint, row in enumerate(robot.transmission[: robot.size]):
-        for position, factor in row:
-            factors[joint, position] = float(factor)
-    return factors
-
-
 def to_configuration(
     model: pin.Model, names: Sequence[str], values: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -128,18 +107,6 @@ def find_torques(model: pin.Model, robot: Robot, state: np.ndarray) -> np.ndarra
     names = [joint.name for joint in robot.joints]
     q, v, a = to_configuration(model, names, state)
     return pin.rnea(model, model.createData(), q, v, a)[list_rows(model, names)]
-
-
-def is_orthogonal(placement: geometry.Placement) -> bool:
-    """Return whether the rotation is orthogonal to the last digit."""
-    turned = geometry.Placement(
-        rotation=placement.rotation, translation=(geometry.ZERO, geometry.ZERO, geometry.ZERO)
-    )
-    return geometry.compose_placements(turned, geometry.invert_placement(turned)) == geometry.IDENTITY
-
-
-def shift_z(value: str) -> geometry.Placement:
-    return geometry.translate(geometry.ZERO, geometry.ZERO, geometry.Exact.of(value))
 
 
 def find_link_poses(robot: Robot, positions: np.ndarray) -> list[pin.SE3]:
@@ -184,15 +151,11 @@ def draw_urdf(rng: np.random.Generator, size: int) -> tuple[str, dict[str, tuple
         return " ".join(f"{value:.3f}" for value in values)
 
     def write_link(name: str) -> str:
-        points, masses = rng.uniform(-0.3, 0.3, (6, 3)), rng.uniform(0.1, 1.0, 6)
-        tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
-        keys = ("xx", "xy", "xz", "yy", "yz", "zz")
-        entries = " ".join(
-            f'i{k}="{v!r}"' for k, v in zip(keys, tensor[np.triu_indices(3)].tolist(), strict=True)
-        )
+        body = draw_parameters(rng, 1)[0].tolist()
+        entries = " ".join(f'{key}="{value!r}"' for key, value in zip(TENSOR, body, strict=False))
         return (
             f'<link name="{name}"><inertial><origin xyz="{write_vector(rng.uniform(-0.2, 0.2, 3))}" '
-            f'rpy="{write_vector(rng.uniform(-3, 3, 3))}"/><mass value="{masses.sum():.4f}"/>'
+            f'rpy="{write_vector(rng.uniform(-3, 3, 3))}"/><mass value="{body[9]:.4f}"/>'
             f"<inertia {entries}/></inertial></link>"
         )
 
@@ -224,7 +187,7 @@ def find_positions(
     robot: Robot, followers: dict[str, tuple[str, float, float]], masters: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions of symid's joints, and of those in the file, from those of the masters."""
-    own = find_factors(robot) @ masters
+    own = spread(robot, masters)
     names = [joint.name for joint in robot.joints]
 
     def find(name: str) -> float:

@@ -129,16 +129,13 @@ class Alignment(FrozenArrays):
         return abs(self.delay) > max(_SIGNIFICANT * self.delay_std, _SMALLEST)
 
 
-def estimate_alignment(
-    recordings: Sequence[Recording], columns: Sequence[FloatArray], *, block: float = _BLOCK
-) -> Alignment:
+def estimate_alignment(recordings: Sequence[Recording], columns: Sequence[FloatArray]) -> Alignment:
     """Return delay and offsets of recordings of one robot, evenly sampled, at one rate.
 
     Args:
         recordings: at least one.
         columns: for each recording (N, n, k), regressors of the torsion of each joint: its torque, the plays
             of it, the direction of motion; not multiples of its velocity.
-        block: length of the blocks of the jackknife in s.
 
     Raises:
         LogError: a recording is unsuitable, no joint has a link encoder or moves, the delay is too large.
@@ -158,12 +155,12 @@ def estimate_alignment(
         mistakes.append(Notice(code="log.no-link-encoder", text=text, file=recordings[0].source))
     if mistakes:
         raise LogError(*mistakes)
-    first, step = _fit_joints(recordings, pairs, columns, 0.0, block)
+    first, step = _fit_joints(recordings, pairs, columns, 0.0)
     found, delay = first, step
     for _ in range(_ROUNDS):
         if abs(step) < _CONVERGED * recordings[0].period:
             break
-        found, step = _fit_joints(recordings, pairs, columns, delay, block)
+        found, step = _fit_joints(recordings, pairs, columns, delay)
         delay = float(np.clip(delay + step, -_LARGEST, _LARGEST))
     found = replace(found, explained=first.explained)
     # In slow logs the delay may be so uncertain that the search diverges; then it is not significant. A delay
@@ -188,11 +185,7 @@ def estimate_alignment(
 
 
 def _fit_joints(
-    recordings: Sequence[Recording],
-    pairs: Sequence[Encoders],
-    columns: Sequence[FloatArray],
-    shift: float,
-    block: float,
+    recordings: Sequence[Recording], pairs: Sequence[Encoders], columns: Sequence[FloatArray], shift: float
 ) -> tuple[Alignment, float]:
     """Return the alignment, fitted after a `shift` of the link channel, and the delay beyond that shift."""
     present = np.logical_and.reduce([pair.present for pair in pairs])
@@ -209,7 +202,7 @@ def _fit_joints(
         zero[:, run] = 1.0
         for joint, found in parts.items():
             design = np.column_stack([speed[:, joint], zero, columns[run][:, joint], gap[:, joint]])
-            found += [design[rows] for rows in split_blocks(len(gap), period, _EDGE + abs(shift), block)]
+            found += [design[rows] for rows in split_blocks(len(gap), period, _EDGE + abs(shift), _BLOCK)]
     # Of each joint: delay and offsets, NaN if unidentifiable, their standard deviations, the delay without
     # each block, the explained share of the variance, the RMS residual.
     fits = []

@@ -220,11 +220,18 @@ def draft_robot(
             x, y, z = (text.strip() for text in texts)
             gravity = (x, y, z)
         robot = robots.read_dh_table(table or Path(), options.convention or "", gravity)
-    gears, constants = (
-        _split_numbers(option, given)
-        for option, given in (("--gear", options.gear), ("--torque-constant", options.torque_constant))
-    )
-    robot = robots.complete_robot(robot, friction, gears, constants, rotors=options.rotors)
+    stated: list[tuple[float, ...]] = []
+    for option, value in (("--gear", options.gear), ("--torque-constant", options.torque_constant)):
+        if value is None:
+            stated.append(())
+            continue
+        texts, numbers = _read_numbers(value)
+        if not numbers or not all(numbers):
+            expected = "expected numbers other than 0 with commas between, one for each joint"
+            text = f"{option} {','.join(texts)}: {expected}, such as {option} {_EXAMPLES[option]}"
+            raise UsageError(Notice(code="usage.numbers", text=text))
+        stated.append(tuple(numbers))
+    robot = robots.complete_robot(robot, friction, *stated, rotors=options.rotors)
     part = draft_log_map(robot, log, columns, units) if log else None
     robot = part.robot if part else robot
     assumed, warnings = (part.assumed, part.warnings) if part else ((), ())
@@ -271,15 +278,3 @@ def _read_numbers(given: Numbers) -> tuple[list[str], list[float]]:
     except InvalidOperation:
         return texts, []
     return texts, [] if None in numbers else [float(number) for number in numbers if number is not None]
-
-
-def _split_numbers(option: str, given: Numbers | None) -> tuple[float, ...]:
-    """Return the numbers of an option, none of them zero; empty where it is not given."""
-    if given is None:
-        return ()
-    texts, numbers = _read_numbers(given)
-    if not numbers or not all(numbers):
-        expected = "expected numbers other than 0 with commas between, one for each joint"
-        message = f"{option} {','.join(texts)}: {expected}, such as {option} {_EXAMPLES[option]}"
-        raise UsageError(Notice(code="usage.numbers", text=message))
-    return tuple(numbers)

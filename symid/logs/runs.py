@@ -341,26 +341,25 @@ def measure_overlap(
     listed = list(known) if isinstance(known, list | tuple) else []
     stated = list(parts) if isinstance(parts, list | tuple) else []
     stated += [None] * (len(listed) - len(stated))
-    used = [_read_bounds(part) for entry, part in zip(listed, stated, strict=False) if entry == digest]
     whole = (extent.start, extent.end - period)
+    # The first and the last time stamp of each part, of the whole log where the file of a fit has none.
+    used: list[tuple[float, float]] = []
+    for entry, part in zip(listed, stated, strict=False):
+        ends = [part.get(name) for name in ("start", "end")] if isinstance(part, Mapping) else []
+        stamps = [float(value) for value in ends if isinstance(value, int | float)]
+        if entry == digest:
+            used.append((stamps[0], stamps[1]) if len(stamps) == 2 else whole)
     before, after = ((entry or 0) * period for entry in fitted_cut)
     first, last = (float(stamp) for stamp in recording.time[[cut[0] or 0, -1 - (cut[1] or 0)]])
     overlap, reached = 0.0, first
     # From left to right, so that nothing counts twice.
-    for start, end in sorted(bounds or whole for bounds in (used or [None])):
+    for start, end in sorted(used or [whole]):
         begin, stop = max(start + before, reached), min(end - after, last)
         # Neighbours share no sample.
         if stop - begin > -0.5 * period:
             overlap += stop - begin + period
             reached = stop + period
     return overlap
-
-
-def _read_bounds(part: object) -> tuple[float, float] | None:
-    """Return the first and the last time stamp of a part, None where the file of a fit does not say them."""
-    found = [part.get(name) for name in ("start", "end")] if isinstance(part, Mapping) else []
-    numbers = [float(value) for value in found if isinstance(value, int | float)]
-    return (numbers[0], numbers[1]) if len(numbers) == 2 else None
 
 
 def describe_overlap(overlap: float, recording: Recording, cut: Ends = (0, 0)) -> str:

@@ -400,12 +400,8 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
         raise LogError(uneven)
     period = recording.period
     try:
-        q, tau = recording.position, recording.torque
-        if processing.filter_cutoff is not None:
-            cutoff, order = processing.filter_cutoff, processing.filter_order
-            q = low_pass(q, period=period, cutoff=cutoff, order=order)
-            if processing.filter_torque:
-                tau = low_pass(tau, period=period, cutoff=cutoff, order=order)
+        q = _smooth(recording, "position", processing)
+        tau = _smooth(recording, "torque", processing) if processing.filter_torque else recording.torque
     except LogError as error:
         raise LogError(*(replace(notice, file=recording.source) for notice in error.notices)) from error
     dq = differentiate(q, period)

@@ -4,13 +4,14 @@ Joints in a tree -> the same joints, their frames turned about and shifted along
 frames depend on the robot alone. Neither changes the robot, its coordinates or their signs; both change the
 number of operations of its functions and the names of its base parameters.
 
-Supported: trees of revolute and prismatic joints, symbolic lengths. A normal whose direction is not in the
+Supported: trees of revolute and prismatic joints. A normal whose direction is not in the
 field of sqrt(2) and sqrt(3) is approximated to the digits of a double; parallel axes with such a distance
 between them keep the frame, and its exact numbers, where its two parts have few digits: somebody chose them.
 Axes that are nearly parallel have their common normal far away; the origin is then left open.
+Not supported: symbolic lengths.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain
@@ -32,7 +33,7 @@ _QUATERNION_PARTS = 10**16
 
 
 def rationalize_placement(
-    placement: geometry.Placement, symbols: Mapping[str, float] | None = None, *, snap: float = 1e-5
+    placement: geometry.Placement, *, snap: float = 1e-5
 ) -> tuple[geometry.Placement, float]:
     """Return the placement in short numbers, and how far its axes were moved (rad).
 
@@ -52,7 +53,7 @@ def rationalize_placement(
         elif long:
             rotation = replace(placement, rotation=_approximate_rotation(r))
     moved = max(abs(a - b) for a, b in zip(chain(*r), chain(*geometry.to_floats(rotation)), strict=True))
-    origin = _rationalize_translation(placement, rotation.rotation, symbols or {})
+    origin = _rationalize_translation(placement.translation, rotation.rotation)
     return replace(rotation, translation=origin), moved
 
 
@@ -82,20 +83,14 @@ def _approximate_rotation(r: tuple[tuple[float, ...], ...]) -> geometry.ExactMat
 
 
 def _rationalize_translation(
-    placement: geometry.Placement, rotation: geometry.ExactMatrix, symbols: Mapping[str, float]
+    origin: geometry.ExactVector, rotation: geometry.ExactMatrix
 ) -> geometry.ExactVector:
     """Return the translation in short numbers: a and d, where it has the modified form."""
-    origin = placement.translation
     longest = (_LONGEST_LENGTH if value.is_rational else _LONGEST_SURD for value in origin)
     if not any(map(has_long_denominator, origin, longest)):
-        x, y, z = (
-            geometry.ZERO if value.is_number and abs(value.to_float()) < _SMALLEST_LENGTH else value
-            for value in origin
-        )
+        x, y, z = (geometry.ZERO if abs(value.to_float()) < _SMALLEST_LENGTH else value for value in origin)
         return (x, y, z)
-    if not all(value.is_number for value in origin):
-        return origin
-    t = [value.to_float(symbols) for value in origin]
+    t = [value.to_float() for value in origin]
     u = [row[2] for row in rotation]
     d = sum(a.to_float() * b for a, b in zip(u, t, strict=True))
     rest = [b - a.to_float() * d for a, b in zip(u, t, strict=True)]
@@ -135,9 +130,7 @@ class CanonicalFrames:
     tilts: tuple[float, ...]
 
 
-def choose_canonical_frames(
-    joints: Sequence[Joint], symbols: Mapping[str, float] | None = None, *, snap: float = 1e-5
-) -> CanonicalFrames:
+def choose_canonical_frames(joints: Sequence[Joint], *, snap: float = 1e-5) -> CanonicalFrames:
     """Return the joints with frames of the modified form, and all else expressed in these.
 
     Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d) (Khalil and Kleinfinger 1986): the x axis of a link
@@ -147,12 +140,11 @@ def choose_canonical_frames(
     Parents stand before children. Axes within `snap` (rad) of being parallel, and turns within it of a
     multiple of pi/2, are taken as such; zero turns that off.
     """
-    values = symbols or {}
     tolerance = max(snap, _SMALLEST_SNAP)
     children: dict[int, Joint] = {}
     for joint in joints:
         children.setdefault(joint.parent, joint)
-    lengths = [hypot(*(value.to_float(values) for value in joint.placement.translation)) for joint in joints]
+    lengths = [hypot(*(value.to_float() for value in joint.placement.translation)) for joint in joints]
     farthest = _FARTHEST * max(lengths, default=0.0)
     moves: list[geometry.Placement] = []
     found, moved_by, tilts = [], [], []
@@ -164,8 +156,8 @@ def choose_canonical_frames(
         along = x + y + z
         direction, shift = None, None
         if index in children:
-            direction, shift = _choose_frame(children[index].placement, values, tolerance)
-        if shift is None or abs((shift + along).to_float(values)) > farthest:
+            direction, shift = _choose_frame(children[index].placement, tolerance)
+        if shift is None or abs((shift + along).to_float()) > farthest:
             shift = -along
         xs, ys, zs = zip(*placement.rotation, strict=True)
         if direction is None:
@@ -173,7 +165,7 @@ def choose_canonical_frames(
             axis = next((k for k in range(3) if abs(zs[k].to_float()) <= tolerance), None)
             direction = _KEPT if axis is None else (xs[axis], ys[axis])
             if axis is not None and zs[axis]:
-                direction = _approximate_direction(xs[axis], ys[axis], {})
+                direction = _approximate_direction(xs[axis], ys[axis])
         cosine, sine = direction
         lifted = [(cosine * a + sine * b).to_float() for a, b in zip(xs, ys, strict=True)]
         if next(entry for entry in lifted if abs(entry) > tolerance) < 0:
@@ -186,14 +178,10 @@ def choose_canonical_frames(
         # The new frame seen from the old one.
         move = geometry.Placement(rotation=turn, translation=(geometry.ZERO, geometry.ZERO, shift))
         moves.append(move)
-        settled, moved = rationalize_placement(
-            geometry.compose_placements(placement, move), values, snap=snap
-        )
+        settled, moved = rationalize_placement(geometry.compose_placements(placement, move), snap=snap)
         back = geometry.invert_placement(move)
-        frame, turned = rationalize_placement(
-            geometry.compose_placements(back, joint.frame), values, snap=snap
-        )
-        inertial = joint.inertial and move_by_placement(joint.inertial, back, values)
+        frame, turned = rationalize_placement(geometry.compose_placements(back, joint.frame), snap=snap)
+        inertial = joint.inertial and move_by_placement(joint.inertial, back)
         found.append(replace(joint, placement=settled, frame=frame, inertial=inertial))
         moved_by.append(max(moved, turned))
         tilt = hypot(*(row[2].to_float() for row in settled.rotation[:2]))
@@ -202,7 +190,7 @@ def choose_canonical_frames(
 
 
 def _choose_frame(
-    child: geometry.Placement, symbols: Mapping[str, float], tolerance: float
+    child: geometry.Placement, tolerance: float
 ) -> tuple[_Direction | None, geometry.Exact | None]:
     """Return the direction of x in the old frame's plane, and the shift along z; None where they are free.
 
@@ -213,14 +201,14 @@ def _choose_frame(
     ux, uy, uz = (row[2] for row in child.rotation)
     px, py, pz = child.translation
     if hypot(ux.to_float(), uy.to_float()) <= tolerance:
-        if hypot(px.to_float(symbols), py.to_float(symbols)) <= _SMALLEST_LENGTH:
+        if hypot(px.to_float(), py.to_float()) <= _SMALLEST_LENGTH:
             return None, None
         if direction := _compute_exact_direction(px, py):
             return direction, None
         # Lengths that somebody chose stay exact; those that a program rotated are rounded anyway.
         chosen = not ux and not uy and _is_chosen(px) and _is_chosen(py)
-        return _KEPT if chosen else _approximate_direction(px, py, symbols), None
-    direction = _compute_exact_direction(-uy, ux) or _approximate_direction(-uy, ux, symbols)
+        return _KEPT if chosen else _approximate_direction(px, py), None
+    direction = _compute_exact_direction(-uy, ux) or _approximate_direction(-uy, ux)
     along = (px * ux + py * uy) * geometry.invert_exact(ux * ux + uy * uy)
     return direction, pz - uz * along
 
@@ -239,14 +227,14 @@ def _compute_exact_direction(x: geometry.Exact, y: geometry.Exact) -> _Direction
     """Return the unit vector along (x, y), in either sense; None where it is not in the field."""
     if not x or not y:
         return (geometry.ZERO, geometry.ONE) if y else (geometry.ONE, geometry.ZERO)
-    length = geometry.compute_square_root(x * x + y * y) if x.is_number and y.is_number else None
+    length = geometry.compute_square_root(x * x + y * y)
     if length is None:
         return None
     inverse = geometry.invert_exact(length)
     return (x * inverse, y * inverse)
 
 
-def _approximate_direction(x: geometry.Exact, y: geometry.Exact, symbols: Mapping[str, float]) -> _Direction:
+def _approximate_direction(x: geometry.Exact, y: geometry.Exact) -> _Direction:
     """Return a direction along (x, y) to the digits of a double."""
-    angle = geometry.build_exact_angle(atan2(y.to_float(symbols), x.to_float(symbols)), snap=0)
+    angle = geometry.build_exact_angle(atan2(y.to_float(), x.to_float()), snap=0)
     return (angle.cosine, angle.sine)

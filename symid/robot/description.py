@@ -292,7 +292,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkPlace:
-    """A link of a URDF that moves: index of the joint that moves it, its frame seen from that link frame."""
+    """A link of a URDF: index of the joint that moves it (-1: none), its frame seen from that link frame."""
 
     name: str
     joint: int

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.robot.description import Joint
+from symid.robot.description import Joint, LinkPlace
 from symid.robot.geometry import IDENTITY, Placement, compose_placements, to_floats
 
 TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -142,26 +142,15 @@ def explain_impossible_inertia(parameters: Sequence[float]) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FixedFrame:
-    """A link without a joint of its own: `name` of its fixed joint, and where it is now.
-
-    `carrier` is the index of the moving joint whose link it belongs to, -1 for the base; `placement` the
-    file's frame of the link seen from the carrier's link frame, or from the base frame.
-    """
-
-    name: str
-    carrier: int
-    placement: Placement
-    has_mass: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Lumped:
-    """The moving joints of a tree, the new index of each old joint (None: fixed), links of fixed joints."""
+    """The moving joints of a tree, the new index of each old joint (None: fixed), links of fixed joints.
+
+    A link on a fixed joint has the name of that joint in `frames`.
+    """
 
     joints: tuple[Joint, ...]
     indices: tuple[int | None, ...]
-    frames: tuple[FixedFrame, ...]
+    frames: tuple[LinkPlace, ...]
 
 
 def lump_fixed_joints(
@@ -189,7 +178,7 @@ def lump_fixed_joints(
         carrier, placement = _locate_parent(joints[old], carriers)
         joint = joints[old]
         for k in loads.get(old, []):
-            if _has_mass(joints[k]):
+            if has_mass(joints[k]):
                 own, added = joint.inertial, joints[k].inertial
                 total = None
                 if own is not None and added is not None:
@@ -200,11 +189,10 @@ def lump_fixed_joints(
         parent = positions.get(carrier, -1)
         found.append(replace(joint, parent=parent, placement=placement, mimic=mimic))
     frames = tuple(
-        FixedFrame(
+        LinkPlace(
             name=joints[index].name,
-            carrier=positions.get(carriers[index][0], -1),
+            joint=positions.get(carriers[index][0], -1),
             placement=compose_placements(carriers[index][1], joints[index].frame),
-            has_mass=_has_mass(joints[index]),
         )
         for index in sorted(still)
     )
@@ -218,5 +206,6 @@ def _locate_parent(joint: Joint, carriers: Mapping[int, tuple[int, Placement]]) 
     return carrier, compose_placements(before, joint.placement)
 
 
-def _has_mass(joint: Joint) -> bool:
+def has_mass(joint: Joint) -> bool:
+    """Return whether the file states a link that is more than a frame."""
     return joint.form is not None or (joint.inertial is not None and any(joint.inertial))

@@ -18,7 +18,7 @@ import re
 import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
-from decimal import Decimal
+from decimal import Decimal, DecimalException
 from pathlib import Path
 from typing import Any
 
@@ -202,7 +202,7 @@ def _parse_setting(text: str) -> object:
     try:
         values = tomllib.loads(f"value = {text}", parse_float=Decimal)
     # A number with too many digits is a ValueError.
-    except (tomllib.TOMLDecodeError, ValueError, RecursionError):
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError, DecimalException):
         parts = [part.strip() for part in text.split(",")]
         return [_parse_setting(part) for part in parts] if len(parts) > 1 else text
     return values["value"] if len(values) == 1 else text

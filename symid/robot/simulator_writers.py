@@ -250,8 +250,8 @@ def write_inertial(parameters: Sequence[float]) -> list[str]:
 
 
 _TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
-# The order of MuJoCo: xx yy zz xy xz yz.
-_ORDER = (0, 3, 5, 1, 2, 4)
+MUJOCO_ORDER = (0, 3, 5, 1, 2, 4)
+"""Of xx xy xz yy yz zz, in that of MuJoCo: xx yy zz xy xz yz."""
 
 
 def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
@@ -333,7 +333,7 @@ def _write_bodies(robot: Robot) -> Iterator[str]:
         if joint.inertial is not None and joint.inertial[9]:
             mass, com, central = split_body(joint.inertial)
             place = f'pos="{write_decimals(com)}" mass="{write_decimal(mass)}"'
-            tensor = write_decimals([central[k] for k in _ORDER])
+            tensor = write_decimals([central[k] for k in MUJOCO_ORDER])
             yield f'{space}  <inertial {place} fullinertia="{tensor}"/>'
         attributes = [f'name={_write_quoted(joint.name)} type="{_TYPES[joint.kind]}" axis="0 0 1"']
         if joint.limits.position is not None:

@@ -21,36 +21,8 @@ from typing import Any
 
 import numpy as np
 
+from symid import joint_models
 from symid.errors import Notice, RobotError, UsageError
-from symid.joint_models import (
-    FRICTION_LAWS,
-    NO_FRICTION,
-    REFERENCE_TEMPERATURE,
-    STATE_LAWS,
-    AttractedSlip,
-    BoucWen,
-    Branch,
-    BristleBranch,
-    Elasticity,
-    FrictionLaw,
-    FrictionValues,
-    Knee,
-    MaxwellElement,
-    Relaxation,
-    Relays,
-    SlipSpring,
-    Stop,
-    compute_catalogue_knees,
-    compute_friction_torque,
-    convert_maxwell_elements,
-    fix_exponent,
-    free_exponent,
-    get_friction_law,
-    get_law,
-    has_sign,
-    name_shape,
-    name_values,
-)
 from symid.notation import adapt_unit
 from symid.robot.description import Coupling, Drive, Joint, JointKind, Limits, Spring
 from symid.robot.exact_values import read_fraction
@@ -84,17 +56,13 @@ class _Key:
 
 _LEVEL = _Key(name="Fc", unit="N*m", allowed=POSITIVE)
 _SPEED = _Key(name="vs", unit="rad/s", allowed=POSITIVE, default=1.0)
-_FALL = (
-    _Key(name="Fe", unit="N*m", default=0.0),
-    _SPEED,
-    _Key(name="gamma", allowed=POSITIVE, default=2.0),
-)
+_FALL = (_Key(name="Fe", unit="N*m", default=0.0), _SPEED, _Key(name="gamma", allowed=POSITIVE, default=2.0))
 _BENDING = _Key(name="sigma0", unit=_STIFFNESS, allowed=POSITIVE)
 _VISCOUS = _Key(name="Fv", unit="N*m*s/rad", allowed=NOT_NEGATIVE, default=0.0)
 _STIFFNESSES = _Key(name="stiffnesses", unit=_STIFFNESS, allowed=POSITIVE, many=True)
 
 
-def _build_bristles(values: Values) -> Branch:
+def _build_bristles(values: Values) -> joint_models.Branch:
     """Return bristles; of what is zero the law is without."""
     named = dict(values)
     stiffnesses, shares = named.pop("stiffnesses", ()), named.pop("shares", ())
@@ -110,19 +78,21 @@ def _build_bristles(values: Values) -> Branch:
         law = "generalised-maxwell-slip" if "Fe" in named else "maxwell-slip"
     else:
         law = "lugre" if "Fe" in named or "sigma1" in named else "dahl"
-    return BristleBranch(law=law, values=tuple(named.items()))
+    return joint_models.BristleBranch(law=law, values=tuple(named.items()))
 
 
-def _build_slip_springs(values: Values) -> tuple[Stop, ...]:
+def _build_slip_springs(values: Values) -> tuple[joint_models.Stop, ...]:
     """Return the stops that springs behind dry friction are."""
     pairs = list(zip(values["stiffnesses"], values["forces"], strict=False))
     if not len(pairs) == len(values["stiffnesses"]) == len(values["forces"]):
         text = f"{len(values['stiffnesses'])} stiffnesses need as many forces, got {len(values['forces'])}"
         raise RobotError(Notice(code="robot.invalid-elasticity", text=text))
-    return convert_maxwell_elements([MaxwellElement(stiffness=k, force=force) for k, force in pairs])
+    return joint_models.convert_maxwell_elements(
+        [joint_models.MaxwellElement(stiffness=k, force=force) for k, force in pairs]
+    )
 
 
-_Build = Callable[[Values], Branch | tuple[Stop, ...]]
+_Build = Callable[[Values], joint_models.Branch | tuple[joint_models.Stop, ...]]
 # The keys of each kind of branch, and how their values make it.
 _MODELS: Mapping[str, tuple[tuple[_Key, ...], _Build]] = {
     "bouc-wen": (
@@ -134,7 +104,7 @@ _MODELS: Mapping[str, tuple[tuple[_Key, ...], _Build]] = {
             _Key(name="skew", allowed=Range(low=-1, high=1), default=0.0),
             _Key(name="lean", default=0.0),
         ),
-        lambda values: BoucWen(**values),
+        lambda values: joint_models.BoucWen(**values),
     ),
     "dahl": ((_LEVEL, _BENDING, _VISCOUS), _build_bristles),
     "lugre": (
@@ -152,13 +122,7 @@ _MODELS: Mapping[str, tuple[tuple[_Key, ...], _Build]] = {
         _build_slip_springs,
     ),
     "generalised-maxwell-slip": (
-        (
-            _LEVEL,
-            *_FALL,
-            _STIFFNESSES,
-            _Key(name="shares", allowed=POSITIVE, many=True),
-            _VISCOUS,
-        ),
+        (_LEVEL, *_FALL, _STIFFNESSES, _Key(name="shares", allowed=POSITIVE, many=True), _VISCOUS),
         _build_bristles,
     ),
     "attracted-maxwell-slip": (
@@ -169,7 +133,7 @@ _MODELS: Mapping[str, tuple[tuple[_Key, ...], _Build]] = {
             replace(_SPEED, name="speed"),
             _Key(name="attraction", unit="1/s", allowed=POSITIVE),
         ),
-        lambda values: AttractedSlip(**values),
+        lambda values: joint_models.AttractedSlip(**values),
     ),
     "nonlinear-stops": (
         (
@@ -177,7 +141,7 @@ _MODELS: Mapping[str, tuple[tuple[_Key, ...], _Build]] = {
             _Key(name="forces", unit="N*m", many=True),
             _Key(name="falls", unit="s/rad", allowed=NOT_NEGATIVE, default=(0.0, 0.0), many=True),
         ),
-        lambda values: SlipSpring(**values),
+        lambda values: joint_models.SlipSpring(**values),
     ),
     "krasnoselskii-pokrovskii": (
         (
@@ -186,31 +150,33 @@ _MODELS: Mapping[str, tuple[tuple[_Key, ...], _Build]] = {
             _Key(name="ramps", unit="N*m", many=True),
             _Key(name="weights", unit="N*m", many=True),
         ),
-        lambda values: Relays(**values),
+        lambda values: joint_models.Relays(**values),
     ),
     "relaxation": (
         (
             _Key(name="relaxing", unit=_STIFFNESS, allowed=POSITIVE),
             _Key(name="time", unit="s", allowed=POSITIVE),
         ),
-        lambda values: Relaxation(stiffness=values["relaxing"], time=values["time"]),
+        lambda values: joint_models.Relaxation(stiffness=values["relaxing"], time=values["time"]),
     ),
 }
 _PLAIN = ("prandtl-ishlinskii", "modified-prandtl-ishlinskii")
 """Names of the spring with stops and knees alone."""
 
 
-def list_branch_entries(branch: Branch) -> tuple[str, dict[str, tuple[float | tuple[float, ...], str]]]:
+def list_branch_entries(
+    branch: joint_models.Branch,
+) -> tuple[str, dict[str, tuple[float | tuple[float, ...], str]]]:
     """Return the `model` of a branch, and value and unit (of a joint that turns) of each of its keys."""
     given: dict[str, Any]
     match branch:
-        case BristleBranch():
+        case joint_models.BristleBranch():
             given = dict(branch.values)
             elements = [k for k in range(1, branch.count + 1) if f"share{k}" in given]
             given |= {"stiffnesses": tuple(given[f"stiffness{k}"] for k in elements)}
             given |= {"shares": tuple(given[f"share{k}"] for k in elements)}
             model = "generalised-maxwell-slip" if elements else branch.law
-        case Relaxation():
+        case joint_models.Relaxation():
             model, given = "relaxation", {"relaxing": branch.stiffness, "time": branch.time}
         case _:
             model = _NAMES[branch.kind]
@@ -245,7 +211,7 @@ def _read_model(table: Section, *, needed: bool) -> str | None:
     return table.read_choice("model", _MODELS if needed else (*_PLAIN, *_MODELS))
 
 
-def _read_branch(table: Section, model: str) -> Branch | tuple[Stop, ...] | None:
+def _read_branch(table: Section, model: str) -> joint_models.Branch | tuple[joint_models.Stop, ...] | None:
     """Return what the keys of a model state; mistakes are reported."""
     before = len(table.errors)
     values: dict[str, Any] = {}
@@ -276,7 +242,7 @@ def _read_branch(table: Section, model: str) -> Branch | tuple[Stop, ...] | None
 _CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
 
 
-def read_elasticity(section: Section) -> Elasticity | None:
+def read_elasticity(section: Section) -> joint_models.Elasticity | None:
     """Return the `elasticity` table of a joint; a notice explains which side q is."""
     table = section.read_table("elasticity")
     if table is None:
@@ -291,10 +257,10 @@ def read_elasticity(section: Section) -> Elasticity | None:
     threshold = ("threshold", "0.002", "rad", POSITIVE, "")
     other = ("stiffness", "120", _STIFFNESS, NOT_NEGATIVE, UNKNOWN)
     entries = _read_entries(table, "stops", threshold, other)
-    stops = [Stop(threshold=at, stiffness=k) for at, k in entries]
+    stops = [joint_models.Stop(threshold=at, stiffness=k) for at, k in entries]
     # The branches of the model beside the spring and of `branch` tables; stops are among them.
     model = _read_model(table, needed=False)
-    found: list[Branch | tuple[Stop, ...] | None] = []
+    found: list[joint_models.Branch | tuple[joint_models.Stop, ...] | None] = []
     known = [key.name for key in _MODELS[model][0]] if model is not None and model in _MODELS else []
     if model is not None or "model" not in table.values:
         table.refuse_unknown_keys((*_OWN, *known))
@@ -320,19 +286,22 @@ def read_elasticity(section: Section) -> Elasticity | None:
         symmetric = table.read_flag("symmetric") or False
         threshold = ("threshold", "3.0", "N*m", POSITIVE if symmetric else ANY, "")
         entries = _read_entries(table, "knees", threshold, ("slope", "0.5", "", ANY, ""))
-        knees = tuple(Knee(threshold=at, slope=slope or 0.0) for at, slope in entries)
+        knees = tuple(joint_models.Knee(threshold=at, slope=slope or 0.0) for at, slope in entries)
         if symmetric and "knees" not in table.values:
             text = "it mirrors knees, and there are none; write knees or leave it out"
             table.refuse_key("robot.elasticity-mixed", "symmetric", text)
         if symmetric:
-            knees = (*(Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(knees)), *knees)
+            knees = (
+                *(joint_models.Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(knees)),
+                *knees,
+            )
     if cubic and "knees" in table.values:
         text = "cannot be combined with knees: both harden the spring; use one of them"
         table.refuse_key("robot.elasticity-mixed", "cubic", text)
     if len(table.errors) > before:
         return None
     try:
-        return Elasticity(
+        return joint_models.Elasticity(
             stiffness=stiffness,
             damping=damping or 0.0,
             cubic=cubic or 0.0,
@@ -348,7 +317,7 @@ def read_elasticity(section: Section) -> Elasticity | None:
         return None
 
 
-def _read_catalogue(table: Section) -> tuple[float | None, tuple[Knee, ...]]:
+def _read_catalogue(table: Section) -> tuple[float | None, tuple[joint_models.Knee, ...]]:
     """Return the stiffness K1 and the knees that a maker's table stands for."""
     for key in ("stiffness", "knees", "symmetric", "cubic"):
         if key in table.values:
@@ -371,7 +340,7 @@ def _read_catalogue(table: Section) -> tuple[float | None, tuple[Knee, ...]]:
         inner.refuse("robot.out-of-range", "T2", text)
         return None, ()
     slopes = (values["K1"], values["K2"], values["K3"])
-    return values["K1"], compute_catalogue_knees(slopes, (values["T1"], values["T2"]))
+    return values["K1"], joint_models.compute_catalogue_knees(slopes, (values["T1"], values["T2"]))
 
 
 _Number = tuple[str, str, str, Range, str]
@@ -408,10 +377,16 @@ def _read_entries(table: Section, key: str, *numbers: _Number) -> list[tuple[flo
 
 
 _EXPONENT = Range(low=0, high=10, open_low=True)
-FRICTION_PARTS = tuple(dict.fromkeys(entry.name for law in FRICTION_LAWS.values() for entry in law.linear))
+FRICTION_PARTS = tuple(
+    dict.fromkeys(entry.name for law in joint_models.FRICTION_LAWS.values() for entry in law.linear)
+)
 """Names of the linear values of all laws."""
-_SHAPES = tuple(dict.fromkeys(entry.name for law in FRICTION_LAWS.values() for entry in law.shape))
-_MEMORIES = tuple(dict.fromkeys(entry.name for law in STATE_LAWS.values() for entry in law.memory))
+_SHAPES = tuple(
+    dict.fromkeys(entry.name for law in joint_models.FRICTION_LAWS.values() for entry in law.shape)
+)
+_MEMORIES = tuple(
+    dict.fromkeys(entry.name for law in joint_models.STATE_LAWS.values() for entry in law.memory)
+)
 _CONSTANT = ("offset", "Fp")
 _LARGEST_GAP = 1e-6
 """By which the shares of elements may differ from one in sum."""
@@ -420,35 +395,41 @@ _DEFAULT_GAMMA = 2.0
 _SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
 
 
-def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool = False) -> FrictionValues:
+def _read_friction(
+    section: Section, fastest: float = math.inf, *, shared: bool = False
+) -> joint_models.FrictionValues:
     """Return the friction of a table up to the speed `fastest`; `shared`: it acts on several joints."""
     table = section.read_table("friction")
     if table is None:
-        return FrictionValues()
+        return joint_models.FrictionValues()
     table.require("model", 'write model = "coulomb-viscous"')
     model = table.read_text("model")
     law = None
-    if model is not None and model != NO_FRICTION:
+    if model is not None and model != joint_models.NO_FRICTION:
         try:
-            law = get_law(model)
+            law = joint_models.get_law(model)
         except UsageError as error:
             table.refuse("robot.friction-model", "model", error.notices[0].text)
     # An exponent may be stated beside the model, and then is part of the law's name.
-    free = None if law is None else free_exponent(law)
+    free = None if law is None else joint_models.free_exponent(law)
     gamma = None if free is None else table.read_float("gamma", "", _EXPONENT)
     if free is not None and gamma is not None and gamma != _DEFAULT_GAMMA:
-        law = get_law(fix_exponent(free, gamma))
+        law = joint_models.get_law(joint_models.fix_exponent(free, gamma))
     smoothing = table.read_float("smoothing", "rad/s", POSITIVE)
-    entries = [entry for one in FRICTION_LAWS.values() for entry in one.linear] if law is None else law.linear
+    entries = (
+        [entry for one in joint_models.FRICTION_LAWS.values() for entry in one.linear]
+        if law is None
+        else law.linear
+    )
     units = {entry.name: entry.unit.replace(" ", "*") for entry in reversed(entries)}
     names = tuple(dict.fromkeys(entry.name for entry in entries))
     given = {name: table.read_float(name, units[name]) for name in names}
     if law is None:
-        if model == NO_FRICTION:
-            _check_keys(table, NO_FRICTION, (), (), has_step=False)
+        if model == joint_models.NO_FRICTION:
+            _check_keys(table, joint_models.NO_FRICTION, (), (), has_step=False)
         else:
             table.refuse_unknown_keys(("model", *FRICTION_PARTS, *_SHAPES, *_MEMORIES, "smoothing"))
-        return FrictionValues()
+        return joint_models.FrictionValues()
     keys = tuple(entry.name for entry in law.shape)
     stated = keys if free is None else (*keys, "gamma")
     shape: list[float] = []
@@ -463,7 +444,7 @@ def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool 
         shape += [] if value is None else [value]
     bristles = _read_bristles(table, law)
     known = tuple(dict.fromkeys((*stated, *(entry.name for entry in law.memory))))
-    _check_keys(table, law.name, names, known, has_step=has_sign(law) and not law.memory)
+    _check_keys(table, law.name, names, known, has_step=joint_models.has_sign(law) and not law.memory)
     if shared and (law.inputs != ("velocity",) or law.memory):
         what = "bristles" if law.memory else " and the ".join(law.inputs[1:])
         text = f'"{law.name}" depends on the {what} of one joint, and this friction acts on several; '
@@ -474,7 +455,7 @@ def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool 
             text = f"{table.show(entry.name)} drives the joint instead of braking it; write a positive"
             table.warn("robot.negative-friction", entry.name, f"{text} coefficient")
     values = tuple(value for value in given.values() if value is not None)
-    found = FrictionValues(
+    found = joint_models.FrictionValues(
         law=law.name,
         values=values if values and len(values) == len(names) else None,
         smoothing=smoothing or 0.0,
@@ -486,7 +467,7 @@ def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool 
     return found
 
 
-def _read_bristles(table: Section, law: FrictionLaw) -> tuple[float, ...]:
+def _read_bristles(table: Section, law: joint_models.FrictionLaw) -> tuple[float, ...]:
     """Return the values of a law's state in its order, one list after another; empty where one is missing."""
     lists: list[tuple[float, ...]] = []
     for entry in law.memory:
@@ -517,7 +498,7 @@ def _check_keys(
     """Refuse values that the model does not have, and a part of its values in place of all."""
     code = "robot.friction-values"
     if not has_step and "smoothing" in table.values:
-        nothing = "friction" if law == NO_FRICTION else "step at standstill"
+        nothing = "friction" if law == joint_models.NO_FRICTION else "step at standstill"
         text = f'has nothing to smooth: the model "{law}" has no {nothing}; leave it out'
         table.refuse_key(code, "smoothing", text)
     known = ("model", *wanted, *shape, "smoothing")
@@ -533,9 +514,9 @@ def _check_keys(
         table.refuse_key(code, next(name for name in wanted if name in table.values), f"{text} unknown")
 
 
-def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest: float) -> None:
+def _warn_of_driving_friction(table: Section, friction: joint_models.FrictionValues, fastest: float) -> None:
     """Warn of a curve whose least braking torques up to a speed have a negative sum over both directions."""
-    law, named = get_friction_law(friction), name_values(friction)
+    law, named = joint_models.get_friction_law(friction), joint_models.name_values(friction)
     if law is None or not named or not law.own:
         return
     if any(entry.lower == 0.0 and named[entry.name] < 0.0 for entry in law.linear):
@@ -543,10 +524,13 @@ def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest:
     speeds = np.geomspace(_SLOWEST, max(min(fastest, _FASTEST), _SLOWEST), _SPEED_COUNT + 1)
     values = [0.0 if name in _CONSTANT else value for name, value in named.items()]
     zero = np.zeros_like(speeds)
-    inputs = {"load": zero, "position": zero, "temperature": zero + REFERENCE_TEMPERATURE}
+    inputs = {"load": zero, "position": zero, "temperature": zero + joint_models.REFERENCE_TEMPERATURE}
     with np.errstate(over="ignore"):
         sides = [
-            side * compute_friction_torque(law, inputs | {"velocity": side * speeds}, values, friction.shape)
+            side
+            * joint_models.compute_friction_torque(
+                law, inputs | {"velocity": side * speeds}, values, friction.shape
+            )
             for side in (1.0, -1.0)
         ]
     pushing = np.flatnonzero(sum(map(np.minimum.accumulate, sides)) < 0.0)
@@ -557,7 +541,7 @@ def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest:
     negative = (name for name, value in named.items() if value < 0.0 and name not in _CONSTANT)
     key = next(negative, next(iter(named)))
     hint = "simulation refuses that"
-    if "g2" in name_shape(friction):
+    if "g2" in joint_models.name_shape(friction):
         key, hint = "Fm", "Fc or Fv must outweigh Fm, or g2 be at least g3"
     text = f"{named[key]:g} drives the joint {start} instead of braking it; {hint}"
     table.warn("robot.negative-friction", key, text)

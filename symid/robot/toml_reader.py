@@ -52,6 +52,7 @@ from symid.robot.inertia import (
     TENSOR,
     compute_standard_parameters,
     explain_impossible_inertia,
+    has_mass,
     lump_fixed_joints,
     move_by_placement,
 )
@@ -78,11 +79,7 @@ _ROBOT_KEYS = (
 )
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Letters of coordinates, functions and parameters would read as something else in a formula.
-_LETTERS = (
-    *INERTIAL,
-    *("IA", "KS", "KR"),
-    *(name for name in FRICTION_PARTS if not name[-1].isdigit()),
-)
+_LETTERS = (*INERTIAL, *("IA", "KS", "KR"), *(name for name in FRICTION_PARTS if not name[-1].isdigit()))
 _RESERVED = re.compile(rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'.join(_LETTERS)})R?\d+)")
 
 
@@ -344,9 +341,9 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
         return tuple(joints), couplings
     lumped = lump_fixed_joints(joints, fixed, root.symbols)
     for index, fixture in zip(fixed, lumped.frames, strict=True):
-        carrier = fixture.carrier
+        carrier = fixture.joint
         where = f"the link of joint '{lumped.joints[carrier].name}'" if carrier >= 0 else "the base"
-        mass = "" if fixture.has_mass else ", which gets no heavier: the file gives no mass"
+        mass = "" if has_mass(joints[index]) else ", which gets no heavier: the file gives no mass"
         sections[index].warn("robot.lumped", "kind", f"fixed; its link belongs to {where}{mass}")
     moved = {old: new for old, new in enumerate(lumped.indices) if new is not None}
     return lumped.joints, tuple(

@@ -16,7 +16,7 @@ import tomllib
 from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from decimal import Decimal
+from decimal import Decimal, DecimalException
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -462,7 +462,7 @@ def parse_toml(text: str, file: str, code: str = "robot.syntax") -> Section:
             words += f'; write a text or the name of a length in quotes: "{bare[0]}"'
         notice = Notice(code=code, text=words, file=file, line=line, column=column)
         raise RobotError(notice) from error
-    except (ValueError, RecursionError) as error:
+    except (ValueError, RecursionError, DecimalException) as error:
         raise _explain_excess(text, file, code, deep=isinstance(error, RecursionError)) from error
     try:
         return Section(values=values, places=Scanner(text, file).scan_document())
@@ -480,7 +480,7 @@ def _explain_excess(text: str, file: str, code: str, *, deep: bool) -> RobotErro
 
 
 _DEEP = re.compile(r"(?:\[[^\]\n]{0,9}){40}|(?:\{[^}\n]{0,9}){40}|(?:\w\s*\.\s*){40}")
-_ENDLESS = re.compile(r"[\d_]{1000,}")
+_ENDLESS = re.compile(r"[\d_]{1000,}|[eE][-+]?\d{10,}")
 
 
 def show(text: str) -> str:

@@ -19,15 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from symid.joint_models import (
-    Elasticity,
-    FrictionValues,
-    Knee,
-    get_friction_law,
-    name_bristles,
-    name_shape,
-    name_values,
-)
+from symid import joint_models
 from symid.notation import INERTIAL, adapt_unit, get_unit_factor
 from symid.robot.description import Drive, Joint, Limits, LogMap, NamedSettings, Processing, Robot, SourceFile
 from symid.robot.exact_values import (
@@ -235,14 +227,14 @@ def _round(values: Iterable[float], scale: float) -> list[float]:
     return [value if abs(value) > _DUST else 0.0 for value in rounded]
 
 
-def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
-    law = get_friction_law(friction)
+def _write_friction(owner: str, friction: joint_models.FrictionValues) -> Iterator[str]:
+    law = joint_models.get_friction_law(friction)
     if law is None:
         return
     yield from ("", f"[{owner}.friction]", f'model = "{friction.law}"')
-    for name, value in (name_values(friction) | name_shape(friction)).items():
+    for name, value in (joint_models.name_values(friction) | joint_models.name_shape(friction)).items():
         yield f"{name} = {write_number(value)}"
-    for name, numbers in name_bristles(law, friction.bristles).items():
+    for name, numbers in joint_models.name_bristles(law, friction.bristles).items():
         texts = [write_number(value) for value in numbers]
         if texts:
             yield f"{name} = [{', '.join(texts)}]" if law.elements else f"{name} = {texts[0]}"
@@ -250,7 +242,7 @@ def _write_friction(owner: str, friction: FrictionValues) -> Iterator[str]:
         yield f"smoothing = {write_number(friction.smoothing)}"
 
 
-def _write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[str]:
+def _write_elasticity(elasticity: joint_models.Elasticity, *, prismatic: bool) -> Iterator[str]:
     damping, cubic, backlash, offset = (
         write_number(x) if x else ""
         for x in (elasticity.damping, elasticity.cubic, elasticity.backlash, elasticity.offset)
@@ -271,7 +263,11 @@ def _write_elasticity(elasticity: Elasticity, *, prismatic: bool) -> Iterator[st
     if elasticity.stops:
         yield "]"
     knees = elasticity.knees
-    if knees and tuple(Knee(threshold=-knee.threshold, slope=knee.slope) for knee in knees[::-1]) == knees:
+    if (
+        knees
+        and tuple(joint_models.Knee(threshold=-knee.threshold, slope=knee.slope) for knee in knees[::-1])
+        == knees
+    ):
         yield add_comment("symmetric = true", "each knee stands for one below zero too")
         knees = tuple(knee for knee in knees if knee.threshold > 0)
     if knees:
@@ -329,7 +325,7 @@ _HINTS = {
 def _write_hints(joint: Joint, table: str, *, whole: bool) -> Iterator[str]:
     """Yield as comments what `joint` does not state of a table, or the `whole` table where it has none."""
     record: Any = joint.inertial if table == "link" else getattr(joint, table)
-    if (record in (None, Drive(), Limits(), FrictionValues())) is not whole:
+    if (record in (None, Drive(), Limits(), joint_models.FrictionValues())) is not whole:
         return
     if whole:
         yield from ("", f"# [joint.{table}]")

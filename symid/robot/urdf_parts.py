@@ -18,7 +18,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from decimal import Decimal
+from decimal import Decimal, DecimalException
 from fractions import Fraction
 
 import numpy as np
@@ -26,17 +26,8 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice
 from symid.joint_models import FrictionValues
+from symid.robot import geometry
 from symid.robot.description import Coupling, Drive, Limits, MimicStep, Spring
-from symid.robot.geometry import (
-    IDENTITY,
-    ZERO,
-    Exact,
-    ExactVector,
-    Placement,
-    build_axis_frame,
-    build_exact_angle,
-    rotate_rpy,
-)
 from symid.robot.inertia import compute_standard_parameters, explain_impossible_inertia, move_parameters
 from symid.robot.toml_values import Place, explain_wide_limits, show, sort_notices, suggest_names, to_decimal
 from symid.robot.urdf_xml import TENSOR, XmlDocument, XmlElement
@@ -344,8 +335,11 @@ class XmlPart:
 def _parse_decimal(text: str) -> Decimal | None:
     if len(text) > _LONGEST_NUMBER or not _DECIMAL.fullmatch(text):
         return None
-    number = Decimal(text)
-    return to_decimal(number) if abs(number) >= _SMALLEST else Decimal(0)
+    try:
+        number = Decimal(text)
+        return to_decimal(number) if abs(number) >= _SMALLEST else Decimal(0)
+    except DecimalException:  # an exponent beyond all bounds
+        return None
 
 
 def _list_parts(
@@ -480,12 +474,12 @@ class TreeJoint:
     parent: str
     child: str
     part: XmlPart
-    origin: Placement = IDENTITY
-    turn: Placement = IDENTITY
+    origin: geometry.Placement = geometry.IDENTITY
+    turn: geometry.Placement = geometry.IDENTITY
     friction: FrictionValues = field(default_factory=FrictionValues)
     limits: Limits = field(default_factory=Limits)
     drive: Drive = field(default_factory=Drive)
-    zero: Exact = ZERO
+    zero: geometry.Exact = geometry.ZERO
     spring: Spring | None = None
 
     @property
@@ -522,7 +516,7 @@ def read_parts(document: XmlDocument, snap: float) -> TreeReading:
         multiplier, offset = mimic.read_decimal("multiplier"), mimic.read_decimal("offset")
         if master is not None:
             factor, shift = Fraction(1 if multiplier is None else multiplier), Fraction(offset or 0)
-            step = MimicStep(master=master, multiplier=factor, offset=Exact.surd(shift))
+            step = MimicStep(master=master, multiplier=factor, offset=geometry.Exact.surd(shift))
             reading.steps[joint.name] = step
     return reading
 
@@ -541,17 +535,19 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
         if end is None:
             part.refuse("robot.missing-key", f'missing <{tag} link="..."/>')
         ends.append(None if end is None else end.read_name("link", reading.links))
-    origin = IDENTITY
+    origin = geometry.IDENTITY
     if (pose := _read_pose(part)) is not None:
         place, xyz, rpy = pose
-        roll, pitch, yaw = (build_exact_angle(float(value), snap=reading.snap) for value in rpy)
+        roll, pitch, yaw = (geometry.build_exact_angle(float(value), snap=reading.snap) for value in rpy)
         if moved := max(abs(angle.snapped_by) for angle in (roll, pitch, yaw)):
             text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
             place.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
         text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
         lengths = build_lengths(place, xyz, "xyz", text)
-        origin = Placement(rotation=rotate_rpy(roll, pitch, yaw).rotation, translation=lengths)
-    turn, friction, limits = IDENTITY, FrictionValues(), Limits()
+        origin = geometry.Placement(
+            rotation=geometry.rotate_rpy(roll, pitch, yaw).rotation, translation=lengths
+        )
+    turn, friction, limits = geometry.IDENTITY, FrictionValues(), Limits()
     if type_ in MOVING:
         found, axis = part.get("axis", "xyz"), (Decimal(1), Decimal(0), Decimal(0))
         place = found or part
@@ -582,28 +578,30 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
     return replace(joint, turn=turn, friction=friction, limits=limits)
 
 
-def build_lengths(part: XmlPart, xyz: Triple, attribute: str, dust: str) -> ExactVector:
+def build_lengths(part: XmlPart, xyz: Triple, attribute: str, dust: str) -> geometry.ExactVector:
     """Return the lengths (m) at an attribute; `dust` is the warning where a program left a tiny one."""
     lengths, snap = [], part.reading.snap
     for value in xyz:
         # Floating-point programs leave dust in files.
         if value and abs(value) < _DUST and snap:
             part.group("robot.length-snapped", dust, attribute=attribute)
-            lengths.append(ZERO)
+            lengths.append(geometry.ZERO)
             continue
         exact = Fraction(value)
-        lengths.append(Exact.surd(round(exact * _LENGTH_PARTS) / _LENGTH_PARTS if snap else exact))
+        lengths.append(geometry.Exact.surd(round(exact * _LENGTH_PARTS) / _LENGTH_PARTS if snap else exact))
     x, y, z = lengths
     return (x, y, z)
 
 
-def build_axis(part: XmlPart, axis: Sequence[Decimal | Fraction], attribute: str, name: str) -> Placement:
+def build_axis(
+    part: XmlPart, axis: Sequence[Decimal | Fraction], attribute: str, name: str
+) -> geometry.Placement:
     """Return what takes z to an axis at an attribute, which messages call `name`."""
     if not any(axis):
         part.refuse("robot.zero-axis", f"{name}: the axis 0 0 0 has no direction", attribute)
-        return IDENTITY
+        return geometry.IDENTITY
     x, y, z = (Fraction(value) for value in axis)
-    turn, moved = build_axis_frame((x, y, z), snap=part.reading.snap)
+    turn, moved = geometry.build_axis_frame((x, y, z), snap=part.reading.snap)
     if moved > _ROUNDED:
         text = f"{name}: was moved by {moved:.2e} rad to the nearest coordinate axis or plane"
         part.warn("robot.axis-snapped", text, attribute)

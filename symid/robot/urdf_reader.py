@@ -19,17 +19,8 @@ from hashlib import sha256
 from pathlib import Path
 
 from symid.errors import RobotError
+from symid.robot import description
 from symid.robot.canonical_frames import choose_canonical_frames
-from symid.robot.description import (
-    Joint,
-    JointKind,
-    LinkPlace,
-    Mimic,
-    MimicStep,
-    Processing,
-    Robot,
-    SourceFile,
-)
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -164,20 +155,10 @@ def _locate_path(above: Mapping[str, TreeJoint], start: str, end: str) -> list[T
     return path[::-1]
 
 
-def _resolve_mimics(
-    reading: TreeReading, kept: Sequence[TreeJoint], before: Sequence[TreeJoint]
-) -> dict[str, MimicStep]:
-    """Return the followers among `kept` and `before` by name; their masters follow no other joint."""
-    inside, standing = ({joint.name for joint in group} for group in (kept, before))
-    chained = [joint for joint in (*before, *kept) if joint.name in reading.steps]
-    found = {joint.name: _resolve_mimic(reading, joint, inside, standing) for joint in chained}
-    return {name: step for name, step in found.items() if step is not None}
-
-
 def _resolve_mimic(
     reading: TreeReading, joint: TreeJoint, inside: set[str], standing: set[str]
-) -> MimicStep | None:
-    """Return `joint` as a follower of the last joint in its chain of masters; see `_resolve_mimics`."""
+) -> description.MimicStep | None:
+    """Return `joint` as a follower of the last of its chain; `standing` are the joints before the base."""
     element = joint.part.element.find("mimic") or joint.part.element
     path, why = [joint.name], ""
     still = joint.name in standing
@@ -240,7 +221,7 @@ def assemble_robot(
     base: str | None,
     tip: str | None,
     gravity: ExactVector | None = None,
-) -> Robot:
+) -> description.Robot:
     """Return the robot of what was read, or raise a RobotError with all mistakes; see `read_xml_robot`.
 
     Args:
@@ -252,7 +233,10 @@ def assemble_robot(
     """
     tree = _read_tree(reading, base, tip, complete=complete)
     first, before, kept = tree or ("", [], list(reading.joints.values()))
-    followers = _resolve_mimics(reading, kept, before)
+    inside, standing = ({joint.name for joint in group} for group in (kept, before))
+    chained = [joint for joint in (*before, *kept) if joint.name in reading.steps]
+    resolved = {joint.name: _resolve_mimic(reading, joint, inside, standing) for joint in chained}
+    followers = {name: step for name, step in resolved.items() if step is not None}
     if tree is None or reading.errors:
         raise RobotError(*sort_notices(reading.errors))
     document, root = reading.document, reading.document.root
@@ -301,7 +285,7 @@ def assemble_robot(
         reading.warn("robot.assumed-gravity", text)
     # The same for all ends of lines.
     digest = sha256(document.source.removeprefix(BOM_UTF8).replace(b"\r\n", b"\n")).hexdigest()
-    return Robot(
+    return description.Robot(
         name=name,
         joints=joints,
         links=links,
@@ -310,15 +294,17 @@ def assemble_robot(
         description=f"from the {what} {file.name}, whose {link} {first} is the base"
         + (f", {tip} the tip" if tip else ""),
         source=root.attributes.get(attribute, ""),
-        processing=Processing(automatic=True),
+        processing=description.Processing(automatic=True),
         path=document.file,
         notices=reading.list_warnings(),
         couplings=tuple(couplings),
-        made_from=SourceFile(file=document.file, sha256=digest, base=base, tip=tip, snap=reading.snap),
+        made_from=description.SourceFile(
+            file=document.file, sha256=digest, base=base, tip=tip, snap=reading.snap
+        ),
     )
 
 
-def _place_offset(joint: TreeJoint, follower: MimicStep | None, snap: float) -> Placement:
+def _place_offset(joint: TreeJoint, follower: description.MimicStep | None, snap: float) -> Placement:
     """Return how far a joint stands from its origin when its coordinate, or that of its master, is zero."""
     offset = (follower.offset if follower else ZERO) - joint.zero
     return place_joint(offset, prismatic=joint.type == "prismatic", snap=snap) if offset else IDENTITY
@@ -328,9 +314,9 @@ def _reduce_joints(
     reading: TreeReading,
     first: str,
     kept: Sequence[TreeJoint],
-    followers: Mapping[str, MimicStep],
+    followers: Mapping[str, description.MimicStep],
     tip: str | None,
-) -> tuple[tuple[Joint, ...], tuple[LinkPlace, ...]]:
+) -> tuple[tuple[description.Joint, ...], tuple[description.LinkPlace, ...]]:
     """Return the moving joints with canonical frames, and all links that move."""
     index = {joint.name: number for number, joint in enumerate(kept)}
     carriers = {first: -1} | {joint.child: number for number, joint in enumerate(kept)}
@@ -348,14 +334,16 @@ def _reduce_joints(
             inertial = (0.0,) * 10
         mimic, spring = None, joint.spring
         if follower and follower.master is not None:
-            mimic = Mimic(master=index[follower.master], multiplier=follower.multiplier)
+            mimic = description.Mimic(master=index[follower.master], multiplier=follower.multiplier)
         if spring is not None and follower and spring.rest is not None:
             spring = replace(spring, rest=spring.rest - follower.offset.to_float())
         offset = _place_offset(joint, follower, reading.snap)
         built.append(
-            Joint(
+            description.Joint(
                 name=joint.name,
-                kind=JointKind.PRISMATIC if joint.type == "prismatic" else JointKind.REVOLUTE,
+                kind=description.JointKind.PRISMATIC
+                if joint.type == "prismatic"
+                else description.JointKind.REVOLUTE,
                 parent=carriers[joint.parent],
                 placement=compose_placements(backs[joint.parent], joint.origin, joint.turn, offset),
                 inertial=inertial and move_by_placement(inertial, back),
@@ -375,14 +363,14 @@ def _reduce_joints(
     places = [(reading.joints[entry.name].child, k, entry.frame) for k, entry in enumerate(joints)]
     for frame in lumped.frames:
         part, link = reading.joints[frame.name].part, reading.links[reading.joints[frame.name].child]
-        if frame.carrier >= 0:
+        if frame.joint >= 0:
             text = "links on fixed joints became part of the links that carry them: {}"
             reading.group("robot.lumped", text, link.name, part.element)
-            places.append((link.name, frame.carrier, frame.placement))
+            places.append((link.name, frame.joint, frame.placement))
         elif link.mass:
             text = "links fixed to the base: {}; their masses are not identifiable"
             reading.group("robot.fixed-to-base", text, link.name, part.element)
-        if link.name == tip and frame.carrier == len(joints) - 1:
+        if link.name == tip and frame.joint == len(joints) - 1:
             joints = (*joints[:-1], replace(joints[-1], frame=frame.placement))
     reframed = choose_canonical_frames(joints, snap=reading.snap)
     turned = [
@@ -390,7 +378,7 @@ def _reduce_joints(
         for new, old in zip(reframed.joints, joints, strict=True)
     ]
     links = tuple(
-        LinkPlace(name=name, joint=k, placement=compose_placements(turned[k], place))
+        description.LinkPlace(name=name, joint=k, placement=compose_placements(turned[k], place))
         for name, k, place in places
     )
     for moving, moved, tilt in zip(reframed.joints, reframed.moved_by, reframed.tilts, strict=True):

@@ -33,6 +33,7 @@ from symid.robot.description import Coupling, Joint, JointKind, Robot, SourceFil
 from symid.robot.inertia import build_pseudo_inertias, is_same_body, move_parameters, split_body, to_tensor
 from symid.robot.mjcf_reader import ORIENTATIONS, assemble_model, read_model, read_rotation
 from symid.robot.simulator_writers import (
+    MUJOCO_ORDER,
     get_plain_friction,
     list_drive_omissions,
     write_decimal,
@@ -48,8 +49,6 @@ _FLAT = 1e-9
 _ROUNDING = 1e-14
 # Of a number: what is left of a change where it was only written with other digits.
 _SAME = 1e-12
-# The order of MuJoCo: xx yy zz xy xz yz.
-_ORDER = (0, 3, 5, 1, 2, 4)
 _NOTHING = '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>'
 
 
@@ -72,13 +71,12 @@ def rewrite_urdf(text: str, robot: Robot) -> RewrittenFile:
     reading, complete = read_urdf(document, made.snap)
     before = assemble_robot(reading, complete, made.base, made.tip)
     names = _match_names(robot, reading)
-    below = _map_children(reading)
     edits: list[urdf_xml.Edit] = []
     shared: dict[str, tuple[str, ...]] = {}
     for joint, old in zip(robot.joints, before.joints, strict=True):
         entry = reading.joints[names[joint.name]]
         if joint.inertial is not None and not is_same_body(joint.inertial, old.inertial):
-            changed = _spread_change(reading, below, names, joint, made.tip)
+            changed = _spread_change(reading, names, joint, made.tip)
             for link, own in changed:
                 edits += _edit_urdf_inertial(document, link.part.element, own)
             carried = tuple(link.name for link, _ in changed if link.name != entry.child)
@@ -127,35 +125,21 @@ def _match_names(robot: Robot, reading: urdf_parts.TreeReading) -> dict[str, str
     return {joint.name: joint.name if joint.name in reading.joints else BASE for joint in robot.joints}
 
 
-def _map_children(reading: urdf_parts.TreeReading) -> dict[str, list[urdf_parts.TreeJoint]]:
-    """Return the joints behind each link."""
-    below: dict[str, list[urdf_parts.TreeJoint]] = {}
-    for entry in reading.joints.values():
-        below.setdefault(entry.parent, []).append(entry)
-    return below
-
-
 def _spread_change(
-    reading: urdf_parts.TreeReading,
-    below: Mapping[str, Sequence[urdf_parts.TreeJoint]],
-    names: Mapping[str, str],
-    changed: Joint,
-    tip: str | None,
+    reading: urdf_parts.TreeReading, names: Mapping[str, str], changed: Joint, tip: str | None
 ) -> list[tuple[urdf_parts.TreeLink, tuple[float, ...]]]:
     """Return the joint's own link and those that it carries, which stand still, with their new values."""
     moving, first = set(names.values()), reading.links[reading.joints[names[changed.name]].child]
     # Each link, and where its frame (4, 4) stands in that of the first one.
     members = [(first, np.eye(4))]
     for link, pose in members:
-        for joint in below.get(link.name, ()):
-            if joint.name not in moving:
-                offset = _compute_offset(reading, joint.name) - joint.zero
-                prismatic = joint.type == "prismatic"
-                shift = (
-                    geometry.place_joint(offset, prismatic=prismatic, snap=0.0)
-                    if joint.moves
-                    else geometry.IDENTITY
-                )
+        for joint in reading.joints.values():
+            if joint.parent == link.name and joint.name not in moving:
+                shift = geometry.IDENTITY
+                if joint.moves:
+                    offset = _compute_offset(reading, joint.name) - joint.zero
+                    prismatic = joint.type == "prismatic"
+                    shift = geometry.place_joint(offset, prismatic=prismatic, snap=0.0)
                 placed = geometry.compose_placements(
                     joint.origin, joint.turn, shift, geometry.invert_placement(joint.turn)
                 )
@@ -284,7 +268,7 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
         text = "the coupled drives are other ones than in the model: {}; in the model: {}; ".format(*listed)
         text += "give them the names and joints of the model's tendons, or write a new model (-o FILE)"
         raise RobotError(Notice(code=code, text=text, file=robot.path))
-    names, below = _match_names(robot, reading), _map_children(reading)
+    names = _match_names(robot, reading)
     edits: list[urdf_xml.Edit] = []
     shared: dict[str, tuple[str, ...]] = {}
     bodies: set[str] = set()
@@ -306,7 +290,7 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
                 text += " in this file; write a new one (-o FILE)"
                 entry.part.refuse("robot.mjcf-massless", text)
             continue
-        spread = _spread_change(reading, below, names, joint, made.tip)
+        spread = _spread_change(reading, names, joint, made.tip)
         for link, own in spread:
             edits += _edit_mjcf_inertial(reading.parts["body", link.name], own)
         bodies |= {link.name for link, _ in spread}
@@ -383,7 +367,7 @@ def _edit_mjcf_inertial(body: urdf_parts.XmlPart, values: Sequence[float]) -> It
     numbers = {"pos": write_decimals(com), "mass": write_decimal(mass)}
     names = set(old.attributes) if old is not None else set[str]()
     turned = [name for name in ORIENTATIONS if name in names]
-    tensor = write_decimals([central[k] for k in _ORDER])
+    tensor = write_decimals([central[k] for k in MUJOCO_ORDER])
     off_diagonal, least = max(abs(central[k]) for k in (1, 2, 4)), _ROUNDING * max(map(abs, central))
     stated: dict[str, str] = {}
     if "fullinertia" in names:

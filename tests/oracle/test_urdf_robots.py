@@ -16,6 +16,7 @@ from symid.errors import RobotError
 from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from symid.robot.simulator_writers import write_urdf
 from tests import urdfs
+from tests.chains import build_transmission
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
@@ -42,11 +43,8 @@ def list_files() -> list[Path]:
 
 def compute_rank(robot, model, rng):
     """Return the rank of the torque regressor folded to coordinates, and the gap in its singular values."""
-    data, names, factors = (
-        model.createData(),
-        [joint.name for joint in robot.joints],
-        urdfs.find_factors(robot),
-    )
+    data, names = model.createData(), [joint.name for joint in robot.joints]
+    factors = build_transmission(robot)
     rows = urdfs.list_rows(model, names)
     total = np.zeros((0, 10 * model.nv))
     for _ in range(max(40, 20 * robot.size // robot.freedom)):
@@ -73,7 +71,7 @@ def find_differences(path, robot, model, rng):
         if mimic is not None:
             numbers = (float(mimic.get("multiplier", 1)), float(mimic.get("offset", 0)))
             followers[joint.get("name")] = (mimic.get("joint"), *numbers)
-    factors = urdfs.find_factors(robot)
+    factors = build_transmission(robot)
     worst, scale, gap = 0.0, 1e-12, 0.0
     for sample in range(20):
         masters = rng.uniform(-3, 3, (3, robot.freedom))

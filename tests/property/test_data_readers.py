@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from symid.logs.files import write_recording
 from symid.logs.reader import read_recording
-from symid.logs.recording import Recording
 from symid.notation import UNITS, get_unit_factor
 from symid.robot.description import Joint, JointKind, LogMap, LogQuantity, Robot
 from symid.robot.geometry import IDENTITY
@@ -55,16 +53,3 @@ def test_every_unit_brings_the_same_quantity_to_si(folder, unit):
     recording = read_recording(folder / "log.npz", build_robot(1, log))
     for key, values in truth.items():
         np.testing.assert_allclose(np.ravel(getattr(recording, key)), values, rtol=1e-14)
-
-
-@given(
-    values=st.lists(st.floats(-1e100, 1e100), min_size=3, max_size=12),
-    suffix=st.sampled_from([".npz", ".csv"]),
-)
-def test_any_numbers_survive_writing_and_reading(folder, values, suffix):
-    column = np.array(values)[:, None]
-    recording = Recording(time=np.arange(len(values)) * 0.1, position=column, torque=-column)
-    robot = build_robot(1)
-    again = read_recording(write_recording(recording, folder / f"again{suffix}", robot), robot)
-    assert again.position.tobytes() == recording.position.tobytes()
-    assert again.torque.tobytes() == recording.torque.tobytes()

@@ -3,7 +3,7 @@
 from hypothesis import given, settings, strategies as st
 
 from symid.errors import RobotError
-from symid.robot.toml_reader import parse_robot
+from symid.robot.toml_reader import parse_dh_table, parse_robot
 from symid.robot.toml_values import Scanner
 
 TEXT = """name = "arm"
@@ -84,8 +84,28 @@ def test_the_text_itself_is_read():
     assert {notice.code for notice in find_notices(TEXT)} == {"robot.lumped", "robot.elastic-joint"}
 
 
-def find_notices(text):
+def find_notices(text, read=parse_robot, *options):
     try:
-        return parse_robot(text, "arm.toml").notices
+        return read(text, *options).notices
     except RobotError as error:
         return error.notices
+
+
+CELLS = """
+0 | 0.1 | -1 | .5 | 1e-3 | 1e400 | nan | inf | pi/2 | -pi | q | q1 | q+0.1 | q-pi/2 | q- | L1 | 1/3 | 1/0 | "a
+| sqrt(2) | x | 90 | 30 deg | revolute | fixed | prismatic | continuous | base | joint1 | 1_000
+| 2*atan(1/3) |
+"""
+HEADERS = ("alpha,a,d,theta", "joint;kind;alpha_deg;a_mm;d_mm;theta_deg", "name,alpha,a,d,theta,kind", "a,b")
+LINES = st.lists(st.sampled_from([cell.strip() for cell in CELLS.split("|")]), min_size=1, max_size=7)
+
+
+@settings(max_examples=500)
+@given(st.sampled_from(HEADERS), st.lists(LINES, max_size=4), st.sampled_from(["modified", "standard"]))
+def test_any_table_is_read_or_told(header, lines, convention):
+    separator = ";" if ";" in header else ","
+    text = "\n".join([header, *(separator.join(line) for line in lines)])
+    assert all(
+        notice.line and notice.column and notice.text
+        for notice in find_notices(text, parse_dh_table, convention)
+    )

@@ -8,22 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from symid.joint_models import FrictionValues, get_law, has_sign
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop
-from symid.robot.description import (
-    Coupling,
-    Decimation,
-    Drive,
-    Joint,
-    JointKind,
-    Limits,
-    LogMap,
-    LogQuantity,
-    Mimic,
-    NamedSettings,
-    Processing,
-    Robot,
-    Spring,
-    SymbolicInertia,
-)
+from symid.robot import description
 from symid.robot.geometry import (
     IDENTITY,
     ZERO,
@@ -40,6 +25,7 @@ from symid.robot.geometry import (
 )
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
+from tests.chains import draw_parameters
 from tests.friction_forms import EVERY_LAW
 
 FRACTIONS = st.fractions(-3, 3, max_denominator=1000)
@@ -95,6 +81,7 @@ def frictions(draw, *, shared=False):
     return FrictionValues(law=name, values=values, smoothing=smoothing, shape=shape)
 
 
+UNKNOWN = st.one_of(st.none(), POSITIVE)
 SLOPES = st.floats(-0.3, 2.0).filter(lambda x: abs(x) > 1e-20)
 MANY = st.lists(POSITIVE, max_size=3, unique=True).map(sorted)
 
@@ -102,63 +89,50 @@ MANY = st.lists(POSITIVE, max_size=3, unique=True).map(sorted)
 @st.composite
 def elasticities(draw):
     """Springs with stops, and knees on both sides or the same on both, or a cubic part."""
-    unknown = st.one_of(st.none(), POSITIVE)
     above = [Knee(threshold=place, slope=draw(SLOPES)) for place in draw(MANY)]
     mirrored = draw(st.booleans())
     below = above if mirrored else [Knee(threshold=place, slope=draw(SLOPES)) for place in draw(MANY)]
     below = [Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(below)]
     return Elasticity(
-        stiffness=draw(unknown),
+        stiffness=draw(UNKNOWN),
         damping=draw(st.one_of(st.just(0.0), POSITIVE)),
         cubic=0.0 if above or below else draw(st.one_of(st.just(0.0), POSITIVE)),
-        stops=tuple(
-            Stop(threshold=place, stiffness=draw(st.one_of(unknown, st.just(0.0)))) for place in draw(MANY)
-        ),
+        stops=tuple(Stop(threshold=place, stiffness=draw(UNKNOWN)) for place in draw(MANY)),
         knees=(*below, *above),
     )
 
 
-@st.composite
-def drives(draw):
-    gear = draw(NUMBERS.filter(bool))
-    has_rotor = draw(st.booleans())
-    inertia = draw(st.one_of(st.none(), st.just(0.0), POSITIVE)) if has_rotor else None
-    constant = draw(st.one_of(st.none(), NUMBERS))
-    return Drive(gear=gear, has_rotor=has_rotor, rotor_inertia=inertia, torque_constant=constant)
-
-
-@st.composite
-def bodies(draw):
-    """Ten parameters of a few point masses."""
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    masses, points = rng.uniform(0.1, 2, 5), rng.uniform(-0.5, 0.5, (5, 3))
-    tensor = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
-    return tuple(
-        float(x) for x in (*tensor[0], *tensor[1, 1:], tensor[2, 2], *(masses @ points), masses.sum())
-    )
+DRIVES = st.one_of(
+    st.builds(description.Drive, gear=NUMBERS.filter(bool), torque_constant=st.one_of(st.none(), NUMBERS)),
+    st.builds(
+        description.Drive,
+        gear=NUMBERS.filter(bool),
+        has_rotor=st.just(True),
+        rotor_inertia=st.one_of(UNKNOWN, st.just(0.0)),
+    ),
+)
+BODIES = st.integers(0, 2**32 - 1).map(
+    lambda seed: tuple(draw_parameters(np.random.default_rng(seed), 1)[0].tolist())
+)
 
 
 @st.composite
 def joints(draw, index):
-    unknown = st.one_of(st.none(), POSITIVE)
-    kind = draw(st.sampled_from(list(JointKind)))
     low, high = sorted(draw(st.tuples(NUMBERS, NUMBERS)))
-    limits = Limits(
-        position=(low, high) if low < high else None, velocity=draw(unknown), torque=draw(unknown)
-    )
+    position = (low, high) if low < high else None
     follows = index > 0 and draw(st.booleans())
-    return Joint(
+    return description.Joint(
         name=draw(st.text(min_size=1, max_size=6).filter(lambda x: x.strip() and x != "base")) + str(index),
-        kind=kind,
+        kind=draw(st.sampled_from(description.JointKind)),
         parent=draw(st.integers(-1, index - 1)),
         placement=draw(placements()),
         frame=draw(st.one_of(st.just(IDENTITY), placements())),
-        inertial=draw(st.one_of(st.none(), bodies())),
-        drive=draw(drives()),
+        inertial=draw(st.one_of(st.none(), BODIES)),
+        drive=draw(DRIVES),
         friction=draw(frictions(shared=follows)),
-        limits=limits,
-        mimic=Mimic(master=0, multiplier=draw(FRACTIONS.filter(bool))) if follows else None,
-        spring=draw(st.one_of(st.none(), st.builds(Spring, stiffness=unknown, rest=unknown))),
+        limits=description.Limits(position=position, velocity=draw(UNKNOWN), torque=draw(UNKNOWN)),
+        mimic=description.Mimic(master=0, multiplier=draw(FRACTIONS.filter(bool))) if follows else None,
+        spring=draw(st.one_of(st.none(), st.builds(description.Spring, stiffness=UNKNOWN, rest=UNKNOWN))),
         elasticity=draw(st.one_of(st.none(), elasticities())),
     )
 
@@ -168,8 +142,8 @@ def robots(draw):
     found = tuple(draw(joints(index)) for index in range(draw(st.integers(1, 3))))
     terms = tuple((index, draw(FRACTIONS.filter(bool))) for index in range(len(found)))
     shared = draw(frictions(shared=True))
-    coupling = Coupling(name="m6", terms=terms, has_rotor=draw(st.booleans()), friction=shared)
-    return Robot(
+    coupling = description.Coupling(name="m6", terms=terms, has_rotor=draw(st.booleans()), friction=shared)
+    return description.Robot(
         name="arm",
         description=draw(st.text(st.characters(codec="utf-8"), max_size=9)),
         joints=found,
@@ -195,8 +169,8 @@ def test_a_written_robot_is_read_as_the_same(robot, hints):
     assert [getattr(robot, name) for name in same[:-1]] == [getattr(again, name) for name in same[:-1]]
 
 
-def make_joint(name="a", *, kind=JointKind.REVOLUTE, parent=-1, placement=IDENTITY, **fields):
-    return Joint(name=name, kind=kind, parent=parent, placement=placement, **fields)
+def make_joint(name="a", *, kind=description.JointKind.REVOLUTE, parent=-1, placement=IDENTITY, **fields):
+    return description.Joint(name=name, kind=kind, parent=parent, placement=placement, **fields)
 
 
 @given(st.lists(st.tuples(ANGLES, LENGTHS, LENGTHS, ANGLES), min_size=1, max_size=3), st.booleans())
@@ -211,7 +185,7 @@ def test_rows_stay_rows(rows, standard):
         placement = compose_placements(frame, turned) if standard else compose_placements(before, turned)
         frame = after if standard else IDENTITY
         joints.append(make_joint(f"j{index}", parent=index - 1, placement=placement, frame=frame))
-    robot = Robot(name="arm", joints=tuple(joints), convention=convention, symbols=(("L1", 1.0),))
+    robot = description.Robot(name="arm", joints=tuple(joints), convention=convention, symbols=(("L1", 1.0),))
     text = write_robot(robot)
     assert "origin" not in text
     again = parse_robot(text)
@@ -221,20 +195,25 @@ def test_rows_stay_rows(rows, standard):
 
 def test_symbols_of_links_and_settings_are_written():
     zero = Exact()
-    form = SymbolicInertia(
+    form = description.SymbolicInertia(
         mass=Exact.symbol("m1"),
         com=(Exact.symbol("lc1"), zero, -Exact.symbol("lc1")),
         inertia=(Exact.symbol("I1"), zero, zero, Exact.symbol("I1"), zero, Exact.of(Fraction(1, 3))),
     )
     joint = make_joint(form=form)
-    log = LogMap(
-        time=LogQuantity(columns=("t",), unit="ms"),
-        torque=LogQuantity(columns=('u "left"',), unit="V", factor=(35.15,), side="motor"),
+    log = description.LogMap(
+        time=description.LogQuantity(columns=("t",), unit="ms"),
+        torque=description.LogQuantity(columns=('u "left"',), unit="V", factor=(35.15,), side="motor"),
     )
-    processing = Processing(filter_cutoff=50.0, standstill=0.1, decimation=Decimation(factor=4))
+    processing = description.Processing(
+        filter_cutoff=50.0, standstill=0.1, decimation=description.Decimation(factor=4)
+    )
     symbols = (("I1", 0.5), ("lc1", 0.1), ("m1", 2.0))
-    named = (NamedSettings(name="lab", log=log), NamedSettings(name="plain", processing=Processing()))
-    robot = Robot(
+    named = (
+        description.NamedSettings(name="lab", log=log),
+        description.NamedSettings(name="plain", processing=description.Processing()),
+    )
+    robot = description.Robot(
         name="arm", joints=(joint,), symbols=symbols, log=log, processing=processing, settings=named
     )
     again = parse_robot(write_robot(robot))
@@ -251,7 +230,7 @@ def test_values_that_no_body_has_are_written_as_they_are():
     frame = compose_placements(rotate_x(build_exact_angle(0.3)), aside)
     framed = replace(impossible, name="d", parent=2, frame=frame)
     joints = (weightless, impossible, nothing, framed)
-    again = parse_robot(write_robot(Robot(name="1 arm!", joints=joints)))
+    again = parse_robot(write_robot(description.Robot(name="1 arm!", joints=joints)))
     assert again.name == "robot_1_arm_"
     assert [joint.inertial for joint in again.joints[:3]] == [joint.inertial for joint in joints[:3]]
     np.testing.assert_allclose(again.joints[3].inertial, framed.inertial, rtol=0, atol=1e-13)
@@ -264,16 +243,16 @@ def test_values_that_no_body_has_are_written_as_they_are():
 
 def test_a_negative_mass_is_left_out_and_said():
     joint = make_joint(inertial=(0.0,) * 9 + (-1.0,))
-    text = write_robot(Robot(name="arm", joints=(joint,)))
+    text = write_robot(description.Robot(name="arm", joints=(joint,)))
     assert "# the link's values" in text
     assert parse_robot(text).joints[0].inertial is None
 
 
 def write_hints(**fields):
     """Return a file with hints of a turning and a sliding joint, and with their marks taken away."""
-    kinds = {"turn": JointKind.REVOLUTE, "slide": JointKind.PRISMATIC}
+    kinds = {"turn": description.JointKind.REVOLUTE, "slide": description.JointKind.PRISMATIC}
     joints = tuple(make_joint(name, kind=kind, **fields) for name, kind in kinds.items())
-    text = write_robot(Robot(name="arm", joints=joints), comment="Made by hand.", hints=True)
+    text = write_robot(description.Robot(name="arm", joints=joints), comment="Made by hand.", hints=True)
     head, _, body = text.partition("\n")
     assert head == "# Made by hand."
     return text, "\n".join(line.removeprefix("# ") for line in body.split("\n"))
@@ -291,11 +270,11 @@ def test_hints_without_their_marks_are_valid():
 
 
 def test_hints_complete_tables_that_are_there():
-    drive = Drive(gear=50.0)
-    limits = Limits(position=(-1.0, 2.0), velocity=3.0)
+    drive = description.Drive(gear=50.0)
+    limits = description.Limits(position=(-1.0, 2.0), velocity=3.0)
     text, filled = write_hints(drive=drive, limits=limits)
     assert (text.count("[joint.drive]"), text.count("[joint.limits]")) == (2, 2)
-    full = Drive(gear=50.0, has_rotor=True, rotor_inertia=1e-5 * 50.0**2, torque_constant=0.1)
+    full = description.Drive(gear=50.0, has_rotor=True, rotor_inertia=1e-5 * 50.0**2, torque_constant=0.1)
     for joint in parse_robot(filled).joints:
         assert joint.drive == full
         assert joint.limits == replace(limits, torque=50.0, acceleration=10.0, jerk=100.0)

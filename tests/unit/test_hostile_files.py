@@ -36,6 +36,7 @@ FITS = Path("tests/data/fits")
         ("x = " + "{a=" * 5000 + "1" + "}" * 5000, "nested too deeply"),
         ("x = " + "[" * 5000 + "]" * 5000, "nested too deeply"),
         ("x = " + "9" * 5000, "too many digits"),
+        ("x = 1e" + "9" * 20, "too many digits"),
     ],
 )
 def test_tables_and_numbers_without_an_end_have_a_line(line, words):

@@ -1,20 +1,12 @@
 """Delay and offsets of link encoders, against signals of which both are known in closed form."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from symid.errors import LogError
-from symid.logs.alignment import (
-    align,
-    estimate_alignment,
-    get_encoders,
-    keep_significant,
-    shift_link_channel,
-    split_blocks,
-)
+from symid.logs.alignment import align, estimate_alignment, get_encoders, keep_significant, shift_link_channel
 from symid.logs.recording import Recording
 from tests.refusals import raises
 
@@ -86,9 +78,6 @@ def test_what_is_aligned_has_neither_delay_nor_offset():
     assert "3.1 ms" in notice.text
     recording, columns = record(3, 0.09, 0.0)
     assert estimate_alignment([recording], [columns]).delay == pytest.approx(0.09, abs=1e-5)
-    blocks = split_blocks(1000, 0.01, 0.5, 1.0)
-    assert (blocks[0].start, blocks[-1].stop) == (50, 950)
-    assert all(left.stop == right.start for left, right in pairwise(blocks))
 
 
 def test_a_joint_without_a_link_encoder_stays_as_it_is():

@@ -1,7 +1,6 @@
 """ROS 2 bags: the same samples from every container, joints by name, and which topic is the robot's."""
 
 import shutil
-import sys
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -329,13 +328,6 @@ def test_names_of_joints(present, wanted, found):
     assert match_joints(present, wanted) == found
 
 
-@pytest.mark.parametrize("name", ["log.db3", "log.mcap"])
-@pytest.mark.parametrize("content", [b"", b"no bag", b"SQLite format 3\0" + b"\0" * 100])
-def test_files_that_are_no_bags(make_robot, tmp_path, name, content):
-    (tmp_path / name).write_bytes(content)
-    assert "not a ROS 2 bag" in problems(tmp_path / name, make_robot())["log.format"]
-
-
 def test_damaged_bags_are_refused_or_read(make_robot, messages, write_bag):
     rng = np.random.default_rng(5)
     for plugin in PLUGINS:
@@ -350,12 +342,6 @@ def test_damaged_bags_are_refused_or_read(make_robot, messages, write_bag):
             # Any other error than that of a log is a fault.
             with suppress(LogError):
                 assert len(read_recording(path, make_robot(), uneven=True).time)
-
-
-def test_a_missing_package_is_named(make_robot, tmp_path, monkeypatch):
-    (tmp_path / "log.mcap").write_bytes(b"")
-    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
-    assert "pip install 'symid[ros]'" in problems(tmp_path / "log.mcap", make_robot())["log.needs-ros"]
 
 
 def test_efforts_that_are_currents_go_into_a_robot_file(make_robot, columns, messages, write_bag):

@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.codegen.cache import prepare_library
 from symid.errors import LogError, UsageError
-from symid.identification import IdentifyOptions, TaskContext, identify_robot
 from symid.logs.recording import Recording
 from symid.logs.runs import read_fit_recordings
 from symid.logs.signals import low_pass, prepare_signals
 from symid.robot.description import Processing
 from tests.refusals import raises
-from tests.unit.identification.pinocchio_arm import ARM, BODIES, FRICTION, record_arm
+from tests.unit.identification.pinocchio_arm import ARM, record_arm
 
 PERIOD = 5e-3
 
@@ -55,24 +53,6 @@ def test_uneven_logs_are_resampled_with_a_note_and_even_ones_stay(log):
     assert "1 with times that repeat or return were left out" in notice.text
     assert len(found.time) == len(log.time)
     assert np.abs(found.position - log.position).max() < 1e-3
-
-
-def test_a_fit_to_an_uneven_log_says_so_and_is_about_as_good(log):
-    context = TaskContext(prepare=prepare_library, progress=lambda _: None)
-
-    def identify(one):
-        (recording,) = read_fit_recordings([one], ARM)
-        robot = replace(ARM, processing=Processing(automatic=True))
-        found = identify_robot(robot, [recording], IdentifyOptions(), context)
-        return found, {entry.name: entry.value for entry in found.estimate.parameters}
-
-    (clean, _), (found, values) = identify(log), identify(move_stamps(log, 0.4))
-    assert "log.resampled" in {notice.code for notice in found.notices}
-    assert "log.resampled" not in {notice.code for notice in clean.notices}
-    # The last body's first moments, and friction, stand for themselves.
-    assert values["MX3"] == pytest.approx(BODIES[2][6], rel=0.02)
-    assert [values[f"Fv{k}"] for k in (1, 2, 3)] == pytest.approx(FRICTION[:, 0].tolist(), rel=0.05)
-    assert [values[f"Fc{k}"] for k in (1, 2, 3)] == pytest.approx(FRICTION[:, 1].tolist(), rel=0.05)
 
 
 @pytest.mark.parametrize(

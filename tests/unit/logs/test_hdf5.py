@@ -1,13 +1,10 @@
 """HDF5 and MATLAB 7.3: data sets by name, axes turned, units, and what is said without h5py."""
 
-import sys
-
 import numpy as np
 import pytest
 
-from symid.errors import LogError
 from symid.logs.reader import read_raw, read_recording
-from tests.refusals import raises, tell
+from tests.refusals import tell
 
 
 def write_matlab(path, h5py, content):
@@ -63,22 +60,3 @@ def test_plain_hdf5_states_units(make_robot, columns, tmp_path, suffix):
     assert set(raw.columns) == {"t", "q", "tau", "a.b.c"}
     assert (raw.units, set(raw.others)) == ({"q": "deg"}, {"words", "deep"})
     np.testing.assert_allclose(read_recording(path, make_robot()).position, columns["q"])
-
-
-@pytest.mark.parametrize("name", ["log.mat", "log.h5"])
-def test_a_damaged_file(make_robot, tmp_path, name):
-    pytest.importorskip("h5py")
-    path = tmp_path / name
-    path.write_bytes(b"MATLAB 7.3".ljust(512) + b"\x89HDF\r\n\x1a\n")
-    with raises(LogError, "log.format") as caught:
-        read_recording(path, make_robot())
-    assert "not an HDF5 file that can be read" in caught.value.notices[0].text
-
-
-def test_without_h5py_the_extra_is_named(make_robot, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    path = tmp_path / "log.h5"
-    path.write_bytes(b"\x89HDF\r\n\x1a\n")
-    with raises(LogError, "log.needs-hdf5") as caught:
-        read_recording(path, make_robot())
-    assert "pip install 'symid[hdf5]'" in caught.value.notices[0].text

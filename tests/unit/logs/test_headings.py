@@ -55,91 +55,74 @@ class Case:
         return [pattern]
 
 
-# Program, columns and names of joints; below them the result, and what is not as usual.
+# Program, columns, names of joints, the result, and what is not as usual.
 TABLE = """
-symid | t [s], =q# [rad], =tau# [N m] | joint1, joint2, jointGripper
-    read | first=1
-symid, no units | t, =q#, =tau# | PLAIN
-    read, as SI units | first=1
-libfranka | time, =q[#], q_d[#], =tau_J[#], dtau_J[#] | ARMS
-    read, time in ms | step=1
-libfranka | time, =state.q[#], state.dq[#], =state.tau_J[#] | PANDA
-    read, time in ms | step=1
-libfranka, flat | time, =q_#, dq_#, =tau_J_#, O_T_EE_# | PANDA
-    read, time in ms | step=1
-libfranka, time in s | time, q[#], tau_J[#] | ARMS
-    refused: no unit is stated | code=new.no-unit | step=0.001
-arrays | t [s], =q[#] [rad], =tau_J[#] [N m] | ARMS
-    read, in the order of the joints
-arrays of another length | t [s], q[#] [rad], tau_J[#] [N m] | ARMS
-    refused: four columns for three joints | code=new.unknown-column | count=4
-numbers that begin with 0, one too many | t [s], q_# [rad], tau_J_# [N m] | ARMS
-    refused: `tau_J_1` is the first or the second joint | code=new.ambiguous-column | count=4
-numbers that begin with 0 | t [s], =q_# [rad], =tau_J_# [N m] | ARMS
-    read, in the order of the joints
-UR, RTDE | timestamp, target_q_#, =actual_q_#, actual_qd_#, =actual_current_#, target_moment_# | UR
-    read, currents in A | constant=0.1
-UR, RTDE | timestamp, actual_q_#, actual_current_# | UR
-    refused: no torque constants | code=new.torque-constant
-UR, RTDE | timestamp, actual_q_#, target_moment_# | UR
-    refused: `target_moment` is a command | code=new.unknown-column
-KUKA, trace | Time [s], =$AXIS_ACT[#] [deg], =$TORQUE_AXIS_ACT[#] [Nm] | IIWA
-    read, in the order of the joints | first=1
-KUKA | Time [s], =AXIS_ACT# [deg], =MeasuredTorque_A# [Nm] | A1, A2, A3
-    read, in the order of the joints | first=1
-KUKA, no units | Time, AXIS_ACT#, MeasuredTorque_A# | PLAIN
-    refused: no unit is stated | code=new.no-unit | first=1
-KUKA, FRI | time [s], =msr_joint_pos[#] [rad], =msr_joint_trq[#] [Nm], cmd_joint_pos[#] [rad] | IIWA
-    read, in the order of the joints
-PlotJuggler | __time, =/joint_states/@/position, /joint_states/@/velocity, =/joint_states/@/effort | UR
-    read, by the names of the joints
-PlotJuggler, two topics | __time, /left/@/position, /left/@/effort, /right/@/position, /right/@/effort | UR
-    refused: choose one by `topic` | code=log.topic
-PlotJuggler, another prefix | __time, =/joint_states/@/position, =/joint_states/@/effort | PANDA
-    read, with a warning | own=fer_joint1, fer_joint2, fer_joint3
-rosbag to CSV | Time, =/joint_states/position[#], =/joint_states/effort[#] | UR
-    read, in the order of the joints
-rosbag to CSV, two topics | Time, /left/position[#], /right/effort[#] | UR
-    refused: no topic has both | code=new.no-unit
-rosbag to CSV, commands | Time, /target/position[#], /target/effort[#] | UR
-    refused: they are commands | code=new.unknown-column
-rosbag to CSV, arrays of another length | Time, /joint_states/position[#], /joint_states/effort[#] | UR
-    refused: four columns for three joints | code=new.unknown-column | count=4
-ROS | time, =position.@, velocity.@, =effort.@ | PLAIN
-    read, by the names of the joints
-ROS | time, =position.@, velocity.@, =effort.@ | UR
-    read, by the names of the joints
-rostopic echo -p | %time, =field.position#, =field.effort# | UR
-    read, in the order of the joints | step=1e+07
-a table of one's own | time [s], =@ pos [deg], @ target pos [deg], =@ torque [Nm] | UR
-    read, by the names of the joints
-joints out of order | time [s], pos# [rad], torque# [Nm] | axis_2, axis_1, axis_3
-    refused: `pos1` is `axis_1` or the first joint | code=new.ambiguous-column | first=1
-symid, joints out of order | t, =q#, =tau# | joint2, joint1, joint3
-    read, in the order of the joints | first=1
-symid, some joints with numbers | t, =q#, =tau# | elbow, wrist_1_joint, wrist_2_joint
-    read, as SI units | first=1
-symid, some joints with numbers | t, =q#, =tau# | base, joint1, joint2
-    read, in the order of the joints | first=1
-symid, joints from 0 on | t, =q#, =tau# | joint0, joint1, joint2
-    read, in the order of the joints | first=1
+symid | t [s], =q# [rad], =tau# [N m] | joint1, joint2, jointGripper | read | first=1
+symid, no units | t, =q#, =tau# | PLAIN | read, as SI units | first=1
+libfranka | time, =q[#], q_d[#], =tau_J[#], dtau_J[#] | ARMS | read, time in ms | step=1
+libfranka | time, =state.q[#], state.dq[#], =state.tau_J[#] | PANDA | read, time in ms | step=1
+libfranka, flat | time, =q_#, dq_#, =tau_J_#, O_T_EE_# | PANDA | read, time in ms | step=1
+libfranka, time in s | time, q[#], tau_J[#] | ARMS\
+    | refused: no unit is stated | code=new.no-unit | step=0.001
+arrays | t [s], =q[#] [rad], =tau_J[#] [N m] | ARMS | read, in the order of the joints
+arrays of another length | t [s], q[#] [rad], tau_J[#] [N m] | ARMS\
+    | refused: four columns for three joints | code=new.unknown-column | count=4
+numbers that begin with 0, one too many | t [s], q_# [rad], tau_J_# [N m] | ARMS\
+    | refused: `tau_J_1` is the first or the second joint | code=new.ambiguous-column | count=4
+numbers that begin with 0 | t [s], =q_# [rad], =tau_J_# [N m] | ARMS | read, in the order of the joints
+UR, RTDE | timestamp, target_q_#, =actual_q_#, actual_qd_#, =actual_current_#, target_moment_# | UR\
+    | read, currents in A | constant=0.1
+UR, RTDE | timestamp, actual_q_#, actual_current_# | UR\
+    | refused: no torque constants | code=new.torque-constant
+UR, RTDE | timestamp, actual_q_#, target_moment_# | UR\
+    | refused: `target_moment` is a command | code=new.unknown-column
+KUKA, trace | Time [s], =$AXIS_ACT[#] [deg], =$TORQUE_AXIS_ACT[#] [Nm] | IIWA\
+    | read, in the order of the joints | first=1
+KUKA | Time [s], =AXIS_ACT# [deg], =MeasuredTorque_A# [Nm] | A1, A2, A3\
+    | read, in the order of the joints | first=1
+KUKA, no units | Time, AXIS_ACT#, MeasuredTorque_A# | PLAIN\
+    | refused: no unit is stated | code=new.no-unit | first=1
+KUKA, FRI | time [s], =msr_joint_pos[#] [rad], =msr_joint_trq[#] [Nm], cmd_joint_pos[#] [rad] | IIWA\
+    | read, in the order of the joints
+PlotJuggler | __time, =/joint_states/@/position, /joint_states/@/velocity, =/joint_states/@/effort | UR\
+    | read, by the names of the joints
+PlotJuggler, two topics | __time, /left/@/position, /left/@/effort, /right/@/position, /right/@/effort | UR\
+    | refused: choose one by `topic` | code=log.topic
+PlotJuggler, another prefix | __time, =/joint_states/@/position, =/joint_states/@/effort | PANDA\
+    | read, with a warning | own=fer_joint1, fer_joint2, fer_joint3
+rosbag to CSV | Time, =/joint_states/position[#], =/joint_states/effort[#] | UR\
+    | read, in the order of the joints
+rosbag to CSV, two topics | Time, /left/position[#], /right/effort[#] | UR\
+    | refused: no topic has both | code=new.no-unit
+rosbag to CSV, commands | Time, /target/position[#], /target/effort[#] | UR\
+    | refused: they are commands | code=new.unknown-column
+rosbag to CSV, arrays of another length | Time, /joint_states/position[#], /joint_states/effort[#] | UR\
+    | refused: four columns for three joints | code=new.unknown-column | count=4
+ROS | time, =position.@, velocity.@, =effort.@ | PLAIN | read, by the names of the joints
+ROS | time, =position.@, velocity.@, =effort.@ | UR | read, by the names of the joints
+rostopic echo -p | %time, =field.position#, =field.effort# | UR\
+    | read, in the order of the joints | step=1e+07
+a table of one's own | time [s], =@ pos [deg], @ target pos [deg], =@ torque [Nm] | UR\
+    | read, by the names of the joints
+joints out of order | time [s], pos# [rad], torque# [Nm] | axis_2, axis_1, axis_3\
+    | refused: `pos1` is `axis_1` or the first joint | code=new.ambiguous-column | first=1
+symid, joints out of order | t, =q#, =tau# | joint2, joint1, joint3\
+    | read, in the order of the joints | first=1
+symid, some joints with numbers | t, =q#, =tau# | elbow, wrist_1_joint, wrist_2_joint\
+    | read, as SI units | first=1
+symid, some joints with numbers | t, =q#, =tau# | base, joint1, joint2\
+    | read, in the order of the joints | first=1
+symid, joints from 0 on | t, =q#, =tau# | joint0, joint1, joint2 | read, in the order of the joints | first=1
 """
 KINDS = {"first": int, "count": int, "step": float, "constant": float}
 
 
 def read_cases():
-    lines = TABLE.strip().splitlines()
-    for row, below in zip(lines[::2], lines[1::2], strict=True):
-        result, *others = below.strip().split(" | ")
+    for row in TABLE.strip().splitlines():
+        program, columns, joints, result, *others = re.split(r"\s+\|\s+", row)
         pairs = (entry.split("=") for entry in others)
-        program, columns, joints = row.split(" | ")
-        yield Case(
-            program,
-            columns,
-            JOINTS.get(joints, joints),
-            result,
-            **{key: KINDS.get(key, str)(value) for key, value in pairs},
-        )
+        more = {key: KINDS.get(key, str)(value) for key, value in pairs}
+        yield Case(program, columns, JOINTS.get(joints, joints), result, **more)
 
 
 CASES = tuple(read_cases())

@@ -1,7 +1,5 @@
 """Parquet: columns, units of metadata and headings, lists, times, and what is said without pyarrow."""
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -83,20 +81,7 @@ def test_rows_of_null_decimals_and_dates(tmp_path):
     assert raw.others == ("date",)
 
 
-@pytest.mark.parametrize("content", [b"", b"PAR1", b"PAR1" + b"\0" * 50 + b"PAR1"])
-def test_files_that_are_no_tables(tmp_path, content):
-    (tmp_path / "log.parquet").write_bytes(content)
-    with pytest.raises(LogError, match="not a Parquet file that can be read"):
-        read_raw(tmp_path / "log.parquet")
-
-
-def test_columns_of_one_name_and_a_missing_package_are_told(tmp_path, monkeypatch):
+def test_columns_of_one_name_are_told(tmp_path):
     path = write(tmp_path / "log.parquet", {"q [rad]": pa.array([0.0]), "q [deg]": pa.array([0.0])})
     with pytest.raises(LogError, match="more than one column is named 'q'"):
         read_raw(path)
-    (tmp_path / "log.parquet").write_bytes(b"")
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(LogError) as caught:
-        read_raw(tmp_path / "log.parquet")
-    (notice,) = caught.value.notices
-    assert (notice.code, "pip install 'symid[parquet]'" in notice.text) == ("log.needs-parquet", True)

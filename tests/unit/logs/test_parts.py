@@ -18,12 +18,7 @@ from symid.logs.recording import (
     take_part,
     take_parts,
 )
-from symid.logs.runs import (
-    compute_log_digests,
-    describe_runs,
-    get_train_unit,
-    measure_overlap,
-)
+from symid.logs.runs import compute_log_digests, describe_runs, get_train_unit, measure_overlap
 from tests.refusals import raises
 
 FIRST = 1700000000.0

@@ -1,5 +1,6 @@
 """Readers: what they make of good logs, and the sentence every bad log gets."""
 
+import sys
 from functools import partial
 
 import numpy as np
@@ -13,7 +14,8 @@ from symid.robot.toml_reader import read_robot
 from tests.refusals import raises, refuse, tell
 
 P = JointKind.PRISMATIC
-
+HDF5, PARQUET = b"\x89HDF\r\n\x1a\n", (b"", b"PAR1", b"PAR1" + b"\0" * 50 + b"PAR1")
+BAGS = (b"", b"no bag", b"SQLite format 3\0" + b"\0" * 100)
 
 problems = partial(refuse, LogError, read_recording)
 
@@ -254,12 +256,7 @@ def test_a_log_too_short_for_its_processing(make_robot, columns, write_npz):
         ("log.csv", b"", "log.format", "no line"),
         ("log.csv", b"0,1\n1,2\n", "log.no-heading", "must name"),
         ("log.csv", b"t,q,q\n1,2,3\n", "log.duplicate-column", "named 'q'"),
-        (
-            "log.bag",
-            b"",
-            "log.unknown-suffix",
-            ".h5, .hdf5, .parquet, .db3, .mcap, or the folder of a ROS 2 bag, got '.bag'",
-        ),
+        ("log.bag", b"", "log.unknown-suffix", ".mcap, or the folder of a ROS 2 bag, got '.bag'"),
         ("log", b"", "log.unknown-suffix", "got no suffix"),
     ],
     ids=range(15),
@@ -268,6 +265,33 @@ def test_files_that_are_no_logs(make_robot, tmp_path, case):
     name, content, code, text = case
     (tmp_path / name).write_bytes(content)
     assert text in problems(tmp_path / name, make_robot())[code]
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("h5py", "log.h5", b"MATLAB 7.3".ljust(512) + HDF5, "not an HDF5 file"),
+        ("h5py", "log.mat", b"MATLAB 7.3".ljust(512) + HDF5, "not an HDF5 file"),
+        *(("pyarrow", "log.parquet", content, "not a Parquet file that can be read") for content in PARQUET),
+        *(("rosbags", "log.db3", content, "not a ROS 2 bag") for content in BAGS),
+        *(("rosbags", "log.mcap", content, "not a ROS 2 bag") for content in BAGS),
+    ],
+    ids=range(11),
+)
+def test_files_that_optional_packages_cannot_read(make_robot, tmp_path, case):
+    package, name, content, text = case
+    pytest.importorskip(package)
+    (tmp_path / name).write_bytes(content)
+    assert text in problems(tmp_path / name, make_robot())["log.format"]
+
+
+@pytest.mark.parametrize("case", ["h5py h5 hdf5", "pyarrow parquet parquet", "rosbags.rosbag2 mcap ros"])
+def test_a_missing_package_is_named_by_its_extra(make_robot, tmp_path, monkeypatch, case):
+    package, suffix, extra = case.split()
+    monkeypatch.setitem(sys.modules, package, None)
+    (tmp_path / f"log.{suffix}").write_bytes(b"")
+    found = problems(tmp_path / f"log.{suffix}", make_robot())
+    assert f"pip install 'symid[{extra}]'" in found[f"log.needs-{extra}"]
 
 
 def test_files_that_are_not_there_or_a_single_array(make_robot, tmp_path):

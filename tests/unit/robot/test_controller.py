@@ -27,13 +27,6 @@ def list_refused(text):
     return {notice.code: notice.text for notice in refuse(read, text)}
 
 
-def test_what_is_not_said_has_the_usual_value():
-    found = read("stiffness = [400, 6e3]\ndamping = [25, 300]").controller
-    assert found == Controller(stiffness=(400.0, 6000.0), damping=(25.0, 300.0))
-    assert (found.velocity, found.velocity_source, found.torque) == ("error", "difference", "command")
-    assert found.velocity_filter is found.offset is None
-
-
 def test_every_key_comes_back_from_a_written_file():
     robot = read(
         'stiffness = [400, 6000]\ndamping = [25, 300]\nvelocity = "measured"\nvelocity_source = "sensor"\n'
@@ -95,22 +88,3 @@ def test_the_command_line_states_gains_too():
         override_robot(robot, pairs[:1])
     with pytest.raises(UsageError, match="did you mean controller"):
         override_robot(robot, [("control.stiffness", "400")])
-
-
-def test_columns_of_the_controller_have_units_and_sides():
-    robot = parse_robot(
-        HEAD.replace("prismatic", "revolute")
-        + """
-[log]
-reference = { columns = ["r1", "r2"], unit = "deg", offset = [0, "90 deg"] }
-reference_velocity = { columns = ["v"], unit = "rpm", side = "motor" }
-feedforward = { columns = ["i"], unit = "N m" }
-"""
-    )
-    assert robot.log.reference.offset[1] == pytest.approx(1.5707963267948966)
-    assert robot.log.reference_velocity.side == "motor"
-    assert parse_robot(write_robot(robot)).log == robot.log
-    with pytest.raises(RobotError, match="expected a unit of angle"):
-        parse_robot(
-            HEAD.replace("prismatic", "revolute") + "[log.reference]\ncolumns = ['r']\nunit = 'N m'\n"
-        )

@@ -88,12 +88,6 @@ def test_several_branches_stand_beside_stops():
     assert len(spring.stops) == 1
 
 
-def test_the_initial_stiffness_adds_all_stops():
-    stops = (Stop(threshold=0.002, stiffness=120.0), Stop(threshold=0.005, stiffness=60.0))
-    assert Elasticity(stiffness=380.0, stops=stops).initial_stiffness == 560.0
-    assert Elasticity(stops=stops).initial_stiffness is None
-
-
 @pytest.mark.parametrize(
     ("stops", "knees", "said"),
     [

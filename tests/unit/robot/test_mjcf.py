@@ -18,7 +18,7 @@ from symid.robot.mjcf_reader import read_xml_robot
 from symid.robot.simulator_writers import write_mjcf
 from tests.chains import build_transmission, fold, spread
 from tests.mistakes import find_text
-from tests.mujocos import find_mujoco_torques, parse_mjcf
+from tests.mujocos import build_model, find_mujoco_torques, parse_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
@@ -156,24 +156,22 @@ def test_a_model_is_loaded_by_its_content(tmp_path):
 ONE = '<geom size="0.1"/>'
 
 
-def build(body, head="", tail=""):
-    return f"<mujoco>{head}<worldbody>{body}</worldbody>{tail}</mujoco>"
-
-
 def codes(robot):
     return [notice.code for notice in robot.notices]
 
 
 def test_models_without_names_are_read():
-    robot = parse_mjcf(build(f"<body><joint/><joint axis='1 0 0'/>{ONE}<body><joint/>{ONE}</body></body>"))
+    robot = parse_mjcf(
+        build_model(f"<body><joint/><joint axis='1 0 0'/>{ONE}<body><joint/>{ONE}</body></body>")
+    )
     assert [joint.name for joint in robot.joints] == ["body1_joint1", "body1_joint2", "body2_joint"]
     assert robot.name == "robot"
 
 
 def test_bodies_without_any_inertia_are_unknown():
-    robot = parse_mjcf(build("<body><joint name='a'/><joint name='b'/></body>"))
+    robot = parse_mjcf(build_model("<body><joint name='a'/><joint name='b'/></body>"))
     assert [joint.inertial for joint in robot.joints] == [(0.0,) * 10, None]
-    robot = parse_mjcf(build(f"<body name='x'><joint/><body><joint/>{ONE}</body></body>"))
+    robot = parse_mjcf(build_model(f"<body name='x'><joint/><body><joint/>{ONE}</body></body>"))
     assert robot.joints[0].inertial == (0.0,) * 10
     assert "robot.massless" in codes(robot)
 
@@ -198,31 +196,29 @@ TURNED = "euler was moved to the nearest multiple of pi/2, of bodies (by rad) 'b
         ("robot.impossible-inertia", f"<body name='b'><joint/>{SKEW}</body>", "3 kg*m^2"),
         ("robot.angle-snapped", "<body name='b' euler='0 90.0001 0'><joint/><geom size='1'/></body>", TURNED),
         (UNUSED, "<body name='b'><geom size='1'/></body>", "<geom> (2)"),
-        (
-            UNUSED,
-            "<equality><weld body1='a' body2='b' active='false'/></equality>",
-            "<weld> that is not active",
-        ),
+        (UNUSED, "<equality><weld body1='a' body2='b' active='false'/></equality>", "that is not active"),
         (UNUSED, "<contact/><keyframe/>", "<contact>, <keyframe>"),
     ],
 )
 def test_what_is_left_out_is_said(code, part, words):
     arm = f"<body><joint name='j'/>{ONE}</body>"
-    text = build(arm + part) if part.startswith("<body") else build(arm, part)
+    text = build_model(arm + part) if part.startswith("<body") else build_model(arm, part)
     assert words in find_text(parse_mjcf(text), code)
 
 
 def test_gravity_can_be_off():
     arm = f"<body><joint/>{ONE}</body>"
-    robot = parse_mjcf(build(arm, "<option gravity='0 0 -9'/><option><flag gravity='disable'/></option>"))
+    robot = parse_mjcf(
+        build_model(arm, "<option gravity='0 0 -9'/><option><flag gravity='disable'/></option>")
+    )
     assert not any(robot.gravity)
-    assert parse_mjcf(build(arm)).gravity == Robot(name="r", joints=robot.joints).gravity
+    assert parse_mjcf(build_model(arm)).gravity == Robot(name="r", joints=robot.joints).gravity
 
 
 def test_a_joint_without_a_second_one_is_held():
     body = f"<body><joint name='j'/>{ONE}<body name='b'><joint name='k' ref='10'/>{ONE}</body></body>"
     tail = "<equality><joint joint1='k' polycoef='0.25'/></equality>"
-    robot = parse_mjcf(build(body, tail=tail))
+    robot = parse_mjcf(build_model(body, tail=tail))
     assert [joint.name for joint in robot.joints] == ["j"]
     assert {"robot.follower-still", "robot.lumped"} <= set(codes(robot))
 
@@ -231,7 +227,7 @@ def test_inertias_of_some_groups_come_from_geoms_alone():
     head = "<compiler inertiafromgeom='true' inertiagrouprange='1 2'/>"
     inertial = "<inertial pos='0 0 0' mass='5' diaginertia='1 1 1'/>"
     for geoms in ("<geom size='0.2' group='1'/><geom size='0.3'/>", "<geom size='0.3'/>"):
-        text = build(f"<body name='b'><joint/>{inertial}{geoms}</body>", head)
+        text = build_model(f"<body name='b'><joint/>{inertial}{geoms}</body>", head)
         mass = mujoco.MjModel.from_xml_string(text).body("b").mass[0]
         assert parse_mjcf(text).joints[0].inertial[9] == pytest.approx(mass, rel=1e-12)
 

@@ -13,22 +13,17 @@ from symid.joint_models import FrictionValues
 from symid.robot.description import Drive, Spring
 from symid.robot.simulator_writers import list_mjcf_omissions, write_mjcf
 from symid.robot.xml_rewriters import rewrite_mjcf
-from tests.chains import fill
+from tests.chains import change_joints, fill
 from tests.mistakes import refuse
-from tests.mujocos import find_mujoco_torques, parse_mjcf
+from tests.mujocos import build_model, find_mujoco_torques, parse_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
 FILE = """<?xml version="1.0"?>
 <!-- our arm -->
-<mujoco model="arm">
-  <compiler angle="degree"/>
-  <default>
-    <joint damping="0.5"/>
-    <default class="small">
-      <joint damping='0.25' armature="0.01"/>
-    </default>
-  </default>
+<mujoco model="arm"><compiler angle="degree"/>
+  <default><joint damping="0.5"/>
+    <default class="small"><joint damping='0.25' armature="0.01"/></default></default>
   <worldbody>
     <body name="column"><!-- </body> is no end -->
       <inertial pos="0 0 0" mass="50" diaginertia="1 1 1"/>
@@ -36,10 +31,8 @@ FILE = """<?xml version="1.0"?>
       <body name="upper" pos="0 0 0.5" euler="0 30 0">
         <joint name="base" axis="0 1 0" range="-90 90" armature="0.1"  frictionloss='0.25' stiffness="4"/>
         <inertial mass="2"   pos="0.1 0 0" quat="0.9 0.1 0 0.1" diaginertia="0.1 0.08 0.05"/>
-        <body name="cover">
-          <inertial pos="0 0 0.2" mass="0.7" diaginertia="0.01 0.01 0.01"/>
-          <geom type="box" size="0.1 0.1 0.1"/>
-        </body>
+        <body name="cover"><geom type="box" size="0.1 0.1 0.1"/>
+          <inertial pos="0 0 0.2" mass="0.7" diaginertia="0.01 0.01 0.01"/></body>
         <body name="lower" pos="0.5 0 0" childclass="small">
           <joint name="elbow" axis="1 0 1"></joint>
           <inertial pos="0 0 0.1" mass="1" fullinertia="0.1 0.1 0.1 0 0 0"/>
@@ -52,9 +45,7 @@ FILE = """<?xml version="1.0"?>
           </body>
           <body name="fin"><joint name="flap" axis="1 0 0"/>
             <inertial pos="0 0 0.1" mass="1" diaginertia="0.1 0.1 0.1"/></body>
-        </body>
-      </body>
-    </body>
+        </body></body></body>
   </worldbody>
   <tendon><fixed name="belt" damping="0.3"><joint joint="elbow" coef="2"/></fixed></tendon>
   <actuator><motor joint="base" gear="50"/></actuator>
@@ -83,10 +74,6 @@ def give_values(robot, seed=1):
         replace(entry, has_rotor=True, rotor_inertia=0.05, friction=friction) for entry in robot.couplings
     )
     return replace(robot, joints=joints, couplings=couplings)
-
-
-def build(worldbody, tail="", head=""):
-    return f"<mujoco>{head}<worldbody>{worldbody}</worldbody>{tail}</mujoco>"
 
 
 def check_values(robot, text, **options):
@@ -164,7 +151,7 @@ def test_what_a_body_carries_shares_its_change(rewritten):
 
 @pytest.mark.parametrize("unit", ["degree", "radian"])
 def test_inertias_from_geoms_alone_become_inertial(unit):
-    text = build(
+    text = build_model(
         '<body name="a"><joint name="j" springref="1" stiffness="3"/>'
         f'<inertial pos="0 0 0" mass="9" diaginertia="9 9 9"/>{GEOM}</body>',
         head=f'<compiler inertiafromgeom="true" angle="{unit}"/>',
@@ -175,7 +162,7 @@ def test_inertias_from_geoms_alone_become_inertial(unit):
 
 
 def test_a_mass_between_two_joints_of_a_body_is_refused():
-    text = build(f'<body name="a">\n<joint name="j"/>\n<joint name="k" axis="1 0 0"/>{GEOM}</body>')
+    text = build_model(f'<body name="a">\n<joint name="j"/>\n<joint name="k" axis="1 0 0"/>{GEOM}</body>')
     robot = parse_mjcf(text, "arm.xml")
     second = give_values(robot).joints[1]
     check_values(replace(robot, joints=(robot.joints[0], second)), text)
@@ -185,16 +172,12 @@ def test_a_mass_between_two_joints_of_a_body_is_refused():
 
 
 def test_values_in_an_included_file_are_refused(tmp_path: Path):
-    part = build(f'<body name="a"><joint name="j"/>{GEOM}</body>')
+    part = build_model(f'<body name="a"><joint name="j"/>{GEOM}</body>')
     (tmp_path / "parts.xml").write_text(part, encoding="utf-8")
     text, file = '<mujoco><include file="parts.xml"/></mujoco>', str(tmp_path / "arm.xml")
     notices = refuse(rewrite_mjcf, text, give_values(parse_mjcf(text, file)))
     assert {notice.code for notice in notices} == {"robot.mjcf-include"}
     assert "put the model into one file" in notices[0].text
-
-
-def change_joints(robot, **values):
-    return replace(robot, joints=tuple(replace(joint, **values) for joint in robot.joints))
 
 
 def test_neither_what_does_not_change_nor_rounding_is_written():
@@ -289,7 +272,7 @@ def test_a_robot_of_no_file_is_refused():
 
 def test_inertias_of_bodies_that_do_not_belong_to_the_robot_stay():
     other = '<inertial pos="0 0 0" mass="9" diaginertia="9 9 9"/>'
-    text = build(
+    text = build_model(
         f'\n<body name="a"><joint name="j"/>{GEOM}</body>\n<body name="b"><joint name="k"/>'
         f'{{}}<frame><geom size="1"/></frame></body>\n<body name="post">{GEOM}{{}}</body>',
         head=FROM_GEOMS,
@@ -305,7 +288,7 @@ def test_inertias_of_bodies_that_do_not_belong_to_the_robot_stay():
 
 
 def test_polynomials_of_one_number_stay():
-    text = build(f'<body name="a"><joint name="j" damping="0.5 0 0" stiffness="3 0 0"/>{GEOM}</body>')
+    text = build_model(f'<body name="a"><joint name="j" damping="0.5 0 0" stiffness="3 0 0"/>{GEOM}</body>')
     robot = parse_mjcf(text)
     assert rewrite_mjcf(text, robot).text == text
     friction = FrictionValues(law=PLAIN, values=(0.25, 0.0))
@@ -317,14 +300,14 @@ def test_polynomials_of_one_number_stay():
 def test_what_stands_inside_an_inertial_stays(inside):
     old = 'mass="1" diaginertia="0.1 0.1 0.1" euler="10 0 0"'
     body = f'<joint name="j"/><inertial pos="0 0 0" {old}>{inside}</inertial\n>{GEOM}'
-    text = build(f'<body name="a">{body}</body>')
+    text = build_model(f'<body name="a">{body}</body>')
     new = check_values(give_values(parse_mjcf(text)), text).text
     assert f"{inside}</inertial\n><geom" in new
     assert "euler" not in new
 
 
 def test_springs_that_the_file_lacks_are_written():
-    text = build(
+    text = build_model(
         f'<body name="a"><joint name="j" ref="3"/>{GEOM}<body name="b"><joint name="k" ref="10"/>{GEOM}'
         f'<body name="c"><joint name="l" type="slide"/>{GEOM}</body></body></body>',
         FOLLOW,
@@ -343,7 +326,7 @@ def test_springs_that_the_file_lacks_are_written():
 
 def test_a_follower_of_one_that_stands_still_is_carried_where_both_offsets_put_it():
     geom = '<geom type="box" size="0.1 0.2 0.3" pos="0.3 0 0"/>'
-    text = build(
+    text = build_model(
         f'<body name="a"><joint name="j" axis="0 1 0"/>{geom}<body name="b" pos="1 0 0">'
         f'<joint name="k" axis="1 0 0"/>{geom}<body name="c" pos="0 1 0"><joint name="l"/>{geom}</body>'
         "</body></body>",

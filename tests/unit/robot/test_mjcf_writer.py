@@ -9,16 +9,17 @@ import pytest
 
 from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity
-from symid.robot.description import Coupling, Drive, Limits, Mimic, Robot, Spring
+from symid.robot.description import Coupling, Drive, Limits, Spring
 from symid.robot.simulator_writers import list_mjcf_omissions, write_mjcf, write_urdf
 from symid.robot.toml_reader import read_robot
 from tests import state_laws
 from tests.chains import (
     build_chain,
-    build_joint,
     build_transmission,
+    change_joints,
     fill,
     find_pinocchio_torques,
+    follow,
     list_values,
     regress,
 )
@@ -26,15 +27,8 @@ from tests.mujocos import find_mujoco_torques
 
 mujoco = pytest.importorskip("mujoco", reason="wants the package mujoco")
 
+SHIPPED = "panda iiwa14 kr30 stanford tx40 two_arms quadruped wam7 rrp_twisted scara"
 CLOSE = 1e-11
-
-
-def strip(robot):
-    """Return the robot's links alone."""
-    joints = [
-        replace(joint, drive=Drive(), friction=FrictionValues(), limits=Limits()) for joint in robot.joints
-    ]
-    return replace(robot, joints=tuple(joints), couplings=())
 
 
 def assert_close(found, expected):
@@ -42,11 +36,15 @@ def assert_close(found, expected):
 
 
 @pytest.mark.parametrize("write", [write_mjcf, write_urdf])
-@pytest.mark.parametrize("name", ["panda", "stanford", "quadruped"])
+@pytest.mark.parametrize("name", SHIPPED.split())
 def test_mujoco_finds_the_torques_of_the_links(write, name, robots_folder):
-    robot = strip(fill(read_robot(robots_folder / f"{name}.toml")))
+    robot = fill(replace(read_robot(robots_folder / f"{name}.toml"), couplings=()))
+    robot = change_joints(robot, drive=Drive(), friction=FrictionValues(), limits=Limits())
     names = [joint.name for joint in robot.joints]
     model = mujoco.MjModel.from_xml_string(write(robot))
+    if write is write_urdf:
+        # A URDF states no gravity.
+        model.opt.gravity[:] = [value.to_float() for value in robot.gravity]
     for seed in range(5):
         state = np.random.default_rng(seed).uniform(-2, 2, (3, robot.size))
         assert_close(find_mujoco_torques(model, names, state), find_pinocchio_torques(robot, state))
@@ -104,16 +102,12 @@ def test_limits_and_motors_are_read(wrist):
 
 
 def test_followers_are_held():
-    joints = [build_joint(index, (np.pi / 2, 0.1, 0.2, "q")) for index in range(3)]
-    joints[2] = replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
-    robot = fill(Robot(name="follower", joints=tuple(joints)))
+    robot = fill(follow(build_chain([(np.pi / 2, 0.1, 0.2, "q")] * 3), 2, 0, "-3/2"))
     model = mujoco.MjModel.from_xml_string(write_mjcf(robot))
     assert (model.neq, model.nu) == (1, 2)
     np.testing.assert_array_equal(model.eq_data[0, :5], [0, -1.5, 0, 0, 0])
-    assert [model.joint(index).name for index in (model.eq_obj1id[0], model.eq_obj2id[0])] == [
-        "joint3",
-        "joint1",
-    ]
+    (follower,), (master,) = model.eq_obj1id, model.eq_obj2id
+    assert (model.joint(follower).name, model.joint(master).name) == ("joint3", "joint1")
 
 
 def test_what_has_no_words_is_told():

@@ -9,6 +9,7 @@ from symid.robot.loading import load_robot, override_robot
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
 from tests.mistakes import refuse
+from tests.refusals import raises
 
 JOINT = """
 convention = "modified"
@@ -119,36 +120,30 @@ five = 5
 
 
 def test_an_unknown_set_is_refused_with_those_that_there_are(robot, robots_folder):
-    (notice,) = refuse(override_robot, robot, [("settings", "slwo")], error=UsageError)
-    assert (notice.code, notice.file) == ("usage.unknown-settings", "arm.toml")
-    assert "it has slow, lab-2, bare; did you mean slow?" in notice.text
-    with pytest.raises(UsageError, match="named 'published': it has none") as caught:
+    with raises(UsageError, "usage.unknown-settings", match="it has slow, lab-2, bare; did you mean slow?"):
+        override_robot(robot, [("settings", "slwo")])
+    with raises(UsageError, "usage.unknown-settings", match="named 'published': it has none"):
         load_robot(str(robots_folder / "two_link.toml"), [("settings", "published")])
-    assert caught.value.notices[0].file.endswith("two_link.toml")
 
 
-class TestPython:
-    def test_a_text_names_a_set(self):
-        robot = symid.load("emps", settings="published")
-        assert robot.description.processing.filter_cutoff == 100.0
-        assert robot.description == symid.load("emps").override(settings="published").description
+def test_a_text_names_a_set_also_beside_single_settings():
+    robot = symid.load("emps", settings="published")
+    assert robot.description == symid.load("emps").override(settings="published").description
+    found = symid.load("emps", settings={"processing.drop_first": 7, "settings": "published"})
+    processing = found.description.processing
+    assert (processing.drop_first, processing.filter_cutoff) == (7, 100.0)
 
-    def test_a_set_and_single_settings_go_together(self):
-        both = {"processing.drop_first": 7, "settings": "published"}
-        found = symid.load("emps", settings=both).description.processing
-        assert (found.drop_first, found.filter_cutoff) == (7, 100.0)
 
-    def test_a_log_that_was_read_otherwise_is_refused(self, tmp_path):
-        file = tmp_path / "arm.toml"
-        file.write_text(JOINT + SETS)
-        table = "\n".join(f"{0.001 * k},{k},1,1" for k in range(100))
-        (tmp_path / "log.csv").write_text(f"t,counts,i,u\n{table}\n")
-        lab = symid.load(file, settings="lab-2")
-        log = symid.read_log(tmp_path / "log.csv", lab)
-        assert (log.q[4, 0], log.tau[4, 0]) == (pytest.approx(0.254), 3.0)
-        with pytest.raises(UsageError, match="settings 'bare': the log is already read") as caught:
-            lab.identify(log, settings="bare")
-        assert caught.value.notices[0].code == "usage.read-before"
-        # A set that reads the log as it was read, or another table, says nothing of the columns.
-        for name in ("lab-2", "slow"):
-            assert symid.api.log.list_logs(log, [("settings", name)]) == (log.recording,)
+def test_a_log_that_was_read_otherwise_is_refused(tmp_path):
+    file = tmp_path / "arm.toml"
+    file.write_text(JOINT + SETS)
+    table = "\n".join(f"{0.001 * k},{k},1,1" for k in range(100))
+    (tmp_path / "log.csv").write_text(f"t,counts,i,u\n{table}\n")
+    lab = symid.load(file, settings="lab-2")
+    log = symid.read_log(tmp_path / "log.csv", lab)
+    assert (log.q[4, 0], log.tau[4, 0]) == (pytest.approx(0.254), 3.0)
+    with raises(UsageError, "usage.read-before", match="settings 'bare': the log is already read"):
+        lab.identify(log, settings="bare")
+    # A set that reads the log as it was read, or another table, says nothing of the columns.
+    for name in ("lab-2", "slow"):
+        assert symid.api.log.list_logs(log, [("settings", name)]) == (log.recording,)

@@ -6,8 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.codegen.casadi_functions import build_functions
-from symid.codegen.programs import count_operations
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.geometry import (
@@ -23,8 +21,7 @@ from symid.robot.geometry import (
 from symid.robot.mjcf_reader import parse_xml_robot
 from symid.robot.simulator_writers import write_urdf
 from tests.chains import build_chain, build_joint
-from tests.sx_programs import read_sx_program
-from tests.urdfs import AXES, shift_z, write_odd_urdf
+from tests.urdfs import AXES, write_odd_urdf
 
 # Modified rows in degrees and m, as in the robot files; d of a last link is 0, where its frame is free.
 TABLES = {
@@ -61,7 +58,7 @@ def choose_frames(robot, rng, turns):
     moves = [
         compose_placements(
             rotate_z(build_exact_angle(np.radians(pick(rng, turns)) if turns else rng.uniform(-3, 3))),
-            shift_z(pick(rng, SHIFTS)),
+            translate(Exact(), Exact(), Exact.of(pick(rng, SHIFTS))),
         )
         for _ in robot.joints
     ]
@@ -103,22 +100,6 @@ def test_rounded_numbers_of_odd_frames_give_the_modified_form(name, turns):
     ]
 
 
-def describe(robot):
-    """Return names and expressions of the base parameters, and the operations of two functions."""
-    base = derive_base_parameters(robot)
-    functions = build_functions(robot, names=("inverse_dynamics", "torque_regressor"))
-    pairs = zip(functions.functions, functions.card.functions, strict=True)
-    counts = [count_operations(read_sx_program(function, spec)) for function, spec in pairs]
-    return [(entry.name, entry.expression) for entry in base.parameters], counts
-
-
-@pytest.mark.parametrize("name", ["puma560", "panda", "ur5"])
-def test_names_and_operations_are_those_of_the_dh_table(name):
-    rng = np.random.default_rng(7)
-    choices = [[pick(rng, values) for _ in ROWS[name]] for values in (TURNS, SHIFTS, list(AXES))]
-    assert describe(parse_xml_robot(write_odd_urdf(ROWS[name], *choices))) == describe(build_robot(name))
-
-
 def test_in_a_tree_the_first_child_decides():
     trunk = build_joint(0, (0.0, 0, 0, "q"))
     first = build_joint(1, (np.pi / 2, 0.2, 0, "q"), parent=0)
@@ -139,18 +120,6 @@ def test_a_written_distance_with_an_irrational_length_keeps_its_frame():
     aside = translate(Exact.of("0.1"), Exact.of("0.2"), Exact())
     second = replace(second, placement=aside)
     assert [joint.placement for joint in choose_canonical_frames((first, second)).joints] == [IDENTITY, aside]
-
-
-def test_symbolic_lengths_are_moved_along():
-    first = build_joint(0, (0.0, 0, "L1", "q"))
-    second = build_joint(1, (0.0, "L2", 0, "q"))
-    turned = replace(first, placement=compose_placements(first.placement, rotate_z(build_exact_angle(2.0))))
-    back = rotate_z(build_exact_angle(-2.0))
-    follower = replace(second, placement=compose_placements(back, second.placement))
-    found = choose_canonical_frames((turned, follower), {"L1": 0.3, "L2": 0.4}).joints
-    # Both axes are parallel, so the offset along them goes to the last link, and there to its free frame.
-    assert [str(value) for value in found[0].placement.translation] == ["0", "0", "0"]
-    assert [str(value) for value in found[0].frame.translation] == ["0", "0", "L1"]
 
 
 def test_nearly_parallel_axes_become_parallel_and_that_is_said():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from symid.robot.description import Decimation, JointKind, Processing
+from symid.robot.description import Decimation, JointKind, NamedSettings, Processing
 from symid.robot.toml_reader import read_robot
 
 SIZES = """
@@ -41,13 +41,10 @@ def test_emps_states_the_published_processing(robots_folder):
     assert sum(a * g.to_float() for a, g in zip(axis, emps.gravity, strict=True)) == 0
     assert emps.joints[0].friction.law == "coulomb-viscous-offset"
     assert emps.log.torque.factor == (35.15065188,)
-    (published,) = emps.settings
-    assert (published.name, published.log, published.controller) == ("published", None, None)
-    found = published.processing
-    assert (found.filter_order, found.filter_cutoff, found.filter_torque) == (4, 100.0, False)
-    assert (found.drop_first, found.drop_last, found.noise_freedom) == (49, 0, "one")
-    assert found.decimation == Decimation(factor=10, order=8, ripple_db=0.05, band=0.8)
-    assert not found.automatic
+    decimation = Decimation(factor=10, order=8, ripple_db=0.05, band=0.8)
+    stated = {"filter_cutoff": 100.0, "drop_first": 49, "standstill": 0.0, "noise_freedom": "one"}
+    found = Processing(**stated, decimation=decimation)
+    assert emps.settings == (NamedSettings(name="published", processing=found),)
 
 
 @pytest.mark.parametrize("name", ["emps", "tx40", "kr300", "double_pendulum", "panda", "ur10"])

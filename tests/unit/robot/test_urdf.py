@@ -7,11 +7,9 @@ import pytest
 
 from symid.robot.description import Drive, JointKind, Limits, Processing
 from symid.robot.geometry import Exact, compose_placements, translate
-from symid.robot.inertia import move_parameters
 from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from symid.robot.toml_reader import parse_robot
 from symid.robot.toml_writer import write_robot
-from tests.chains import to_matrix
 from tests.mistakes import find_text
 
 ARM = """<?xml version="1.0"?>
@@ -69,15 +67,6 @@ def list_codes(robot):
     return [notice.code for notice in robot.notices]
 
 
-def list_unused(robot):
-    return [str(notice) for notice in robot.notices if notice.code == "robot.urdf-unused"]
-
-
-def list_z(placement):
-    """Return where the joint's axis points, in words."""
-    return [str(row[2]) for row in placement.rotation]
-
-
 def test_joints_and_their_numbers(arm):
     lift, push = arm.joints
     assert (lift.name, lift.kind, lift.parent) == ("lift", JointKind.REVOLUTE, -1)
@@ -94,26 +83,9 @@ def test_joints_and_their_numbers(arm):
     assert arm.gravity == (Exact(), Exact(), Exact.of("-9.81"))
 
 
-def test_the_axis_is_z_and_the_frame_of_the_file_is_kept(arm):
-    lift, push = arm.joints
-    assert list_z(lift.placement) == ["0", "1", "0"]
-    # The file's y axis is the joint's own z axis.
-    assert [str(value) for value in lift.frame.rotation[2]] == ["0", "1", "0"]
-    assert [str(value) for value in push.frame.rotation[2]] == ["1", "0", "0"]
-
-
-def test_inertial_values_stand_about_the_link_frame_of_the_joint(arm):
-    lift = arm.joints[0]
-    # In the file's frame: the inertial frame is turned by 90 degrees about z, so xx and yy change places.
-    expected = move_parameters((0.02, 0, 0, 0.01, 0, 0.025, 0, 0, 0, 2), np.eye(3), np.array([0.1, 0, 0.02]))
-    frame = to_matrix(lift.frame)
-    moved = move_parameters(expected, frame[:3, :3], frame[:3, 3])
-    np.testing.assert_allclose(lift.inertial, moved, atol=1e-15)
-
-
 def test_what_is_not_used_is_listed_with_its_place(arm):
     looks = "not used, and not needed for the dynamics: <material>, <visual> (2), <collision>"
-    assert list_unused(arm) == [
+    assert [str(notice) for notice in arm.notices if notice.code == "robot.urdf-unused"] == [
         'arm.urdf:2:31: not used: attribute version="..." of <robot> (once, line 2)',
         f"arm.urdf:3:3: {looks}",
         'arm.urdf:25:54: not used: attribute armature="..." of <dynamics> (once, line 25)',
@@ -159,7 +131,7 @@ ALIKE = transmission("<motorInertia>2</motorInertia><rotorInertia>2.0</rotorIner
 def test_rotations_are_snapped_with_a_remark_and_not_with_snap_zero():
     text = build(joint("j", "a", "b", origin='rpy="1.5708 0 0" xyz="0 1e-12 0.5"'), "ab")
     robot = parse_xml_robot(text)
-    assert list_z(robot.joints[0].placement) == ["0", "-1", "0"]
+    assert [str(row[2]) for row in robot.joints[0].placement.rotation] == ["0", "-1", "0"]
     assert "'j' (3.7e-06)" in find_text(robot, "robot.angle-snapped")
     assert "'j'" in find_text(robot, "robot.length-snapped")
     free = parse_xml_robot(text, snap=0)

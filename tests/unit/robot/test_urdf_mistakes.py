@@ -101,11 +101,7 @@ def test_a_mistake_is_told_with_its_place(code, text, words):
         (inertial('<mass value="1"/><mass value="2"/>'), "robot.two-forms", "a second <mass>"),
         (inside('<child link="c"/>'), "robot.two-forms", "joint 'j': a second <child>"),
         (build(GOOD, transmission(reduce(0))), RANGE, "mechanicalReduction: must"),
-        (
-            build(GOOD, transmission(reduce("ten"))),
-            "robot.bad-number",
-            'mechanicalReduction: expected a finite number, got "ten"',
-        ),
+        (build(GOOD, transmission(reduce("ten"))), "robot.bad-number", 'got "ten"'),
         (build(GOOD, transmission("<motorInertia>-1</motorInertia>")), RANGE, "motorInertia: "),
         (build(GOOD, transmission(reduce(2) + reduce(3))), "robot.two-forms", "2 and 3"),
         (
@@ -176,11 +172,7 @@ def test_a_cut_must_leave_a_joint():
         ("<a>" * 200, REFUSED, "more than 100 deep"),
         ('<!DOCTYPE r [<!ENTITY a "b"><!ENTITY c "&a;&a;">]><robot>&c;</robot>', REFUSED, "<!DOCTYPE"),
         ("<sdf/>", "robot.no-urdf", "<sdf>"),
-        (
-            '<robot xmlns:xacro="x">\n  <xacro:include filename="a"/></robot>',
-            "robot.xacro",
-            "run `xacro arm.urdf > robot.urdf`",
-        ),
+        ('<robot xmlns:xacro="x"><xacro:include/></robot>', "robot.xacro", "`xacro arm.urdf > "),
     ],
 )
 def test_what_is_no_urdf_is_refused(text, code, words):

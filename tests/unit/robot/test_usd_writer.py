@@ -8,12 +8,12 @@ import pytest
 
 from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity
-from symid.robot.description import Coupling, Drive, JointKind, Limits, Mimic, Robot, Spring
+from symid.robot.description import Coupling, Drive, JointKind, Limits, Spring
 from symid.robot.geometry import Exact
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.simulator_writers import list_usd_omissions, write_usd
 from symid.robot.toml_reader import read_robot
-from tests.chains import build_chain, build_joint, build_pinocchio, fill
+from tests.chains import build_chain, build_pinocchio, change_joints, fill, follow
 
 pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 Usd = pytest.importorskip("pxr.Usd", reason="wants the package usd-core")
@@ -115,11 +115,8 @@ def test_principal_axes_of_alike_and_extreme_moments():
         for axes in (np.eye(3), turned, turned * [1, 1, -1], np.eye(3)[[1, 2, 0]]):
             tensor = axes @ np.diag(moments) @ axes.T
             body = compute_standard_parameters(2.0, (0.1, 0.2, 0.3), tensor[np.triu_indices(3)])
-            robot = build_chain([(0.0, 0, 0, "q")])
-            (joint,) = robot.joints
-            robot = replace(robot, joints=(replace(joint, inertial=body),))
-            stage = load(write_usd(robot))
-            prim = stage.GetPrimAtPath(f"/{robot.name}/{joint.name}_link")
+            stage = load(write_usd(change_joints(build_chain([(0.0, 0, 0, "q")]), inertial=body)))
+            prim = stage.GetPrimAtPath("/chain/joint1_link")
             back = to_place((0, 0, 0), read(prim, "physics:principalAxes")).rotation
             found = back @ np.diag(np.array(read(prim, "physics:diagonalInertia"), dtype=float)) @ back.T
             assert np.linalg.det(back) == pytest.approx(1.0)
@@ -181,9 +178,8 @@ def test_drives_friction_limits_and_springs_are_in_the_units_of_usd(robot):
 
 def test_a_spring_of_a_turning_joint_is_per_degree():
     made = fill(build_chain([(0.0, 0, 0.3, "q")]))
-    joint = replace(made.joints[0], spring=Spring(stiffness=6.0, rest=0.25))
-    stage = load(write_usd(replace(made, joints=(joint,))))
-    drive = UsdPhysics.DriveAPI(find_joints(stage)[joint.name], "angular")
+    stage = load(write_usd(change_joints(made, spring=Spring(stiffness=6.0, rest=0.25))))
+    drive = UsdPhysics.DriveAPI(find_joints(stage)["joint1"], "angular")
     assert drive.GetStiffnessAttr().Get() == pytest.approx(6.0 * np.pi / 180, rel=SINGLE)
     assert drive.GetTargetPositionAttr().Get() == pytest.approx(0.25 * 180 / np.pi, rel=SINGLE)
 
@@ -199,11 +195,8 @@ def test_the_base_is_fixed_to_the_world_and_the_robot_an_articulation(robot):
 
 
 def test_followers_that_turn_are_held():
-    joints = [build_joint(index, (np.pi / 2, 0.1, 0.2, "q")) for index in range(3)]
-    limits = Limits(position=(-1.0, 1.0))
-    joints = [replace(joint, limits=limits) for joint in joints]
-    joints[2] = replace(joints[2], mimic=Mimic(master=0, multiplier=Fraction(-3, 2)))
-    robot = fill(Robot(name="follower", joints=tuple(joints)))
+    robot = fill(follow(build_chain([(np.pi / 2, 0.1, 0.2, "q")] * 3), 2, 0, "-3/2"))
+    robot = change_joints(robot, limits=Limits(position=(-1.0, 1.0)))
     stage = load(write_usd(robot))
     prim = find_joints(stage)["joint3"]
     assert "PhysxMimicJointAPI:rotZ" in prim.GetPrimTypeInfo().GetAppliedAPISchemas()
@@ -211,8 +204,7 @@ def test_followers_that_turn_are_held():
     (target,) = prim.GetRelationship("physxMimicJoint:rotZ:referenceJoint").GetTargets()
     assert target.name == "joint1"
     assert not list(list_usd_omissions(robot))
-    free = replace(joints[2], limits=Limits())
-    free = fill(Robot(name="follower", joints=(*joints[:2], free)))
+    free = replace(robot, joints=(*robot.joints[:2], replace(robot.joints[2], limits=Limits())))
     (text,) = list_usd_omissions(free)
     assert text.startswith(
         "joint joint3: follows -1.5 times joint joint1, and moves freely; PhysX holds only"

@@ -91,12 +91,6 @@ def test_all_mistakes_are_told_with_their_lines(tmp_path):
     assert "'std': '-1'" in notices[4].text
 
 
-def test_lines_without_a_value_or_deviation(tmp_path):
-    found = read(tmp_path, "name,value,std\na,,\nb,1,\nc,2,0.1\n")
-    assert found.empty == ((2, "a"),)
-    assert [(row.name, row.deviation) for row in found.rows] == [("B", None), ("C", 0.1)]
-
-
 @pytest.mark.parametrize(
     ("text", "code"),
     [
@@ -124,15 +118,15 @@ def test_columns_of_numbers_that_cannot_be_read_are_not_passed_over(tmp_path, te
     assert words in notice.text
 
 
-def test_rows_without_any_cell_are_none(tmp_path):
+def test_rows_without_any_cell_or_value_are_none_and_the_minus_of_print_is_a_minus(tmp_path):
     """Spreadsheets write what lies below a table as separators alone."""
-    found = read(tmp_path, "name;value;std\na;1;0.1\n;;\n ; ;\nb;2;0.1\n;\n")
-    assert ([row.name for row in found.rows], found.empty) == (["A", "B"], ())
-
-
-def test_the_minus_of_print_is_a_minus(tmp_path):
-    found = read(tmp_path, "name,value,std\na,\N{MINUS SIGN}3.5e\N{MINUS SIGN}2,0.1\n")
-    assert found.rows[0].value == -0.035
+    minus = "\N{MINUS SIGN}"
+    found = read(tmp_path, f"name;value;std\na;{minus}3.5e{minus}2;0.1\n;;\n ; ;\nb;2;\nc;;\n;\n")
+    assert [(row.name, row.value, row.deviation) for row in found.rows] == [
+        ("A", -0.035, 0.1),
+        ("B", 2, None),
+    ]
+    assert found.empty == ((6, "c"),)
 
 
 def test_files_that_cannot_be_read(tmp_path):

@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from symid.api.robot_files import export_fit
 from symid.errors import UsageError
-from symid.identification.export import check_format, locate_source, write_stated
+from symid.identification.export import check_format, write_stated
 from symid.robot.loading import load_robot
 from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from symid.robot.urdf_xml import read_urdf_text
-from tests.estimates import store_estimate
 from tests.mistakes import refuse
 
 pytest.importorskip("xacro", reason="wants the package xacro")
@@ -128,11 +126,6 @@ def test_a_package_of_meshes_alone_is_no_obstacle(arm):
     assert 'filename="$(find absent)/a.dae"' in read_urdf_text(arm).text
 
 
-def test_a_folder_without_manifest_has_its_own_name(arm, tmp_path):
-    (tmp_path / "src" / "parts" / "package.xml").unlink()
-    assert read_xml_robot(arm).size == 2
-
-
 @pytest.mark.parametrize(
     ("inner", "words"),
     [
@@ -175,10 +168,11 @@ def test_without_the_package_the_way_out_is_told(arm, monkeypatch):
     assert "xacro arm.urdf.xacro > robot.urdf" in notice.text
 
 
-def test_xacro_in_a_file_of_another_name_is_expanded(arm):
-    named = arm.with_name("arm.urdf")
+def test_xacro_in_a_file_of_another_name_and_without_a_manifest_is_expanded(arm, tmp_path):
+    named, before = arm.with_name("arm.urdf"), read_xml_robot(arm).joints
     named.write_text(ARM)
-    assert read_xml_robot(named).joints == read_xml_robot(arm).joints
+    (tmp_path / "src" / "parts" / "package.xml").unlink()
+    assert read_xml_robot(named).joints == before
 
 
 def test_values_go_into_a_urdf_and_not_into_xacro(arm, tmp_path):
@@ -193,12 +187,3 @@ def test_values_go_into_a_urdf_and_not_into_xacro(arm, tmp_path):
     assert "xacro:" not in text
     assert '<link name="fore">' in text
     assert read_xml_robot(target).joints[0].inertial[9] == 6.0
-
-
-def test_values_are_not_written_into_xacro_in_place(arm, tmp_path):
-    robot = load_robot(str(arm))
-    assert locate_source(robot) == arm
-    found = store_estimate(robot, tmp_path / "estimate.json")
-    before = arm.read_text()
-    assert "export a .urdf" in refuse(export_fit, robot, found, None, error=UsageError)[0].text
-    assert arm.read_text() == before
