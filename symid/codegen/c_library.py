@@ -34,12 +34,7 @@ from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import BANNER, clean_text, write_template
 from symid.options import GenerateOptions
 
-_INPUT_UNITS = {
-    "velocity": "rad/s or m/s",
-    "load": "N m or N",
-    "position": "rad or m",
-    "temperature": "degC",
-}
+_INPUT_UNITS = {"velocity": "rad/s or m/s", "load": "N m or N", "position": "rad or m", "temperature": "degC"}
 
 
 def build_law_program(law: joint_models.FrictionLaw) -> Program:

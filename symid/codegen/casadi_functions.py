@@ -33,12 +33,7 @@ from symid.codegen.programs import ARITHMETIC, Op, Operations, Program, count_op
 from symid.codegen.references import PER_UNIT, WHOLE, Reference, build_references
 from symid.codegen.routes import choose_route
 from symid.codegen.source_folder import SourceSet, compute_digest, list_sources
-from symid.codegen.source_text import (
-    BANNER,
-    build_library_prefix,
-    clean_text,
-    write_template,
-)
+from symid.codegen.source_text import BANNER, build_library_prefix, clean_text, write_template
 from symid.dynamics import build_standard_parameters, derive_base_parameters
 from symid.options import GenerateOptions
 from symid.robot import Robot

@@ -254,11 +254,9 @@ _MOST_NUMBERS, _FEWEST_PROJECTED = 2**22, 8
 
 
 def _project_positive_definite(columns: FloatArray) -> FloatArray:
-    """Return beta of a positive definite mass matrix at every state, as far as there is one.
-
-    `columns` (states, n, n, b) are matrices of unit vectors. Directions of beta that hardly move the matrix
-    would take huge values: such are cut off until none is.
-    """
+    """Return beta of a positive definite mass matrix at every state, as far as there is one."""
+    # `columns` (states, n, n, b) are matrices of unit vectors. Directions of beta that hardly move the matrix
+    # would take huge values: such are cut off until none is.
     states, size, _, count = columns.shape
     # The upper triangle has all; an element that the lower one has too weighs twice in a sum of squares.
     upper = np.triu_indices(size)

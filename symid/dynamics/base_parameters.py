@@ -290,10 +290,8 @@ def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, E
 def _transform_form(
     form: SymbolicInertia, frame: Placement, numbers: Domain, field: Domain
 ) -> tuple[Number, ...]:
-    """Return the ten standard parameters about the link frame's origin, in the order of the notation.
-
-    With R, p the frame of the form: c = R c' + p, s = m c, I = R I' R^T + m (c.c 1 - c c^T).
-    """
+    """Return the ten standard parameters about the link frame's origin, in the order of the notation."""
+    # With R, p the frame of the form: c = R c' + p, s = m c, I = R I' R^T + m (c.c 1 - c c^T).
 
     def convert(value: Exact) -> Number:
         return convert_number(value, numbers, field)

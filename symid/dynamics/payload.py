@@ -185,10 +185,8 @@ class ParameterChange:
 def _list_changes(
     names: Sequence[str], loaded: BaseValues, empty: BaseValues, left: FloatArray | None = None
 ) -> tuple[ParameterChange, ...]:
-    """Return the parameters that changed significantly, the largest change first.
-
-    `left` (m,) are residuals of the payload: what it does not explain of the change counts then.
-    """
+    """Return the parameters that changed significantly, the largest change first."""
+    # `left` (m,) are residuals of the payload: what it does not explain of the change counts then.
     before, after, covariance = _compare(names, loaded, empty)
     change: FloatArray = after - before
     if left is not None:
@@ -347,10 +345,8 @@ def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tupl
 
 def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) -> nearest_bodies.BodyProblem:
     """Return the problem of the body nearest to root root' under rows (m, 10) of unit variance."""
-    blocks, none = (
-        root.T @ np.einsum("mk,kab->mab", rows, nearest_bodies.PSEUDO_INERTIA_FORMS) @ root,
-        np.zeros((len(target), 0)),
-    )
+    blocks = root.T @ np.einsum("mk,kab->mab", rows, nearest_bodies.PSEUDO_INERTIA_FORMS) @ root
+    none = np.zeros((len(target), 0))
     return nearest_bodies.BodyProblem(
         blocks=blocks[:, None],
         positive=none,
@@ -362,10 +358,8 @@ def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) 
 
 
 def _list_identifiable(system: PayloadSystem, body: FloatArray) -> list[bool]:
-    """Return whether quantities are the same for all bodies that the equations leave free.
-
-    One point is not enough: the inertia about the centre does not change with a centre that is at zero.
-    """
+    """Return whether quantities are the same for all bodies that the equations leave free."""
+    # One point is not enough: the inertia about the centre does not change with a centre that is at zero.
     free = system.free.T * system.sizes
     points = [body, body + free.sum(axis=0), *(body + change for change in free)]
     rates = [compute_quantity_derivatives(point) for point in points]

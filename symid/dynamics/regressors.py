@@ -118,9 +118,7 @@ def _compute_columns(
 
 
 def compute_torque_columns(
-    recursion: Recursion[T],
-    keys: Sequence[Label],
-    reference: Reference[T] | None = None,
+    recursion: Recursion[T], keys: Sequence[Label], reference: Reference[T] | None = None
 ) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi.
 

@@ -79,11 +79,7 @@ class Sources:
             options = GenerateOptions(precision=precision, trigonometry=trigonometry, friction_laws=laws)
             write_sources(generate_c_library(functions, options), path)
             self.made[key] = Folder(
-                path=path,
-                robot=robot,
-                precision=precision,
-                trigonometry=trigonometry,
-                functions=functions,
+                path=path, robot=robot, precision=precision, trigonometry=trigonometry, functions=functions
             )
         return self.made[key]
 

@@ -4,20 +4,12 @@ import numpy as np
 import pytest
 
 from symid.codegen import cache, compiled_models
-from symid.codegen.compiled_models import (
-    PlantExperiment,
-    PlantLog,
-    PlantRobot,
-    load_plant_code,
-    run_compiled_branch,
-)
+from symid.codegen.compiled_models import PlantExperiment, PlantRobot, load_plant_code, run_compiled_branch
 from symid.errors import GenerationError
 from symid.joint_models import Relays, SlipSpring, run_branch, run_element, strip_branch
 from tests.builds import run
 from tests.elements import ELEMENTS
 from tests.refusals import raises
-
-FIELDS = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
 
 def compile_nothing(*arguments):
@@ -71,13 +63,6 @@ def test_functions_without_addresses_are_refused(tmp_path, c_compiler):
     assert (robot.size, order.ticks) == (1, 3)
     with raises(GenerationError, "codegen.no-address"):
         load_plant_code(cache=tmp_path).run(Rigid(), robot, order)
-
-
-def test_records_keep_their_arrays_from_being_written():
-    values = np.ones((4, 2))
-    log = PlantLog(**{name: values.copy() for name in FIELDS}, ticks=4)
-    with pytest.raises(ValueError, match="read-only"):
-        log.q[0, 0] = 2.0
 
 
 STEPPED = sorted(name for name, element in ELEMENTS.items() if any(is_stepped(b) for b in element.branches))

@@ -12,11 +12,7 @@ import pytest
 
 from symid.codegen.c_library import generate_c_library
 from symid.codegen.casadi_functions import Functions, build_functions
-from symid.codegen.functions import (
-    JointCard,
-    ModelCard,
-    write_model_card,
-)
+from symid.codegen.functions import JointCard, ModelCard, write_model_card
 from symid.codegen.library import load_library
 from symid.codegen.python_targets import generate_python_module
 from symid.errors import GenerationError, UsageError

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from symid.codegen.equation_routes import build_workspace
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.printing import print_python
-from symid.codegen.programs import ExpressionTable, Op, build_depth_first, count_operations
+from symid.codegen.programs import build_depth_first, count_operations
 from symid.codegen.routes import choose_route, list_routes
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.frame_choice import list_constant_rotations, remove_constant_rotations
 from symid.robot.geometry import Exact, build_exact_angle, place_modified_dh
 from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, trees
-from tests.sx_programs import make_spec, run_program
+from tests.sx_programs import run_program
 
 ROWS = [(0.0, 0.0, 0.3), (np.pi / 2, 0.1, 0.0), (0.0, 0.4, 0.1), (np.pi / 3, 0.02, 0.0)]
 
@@ -119,14 +119,3 @@ def test_the_same_values_with_fewer_alive(robot):
             if spec.name != "forward_dynamics_derivatives":
                 before, after = before + count_registers(program), after + count_registers(ordered)
     assert after < 0.8 * before
-
-
-def test_the_larger_operand_comes_first():
-    table = ExpressionTable()
-    a, b, c = (table.input(0, k) for k in range(3))
-    small = table.apply(Op.SIN, c)
-    large = table.mul(table.add(a, b), table.apply(Op.COS, b))
-    outputs = [table.mul(small, large), table.mul(c, c)]
-    ordered = build_depth_first(table.build_program(make_spec({"x": 3}, {"y": 2}), [outputs]))
-    found = [instruction.op for instruction in ordered.instructions if instruction.op is not Op.INPUT]
-    assert found == [Op.ADD, Op.COS, Op.MUL, Op.SIN, Op.MUL, Op.MUL]

@@ -6,15 +6,7 @@ import pytest
 
 import symid
 from symid.cli.identification import identify_command
-from symid.options import (
-    ExciteOptions,
-    GenerateOptions,
-    PayloadOptions,
-    SimulateOptions,
-    list_flags,
-    list_options,
-    merge,
-)
+from symid.options import ExciteOptions, PayloadOptions, SimulateOptions, list_options, merge
 
 RECORDS = [symid.IdentifyOptions, symid.LawOptions, ExciteOptions, SimulateOptions, PayloadOptions]
 
@@ -47,9 +39,8 @@ def test_numbers_of_numpy_and_lists_become_python_s_own():
 
 def test_keywords_win_over_fields_where_they_are_given():
     options = SimulateOptions(seed=5, clean=True)
-    given = {"seed": None, "clean": False, "self": 1}
-    assert merge(options, SimulateOptions(), given) == SimulateOptions(seed=5)
-    assert merge(None, SimulateOptions(), {"seed": 7}).seed == 7
+    assert merge(options, SimulateOptions(), seed=None, clean=False) == SimulateOptions(seed=5)
+    assert merge(None, SimulateOptions(), seed=7).seed == 7
 
 
 @pytest.mark.parametrize("record", RECORDS)
@@ -61,12 +52,6 @@ def test_records_are_frozen_and_explained(record):
         with pytest.raises(AttributeError):
             setattr(options, name, None)
     assert not hasattr(options, "__dict__")
-
-
-def test_names_of_the_command_line_may_be_others():
-    assert list_flags(SimulateOptions)["period"] == "control_period"
-    flags = list_flags(symid.IdentifyOptions)
-    assert (flags["thresholds"], flags["knees"], flags["lambda"]) == ("threshold_count", "knee_count", "rate")
 
 
 def test_the_verb_has_the_options_of_its_records():
@@ -87,7 +72,3 @@ def test_a_prior_is_percent_of_the_robot_or_a_factor_on_a_fit():
         assert (
             find_notices(lambda options=options: robot.identify(log, options=options))[0][0] == "usage.prior"
         )
-
-
-def test_a_self_test_has_states():
-    assert find_notices(lambda: GenerateOptions(states=0))[0][0] == "usage.states"
