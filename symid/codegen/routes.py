@@ -264,9 +264,8 @@ def _list_regressor_routes(
 
 def _emit_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Return the mass matrix by composite bodies."""
-    return (
-        workspace.flatten_matrix(dynamics.compute_mass_matrix(workspace.recursion, workspace.parameters)),
-    )
+    matrix = dynamics.compute_mass_matrix(workspace.recursion, workspace.parameters)
+    return (workspace.flatten_matrix(matrix),)
 
 
 def _list_springs(
@@ -394,6 +393,10 @@ _TORQUE_ROUTES: Routes = {
 }
 
 
+def _differentiate(route: RouteBuilder, *by: str, rest: RouteBuilder | None = None) -> RouteBuilder:
+    return partial(equation_routes.build_differentiated, route=route, by=by, rest=rest)
+
+
 def _list_composite_routes(build: RouteBuilder) -> Routes:
     """Return the routes whose wrenches of composite bodies go down to every joint, or stop before."""
     # Last links are held in all of them: their composite bodies are carried without a turn.
@@ -404,7 +407,6 @@ def _list_composite_routes(build: RouteBuilder) -> Routes:
 
 
 _ARTICULATED, _SUM = "articulated bodies", "sum over bodies"
-_DIFFERENTIATED = ("tensor recursion", "tensor recursion, last links held")
 _TORQUE_REGRESSOR_ROUTES = _list_regressor_routes(dynamics.compute_torque_columns, _derive_torque)
 ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": _emit_forward_kinematics},
@@ -415,7 +417,9 @@ ROUTES: Mapping[str, Routes] = {
     },
     "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": _emit_derived_mass_matrix},
     "coriolis_matrix": {
-        **_list_composite_routes(equation_routes.build_coriolis),
+        **_list_composite_routes(
+            lambda w: (w.flatten_matrix(dynamics.compute_coriolis_matrix(w.recursion, w.parameters)),)
+        ),
         **_list_four("torques of unit rates", _emit_coriolis_matrix),
     },
     "gravity": _TORQUE_ROUTES,
@@ -434,18 +438,16 @@ ROUTES: Mapping[str, Routes] = {
     "inverse_dynamics_derivatives": {
         **_list_composite_routes(equation_routes.build_derivatives),
         **{
-            f"differentiation of the {name}": partial(
-                equation_routes.build_differentiated, torques=_RECURSION_ROUTES[name], mass=_emit_mass_matrix
+            f"differentiation of the {name}": _differentiate(
+                _RECURSION_ROUTES[name], "q", "dq", rest=_emit_mass_matrix
             )
-            for name in _DIFFERENTIATED
+            for name in ("tensor recursion", "tensor recursion, last links held")
         },
     },
     "forward_dynamics_derivatives": _list_composite_routes(equation_routes.build_forward_derivatives),
     "mass_matrix_derivatives": {
         **_list_composite_routes(equation_routes.build_mass_derivatives),
-        "differentiation of composite bodies": partial(
-            equation_routes.build_differentiated_mass, mass=_emit_mass_matrix
-        ),
+        "differentiation of composite bodies": _differentiate(_emit_mass_matrix, "q"),
     },
     "inverse_dynamics_second_derivatives": _list_composite_routes(equation_routes.build_second_derivatives),
     "energy": {
@@ -463,7 +465,7 @@ ROUTES: Mapping[str, Routes] = {
     ),
     "torque_regressor": _TORQUE_REGRESSOR_ROUTES,
     "torque_regressor_derivatives": {
-        f"{name}, differentiated": partial(equation_routes.build_regressor_derivatives, regressor=route)
+        f"{name}, differentiated": _differentiate(route, "q", "dq", "ddq")
         for name, route in _TORQUE_REGRESSOR_ROUTES.items()
     },
     "slotine_li_regressor": _list_regressor_routes(

@@ -347,14 +347,6 @@ def test_default_prior_takes_the_file_at_its_word_and_rounds_flat_bodies():
     np.testing.assert_allclose(prior[4] / mass, [0.02, 0, 0, 0.02, 0, 0.02, 0, 0, 0, 1], atol=1e-12)
 
 
-def test_default_prior_has_the_mass_that_the_base_values_want():
-    base = derive_base_parameters(PUMA560)
-    bodies = build_prior(PUMA560, build_grouping(PUMA560, base).matrix, np.ones(base.count))
-    beta = group(PUMA560, bodies, base=base)
-    again = build_prior(PUMA560, build_grouping(PUMA560, base).matrix, 7 * beta)
-    np.testing.assert_allclose(again, 7 * bodies, rtol=1e-12)
-
-
 def test_a_rotor_counts_only_as_a_positive_inertia():
     robot = build_chain([(0.0, 0, 0, "q"), (0.0, 0.5, 0, "q")], rotors=True)
     base = derive_base_parameters(robot)
