@@ -534,10 +534,8 @@ def _write_control_loop(material: Material) -> str | None:
         call = f"friction_state_step({step}, " if material.bristles else f"friction({velocity}, "
         values = "f, " if "f" in vectors else ""
         calls[key] = call + "".join(texts[name] for name in card.friction_inputs) + values
-    suffix, warm = (
-        "f" if real == "float" else "",
-        printing.write_literal(joint_models.REFERENCE_TEMPERATURE, real),
-    )
+    suffix = "f" if real == "float" else ""
+    warm = printing.write_literal(joint_models.REFERENCE_TEMPERATURE, real)
     return material.write(
         template,
         beta="beta, " if "beta" in vectors else "",

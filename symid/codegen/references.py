@@ -499,10 +499,8 @@ def _build_reference(
             errors = np.abs(mine - other).max(axis=1, initial=0.0) / _compute_scales(mine)
         error = float(np.max(errors, initial=0.0))
         if not error <= _AGREEMENT:
-            text = (
-                f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
-                f"{error:.1e} of the largest element; the limit is {_AGREEMENT:.0e}"
-            )
+            text = f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
+            text += f"{error:.1e} of the largest element; the limit is {_AGREEMENT:.0e}"
             raise GenerationError(Notice(code="codegen.disagrees", text=text))
     sums = []
     # Of every row, rounded once.

@@ -427,11 +427,9 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
         sharing = [joint.name for joint, row in rows_of if row[0][0] == position]
         if len(sharing) > 2:
             lengths = ", ".join(exact_algebra.list_symbols(robot))
-            text = (
-                f"symbolic lengths ({lengths}), angles of 30 or 45 degrees and a "
-                f"coordinate that moves joints {', '.join(sharing)}: exact base parameters take too long. "
-                "Write the lengths as numbers"
-            )
+            text = f"symbolic lengths ({lengths}), angles of 30 or 45 degrees and a coordinate that moves "
+            text += f"joints {', '.join(sharing)}: exact base parameters take too long. "
+            text += "Write the lengths as numbers"
             raise RobotError(Notice(code="robot.too-symbolic", text=text, file=robot.path))
     blocks = split_into_blocks(robot)
     domain = exact_algebra.choose_domain(robot)

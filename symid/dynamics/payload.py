@@ -287,17 +287,13 @@ def estimate_payload(
     covariance = covariance * scale**2
     weight, spread = float(found[9]), float(np.sqrt(covariance[9, 9]))
     if not _is_identifiable(system, np.eye(10)[9]):
-        text = (
-            f"the mass on the link of joint {names[link]!r} is not identifiable on its own, nor is its "
-            "centre: state the mass by --mass"
-            + (", or identify more base parameters" if system.lacking else "")
-        )
+        text = f"the mass on the link of joint {names[link]!r} is not identifiable on its own, nor is its "
+        text += "centre: state the mass by --mass"
+        text += ", or identify more base parameters" if system.lacking else ""
         raise IdentifiabilityError(Notice(code="payload.mass-not-identifiable", text=text))
     if not weight > _SIGNIFICANT * spread:
-        text = (
-            f"no significant payload: its mass is {weight:.4g} kg with a standard deviation of {spread:.2g} "
-            "kg. Check which log is the loaded one, move more joints against gravity, or record longer"
-        )
+        text = f"no significant payload: its mass is {weight:.4g} kg with a standard deviation of "
+        text += f"{spread:.2g} kg. Check which log is the loaded one, move more joints against gravity, or record longer"
         raise IdentifiabilityError(Notice(code="payload.none", text=text))
     body, moved = _choose_body(system, found, scale)
     friction = [p.name for p in base.friction if p.name in loaded.names and p.name in empty.names]
@@ -387,10 +383,8 @@ def _list_quantities(
         elif 1 <= index <= 3 and std > radius:
             reason = f"its standard deviation, {std:.2g} m, exceeds the usual size of a body of that mass"
         elif index > 3 and std > largest:
-            reason = (
-                f"its standard deviation, {std:.2g} kg m^2, exceeds the inertia itself; move the joints near "
-                "the payload faster"
-            )
+            reason = f"its standard deviation, {std:.2g} kg m^2, exceeds the inertia itself; "
+            reason += "move the joints near the payload faster"
         value, deviation = (None, None) if reason else (float(values[index]), std)
         found.append(PayloadQuantity(name=name, unit=unit, value=value, std=deviation, reason=reason))
     return tuple(found)
