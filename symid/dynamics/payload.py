@@ -293,7 +293,8 @@ def estimate_payload(
         raise IdentifiabilityError(Notice(code="payload.mass-not-identifiable", text=text))
     if not weight > _SIGNIFICANT * spread:
         text = f"no significant payload: its mass is {weight:.4g} kg with a standard deviation of "
-        text += f"{spread:.2g} kg. Check which log is the loaded one, move more joints against gravity, or record longer"
+        text += f"{spread:.2g} kg. Check which log is the loaded one, move more joints against gravity, "
+        text += "or record longer"
         raise IdentifiabilityError(Notice(code="payload.none", text=text))
     body, moved = _choose_body(system, found, scale)
     friction = [p.name for p in base.friction if p.name in loaded.names and p.name in empty.names]
