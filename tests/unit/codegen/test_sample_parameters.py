@@ -112,30 +112,11 @@ def make_program(name, build):
 
 
 TURNS = make_program("turns", lambda q, dq: ca.vertcat(ca.sin(q[0]) * dq[0], -ca.cos(-q[0]) - ca.sin(q[1])))
-SPRING = make_program("spring", lambda q, dq: ca.vertcat(ca.sin(q[0]), 3 * q[1] + dq[0]))
-SUM = make_program("sum", lambda q, dq: ca.vertcat(ca.sin(q[0] + q[1]), dq[1]))
-GIVEN = make_program("given", lambda q, _: ca.vertcat(-q[0], ca.sin(q[0])))
-NO_ANGLES = make_program("none", lambda _, dq: ca.vertcat(dq[0], dq[1]))
 
 
 def test_limits_are_those_of_the_generated_code():
     for precision, limit in ANGLE_LIMITS.items():
         assert f"(x) <= {limit!r}{'f' * (precision == 'float')})" in write_simd_header("X", precision)
-
-
-@pytest.mark.parametrize(
-    ("programs", "angles"),
-    [
-        ((TURNS,), {("q", 2, 0), ("q", 2, 1)}),
-        ((SPRING,), {("q", 2, 0)}),
-        ((SUM,), set()),
-        ((GIVEN,), set()),
-        ((NO_ANGLES,), set()),
-        ((NO_ANGLES, SPRING, TURNS, SUM), {("q", 2, 0), ("q", 2, 1)}),
-    ],
-)
-def test_angles_are_what_a_function_takes_sines_of_alone(programs, angles):
-    assert list_angle_inputs(programs) == angles
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
