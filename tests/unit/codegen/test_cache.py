@@ -357,7 +357,7 @@ def test_processes_make_a_library_again_that_does_not_load(tmp_path, start, made
     replace_file(path, b"no library" if sealed else path.read_bytes()[: path.stat().st_size // 2])
     if sealed:
         seal_again(made_elsewhere)
-    said = finish(*(start(tmp_path) for _ in range(3)))
+    said = finish(*(start(tmp_path) for _ in range(1 if sealed else 3)))
     assert "codegen.cache-rebuilt" in [codes for codes, _ in said]
     assert [path.name for path in tmp_path.iterdir()] == [made_elsewhere.name]
     assert finish(start(tmp_path))[0][0] == ""
