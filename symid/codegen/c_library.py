@@ -34,12 +34,7 @@ from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import BANNER, clean_text, write_template
 from symid.options import GenerateOptions
 
-_INPUT_UNITS = {
-    "velocity": "rad/s or m/s",
-    "load": "N m or N",
-    "position": "rad or m",
-    "temperature": "degC",
-}
+_INPUT_UNITS = {"velocity": "rad/s or m/s", "load": "N m or N", "position": "rad or m", "temperature": "degC"}
 
 
 def build_law_program(law: joint_models.FrictionLaw) -> Program:
@@ -54,16 +49,8 @@ def build_law_program(law: joint_models.FrictionLaw) -> Program:
     count = len(law.linear)
     pairs = zip(own[:count], law.columns(table, inputs, own[count:]), strict=True)
     torque = table.sum_values(table.mul(factor, column) for factor, column in pairs)
-    spec = FunctionSpec(
-        name=_build_law_name(law),
-        inputs=(
-            *(Port(name=name, shape=(1,), unit=_INPUT_UNITS[name], meaning=name) for name in law.inputs),
-            Port(name="p", shape=(len(values),), unit="mixed", meaning="parameters", shared=True),
-        ),
-        outputs=(Port(name="tau", shape=(1,), unit="N m", meaning="friction torque"),),
-        meaning=law.formula,
-    )
-    return table.build_program(spec, [[torque]])
+    sizes = {**dict.fromkeys(law.inputs, 1), "p": len(values)}
+    return table.build_vector_program(_build_law_name(law), sizes, {"tau": [torque]})
 
 
 def _build_law_name(law: joint_models.FrictionLaw) -> str:
@@ -124,21 +111,9 @@ def build_step_program(law: joint_models.DynamicLaw) -> Program:
     table = ExpressionTable()
     values = [table.input(0, k) for k in range(len(law.parameters))]
     held = (table.input(1, 0), table.input(1, 1))
-    step = joint_models.compute_bristle_step(table, law, held, table.input(2, 0), values)
-    spec = FunctionSpec(
-        name=f"{law.name}_step",
-        inputs=(
-            Port(name="p", shape=(len(values),), unit="mixed", meaning="parameters", shared=True),
-            Port(name="held", shape=(2,), unit="mixed", meaning="velocity and period of the step"),
-            Port(name="z", shape=(1,), unit="rad", meaning="deflection of the bristles"),
-        ),
-        outputs=(
-            Port(name="z_after", shape=(1,), unit="rad", meaning="deflection after the step"),
-            Port(name="torque", shape=(1,), unit="N m", meaning="friction torque after the step"),
-        ),
-        meaning=law.formula,
-    )
-    return table.build_program(spec, [[value] for value in step])
+    after, torque = joint_models.compute_bristle_step(table, law, held, table.input(2, 0), values)
+    sizes, outputs = {"p": len(values), "held": 2, "z": 1}, {"z_after": [after], "torque": [torque]}
+    return table.build_vector_program(f"{law.name}_step", sizes, outputs)
 
 
 def generate_friction_state(
@@ -559,10 +534,8 @@ def _write_control_loop(material: Material) -> str | None:
         call = f"friction_state_step({step}, " if material.bristles else f"friction({velocity}, "
         values = "f, " if "f" in vectors else ""
         calls[key] = call + "".join(texts[name] for name in card.friction_inputs) + values
-    suffix, warm = (
-        "f" if real == "float" else "",
-        printing.write_literal(joint_models.REFERENCE_TEMPERATURE, real),
-    )
+    suffix = "f" if real == "float" else ""
+    warm = printing.write_literal(joint_models.REFERENCE_TEMPERATURE, real)
     return material.write(
         template,
         beta="beta, " if "beta" in vectors else "",

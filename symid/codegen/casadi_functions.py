@@ -33,12 +33,7 @@ from symid.codegen.programs import ARITHMETIC, Op, Operations, Program, count_op
 from symid.codegen.references import PER_UNIT, WHOLE, Reference, build_references
 from symid.codegen.routes import choose_route
 from symid.codegen.source_folder import SourceSet, compute_digest, list_sources
-from symid.codegen.source_text import (
-    BANNER,
-    build_library_prefix,
-    clean_text,
-    write_template,
-)
+from symid.codegen.source_text import BANNER, build_library_prefix, clean_text, write_template
 from symid.dynamics import build_standard_parameters, derive_base_parameters
 from symid.options import GenerateOptions
 from symid.robot import Robot
@@ -237,13 +232,10 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         GenerationError: a program has no value anywhere, or disagrees with CasADi.
     """
     card, programs, constant = functions.card, functions.programs, functions.constant
-    prefix, real, stops = build_library_prefix(card.robot), options.precision, 0
-    specs = {spec.name: spec for spec in card.functions}
-    if specs.keys() >= {"hysteresis_step", "hysteresis_inverse_step"}:
-        stops = sum(port.size for port in specs["hysteresis_step"].inputs if port.name == "P")
-    bristles = 0
-    if "friction_step" in specs:
-        bristles = sum(port.size for port in specs["friction_step"].inputs if port.name == "z")
+    prefix, real = build_library_prefix(card.robot), options.precision
+    sizes = {(spec.name, port.name): port.size for spec in card.functions for port in spec.inputs}
+    bristles = sizes.get(("friction_step", "z"), 0)
+    stops = sizes.get(("hysteresis_step", "P"), 0) if ("hysteresis_inverse_step", "tau_J") in sizes else 0
     # A line a joint; with followers in the robot, coordinates and joints are numbered apart.
     lines = []
     for k, moving in enumerate(card.joints):

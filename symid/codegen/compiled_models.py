@@ -304,8 +304,9 @@ class CompiledPlant:
         """
         (ticks, size), bends = order.position.shape, len(robot.owner)
         warm, end = np.full(size, REFERENCE_TEMPERATURE), np.zeros(2)
-        widths = (size, size, size, bends, 1, 1)
-        arrays = [np.zeros((ticks, width)) for width in widths]
+        shapes = (*[(ticks, size)] * 3, (ticks, bends), (ticks,), (ticks,))
+        named = zip(fields(RigidLog), shapes, strict=False)
+        arrays = {field.name: np.zeros(shape) for field, shape in named}
         start = np.concatenate([order.q, order.dq, np.sign(order.dq), order.measured, order.velocity])
         flags = (int(bool(part.any())) for part in (robot.curved, robot.varying))
         functions = (_get_function_address(library, name) for name in RIGID_FUNCTIONS)
@@ -314,19 +315,14 @@ class CompiledPlant:
         plant = _pack(size, bends, *flags, int(order.controlled), *functions, *friction, robot.beta, *tables)
         references = (getattr(order, field.name) for field in fields(order)[:8])
         sizes, times = (ticks, order.substeps, int(order.sensed)), (order.period, order.blend)
-        records = (plant, _pack(*sizes, *map(ctypes.c_double, times), *references), _pack(*arrays, end))
-        count = self._call("rigid", records, (size, bends), start)
-        q, dq, torque, z, work, lost = (array[:count] for array in arrays)
-        return RigidLog(
-            q=q,
-            dq=dq,
-            torque=torque,
-            z=z,
-            work=work[:, 0],
-            lost=lost[:, 0],
-            end=RIGID_ENDS[int(end[0])],
-            events=int(end[1]),
+        records = (
+            plant,
+            _pack(*sizes, *map(ctypes.c_double, times), *references),
+            _pack(*arrays.values(), end),
         )
+        count = self._call("rigid", records, (size, bends), start)
+        kept = {name: array[:count] for name, array in arrays.items()}
+        return RigidLog(**kept, end=RIGID_ENDS[int(end[0])], events=int(end[1]))
 
 
 def has_addresses(library: Library, names: Sequence[str] = ()) -> bool:

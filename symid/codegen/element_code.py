@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from symid import __version__, joint_models
-from symid.codegen.functions import FunctionSpec, Port
 from symid.codegen.generation import GeneratedFolder, choose_runner, write_folder
 from symid.codegen.printing import print_c, print_python, write_literal
 from symid.codegen.programs import ExpressionTable, Program, count_operations
@@ -77,19 +76,7 @@ def build_step(elasticity: joint_models.Elasticity, *, rated: bool = False) -> P
     step = joint_models.advance_element(table, elasticity, values, held, states, velocity=velocity)
     stored = table.zero if step.stored is None else step.stored
     outputs = {"y": [step.output], "after": step.states, "stored": [stored]}
-    return _build_program(table, "step", {"held": 3 if rated else 2, "states": size}, outputs)
-
-
-def _build_program(
-    table: ExpressionTable, name: str, inputs: Mapping[str, int], outputs: Mapping[str, Sequence[int]]
-) -> Program:
-    """Return the program of outputs by their names; inputs are given with their sizes."""
-    taken, made = (
-        tuple(Port(name=port, shape=(size,), unit="mixed", meaning=port) for port, size in sizes.items())
-        for sizes in (inputs, {port: len(refs) for port, refs in outputs.items()})
-    )
-    spec = FunctionSpec(name=name, inputs=taken, outputs=made, meaning=name)
-    return table.build_program(spec, outputs.values())
+    return table.build_vector_program("step", {"held": 3 if rated else 2, "states": size}, outputs)
 
 
 def _build_programs(elasticity: joint_models.Elasticity) -> dict[str, Program]:
@@ -98,7 +85,7 @@ def _build_programs(elasticity: joint_models.Elasticity) -> dict[str, Program]:
     for side, name in _SIDES:
         table = ExpressionTable()
         states = joint_models.start_element(table, elasticity, table.input(0, 0), float(side))
-        programs[name] = _build_program(table, "start", {"x": 1}, {"states": states})
+        programs[name] = table.build_vector_program("start", {"x": 1}, {"states": states})
     if joint_models.has_closed_inverse(elasticity):
         table, size = ExpressionTable(), len(joint_models.start_states(elasticity, 0.0))
         values = {
@@ -107,7 +94,7 @@ def _build_programs(elasticity: joint_models.Elasticity) -> dict[str, Program]:
         }
         before = [table.input(1, k) for k in range(size)]
         x = joint_models.invert_step(table, elasticity, values, table.input(0, 0), before)
-        programs["inverse"] = _build_program(table, "inverse", {"y": 1, "states": size}, {"x": [x]})
+        programs["inverse"] = table.build_vector_program("inverse", {"y": 1, "states": size}, {"x": [x]})
     return programs
 
 

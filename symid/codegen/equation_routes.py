@@ -225,12 +225,12 @@ def build_articulated(workspace: RouteWorkspace) -> tuple[Elements, ...]:
 
 
 def build_differentiated(
-    workspace: RouteWorkspace, torques: RouteBuilder, mass: RouteBuilder
+    workspace: RouteWorkspace, route: RouteBuilder, by: Sequence[str], rest: RouteBuilder | None = None
 ) -> tuple[Elements, ...]:
-    """Differentiate the torques of one route, and take the matrix of another."""
-    (values,) = workspace.recall(torques)
-    blocks = [workspace.differentiate(values, name) for name in ("q", "dq")]
-    return (*map(workspace.flatten_columns, blocks), *workspace.recall(mass))
+    """Differentiate what a route makes by the inputs `by`; `rest` makes what follows."""
+    (values,) = workspace.recall(route)
+    blocks = [workspace.differentiate(values, name) for name in by]
+    return (*map(workspace.flatten_columns, blocks), *(workspace.recall(rest) if rest else ()))
 
 
 def build_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -262,26 +262,6 @@ def build_second_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
         symbols.append(table.add(table.add(first, second), -third))
     by_both = tuple(twice[high][n * i + low] for i, _, _, high, low in indices)
     return by_both, tuple(mixed[j][n * i + k] for i, j, k, _, _ in indices), tuple(symbols), mass
-
-
-def build_differentiated_mass(workspace: RouteWorkspace, mass: RouteBuilder) -> tuple[Elements, ...]:
-    """Differentiate the mass matrix of another route."""
-    (values,) = workspace.recall(mass)
-    return (workspace.flatten_columns(workspace.differentiate(values, "q")),)
-
-
-def build_regressor_derivatives(workspace: RouteWorkspace, regressor: RouteBuilder) -> tuple[Elements, ...]:
-    """Differentiate the torque regressor of another route by q, dq and ddq."""
-    (values,) = workspace.recall(regressor)
-    blocks = (workspace.differentiate(values, name) for name in ("q", "dq", "ddq"))
-    return tuple(map(workspace.flatten_columns, blocks))
-
-
-def build_coriolis(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    """Build the Coriolis matrix by composite bodies."""
-    return (
-        workspace.flatten_matrix(dynamics.compute_coriolis_matrix(workspace.recursion, workspace.parameters)),
-    )
 
 
 def build_forward_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:

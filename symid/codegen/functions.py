@@ -174,11 +174,6 @@ class ModelCard:
         return len(self.joints) + len(self.followers)
 
 
-def write_model_card(card: ModelCard) -> str:
-    """Return the card as JSON text, the same text for the same card; `read_record` reads it."""
-    return json.dumps(asdict(card), indent=1, sort_keys=True) + "\n"
-
-
 def compute_build_digest(card: ModelCard, *, prefix: str, precision: str, files: Mapping[str, str]) -> str:
     """Return the digest of all that fixes the interface of a library and its numbers.
 
@@ -187,7 +182,8 @@ def compute_build_digest(card: ModelCard, *, prefix: str, precision: str, files:
     names = (path for path in files if path.startswith(f"{prefix}_") and path.endswith((".c", ".h")))
     counted = {f"{prefix}.h", *names} - {f"{prefix}_info.c"}
     compiled = {path: digest for path, digest in files.items() if path in counted}
-    return compute_signature(prefix, precision, write_model_card(card), compiled)
+    text = json.dumps(asdict(card), indent=1, sort_keys=True) + "\n"
+    return compute_signature(prefix, precision, text, compiled)
 
 
 def compute_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]]) -> str:

@@ -239,11 +239,8 @@ def generate_folder(
         GenerationError: the code fails its self-test.
     """
     compiler, runner = choose_runner(order.target)
-    described, key = (
-        replace(robot, path="", notices=()),
-        compute_library_key(robot, order.functions, compiler),
-    )
-    inputs = compute_signature(key, described, order, runner)
+    key = compute_library_key(robot, order.functions, compiler)
+    inputs = compute_signature(key, replace(robot, path="", notices=()), order, runner)
 
     def build() -> SourceSet:
         # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.

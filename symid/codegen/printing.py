@@ -366,10 +366,8 @@ def _join_parts(
 
 
 def _place_loads(loads: Mapping[str, str], statements: Iterable[str]) -> Iterator[str]:
-    """Yield `statements`, each with the loads, by the names that they give, that it is the first to use.
-
-    Loads that all come first would wait on the stack: compilers keep the order.
-    """
+    """Yield `statements`, each with the loads, by the names that they give, that it is the first to use."""
+    # Loads that all come first would wait on the stack: compilers keep the order.
     waiting = dict(loads)
     for statement in statements:
         for name in _NAME.findall(statement):

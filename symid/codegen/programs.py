@@ -20,7 +20,7 @@ from enum import Enum
 from fractions import Fraction
 from typing import Any
 
-from symid.codegen.functions import FunctionSpec
+from symid.codegen.functions import FunctionSpec, Port
 from symid.dynamics import Algebra
 from symid.robot import Exact
 
@@ -412,6 +412,17 @@ class ExpressionTable(Algebra[int]):
             for k, op, args in self.walk(itertools.chain(*wanted))
         }
         return _renumber(spec, instructions, wanted)
+
+    def build_vector_program(
+        self, name: str, inputs: Mapping[str, int], outputs: Mapping[str, Sequence[int]]
+    ) -> Program:
+        """Return the program of vectors without units, by their names; of inputs the sizes are given."""
+        taken, made = (
+            tuple(Port(name=port, shape=(size,), unit="mixed", meaning=port) for port, size in sizes.items())
+            for sizes in (inputs, {port: len(refs) for port, refs in outputs.items()})
+        )
+        spec = FunctionSpec(name=name, inputs=taken, outputs=made, meaning=name)
+        return self.build_program(spec, outputs.values())
 
 
 def _differentiate_instruction(

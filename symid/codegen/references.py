@@ -254,11 +254,9 @@ _MOST_NUMBERS, _FEWEST_PROJECTED = 2**22, 8
 
 
 def _project_positive_definite(columns: FloatArray) -> FloatArray:
-    """Return beta of a positive definite mass matrix at every state, as far as there is one.
-
-    `columns` (states, n, n, b) are matrices of unit vectors. Directions of beta that hardly move the matrix
-    would take huge values: such are cut off until none is.
-    """
+    """Return beta of a positive definite mass matrix at every state, as far as there is one."""
+    # `columns` (states, n, n, b) are matrices of unit vectors. Directions of beta that hardly move the matrix
+    # would take huge values: such are cut off until none is.
     states, size, _, count = columns.shape
     # The upper triangle has all; an element that the lower one has too weighs twice in a sum of squares.
     upper = np.triu_indices(size)
@@ -501,10 +499,8 @@ def _build_reference(
             errors = np.abs(mine - other).max(axis=1, initial=0.0) / _compute_scales(mine)
         error = float(np.max(errors, initial=0.0))
         if not error <= _AGREEMENT:
-            text = (
-                f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
-                f"{error:.1e} of the largest element; the limit is {_AGREEMENT:.0e}"
-            )
+            text = f"function {program.spec.name!r}, output {port.name!r}: the program and CasADi differ by "
+            text += f"{error:.1e} of the largest element; the limit is {_AGREEMENT:.0e}"
             raise GenerationError(Notice(code="codegen.disagrees", text=text))
     sums = []
     # Of every row, rounded once.

@@ -20,22 +20,21 @@ from functools import partial
 
 from symid import dynamics, joint_models
 from symid.codegen import equation_routes, programs
+from symid.codegen.equation_routes import Elements, RouteBuilder, RouteWorkspace
 from symid.codegen.functions import FRICTION_INPUTS, Constants, FunctionSpec, list_bristles, list_robot_specs
 from symid.notation import INERTIAL
 from symid.robot import ZERO, Exact, Robot
 
-Routes = Mapping[str, equation_routes.RouteBuilder]
+Routes = Mapping[str, RouteBuilder]
 
 
-def _emit_forward_kinematics(
-    workspace: equation_routes.RouteWorkspace,
-) -> tuple[equation_routes.Elements, ...]:
+def _emit_forward_kinematics(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     poses, join = dynamics.compute_link_poses(workspace.recursion), itertools.chain.from_iterable
     rotations = join(join(pose.rotation for pose in poses))
     return tuple(rotations), tuple(join(pose.origin for pose in poses))
 
 
-def _list_friction_columns(workspace: equation_routes.RouteWorkspace) -> list[list[int]]:
+def _list_friction_columns(workspace: RouteWorkspace) -> list[list[int]]:
     """Return the friction regressor by columns; friction acts on the coordinates that turn its drive."""
     robot, algebra, given = workspace.robot, workspace.algebra, {"velocity": "dq", **FRICTION_INPUTS}
     # What friction depends on, by its name in laws, of every joint and coupled drive.
@@ -60,10 +59,7 @@ def _list_friction_columns(workspace: equation_routes.RouteWorkspace) -> list[li
 
 
 def _combine_columns(
-    workspace: equation_routes.RouteWorkspace,
-    columns: Sequence[Sequence[int]],
-    parameters: Sequence[int],
-    rows: int,
+    workspace: RouteWorkspace, columns: Sequence[Sequence[int]], parameters: Sequence[int], rows: int
 ) -> list[int]:
     """Return the sum of columns times parameters."""
     algebra = workspace.algebra
@@ -74,14 +70,12 @@ def _combine_columns(
     return total
 
 
-def _emit_friction(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
+def _emit_friction(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     columns, parameters = _list_friction_columns(workspace), workspace.inputs["f"]
     return (tuple(_combine_columns(workspace, columns, parameters, workspace.robot.freedom)),)
 
 
-def _emit_friction_step(
-    workspace: equation_routes.RouteWorkspace,
-) -> tuple[equation_routes.Elements, equation_routes.Elements]:
+def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     """Return friction and deflections after a step: of joints without bristles it is that of the columns."""
     robot, algebra = workspace.robot, workspace.algebra
     parameters, remembering = workspace.inputs["f"], dict(list_bristles(robot))
@@ -109,9 +103,7 @@ def _emit_friction_step(
     return tuple(torques), tuple(after)
 
 
-def _emit_energy_regressor(
-    workspace: equation_routes.RouteWorkspace,
-) -> tuple[equation_routes.Elements, equation_routes.Elements]:
+def _emit_energy_regressor(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     algebra = workspace.algebra
     rows = [dynamics.compute_energy_regressor(algebra, motion) for motion in workspace.recursion.motions]
     pairs = []
@@ -124,21 +116,17 @@ def _emit_energy_regressor(
     return tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs)
 
 
-def _multiply_parameters(
-    workspace: equation_routes.RouteWorkspace, row: Sequence[int]
-) -> equation_routes.Elements:
+def _multiply_parameters(workspace: RouteWorkspace, row: Sequence[int]) -> Elements:
     pairs, algebra = zip(row, workspace.parameters.values(), strict=True), workspace.algebra
     return (algebra.sum_values(algebra.mul(entry, parameter) for entry, parameter in pairs),)
 
 
-def _emit_energy(
-    workspace: equation_routes.RouteWorkspace,
-) -> tuple[equation_routes.Elements, equation_routes.Elements]:
+def _emit_energy(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     kinetic, potential = _emit_energy_regressor(workspace)
     return _multiply_parameters(workspace, kinetic), _multiply_parameters(workspace, potential)
 
 
-def _emit_energy_of_bodies(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
+def _emit_energy_of_bodies(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Return the energies as sums over links and drives."""
     recursion, algebra = workspace.recursion, workspace.algebra
     parts = [
@@ -154,7 +142,7 @@ def _emit_energy_of_bodies(workspace: equation_routes.RouteWorkspace) -> tuple[e
     return tuple((algebra.sum_values([part[place] for part in parts]),) for place in (0, 1))
 
 
-def _derive_torque(workspace: equation_routes.RouteWorkspace, kinetic: int, potential: int) -> list[int]:
+def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> list[int]:
     table, inputs = workspace.algebra, workspace.inputs
     momenta = programs.differentiate_backward(table, kinetic, inputs["dq"])
     slopes = programs.differentiate_backward(table, table.add(kinetic, -potential), inputs["q"])
@@ -163,13 +151,9 @@ def _derive_torque(workspace: equation_routes.RouteWorkspace, kinetic: int, pote
     return list(map(table.sub, rates, slopes))
 
 
-def _emit_derived_mass_matrix(
-    workspace: equation_routes.RouteWorkspace,
-) -> tuple[equation_routes.Elements, ...]:
-    """Return the mass matrix as dp/ddq.
-
-    The velocities are inputs of the momentum only: p is linear in them, its derivatives are free of them.
-    """
+def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    """Return the mass matrix as dp/ddq."""
+    # The velocities are inputs of the momentum only: p is linear in them, its derivatives are free of them.
     table = workspace.algebra
     rates = tuple(table.input(-1, joint) for joint in range(workspace.robot.freedom))
     state = replace(workspace.recursion.state, velocity=workspace.spread(rates))
@@ -180,9 +164,7 @@ def _emit_derived_mass_matrix(
     return (workspace.flatten_columns(columns),)
 
 
-def _emit_torques_by_regressor(
-    workspace: equation_routes.RouteWorkspace,
-) -> tuple[equation_routes.Elements, ...]:
+def _emit_torques_by_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     parameters = workspace.parameters
     found = dynamics.compute_torque_columns(workspace.meet(lambda link: link).recursion, workspace.base.keys)
     columns, values = [found[key] for key in parameters], tuple(parameters.values())
@@ -190,7 +172,7 @@ def _emit_torques_by_regressor(
     return (workspace.flatten_vector(torques),)
 
 
-def _emit_coriolis_matrix(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
+def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Return C column by column: the torques for dqr = e_k, ddqr = 0, without gravity and springs."""
     algebra = workspace.algebra
     weightless = replace(workspace.recursion, robot=replace(workspace.robot, gravity=(ZERO, ZERO, ZERO)))
@@ -204,16 +186,14 @@ def _emit_coriolis_matrix(workspace: equation_routes.RouteWorkspace) -> tuple[eq
     return (workspace.flatten_columns(columns),)
 
 
-def _stop_before_leaves(workspace: equation_routes.RouteWorkspace) -> equation_routes.RouteWorkspace:
-    """Return the meeting in a link's own frame, for a link that carries no other in its parent's.
-
-    Into a last frame, the screws of all joints would be turned for one link only.
-    """
+def _stop_before_leaves(workspace: RouteWorkspace) -> RouteWorkspace:
+    """Return the meeting in a link's own frame, for a link that carries no other in its parent's."""
+    # Into a last frame, the screws of all joints would be turned for one link only.
     before = [joint.parent for joint in workspace.robot.joints]
     return workspace.meet(lambda link: link if link in before or before[link] < 0 else before[link])
 
 
-def _stop_above(depth: int, workspace: equation_routes.RouteWorkspace) -> equation_routes.RouteWorkspace:
+def _stop_above(depth: int, workspace: RouteWorkspace) -> RouteWorkspace:
     """Return the meeting in the link `depth` links above the first one of its chain, or the link itself."""
 
     def locate(link: int) -> int:
@@ -226,24 +206,22 @@ def _stop_above(depth: int, workspace: equation_routes.RouteWorkspace) -> equati
 
 
 _SHIFTED, _HELD, _THIRD = "shifted origins", "last links held", "meeting in the third link"
-_CHANGES: Mapping[str, Callable[[equation_routes.RouteWorkspace], equation_routes.RouteWorkspace]] = {
+_CHANGES: Mapping[str, Callable[[RouteWorkspace], RouteWorkspace]] = {
     "axis projection": lambda workspace: workspace.meet(lambda link: link),
     "last links one joint down": _stop_before_leaves,
     "meeting in the second link": partial(_stop_above, 1),
     _THIRD: partial(_stop_above, 2),
     "meeting in the fourth link": partial(_stop_above, 3),
-    _SHIFTED: equation_routes.RouteWorkspace.shift,
-    _HELD: equation_routes.RouteWorkspace.hold,
+    _SHIFTED: RouteWorkspace.shift,
+    _HELD: RouteWorkspace.hold,
 }
 """What a route may do before it builds, by the words that its name has for it."""
 
 
-def _list_variants(*names: tuple[str, ...], build: equation_routes.RouteBuilder) -> Routes:
+def _list_variants(*names: tuple[str, ...], build: RouteBuilder) -> Routes:
     """Return routes that build the same after what the words of their names say, one after the other."""
 
-    def build_changed(
-        workspace: equation_routes.RouteWorkspace, words: tuple[str, ...]
-    ) -> tuple[equation_routes.Elements, ...]:
+    def build_changed(workspace: RouteWorkspace, words: tuple[str, ...]) -> tuple[Elements, ...]:
         for word in words:
             workspace = _CHANGES[word](workspace) if word in _CHANGES else workspace
         return build(workspace)
@@ -254,28 +232,26 @@ def _list_variants(*names: tuple[str, ...], build: equation_routes.RouteBuilder)
     }
 
 
-def _list_four(name: str, build: equation_routes.RouteBuilder) -> Routes:
+def _list_four(name: str, build: RouteBuilder) -> Routes:
     """Return a route, also with link origins along their axes, with last links in fixed axes, or both."""
     return _list_variants((name,), (name, _SHIFTED), (name, _HELD), (name, _SHIFTED, _HELD), build=build)
 
 
 def _list_regressor_routes(
     compute: Callable[..., dynamics.Columns[int]],
-    derive: Callable[[equation_routes.RouteWorkspace, int, int], list[int]] | None = None,
+    derive: Callable[[RouteWorkspace, int, int], list[int]] | None = None,
     reference: tuple[str, ...] = (),
 ) -> Routes:
-    """Return the routes to a regressor: by recursion, and with `derive` from the energies.
+    """Return the routes to a regressor: by recursion, and with `derive` from the energies."""
+    # `reference` names the inputs that `compute` takes besides the state.
 
-    `reference` names the inputs that `compute` takes besides the state.
-    """
-
-    def build(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
+    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
         given = tuple(workspace.spread(workspace.inputs[name]) for name in reference)
         keys = workspace.base.keys
         columns = compute(workspace.recursion, keys, *((given,) if given else ()))
         return (workspace.flatten_columns([workspace.flatten_vector(columns[key]) for key in keys]),)
 
-    def build_derived(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
+    def build_derived(workspace: RouteWorkspace) -> tuple[Elements, ...]:
         pairs = zip(*_emit_energy_regressor(workspace), strict=True)
         columns = [derive(workspace, t, v) for t, v in pairs] if derive else []
         return (workspace.flatten_columns(columns),)
@@ -286,16 +262,15 @@ def _list_regressor_routes(
     return {**routes, "differentiation of the energy": build_derived} if derive else routes
 
 
-def _emit_mass_matrix(workspace: equation_routes.RouteWorkspace) -> tuple[equation_routes.Elements, ...]:
+def _emit_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Return the mass matrix by composite bodies."""
-    return (
-        workspace.flatten_matrix(dynamics.compute_mass_matrix(workspace.recursion, workspace.parameters)),
-    )
+    matrix = dynamics.compute_mass_matrix(workspace.recursion, workspace.parameters)
+    return (workspace.flatten_matrix(matrix),)
 
 
 def _list_springs(
-    workspace: equation_routes.RouteWorkspace, memory: str
-) -> list[tuple[joint_models.SpringTerms[int], equation_routes.Elements]]:
+    workspace: RouteWorkspace, memory: str
+) -> list[tuple[joint_models.SpringTerms[int], Elements]]:
     """Return the springs of all coordinates, from h, each with its plays, which input `memory` holds."""
     rest, plays = iter(workspace.inputs["h"]), iter(workspace.inputs.get(memory, ()))
     springs = []
@@ -317,9 +292,7 @@ def _list_springs(
     return springs
 
 
-def _emit_hysteresis(
-    workspace: equation_routes.RouteWorkspace, given: str, memory: str
-) -> tuple[equation_routes.Elements, ...]:
+def _emit_hysteresis(workspace: RouteWorkspace, given: str, memory: str) -> tuple[Elements, ...]:
     """Return torques from torsions phi and plays P, or back from torques tau_J and plays Q; and the plays."""
     algebra, steps = workspace.algebra, []
     springs = zip(_list_springs(workspace, memory), workspace.inputs[given], strict=True)
@@ -366,9 +339,7 @@ def _invert_torque(
     return value, algebra.mul(compliance, rate), algebra.mul(compliance, second), after
 
 
-def _emit_feed_forward(
-    workspace: equation_routes.RouteWorkspace, torques: equation_routes.RouteBuilder
-) -> tuple[equation_routes.Elements, ...]:
+def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> tuple[Elements, ...]:
     """Return the torques of the motors, with those of the links from another route."""
     algebra, inputs = workspace.algebra, workspace.inputs
     springs = _list_springs(workspace, "Q")
@@ -422,11 +393,13 @@ _TORQUE_ROUTES: Routes = {
 }
 
 
-def _list_composite_routes(build: equation_routes.RouteBuilder) -> Routes:
-    """Return the routes whose wrenches of composite bodies go down to every joint, or stop before.
+def _differentiate(route: RouteBuilder, *by: str, rest: RouteBuilder | None = None) -> RouteBuilder:
+    return partial(equation_routes.build_differentiated, route=route, by=by, rest=rest)
 
-    Last links are held in all of them: their composite bodies are carried without a turn.
-    """
+
+def _list_composite_routes(build: RouteBuilder) -> Routes:
+    """Return the routes whose wrenches of composite bodies go down to every joint, or stop before."""
+    # Last links are held in all of them: their composite bodies are carried without a turn.
     starts = ((_BODIES,), (_BODIES, _THIRD), (_BODIES, "meeting in the fourth link"))
     endings = ((_HELD,), (_SHIFTED, _HELD))
     names = [(*start, *ending) for start, ending in itertools.product(starts, endings)]
@@ -434,7 +407,6 @@ def _list_composite_routes(build: equation_routes.RouteBuilder) -> Routes:
 
 
 _ARTICULATED, _SUM = "articulated bodies", "sum over bodies"
-_DIFFERENTIATED = ("tensor recursion", "tensor recursion, last links held")
 _TORQUE_REGRESSOR_ROUTES = _list_regressor_routes(dynamics.compute_torque_columns, _derive_torque)
 ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": _emit_forward_kinematics},
@@ -445,7 +417,9 @@ ROUTES: Mapping[str, Routes] = {
     },
     "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": _emit_derived_mass_matrix},
     "coriolis_matrix": {
-        **_list_composite_routes(equation_routes.build_coriolis),
+        **_list_composite_routes(
+            lambda w: (w.flatten_matrix(dynamics.compute_coriolis_matrix(w.recursion, w.parameters)),)
+        ),
         **_list_four("torques of unit rates", _emit_coriolis_matrix),
     },
     "gravity": _TORQUE_ROUTES,
@@ -464,18 +438,16 @@ ROUTES: Mapping[str, Routes] = {
     "inverse_dynamics_derivatives": {
         **_list_composite_routes(equation_routes.build_derivatives),
         **{
-            f"differentiation of the {name}": partial(
-                equation_routes.build_differentiated, torques=_RECURSION_ROUTES[name], mass=_emit_mass_matrix
+            f"differentiation of the {name}": _differentiate(
+                _RECURSION_ROUTES[name], "q", "dq", rest=_emit_mass_matrix
             )
-            for name in _DIFFERENTIATED
+            for name in ("tensor recursion", "tensor recursion, last links held")
         },
     },
     "forward_dynamics_derivatives": _list_composite_routes(equation_routes.build_forward_derivatives),
     "mass_matrix_derivatives": {
         **_list_composite_routes(equation_routes.build_mass_derivatives),
-        "differentiation of composite bodies": partial(
-            equation_routes.build_differentiated_mass, mass=_emit_mass_matrix
-        ),
+        "differentiation of composite bodies": _differentiate(_emit_mass_matrix, "q"),
     },
     "inverse_dynamics_second_derivatives": _list_composite_routes(equation_routes.build_second_derivatives),
     "energy": {
@@ -493,7 +465,7 @@ ROUTES: Mapping[str, Routes] = {
     ),
     "torque_regressor": _TORQUE_REGRESSOR_ROUTES,
     "torque_regressor_derivatives": {
-        f"{name}, differentiated": partial(equation_routes.build_regressor_derivatives, regressor=route)
+        f"{name}, differentiated": _differentiate(route, "q", "dq", "ddq")
         for name, route in _TORQUE_REGRESSOR_ROUTES.items()
     },
     "slotine_li_regressor": _list_regressor_routes(
@@ -568,7 +540,7 @@ def choose_route(
             # Only those with a chance, for each takes seconds.
             costly = {name for name in routes if any(word in name for word in _COSTLY)}
             routes = {name: routes[name] for name in routes if name not in costly} or routes
-        built, counts = dict[str, tuple[equation_routes.Elements, ...]](), dict[str, programs.Operations]()
+        built, counts = dict[str, tuple[Elements, ...]](), dict[str, programs.Operations]()
         for name, build in routes.items():
             built[name] = workspace.recall(build)
             counts[name] = table.count(itertools.chain(*built[name]))

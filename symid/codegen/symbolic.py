@@ -13,15 +13,9 @@ from typing import Any, TypeAlias
 import sympy
 from sympy import Expr, ImmutableDenseMatrix, Rational, Symbol
 
+from symid.codegen import functions
 from symid.codegen.equation_routes import build_workspace
 from symid.codegen.expressions import ExactProgram, count_expanded_operations, share_values, write_values
-from symid.codegen.functions import (
-    FunctionSpec,
-    Port,
-    list_bristles,
-    list_robot_specs,
-    list_spring_parameters,
-)
 from symid.codegen.routes import list_routes
 from symid.dynamics import (
     BaseParameters,
@@ -181,14 +175,14 @@ def _write_index(letter: str, *indices: str) -> str:
     return f"{match['letter']}_{{{below}}}{match['above'] or ''}"
 
 
-def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
+def _list_names(robot: Robot, base: BaseParameters, port: functions.Port) -> list[str]:
     """Return the names of the elements of an input, numbered as the joints are."""
     if port.name in (base.vector, "f"):
         return [entry.name for entry in (base.friction if port.name == "f" else base.parameters)]
     if port.name == "h":
-        return [entry.name for entry in list_spring_parameters(robot)]
+        return [entry.name for entry in functions.list_spring_parameters(robot)]
     if port.name == "z":
-        counts = list_bristles(robot)
+        counts = functions.list_bristles(robot)
         return [
             f"z{place + 1 if many > 1 else ''}_{index + 1}" for index, many in counts for place in range(many)
         ]
@@ -203,8 +197,10 @@ def _list_names(robot: Robot, base: BaseParameters, port: Port) -> list[str]:
     return [f"{port.name}{number}" for number in numbers]
 
 
-def _shape_outputs(spec: FunctionSpec, values: Sequence[Sequence[Expr]]) -> dict[str, SymbolicOutput]:
-    def shape(port: Port, entries: Sequence[Expr]) -> SymbolicOutput:
+def _shape_outputs(
+    spec: functions.FunctionSpec, values: Sequence[Sequence[Expr]]
+) -> dict[str, SymbolicOutput]:
+    def shape(port: functions.Port, entries: Sequence[Expr]) -> SymbolicOutput:
         if port.shape == (1,):
             return entries[0]
         if len(port.shape) <= 2:
@@ -253,7 +249,7 @@ def derive_symbolic(
 
     if standard or base is None:
         base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
-    (spec,) = list_robot_specs(robot, base, (name,))
+    (spec,) = functions.list_robot_specs(robot, base, (name,))
     known, own = [port.name for port in spec.inputs], symbols or {}
     for wrong in (key for key in own if key not in known):
         text = f"symbols: function '{name}' has no input '{wrong}'; it has {', '.join(known)}"

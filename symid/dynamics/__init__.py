@@ -80,7 +80,6 @@ if TYPE_CHECKING:
     from symid.dynamics.observable_subspace import build_field as build_field
     from symid.dynamics.payload import (
         PAYLOAD_QUANTITIES as PAYLOAD_QUANTITIES,
-        BaseValues as BaseValues,
         ParameterChange as ParameterChange,
         Payload as Payload,
         PayloadQuantity as PayloadQuantity,

@@ -11,7 +11,6 @@ A carrier handles signs, zeros and ones itself, so that the recursion need not k
 import operator
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from typing import Any, Generic, Protocol, TypeVar
 
 from symid.robot import Exact, Robot
@@ -131,16 +130,10 @@ class RobotState(Generic[T]):
 
 def spread_coordinates(robot: Robot, algebra: Algebra[T], values: Sequence[T]) -> tuple[T, ...]:
     """Return the value of every joint, and then every coupling, from the `values` of the coordinates."""
-    result = []
-    for row in robot.transmission:
-        total = algebra.zero
-        for position, factor in row:
-            share = values[position]
-            if factor != Fraction(1):
-                share = algebra.mul(algebra.constant(Exact.of(factor)), share)
-            total = algebra.add(total, share)
-        result.append(total)
-    return tuple(result)
+    return tuple(
+        algebra.sum_values(algebra.mul(algebra.constant(Exact.of(factor)), values[k]) for k, factor in row)
+        for row in robot.transmission
+    )
 
 
 def build_state(robot: Robot, algebra: Algebra[T], values: Mapping[str, T]) -> RobotState[T]:

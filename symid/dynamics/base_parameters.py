@@ -20,16 +20,9 @@ from sympy.polys.domains.domain import Domain
 from sympy.polys.matrices import DomainMatrix
 
 from symid.arrays import FloatArray
+from symid.dynamics import exact_algebra
 from symid.dynamics.algebra import Label
 from symid.dynamics.bodies import DRIVE_PARAMETERS, list_drive_parameters
-from symid.dynamics.exact_algebra import (
-    Number,
-    choose_domain,
-    convert_number,
-    list_placement_constants,
-    list_symbols,
-    reduce_rows,
-)
 from symid.dynamics.explanations import explain_elimination, explain_grouping, write_combination, write_label
 from symid.dynamics.friction_effects import list_friction_parameters
 from symid.dynamics.observable_subspace import ObservableSubspace, derive_observable_subspace
@@ -163,7 +156,7 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
     known = ({column[label]: value for label, value in row.items() if label in column} for row in shown.rows)
     written: list[BaseParameter] = []
     groups: dict[Label, list[tuple[str, Label]]] = {label: [] for label in labels}
-    for row in reduce_rows(known):
+    for row in exact_algebra.reduce_rows(known):
         terms = tuple((labels[column], shown.field.to_sympy(value)) for column, value in sorted(row.items()))
         label, members = terms[0][0], [other for other, _ in terms[1:]]
         name = write_label(robot, label, grouped=bool(members))
@@ -205,7 +198,7 @@ def build_grouping(robot: Robot, base: BaseParameters, names: Sequence[str] | No
 
     `names`: the base parameters wanted, friction too; all of beta if None.
     """
-    missing = [name for name in list_symbols(robot) if name not in dict(robot.symbols)]
+    missing = [name for name in exact_algebra.list_symbols(robot) if name not in dict(robot.symbols)]
     if missing:
         text = f"symbolic lengths without a value: {', '.join(missing)}; add them under [symbols], in m"
         raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
@@ -263,12 +256,14 @@ def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, E
     if not robot.symbols:
         return {}
     # The exact numbers that the file's symbolic inertias are transformed with.
-    constants = [value for joint in robot.joints for value in list_placement_constants(joint.frame)]
+    constants = [
+        value for joint in robot.joints for value in exact_algebra.list_placement_constants(joint.frame)
+    ]
     for form in (joint.form for joint in robot.joints if joint.form is not None):
         constants += [form.mass, *form.com, *form.inertia]
-    numbers = choose_domain(robot, constants)
+    numbers = exact_algebra.choose_domain(robot, constants)
     field = numbers.frac_field(*(Symbol(name) for name, _ in robot.symbols))
-    known: dict[Label, Number] = {}
+    known: dict[Label, exact_algebra.Number] = {}
     for label, value in list_known_values(robot).items():
         # Sums and products of the file's decimals, without their rounding.
         exact = Fraction(f"{value:.15g}")
@@ -289,14 +284,12 @@ def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, E
 
 def _transform_form(
     form: SymbolicInertia, frame: Placement, numbers: Domain, field: Domain
-) -> tuple[Number, ...]:
-    """Return the ten standard parameters about the link frame's origin, in the order of the notation.
+) -> tuple[exact_algebra.Number, ...]:
+    """Return the ten standard parameters about the link frame's origin, in the order of the notation."""
+    # With R, p the frame of the form: c = R c' + p, s = m c, I = R I' R^T + m (c.c 1 - c c^T).
 
-    With R, p the frame of the form: c = R c' + p, s = m c, I = R I' R^T + m (c.c 1 - c c^T).
-    """
-
-    def convert(value: Exact) -> Number:
-        return convert_number(value, numbers, field)
+    def convert(value: Exact) -> exact_algebra.Number:
+        return exact_algebra.convert_number(value, numbers, field)
 
     def build(rows: Iterable[Sequence[Exact]]) -> DomainMatrix:
         entries = [[convert(entry) for entry in row] for row in rows]

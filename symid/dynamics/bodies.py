@@ -65,10 +65,8 @@ def _list_shares(robot: Robot, index: int) -> tuple[tuple[int, Exact], ...]:
 
 
 def _compute_drive_speed(robot: Robot, algebra: Algebra[T], index: int, rates: Sequence[T]) -> T:
-    total = algebra.zero
-    for joint, factor in _list_shares(robot, index):
-        total = algebra.add(total, algebra.mul(algebra.constant(factor), rates[joint]))
-    return total
+    shares = _list_shares(robot, index)
+    return algebra.sum_values(algebra.mul(algebra.constant(factor), rates[k]) for k, factor in shares)
 
 
 def compute_drive_energy(recursion: Recursion[T], key: Label) -> tuple[T, T]:
@@ -231,10 +229,7 @@ def rotate_matrix(algebra: Algebra[T], frame: LinkFrame[T], matrix: Matrix[T]) -
 
 
 def transform_body(
-    algebra: Algebra[T],
-    frame: LinkFrame[T],
-    body: Body[T],
-    rotate: TensorTurn[T] = rotate_tensor_about_z,
+    algebra: Algebra[T], frame: LinkFrame[T], body: Body[T], rotate: TensorTurn[T] = rotate_tensor_about_z
 ) -> Body[T]:
     """Return inertia tensor, first moments and mass about the parent's origin, in its axes.
 
@@ -313,11 +308,9 @@ def _build_inertia(algebra: Algebra[T], body: Body[T]) -> _Inertia[T]:
 
 
 def _carry_inertia(algebra: Algebra[T], frame: LinkFrame[T], inertia: _Inertia[T]) -> _Inertia[T]:
-    """Return an inertia about the parent's origin, in its axes.
-
-    With blocks A of w and moment, B of v and moment, C of v and force, turned, and t the link's origin:
-    C stays,  B + [t x] C,  A + [t x] (B + [t x] C)' + ([t x] B')'.
-    """
+    """Return an inertia about the parent's origin, in its axes."""
+    # With blocks A of w and moment, B of v and moment, C of v and force, turned, and t the link's origin:
+    # C stays,  B + [t x] C,  A + [t x] (B + [t x] C)' + ([t x] B')'.
 
     def take(row: int, column: int) -> Matrix[T]:
         x, y, z = ((r[column], r[column + 1], r[column + 2]) for r in inertia[row : row + 3])

@@ -192,9 +192,8 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
         text += "--snap 0 takes the angles as written"
         note = Notice(code="robot.rounding-price", text=text, file=rounded.path)
         return replace(rounded, notices=(*rounded.notices, note))
-    text = f"angles near multiples of pi/2 are taken as written: rounding them would change {price}, and the "
-    text += (
-        f"number of base parameters from {whole} to {left}; if the angles should be exact, use --snap 1e-5"
-    )
+    text = f"angles near multiples of pi/2 are taken as written: rounding them would change {price}, and "
+    text += f"the number of base parameters from {whole} to {left}; "
+    text += "if the angles should be exact, use --snap 1e-5"
     note = Notice(code="robot.not-rounded", text=text, file=exact.path)
     return replace(exact, notices=(*exact.notices, note))

@@ -27,6 +27,7 @@ from sympy.polys.rings import PolyElement
 from symid.dynamics import exact_algebra
 from symid.dynamics.algebra import Label, build_state
 from symid.dynamics.bodies import transform_body
+from symid.dynamics.exact_algebra import BasisFunction, Number, Row, TrigonometricBasis, build_power_function
 from symid.dynamics.friction_effects import PositionTorque, build_friction_rows, compute_position_torques
 from symid.dynamics.recursion import LinkMotion, Recursion, build_frames, compute_motions, fold_vector
 from symid.dynamics.regressors import compute_momentum_columns
@@ -89,8 +90,8 @@ def split_into_blocks(robot: Robot) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-SparseMatrix = tuple[exact_algebra.Row, ...]
-Split = Mapping[exact_algebra.BasisFunction, SparseMatrix]
+SparseMatrix = tuple[Row, ...]
+Split = Mapping[BasisFunction, SparseMatrix]
 _SIX = 6
 
 
@@ -111,12 +112,12 @@ class Transport:
     velocities: tuple[Split, ...]
     rates: tuple[Split, ...]
     momenta: tuple[Split, ...]
-    basis: exact_algebra.TrigonometricBasis
+    basis: TrigonometricBasis
 
     @property
-    def one(self) -> exact_algebra.BasisFunction:
+    def one(self) -> BasisFunction:
         """Return the constant function."""
-        return exact_algebra.build_power_function(self.basis)
+        return build_power_function(self.basis)
 
 
 def build_field(robot: Robot) -> Domain:
@@ -142,9 +143,9 @@ def build_block_robot(robot: Robot, block: Block) -> Robot:
     return Robot(name="", joints=joints)
 
 
-def _split(basis: exact_algebra.TrigonometricBasis, table: Sequence[Sequence[PolyElement]]) -> Split:
+def _split(basis: TrigonometricBasis, table: Sequence[Sequence[PolyElement]]) -> Split:
     """Return one matrix per function from a matrix of polynomials."""
-    parts: dict[exact_algebra.BasisFunction, list[exact_algebra.Row]] = {}
+    parts: dict[BasisFunction, list[Row]] = {}
     for row, entries in enumerate(table):
         for column, polynomial in enumerate(entries):
             for function, value in exact_algebra.split_polynomial(basis, polynomial).items():
@@ -216,9 +217,9 @@ def derive_transport(single: Robot, domain: Domain, field: Domain) -> Transport:
     )
 
 
-def multiply_row(row: exact_algebra.Row, matrix: SparseMatrix) -> exact_algebra.Row:
+def multiply_row(row: Row, matrix: SparseMatrix) -> Row:
     """Return the sparse row times the sparse matrix."""
-    result: exact_algebra.Row = {}
+    result: Row = {}
     for index, factor in row.items():
         for column, value in matrix[index].items():
             result[column] = result.get(column, 0) + factor * value
@@ -226,9 +227,9 @@ def multiply_row(row: exact_algebra.Row, matrix: SparseMatrix) -> exact_algebra.
 
 
 _TEN = len(INERTIAL)
-_OWN: exact_algebra.Row = {_SIX: 1}
+_OWN: Row = {_SIX: 1}
 """The velocities of the block's coordinates, in place of one of the link before."""
-Family = dict[exact_algebra.BasisFunction, exact_algebra.Row]
+Family = dict[BasisFunction, Row]
 """Rows by the function of the coordinates that they belong to."""
 
 
@@ -240,9 +241,9 @@ class ObservableRows:
     all others, `velocities` the span of attainable (w, v); all in the link's frame.
     """
 
-    steady: exact_algebra.Row
-    varying: tuple[exact_algebra.Row, ...]
-    velocities: tuple[exact_algebra.Row, ...]
+    steady: Row
+    varying: tuple[Row, ...]
+    velocities: tuple[Row, ...]
 
 
 def number_columns(block: Block, robot: Robot, friction: Sequence[Label]) -> dict[Label, int]:
@@ -255,15 +256,13 @@ def number_columns(block: Block, robot: Robot, friction: Sequence[Label]) -> dic
     return {label: column for column, label in enumerate(labels)}
 
 
-def _add_row(
-    target: Family, function: exact_algebra.BasisFunction, row: Mapping[int, exact_algebra.Number]
-) -> None:
+def _add_row(target: Family, function: BasisFunction, row: Mapping[int, Number]) -> None:
     total = target.setdefault(function, {})
     for column, value in row.items():
         total[column] = total[column] + value if column in total else value
 
 
-def _list_momenta(transport: Transport, velocities: Sequence[exact_algebra.Row]) -> list[Family]:
+def _list_momenta(transport: Transport, velocities: Sequence[Row]) -> list[Family]:
     """Return the momentum along each coordinate for each velocity of the link before."""
     return [
         {function: row for function, matrix in momenta.items() if (row := multiply_row(velocity, matrix))}
@@ -272,7 +271,7 @@ def _list_momenta(transport: Transport, velocities: Sequence[exact_algebra.Row])
     ]
 
 
-def _carry(row: exact_algebra.Row, transport: Transport) -> Family:
+def _carry(row: Row, transport: Transport) -> Family:
     """Return h_p A_l for one row of h_p, all links of the block together, by functions."""
     result: Family = {}
     for link, split in enumerate(transport.parameters):
@@ -290,9 +289,9 @@ def _build_drive_rows(
     torques: Mapping[Label, PositionTorque],
 ) -> tuple[Family, list[Family]]:
     """Return what springs and torques of positions add to the weight, rotors to the momenta."""
-    basis, weight = transport.basis, dict[exact_algebra.BasisFunction, exact_algebra.Row]()
+    basis, weight = transport.basis, dict[BasisFunction, Row]()
 
-    def convert(value: Fraction) -> exact_algebra.Number:
+    def convert(value: Fraction) -> Number:
         return basis.field.convert(QQ(value.numerator, value.denominator))
 
     momenta: list[Family] = [{} for _ in block.coordinates]
@@ -302,10 +301,10 @@ def _build_drive_rows(
         ]
         for c, left in shares:
             for k, right in shares:
-                parts, rates = exact_algebra.build_power_function(basis)
+                parts, rates = build_power_function(basis)
                 turning = tuple(int(position == k) for position in range(len(rates)))
                 _add_row(momenta[c], (parts, turning), {columns[index, "IA"]: convert(left) * convert(right)})
-            line, square = (exact_algebra.build_power_function(basis, c, e) for e in (1, 2))
+            line, square = (build_power_function(basis, c, e) for e in (1, 2))
             if index < robot.size:
                 _add_row(weight, line, {columns[index, "KR"]: convert(left)})
                 _add_row(weight, square, {columns[index, "KS"]: convert(left) * convert(left)})
@@ -314,7 +313,7 @@ def _build_drive_rows(
             if label[0] == index and not w:
                 for c, factor in shares:
                     row = {columns[label]: convert(factor * torque.factor)}
-                    _add_row(weight, exact_algebra.build_power_function(basis, c, 1), row)
+                    _add_row(weight, build_power_function(basis, c, 1), row)
             elif label[0] == index:
                 # The integral of cos w u is sin(w u) / w, that of sin w u is -cos(w u) / w.
                 angles = [(c, w * factor) for c, factor in shares]
@@ -326,7 +325,7 @@ def _build_drive_rows(
     return weight, momenta
 
 
-def _merge_families(*families: Mapping[exact_algebra.BasisFunction, exact_algebra.Row]) -> Family:
+def _merge_families(*families: Mapping[BasisFunction, Row]) -> Family:
     result: Family = {}
     for family in families:
         for function, row in family.items():
@@ -342,7 +341,7 @@ def derive_block(
     *,
     torques: Mapping[Label, PositionTorque],
     form: str,
-) -> tuple[tuple[exact_algebra.Row, ...], list[ObservableRows]]:
+) -> tuple[tuple[Row, ...], list[ObservableRows]]:
     """Return the rows of a block over the parameters of `number_columns`, and what is visible at its links.
 
     `torques` are those of friction. The form "gravity" has no rows of motion, "momentum" none of weight.
@@ -388,7 +387,7 @@ class ObservableSubspace:
     """What a robot shows: `rows` over labels, coefficients in `field`; per link what is visible there."""
 
     field: Domain
-    rows: tuple[dict[Label, exact_algebra.Number], ...]
+    rows: tuple[dict[Label, Number], ...]
     visible: tuple[ObservableRows, ...]
 
 
@@ -396,12 +395,10 @@ Carried = Mapping[int, Sequence[tuple[int, SparseMatrix]]]
 """Per link, the links of the blocks on it, and the constant part of what they become there."""
 
 
-def _expand_row(
-    carried: Carried, labels: Sequence[Label], row: exact_algebra.Row
-) -> dict[Label, exact_algebra.Number]:
+def _expand_row(carried: Carried, labels: Sequence[Label], row: Row) -> dict[Label, Number]:
     """Return a row of a block over all parameters: its links with all beyond them, and its drives."""
-    result: dict[Label, exact_algebra.Number] = {}
-    parts: dict[int, exact_algebra.Row] = {}
+    result: dict[Label, Number] = {}
+    parts: dict[int, Row] = {}
     for column, value in row.items():
         index, name = labels[column]
         if name in INERTIAL:
@@ -430,11 +427,9 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
         sharing = [joint.name for joint, row in rows_of if row[0][0] == position]
         if len(sharing) > 2:
             lengths = ", ".join(exact_algebra.list_symbols(robot))
-            text = (
-                f"symbolic lengths ({lengths}), angles of 30 or 45 degrees and a "
-                f"coordinate that moves joints {', '.join(sharing)}: exact base parameters take too long. "
-                "Write the lengths as numbers"
-            )
+            text = f"symbolic lengths ({lengths}), angles of 30 or 45 degrees and a coordinate that moves "
+            text += f"joints {', '.join(sharing)}: exact base parameters take too long. "
+            text += "Write the lengths as numbers"
             raise RobotError(Notice(code="robot.too-symbolic", text=text, file=robot.path))
     blocks = split_into_blocks(robot)
     domain = exact_algebra.choose_domain(robot)
@@ -450,7 +445,7 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
     root = ObservableRows(steady={} if form == "momentum" else weight, varying=(), velocities=())
     torques = compute_position_torques(robot)
     visible: dict[int, ObservableRows] = {-1: root}
-    rows: list[dict[Label, exact_algebra.Number]] = []
+    rows: list[dict[Label, Number]] = []
     for block, transport in zip(blocks, transports, strict=True):
         parent = visible[block.base]
         labels = tuple(number_columns(block, robot, tuple(torques)))

@@ -185,10 +185,8 @@ class ParameterChange:
 def _list_changes(
     names: Sequence[str], loaded: BaseValues, empty: BaseValues, left: FloatArray | None = None
 ) -> tuple[ParameterChange, ...]:
-    """Return the parameters that changed significantly, the largest change first.
-
-    `left` (m,) are residuals of the payload: what it does not explain of the change counts then.
-    """
+    """Return the parameters that changed significantly, the largest change first."""
+    # `left` (m,) are residuals of the payload: what it does not explain of the change counts then.
     before, after, covariance = _compare(names, loaded, empty)
     change: FloatArray = after - before
     if left is not None:
@@ -289,17 +287,14 @@ def estimate_payload(
     covariance = covariance * scale**2
     weight, spread = float(found[9]), float(np.sqrt(covariance[9, 9]))
     if not _is_identifiable(system, np.eye(10)[9]):
-        text = (
-            f"the mass on the link of joint {names[link]!r} is not identifiable on its own, nor is its "
-            "centre: state the mass by --mass"
-            + (", or identify more base parameters" if system.lacking else "")
-        )
+        text = f"the mass on the link of joint {names[link]!r} is not identifiable on its own, nor is its "
+        text += "centre: state the mass by --mass"
+        text += ", or identify more base parameters" if system.lacking else ""
         raise IdentifiabilityError(Notice(code="payload.mass-not-identifiable", text=text))
     if not weight > _SIGNIFICANT * spread:
-        text = (
-            f"no significant payload: its mass is {weight:.4g} kg with a standard deviation of {spread:.2g} "
-            "kg. Check which log is the loaded one, move more joints against gravity, or record longer"
-        )
+        text = f"no significant payload: its mass is {weight:.4g} kg with a standard deviation of "
+        text += f"{spread:.2g} kg. Check which log is the loaded one, move more joints against gravity, "
+        text += "or record longer"
         raise IdentifiabilityError(Notice(code="payload.none", text=text))
     body, moved = _choose_body(system, found, scale)
     friction = [p.name for p in base.friction if p.name in loaded.names and p.name in empty.names]
@@ -347,10 +342,8 @@ def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tupl
 
 def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) -> nearest_bodies.BodyProblem:
     """Return the problem of the body nearest to root root' under rows (m, 10) of unit variance."""
-    blocks, none = (
-        root.T @ np.einsum("mk,kab->mab", rows, nearest_bodies.PSEUDO_INERTIA_FORMS) @ root,
-        np.zeros((len(target), 0)),
-    )
+    blocks = root.T @ np.einsum("mk,kab->mab", rows, nearest_bodies.PSEUDO_INERTIA_FORMS) @ root
+    none = np.zeros((len(target), 0))
     return nearest_bodies.BodyProblem(
         blocks=blocks[:, None],
         positive=none,
@@ -362,10 +355,8 @@ def _build_body_problem(root: FloatArray, rows: FloatArray, target: FloatArray) 
 
 
 def _list_identifiable(system: PayloadSystem, body: FloatArray) -> list[bool]:
-    """Return whether quantities are the same for all bodies that the equations leave free.
-
-    One point is not enough: the inertia about the centre does not change with a centre that is at zero.
-    """
+    """Return whether quantities are the same for all bodies that the equations leave free."""
+    # One point is not enough: the inertia about the centre does not change with a centre that is at zero.
     free = system.free.T * system.sizes
     points = [body, body + free.sum(axis=0), *(body + change for change in free)]
     rates = [compute_quantity_derivatives(point) for point in points]
@@ -393,10 +384,8 @@ def _list_quantities(
         elif 1 <= index <= 3 and std > radius:
             reason = f"its standard deviation, {std:.2g} m, exceeds the usual size of a body of that mass"
         elif index > 3 and std > largest:
-            reason = (
-                f"its standard deviation, {std:.2g} kg m^2, exceeds the inertia itself; move the joints near "
-                "the payload faster"
-            )
+            reason = f"its standard deviation, {std:.2g} kg m^2, exceeds the inertia itself; "
+            reason += "move the joints near the payload faster"
         value, deviation = (None, None) if reason else (float(values[index]), std)
         found.append(PayloadQuantity(name=name, unit=unit, value=value, std=deviation, reason=reason))
     return tuple(found)

@@ -15,7 +15,6 @@ Supported: trees of revolute and prismatic joints on a fixed base.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Generic
 
 from symid.dynamics.algebra import Algebra, Matrix, RobotState, T, Vector, transpose
@@ -210,7 +209,7 @@ def fold_vector(robot: Robot, algebra: Algebra[T], values: Sequence[T]) -> tuple
     result = [algebra.zero] * robot.freedom
     for value, row in zip(values, robot.transmission, strict=False):  # couplings have no entry here
         for position, factor in row:
-            share = value if factor == Fraction(1) else algebra.mul(algebra.constant(Exact.of(factor)), value)
+            share = algebra.mul(algebra.constant(Exact.of(factor)), value)
             result[position] = algebra.add(result[position], share)
     return tuple(result)
 

@@ -26,16 +26,8 @@ from dataclasses import dataclass
 
 from sympy.polys.rings import PolyElement
 
+from symid.dynamics import bodies
 from symid.dynamics.algebra import Algebra, Label, T, build_state
-from symid.dynamics.bodies import (
-    DRIVE_PARAMETERS,
-    Body,
-    build_unit_body,
-    compute_drive_column,
-    compute_drive_energy,
-    compute_momentum,
-    list_drive_parameters,
-)
 from symid.dynamics.exact_algebra import ExactAlgebra, Number, build_exact_algebra, differentiate
 from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_link_wrench
 from symid.dynamics.recursion import (
@@ -75,7 +67,7 @@ def compute_energy_regressor(
     return kinetic, (*(algebra.zero,) * 6, *map(neg, motion.gravity), motion.height)
 
 
-def compute_body_energy(algebra: Algebra[T], body: Body[T], motion: LinkMotion[T]) -> tuple[T, T]:
+def compute_body_energy(algebra: Algebra[T], body: bodies.Body[T], motion: LinkMotion[T]) -> tuple[T, T]:
     """Return kinetic and potential energy of a link (see the module's equation, its terms put together).
 
     T = w'(I w / 2 + MS x V) + M V'V / 2;  V = -g'MS + M u.
@@ -98,29 +90,29 @@ Columns = dict[Label, Sequence[T]]
 def _compute_columns(
     recursion: Recursion[T],
     keys: Sequence[Label],
-    link_wrench: Callable[[int, Body[T]], Wrench[T]],
+    link_wrench: Callable[[int, bodies.Body[T]], Wrench[T]],
     drive: tuple[Sequence[T], int],
 ) -> Columns[T]:
     """Return the columns of `keys`: wrenches projected on the axes; `drive` for `compute_drive_column`."""
     wrenches = {
-        (link, name): link_wrench(link, build_unit_body(recursion.algebra, name))
+        (link, name): link_wrench(link, bodies.build_unit_body(recursion.algebra, name))
         for link, name in keys
-        if name not in DRIVE_PARAMETERS
+        if name not in bodies.DRIVE_PARAMETERS
     }
     screws = transform_screws(recursion, build_axis_screws(recursion))
     columns: Columns[T] = {
         key: project_wrench(recursion, key[0], wrench, screws) for key, wrench in wrenches.items()
     }
     columns |= {
-        key: compute_drive_column(recursion, key, *drive) for key in keys if key[1] in DRIVE_PARAMETERS
+        key: bodies.compute_drive_column(recursion, key, *drive)
+        for key in keys
+        if key[1] in bodies.DRIVE_PARAMETERS
     }
     return {key: columns[key] for key in keys}
 
 
 def compute_torque_columns(
-    recursion: Recursion[T],
-    keys: Sequence[Label],
-    reference: Reference[T] | None = None,
+    recursion: Recursion[T], keys: Sequence[Label], reference: Reference[T] | None = None
 ) -> Columns[T]:
     """Return the torque regressor's columns: tau = Y(q, dq, ddq) pi.
 
@@ -142,7 +134,7 @@ def compute_momentum_columns(recursion: Recursion[T], keys: Sequence[Label]) -> 
     return _compute_columns(
         recursion,
         keys,
-        lambda link, body: compute_momentum(recursion.algebra, body, recursion.motions[link]),
+        lambda link, body: bodies.compute_momentum(recursion.algebra, body, recursion.motions[link]),
         (recursion.state.velocity, 0),
     )
 
@@ -155,9 +147,12 @@ def compute_lagrange_columns(recursion: Recursion[T], keys: Sequence[Label]) -> 
     """
     algebra, motions = recursion.algebra, recursion.motions
     falling = [Screw(angular=(algebra.zero,) * 3, linear=motion.gravity) for motion in motions]
-    links = [key for key in keys if key[1] not in DRIVE_PARAMETERS]
+    links = [key for key in keys if key[1] not in bodies.DRIVE_PARAMETERS]
     momenta, weights = (
-        {key: compute_momentum(algebra, build_unit_body(algebra, key[1]), moving[key[0]]) for key in links}
+        {
+            key: bodies.compute_momentum(algebra, bodies.build_unit_body(algebra, key[1]), moving[key[0]])
+            for key in links
+        }
         for moving in (motions, falling)
     )
     turned = transform_screws(recursion, compute_screw_rates(recursion))
@@ -167,7 +162,7 @@ def compute_lagrange_columns(recursion: Recursion[T], keys: Sequence[Label]) -> 
         for wrenches, screws in ((momenta, turned), (weights, axes))
     )
     columns = {key: list(map(algebra.add, entries, potential[key])) for key, entries in kinetic.items()}
-    return {key: columns.get(key) or compute_drive_column(recursion, key, None, -1) for key in keys}
+    return {key: columns.get(key) or bodies.compute_drive_column(recursion, key, None, -1) for key in keys}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,8 +185,8 @@ def derive_energy(robot: Robot) -> ExactEnergy:
     for link, motion in enumerate(recursion.motions):
         for name, moving, resting in zip(INERTIAL, *compute_energy_regressor(algebra, motion), strict=True):
             kinetic[link, name], potential[link, name] = moving, resting
-    for key in list_drive_parameters(robot):
-        kinetic[key], potential[key] = compute_drive_energy(recursion, key)
+    for key in bodies.list_drive_parameters(robot):
+        kinetic[key], potential[key] = bodies.compute_drive_energy(recursion, key)
     return ExactEnergy(robot=robot, algebra=algebra, kinetic=kinetic, potential=potential)
 
 

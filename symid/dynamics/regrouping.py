@@ -163,10 +163,8 @@ def build_regrouping(
     for number in range(len(rows)):
         if number not in pivots:
             sources = [titles[pivot] for k, pivot in enumerate(pivots) if entries[k, number] != 0]
-            text = (
-                f"the {len(rows)} groups are linearly dependent: {titles[number]} follows from "
-                f"{', '.join(sources) or 'nothing'}; leave one of them out"
-            )
+            text = f"the {len(rows)} groups are linearly dependent: {titles[number]} follows from "
+            text += f"{', '.join(sources) or 'nothing'}; leave one of them out"
             notices.append(Notice(code="usage.other-groups", text=text))
     if notices:
         raise UsageError(*notices)

@@ -103,10 +103,8 @@ def _shift_turning(algebra: Algebra[T], turning: Matrix[T], momentum: Vector[T],
 def _build_composite(
     algebra: Algebra[T], body: Body[T], motion: LinkMotion[T], *, double: bool
 ) -> _Composite[T]:
-    """Return a link alone: K = -[w x] Sigma + (v.m) E - v m', P = w x m + M v, twice if `double`.
-
-    Sigma = sum of m r r' = tr(I)/2 E - I, m the first moments.
-    """
+    """Return a link alone: K = -[w x] Sigma + (v.m) E - v m', P = w x m + M v, twice if `double`."""
+    # Sigma = sum of m r r' = tr(I)/2 E - I, m the first moments.
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = body[0]
     mul, plus, minus, neg, (wx, wy, wz) = algebra.mul, algebra.add, algebra.sub, algebra.neg, motion.angular
     sums = [minus(plus(yy, zz), xx), minus(plus(xx, zz), yy), minus(plus(xx, yy), zz)]
@@ -199,10 +197,8 @@ class _Sweep(Generic[T]):
 
 
 def _move_body(algebra: Algebra[T], body: Body[T], screw: Screw[T]) -> Body[T]:
-    """Return the change of a body that moves by a screw, about a frame that stands still.
-
-    z x m + M u, [z x] I - I [z x] + 2 (u.m) E - u m' - m u' for the screw (z, u).
-    """
+    """Return the change of a body that moves by a screw, about a frame that stands still."""
+    # z x m + M u, [z x] I - I [z x] + 2 (u.m) E - u m' - m u' for the screw (z, u).
     tensor, moments, mass = body
     z, u = screw.angular, screw.linear
     # The columns of [z x] I; I [z x] is its transpose with the other sign.

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.embedded.sources import Folder, Sources
+from tests.embedded.sources import Folder, Sources, make_sources
 from tests.embedded.tools import OBJECTS
 
 
@@ -45,10 +45,10 @@ def figure(record_property) -> Callable[[str], None]:
 @pytest.fixture(scope="session")
 def sources(tmp_path_factory, project) -> Sources:
     """Return the generated folders, made on demand."""
-    return Sources(project, tmp_path_factory.mktemp("generated"))
+    return make_sources(project, tmp_path_factory.mktemp("generated"))
 
 
 @pytest.fixture
 def folder(request, sources) -> Folder:
     """Return the folder of a robot, a precision and a trigonometry that the test is parametrised with."""
-    return sources.get(*request.param)
+    return sources(*request.param)

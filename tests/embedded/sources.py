@@ -1,7 +1,8 @@
 """Generated folders, one a robot, a precision and a choice of trigonometry."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -60,36 +61,28 @@ def with_folders(
     return pytest.mark.parametrize("folder", cases, indirect=True, ids=map("-".join, cases))
 
 
-@dataclass
-class Sources:
-    """Folders that are generated when first asked for."""
+Sources = Callable[..., Folder]
+"""The folder of a robot, a precision and a trigonometry, generated when first asked for."""
 
-    project: Path
-    root: Path
-    derived: dict[str, Functions] = field(default_factory=dict)
-    made: dict[tuple[str, str, str], Folder] = field(default_factory=dict)
 
-    def get(self, robot: str, precision: str, trigonometry: str = "library") -> Folder:
-        """Return the folder of a robot of `robots/`; two_link_elastic has the friction laws besides."""
-        key = (robot, precision, trigonometry)
-        if key not in self.made:
-            path = self.root / "_".join(key)
-            functions = self._derive(robot)
-            laws = robot == "two_link_elastic"
-            options = GenerateOptions(precision=precision, trigonometry=trigonometry, friction_laws=laws)
-            write_sources(generate_c_library(functions, options), path)
-            self.made[key] = Folder(
-                path=path,
-                robot=robot,
-                precision=precision,
-                trigonometry=trigonometry,
-                functions=functions,
-            )
-        return self.made[key]
+def make_sources(project: Path, root: Path) -> Sources:
+    """Return the call that generates folders of robots of `robots/`; elastic ones have friction laws too."""
 
-    def _derive(self, robot: str) -> Functions:
-        if robot not in self.derived:
-            described = read_robot(self.project / "robots" / f"{robot}.toml")
-            described = give_values(described) if robot == "panda" else described
-            self.derived[robot] = build_functions(described)
-        return self.derived[robot]
+    @cache
+    def derive(robot: str) -> Functions:
+        described = read_robot(project / "robots" / f"{robot}.toml")
+        return build_functions(give_values(described) if robot == "panda" else described)
+
+    @cache
+    def get(robot: str, precision: str, trigonometry: str) -> Folder:
+        path, functions, laws = (
+            root / f"{robot}_{precision}_{trigonometry}",
+            derive(robot),
+            "elastic" in robot,
+        )
+        options = GenerateOptions(precision=precision, trigonometry=trigonometry, friction_laws=laws)
+        write_sources(generate_c_library(functions, options), path)
+        named = {"robot": robot, "precision": precision, "trigonometry": trigonometry}
+        return Folder(path=path, functions=functions, **named)
+
+    return get

@@ -32,7 +32,7 @@ def find_reference(sources, tmp_path_factory):
 
     def find(robot):
         if robot not in known:
-            folder = sources.get(robot, "double")
+            folder = sources(robot, "double", "library")
             card = folder.functions.card
             place = tmp_path_factory.mktemp("reference")
             (place / "main.c").write_text(write_runner(folder.prefix, card, "double", STATES))

@@ -59,17 +59,6 @@ def library(request, robot, c_compiler, tmp_path_factory):
     return prepare(robot, tmp_path_factory.mktemp("cache"), compiler=request.param, backend="casadi")[0]
 
 
-@pytest.mark.parametrize("samples", [0, 1, 2, 255, 256, 257, 1000])
-def test_pieces_of_a_batch_are_put_together(library, samples):
-    rng, beta = np.random.default_rng(1), np.arange(1.0, 1.0 + len(library.card.beta))
-    q = rng.uniform(-3, 3, (samples, 2))
-    (found,) = library.evaluate("mass_matrix", q, beta)
-    assert (found.shape, found.flags.c_contiguous) == ((samples, 2, 2), True)
-    single = library.bind("mass_matrix")
-    for state, matrix in zip(q, found, strict=True):
-        np.testing.assert_array_equal(matrix, single(state, beta)[0])
-
-
 def test_parameters_of_one_batch_do_not_stay_for_the_next(library):
     q, beta = np.linspace(-1, 1, 600).reshape(-1, 2), np.ones(len(library.card.beta))
     (first,) = library.evaluate("gravity", q, beta)

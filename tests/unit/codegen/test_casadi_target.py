@@ -14,7 +14,7 @@ from symid.codegen.generation import run_selftest
 from symid.codegen.library import import_generated_module, load_library
 from symid.codegen.python_targets import generate_casadi_target
 from symid.codegen.source_folder import read_manifest, write_sources
-from symid.errors import GenerationError, UsageError
+from symid.errors import GenerationError
 from tests.builds import build_shipped, list_failed, make, run
 from tests.refusals import raises
 
@@ -164,15 +164,6 @@ def test_an_external_function_has_derivatives(loader):
     at = (np.array([0.3, -1.0]), np.array([2.0, 1.0]), np.arange(1.0, 7.0))
     np.testing.assert_allclose(np.array(compiled(*at)), np.array(wanted(*at)), rtol=1e-13)
     assert np.abs(np.array(wanted(*at))).max() > 1.0
-
-
-def test_a_library_built_before_the_sources_is_refused_until_it_is_built_again(copy, c_compiler):
-    assert load_library(copy).backend == "casadi"
-    write_sources(generate_casadi_target(build_shipped("two_link_elastic", "gravity", "mass_matrix")), copy)
-    with raises(UsageError, "usage.stale-library"):
-        load_library(copy)
-    make(copy, c_compiler, "clean", "shared")
-    assert len(load_library(copy).card.functions) == 2
 
 
 def test_a_folder_that_is_not_compiled_serves_and_says_so(folders, tmp_path):

@@ -4,20 +4,14 @@ import numpy as np
 import pytest
 
 from symid.codegen import cache, compiled_models
-from symid.codegen.compiled_models import (
-    PlantExperiment,
-    PlantLog,
-    PlantRobot,
-    load_plant_code,
-    run_compiled_branch,
-)
+from symid.codegen.cache import prepare_library
+from symid.codegen.compiled_models import PlantExperiment, PlantRobot, load_plant_code, run_compiled_branch
 from symid.errors import GenerationError
 from symid.joint_models import Relays, SlipSpring, run_branch, run_element, strip_branch
+from symid.robot import load_robot
 from tests.builds import run
 from tests.elements import ELEMENTS
 from tests.refusals import raises
-
-FIELDS = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
 
 def compile_nothing(*arguments):
@@ -50,17 +44,8 @@ def test_the_source_compiles_without_a_warning(project, tmp_path, c_compiler):
     run(tmp_path, c_compiler, *flags, project / "templates" / "c" / "elastic_plant.c", "-o", "plant.o")
 
 
-class Rigid:
-    """A library without compiled functions."""
-
-    class card:  # noqa: N801
-        robot = "paper"
-
-    class engine:  # noqa: N801
-        addresses = None
-
-
 def test_functions_without_addresses_are_refused(tmp_path, c_compiler):
+    library = prepare_library(load_robot("two_link"), names=("gravity",), cache=tmp_path, backend="python")
     one, none = np.ones(1), np.zeros((1, 0))
     ones = dict.fromkeys(("beta", "rotor", "stiffness", "cubic", "damping"), one)
     nones = dict.fromkeys(("radius", "weight", "knee", "slope"), none)
@@ -70,14 +55,7 @@ def test_functions_without_addresses_are_refused(tmp_path, c_compiler):
     order = PlantExperiment(period=1e-3, substeps=1, parts=1, play=none, **tracks, **ones)
     assert (robot.size, order.ticks) == (1, 3)
     with raises(GenerationError, "codegen.no-address"):
-        load_plant_code(cache=tmp_path).run(Rigid(), robot, order)
-
-
-def test_records_keep_their_arrays_from_being_written():
-    values = np.ones((4, 2))
-    log = PlantLog(**{name: values.copy() for name in FIELDS}, ticks=4)
-    with pytest.raises(ValueError, match="read-only"):
-        log.q[0, 0] = 2.0
+        load_plant_code(cache=tmp_path).run(library, robot, order)
 
 
 STEPPED = sorted(name for name, element in ELEMENTS.items() if any(is_stepped(b) for b in element.branches))

@@ -2,8 +2,6 @@
 
 from itertools import chain
 
-import numpy as np
-import pytest
 from hypothesis import given, strategies as st
 
 from symid.codegen.equation_routes import _Factors
@@ -43,25 +41,3 @@ def test_branches_of_a_tree_cost_nothing_to_each_other(parents):
     zero = table.constant(0.0)
     for joint, row in enumerate(lower):
         assert {k for k, value in enumerate(row) if value != zero} == set(list_carriers(parents, joint))
-
-
-class Numbers:
-    """Numbers in place of a table's values."""
-
-    one = 1.0
-    add = staticmethod(lambda a, b: a + b)
-    mul = staticmethod(lambda a, b: a * b)
-    div = staticmethod(lambda a, b: a / b)
-
-
-@given(parents=PARENTS, seed=st.integers(0, 2**32 - 1))
-def test_they_solve_and_invert_a_matrix(parents, seed):
-    rng, n = np.random.default_rng(seed), len(parents)
-    related = np.eye(n, dtype=bool)
-    for joint in range(n):
-        related[joint, list_carriers(parents, joint)] = True
-    root = related * rng.normal(size=(n, n)) + 3.0 * np.eye(n)
-    matrix, right = root.T @ root, rng.normal(size=n)
-    factors = _Factors(Numbers(), matrix.tolist())
-    assert factors.solve(right.tolist()) == pytest.approx(np.linalg.solve(matrix, right), rel=1e-9, abs=1e-12)
-    assert np.array(factors.invert()) == pytest.approx(np.linalg.inv(matrix), rel=1e-9, abs=1e-12)

@@ -5,8 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -14,25 +12,6 @@ from symid.codegen import cache
 from symid.codegen.cache import lock_folder
 from symid.errors import OutputError
 from tests.refusals import raises
-
-
-def test_one_at_a_time_and_nothing_is_left(tmp_path):
-    inside, most, entered = [], [], []
-
-    def run(number):
-        for _ in range(5):
-            with lock_folder(tmp_path / "out", lambda: None):
-                inside.append(number)
-                most.append(len(inside))
-                time.sleep(0.0005)
-                inside.remove(number)
-                entered.append(number)
-
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(run, range(4)))
-    assert len(entered) == 20
-    assert max(most) == 1
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(("name", "other"), [("out", "link"), ("deep/out", "deep/out")])
@@ -66,14 +45,6 @@ def test_it_is_given_back_after_an_error(tmp_path, name):
     with lock_folder(tmp_path / name, lambda: pytest.fail("waited")):
         pass
     assert list(tmp_path.iterdir()) == []
-
-
-def test_other_folders_are_not_locked(tmp_path):
-    with (
-        lock_folder(tmp_path / "out", lambda: None),
-        lock_folder(tmp_path / "other", lambda: pytest.fail("waited")),
-    ):
-        pass
 
 
 HOLD = """
@@ -125,18 +96,6 @@ def test_processes_with_their_own_temporary_folders_take_turns(tmp_path, tmp_pat
         running.append(subprocess.Popen(command, env=environment))
     assert [process.wait(timeout=100) for process in running] == [0, 0, 0]
     assert list(place.iterdir()) == []
-
-
-def test_a_lock_on_a_file_that_was_removed_is_none(tmp_path):
-    """Whoever comes next makes a file anew, and would not see it."""
-    path = tmp_path / ".out.symid-lock"
-    lock = cache.FileLock(path)
-    with lock:
-        assert cache._is_held(lock, path)
-        path.unlink()
-        assert not cache._is_held(lock, path)
-        path.touch()
-        assert not cache._is_held(lock, path)
 
 
 def test_beside_a_folder_that_cannot_be_written_the_cache_folder_has_the_lock(tmp_path, monkeypatch):

@@ -16,12 +16,7 @@ from symid.joint_models import FrictionValues
 from symid.robot import load_robot
 from symid.robot.toml_reader import parse_robot
 from tests.builds import list_failed, make, run, spoil, write_c
-from tests.state_laws import (
-    count_deflections,
-    give_values,
-    take_step,
-    write_table,
-)
+from tests.state_laws import count_deflections, give_values, take_step, write_table
 
 STRICT = "-O1 -Wall -Wextra -Werror"
 HEAD = 'name = "{}"\nconvention = "modified"\ngravity = [0, 0, -9.81]\n'

@@ -137,16 +137,6 @@ def test_what_cannot_be_used_is_refused_and_nothing_is_written(name, compiled):
     assert code == OK
 
 
-def test_the_files_are_the_same_every_time_and_name_every_parameter(name):
-    law = get_dynamic_law(name)
-    (header_name, header), (source_name, source) = files = generate_friction_state(law)
-    assert files == generate_friction_state(law)
-    assert (header_name, source_name) == (f"symid_friction_{name}.h", f"symid_friction_{name}.c")
-    for parameter in law.parameters:
-        assert f"double {parameter.name}; /**< {parameter.meaning}" in header
-        assert f"p->{parameter.name}" in source
-
-
 def test_a_step_of_lugre_costs_two_exponentials():
     operations = count_operations(build_step_program(get_dynamic_law("lugre")))
     assert operations.trig <= 3

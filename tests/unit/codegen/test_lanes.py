@@ -224,20 +224,6 @@ def test_programs_with_other_functions_have_no_block():
     )
 
 
-def test_outputs_are_written_as_soon_as_they_are_there():
-    table = ExpressionTable()
-    x, y = table.input(0, 0), table.input(0, 1)
-    first = table.mul(x, y)
-    statements = print_c(build_program(table, first, table.mul(first, x), -y), "double").statements
-    assert [text.split(" = ")[0] for text in statements] == [
-        "const double t3",
-        "y[0]",
-        "const double t4",
-        "y[1]",
-        "y[2]",
-    ]
-
-
 def test_library_sines_are_calls(tmp_path):
     functions = build_shipped("two_link")
     own, library = (

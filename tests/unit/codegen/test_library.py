@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from symid.codegen import library as library_module
-from symid.codegen.c_library import generate_c_library
 from symid.codegen.cache import prepare_library
 from symid.codegen.library import check_outputs, load_library
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
@@ -31,10 +30,12 @@ def made():
 
 @pytest.fixture(scope="module")
 def built(made, tmp_path_factory, c_compiler):
-    """Return folders of both compiled targets; tests change copies of them."""
+    """Return folders of all compiled targets; tests change copies of them."""
     root = tmp_path_factory.mktemp("built")
-    for name, generate in (("c", generate_c_library), ("casadi", generate_casadi_target)):
-        write_sources(generate(made), root / name)
+    write_c(made, root / "c")
+    write_c(made, root / "float", precision="float")
+    write_sources(generate_casadi_target(made), root / "casadi")
+    for name in ("c", "float", "casadi"):
         make(root / name, c_compiler, "shared")
     return root
 
@@ -50,7 +51,7 @@ def prepared(tmp_path_factory, c_compiler):
     return prepare_library(load_robot("two_link"), names=NAMES, cache=tmp_path_factory.mktemp("cache"))
 
 
-@pytest.fixture(params=["c", "built-in", "python", "casadi", "casadi-machine"])
+@pytest.fixture(params=["c", "float", "built-in", "python", "casadi", "casadi-machine"])
 def library(request, made, tmp_path):
     if request.param == "built-in":
         return request.getfixturevalue("prepared")
@@ -147,13 +148,23 @@ def make_arrays(library, samples):
     return q, rng.uniform(1, 2, len(library.card.beta))
 
 
+@pytest.mark.parametrize("samples", [0, 1, 2, 255, 256, 257, 4100])
+def test_pieces_of_a_batch_are_put_together(library, samples):
+    q, beta = make_arrays(library, (samples,))
+    (found,) = library.evaluate("mass_matrix", q, beta)
+    assert (found.shape, found.flags.c_contiguous) == ((samples, 2, 2), True)
+    single = library.bind("mass_matrix")
+    wanted = np.array([single(state, beta)[0] for state in q]).reshape(found.shape)
+    np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-6)
+
+
 @pytest.mark.parametrize("samples", [(), (1,), (1300,)])
 def test_outputs_go_into_the_arrays_of_the_caller(library, samples):
     q, beta = make_arrays(library, samples)
     (wanted,) = library.evaluate("mass_matrix", q, beta)
     target = np.full((*samples, 2, 2), np.nan)
     (found,) = library.evaluate("mass_matrix", q, beta, out=(target,))
-    assert found is target
+    assert (found is target, wanted.dtype) == (True, np.float64)
     np.testing.assert_array_equal(target, wanted)
 
 
@@ -253,44 +264,6 @@ def test_outputs_that_share_memory_are_refused(library):
         check_outputs(card, spec, None, (block[:2], block[1:]))
     apart = (np.empty(2), np.empty(2))
     assert check_outputs(card, spec, None, apart) == apart
-
-
-def test_a_float_library_gives_and_fills_arrays_of_doubles(made, tmp_path, c_compiler):
-    make(write_c(made, tmp_path, precision="float"), c_compiler, "shared")
-    library = load_library(tmp_path)
-    q, beta = make_arrays(library, ())
-    target = np.full(2, np.nan)
-    wanted = library.evaluate("gravity", q, beta)[0]
-    assert library.evaluate("gravity", q, beta, out=(target,))[0] is target
-    np.testing.assert_array_equal(target, wanted)
-    bound, keeping = library.bind("gravity"), library.bind("gravity", out=(target,))
-    target[...] = np.nan
-    assert bound(q, beta)[0].dtype == np.float64
-    np.testing.assert_array_equal(keeping(q, beta)[0], bound(q, beta)[0])
-    assert keeping(q, beta)[0] is target
-
-
-def test_batches_of_a_module_go_through_in_few_pieces_of_its_own_arrays(made, tmp_path, monkeypatch):
-    """NumPy pays for each operation of a piece, so that small pieces are slower than the module itself."""
-    library = load_library(write_python(made, tmp_path / "p"))
-    rng, beta = np.random.default_rng(3), np.ones(len(library.card.beta))
-    plain, given, results = library.engine.module.gravity, [], []
-
-    def watch(q, parameters):
-        given.append(len(q))
-        results.append(plain(q, parameters))
-        return results[-1]
-
-    for count, pieces in ((10_000, [4096, 4096, 1808]), (4096, [4096]), (1, [1]), (0, [0])):
-        q = rng.uniform(-1, 1, (count, 2))
-        wanted = plain(q, beta)
-        with monkeypatch.context() as patch:
-            patch.setattr(library.engine.module, "gravity", watch)
-            given.clear()
-            (found,) = library.evaluate("gravity", q, beta)
-        assert given == pieces
-        assert len(pieces) > 1 or found is results[-1]
-        np.testing.assert_array_equal(found, wanted)
 
 
 def test_an_update_that_runs_is_waited_for(made, tmp_path):

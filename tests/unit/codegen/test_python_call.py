@@ -5,7 +5,6 @@ import gc
 import shutil
 import sys
 import sysconfig
-import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from types import BuiltinFunctionType
 
@@ -127,33 +126,6 @@ def test_no_reference_is_lost_or_kept(library):
     assert counts[0] == counts[1]
 
 
-def test_a_hundred_thousand_calls_leave_no_memory_behind(library):
-    bound, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
-    keeping = library.bind("inverse_dynamics", out=(np.empty(spec.outputs[0].shape),))
-    values, wrong = draw(spec, 2), np.ones(9)
-
-    def call(times):
-        for _ in range(times):
-            bound(*values), keeping(*values)
-        for _ in range(times // 100):
-            with contextlib.suppress(UsageError):
-                bound(wrong, *values[1:])
-
-    call(200)
-    gc.collect()
-    tracemalloc.start()
-    try:
-        before, _ = tracemalloc.get_traced_memory()
-        call(100_000)
-        gc.collect()
-        after, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    # One array a call would be ten megabytes.
-    assert after - before < 20_000
-    assert peak - before < 200_000
-
-
 @pytest.mark.parametrize("case", ["a function each", "one function", "lists"])
 def test_calls_of_many_threads_do_not_mix(library, case):
     one, spec = library.bind("inverse_dynamics"), find_spec(library, "inverse_dynamics")
@@ -255,13 +227,6 @@ def test_an_extension_module_that_does_not_load_is_an_error(tmp_path, c_compiler
     run(tmp_path, c_compiler, *choose_call_path().flags, "-fPIC", "-shared", "x.c", "-o", "x.so")
     with raises(GenerationError, "codegen.cannot-load", match="old"):
         load_extension(tmp_path / "x.so", "x")
-
-
-def test_a_library_without_the_calls_goes_through_ctypes(library, tmp_path, c_compiler):
-    """What `make shared` builds stands without Python."""
-    write_c(build_shipped("two_link", *NAMES), tmp_path)
-    make(tmp_path, c_compiler, "shared")
-    check_fallback(load_library(tmp_path))
 
 
 def make_card():

@@ -107,69 +107,16 @@ def test_a_wrong_sign_is_noticed_wherever_it_stands(crooked):
     assert missed <= 0.02 * tried
 
 
-def test_no_two_elements_weigh_the_same():
-    count = 97 * 101
-    places = np.arange(count)
-    weights = np.stack([m + s * places % m for m, s in WEIGHTS], axis=1)
-    assert len({tuple(row) for row in weights.tolist()}) == count
-    for column, (modulus, _) in zip(weights.T, WEIGHTS, strict=True):
-        assert column.min() >= modulus
-        assert column.max() < 2 * modulus
-
-
-def test_functions_share_their_states():
-    made = build_shipped("two_link")
-    references = build_own_references(made)
-    seen = {}
-    for program, reference in zip(made.programs, references, strict=True):
-        for port, rows in zip(program.spec.inputs, reference.inputs, strict=True):
-            assert len(rows) == (1 if port.shared else 100)
-            assert seen.setdefault((port.name, port.size), rows) == rows
-        for port, whole, sums in zip(program.spec.outputs, reference.whole, reference.sums, strict=True):
-            assert (len(whole), len(sums)) == (2, 100)
-            elements = np.array(whole)
-            for k, (m, s) in enumerate(WEIGHTS):
-                weights = m + s * np.arange(port.size) % m
-                np.testing.assert_allclose(elements @ weights, np.array(sums)[:2, k], rtol=0, atol=1e-9)
-
-
-def test_a_function_alone_has_the_states_that_it_has_among_others():
-    made, alone = build_shipped("two_link"), build_shipped("two_link", "bias")
-    k = [program.spec.name for program in made.programs].index("bias")
-    one = build_own_references(alone)[0]
-    many = build_own_references(made)[k]
-    assert one.inputs[:2] == many.inputs[:2]
-
-
 def make_program(name, build):
     return make_toy(build, name, q=2, dq=2)[1]
 
 
 TURNS = make_program("turns", lambda q, dq: ca.vertcat(ca.sin(q[0]) * dq[0], -ca.cos(-q[0]) - ca.sin(q[1])))
-SPRING = make_program("spring", lambda q, dq: ca.vertcat(ca.sin(q[0]), 3 * q[1] + dq[0]))
-SUM = make_program("sum", lambda q, dq: ca.vertcat(ca.sin(q[0] + q[1]), dq[1]))
-GIVEN = make_program("given", lambda q, _: ca.vertcat(-q[0], ca.sin(q[0])))
-NO_ANGLES = make_program("none", lambda _, dq: ca.vertcat(dq[0], dq[1]))
 
 
 def test_limits_are_those_of_the_generated_code():
     for precision, limit in ANGLE_LIMITS.items():
         assert f"(x) <= {limit!r}{'f' * (precision == 'float')})" in write_simd_header("X", precision)
-
-
-@pytest.mark.parametrize(
-    ("programs", "angles"),
-    [
-        ((TURNS,), {("q", 2, 0), ("q", 2, 1)}),
-        ((SPRING,), {("q", 2, 0)}),
-        ((SUM,), set()),
-        ((GIVEN,), set()),
-        ((NO_ANGLES,), set()),
-        ((NO_ANGLES, SPRING, TURNS, SUM), {("q", 2, 0), ("q", 2, 1)}),
-    ],
-)
-def test_angles_are_what_a_function_takes_sines_of_alone(programs, angles):
-    assert list_angle_inputs(programs) == angles
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
@@ -191,30 +138,3 @@ def test_a_few_states_lie_far_out_and_are_exact_in_the_precision(precision):
     whole = np.rint(q * PER_UNIT)
     assert np.abs(whole).max() < 2**31
     np.testing.assert_array_equal(whole[rows] / PER_UNIT, q[rows])
-
-
-def test_a_function_that_uses_an_angle_otherwise_has_it_near_in_a_table_of_its_own():
-    angles = list_angle_inputs([TURNS, SPRING, NO_ANGLES])
-    states = SampleStates(count=100, seed=1, shared={}, angles=angles)
-    assert np.abs(states.compute_all(TURNS)[1][0]).max() > 1e6
-    assert np.abs(states.compute_all(SPRING)[1][0]).max() <= 3.0
-    assert states.compute_all(TURNS)[0] == ("q_2", "dq_2")
-    assert states.compute_all(SPRING)[0] == ("q_2_near", "dq_2")
-    near = np.abs(states.compute_all(TURNS)[1][0]).max(axis=1) <= 3.0
-    np.testing.assert_array_equal(
-        states.compute_all(SPRING)[1][0][near], states.compute_all(TURNS)[1][0][near]
-    )
-
-
-def test_few_states_are_all_near():
-    states = SampleStates(count=20, seed=1, shared={}, angles=list_angle_inputs([TURNS]))
-    assert np.abs(states.compute_all(TURNS)[1][0]).max() <= 3.0
-
-
-@pytest.mark.parametrize("name", ["two_link", "two_link_elastic", "scara"])
-def test_angles_of_robots_go_far_out_and_lengths_do_not(name):
-    functions = build_shipped(name, "gravity", "mass_matrix")
-    revolute = {k for k, joint in enumerate(functions.card.joints) if joint.kind == "revolute"}
-    found = list_angle_inputs(functions.programs)
-    assert found
-    assert {k for _, _, k in found} <= revolute

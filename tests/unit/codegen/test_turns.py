@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from symid.codegen.equation_routes import build_workspace
 from symid.codegen.functions import list_robot_specs
 from symid.codegen.printing import print_python
-from symid.codegen.programs import ExpressionTable, Op, build_depth_first, count_operations
+from symid.codegen.programs import build_depth_first, count_operations
 from symid.codegen.routes import choose_route, list_routes
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.dynamics.frame_choice import list_constant_rotations, remove_constant_rotations
+from symid.dynamics.frame_choice import list_constant_rotations
 from symid.robot.geometry import Exact, build_exact_angle, place_modified_dh
-from tests.chains import PANDA, PUMA560, STANFORD, TWO_LINK, build_route_programs, trees
-from tests.sx_programs import make_spec, run_program
+from tests.chains import PUMA560, STANFORD, build_route_programs, trees
+from tests.sx_programs import run_program
 
 ROWS = [(0.0, 0.0, 0.3), (np.pi / 2, 0.1, 0.0), (0.0, 0.4, 0.1), (np.pi / 3, 0.02, 0.0)]
 
@@ -43,22 +43,6 @@ def count(program):
 
 def find_plain_best(robot, base, spec):
     return min(map(count, build_route_programs(robot, base, spec).values()))
-
-
-def test_turns_are_found_and_removed():
-    turns = list_constant_rotations(ARM)
-    np.testing.assert_allclose([turns[k] for k in (0, 1, 2)], [0.4, np.pi / 6, -2.5], rtol=1e-14)
-    assert list(turns) == [0, 1, 2], "half a turn costs nothing"
-    straight = remove_constant_rotations(ARM, turns)
-    for k in turns:
-        assert straight.joints[k].placement == PLAIN.joints[k].placement
-    assert straight.joints[3] == ARM.joints[3]
-    assert (
-        list_constant_rotations(PANDA)
-        == list_constant_rotations(TWO_LINK)
-        == list_constant_rotations(straight)
-        == {}
-    )
 
 
 @settings(max_examples=20, deadline=None)
@@ -119,14 +103,3 @@ def test_the_same_values_with_fewer_alive(robot):
             if spec.name != "forward_dynamics_derivatives":
                 before, after = before + count_registers(program), after + count_registers(ordered)
     assert after < 0.8 * before
-
-
-def test_the_larger_operand_comes_first():
-    table = ExpressionTable()
-    a, b, c = (table.input(0, k) for k in range(3))
-    small = table.apply(Op.SIN, c)
-    large = table.mul(table.add(a, b), table.apply(Op.COS, b))
-    outputs = [table.mul(small, large), table.mul(c, c)]
-    ordered = build_depth_first(table.build_program(make_spec({"x": 3}, {"y": 2}), [outputs]))
-    found = [instruction.op for instruction in ordered.instructions if instruction.op is not Op.INPUT]
-    assert found == [Op.ADD, Op.COS, Op.MUL, Op.SIN, Op.MUL, Op.MUL]

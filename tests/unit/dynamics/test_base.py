@@ -8,7 +8,7 @@ import pytest
 from sympy import Rational, Symbol, sqrt
 
 from symid.dynamics.base_parameters import BASE_FORMS, build_standard_parameters, derive_base_parameters
-from symid.dynamics.explanations import get_label_unit, write_combination, write_number
+from symid.dynamics.explanations import get_label_unit, write_number
 from symid.errors import RobotError
 from symid.joint_models import FrictionValues
 from symid.robot.description import Coupling, Spring
@@ -119,12 +119,6 @@ def test_what_would_not_end_is_refused():
 )
 def test_numbers(value, text):
     assert write_number(value) == text
-
-
-def test_combinations():
-    terms = [("XX2", Rational(1)), ("YY2", Rational(-1)), ("M3", Rational(-1, 4)), ("MZ3", Rational(1, 2))]
-    assert write_combination(terms) == "XX2 - YY2 - 0.25*M3 + 0.5*MZ3"
-    assert write_combination([("M1", Rational(-2))]) == "-2*M1"
 
 
 def test_every_parameter_has_a_reason():

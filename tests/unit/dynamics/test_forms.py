@@ -14,8 +14,6 @@ from symid.dynamics.base_parameters import (
     derive_parameter_formulas,
 )
 from symid.errors import RobotError
-from symid.joint_models import FrictionValues
-from symid.robot.description import Drive
 from symid.robot.toml_reader import parse_robot, read_robot
 from tests.chains import TWO_LINK, build_chain, draw_parameters
 from tests.refusals import raises
@@ -123,20 +121,6 @@ def with_values(robot, parameters, **fields):
     return dataclasses.replace(robot, joints=joints)
 
 
-def test_drive_and_friction_values():
-    parameters = draw_parameters(np.random.default_rng(0), 2)
-    robot = with_values(
-        TWO_LINK,
-        parameters,
-        drive=Drive(has_rotor=True, rotor_inertia=0.2),
-        friction=FrictionValues(law="coulomb-viscous", values=(0.3, 0.4)),
-    )
-    values = compute_parameter_values(robot, derive_base_parameters(robot))
-    assert values["ZZR1"] == pytest.approx(parameters[0, 5] + 0.25 * parameters[1, 9] + 0.2, rel=1e-15)
-    assert values["MXR1"] == pytest.approx(parameters[0, 6] + 0.5 * parameters[1, 9], rel=1e-15)
-    assert (values["IA2"], values["Fv1"], values["Fc2"]) == (0.2, 0.3, 0.4)
-
-
 def test_unknown_members_leave_the_group_unknown():
     parameters = draw_parameters(np.random.default_rng(0), 2)
     robot = with_values(TWO_LINK, parameters)
@@ -153,11 +137,6 @@ def test_symbolic_lengths_take_their_values():
     assert compute_parameter_values(symbolic, derive_base_parameters(symbolic)) == pytest.approx(
         compute_parameter_values(numeric, derive_base_parameters(numeric)), rel=1e-15
     )
-    q, dq, ddq = np.random.default_rng(1).uniform(-2, 2, (3, 2))
-    first, second = (
-        build_functions(robot, names=("torque_regressor",)).functions[0] for robot in (arm, TWO_LINK)
-    )
-    np.testing.assert_allclose(first(q, dq, ddq), second(q, dq, ddq), rtol=1e-15)
 
 
 def test_code_needs_values_of_symbols():

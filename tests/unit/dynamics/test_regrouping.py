@@ -71,19 +71,6 @@ def test_factors_out_of_all_reason_are_refused(robot, factor):
         read_group(f"fv1 - {factor}*fv2", robot)
 
 
-def test_our_own_groups_are_the_unit_matrix(base):
-    ours = (*base.parameters, *base.friction)
-    groups = [{label: Fraction(int(value.p), int(value.q)) for label, value in entry.terms} for entry in ours]
-    found = derive_regrouping(base, groups)
-    assert len(found.rows) + len(found.absent) == len(found.names)
-    assert found.absent == ()
-    assert all(
-        value == (1 if k == column else 0)
-        for k, row in enumerate(found.rows)
-        for column, value in enumerate(row)
-    )
-
-
 def test_other_groups_of_the_same_space(base):
     """Twice the first and a sum of both say the same as the first two."""
     first, second = (

@@ -12,7 +12,6 @@ import pytest
 
 from symid.ipopt import (
     IPOPT_STATUSES,
-    LINEAR_SOLVER,
     Constraints,
     Ending,
     GraphProblem,
@@ -95,18 +94,6 @@ def test_expressions_have_the_optimum_of_functions(scales):
     np.testing.assert_allclose(minimise_graph(box, np.zeros(3), OPTIONS, scales).x, expected, atol=1e-6)
 
 
-def test_a_scaled_problem_has_the_derivatives_of_its_value():
-    scaled = build(-1.0, 4.0).scale(np.array([2.0, 0.5, 10.0]))
-    z, step = np.array([0.3, -0.7, 0.2]), 1e-6
-    for place, unit in enumerate(np.eye(3) * step):
-        rise = (scaled.value(z + unit) - scaled.value(z - unit)) / (2.0 * step)
-        assert scaled.gradient(z)[place] == pytest.approx(rise, rel=1e-6)
-        turn = (scaled.gradient(z + unit) - scaled.gradient(z - unit)) / (2.0 * step)
-        np.testing.assert_allclose(scaled.hessian(z)[place], turn, rtol=1e-6)
-    np.testing.assert_array_equal(scaled.lower, [-0.5, -2.0, -0.1])
-    np.testing.assert_array_equal(scaled.upper, [2.0, 8.0, 0.4])
-
-
 def test_ends_that_are_no_optimum_are_told_and_the_last_point_is_kept():
     assert minimise(build(), np.zeros(3), IpoptOptions(tolerance=1e-10, iterations=0)).outcome is Ending.LIMIT
     broken = SmoothProblem(
@@ -144,25 +131,6 @@ def test_only_success_converges():
     outcome, reason = describe_ipopt_status("Something_Else")
     assert outcome is Ending.FAILED
     assert "Something_Else" in reason
-
-
-@pytest.mark.parametrize(("name", "status"), [(LINEAR_SOLVER, "Solve_Succeeded"), ("ma27", "Invalid_Option")])
-def test_the_linear_solver_is_the_one_that_was_asked_for_or_none(name, status, tmp_path):
-    log = tmp_path / "ipopt.txt"
-    x = casadi.MX.sym("x")
-    options = {
-        "linear_solver": name,
-        "output_file": str(log),
-        "file_print_level": 5,
-        "print_level": 0,
-        "sb": "yes",
-    }
-    settings = {"ipopt": options, "print_time": False, "error_on_fail": False}
-    solver = casadi.nlpsol("test", "ipopt", {"x": x, "f": (x - 1.0) ** 2}, settings)
-    solver(x0=0.0)
-    assert solver.stats()["return_status"] == status
-    text = log.read_text() if log.is_file() else ""
-    assert ("running with linear solver mumps" in text.lower()) is (name == LINEAR_SOLVER)
 
 
 def test_casadi_and_sympy_are_not_loaded_before_they_are_needed():

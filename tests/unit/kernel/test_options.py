@@ -6,15 +6,7 @@ import pytest
 
 import symid
 from symid.cli.identification import identify_command
-from symid.options import (
-    ExciteOptions,
-    GenerateOptions,
-    PayloadOptions,
-    SimulateOptions,
-    list_flags,
-    list_options,
-    merge,
-)
+from symid.options import ExciteOptions, PayloadOptions, SimulateOptions, list_options, merge
 
 RECORDS = [symid.IdentifyOptions, symid.LawOptions, ExciteOptions, SimulateOptions, PayloadOptions]
 
@@ -62,12 +54,6 @@ def test_records_are_frozen_and_explained(record):
     assert not hasattr(options, "__dict__")
 
 
-def test_names_of_the_command_line_may_be_others():
-    assert list_flags(SimulateOptions)["period"] == "control_period"
-    flags = list_flags(symid.IdentifyOptions)
-    assert (flags["thresholds"], flags["knees"], flags["lambda"]) == ("threshold_count", "knee_count", "rate")
-
-
 def test_the_verb_has_the_options_of_its_records():
     shown = {parameter.name: parameter for parameter in identify_command.params}
     for record in (symid.IdentifyOptions, symid.LawOptions):
@@ -86,7 +72,3 @@ def test_a_prior_is_percent_of_the_robot_or_a_factor_on_a_fit():
         assert (
             find_notices(lambda options=options: robot.identify(log, options=options))[0][0] == "usage.prior"
         )
-
-
-def test_a_self_test_has_states():
-    assert find_notices(lambda: GenerateOptions(states=0))[0][0] == "usage.states"

@@ -2,7 +2,6 @@
 
 import os
 import resource
-import shutil
 import subprocess
 import sys
 import time
@@ -82,25 +81,18 @@ write_file(Path({str(tmp_path / "out" / "fit.json")!r}), write)
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["fit.json"]
 
 
-@pytest.fixture(params=["full disk", "limit"])
-def small_place(request, tmp_path):
+@pytest.fixture
+def small_place(tmp_path):
     """Return a folder in which no file can be longer than 64 kB."""
-    if request.param == "limit":
-        before = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (65536, before[1]))
-        yield tmp_path
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        return
-    command = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(tmp_path)]
-    if shutil.which("mount") is None or subprocess.run(command, check=False, capture_output=True).returncode:
-        pytest.skip("a disk that is full wants a file system of its own, and that a superuser")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (65536, before[1]))
     yield tmp_path
-    subprocess.run(["umount", str(tmp_path)], check=True)
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def test_a_file_that_has_no_room_leaves_the_old_one_and_no_scratch(small_place):
     path = write_file(small_place / "fit.json", "old")
-    with raises(OutputError, "output.write", match=r"No space left|File too large"):
+    with raises(OutputError, "output.write", match="File too large"):
         write_file(path, "x" * 10**6)
     assert [entry.name for entry in small_place.iterdir()] == ["fit.json"]
     assert path.read_text() == "old"
