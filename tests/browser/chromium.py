@@ -1,6 +1,5 @@
 """A headless Chromium for tests, driven over its debugging pipe: no package, no port, no network."""
 
-import base64
 import contextlib
 import fcntl
 import json
@@ -113,10 +112,6 @@ class Browser:
         kinds = ["mousePressed", *["mouseMoved"] * (len(points) - 2), "mouseReleased"]
         for kind, (x, y) in zip(kinds, points, strict=True):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
-
-    def print(self, path):
-        found = self.call("Page.printToPDF", printBackground=False, preferCSSPageSize=False)
-        Path(path).write_bytes(base64.b64decode(found["data"]))
 
     def close(self):
         self.process.terminate()

@@ -146,12 +146,6 @@ def test_formulas_are_copied_as_c(visit, tmp_path):
         assert float(line) == pytest.approx(shown[name], rel=1e-12, abs=1e-15)
 
 
-def test_a_printed_page_has_everything_open(visit, tmp_path):
-    browser = visit("two_link")
-    browser.print(tmp_path / "lesson.pdf")
-    assert (tmp_path / "lesson.pdf").read_bytes().startswith(b"%PDF")
-
-
 def test_exercises_are_marked(browser, tmp_path):
     page = symid.load("two_link_symbols").write_lesson(tmp_path / "page.html", exercises=10, seed=3)
     browser.size(1280, 900)

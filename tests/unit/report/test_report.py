@@ -49,20 +49,18 @@ def test_the_page_needs_nothing_else(tmp_path, result):
     assert sorted(reader.links) == sorted(f"#{anchor}" for anchor in reader.anchors)
     assert len(set(reader.anchors)) == len(reader.anchors)
     assert reader.tags.count("script") == 1
-    assert "@import" not in text
-    assert "url(" not in text
     assert reader.tags.count("svg") == 8
     assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
 
 
 def test_names_are_escaped_origin_is_told_and_tables_scroll(result):
     estimate, validation = result
-    notices = (Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz"),)
-    options = {"notices": notices, "origin": ("robot arm of arm.toml",)}
+    notice = Notice(code="log.converted", text="torque: multiplied by 2", file="a.npz")
+    options = {"notices": (notice, notice), "origin": ("robot arm of arm.toml",)}
     text = pages.render_page(build_identification_page(estimate, (validation,), **options))
     assert "&lt;log 7&gt;" in text
     assert "<log 7>" not in text
-    assert "a.npz: torque: multiplied by 2" in text
+    assert text.count("a.npz: torque: multiplied by 2") == 1
     assert f"Written by symid {__version__}; robot arm of arm.toml." in text
     # That of the settings breaks its lines.
     assert text.count("<table>") == text.count('<div class="scroll"') + 1 == 7
