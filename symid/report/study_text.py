@@ -15,7 +15,6 @@ recordings.
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -50,7 +49,7 @@ def list_tables(study: paper.FrictionStudy) -> tuple[Table, ...]:
         _list_sums(study.gains),
         _list_gains(study.gains),
         *map(_list_contest, study.contests),
-        *map(_list_second, study.second),
+        *map(_list_recovery, study.second),
     )
 
 
@@ -124,47 +123,40 @@ def _list_races(races: Sequence[paper.SearchRace]) -> Table:
     return Table(header, rows, (0, 1), title, note)
 
 
-def _transpose(
-    study: paper.Recovery, truth: str, lines: Sequence[tuple[str, str, str]], title: str, note: str
-) -> Table:
-    """Return a table with a column for each parameter, and a row for each name, field and format."""
-    shared = (
-        (f"{truth} = truth", "truth", ".5g"),
+def _list_recovery(study: paper.Recovery) -> Table:
+    """Return a table with a column for each parameter of a joint of the paper, or of the second robot."""
+    second = study.joint in {row.name for row in paper.RV_2SQ}
+    lines = [
+        (f"{'published' if second else 'paper'} = truth", "truth", ".5g"),
         ("ours, mean", "mean", ".5g"),
         ("ours, deviation", "deviation", ".3g"),
         ("Cramer-Rao", "bound", ".3g"),
-    )
-    rows = [
-        (name, *(format(getattr(entry, field), form) for entry in study.parameters))
-        for name, field, form in (*shared, *lines)
     ]
+    lines += [("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", "")] if second else []
+    lines += (
+        [] if second else [("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f")]
+    )
+    rows: list[tuple[str, ...]] = [
+        (name, *(format(getattr(entry, field), form) for entry in study.parameters))
+        for name, field, form in lines
+    ]
+    peaks = "3 vs and 1" if second else " and ".join(f"{peak:g}" for peak in paper.RECOVERY_PEAKS)
+    note = f"Cosines with peaks {peaks} rad/s, {study.samples} samples in all, {study.slow} of them "
+    if second:
+        shares = (f"{100.0 * entry.bound / abs(entry.truth):.2g}" for entry in study.parameters)
+        rows.insert(4, ("Cramer-Rao, % of value", *shares))
+        rows.append(("identifiable", *(("no", "yes")[entry.identifiable] for entry in study.parameters)))
+        title = f"A second truth: {study.joint}, law {study.law}"
+        note += (
+            f"slower than vs, noise {study.noise:.3g} N m = 0.02 fC; identifiable: the bound is at most "
+            f"{100.0 * paper.NOT_IDENTIFIABLE:g} % of the value."
+        )
+    else:
+        title = f"Table 3: joint {study.joint}, two trajectories, improved Stribeck law"
+        note += f"within dq0, noise {study.noise:g} N m, exponent 2. "
+        note += f"At most {study.solves} linear problems a fit."
     columns = _name_columns([entry.name for entry in study.parameters])
     return Table((f"{study.draws} draws", *columns), rows, title=title, note=note)
-
-
-def _list_recovery(study: paper.Recovery) -> Table:
-    lines = (("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f"))
-    peaks = " and ".join(f"{peak:g}" for peak in paper.RECOVERY_PEAKS)
-    note = (
-        f"Cosines with peaks {peaks} rad/s, {study.samples} samples in all, {study.slow} of them within dq0, "
-        f"noise {study.noise:g} N m, exponent 2. At most {study.solves} linear problems a fit."
-    )
-    title = f"Table 3: joint {study.joint}, two trajectories, improved Stribeck law"
-    return _transpose(study, "paper", lines, title, note)
-
-
-def _list_second(study: paper.Recovery) -> Table:
-    lines = (("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", ""))
-    note = (
-        f"Cosines with peaks 3 vs and 1 rad/s, {study.samples} samples in all, {study.slow} of them slower "
-        f"than vs, noise {study.noise:.3g} N m = 0.02 fC; identifiable: the bound is at most "
-        f"{100.0 * paper.NOT_IDENTIFIABLE:g} % of the value."
-    )
-    table = _transpose(study, "published", lines, f"A second truth: {study.joint}, law {study.law}", note)
-    shares = (f"{100.0 * entry.bound / abs(entry.truth):.2g}" for entry in study.parameters)
-    known = ("identifiable", *(("no", "yes")[entry.identifiable] for entry in study.parameters))
-    rows = (*table.rows[:4], ("Cramer-Rao, % of value", *shares), *table.rows[4:], known)
-    return replace(table, rows=rows)
 
 
 def _list_sums(found: Sequence[paper.GainStudy]) -> Table:

@@ -8,9 +8,9 @@ import sympy
 import symid
 from symid.cli.main import run
 from symid.lessons import get_book
-from symid.lessons.answers import build_comparison, evaluate_number, read_formula
 from symid.lessons.chapters import list_items
 from symid.lessons.dynamic_chapters import build_lesson
+from symid.lessons.exercises import build_comparison, evaluate_number, read_formula
 from symid.robot import load_robot
 
 
