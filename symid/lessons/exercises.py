@@ -420,6 +420,7 @@ class _Field:
     """Where formulas have exact values: an algebra, its `letters`, and `formulas` of the lesson by name."""
 
     algebra: ExactAlgebra | PointAlgebra
+    domain: Any
     letters: Mapping[str, Any]
     formulas: Mapping[str, Expression]
     size: int
@@ -431,9 +432,8 @@ class _Field:
             return self._call(node), one
         match node.kind:
             case "number":
-                value, domain = Fraction(node.text), self._get_domain()
-                number = domain.convert(value.numerator) / domain.convert(value.denominator)
-                return one * number, one
+                value, convert = Fraction(node.text), self.domain.convert
+                return one * (convert(value.numerator) / convert(value.denominator)), one
             case "letter":
                 name = node.text
                 if name in self.letters:
@@ -465,9 +465,6 @@ class _Field:
         left, right = mul(a, d), mul(c, b)
         return (left + right if node.kind == "+" else left - right), mul(b, d)
 
-    def _get_domain(self) -> Any:  # noqa: ANN401  a domain of SymPy
-        return self.algebra.domain if isinstance(self.algebra, PointAlgebra) else self.algebra.ring.domain
-
     def _call(self, node: Expression) -> Any:  # noqa: ANN401  an element of the algebra
         (inner,) = node.parts
         if node.kind != "sqrt":
@@ -478,7 +475,7 @@ class _Field:
             _refuse(_NO_ROOT)
         try:
             root = Rational(value.numerator, value.denominator) ** Rational(1, 2)
-            return self.algebra.one * self._get_domain().from_sympy(root)
+            return self.algebra.one * self.domain.from_sympy(root)
         except CoercionFailed:
             _refuse(_NO_ROOT)
 
@@ -580,7 +577,7 @@ def build_comparison(lesson: Lesson) -> FormulaComparison:
     known = {name: value for name, value in algebra.generators.items() if name not in formulas}
 
     def build(algebra: ExactAlgebra | PointAlgebra, letters: Mapping[str, Any]) -> _Field:
-        return _Field(algebra=algebra, letters=letters, formulas=formulas, size=robot.size)
+        return _Field(algebra=algebra, domain=domain, letters=letters, formulas=formulas, size=robot.size)
 
     def convert(value: Fraction) -> Any:  # noqa: ANN401  an element of the domain
         return domain.convert(value.numerator) / domain.convert(value.denominator)

@@ -414,20 +414,20 @@ def _join_products(total: Sum, write: Callable[[Letter, int], list[str]], fracti
 
 def write_text(total: Sum) -> str:
     """Return a sum in plain text, c23 for cos(q2 + q3), as Python reads it with ** for powers."""
-    return _join_products(total, lambda letter, n: [write_letter(letter) + (f"**{n}" if n > 1 else "")], "{}")
 
+    def write(letter: Letter, power: int) -> list[str]:
+        text, what = (letter, 0) if isinstance(letter, str) else letter
+        if isinstance(what, tuple):
+            if all(sign > 0 and number < 10 for number, sign in what):
+                text += "".join(str(number) for number, _ in what)
+            else:
+                angle = "".join(f"{'+' if sign > 0 else '-'}q{number}" for number, sign in what)
+                text = f"{'sin' if text == 's' else 'cos'}({angle.removeprefix('+')})"
+        elif what:
+            text = f"sqrt({what})"
+        return [text if power == 1 else f"{text}**{power}"]
 
-def write_letter(letter: Letter) -> str:
-    """Return a letter in plain text."""
-    if isinstance(letter, str):
-        return letter
-    kind, what = letter
-    if isinstance(what, int):
-        return f"sqrt({what})"
-    if all(sign > 0 for _, sign in what) and all(number < 10 for number, _ in what):
-        return kind + "".join(str(number) for number, _ in what)
-    angle = "".join(f"{'+' if sign > 0 else '-'}q{number}" for number, sign in what)
-    return f"{'sin' if kind == 's' else 'cos'}({angle.removeprefix('+')})"
+    return _join_products(total, write, "{}")
 
 
 def write_code(total: Sum, values: str = "") -> str:

@@ -671,39 +671,39 @@ def _draw_convergence(contest: paper.EstimatorComparison) -> Drawing:
     return figures.build_line_figure(caption, labels, lines, logarithmic=True, whole=True)
 
 
+def _fit_laws(
+    samples: friction.FrictionSamples, x: FloatArray, velocity: FloatArray
+) -> tuple[list[figures.Line], list[friction.FrictionEstimate]]:
+    """Return the curves of all laws over `x` (V,), at velocities (V,) in rad/s, and their fits."""
+    fits = [friction.fit_friction(samples, get_law(name)) for name in paper.LAWS]
+    curves = [
+        compute_friction_torque(get_law(fit.law), {"velocity": velocity}, fit.linear, fit.shape)
+        for fit in fits
+    ]
+    lines = [figures.Line(name, _STYLES[name], x, y) for name, y in zip(paper.LAWS, curves, strict=True)]
+    return lines, fits
+
+
 def _draw_two_fit(samples: friction.FrictionSamples, *, near: bool) -> Drawing:
     """Return fits of all laws to two trajectories: all of it, or what lies near standstill."""
     reach = 0.06 if near else 1.0
     velocity = np.linspace(-reach, reach, _POINTS)
     shown = np.abs(samples.velocity) <= reach
-    lines, sums = [], []
-    for name in paper.LAWS:
-        law = get_law(name)
-        found = friction.fit_friction(samples, law)
-        y = compute_friction_torque(law, {"velocity": velocity}, found.linear, found.shape)
-        lines.append(figures.Line(name, _STYLES[name], velocity, y))
-        sums.append(f"{name} {found.objective:.0f}")
+    lines, fits = _fit_laws(samples, velocity, velocity)
+    sums = ", ".join(f"{name} {fit.objective:.0f}" for name, fit in zip(paper.LAWS, fits, strict=True))
     cloud = _list_samples(samples.velocity[shown], samples.torque[shown])
-    caption = (
-        f"Joint 1, both directions. Sums of squares in (N m)^2: {', '.join(sums)}. The band is the improved "
-        "law's."
-    )
-    return _draw(caption, [_build_band(found, velocity), cloud, *lines])
+    caption = f"Joint 1, both directions. Sums of squares in (N m)^2: {sums}. The band is the improved law's."
+    return _draw(caption, [_build_band(fits[-1], velocity), cloud, *lines])
 
 
 def _draw_torque(index: int, seed: int) -> Drawing:
     scene = paper.build_gain_scene(index)
     samples = paper.draw_samples(scene, np.random.default_rng(seed))
-    sums, lines = [], [_list_samples(samples.time, samples.torque)]
-    for name in paper.LAWS:
-        found = friction.fit_friction(samples, get_law(name))
-        torque = compute_friction_torque(get_law(name), samples.inputs, found.linear, found.shape)
-        lines.append(figures.Line(name, _STYLES[name], samples.time, torque))
-        sums.append(found.objective)
+    lines, fits = _fit_laws(samples, samples.time, samples.velocity)
+    viscous, stribeck = (100.0 * (1.0 - fits[-1].objective / fit.objective) for fit in fits[:2])
     caption = (
-        f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves "
-        f"{100.0 * (1.0 - sums[-1] / sums[0]):.1f} % less squared error than Coulomb + viscous and "
-        f"{100.0 * (1.0 - sums[-1] / sums[1]):.1f} % less than the original Stribeck law. The first gain is "
-        "calibrated by the noise, the second a prediction."
+        f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves {viscous:.1f} % "
+        f"less squared error than Coulomb + viscous and {stribeck:.1f} % less than the original Stribeck "
+        "law. The first gain is calibrated by the noise, the second a prediction."
     )
-    return _draw(caption, lines, "time (periods)")
+    return _draw(caption, [_list_samples(samples.time, samples.torque), *lines], "time (periods)")

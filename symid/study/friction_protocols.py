@@ -52,15 +52,10 @@ class PublishedLaw(NamedTuple):
     objective: float = math.nan
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PublishedSums:
-    """A row of Table 4.
+class PublishedSums(NamedTuple):
+    """A row of Table 4: sums of squared errors in the order of `LAWS`, (N m)^2, and gains in percent.
 
-    Args:
-        joint: its number.
-        sums: of squared errors by Coulomb + viscous, original Stribeck, improved Stribeck, (N m)^2.
-        printed: how much less the improved law leaves than the two others, in percent.
-        noise: standard deviation, N m, set here so that the gain over Coulomb + viscous comes out as printed.
+    `noise` is the deviation in N m, set here so that the gain over Coulomb + viscous comes out as printed.
     """
 
     joint: str
