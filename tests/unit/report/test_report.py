@@ -13,7 +13,7 @@ from symid.report import pages
 from symid.report.blocks import split_sections
 from symid.report.figures import build_histogram, thin_line
 from symid.report.identification_page import build_identification_page
-from symid.report.verdict import QUANTITIES, judge_identification
+from symid.report.verdict import judge_identification
 from symid.robot.description import Processing
 from tests.pages import PageReader
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
@@ -162,13 +162,6 @@ def test_the_log_of_the_fit_is_no_held_out_log(result):
     own, other = (build_identification_page(estimate, (entry,)).blocks for entry in (validation, held_out))
     title = find_section(own, "Log of the fit <log 0>").title
     assert title.partition(".")[0] != find_section(other, "Held-out log <log 7>").title.partition(".")[0]
-
-
-def test_pages_know_all_kinds_of_rows(result):
-    for rows in ("torque", "filtered", "momentum", "energy", "power"):
-        estimate, validation = (replace(entry, rows=rows) for entry in result)
-        text = pages.render_page(build_identification_page(estimate, (validation,)))
-        assert f"Measured and predicted {QUANTITIES[rows]}" in text
 
 
 def test_the_first_screen_has_the_numbers_of_the_result(result):
