@@ -195,20 +195,6 @@ def show_motion(motion: Sequence["estimators.MotionResidual"]) -> tuple[Table, .
     return (Table((*header, *(("left out", "all rows") if left_out else ())), rows, (0, 4), title),)
 
 
-def describe_motion(motion: "estimators.MotionResidual") -> str:
-    """Return the residual of one joint in motion, at reversal and at rest in a sentence."""
-    words = zip(("in motion", "at reversal", "at rest"), motion.rms, motion.rows, strict=True)
-    text = ", ".join(
-        f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the rows)"
-        for name, rms, rows in words
-        if rms is not None
-    )
-    if motion.left_out:
-        whole = f"{motion.whole:.4g} {motion.unit}"
-        text += f"; {motion.left_out} of these rows were left out above, all of them have {whole}"
-    return text
-
-
 def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[str, object]:
     """Return delay and offsets: one object a run, one entry a joint; null where they are not identifiable."""
 
@@ -439,8 +425,18 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
             f"{residual.unit} RMS over {residual.samples} rows"
         ),
     ]
-    if entry.motion is not None:
-        parts.append(_wrap(f"RMS {describe_motion(entry.motion)}"))
+    motion = entry.motion
+    if motion is not None:
+        words = zip(("in motion", "at reversal", "at rest"), motion.rms, motion.rows, strict=True)
+        text = ", ".join(
+            f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the rows)"
+            for name, rms, rows in words
+            if rms is not None
+        )
+        if motion.left_out:
+            whole = f"{motion.whole:.4g} {motion.unit}"
+            text += f"; {motion.left_out} of these rows were left out above, all of them have {whole}"
+        parts.append(_wrap(f"RMS {text}"))
     if entry.poses is not None:
         parts += [*show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]
     if estimate.refused:

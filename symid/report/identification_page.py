@@ -29,7 +29,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.identification import FrictionValidation, TaskContext, diagnose_fit, elastic, validate_fit
-from symid.identification.estimators import Estimate, FittedLaw, Series, Validation, check_model
+from symid.identification.estimators import Estimate, Series, Validation, check_model
 from symid.identification.friction import (
     CONFIDENCE,
     FrictionIdentification,
@@ -95,6 +95,16 @@ def build_identification_page(
         diagnosis: of the fit and its own logs.
         options: notices, origin and further fields of the page, as of `build_fit_page`.
     """
+    # How the friction law of a joint was chosen, where there was a choice.
+    choices: list[Block] = []
+    for entry in estimate.laws:
+        chosen = entry.selection
+        if chosen is not None and len(chosen.trials) > 1:
+            choices += [
+                f"=== {entry.joint}: {entry.law} ===",
+                chosen.verdict,
+                fit_text.show_law_trials(chosen),
+            ]
     return pages.build_fit_page(
         estimate,
         subject="identified parameters",
@@ -107,7 +117,7 @@ def build_identification_page(
             *pages.draw_certainty(estimate.parameters),
             *pages.show_refused(estimate.refused),
             *(("== Friction laws ==", *fit_text.tabulate_laws(estimate.laws)) if estimate.laws else ()),
-            *(block for entry in estimate.laws for block in _show_law(entry)),
+            *choices,
             *(() if validations else ("== Held-out logs ==", pages.UNTESTED)),
         ),
         more=(
@@ -187,14 +197,6 @@ def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing
     marks = [Mark(name, value, pages.format_percent(value), name == most) for name, value in pairs]
     caption = f"How much does it miss, joint by joint? Torque left in {where}."
     return build_mark_figure(caption, "unexplained (% of the joint's torque)", marks)
-
-
-def _show_law(entry: FittedLaw) -> tuple[Block, ...]:
-    """Return how the friction law of a joint was chosen; nothing where there was no choice."""
-    chosen = entry.selection
-    if chosen is None or len(chosen.trials) < 2:
-        return ()
-    return (f"=== {entry.joint}: {entry.law} ===", chosen.verdict, fit_text.show_law_trials(chosen))
 
 
 def _show_choice(estimate: Estimate) -> Iterator[Block]:
