@@ -22,12 +22,7 @@ import numpy as np
 
 from symid import __version__
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import (
-    choose_route,
-    list_robot_specs,
-    list_spring_parameters,
-    write_javascript_function,
-)
+from symid.codegen import choose_route, list_robot_specs, list_spring_parameters, write_javascript_function
 from symid.dynamics import derive_base_parameters, get_label_unit, write_label
 from symid.environment import locate_resource_folder
 from symid.lessons.chapters import (

@@ -32,27 +32,13 @@ import scipy
 
 from symid.arrays import FloatArray
 from symid.errors import SEVERE, Notice, merge_notices
+from symid.identification import hysteresis
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.hysteresis import (
-    ElementTrace,
-    HysteresisRecord,
-    HysteresisTrial,
-    describe_inversion,
-    find_strokes,
-)
-from symid.report import pages
+from symid.report import pages, robot_text
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import Line, Mark, build_curve_figure, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
-from symid.report.robot_text import (
-    describe_gain,
-    show_excitation,
-    show_identifiable,
-    show_joints,
-    show_robot_check,
-    summarise_robot,
-)
 from symid.report.validation_text import show_comparison
 from symid.report.verdict import FitVerdict, rate_output
 from symid.robot import Robot, name_for_commands
@@ -134,7 +120,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
     """Write the page of a robot file and its logs, checked; OutputError where it cannot be written."""
     numbers: list[tuple[str, str]] = []
     found, several = checked.excitation, "s"[: len(checked.logs) > 1]
-    blocks: tuple[Block, ...] = show_robot_check(robot, checked)
+    blocks: tuple[Block, ...] = robot_text.show_robot_check(robot, checked)
     if found is not None:
         good, values = len(found.list_names("identifiable")), np.array(found.singular)
         numbers = [
@@ -143,7 +129,10 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
         ]
         title = "What a fit to all these logs would identify."
         blocks = (
-            *("== Identifiability ==", show_identifiable(found, "expected std", pages.format_percent, title)),
+            *(
+                "== Identifiability ==",
+                robot_text.show_identifiable(found, "expected std", pages.format_percent, title),
+            ),
             build_line_figure(
                 "How well are the parameters separated? Singular values of the scaled regressor; "
                 f"the rank is {found.rank} of {len(found.singular)}.",
@@ -153,7 +142,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
                 whole=True,
             ),
             "== Joints ==",
-            *(show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
+            *(robot_text.show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
         )
     length = sum(entry.timing.duration for entry in checked.logs)
     numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{several}"))
@@ -169,7 +158,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
         blocks=blocks,
         notices=(*robot.notices, *checked.notices),
         next_step=(shlex.join(command), "Identify the parameters") if checked.logs else None,
-        settings=(("robot", summarise_robot(robot)), ("file", str(robot.path))),
+        settings=(("robot", robot_text.summarise_robot(robot)), ("file", str(robot.path))),
     )
 
 
@@ -180,8 +169,8 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
     level = "good" if found.condition <= _WELL else "usable" if found.condition <= _ENOUGH else "doubtful"
     said = "All limits are kept" if kept else "A limit is exceeded"
     headline = (
-        f"{said}; the condition number is {found.condition:.4g}, {describe_gain(found.factor)} than that "
-        "of the best random trajectory."
+        f"{said}; the condition number is {found.condition:.4g}, "
+        f"{robot_text.describe_gain(found.factor)} than that of the best random trajectory."
     )
     name, most = max(shares, key=lambda entry: entry[1], default=("no limit", 0.0))
     rows = [(run.start, run.condition, run.iterations, run.status) for run in found.runs]
@@ -202,7 +191,7 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
             (pages.format_percent(100.0 * most), f"of a limit used at most: {name}"),
             (f"{found.trajectory.duration:g} s", "period"),
         ),
-        blocks=("== Limits and condition ==", *show_excitation(found)),
+        blocks=("== Limits and condition ==", *robot_text.show_excitation(found)),
         more=("== Search ==", starts),
         notices=found.notices,
         next_step=(
@@ -371,7 +360,7 @@ _POOR = 0.5
 _NORMAL = 1.96
 
 
-def judge_element(record: HysteresisRecord) -> FitVerdict:
+def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
     """Return what an element is worth, from what it predicts of samples that were left out."""
     level = rate_output(record.held_out)
     untimed = "No time was given: models that depend on the speed were not tried."
@@ -392,7 +381,7 @@ def judge_element(record: HysteresisRecord) -> FitVerdict:
     )
 
 
-def judge_element_trial(trial: HysteresisTrial) -> FitVerdict:
+def judge_element_trial(trial: hysteresis.HysteresisTrial) -> FitVerdict:
     """Return what an element predicts of another recording."""
     headline = f"{trial.error:.3g} % of the output of this recording is left unexplained, means removed."
     details = [_SKIPPED.format(trial.skipped)] if trial.skipped else []
@@ -404,7 +393,7 @@ def judge_element_trial(trial: HysteresisTrial) -> FitVerdict:
     return FitVerdict(level=rate_output(trial.error), headline=headline, details=tuple(details))
 
 
-def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
+def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
     """Return the tables and sentences on an element."""
     shown = [entry for entry in record.parameters if not entry.name.endswith("least")]
     poor = [entry.name for entry in shown if entry.deviation > _POOR * abs(entry.value)]
@@ -432,7 +421,7 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
         title="Models that were tried",
         picked=0,
     )
-    reason = describe_inversion(record)
+    reason = hysteresis.describe_inversion(record)
     inverse = f"There is none: {reason}." if reason else "It exists, for every output."
     passive = "no motion gets" if record.passive else "some motions may get"
     facts = (
@@ -444,7 +433,7 @@ def show_element(record: HysteresisRecord) -> tuple[Block, ...]:
 _LABELS = ("input (unit of the file)", "output (unit of the file)")
 
 
-def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
+def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
     """Return the figures of an element: loops, time, residuals, energy of cycles, branches."""
     trace = record.trace
     curves = (("measured", trace.measured), ("predicted", trace.predicted))
@@ -487,9 +476,9 @@ def draw_element(record: HysteresisRecord) -> tuple[Drawing, ...]:
     return (*drawn, *_draw_cycles(trace), *_draw_branches(trace))
 
 
-def compute_cycles(trace: ElementTrace) -> FloatArray:
+def compute_cycles(trace: hysteresis.ElementTrace) -> FloatArray:
     """Return width, measured and predicted work (c, 3) of all cycles, from a reversal to the next but one."""
-    strokes = find_strokes(trace.position)[1:-1]
+    strokes = hysteresis.find_strokes(trace.position)[1:-1]
     rows = []
     for (low, _), (_, high) in pairwise(strokes):
         part = slice(max(low - 1, 0), high)
@@ -500,7 +489,7 @@ def compute_cycles(trace: ElementTrace) -> FloatArray:
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def _draw_cycles(trace: ElementTrace) -> Iterator[Drawing]:
+def _draw_cycles(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     cycles = compute_cycles(trace)
     if len(cycles) < _FEW:
         return
@@ -520,10 +509,12 @@ def _draw_cycles(trace: ElementTrace) -> Iterator[Drawing]:
 _FEW = 3
 
 
-def _draw_branches(trace: ElementTrace) -> Iterator[Drawing]:
+def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     """Yield branches after reversals moved to one point, and first-order reversal curves."""
     parts = [
-        slice(low, high) for low, high in find_strokes(trace.position)[1:-1] if high - low >= _FEWEST_POINTS
+        slice(low, high)
+        for low, high in hysteresis.find_strokes(trace.position)[1:-1]
+        if high - low >= _FEWEST_POINTS
     ]
     if len(parts) < _FEW:
         return
@@ -576,7 +567,7 @@ _NEAR_TOP = 0.1
 _PLACES = 60
 
 
-def write_element_page(path: Path, record: HysteresisRecord, *, source: str = "") -> Path:
+def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, source: str = "") -> Path:
     """Write the page of an element and return the path; OutputError where it cannot be written."""
     lead, second, *further = draw_element(record)
     _, _, facts = blocks = show_element(record)
@@ -620,6 +611,6 @@ _STARTS = {
 }
 
 
-def describe_element(record: HysteresisRecord) -> dict[str, object]:
+def describe_element(record: hysteresis.HysteresisRecord) -> dict[str, object]:
     """Return an element in plain types."""
-    return {**describe_record(record), "inverse": describe_inversion(record) or None}
+    return {**describe_record(record), "inverse": hysteresis.describe_inversion(record) or None}
