@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 import symid
 from symid.joint_models import Elasticity, compute_hysteresis_torque, compute_stored_energy
 from symid.robot import load_robot
-from tests.browser.axe import list_findings
+from tests.browser.chromium import list_findings
 
 pytestmark = pytest.mark.browser
 

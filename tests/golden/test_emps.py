@@ -15,12 +15,7 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.codegen.library import Library
-from symid.identification.rigid.closed_loop import (
-    build_closed_loop,
-    compute_demand,
-    identify_closed_loop,
-    set_card_values,
-)
+from symid.identification.rigid import closed_loop
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
 from symid.logs.recording import cut_recording
@@ -63,7 +58,7 @@ def test_an_identification_meets_every_published_digit(emps, emps_logs, friction
 
 @pytest.fixture(scope="module")
 def estimate(emps, emps_library, emps_logs):
-    return identify_closed_loop("output-error", emps, emps_library, emps_logs[:1])
+    return closed_loop.identify_closed_loop("output-error", emps, emps_library, emps_logs[:1])
 
 
 def list_stds(estimate):
@@ -72,7 +67,7 @@ def list_stds(estimate):
 
 def forecast(library, values, recording):
     """Return the root mean square error in m of positions that follow from the logged forces alone."""
-    plant = RigidPlant(Library(set_card_values(library.card, values), library.engine))
+    plant = RigidPlant(Library(closed_loop.set_card_values(library.card, values), library.engine))
     speed = np.polyfit(recording.time[:GIVEN], recording.position[:GIVEN, 0], 1)[0]
     state = RigidPlantState(
         q=recording.position[0].copy(), dq=np.array([speed]), modes=(int(np.sign(speed)),)
@@ -86,13 +81,13 @@ def forecast(library, values, recording):
 
 def test_the_stated_controller_gives_the_logged_commands(emps, emps_logs):
     fitted, unseen = emps_logs
-    loop = build_closed_loop(fitted, emps.controller, np.array([np.inf]))
+    loop = closed_loop.build_closed_loop(fitted, emps.controller, np.array([np.inf]))
     assert abs(loop.offset[0]) < 0.01
-    gap = fitted.torque - compute_demand(loop, fitted)
+    gap = fitted.torque - closed_loop.compute_demand(loop, fitted)
     assert np.linalg.norm(gap) < 0.005 * np.linalg.norm(fitted.torque)
     # To the commands of the second log pulses were added, within the loop.
-    loop = build_closed_loop(unseen, replace(emps.controller, offset=(0.0,)), np.array([np.inf]))
-    gap = (unseen.torque - compute_demand(loop, unseen))[:, 0]
+    loop = closed_loop.build_closed_loop(unseen, replace(emps.controller, offset=(0.0,)), np.array([np.inf]))
+    gap = (unseen.torque - closed_loop.compute_demand(loop, unseen))[:, 0]
     pulses = unseen.extras["pulses_N"].ravel()
     factor = pulses @ gap / (pulses @ pulses)
     assert factor == pytest.approx(35.15065188, rel=0.02)
@@ -101,7 +96,7 @@ def test_the_stated_controller_gives_the_logged_commands(emps, emps_logs):
 
 def test_what_a_log_of_forces_gives_is_what_was_published(emps, emps_library, emps_logs):
     forces = replace(emps, controller=replace(emps.controller, torque="average"))
-    found = identify_closed_loop("output-error", forces, emps_library, emps_logs[:1])
+    found = closed_loop.identify_closed_loop("output-error", forces, emps_library, emps_logs[:1])
     values = found.assemble(NAMES)
     assert np.all(np.abs(values - PUBLISHED) < 3.0 * list_stds(found))
     assert np.all(np.abs(values / PUBLISHED - 1.0) < 0.02)
@@ -129,7 +124,7 @@ def test_pulses_that_no_one_told_of_are_noticed_and_told_ones_are_not(emps, emps
     unseen = cut_recording(emps_logs[1], slice(8280))
     pulses = 35.15065188 * unseen.extras["pulses_N"].reshape(-1, 1)
     for log, least, most in ((unseen, 30.0, np.inf), (replace(unseen, feedforward=pulses), 0.0, 7.0)):
-        found = identify_closed_loop("output-error", emps, emps_library, [log])
+        found = closed_loop.identify_closed_loop("output-error", emps, emps_library, [log])
         assert least < found.mean_relative_percent < most
         assert ("identify.tracking" in {notice.code for notice in found.notices}) is (log is unseen)
 
@@ -147,7 +142,7 @@ def test_the_unseen_log_is_foretold_better_than_by_least_squares(estimate, emps,
 
 
 def test_instruments_give_what_was_published_and_need_no_decimation(emps, emps_library, emps_logs):
-    instrumental = identify_closed_loop("instrumental", emps, emps_library, emps_logs[:1])
+    instrumental = closed_loop.identify_closed_loop("instrumental", emps, emps_library, emps_logs[:1])
     values = instrumental.assemble(NAMES)
     assert np.all(np.abs(values - PUBLISHED) < 0.5 * list_stds(instrumental))
     assert [f"{value:.2f}" for value in values] == ["95.14", "203.56", "20.39", "-3.16"]
@@ -159,7 +154,9 @@ def test_instruments_give_what_was_published_and_need_no_decimation(emps, emps_l
     assert f"{instrumental.mean_relative_percent:.2f}" == "4.08"
     # Every sample of positions that pass 450 Hz: noise of accelerations draws the mass of wls down.
     raw = replace(emps.processing, filter_cutoff=450.0, decimation=Decimation())
-    fast = identify_closed_loop("instrumental", replace(emps, processing=raw), emps_library, emps_logs[:1])
+    fast = closed_loop.identify_closed_loop(
+        "instrumental", replace(emps, processing=raw), emps_library, emps_logs[:1]
+    )
     usual = identify_parameters(emps_library, emps_logs[:1], raw, estimator="wls")
     expected, deviation = instrumental.assemble(("M1",))[0], instrumental.parameters[0].std
     assert abs(fast.assemble(("M1",))[0] - expected) < deviation
