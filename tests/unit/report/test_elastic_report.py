@@ -166,11 +166,6 @@ def test_errors_against_the_truth_are_told_and_refused_parameters_have_no_value(
     assert [row[0] for row in rows] == ["ZZ1", "MY1", "ZZ2"]
     assert find_table(page.blocks, "Not identifiable").rows == (("IA1", "it never turned"),)
     assert any(text.endswith(": IA1.") for text in page.verdict.details)
-    unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
-    springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
-    text = write(replace(estimate, parameters=unknown, springs=springs))
-    assert ">truth<" not in text
-    assert "True stops" not in text
 
 
 def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
@@ -226,12 +221,13 @@ def test_methods_are_compared_by_prediction_and_truth(estimate):
         ("linear-spring", "\N{EN DASH}", "0.8571"),
     ]
     assert table.picked == 0
-    assert '<tr class="picked"><th scope="row" class="text">two-step (chosen)' in write(estimate)
     words = [measure.partition(" (")[0].capitalize() for measure in table.header[1:3]]
     assert [caption.startswith(tuple(words)) for caption in list_captions(blocks)].count(True) == 2
     unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
-    table = find_table(show(replace(estimate, parameters=unknown)), "Methods")
-    assert table.header == ("method", "prediction error (noise = 1)", "outcome")
+    springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
+    blocks = show(replace(estimate, parameters=unknown, springs=springs))
+    assert not any("truth" in block.header for block in blocks if isinstance(block, Table))
+    assert find_table(blocks, "Methods").header == ("method", "prediction error (noise = 1)", "outcome")
 
 
 def test_convergence_survives_iterates_that_ran_away_or_of_another_method(estimate):
@@ -260,7 +256,6 @@ def test_tracking_has_the_rms_of_every_joint(estimate, tracking):
     expected = np.array([np.sqrt(np.mean(1e6 * run.error**2, axis=0)) for run in tracking])
     np.testing.assert_allclose(values, expected, rtol=1e-3)
     assert table.header[1:] == ("<one> (mrad)", "two (mrad)")
-    assert "== Tracking ==" not in show(estimate)
 
 
 @pytest.mark.parametrize(
