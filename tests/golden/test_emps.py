@@ -104,12 +104,9 @@ def test_what_a_log_of_forces_gives_is_what_was_published(emps, emps_library, em
 
 def test_a_log_of_commands_is_half_a_period_away(estimate, emps, emps_library, emps_logs):
     values, told = estimate.assemble(NAMES), estimate.settings["fit"]
-    assert [f"{value:.2f}" for value in values] == ["94.90", "207.69", "20.10", "-3.17"]
     # The simulated axis tracks as the real one.
-    assert told["iterations"] <= 4
     assert told["tracking"][0]["simulated_from_measured"] < 5e-6
     assert told["tracking"][0]["reference_from_measured"] > 5e-4
-    assert f"{estimate.mean_relative_percent:.1f}" == "4.5"
     assert not any(notice.code == "identify.tracking" for notice in estimate.notices)
     assert np.all(np.abs(values / PUBLISHED - 1.0) < 0.025)
     # Least squares say the same of the force that acted around each sample: that of both periods beside it.
@@ -145,13 +142,10 @@ def test_instruments_give_what_was_published_and_need_no_decimation(emps, emps_l
     instrumental = closed_loop.identify_closed_loop("instrumental", emps, emps_library, emps_logs[:1])
     values = instrumental.assemble(NAMES)
     assert np.all(np.abs(values - PUBLISHED) < 0.5 * list_stds(instrumental))
-    assert [f"{value:.2f}" for value in values] == ["95.14", "203.56", "20.39", "-3.16"]
     told = instrumental.settings["fit"]
     assert told["instruments"]["correlation"] > 0.999
-    assert told["iterations"] <= 4
     assert not told["wls"]["biased"]
     assert max(map(abs, told["wls"]["shifts"].values())) < 0.5
-    assert f"{instrumental.mean_relative_percent:.2f}" == "4.08"
     # Every sample of positions that pass 450 Hz: noise of accelerations draws the mass of wls down.
     raw = replace(emps.processing, filter_cutoff=450.0, decimation=Decimation())
     fast = closed_loop.identify_closed_loop(

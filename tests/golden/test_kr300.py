@@ -13,7 +13,6 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.identification.diagnostics.residual_structure import compute_band_residual, predict_torques
-from symid.identification.elastic.stiffness import prepare_aligned
 from symid.identification.regression.preparation import choose_filters, choose_window, prepare_rows
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
@@ -53,23 +52,6 @@ def robots(robots_folder, shared_data, emps):
 def test_runs_foretell_another_without_a_prior(robots, logs, estimator, unseen, most):
     _, _, fit, measure = robots
     assert np.all(measure(fit("kr300", logs, estimator=estimator), "kr300", unseen) < most)
-
-
-def test_the_counterbalance_is_a_term_of_axis_two(robots):
-    estimate = robots[2]("kr300", RUNS[:2], estimator="wls")
-    found = {entry.name: entry for entry in estimate.parameters}
-    assert {"KS2", "KRR2"} <= set(found)
-    assert found["KS2"].unit == "N m/rad"
-    assert not estimate.refused
-
-
-def test_link_encoders_lag_and_have_offsets_of_their_own(robots):
-    known, read, *_ = robots
-    _, alignment, notices = prepare_aligned(known["kr300"][1], [read("kr300", run) for run in RUNS])
-    assert alignment.delay == pytest.approx(3.0e-3, abs=0.1e-3)
-    assert any("moved by 3.0" in notice.text for notice in notices)
-    offsets = np.array(alignment.offsets)[:, :3]
-    assert 1e-3 < np.ptp(offsets, axis=0).max() < 3e-3
 
 
 CASES = [
