@@ -76,7 +76,6 @@ class Lesson:
 
     Attributes:
         robot: of the file. model: what the formulas are written in. book: their letters.
-        tips: where the drawing of each link ends, in its frame, m.
         values: of lengths and parameters. stand_ins: whether some were made up.
         beta: the base parameters, in the order of generated functions.
     """
@@ -88,7 +87,6 @@ class Lesson:
     values: Mapping[str, float]
     beta: tuple[float, ...]
     stand_ins: bool
-    tips: tuple[tuple[float, float, float], ...]
 
 
 _MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")

@@ -20,7 +20,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from sympy.polys.rings import PolyElement
 
 from symid.dynamics import compute_torque_columns, fold_vector
-from symid.joint_models import Elasticity
 from symid.lessons import matrices
 from symid.lessons.chapters import (
     WRITTEN_OUT,
@@ -29,7 +28,6 @@ from symid.lessons.chapters import (
     Item,
     Lesson,
     build_values,
-    find_tip,
     list_slides,
     require,
     say,
@@ -54,31 +52,24 @@ def build_lesson(robot: Robot, book: Book, form: matrices.Parameterisation | Non
         SymidError: two derivations that must agree do not.
     """
     known = any(joint.inertial is not None for joint in robot.joints)
+    plain = all(joint.form is None for joint in robot.joints)
     if form is None and book.name in ("siciliano", "craig") and known and robot.freedom <= WRITTEN_OUT:
-        has_symbols = any(joint.form is not None for joint in robot.joints)
-        form = None if has_symbols else "bodies"
-    equations, composites = None, None
+        form = "bodies" if plain else None
+    equations = None
     if robot.freedom <= WRITTEN_OUT + 1:
         equations = matrices.derive_equations(matrices.build_model(robot, form))
         elements = (write_sum(value, equations.model.sums) for row in equations.mass for value in row)
         if robot.freedom > WRITTEN_OUT and any(one.count_terms() > _MOST_TERMS for one in elements):
             equations = None
-    if equations is None:
-        composites = matrices.derive_composites(robot)
-    model = (
-        equations.model
-        if equations
-        else composites.model
-        if composites
-        else matrices.build_model(robot, form)
-    )
+    derived = equations or matrices.derive_composites(robot)
+    model = derived.model
     writer = ChapterWriter(model=model, book=book, style=build_style(book, list_slides(robot)))
     values, beta, stand_ins = build_values(robot, model)
     chapters = [write_frames(writer, robot), *write_kinematics(writer)]
-    if equations:
-        chapters += _write_short(writer, equations)
-    elif composites:
-        chapters += _write_long(writer, composites)
+    if isinstance(derived, matrices.Equations):
+        chapters += _write_short(writer, derived)
+    else:
+        chapters += _write_long(writer, derived)
     return Lesson(
         robot=robot,
         model=model,
@@ -87,7 +78,6 @@ def build_lesson(robot: Robot, book: Book, form: matrices.Parameterisation | Non
         values=values,
         beta=beta,
         stand_ins=stand_ins,
-        tips=tuple(find_tip(robot, index) for index in range(robot.size)),
     )
 
 
@@ -470,16 +460,6 @@ _ENERGY_ROWS = (
 )
 
 
-def _list_spring_values(elasticity: Elasticity, number: str) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of a spring: joint, part, threshold, stiffness or slope."""
-    yield number, "$k_0$", "-", f"{elasticity.stiffness:g}" if elasticity.stiffness else "open"
-    for k, stop in enumerate(elasticity.stops, start=1):
-        value = "open" if stop.stiffness is None else f"{stop.stiffness:g}"
-        yield number, f"stop $k_{k}$", f"$r_{k}$ = {stop.threshold:g} rad", value
-    for k, knee in enumerate(elasticity.knees, start=1):
-        yield number, f"knee $s_{k}$", f"$R_{k}$ = {knee.threshold:g} N m", f"{knee.slope:g}"
-
-
 def _write_elastic(robot: Robot, book: Book) -> Iterator[Chapter]:
     """Yield the chapters on elastic joints; none where no joint is elastic."""
     springs = {str(k): joint.elasticity for k, joint in enumerate(robot.joints, start=1) if joint.elasticity}
@@ -507,7 +487,14 @@ def _write_elastic(robot: Robot, book: Book) -> Iterator[Chapter]:
     )
     yield Chapter("Motor and link", "sides", sides)
     cubic, knees = (any(getattr(spring, part) for spring in springs.values()) for part in ("cubic", "knees"))
-    head = ("joint", "part", "threshold", "stiffness, N m/rad (knees: slope)")
+    rows = [("joint", "part", "threshold", "stiffness, N m/rad (knees: slope)")]
+    for number, one in springs.items():
+        rows.append((number, "$k_0$", "-", f"{one.stiffness:g}" if one.stiffness else "open"))
+        for k, stop in enumerate(one.stops, start=1):
+            value = "open" if stop.stiffness is None else f"{stop.stiffness:g}"
+            rows.append((number, f"stop $k_{k}$", f"$r_{k}$ = {stop.threshold:g} rad", value))
+        for k, knee in enumerate(one.knees, start=1):
+            rows.append((number, f"knee $s_{k}$", f"$R_{k}$ = {knee.threshold:g} N m", f"{knee.slope:g}"))
     others = sorted({branch.kind for spring in springs.values() for branch in spring.branches})
     items = [
         say(
@@ -519,9 +506,7 @@ def _write_elastic(robot: Robot, book: Book) -> Iterator[Chapter]:
         show(_PLAY),
         show(_CUBIC_SPRING if cubic else _SPRING),
         show(_DEAD),
-        Item(
-            "table", rows=(head, *(row for k, one in springs.items() for row in _list_spring_values(one, k)))
-        ),
+        Item("table", rows=tuple(rows)),
         Item("widget", "hysteresis"),
         say(
             "Drag the torsion: from rest the torque follows the first curve. After each reversal every stop "

@@ -56,20 +56,6 @@ class LessonModel:
     sums: AngleSums
 
 
-def _name_row(joint: Joint, number: int, taken: Sequence[str], lengths: dict[str, float]) -> Joint:
-    """Return a joint with a_i and d_i for the lengths of a row of a Denavit-Hartenberg table."""
-    rotation, (x, y, z) = joint.placement.rotation, joint.placement.translation
-    axis, names = [row[2] for row in rotation], (f"a{number}", f"d{number}")
-    along = axis[1] * y + axis[2] * z
-    numbers = all(value.is_number for value in (x, y, z)) and not set(names) & set(taken)
-    if axis[0] or not numbers or (axis[1] * along, axis[2] * along) != (y, z):
-        return joint
-    lengths |= {name: value.to_float() for name, value in zip(names, (x, along), strict=True) if value}
-    a, d = (Exact.symbol(name) if name in lengths else Exact.of(0) for name in names)
-    placement = Placement(rotation=rotation, translation=(a, axis[1] * d, axis[2] * d))
-    return replace(joint, placement=placement)
-
-
 def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
     """Return the robot with a name for each length of its table and for g, and their values.
 
@@ -77,7 +63,19 @@ def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
     """
     lengths: dict[str, float] = {}
     taken = [name for name, _ in robot.symbols]
-    joints = [_name_row(joint, k, taken, lengths) for k, joint in enumerate(robot.joints, start=1)]
+    joints = list(robot.joints)
+    for number, joint in enumerate(robot.joints, start=1):
+        # a_i and d_i of a row of a Denavit-Hartenberg table.
+        rotation, (x, y, z) = joint.placement.rotation, joint.placement.translation
+        axis, names = [row[2] for row in rotation], (f"a{number}", f"d{number}")
+        along = axis[1] * y + axis[2] * z
+        numbers = all(value.is_number for value in (x, y, z)) and not set(names) & set(taken)
+        if not axis[0] and numbers and (axis[1] * along, axis[2] * along) == (y, z):
+            pairs = zip(names, (x, along), strict=True)
+            lengths |= {name: value.to_float() for name, value in pairs if value}
+            a, d = (Exact.symbol(name) if name in lengths else Exact.of(0) for name in names)
+            placement = Placement(rotation=rotation, translation=(a, axis[1] * d, axis[2] * d))
+            joints[number - 1] = replace(joint, placement=placement)
     gravity = robot.gravity
     pulls = [value for value in gravity if value]
     if len(pulls) == 1 and pulls[0].is_number and "g" not in taken:

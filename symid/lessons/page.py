@@ -22,15 +22,20 @@ import numpy as np
 
 from symid import __version__
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import (
-    choose_route,
-    list_robot_specs,
-    list_spring_parameters,
-    write_javascript_function,
-)
+from symid.codegen import choose_route, list_robot_specs, list_spring_parameters, write_javascript_function
 from symid.dynamics import derive_base_parameters, get_label_unit, write_label
 from symid.environment import locate_resource_folder
-from symid.lessons.chapters import Chapter, Item, Lesson, list_items, list_slides, say, show, write_marked
+from symid.lessons.chapters import (
+    Chapter,
+    Item,
+    Lesson,
+    find_tip,
+    list_items,
+    list_slides,
+    say,
+    show,
+    write_marked,
+)
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.exercises import Exercise, draw_exercises, write_sheet
 from symid.lessons.matrices import Parameterisation
@@ -252,7 +257,7 @@ def _describe(lesson: Lesson) -> dict[str, object]:
                 "limits": joint.limits.position,
                 "master": joint.mimic.master if joint.mimic else index,
                 "multiplier": float(joint.mimic.multiplier) if joint.mimic else 1.0,
-                "tip": list(lesson.tips[index]),
+                "tip": list(find_tip(robot, index)),
                 "latex": write_symbol(f"q{index + 1}", book, slides),
             }
             for index, joint in enumerate(robot.joints)

@@ -28,12 +28,12 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from sympy import QQ, Add, Matrix, Mul, Rational
 from sympy.polys.rings import PolyElement, PolyRing
 
-from symid.dynamics import ExactAlgebra
+from symid.dynamics import ExactAlgebra, PointAlgebra
 from symid.errors import Notice, UsageError
 from symid.robot import Exact, JointKind, Robot
 
@@ -140,15 +140,24 @@ def _list_choices(chain: Angle) -> Iterator[_Choice]:
         algebra = ExactAlgebra(ring, tuple((2 * k, 2 * k + 1) for k in range(len(angles))))
         images: dict[Letter, PolyElement] = {}
         for (number, _), row in zip(chain, shares, strict=True):
-            sine, cosine = ring.zero, ring.one
-            for k, share in enumerate(row):
-                for _ in range(abs(share)):
-                    s, c = ring.gens[2 * k] * (1 if share > 0 else -1), ring.gens[2 * k + 1]
-                    turned = sine * c + cosine * s, cosine * c - sine * s
-                    sine, cosine = map(algebra.reduce, turned)
-            images["s", ((number, 1),)] = sine
-            images["c", ((number, 1),)] = cosine
+            turns_of_sums = zip(ring.gens[::2], ring.gens[1::2], row, strict=True)
+            images["s", ((number, 1),)], images["c", ((number, 1),)] = add_angles(algebra, turns_of_sums)
         yield _Choice(angles, images, algebra)
+
+
+def add_angles(
+    algebra: ExactAlgebra | PointAlgebra, angles: Iterable[tuple[Any, Any, int]]
+) -> tuple[Any, Any]:
+    """Return sine and cosine of a sum of angles, given by sine, cosine and multiple of each."""
+    sine, cosine = algebra.zero, algebra.one
+    for s, c, times in angles:
+        turn = s if times > 0 else algebra.neg(s)
+        for _ in range(abs(times)):
+            sine, cosine = (
+                algebra.mul(sine, c) + algebra.mul(cosine, turn),
+                algebra.mul(cosine, c) - algebra.mul(sine, turn),
+            )
+    return sine, cosine
 
 
 def sort_letter(letter: Letter) -> tuple[object, ...]:
@@ -335,12 +344,8 @@ def expand_sum(total: Sum, algebra: ExactAlgebra) -> PolyElement:
             elif isinstance(letter[1], int):
                 factor = ring.ground_new(ring.domain.from_sympy(Rational(letter[1]) ** Rational(1, 2)))
             else:
-                sine, cosine = algebra.zero, algebra.one
-                for joint, sign in letter[1]:
-                    s, c = known[f"s{joint}"] * sign, known[f"c{joint}"]
-                    turned = sine * c + cosine * s, cosine * c - sine * s
-                    sine, cosine = map(algebra.reduce, turned)
-                factor = sine if letter[0] == "s" else cosine
+                angles = ((known[f"s{joint}"], known[f"c{joint}"], sign) for joint, sign in letter[1])
+                factor = add_angles(algebra, angles)[letter[0] == "c"]
             for _ in range(power):
                 value = algebra.mul(value, factor)
         if product.inner is not None:
@@ -409,20 +414,20 @@ def _join_products(total: Sum, write: Callable[[Letter, int], list[str]], fracti
 
 def write_text(total: Sum) -> str:
     """Return a sum in plain text, c23 for cos(q2 + q3), as Python reads it with ** for powers."""
-    return _join_products(total, lambda letter, n: [write_letter(letter) + (f"**{n}" if n > 1 else "")], "{}")
 
+    def write(letter: Letter, power: int) -> list[str]:
+        text, what = (letter, 0) if isinstance(letter, str) else letter
+        if isinstance(what, tuple):
+            if all(sign > 0 and number < 10 for number, sign in what):
+                text += "".join(str(number) for number, _ in what)
+            else:
+                angle = "".join(f"{'+' if sign > 0 else '-'}q{number}" for number, sign in what)
+                text = f"{'sin' if text == 's' else 'cos'}({angle.removeprefix('+')})"
+        elif what:
+            text = f"sqrt({what})"
+        return [text if power == 1 else f"{text}**{power}"]
 
-def write_letter(letter: Letter) -> str:
-    """Return a letter in plain text."""
-    if isinstance(letter, str):
-        return letter
-    kind, what = letter
-    if isinstance(what, int):
-        return f"sqrt({what})"
-    if all(sign > 0 for _, sign in what) and all(number < 10 for number, _ in what):
-        return kind + "".join(str(number) for number, _ in what)
-    angle = "".join(f"{'+' if sign > 0 else '-'}q{number}" for number, sign in what)
-    return f"{'sin' if kind == 's' else 'cos'}({angle.removeprefix('+')})"
+    return _join_products(total, write, "{}")
 
 
 def write_code(total: Sum, values: str = "") -> str:

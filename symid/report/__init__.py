@@ -33,14 +33,6 @@ if TYPE_CHECKING:
         show_springs as show_springs,
         show_stiffness as show_stiffness,
     )
-    from symid.report.hysteresis_page import (
-        describe_element as describe_element,
-        draw_element as draw_element,
-        judge_element as judge_element,
-        judge_element_trial as judge_element_trial,
-        show_element as show_element,
-        write_element_page as write_element_page,
-    )
     from symid.report.identification_page import (
         WrittenPage as WrittenPage,
         draw_fit as draw_fit,
@@ -54,9 +46,15 @@ if TYPE_CHECKING:
         write_page as write_page,
     )
     from symid.report.result_pages import (
+        describe_element as describe_element,
         draw_check as draw_check,
+        draw_element as draw_element,
+        judge_element as judge_element,
+        judge_element_trial as judge_element_trial,
+        show_element as show_element,
         write_check_page as write_check_page,
         write_comparison_page as write_comparison_page,
+        write_element_page as write_element_page,
         write_excitation_page as write_excitation_page,
         write_payload_page as write_payload_page,
         write_stiffness_page as write_stiffness_page,

@@ -107,8 +107,15 @@ class Table:
         )
         rows = []
         for number, row in enumerate(self.rows):
-            tags = ('th scope="row"', *("td" for _ in row[1:]))
-            inner = "".join(map(_write_cell, row, kinds, tags))
+            inner = ""
+            for k, (cell, kind) in enumerate(zip(row, kinds, strict=True)):
+                formula, line_break, words = _format_cell(cell).partition("\n")
+                text = html.escape(formula)
+                if line_break:
+                    text = f"{f'<code>{text}</code>' if text else ''}<span>{html.escape(words)}</span>"
+                # "no" stands out.
+                names = f"{kind} no".strip() if _to_plain(cell) is False else kind
+                inner += _write_tag("td" if k else 'th scope="row"', names, text)
             rows.append(_write_tag("tr", "picked" * (number == self.picked), inner))
         caption = f"<caption>{html.escape(self.title)}</caption>" if self.title else ""
         note = f"<p>{html.escape(self.note)}</p>" if self.note else ""
@@ -123,15 +130,6 @@ def _write_tag(tag: str, names: str, inner: str) -> str:
     """Return an element of HTML, its classes by `names`."""
     classes = f' class="{names}"' if names else ""
     return f"<{tag}{classes}>{inner}</{tag.partition(' ')[0]}>"
-
-
-def _write_cell(cell: object, kind: str, tag: str) -> str:
-    """Return a cell with its tag; "no" stands out."""
-    formula, line_break, words = _format_cell(cell).partition("\n")
-    text = html.escape(formula)
-    if line_break:
-        text = f"{f'<code>{text}</code>' if text else ''}<span>{html.escape(words)}</span>"
-    return _write_tag(tag, f"{kind} no".strip() if _to_plain(cell) is False else kind, text)
 
 
 @dataclass(frozen=True, slots=True)

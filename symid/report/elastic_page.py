@@ -15,32 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
+from symid import joint_models
 from symid.arrays import FloatArray
-from symid.identification.elastic import (
-    ElasticEstimate,
-    ElasticTrial,
-    JointTrial,
-    SpringEstimate,
-)
-from symid.joint_models import (
-    Elasticity,
-    compute_first_curve,
-    compute_spring_work,
-    find_most_slope,
-    needs_time,
-    run_element,
-)
-from symid.report import pages
+from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial, SpringEstimate
+from symid.report import figures, pages
 from symid.report.blocks import Block, Drawing, Table
-from symid.report.figures import (
-    STYLES,
-    Line,
-    Mark,
-    build_curve_figure,
-    build_line_figure,
-    build_mark_figure,
-    list_lines,
-)
 from symid.report.fit_text import show_effects, show_residual
 from symid.report.verdict import compute_spring_share, judge_elastic
 
@@ -164,10 +143,12 @@ def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
             label, linear = _get_linear_torque(joint)
             curves = ((label, "initial", linear), ("identified", "final", joint.final))
             errors = [
-                Line(name, style, joint.time, joint.motor - y) for name, style, y in curves if y is not None
+                figures.Line(name, style, joint.time, joint.motor - y)
+                for name, style, y in curves
+                if y is not None
             ]
             caption = f"When does the spring miss? Joint torque of {joint.joint} less that of the spring."
-            yield build_line_figure(caption, ("time (s)", f"difference ({joint.unit})"), errors)
+            yield figures.build_line_figure(caption, ("time (s)", f"difference ({joint.unit})"), errors)
 
 
 def draw_loops(entry: JointTrial, *, opened: bool = False) -> Drawing:
@@ -183,7 +164,7 @@ def draw_loops(entry: JointTrial, *, opened: bool = False) -> Drawing:
         axis = f"torque less {stiffness} \N{MULTIPLICATION SIGN} torsion ({entry.unit})"
         caption = f"The loops of {entry.joint} less {stiffness} times the torsion, which opens them."
     name, linear = _get_linear_torque(entry)
-    lines = list_lines(
+    lines = figures.list_lines(
         entry.torsion,
         ("truth", "truth", entry.truth),
         ("measured, motor side", "measured", entry.motor),
@@ -193,7 +174,7 @@ def draw_loops(entry: JointTrial, *, opened: bool = False) -> Drawing:
         ("identified", "final", entry.final),
     )
     lines = [replace(line, x=1e3 * line.x, y=line.y - slope * line.x) for line in lines]
-    return build_curve_figure(caption, (f"torsion (m{entry.torsion_unit})", axis), lines)
+    return figures.build_curve_figure(caption, (f"torsion (m{entry.torsion_unit})", axis), lines)
 
 
 def _get_linear_torque(entry: JointTrial) -> tuple[str, FloatArray]:
@@ -252,13 +233,13 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
         yield f"True slopes: {', '.join(bends) or '1'}."
 
 
-def _list_stops(spring: Elasticity) -> tuple[tuple[str, str, str], ...]:
+def _list_stops(spring: joint_models.Elasticity) -> tuple[tuple[str, str, str], ...]:
     """Return threshold, stiffness, and torque at which it slips, of every stop."""
     known = [(stop.threshold, stop.stiffness) for stop in spring.stops if stop.stiffness is not None]
     return tuple((f"{1e3 * place:.4g}", f"{k:.4g}", f"{k * place:.3g}") for place, k in known)
 
 
-def _list_knees(spring: Elasticity) -> tuple[tuple[str, str], ...]:
+def _list_knees(spring: joint_models.Elasticity) -> tuple[tuple[str, str], ...]:
     """Return the torque of every knee, and the slope of the outer function beyond it."""
     result = []
     for side in (-1.0, 1.0):
@@ -302,25 +283,29 @@ def _tabulate_spring(estimate: SpringEstimate) -> Table:
     return Table(header, rows, (0, len(header) - 1), "Values that do not depend on the chosen thresholds.")
 
 
-def _measure_spring(spring: Elasticity, amplitude: float) -> tuple[float, float, float, float]:
+def _measure_spring(spring: joint_models.Elasticity, amplitude: float) -> tuple[float, float, float, float]:
     """Return k0, k0 + sum k_i, the secant stiffness at `amplitude`, and the loss of a cycle in J."""
     # The second cycle is closed: the first one begins on the virgin curve.
     path = _sweep_torsion(amplitude, -amplitude, amplitude)
     if not spring.is_plain:
-        torque = run_element(spring, path).output
-        steepest, cycle = find_most_slope(spring), slice(_SAMPLES, None)
+        torque = joint_models.run_element(spring, path).output
+        steepest, cycle = joint_models.find_most_slope(spring), slice(_SAMPLES, None)
         lost = float(scipy.integrate.trapezoid(torque[cycle], path[cycle]))
         return spring.stiffness or 0.0, steepest, float(torque[_SAMPLES]) / amplitude, lost
-    first = float(compute_first_curve(spring, np.array([amplitude]))[0])
-    work = compute_spring_work(spring, path) if not (spring.cubic and spring.knees) else None
+    first = float(joint_models.compute_first_curve(spring, np.array([amplitude]))[0])
+    work = joint_models.compute_spring_work(spring, path) if not (spring.cubic and spring.knees) else None
     loss = float(work[-1] - work[_SAMPLES]) if work is not None else float("nan")
     return spring.stiffness or 0.0, spring.initial_stiffness or 0.0, first / amplitude, loss
 
 
-def _get_traceable(estimate: SpringEstimate) -> Elasticity | None:
+def _get_traceable(estimate: SpringEstimate) -> joint_models.Elasticity | None:
     """Return the true spring, None where it is not known, or its torque depends on the speed of a sweep."""
     true = estimate.truth
-    return true if true is None or true.is_plain or not needs_time(replace(true, damping=0.0)) else None
+    return (
+        true
+        if true is None or true.is_plain or not joint_models.needs_time(replace(true, damping=0.0))
+        else None
+    )
 
 
 def draw_branches(estimate: SpringEstimate) -> Drawing:
@@ -329,19 +314,19 @@ def draw_branches(estimate: SpringEstimate) -> Drawing:
     whole = _sweep_torsion(
         amplitude, -amplitude, amplitude, *(amplitude * turn for turn in _TURNS), amplitude
     )
-    torque = run_element(replace(estimate.elasticity, damping=0.0), whole).output
+    torque = joint_models.run_element(replace(estimate.elasticity, damping=0.0), whole).output
     pieces = (
         ("nested loops", "minor", slice(3 * _SAMPLES, None)),
         ("outer loop", "major", slice(_SAMPLES, 3 * _SAMPLES + 1)),
         ("first curve", "virgin", slice(0, _SAMPLES + 1)),
     )
-    lines = [Line(label, style, 1e3 * whole[piece], torque[piece]) for label, style, piece in pieces]
+    lines = [figures.Line(label, style, 1e3 * whole[piece], torque[piece]) for label, style, piece in pieces]
     true = _get_traceable(estimate)
     if true is not None:
         path = _sweep_torsion(amplitude, -amplitude, amplitude)
-        torque = run_element(replace(true, damping=0.0), path).output
-        lines.insert(0, Line("true outer loop", "truth", 1e3 * path[_SAMPLES:], torque[_SAMPLES:]))
-    return build_curve_figure(
+        torque = joint_models.run_element(replace(true, damping=0.0), path).output
+        lines.insert(0, figures.Line("true outer loop", "truth", 1e3 * path[_SAMPLES:], torque[_SAMPLES:]))
+    return figures.build_curve_figure(
         f"The identified spring of {estimate.joint}: first curve from rest, outer loop, nested loops.",
         (f"torsion (m{estimate.position_unit})", f"joint torque ({estimate.torque_unit})"),
         lines,
@@ -379,13 +364,13 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
     )
     for measure, scores in measures.items():
         marks = [
-            Mark(name, score, _format_score(score), mine)
+            figures.Mark(name, score, _format_score(score), mine)
             for name, score, mine in zip(names, scores, chosen, strict=True)
             if score is not None and math.isfinite(score)
         ]
         if len(marks) > 1:
             text = f"{measure.partition(' (')[0].capitalize()} of every method; less is better."
-            yield build_mark_figure(text, measure, marks)
+            yield figures.build_mark_figure(text, measure, marks)
 
 
 def _format_score(value: float | None) -> str:
@@ -407,7 +392,7 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
     number = np.arange(1.0, len(finite) + 1.0)
     # Norms relative to their first values, so that units do not matter.
     norms = np.array([entry.norms[: len(heads)] for entry in finite])
-    figures = (
+    courses = (
         (
             "Merit and relative change of the parameters, by iteration.",
             "merit, change (1)",
@@ -420,15 +405,15 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
             {head: y / y[0] for head, y in zip(heads, norms.T, strict=True) if y[0] > 0.0},
         ),
     )
-    for place, (caption, label, curves) in enumerate(figures):
+    for place, (caption, label, curves) in enumerate(courses):
         lines = [
-            Line(name, STYLES[k % len(STYLES)], number, np.array(y), markers=True)
+            figures.Line(name, figures.STYLES[k % len(figures.STYLES)], number, np.array(y), markers=True)
             for k, (name, y) in enumerate(curves.items())
             if np.any(np.array(y) > 0.0)
         ]
         if lines:
             labels = ("iteration", label)
-            yield build_line_figure(caption, labels, lines, logarithmic=not place, whole=True)
+            yield figures.build_line_figure(caption, labels, lines, logarithmic=not place, whole=True)
     rows = [
         (
             *(place, f"{entry.merit:.6g}", f"{entry.change:.2e}", f"{entry.damping:g}"),
@@ -449,8 +434,10 @@ def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> 
     yield Table(header, rows, title="RMS tracking error of the links (reached minus desired position).")
     for index, (name, unit) in enumerate(joints):
         lines = [
-            Line(run.name, STYLES[number % len(STYLES)], run.time, 1e3 * run.error[:, index])
+            figures.Line(
+                run.name, figures.STYLES[number % len(figures.STYLES)], run.time, 1e3 * run.error[:, index]
+            )
             for number, run in enumerate(runs)
         ]
         caption = f"Tracking error of {name} with every feed-forward."
-        yield build_line_figure(caption, ("time (s)", f"tracking error (m{unit})"), lines)
+        yield figures.build_line_figure(caption, ("time (s)", f"tracking error (m{unit})"), lines)

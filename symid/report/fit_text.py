@@ -12,7 +12,6 @@ from symid.serialization import describe_record, write_plain
 if TYPE_CHECKING:
     from symid.arrays import FloatArray
     from symid.identification import estimators
-    from symid.identification.diagnostics import BandResidual
     from symid.identification.elastic import DriveEffect, ElasticEstimate, StiffnessEstimate
     from symid.identification.friction import FrictionIdentification, JointFriction, PoseTest
     from symid.logs import Alignment
@@ -194,50 +193,6 @@ def show_motion(motion: Sequence["estimators.MotionResidual"]) -> tuple[Table, .
     ]
     title = "RMS of the residual of all rows, and their share; at reversal: below 5 % of the top speed."
     return (Table((*header, *(("left out", "all rows") if left_out else ())), rows, (0, 4), title),)
-
-
-def describe_motion(motion: "estimators.MotionResidual") -> str:
-    """Return the residual of one joint in motion, at reversal and at rest in a sentence."""
-    words = zip(("in motion", "at reversal", "at rest"), motion.rms, motion.rows, strict=True)
-    text = ", ".join(
-        f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the rows)"
-        for name, rms, rows in words
-        if rms is not None
-    )
-    if motion.left_out:
-        whole = f"{motion.whole:.4g} {motion.unit}"
-        text += f"; {motion.left_out} of these rows were left out above, all of them have {whole}"
-    return text
-
-
-def describe_band(residual: "BandResidual") -> dict[str, object]:
-    """Return the residual within a band as `symid validate --json` gives it."""
-    joints = [
-        {**describe_record(entry), "range_percent": share}
-        for entry, share in zip(residual.joints, residual.range_percent, strict=True)
-    ]
-    found = {"frequency": residual.band, "residual": joints, "stacked_percent": residual.stacked_percent}
-    return {**found, "mean_relative_percent": residual.mean_relative_percent}
-
-
-def describe_band_metric(residual: "BandResidual") -> str:
-    """Return how torques within a band are compared, and the residual of all joints as one vector."""
-    text = (
-        f"measured and predicted torque: both low-pass at {residual.band:g} Hz (Butterworth, order 4, zero "
-        "phase), without 0.5 s at either end"
-    )
-    stacked = residual.stacked_percent
-    return text if stacked is None else f"{text}; all joints as one vector: {stacked:.4f} %"
-
-
-def show_band(residual: "BandResidual") -> Table:
-    """Return the table of residuals within a band."""
-    rows = [
-        [entry.joint, entry.std, f"{entry.relative_percent:.4f}", f"{share:.4f}", entry.unit, entry.samples]
-        for entry, share in zip(residual.joints, residual.range_percent, strict=True)
-    ]
-    header = ("joint", "rms", "relative/%", "of range/%", "unit", "samples")
-    return Table(header, rows, left=(0, 4))
 
 
 def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[str, object]:
@@ -470,8 +425,18 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
             f"{residual.unit} RMS over {residual.samples} rows"
         ),
     ]
-    if entry.motion is not None:
-        parts.append(_wrap(f"RMS {describe_motion(entry.motion)}"))
+    motion = entry.motion
+    if motion is not None:
+        words = zip(("in motion", "at reversal", "at rest"), motion.rms, motion.rows, strict=True)
+        text = ", ".join(
+            f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the rows)"
+            for name, rms, rows in words
+            if rms is not None
+        )
+        if motion.left_out:
+            whole = f"{motion.whole:.4g} {motion.unit}"
+            text += f"; {motion.left_out} of these rows were left out above, all of them have {whole}"
+        parts.append(_wrap(f"RMS {text}"))
     if entry.poses is not None:
         parts += [*show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]
     if estimate.refused:

@@ -28,14 +28,15 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
-from symid.identification import FrictionValidation, TaskContext, diagnose_fit, elastic, validate_fit
-from symid.identification.estimators import Estimate, FittedLaw, Series, Validation, check_model
-from symid.identification.friction import (
-    CONFIDENCE,
-    FrictionIdentification,
-    JointFriction,
-    compute_law_sensitivities,
+from symid.identification import (
+    FrictionValidation,
+    TaskContext,
+    diagnose_fit,
+    elastic,
+    friction,
+    validate_fit,
 )
+from symid.identification.estimators import Estimate, Series, Validation, check_model
 from symid.identification.rigid import (
     Diagnosis,
     get_fit_overlap,
@@ -45,17 +46,9 @@ from symid.identification.rigid import (
 )
 from symid.joint_models import compute_friction_torque, get_law
 from symid.logs import LogPart, Recording, check_recording, read_recordings, take_parts
-from symid.report import fit_text, pages
+from symid.report import figures, fit_text, pages
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.elastic_page import build_elastic_page, draw_branches
-from symid.report.figures import (
-    Line,
-    Mark,
-    build_curve_figure,
-    build_histogram,
-    build_line_figure,
-    build_mark_figure,
-)
 from symid.report.verdict import (
     QUANTITIES,
     AnyEstimate,
@@ -95,6 +88,16 @@ def build_identification_page(
         diagnosis: of the fit and its own logs.
         options: notices, origin and further fields of the page, as of `build_fit_page`.
     """
+    # How the friction law of a joint was chosen, where there was a choice.
+    choices: list[Block] = []
+    for entry in estimate.laws:
+        chosen = entry.selection
+        if chosen is not None and len(chosen.trials) > 1:
+            choices += [
+                f"=== {entry.joint}: {entry.law} ===",
+                chosen.verdict,
+                fit_text.show_law_trials(chosen),
+            ]
     return pages.build_fit_page(
         estimate,
         subject="identified parameters",
@@ -107,7 +110,7 @@ def build_identification_page(
             *pages.draw_certainty(estimate.parameters),
             *pages.show_refused(estimate.refused),
             *(("== Friction laws ==", *fit_text.tabulate_laws(estimate.laws)) if estimate.laws else ()),
-            *(block for entry in estimate.laws for block in _show_law(entry)),
+            *choices,
             *(() if validations else ("== Held-out logs ==", pages.UNTESTED)),
         ),
         more=(
@@ -184,17 +187,9 @@ def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing
     where = "the logs of the fit" if estimate.evidence is None else "stretches that were held out"
     pairs = _list_shares(estimate)
     most, _ = max(pairs, key=itemgetter(1))
-    marks = [Mark(name, value, pages.format_percent(value), name == most) for name, value in pairs]
+    marks = [figures.Mark(name, value, pages.format_percent(value), name == most) for name, value in pairs]
     caption = f"How much does it miss, joint by joint? Torque left in {where}."
-    return build_mark_figure(caption, "unexplained (% of the joint's torque)", marks)
-
-
-def _show_law(entry: FittedLaw) -> tuple[Block, ...]:
-    """Return how the friction law of a joint was chosen; nothing where there was no choice."""
-    chosen = entry.selection
-    if chosen is None or len(chosen.trials) < 2:
-        return ()
-    return (f"=== {entry.joint}: {entry.law} ===", chosen.verdict, fit_text.show_law_trials(chosen))
+    return figures.build_mark_figure(caption, "unexplained (% of the joint's torque)", marks)
 
 
 def _show_choice(estimate: Estimate) -> Iterator[Block]:
@@ -226,11 +221,13 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
     yield from ("== Identifiability ==", describe_rank(diagnosis))
     values, rank = np.array(diagnosis.singular), diagnosis.rank
     number = np.arange(1.0, len(values) + 1.0)
-    lines = [Line("identifiable", "first", number[:rank], values[:rank], markers=True)]
+    lines = [figures.Line("identifiable", "first", number[:rank], values[:rank], markers=True)]
     if np.any(values[rank:] > 0.0):
-        lines.append(Line("not identifiable", "second", number[rank:], values[rank:], markers=True))
+        lines.append(figures.Line("not identifiable", "second", number[rank:], values[rank:], markers=True))
     caption = "Singular values of the column-scaled regressor, in falling order."
-    yield build_line_figure(caption, ("number", "singular value"), lines, logarithmic=True, whole=True)
+    yield figures.build_line_figure(
+        caption, ("number", "singular value"), lines, logarithmic=True, whole=True
+    )
     if diagnosis.correlated:
         pairs = [(a, b, f"{value:.3f}") for a, b, value in diagnosis.correlated]
         yield Table(("one", "other", "correlation"), pairs, (0, 1), "Strongly correlated parameters.")
@@ -238,8 +235,8 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
         first, second, _ = diagnosis.correlated[0]
         outline, level = diagnosis.ellipse.trace(), diagnosis.ellipse.level
         caption = f"The closest pair, {first} and {second}: {level:.0%} confidence ellipse."
-        line = Line("ellipse", "first", outline[:, 0], outline[:, 1])
-        yield build_curve_figure(caption, (first, second), (line,))
+        line = figures.Line("ellipse", "first", outline[:, 0], outline[:, 1])
+        yield figures.build_curve_figure(caption, (first, second), (line,))
     yield from ("== Significant parameters ==", describe_essential(diagnosis))
     if essential.dropped:
         header = ("name", "value / std", "residual grows by/%")
@@ -288,14 +285,14 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
         ):
             centre, mean, deviation = profile.centre, profile.mean, profile.deviation
             lines = [
-                Line("mean", "first", centre, mean, markers=True),
-                Line("plus deviation", "second", centre, mean + deviation),
-                Line("minus deviation", "third", centre, mean - deviation),
+                figures.Line("mean", "first", centre, mean, markers=True),
+                figures.Line("plus deviation", "second", centre, mean + deviation),
+                figures.Line("minus deviation", "third", centre, mean - deviation),
             ]
             caption = (
                 f"Mean residual of {entry.joint} against {against}, with one standard deviation either side."
             )
-            yield build_line_figure(caption, (label, f"residual ({entry.unit})"), lines)
+            yield figures.build_line_figure(caption, (label, f"residual ({entry.unit})"), lines)
     if diagnosis.prices:
         prices = [(entry.what, entry.of, f"{entry.percent:+.3g} %") for entry in diagnosis.prices]
         yield "== Effect of the choices =="
@@ -368,19 +365,22 @@ def _show_errors(validation: Validation) -> Iterator[Block]:
         error, joint, unit = series.measured - series.predicted, series.joint, series.unit
         quantity = _name_quantity(series, validation.rows)
         caption = f"When does it miss? {joint}, measured minus predicted {quantity}."
-        line = Line("residual", "residual", series.time, error)
-        yield build_line_figure(caption, ("time (s)", f"residual ({unit})"), (line,))
+        line = figures.Line("residual", "residual", series.time, error)
+        yield figures.build_line_figure(caption, ("time (s)", f"residual ({unit})"), (line,))
         caption = f"Is it noise? Residual of {joint}, and the normal distribution of the same deviation."
-        yield build_histogram(caption, (f"residual ({unit})", "rows"), error)
+        yield figures.build_histogram(caption, (f"residual ({unit})", "rows"), error)
 
 
 def draw_prediction(series: Series, rows: str, caption: str = "") -> Drawing:
     """Return the figure of what was measured and predicted of one joint."""
     quantity, values = _name_quantity(series, rows), (series.measured, series.predicted)
-    return build_line_figure(
+    return figures.build_line_figure(
         f"{caption} Measured and predicted {quantity} of {series.joint}.".lstrip(),
         ("time (s)", f"{quantity} ({series.unit})"),
-        [Line(name, name, series.time, y) for name, y in zip(("measured", "predicted"), values, strict=True)],
+        [
+            figures.Line(name, name, series.time, y)
+            for name, y in zip(("measured", "predicted"), values, strict=True)
+        ],
     )
 
 
@@ -397,7 +397,7 @@ class FrictionCurve:
     half_width: FloatArray
 
 
-def compute_friction_curve(joint: JointFriction) -> FrictionCurve:
+def compute_friction_curve(joint: friction.JointFriction) -> FrictionCurve:
     """Return the law of a joint over the velocities that were measured, dense where it bends."""
     law = get_law(joint.estimate.law, smoothing=joint.smoothing)
     fastest = float(np.max(np.abs(joint.velocity_map.cloud_velocity), initial=0.0)) or 1.0
@@ -409,18 +409,18 @@ def compute_friction_curve(joint: JointFriction) -> FrictionCurve:
     velocity = velocity[(velocity >= min(low, 0.0)) & (velocity <= max(high, 0.0))]
     inputs = {name: np.zeros(len(velocity)) for name in law.inputs} | {"velocity": velocity}
     linear, shape = list(joint.estimate.linear), list(joint.estimate.shape)
-    gradient = compute_law_sensitivities(law, inputs, linear, shape)
+    gradient = friction.compute_law_sensitivities(law, inputs, linear, shape)
     size = gradient.shape[1]
     covariance = np.array(joint.estimate.covariance)[:size, :size]
     variance = np.einsum("ni,ij,nj->n", gradient, covariance, gradient)
     return FrictionCurve(
         velocity=velocity,
         torque=compute_friction_torque(law, inputs, linear, shape),
-        half_width=CONFIDENCE * np.sqrt(np.maximum(variance, 0.0)),
+        half_width=friction.CONFIDENCE * np.sqrt(np.maximum(variance, 0.0)),
     )
 
 
-def build_friction_figure(joint: JointFriction) -> Drawing:
+def build_friction_figure(joint: friction.JointFriction) -> Drawing:
     """Return the figure of one joint: one curve, or one a direction where no row is near standstill."""
     curve, measured = compute_friction_curve(joint), joint.velocity_map
     shown = np.concatenate([measured.cloud_torque, curve.torque])
@@ -434,15 +434,15 @@ def build_friction_figure(joint: JointFriction) -> Drawing:
     if measured.slowest <= _STILL * float(np.max(np.abs(curve.velocity), initial=0.0)):
         pieces = [slice(None)]
     lines = [
-        Line("measured rows", "cloud", measured.cloud_velocity, measured.cloud_torque, joined=False),
+        figures.Line("measured rows", "cloud", measured.cloud_velocity, measured.cloud_torque, joined=False),
         *(
-            Line(label, style, curve.velocity[part], values[part])
+            figures.Line(label, style, curve.velocity[part], values[part])
             for part in pieces
             for label, style, values in kinds
         ),
-        Line("mean of them", "link", measured.velocity, measured.torque, markers=True, joined=False),
+        figures.Line("mean of them", "link", measured.velocity, measured.torque, markers=True, joined=False),
     ]
-    return build_curve_figure(
+    return figures.build_curve_figure(
         f"Does the law follow the friction of {joint.joint}? Rows that were measured, their means over "
         f"intervals of velocity, and the law {joint.estimate.law} with its 95 % confidence band.",
         (f"velocity ({joint.velocity_unit})", f"friction ({joint.unit})"),
@@ -452,7 +452,7 @@ def build_friction_figure(joint: JointFriction) -> Drawing:
 
 
 def build_friction_page(
-    found: FrictionIdentification,
+    found: friction.FrictionIdentification,
     validations: Sequence[Validation] = (),
     **options: Any,  # noqa: ANN401  of `build_fit_page`
 ) -> pages.Page:
@@ -463,7 +463,7 @@ def build_friction_page(
     # What each law leaves: of held-out blocks where laws were compared, else of the fit.
     left = []
     for entry in found.joints:
-        part: tuple[float, float | None, str, JointFriction]
+        part: tuple[float, float | None, str, friction.JointFriction]
         part = (entry.residual.relative_percent, entry.residual.std, "the logs of the fit", entry)
         for trial in () if entry.selection is None else entry.selection.trials:
             if entry.selection and trial.law == entry.selection.chosen and trial.held_percent is not None:
@@ -508,7 +508,7 @@ def build_friction_page(
     )
 
 
-def _show_search(entry: JointFriction) -> Iterator[Block]:
+def _show_search(entry: friction.JointFriction) -> Iterator[Block]:
     """Yield how the law of a joint was found: phases of motion, rigid part, choice, poses, the search."""
     estimate = entry.estimate
     yield f"== {entry.joint}: how it was found =="
@@ -529,10 +529,10 @@ def _show_search(entry: JointFriction) -> Iterator[Block]:
     history = [value for value in estimate.history if value > 0.0]
     if len(history) >= 3 and max(history) > _FLAT * min(history):
         number, markers = np.arange(float(len(history))), len(history) < 40
-        line = Line("objective", "final", number, np.array(history), markers)
+        line = figures.Line("objective", "final", number, np.array(history), markers)
         caption = "Did the search settle? Least objective after each iteration or generation."
         labels = ("iteration or generation", f"objective (({entry.unit})²)")
-        yield build_line_figure(caption, labels, (line,), logarithmic=True, whole=True)
+        yield figures.build_line_figure(caption, labels, (line,), logarithmic=True, whole=True)
 
 
 def _capitalise(text: str) -> str:
@@ -550,7 +550,7 @@ def judge_fit(estimate: AnyEstimate) -> FitVerdict:
             return judge_identification(estimate, ())
         case elastic.ElasticEstimate():
             return judge_elastic(estimate, ())
-        case FrictionIdentification():
+        case friction.FrictionIdentification():
             return judge_friction(estimate)
 
 
@@ -559,16 +559,16 @@ def draw_fit(estimate: AnyEstimate) -> tuple[Drawing, ...]:
     match estimate:
         case elastic.ElasticEstimate():
             return tuple(draw_branches(entry) for entry in estimate.springs if entry.identifiable)
-        case FrictionIdentification():
+        case friction.FrictionIdentification():
             return tuple(map(build_friction_figure, estimate.joints))
     known = [entry for entry in estimate.parameters if 0.0 < entry.relative_std_percent < math.inf]
     least = sorted(known, key=lambda entry: -entry.relative_std_percent)[:_MOST_PARAMETERS]
     marks = [
-        Mark(entry.name, entry.relative_std_percent, pages.format_percent(entry.relative_std_percent))
+        figures.Mark(entry.name, entry.relative_std_percent, pages.format_percent(entry.relative_std_percent))
         for entry in least
     ]
     caption = f"{estimate.robot}: least certain parameters, standard deviation in percent of the value."
-    return (build_mark_figure(caption, "relative standard deviation (%)", marks),) if marks else ()
+    return (figures.build_mark_figure(caption, "relative standard deviation (%)", marks),) if marks else ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -642,7 +642,7 @@ def write_fit_page(
             rigid = elastic.build_rigid_estimate(estimate, described)
             described = elastic.build_rigid_variant(described)
         recordings = take_parts(read_recordings(logs, described), test, "--test")
-        if not isinstance(estimate, FrictionIdentification):
+        if not isinstance(estimate, friction.FrictionIdentification):
             library = context.prepare(described)
             notices = (*described.notices, *library.notices)
             for recording in recordings:
@@ -674,7 +674,7 @@ def write_fit_page(
                 trials = tuple(
                     elastic.evaluate_elastic(estimate, library, entry, cutoff=cutoff) for entry in moved
                 )
-            case FrictionIdentification():
+            case friction.FrictionIdentification():
                 tried = [
                     validate_fit(robot, estimate, e, context, pairs=pairs, file=file) for e in recordings
                 ]
@@ -686,7 +686,7 @@ def write_fit_page(
             page = build_identification_page(estimate, validations, diagnosis=diagnosis, **told)
         case elastic.ElasticEstimate():
             page = build_elastic_page(estimate, trials, **told)
-        case FrictionIdentification():
+        case friction.FrictionIdentification():
             page = build_friction_page(estimate, validations, **told)
     tests: tuple[Validation | elastic.ElasticTrial, ...] = (*validations, *trials)
     name = estimate.robot if estimate.robot in list_robots() else "ROBOT"

@@ -1,4 +1,4 @@
-"""The pages of results that are no fits: check of logs, trajectory, payload, stiffness, comparison.
+"""The pages of results that are no fits of robots: checked logs, trajectory, payload, stiffness, comparison.
 
 Result -> `FitVerdict`, `Page`: the first screen has the verdict, three numbers and a figure; tables follow.
 
@@ -9,37 +9,40 @@ Result -> `FitVerdict`, `Page`: the first screen has the verdict, three numbers 
     stiffness    usable: a joint is missing; doubtful: all are
     comparison   good: differences as chance makes them, at 1 %; doubtful: larger
 
-Not supported: other results, which have pages of their own.
+And a bare element with hysteresis as text, figures and page; and what it predicts of another recording:
+
+    energy of a cycle      work int y dx from one reversal to the next but one
+    Masing's rule          branches after reversals, moved to one point and turned, are one (Masing 1926)
+    first-order reversal   branches that begin at reversals of any size and end at the largest input
+
+Not supported: other results, which have pages of their own; reversal curves of a recording without a swing
+that grows or shrinks.
 """
 
 import math
 import shlex
-from collections.abc import Sequence
-from itertools import chain
+from collections.abc import Iterator, Sequence
+from itertools import chain, pairwise
 from pathlib import Path
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 
+from symid.arrays import FloatArray
 from symid.errors import SEVERE, Notice, merge_notices
+from symid.identification import hysteresis
 from symid.identification.estimators import ParameterEstimate
-from symid.report import pages
+from symid.report import pages, robot_text
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
-from symid.report.figures import Line, Mark, build_line_figure, build_mark_figure
+from symid.report.figures import Line, Mark, build_curve_figure, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
-from symid.report.robot_text import (
-    describe_gain,
-    show_excitation,
-    show_identifiable,
-    show_joints,
-    show_robot_check,
-    summarise_robot,
-)
 from symid.report.validation_text import show_comparison
-from symid.report.verdict import FitVerdict
+from symid.report.verdict import FitVerdict, rate_output
 from symid.robot import Robot, name_for_commands
+from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.dynamics import Payload
@@ -56,7 +59,8 @@ _FAR = 3.0
 _MOST_MARKS = 30
 
 
-def _build_page(
+def _write_page(
+    path: Path,
     robot: str,
     subject: str,
     verdict: FitVerdict,
@@ -65,11 +69,11 @@ def _build_page(
     blocks: Sequence[Block],
     notices: Sequence[Notice] = (),
     **options: Any,  # noqa: ANN401  fields of the page
-) -> pages.Page:
-    """Return a page whose first figure stands beside its verdict, the others before the tables."""
+) -> Path:
+    """Write a page whose first figure stands beside its verdict, the others before the tables."""
     rest = figures[1:]
     options.setdefault("settings", (("robot", robot),))
-    return pages.Page(
+    page = pages.Page(
         robot=robot,
         subject=subject,
         verdict=verdict,
@@ -78,6 +82,7 @@ def _build_page(
         notices=tuple(map(str, merge_notices(notices))),
         **options,
     )
+    return pages.write_page(path, page)
 
 
 def judge_check(checked: "LogsCheck") -> FitVerdict:
@@ -115,7 +120,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
     """Write the page of a robot file and its logs, checked; OutputError where it cannot be written."""
     numbers: list[tuple[str, str]] = []
     found, several = checked.excitation, "s"[: len(checked.logs) > 1]
-    blocks: tuple[Block, ...] = show_robot_check(robot, checked)
+    blocks: tuple[Block, ...] = robot_text.show_robot_check(robot, checked)
     if found is not None:
         good, values = len(found.list_names("identifiable")), np.array(found.singular)
         numbers = [
@@ -124,7 +129,10 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
         ]
         title = "What a fit to all these logs would identify."
         blocks = (
-            *("== Identifiability ==", show_identifiable(found, "expected std", pages.format_percent, title)),
+            *(
+                "== Identifiability ==",
+                robot_text.show_identifiable(found, "expected std", pages.format_percent, title),
+            ),
             build_line_figure(
                 "How well are the parameters separated? Singular values of the scaled regressor; "
                 f"the rank is {found.rank} of {len(found.singular)}.",
@@ -134,13 +142,14 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
                 whole=True,
             ),
             "== Joints ==",
-            *(show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
+            *(robot_text.show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
         )
     length = sum(entry.timing.duration for entry in checked.logs)
     numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{several}"))
     sources = (entry.recording.source for entry in checked.logs)
     command = ("symid", "identify", name_for_commands(robot), *sources)
-    page = _build_page(
+    return _write_page(
+        path,
         robot.name,
         "check of logs" if checked.logs else "check of a robot file",
         judge_check(checked),
@@ -149,9 +158,8 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
         blocks=blocks,
         notices=(*robot.notices, *checked.notices),
         next_step=(shlex.join(command), "Identify the parameters") if checked.logs else None,
-        settings=(("robot", summarise_robot(robot)), ("file", str(robot.path))),
+        settings=(("robot", robot_text.summarise_robot(robot)), ("file", str(robot.path))),
     )
-    return pages.write_page(path, page)
 
 
 def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation") -> Path:
@@ -161,14 +169,15 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
     level = "good" if found.condition <= _WELL else "usable" if found.condition <= _ENOUGH else "doubtful"
     said = "All limits are kept" if kept else "A limit is exceeded"
     headline = (
-        f"{said}; the condition number is {found.condition:.4g}, {describe_gain(found.factor)} than that "
-        "of the best random trajectory."
+        f"{said}; the condition number is {found.condition:.4g}, "
+        f"{robot_text.describe_gain(found.factor)} than that of the best random trajectory."
     )
     name, most = max(shares, key=lambda entry: entry[1], default=("no limit", 0.0))
     rows = [(run.start, run.condition, run.iterations, run.status) for run in found.runs]
     title = "The search from every start, the best first."
     starts = Table(("start", "condition", "iterations", "status"), rows, (3,), title)
-    page = _build_page(
+    return _write_page(
+        path,
         robot.name,
         "trajectory for identification",
         FitVerdict(
@@ -182,7 +191,7 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
             (pages.format_percent(100.0 * most), f"of a limit used at most: {name}"),
             (f"{found.trajectory.duration:g} s", "period"),
         ),
-        blocks=("== Limits and condition ==", *show_excitation(found)),
+        blocks=("== Limits and condition ==", *robot_text.show_excitation(found)),
         more=("== Search ==", starts),
         notices=found.notices,
         next_step=(
@@ -190,7 +199,6 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
             "Simulate a log of it, or run it on the robot",
         ),
     )
-    return pages.write_page(path, page)
 
 
 def judge_payload(found: "Payload") -> FitVerdict:
@@ -225,7 +233,8 @@ def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequen
     if len(places) == len("xyz"):
         numbers.append((f"{math.hypot(*places):.3g} m", "from the link frame to the centre of mass"))
     numbers.append(pages.count_significant(known))
-    page = _build_page(
+    return _write_page(
+        path,
         robot,
         f"payload on the link of joint {found.joint}",
         judge_payload(found),
@@ -236,7 +245,6 @@ def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequen
         next_step=("symid payload ... --for ur", "Print it as a controller takes it (ur, franka)"),
         conventions="in the frame that the robot file gives to the link; inertia about the centre of mass",
     )
-    return pages.write_page(path, page)
 
 
 def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequence[Notice]) -> Path:
@@ -263,7 +271,8 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
     if told:
         widest = max(0.5 * (high - low) / value for _, value, (low, high) in told)
         numbers.append((f"\N{PLUS-MINUS SIGN}{pages.format_percent(100.0 * widest)}", "widest 95 % interval"))
-    page = _build_page(
+    return _write_page(
+        path,
         found.robot,
         "stiffness of joints",
         FitVerdict(level=level, headline=headline, details=details),
@@ -273,7 +282,6 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
         notices=notices,
         conventions="torsion is motor minus link position; a delay is positive where link encoders are late",
     )
-    return pages.write_page(path, page)
 
 
 def judge_comparison(found: "Sequence[Compared]") -> FitVerdict:
@@ -333,7 +341,8 @@ def write_comparison_page(
         )
         label = "difference, in standard deviations"
         figures.append(build_mark_figure(caption, label, marks, dense=True, limit=_FAR))
-    page = _build_page(
+    return _write_page(
+        path,
         ours.identified.robot.name,
         "comparison of values",
         judge_comparison(found),
@@ -343,4 +352,265 @@ def write_comparison_page(
         notices=notices,
         settings=(("ours", str(ours.source)), ("others", ", ".join(str(e.other.source) for e in found))),
     )
-    return pages.write_page(path, page)
+
+
+_SKIPPED = "The first {} samples do not count: no memory at the start explains them like the rest."
+_POOR = 0.5
+"""Of its value: a deviation beyond it leaves not even the first digit."""
+_NORMAL = 1.96
+
+
+def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
+    """Return what an element is worth, from what it predicts of samples that were left out."""
+    level = rate_output(record.held_out)
+    untimed = "No time was given: models that depend on the speed were not tried."
+    return FitVerdict(
+        level=level,
+        headline=(
+            f"{record.model} with {record.candidates[0].count} parameters leaves {record.held_out:.3g} % of "
+            "the output unexplained, held out."
+        ),
+        details=(
+            f"Held out: every eighth of the recording in turn; the fit itself leaves {record.fitted:.3g} %.",
+            *([_SKIPPED.format(record.skipped)] if record.skipped else []),
+            *([] if record.timed else [untimed]),
+        ),
+        remedy=""
+        if level in {"good", "usable"}
+        else "Plot output against input, and check columns, signs and units.",
+    )
+
+
+def judge_element_trial(trial: hysteresis.HysteresisTrial) -> FitVerdict:
+    """Return what an element predicts of another recording."""
+    headline = f"{trial.error:.3g} % of the output of this recording is left unexplained, means removed."
+    details = [_SKIPPED.format(trial.skipped)] if trial.skipped else []
+    if trial.beyond > 0.0:
+        share = f"{100.0 * trial.beyond:.3g} % of its samples"
+        details.append(f"{share} lie beyond the input of the fit, where the element extrapolates.")
+    if trial.inverse is not None:
+        details.append(f"The inverse of the measured output misses the input by {trial.inverse:.3g} % of it.")
+    return FitVerdict(level=rate_output(trial.error), headline=headline, details=tuple(details))
+
+
+def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
+    """Return the tables and sentences on an element."""
+    shown = [entry for entry in record.parameters if not entry.name.endswith("least")]
+    poor = [entry.name for entry in shown if entry.deviation > _POOR * abs(entry.value)]
+    rows = []
+    for entry in (one for one in shown if one.deviation > 0.0 and one.name not in poor):
+        low, high = (entry.value + side * _NORMAL * entry.deviation for side in (-1.0, 1.0))
+        digits = (f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}")
+        rows.append((entry.name, *digits))
+    fixed = [f"{entry.name} = {entry.value:g}" for entry in shown if not entry.deviation and entry.value]
+    lists = (("Poorly identifiable, not shown", poor), ("Fixed", fixed))
+    note = "\n".join(f"{head}: {', '.join(names)}." for head, names in lists if names)
+    form = f" ({record.form})" if record.form else ""
+    header = ("parameter", "value", "std", "95 % interval")
+    table = Table(header, rows, title=f"{record.model}{form}", note=note)
+    tried = Table(
+        header=("model", "form", "parameters", "passive", "fitted %", "held out %", "+-"),
+        rows=[
+            (
+                *(entry.model, entry.form, entry.count, ("no", "yes")[entry.passive]),
+                *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}", f"{entry.spread:.2g}"),
+            )
+            for entry in record.candidates
+        ],
+        left=(0, 1, 3),
+        title="Models that were tried",
+        picked=0,
+    )
+    reason = hysteresis.describe_inversion(record)
+    inverse = f"There is none: {reason}." if reason else "It exists, for every output."
+    passive = "no motion gets" if record.passive else "some motions may get"
+    facts = (
+        f"Inverse: {inverse}\nPassivity: {passive} work out of the element.\nStart: {_STARTS[record.start]}."
+    )
+    return (table, tried, facts)
+
+
+_LABELS = ("input (unit of the file)", "output (unit of the file)")
+
+
+def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
+    """Return the figures of an element: loops, time, residuals, energy of cycles, branches."""
+    trace = record.trace
+    curves = (("measured", trace.measured), ("predicted", trace.predicted))
+    loops = [
+        Line(name, style, trace.position, y, joined=name == "predicted")
+        for (name, y), style in zip(curves, ("cloud", "predicted"), strict=True)
+    ]
+    over_time = [Line(name, name, trace.time, y) for name, y in curves]
+    error = trace.measured - trace.predicted
+    time, worst = "time (s)" if record.timed else "sample", int(np.argmax(np.abs(error)))
+    time_of_worst = f"{trace.time[worst]:.4g} s" if record.timed else f"sample {trace.time[worst]:.0f}"
+    first, last = (float(np.mean(part)) for part in np.array_split(error, 2))
+    size = float(np.sqrt(np.mean(error**2)))
+    drift = 100.0 * abs(last - first) / size if size else 0.0
+    moved = f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms."
+    caption = f"Output against input: does {record.model} follow the loops? It leaves "
+    caption += f"{pages.format_percent(record.fitted)} of the output."
+
+    def draw_cloud(caption: str, label: str, x: FloatArray) -> Drawing:
+        line = Line("residual", "cloud", x, error, joined=False)
+        return build_curve_figure(caption, (label, "residual"), [line], height=260.0)
+
+    drawn = [
+        build_curve_figure(caption, _LABELS, loops),
+        build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, _LABELS[1]), over_time),
+        draw_cloud(
+            f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}.",
+            _LABELS[0],
+            trace.position,
+        ),
+        build_line_figure(moved, (time, "residual"), [Line("residual", "final", trace.time, error)]),
+    ]
+    if record.timed:
+        rate = np.gradient(trace.position, trace.time)
+        fast = np.abs(rate) > np.median(np.abs(rate))
+        slow = float(np.mean(np.abs(error[~fast])))
+        ratio = float(np.mean(np.abs(error[fast]))) / slow if fast.any() and slow else 1.0
+        text = f"Does it depend on the speed? Fast samples miss {ratio:.2g} times as much as slow ones."
+        drawn.append(draw_cloud(text, "rate of the input (unit of the file / s)", rate))
+    return (*drawn, *_draw_cycles(trace), *_draw_branches(trace))
+
+
+def compute_cycles(trace: hysteresis.ElementTrace) -> FloatArray:
+    """Return width, measured and predicted work (c, 3) of all cycles, from a reversal to the next but one."""
+    strokes = hysteresis.find_strokes(trace.position)[1:-1]
+    rows = []
+    for (low, _), (_, high) in pairwise(strokes):
+        part = slice(max(low - 1, 0), high)
+        x, curves = trace.position[part], np.stack((trace.measured[part], trace.predicted[part]))
+        # What the ends leave open is no loop: closed by the straight line between them.
+        gap = 0.5 * (x[0] - x[-1]) * (curves[:, 0] + curves[:, -1])
+        rows.append((np.ptp(x), *(scipy.integrate.trapezoid(curves, x) + gap)))
+    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+
+def _draw_cycles(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
+    cycles = compute_cycles(trace)
+    if len(cycles) < _FEW:
+        return
+    width, measured, predicted = cycles.T
+    left = float(np.sqrt(np.mean((measured - predicted) ** 2)) / np.sqrt(np.mean(measured**2)))
+    yield build_curve_figure(
+        f"Is the lost energy right? Work of a cycle against its width: {100.0 * left:.2g} % is left, rms.",
+        ("width of the cycle (unit of the input)", "work (units of input and output)"),
+        [
+            Line("measured", "link", width, measured, markers=True, joined=False),
+            Line("predicted", "predicted", width, predicted, markers=True, joined=False),
+        ],
+        height=260.0,
+    )
+
+
+_FEW = 3
+
+
+def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
+    """Yield branches after reversals moved to one point, and first-order reversal curves."""
+    parts = [
+        slice(low, high)
+        for low, high in hysteresis.find_strokes(trace.position)[1:-1]
+        if high - low >= _FEWEST_POINTS
+    ]
+    if len(parts) < _FEW:
+        return
+    moved = []
+    for part in parts:
+        x, y = trace.position[part], trace.measured[part]
+        side = 1.0 if x[-1] > x[0] else -1.0
+        name, style = ("upwards", "link") if side > 0.0 else ("downwards", "final")
+        moved.append(Line(name, style, side * (x - x[0]), side * (y - y[0])))
+    # The rms of the branches about their mean curve, over the rms of that, where several have points.
+    places = np.linspace(0.0, max(float(line.x[-1]) for line in moved), _PLACES)
+    rows = np.array(
+        [
+            np.where(places <= x.max(), np.interp(places, np.maximum.accumulate(x), y), np.nan)
+            for x, y in ((line.x, line.y) for line in moved)
+        ]
+    )
+    rows = rows[:, np.sum(np.isfinite(rows), axis=0) >= _FEW]
+    mean = np.nanmean(rows, axis=0)
+    size = float(np.sqrt(np.mean(mean**2))) if mean.size else 0.0
+    spread = float(np.sqrt(np.nanmean((rows - mean) ** 2))) / size if size else 0.0
+    yield build_curve_figure(
+        "Masing's rule? Measured branches after reversals, moved to one point, those downwards "
+        f"turned: {100.0 * spread:.2g} % of their rms is spread.",
+        ("way from the reversal (unit of the input)", "change of the output"),
+        moved,
+        height=300.0,
+    )
+    top = float(trace.position.max()) - _NEAR_TOP * float(np.ptp(trace.position))
+    curves = [part for part in parts if trace.position[part][-1] >= top]
+    begins = [float(trace.position[part][0]) for part in curves]
+    if len(curves) < _FEW or float(np.ptp(begins)) < _NEAR_TOP * float(np.ptp(trace.position)):
+        return
+    yield build_curve_figure(
+        "First-order reversal curves: do they meet? Upward branches from reversals to the largest input.",
+        _LABELS,
+        [
+            *(Line("measured", "cloud", trace.position[p], trace.measured[p], joined=False) for p in curves),
+            *(Line("predicted", "predicted", trace.position[p], trace.predicted[p]) for p in curves),
+        ],
+        height=300.0,
+    )
+
+
+_FEWEST_POINTS = 8
+_NEAR_TOP = 0.1
+"""Of the range of the input."""
+
+
+_PLACES = 60
+
+
+def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, source: str = "") -> Path:
+    """Write the page of an element and return the path; OutputError where it cannot be written."""
+    lead, second, *further = draw_element(record)
+    _, _, facts = blocks = show_element(record)
+    free = [entry for entry in record.parameters if entry.deviation > 0.0]
+    known = [entry for entry in free if entry.deviation <= _POOR * abs(entry.value)]
+    return _write_page(
+        path,
+        source or "element",
+        "element with hysteresis",
+        judge_element(record),
+        (lead,),
+        numbers=(
+            (
+                pages.format_percent(record.held_out),
+                "of the output unexplained in held-out parts of the recording",
+            ),
+            (pages.format_percent(record.fitted), "in the fit itself"),
+            (f"{len(known)} of {len(free)}", "parameters known to half of their value"),
+        ),
+        next_step=(
+            f"symid hysteresis {shlex.quote(source or 'FIT')} --input NAME --output NAME --validate FILE",
+            "Test it on another recording",
+        ),
+        blocks=("== Over time ==", second, "== Parameters ==", blocks[0], facts, "== Residual ==", *further),
+        more=("== Models that were tried ==", blocks[1]),
+        settings=(
+            ("model", record.model),
+            ("samples", str(record.samples)),
+            ("input", f"{record.span[0]:g} to {record.span[1]:g}"),
+        ),
+        conventions="work is what goes in: output times way of the input",
+        units="Units are those of the file",
+    )
+
+
+_STARTS = {
+    "zero": "at rest at input zero, moved to the first sample",
+    "fresh": "at rest at the first sample",
+    "below": "come to the first sample from below",
+    "above": "come to the first sample from above",
+}
+
+
+def describe_element(record: hysteresis.HysteresisRecord) -> dict[str, object]:
+    """Return an element in plain types."""
+    return {**describe_record(record), "inverse": hysteresis.describe_inversion(record) or None}

@@ -15,7 +15,6 @@ recordings.
 import math
 import textwrap
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -50,7 +49,7 @@ def list_tables(study: paper.FrictionStudy) -> tuple[Table, ...]:
         _list_sums(study.gains),
         _list_gains(study.gains),
         *map(_list_contest, study.contests),
-        *map(_list_second, study.second),
+        *map(_list_recovery, study.second),
     )
 
 
@@ -124,47 +123,40 @@ def _list_races(races: Sequence[paper.SearchRace]) -> Table:
     return Table(header, rows, (0, 1), title, note)
 
 
-def _transpose(
-    study: paper.Recovery, truth: str, lines: Sequence[tuple[str, str, str]], title: str, note: str
-) -> Table:
-    """Return a table with a column for each parameter, and a row for each name, field and format."""
-    shared = (
-        (f"{truth} = truth", "truth", ".5g"),
+def _list_recovery(study: paper.Recovery) -> Table:
+    """Return a table with a column for each parameter of a joint of the paper, or of the second robot."""
+    second = study.joint in {row.name for row in paper.RV_2SQ}
+    lines = [
+        (f"{'published' if second else 'paper'} = truth", "truth", ".5g"),
         ("ours, mean", "mean", ".5g"),
         ("ours, deviation", "deviation", ".3g"),
         ("Cramer-Rao", "bound", ".3g"),
-    )
-    rows = [
-        (name, *(format(getattr(entry, field), form) for entry in study.parameters))
-        for name, field, form in (*shared, *lines)
     ]
+    lines += [("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", "")] if second else []
+    lines += (
+        [] if second else [("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f")]
+    )
+    rows: list[tuple[str, ...]] = [
+        (name, *(format(getattr(entry, field), form) for entry in study.parameters))
+        for name, field, form in lines
+    ]
+    peaks = "3 vs and 1" if second else " and ".join(f"{peak:g}" for peak in paper.RECOVERY_PEAKS)
+    note = f"Cosines with peaks {peaks} rad/s, {study.samples} samples in all, {study.slow} of them "
+    if second:
+        shares = (f"{100.0 * entry.bound / abs(entry.truth):.2g}" for entry in study.parameters)
+        rows.insert(4, ("Cramer-Rao, % of value", *shares))
+        rows.append(("identifiable", *(("no", "yes")[entry.identifiable] for entry in study.parameters)))
+        title = f"A second truth: {study.joint}, law {study.law}"
+        note += (
+            f"slower than vs, noise {study.noise:.3g} N m = 0.02 fC; identifiable: the bound is at most "
+            f"{100.0 * paper.NOT_IDENTIFIABLE:g} % of the value."
+        )
+    else:
+        title = f"Table 3: joint {study.joint}, two trajectories, improved Stribeck law"
+        note += f"within dq0, noise {study.noise:g} N m, exponent 2. "
+        note += f"At most {study.solves} linear problems a fit."
     columns = _name_columns([entry.name for entry in study.parameters])
     return Table((f"{study.draws} draws", *columns), rows, title=title, note=note)
-
-
-def _list_recovery(study: paper.Recovery) -> Table:
-    lines = (("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f"))
-    peaks = " and ".join(f"{peak:g}" for peak in paper.RECOVERY_PEAKS)
-    note = (
-        f"Cosines with peaks {peaks} rad/s, {study.samples} samples in all, {study.slow} of them within dq0, "
-        f"noise {study.noise:g} N m, exponent 2. At most {study.solves} linear problems a fit."
-    )
-    title = f"Table 3: joint {study.joint}, two trajectories, improved Stribeck law"
-    return _transpose(study, "paper", lines, title, note)
-
-
-def _list_second(study: paper.Recovery) -> Table:
-    lines = (("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", ""))
-    note = (
-        f"Cosines with peaks 3 vs and 1 rad/s, {study.samples} samples in all, {study.slow} of them slower "
-        f"than vs, noise {study.noise:.3g} N m = 0.02 fC; identifiable: the bound is at most "
-        f"{100.0 * paper.NOT_IDENTIFIABLE:g} % of the value."
-    )
-    table = _transpose(study, "published", lines, f"A second truth: {study.joint}, law {study.law}", note)
-    shares = (f"{100.0 * entry.bound / abs(entry.truth):.2g}" for entry in study.parameters)
-    known = ("identifiable", *(("no", "yes")[entry.identifiable] for entry in study.parameters))
-    rows = (*table.rows[:4], ("Cramer-Rao, % of value", *shares), *table.rows[4:], known)
-    return replace(table, rows=rows)
 
 
 def _list_sums(found: Sequence[paper.GainStudy]) -> Table:
@@ -679,39 +671,39 @@ def _draw_convergence(contest: paper.EstimatorComparison) -> Drawing:
     return figures.build_line_figure(caption, labels, lines, logarithmic=True, whole=True)
 
 
+def _fit_laws(
+    samples: friction.FrictionSamples, x: FloatArray, velocity: FloatArray
+) -> tuple[list[figures.Line], list[friction.FrictionEstimate]]:
+    """Return the curves of all laws over `x` (V,), at velocities (V,) in rad/s, and their fits."""
+    fits = [friction.fit_friction(samples, get_law(name)) for name in paper.LAWS]
+    curves = [
+        compute_friction_torque(get_law(fit.law), {"velocity": velocity}, fit.linear, fit.shape)
+        for fit in fits
+    ]
+    lines = [figures.Line(name, _STYLES[name], x, y) for name, y in zip(paper.LAWS, curves, strict=True)]
+    return lines, fits
+
+
 def _draw_two_fit(samples: friction.FrictionSamples, *, near: bool) -> Drawing:
     """Return fits of all laws to two trajectories: all of it, or what lies near standstill."""
     reach = 0.06 if near else 1.0
     velocity = np.linspace(-reach, reach, _POINTS)
     shown = np.abs(samples.velocity) <= reach
-    lines, sums = [], []
-    for name in paper.LAWS:
-        law = get_law(name)
-        found = friction.fit_friction(samples, law)
-        y = compute_friction_torque(law, {"velocity": velocity}, found.linear, found.shape)
-        lines.append(figures.Line(name, _STYLES[name], velocity, y))
-        sums.append(f"{name} {found.objective:.0f}")
+    lines, fits = _fit_laws(samples, velocity, velocity)
+    sums = ", ".join(f"{name} {fit.objective:.0f}" for name, fit in zip(paper.LAWS, fits, strict=True))
     cloud = _list_samples(samples.velocity[shown], samples.torque[shown])
-    caption = (
-        f"Joint 1, both directions. Sums of squares in (N m)^2: {', '.join(sums)}. The band is the improved "
-        "law's."
-    )
-    return _draw(caption, [_build_band(found, velocity), cloud, *lines])
+    caption = f"Joint 1, both directions. Sums of squares in (N m)^2: {sums}. The band is the improved law's."
+    return _draw(caption, [_build_band(fits[-1], velocity), cloud, *lines])
 
 
 def _draw_torque(index: int, seed: int) -> Drawing:
     scene = paper.build_gain_scene(index)
     samples = paper.draw_samples(scene, np.random.default_rng(seed))
-    sums, lines = [], [_list_samples(samples.time, samples.torque)]
-    for name in paper.LAWS:
-        found = friction.fit_friction(samples, get_law(name))
-        torque = compute_friction_torque(get_law(name), samples.inputs, found.linear, found.shape)
-        lines.append(figures.Line(name, _STYLES[name], samples.time, torque))
-        sums.append(found.objective)
+    lines, fits = _fit_laws(samples, samples.time, samples.velocity)
+    viscous, stribeck = (100.0 * (1.0 - fits[-1].objective / fit.objective) for fit in fits[:2])
     caption = (
-        f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves "
-        f"{100.0 * (1.0 - sums[-1] / sums[0]):.1f} % less squared error than Coulomb + viscous and "
-        f"{100.0 * (1.0 - sums[-1] / sums[1]):.1f} % less than the original Stribeck law. The first gain is "
-        "calibrated by the noise, the second a prediction."
+        f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves {viscous:.1f} % "
+        f"less squared error than Coulomb + viscous and {stribeck:.1f} % less than the original Stribeck "
+        "law. The first gain is calibrated by the noise, the second a prediction."
     )
-    return _draw(caption, lines, "time (periods)")
+    return _draw(caption, [_list_samples(samples.time, samples.torque), *lines], "time (periods)")

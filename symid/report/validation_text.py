@@ -31,8 +31,18 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
             limit, table = found.validation.scoring, fit_text.show_residual(found.residual)
             metric = fit_text.show_all_rows(found.validation)
             if found.band is not None:
-                limit, table, motion = found.band.band, fit_text.show_band(found.band), ()
-                metric = fit_text.describe_band_metric(found.band)
+                limit, motion, stacked = found.band.band, (), found.band.stacked_percent
+                metric = (
+                    f"measured and predicted torque: both low-pass at {limit:g} Hz (Butterworth, order 4, "
+                    "zero phase), without 0.5 s at either end"
+                )
+                metric += "" if stacked is None else f"; all joints as one vector: {stacked:.4f} %"
+                of_band = [
+                    (e.joint, e.std, f"{e.relative_percent:.4f}", f"{share:.4f}", e.unit, e.samples)
+                    for e, share in zip(found.band.joints, found.band.range_percent, strict=True)
+                ]
+                header = ("joint", "rms", "relative/%", "of range/%", "unit", "samples")
+                table = Table(header, of_band, (0, 4))
             within = f" within {limit:.3g} Hz" if limit else ""
             more = "".join(f"\n{text}" for text in (found.settled.describe(), metric) if text)
         case FrictionValidation():
@@ -52,12 +62,21 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
 def describe_trial(found: AnyValidation) -> dict[str, object]:
     """Return the trial as `symid validate --json` gives it, but for the gate."""
     match found:
-        case RigidValidation():
+        case RigidValidation(band=band):
+            within = band and {
+                "frequency": band.band,
+                "residual": [
+                    {**describe_record(entry), "range_percent": share}
+                    for entry, share in zip(band.joints, band.range_percent, strict=True)
+                ],
+                "stacked_percent": band.stacked_percent,
+                "mean_relative_percent": band.mean_relative_percent,
+            }
             return {
                 **fit_text.describe_validation(found.validation),
                 "mean_relative_percent": found.mean_relative_percent,
                 "residual": [describe_record(entry) for entry in found.residual],
-                **({} if found.band is None else {"band": fit_text.describe_band(found.band)}),
+                **({} if within is None else {"band": within}),
                 "processing": {**asdict(found.settled.processing), "origin": dict(found.settled.origin)},
             }
         case FrictionValidation():

@@ -32,7 +32,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from symid import excitation
+from symid import excitation, simulation
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard, prepare_library
 from symid.errors import Notice, UsageError
@@ -42,14 +42,6 @@ from symid.joint_models import Elasticity, compute_hysteresis_torque
 from symid.logs import Recording
 from symid.robot import Robot
 from symid.serialization import HIDDEN, name_key, write_as
-from symid.simulation import (
-    ElasticRun,
-    ExperimentOptions,
-    build_clean_options,
-    build_noisy_options,
-    observe,
-    simulate_elastic,
-)
 from symid.study.monte_carlo import (
     PairedDifference,
     Spread,
@@ -68,9 +60,13 @@ class SensorCondition(Enum):
     CLEAN = "clean"
     NOISY = "noisy"
 
-    def build_options(self) -> ExperimentOptions:
+    def build_options(self) -> simulation.ExperimentOptions:
         """Return the options of a simulation with such sensors."""
-        return build_clean_options() if self is SensorCondition.CLEAN else build_noisy_options()
+        return (
+            simulation.build_clean_options()
+            if self is SensorCondition.CLEAN
+            else simulation.build_noisy_options()
+        )
 
 
 TRAINING = "10 x TA + TB"
@@ -86,7 +82,9 @@ _TRAJECTORIES: Mapping[str, Callable[[], excitation.Trajectory]] = {
 """TA excites both joints for 20 s, TB1 and TB2 one of them for 50 s; TC, 20 s, is held out."""
 
 
-def simulate_runs(robot: Robot, library: Library, condition: SensorCondition) -> Mapping[str, ElasticRun]:
+def simulate_runs(
+    robot: Robot, library: Library, condition: SensorCondition
+) -> Mapping[str, simulation.ElasticRun]:
     """Return all runs by name, without noise on the torque.
 
     Raises:
@@ -98,13 +96,13 @@ def simulate_runs(robot: Robot, library: Library, condition: SensorCondition) ->
     # The noise of these recordings is not used: each seed observes the runs anew.
     rng = np.random.default_rng(0)
     return {
-        name: simulate_elastic(robot, library, build(), condition.build_options(), rng)
+        name: simulation.simulate_elastic(robot, library, build(), condition.build_options(), rng)
         for name, build in _TRAJECTORIES.items()
     }
 
 
 def observe_runs(
-    runs: Mapping[str, ElasticRun], names: Sequence[str], condition: SensorCondition, seed: int
+    runs: Mapping[str, simulation.ElasticRun], names: Sequence[str], condition: SensorCondition, seed: int
 ) -> tuple[Recording, ...]:
     """Return recordings of the runs `names` with the sensors of `condition` and the noise of `seed`.
 
@@ -112,7 +110,8 @@ def observe_runs(
     """
     sensors, order = condition.build_options().sensors, list(_TRAJECTORIES)
     return tuple(
-        observe(runs[name], sensors, np.random.default_rng([seed, order.index(name)])) for name in names
+        simulation.observe(runs[name], sensors, np.random.default_rng([seed, order.index(name)]))
+        for name in names
     )
 
 
@@ -191,7 +190,7 @@ class ElasticScene:
 
     library: Library
     truth: FloatArray
-    runs: Mapping[str, ElasticRun]
+    runs: Mapping[str, simulation.ElasticRun]
 
 
 @lru_cache(maxsize=4)
@@ -429,7 +428,7 @@ def _run_seed(task: tuple[Robot, str, int]) -> dict[str, tuple[float, ...]]:
     fits, _ = fit_all_methods(scene.library, recordings, elastic.ElasticOptions(), STUDY_METHODS)
     models = {case: fits[method] for case, method in _METHODS.items()}
     runs = elastic.simulate_tracking(
-        robot, scene.library, models, excitation.build_tc(), build_noisy_options()
+        robot, scene.library, models, excitation.build_tc(), simulation.build_noisy_options()
     )
     return {run.name: tuple(run.rms.tolist()) for run in runs}
 
@@ -513,7 +512,7 @@ def study_many_joints(
     # The springs are not looked at: the coarsest will do.
     options, signals = elastic.ElasticOptions(refine=False, knees=0), list[elastic.ElasticSignals]()
     for trajectory in trajectories:
-        run = simulate_elastic(robot, library, trajectory, condition.build_options(), rng)
+        run = simulation.simulate_elastic(robot, library, trajectory, condition.build_options(), rng)
         signals.append(elastic.prepare_elastic_signals(run.recording, options))
     problem = elastic.build_elastic_problem(library, signals[:-1], options)
     test = elastic.build_elastic_problem(library, signals[-1:], options)

@@ -361,7 +361,6 @@ class _Plant(NamedTuple):
     hidden: HiddenJoints
     has: frozenset[str]
     step: float
-    rotor: FloatArray
     late: FloatArray
     kept: FloatArray
     whole: FloatArray
@@ -419,7 +418,6 @@ def simulate_plant_runs(
         hidden=p,
         has=frozenset(has),
         step=step,
-        rotor=arm.rotor,
         late=np.where(p.lag > 0.0, np.exp(-0.5 * step / np.where(p.lag > 0.0, p.lag, 1.0)), 0.0),
         kept=np.exp(-p.attraction * step)[..., None],
         whole=p.linear + p.stops.sum(axis=-1),
@@ -456,30 +454,27 @@ def simulate_plant_runs(
         energy[2, tick] = 0.5 * (energy[2, tick] + state.held)
         for _ in range(substeps - 1):
             state = _advance_plant(plant, state, command)
-    return tuple(_gather_run(plant, motion, k, log, energy) for k, motion in enumerate(motions))
-
-
-def _gather_run(
-    plant: _Plant, motion: ForeignMotion, number: int, log: FloatArray, energy: FloatArray
-) -> HiddenRun:
-    """Return run `number` of a log of q, dq, theta, dtheta, tau, tau_J and of work, losses, stored energy."""
-    ticks = len(motion.time)
-    q, dq, theta, dtheta, command, torque = log[:, :ticks, number]
-    work, loss, stored = energy[:, :ticks, number]
-    mass, _, potential = _compute_links(plant.links, q, dq)
-    moving = (dq[:, None, :] @ mass @ dq[:, :, None])[:, 0, 0]
-    return HiddenRun(
-        time=motion.time,
-        q=q,
-        dq=dq,
-        theta=theta,
-        dtheta=dtheta,
-        command=command,
-        torsion=theta + plant.hidden.kinematic[number] * np.sin(_TEETH * theta) - q,
-        joint_torque=torque,
-        work=work,
-        loss=loss,
-        stored=stored,
-        kinetic=0.5 * (moving + (plant.rotor * dtheta**2).sum(axis=1)),
-        potential=potential,
-    )
+    runs = []
+    for number, motion in enumerate(motions):
+        ticks = len(motion.time)
+        q, dq, theta, dtheta, command, torque = log[:, :ticks, number]
+        work, loss, stored = energy[:, :ticks, number]
+        mass, _, potential = _compute_links(plant.links, q, dq)
+        moving = (dq[:, None, :] @ mass @ dq[:, :, None])[:, 0, 0]
+        run = HiddenRun(
+            time=motion.time,
+            q=q,
+            dq=dq,
+            theta=theta,
+            dtheta=dtheta,
+            command=command,
+            torsion=theta + p.kinematic[number] * np.sin(_TEETH * theta) - q,
+            joint_torque=torque,
+            work=work,
+            loss=loss,
+            stored=stored,
+            kinetic=0.5 * (moving + (arm.rotor * dtheta**2).sum(axis=1)),
+            potential=potential,
+        )
+        runs.append(run)
+    return tuple(runs)

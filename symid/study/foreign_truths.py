@@ -446,16 +446,9 @@ def study_foreign(
 ) -> ForeignStudy:
     """Return the errors of all methods, and of the automatic choice, on truths that are not those of symid.
 
-    Args:
-        seeds: of the sensors; the motion is the same for all.
-        judge: returns the verdict on an estimate; a function of a module.
-        arm: one of `ARMS`.
-        truths: some of `TRUTHS`.
-        sizes: factors of what is foreign in them.
-        methods: some of `FOREIGN_METHODS`.
-        share: of the full length of the logs.
-        jobs: processes, as of `run_tasks`.
-        progress: as of `run_tasks`.
+    `seeds` are those of the sensors, the motion is the same for all; `judge`, a function of a module, gives
+    the verdict on an estimate; `sizes` multiply what is foreign, `share` is that of the full length of the
+    logs; `jobs` and `progress` as of `run_tasks`.
 
     Raises:
         UsageError: an unknown arm, truth or method, or a size or share out of range.

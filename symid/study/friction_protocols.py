@@ -24,9 +24,11 @@ kept as they come); a limit for the gain over the original Stribeck law, which i
 """
 
 import math
+import operator
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -50,15 +52,10 @@ class PublishedLaw(NamedTuple):
     objective: float = math.nan
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PublishedSums:
-    """A row of Table 4.
+class PublishedSums(NamedTuple):
+    """A row of Table 4: sums of squared errors in the order of `LAWS`, (N m)^2, and gains in percent.
 
-    Args:
-        joint: its number.
-        sums: of squared errors by Coulomb + viscous, original Stribeck, improved Stribeck, (N m)^2.
-        printed: how much less the improved law leaves than the two others, in percent.
-        noise: standard deviation, N m, set here so that the gain over Coulomb + viscous comes out as printed.
+    `noise` is the deviation in N m, set here so that the gain over Coulomb + viscous comes out as printed.
     """
 
     joint: str
@@ -340,8 +337,12 @@ def summarise_race(title: str, draws: Sequence[Draw]) -> SearchRace:
     means = counts.mean(axis=0).tolist()
     plain, hybrid = (SearchCost(name, sizes[name], *row) for name, row in zip(RACERS, means, strict=True))
     fewer, cheaper = np.sum(counts[:, 1, :2] < counts[:, 0, :2], axis=0).tolist()
-    generations = _compare_means("generations", plain.generations, hybrid.generations)
-    evaluations = _compare_means("evaluations", plain.evaluations, hybrid.evaluations)
+    texts = []
+    for what, one, other in zip(("generations", "evaluations"), *means, strict=False):
+        change = 100.0 * (other / one - 1.0)
+        side = f"{abs(change):.0f} % {'fewer' if change < 0.0 else 'more'}"
+        texts.append(f"{other:.0f} against {one:.0f} {what}, {side}")
+    generations, evaluations = texts
     return SearchRace(
         title=title,
         draws=len(draws),
@@ -364,12 +365,6 @@ def conclude_races(races: Sequence[SearchRace]) -> str:
             text = f"{near:.0f} to {far:.0f} % {'more' if low > 0.0 else 'fewer'}"
         texts.append(f"{text} {kind}")
     return f"{', '.join(texts)}, in {len(races)} motions"
-
-
-def _compare_means(what: str, plain: float, hybrid: float) -> str:
-    change = 100.0 * (hybrid / plain - 1.0)
-    side = f"{abs(change):.0f} % {'fewer' if change < 0.0 else 'more'}"
-    return f"{hybrid:.0f} against {plain:.0f} {what}, {side}"
 
 
 def compare_estimators(
@@ -820,8 +815,10 @@ def study_friction(
         *((fit_estimators, build_sweep_scene(sweep), few, ()) for sweep in SWEEPS),
         (fit_estimators, wanted[0], few, ((*RACERS, _DEFAULT),)),
     ]
-    tasks = [(function, scene, seed, *more) for function, scene, numbers, more in groups for seed in numbers]
-    results = iter(run_tasks(_run_draw, tasks, jobs=jobs, batch=_BATCH, progress=progress))
+    tasks = [
+        partial(function, scene, seed, *more) for function, scene, numbers, more in groups for seed in numbers
+    ]
+    results = iter(run_tasks(operator.call, tasks, jobs=jobs, batch=_BATCH, progress=progress))
     found = iter([[next(results) for _ in numbers] for _, _, numbers, _ in groups])
     parts: dict[str, Any] = {
         "contests": contests,
@@ -835,9 +832,3 @@ def study_friction(
     races.append(("two directions, Table 3", next(found)))
     parts["races"] = tuple(summarise_race(*race) for race in races)
     return FrictionStudy(seeds=(seeds[0], seeds[-1]), checks=list_checks(**parts), **parts)
-
-
-def _run_draw(task: tuple[Any, ...]) -> Any:  # noqa: ANN401  as the function has it
-    """Return what a protocol finds for one scene and one seed."""
-    function, *arguments = task
-    return function(*arguments)

@@ -15,10 +15,9 @@ import multiprocessing
 import os
 import signal
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -70,8 +69,14 @@ def run_tasks(
         try:
             # A worker may load NumPy before it comes to any line of ours, with the caller's own script: the
             # threads must be in the environment that it is born with. All start here.
-            with _one_thread():
+            before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+            try:
+                limit_to_one_thread()
                 found = pool.map(function, tasks, chunksize=batch)
+            finally:
+                for name, value in before.items():
+                    os.environ.pop(name, None)
+                    os.environ |= {} if value is None else {name: value}
             for result in found:
                 results.append(result)
                 if progress is not None and (len(results) % batch == 0 or len(results) == len(tasks)):
@@ -88,21 +93,6 @@ def run_tasks(
                 raise SolverError(Notice(code="solver.worker-lost", text=text)) from error
             raise
     return tuple(results)
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Ask for one thread in processes that are started meanwhile."""
-    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    limit_to_one_thread()
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,8 @@
-"""A headless Chromium for tests, driven over its debugging pipe: no package, no port, no network."""
+"""A headless Chromium for tests, driven over its debugging pipe: no package, no port, no network.
 
-import base64
+And the rules of axe-core for pages that everybody can read, as a package from PyPI brings them.
+"""
+
 import contextlib
 import fcntl
 import json
@@ -11,7 +13,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from importlib.util import find_spec
 from pathlib import Path
+
+import pytest
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 _PATIENCE = 60.0
@@ -114,10 +119,6 @@ class Browser:
         for kind, (x, y) in zip(kinds, points, strict=True):
             self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
 
-    def print(self, path):
-        found = self.call("Page.printToPDF", printBackground=False, preferCSSPageSize=False)
-        Path(path).write_bytes(base64.b64decode(found["data"]))
-
     def close(self):
         self.process.terminate()
         self.process.wait(timeout=20)
@@ -125,3 +126,24 @@ class Browser:
         os.close(self._out)
         with contextlib.suppress(OSError):
             self.folder.cleanup()
+
+
+PLAIN = (
+    "for (const node of document.querySelectorAll('.katex')) "
+    "node.replaceWith(node.querySelector('annotation').textContent)"
+)
+"""Formulas as their LaTeX: the rules look at every box of a formula otherwise, for a minute a page."""
+
+
+def list_findings(browser):
+    """Return the rules that the open page breaks, each with the first element that does."""
+    package = find_spec("axe_playwright_python")
+    if package is None:
+        pytest.skip("axe-core is not here: make test-browser installs it")
+    browser.run(PLAIN)
+    rules = Path(package.origin).with_name("axe.min.js").read_text(encoding="utf-8")
+    browser.run(f"{rules};1")
+    return browser.run(
+        "axe.run(document, { resultTypes: ['violations'] }).then((found) => "
+        "found.violations.map((one) => [one.id, one.nodes[0].html.slice(0, 200)]))"
+    )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import symid
-from tests.browser.axe import list_findings
+from tests.browser.chromium import list_findings
 
 pytestmark = pytest.mark.browser
 

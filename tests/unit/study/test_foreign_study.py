@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,21 +78,15 @@ def test_errors_are_in_units_of_the_largest_of_a_kind():
     assert np.array(list(values.values())) == pytest.approx(np.column_stack([numbers, scales]))
 
 
+METHODS = ("weighted", "elimination")
+
+
 def build_runs(*worst, refused=""):
     """Return the automatic choice, which took the first of the methods, and these, by their worst errors."""
-    names = ("automatic", "weighted", "elimination")
-    return tuple(
-        ForeignRun(
-            method=name,
-            worst=error,
-            spring=1.0,
-            z_rms=1.0,
-            z_most=2.0,
-            verdict="refused" if name == refused else "good",
-            chosen="weighted" if name == "automatic" else "",
-        )
-        for name, error in zip(names, worst, strict=True)
-    )
+    plain = ForeignRun(method="automatic", worst=0.0, spring=1.0, z_rms=1.0, z_most=2.0, verdict="good")
+    runs = [replace(plain, chosen="weighted"), *(replace(plain, method=name) for name in METHODS)]
+    told = [replace(run, worst=error) for run, error in zip(runs, worst, strict=True)]
+    return tuple(replace(run, verdict="refused") if run.method == refused else run for run in told)
 
 
 def test_methods_that_give_nothing_or_are_lucky_are_not_the_best():
