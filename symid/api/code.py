@@ -10,36 +10,35 @@ Robot -> `WrittenCode`; robot -> `CompiledModel`, with one attribute for each fu
 Supported: every function of the catalogue that the robot has.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, cast, final
 
-from symid import report
-from symid.api.result import Of, Result
+from symid import codegen, report
+from symid.api.result import RecordResult
 from symid.errors import Notice, UsageError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
-    from symid.codegen import Call, FunctionSpec, GeneratedFolder, Library, ModelCard, ParameterCard
+    from symid.codegen import Call, FunctionSpec, Library, ModelCard, ParameterCard
     from symid.report import Block
     from symid.robot import Robot
 
 
 @final
-class WrittenCode(Result):
+class WrittenCode(RecordResult, codegen.GeneratedFolder):
     """A folder of generated code, independent of symid.
 
     Attributes:
         robot: the robot; None for an element with hysteresis.
-        product: the folder, its manifest, the result of its self-test, and a notice if that was not run.
         folder: the folder.
-        files: all written files.
+        manifest: what it says of itself.
+        record: of its build and self-test, with sizes.
         unchanged: whether the folder was already up to date.
-        selftest: the result of its self-test: "passed", or "not run" without a compiler.
-        operations: products (mul), sums (add), sines and cosines (trig) by function.
+        springs: folders in this one, of springs that no function of the robot has.
+        notices: warnings and notes on the robot, and that the self-test was not run.
 
     Example:
         >>> import symid
@@ -51,24 +50,23 @@ class WrittenCode(Result):
     """
 
     robot: "Robot | None"
-    product: "GeneratedFolder"
+    notices: tuple[Notice, ...] = ()
 
-    folder = Of[Path]()
-    files = Of[tuple[Path, ...]]()
-    unchanged = Of[bool]()
-    selftest = Of[str]("product.record.selftest")
-    operations = Of[Mapping[str, Mapping[str, int]]]()
+    @property
+    def selftest(self) -> str:
+        """Return the result of its self-test: "passed", or "not run" without a compiler."""
+        return self.record.selftest
 
     def summarise(self) -> str:
         """Return the folder, what was written, and the result of its self-test."""
-        return report.summarise_code(self.product)
+        return report.summarise_code(self)
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return a headline, and the operations and sizes of every function."""
-        return report.show_code(self.product)
+        return report.show_code(self)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_code("" if self.robot is None else self.robot.name, self.product)
+        return report.describe_code("" if self.robot is None else self.robot.name, self)
 
 
 @final
@@ -203,7 +201,6 @@ class CompiledModel:
 
     Attributes:
         library: the library behind them; `RobotModel.library` is one without the functions for controllers.
-        backend: what computes the functions: "c", "python" or "casadi".
 
     Example:
         >>> import symid
@@ -257,7 +254,10 @@ class CompiledModel:
         """Return the names of the functions."""
         return tuple(spec.name for spec in self.card.functions)
 
-    backend = Of[str]("library.backend")
+    @property
+    def backend(self) -> str:
+        """Return what computes the functions: "c", "python" or "casadi"."""
+        return self.library.backend
 
     @property
     def notices(self) -> tuple[Notice, ...]:

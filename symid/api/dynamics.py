@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypedDict, Unpack, final
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, final
 
 from symid import codegen, dynamics, identification, lessons, logs as log_files, report, robot as robots
 from symid.api.code import CompiledModel, WrittenCode
 from symid.api.log import LogLike, Settings, adopt_log_map, list_pairs, take_one_log
-from symid.api.result import Of, Progress, Result, ignore
+from symid.api.result import Progress, Result, ignore
 from symid.codegen import BACKENDS
 from symid.environment import check_suffix, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
@@ -44,7 +44,6 @@ class BaseSet(Result):
         robot: the robot.
         form: "torque", "energy", "momentum" or "gravity" (torques at rest).
         product: names, groupings, reasons, and the exact null space.
-        count: the number of inertial base parameters, without friction parameters.
 
     Example:
         >>> import symid
@@ -61,7 +60,10 @@ class BaseSet(Result):
     form: BaseForm
     product: "BaseParameters"
 
-    count = Of[int]()
+    @property
+    def count(self) -> int:
+        """Return the number of inertial base parameters, without friction parameters."""
+        return self.product.count
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -449,22 +451,26 @@ class RobotDynamics:
         description: joints, placements, drives, friction, springs, log map, as read and overridden.
         backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
         progress: called with a short text at each stage; does nothing by default, `print` is a good choice.
-        name: the name that the robot file states.
-        joints: the joints that have a coordinate of their own, in the order of q.
     """
 
     description: "Robot"
     backend: str = "auto"
     progress: Progress = ignore
 
-    name = Of[str]("description.name")
+    @property
+    def name(self) -> str:
+        """Return the name that the robot file states."""
+        return self.description.name
 
     @property
     def path(self) -> Path:
         """Return the file that the robot was read from."""
         return Path(self.description.path)
 
-    joints: ClassVar["Of[tuple[Joint, ...]]"] = Of("description.axes")
+    @property
+    def joints(self) -> "tuple[Joint, ...]":
+        """Return the joints that have a coordinate of their own, in the order of q."""
+        return self.description.axes
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -533,6 +539,11 @@ class RobotDynamics:
 
         Raises:
             UsageError: there is no such form.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").derive_base("gravity").names
+            ('MXR1', 'MY1', 'MX2', 'MY2')
         """
         return self.base if form == "torque" else self._derive_base(form)
 
@@ -690,6 +701,12 @@ class RobotDynamics:
         Raises:
             RobotError: a symbolic length has no value.
             GenerationError: there is no compiler and the backend is "c", or it fails.
+
+        Example:
+            >>> import symid
+            >>> lib = symid.load("two_link").compile()
+            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
+            (2, 2)
         """
         if fused:
             return CompiledModel(self._prepare(self.description, fused=True, whole=True))
@@ -731,6 +748,11 @@ class RobotDynamics:
                 is to be constant.
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
+            'passed'
         """
         order = GenerateOptions(
             functions=None if functions is None else tuple(functions),
@@ -746,8 +768,8 @@ class RobotDynamics:
         springs, notices = codegen.generate_springs(
             self.description, order, path, progress=self.progress, force=force
         )
-        whole = replace(made, springs=springs, notices=(*made.notices, *notices))
-        return WrittenCode(robot=self.description, product=whole)
+        notices = (*self.notices, *made.notices, *notices)
+        return WrittenCode.extend(made, robot=self.description, springs=springs, notices=notices)
 
     @cached_property
     def library(self) -> "Library":

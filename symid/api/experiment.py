@@ -6,22 +6,21 @@ paper: identifications of simulated robots with known parameters.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, final
+from typing import TYPE_CHECKING, Generic, TypeVar, final
 
 from symid import excitation, report, study as studies
 from symid.api.log import Log, Measurements
-from symid.api.result import DrawnResult, Of, PagedResult, Progress, Result, ignore
+from symid.api.result import DrawnResult, PagedResult, Progress, RecordResult, Result, ignore
 from symid.environment import report_count
 from symid.errors import Notice
 from symid.options import check_value, whole
-from symid.serialization import describe_record
+from symid.serialization import HIDDEN, describe_record
 
 if TYPE_CHECKING:
     from symid.arrays import FloatArray
-    from symid.excitation import Margin, OptimisedExcitation, Trajectory
     from symid.report import Block, Drawing
     from symid.robot import Robot
     from symid.study import ForeignStudy, FrictionStudy
@@ -30,40 +29,33 @@ T_co = TypeVar("T_co", covariant=True)
 
 
 @final
-class ExcitedTrajectory(DrawnResult, PagedResult):
+class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.OptimisedExcitation):
     """A finite Fourier series of every joint, within all limits at all times.
 
     Attributes:
         robot: the robot.
-        product: the trajectory, its properties, the result of the search from every start, and notices, such
-            as limits that the robot file does not state.
         seed: of the random series at the start of the search.
         trajectory: the motion; `evaluate(times)` gives q, dq, ddq, each (N, n), rad or m, /s, /s^2.
         coefficients: the series (n, 2h + 1), rad or m: centre, h sines, h cosines of every joint.
         parameters: names of the regressor's columns.
         condition: the condition number of the torque regressor, its columns scaled to length one.
         margins: the used part of every limit, and clearances in m.
+        runs: the result of the search from every start, the best first.
+        notices: warnings and notes on the robot, and on limits that its file does not state.
 
     Example:
         >>> import symid
         >>> robot = symid.load("two_link")
         >>> found = robot.excite(harmonics=2, period=2.0, candidates=20, starts=1)
-        >>> found.coefficients.shape, found.condition < found.product.random_condition
+        >>> found.coefficients.shape, found.condition < found.random_condition
         ((2, 5), True)
         >>> robot.simulate(found.save("motion.csv", rate=100)).duration
         2.0
     """
 
-    robot: "Robot"
-    product: "OptimisedExcitation"
-    seed: int
-
-    trajectory: ClassVar["Of[Trajectory]"] = Of()
-    coefficients: ClassVar["Of[FloatArray]"] = Of()
-    condition = Of[float]()
-    parameters = Of[tuple[str, ...]]()
-
-    margins: ClassVar["Of[tuple[Margin, ...]]"] = Of()
+    robot: "Robot" = field(metadata=HIDDEN)
+    seed: int = field(metadata=HIDDEN)
+    notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
 
     def save(self, path: str | PathLike[str], *, rate: float = 1000.0, periods: int = 1) -> Path:
         """Write t, q, dq, ddq as a .csv that `RobotModel.simulate` follows; return its path.
@@ -76,7 +68,7 @@ class ExcitedTrajectory(DrawnResult, PagedResult):
         Raises:
             OutputError: the suffix is not .csv, or the file cannot be written.
         """
-        remarks = report.list_remarks(self.robot, self.product, self.seed)
+        remarks = report.list_remarks(self.robot, self, self.seed)
         file = Path(path)
         excitation.write_trajectory(
             self.trajectory, file, self.robot, rate=rate, periods=periods, remarks=remarks
@@ -88,11 +80,11 @@ class ExcitedTrajectory(DrawnResult, PagedResult):
         return round(self.trajectory.duration * rate) * periods + 1
 
     def _write_page(self, file: Path) -> Path:
-        return report.write_excitation_page(file, self.robot, self.product)
+        return report.write_excitation_page(file, self.robot, self)
 
     def _draw(self) -> "tuple[Drawing, ...]":
         """Return positions and velocities over time, and the used part of each limit."""
-        return report.draw_excitation(self.product, self.robot)
+        return report.draw_excitation(self, self.robot)
 
     def summarise(self) -> str:
         """Return the robot, the series and its condition number."""
@@ -100,10 +92,10 @@ class ExcitedTrajectory(DrawnResult, PagedResult):
 
     def blocks(self) -> "tuple[Block, ...]":
         """Return its condition number beside those of random series, and the used part of each limit."""
-        return report.show_excitation(self.product)
+        return report.show_excitation(self)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_excitation(self.robot, self.product, self.seed)
+        return report.describe_excitation(self.robot, self, self.seed)
 
 
 @final
@@ -120,7 +112,6 @@ class Simulation(Measurements):
         backend: what computed the motion.
         details: noise, controller, largest torsions, in plain types.
         library_notices: warnings and notes on the compiled functions.
-        theta: the motor positions (N, n) on the joint side, rad or m; None for a rigid robot.
 
     Example:
         >>> import symid
@@ -142,7 +133,10 @@ class Simulation(Measurements):
         """Return the log, for `RobotModel.identify`."""
         return Log(recording=self.recording, robot=self.robot)
 
-    theta: ClassVar["Of[FloatArray | None]"] = Of("recording.motor_position")
+    @property
+    def theta(self) -> "FloatArray | None":
+        """Return the motor positions (N, n) on the joint side, rad or m; None for a rigid robot."""
+        return self.recording.motor_position
 
     @property
     def notices(self) -> tuple[Notice, ...]:

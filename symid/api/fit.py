@@ -14,12 +14,12 @@ from dataclasses import field, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import TYPE_CHECKING, Any, final
 
 from symid import identification, logs as log_files, report, robot as robots
 from symid.api.dynamics import RobotDynamics
 from symid.api.log import LogLike, Logs, Part, Parts, Settings, list_logs, list_pairs, take_one_log
-from symid.api.result import DrawnResult, JudgedResult, Of, SavedResult
+from symid.api.result import DrawnResult, JudgedResult, SavedResult
 from symid.api.robot_files import ExportedFile, export_fit
 from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
 from symid.errors import Notice, UsageError
@@ -193,6 +193,13 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in the log.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
+            True
         """
         return self._try(log, test, gate, settings)
 
@@ -249,6 +256,13 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         Raises:
             UsageError: a column is missing, or a reading is not a sum of our parameters.
             EstimateError: another fit cannot be read, belongs to another robot, or has nothing in common.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.compare(fit).largest
+            0.0
         """
         return compare_fit(
             self.robot.description,
@@ -290,6 +304,13 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             EstimateError: the format cannot represent these values, bodies differ by more than the limit, or
                 the verdict is wrong.
             OutputError: the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.export("identified.urdf").format
+            'URDF'
         """
         robot = self.robot
         options = ExportOptions(precision=precision, accept=accept, limit=limit)
@@ -318,6 +339,13 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             UsageError: this kind of fit has no validation or diagnosis.
             LogError: a log does not fit the robot.
             OutputError: the page cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
+            'report.html'
         """
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
@@ -456,7 +484,6 @@ class ElasticFit(_DynamicsFit):
     Attributes:
         estimate: the full result, with the settings used.
         alignment: delay and offsets of the link encoders; None if they were not estimated.
-        springs: the spring of every joint; empty if the method gives none.
 
     Example:
         >>> import symid
@@ -469,7 +496,10 @@ class ElasticFit(_DynamicsFit):
     estimate: "ElasticEstimate"
     alignment: "Alignment | None" = None
 
-    springs: ClassVar["Of[tuple[SpringEstimate, ...]]"] = Of("estimate.springs")
+    @property
+    def springs(self) -> "tuple[SpringEstimate, ...]":
+        """Return the spring of every joint; empty if the method gives none."""
+        return self.estimate.springs
 
     def track(
         self,

@@ -8,12 +8,12 @@ load(path)              a fit that was saved
 from dataclasses import asdict
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
+from typing import TYPE_CHECKING, NamedTuple, final
 
 from symid import codegen, identification, logs as log_files, report, robot as robots
 from symid.api.code import WrittenCode
 from symid.api.log import take_samples
-from symid.api.result import Figures, JudgedResult, Of, PagedResult, Progress, SavedResult, ignore
+from symid.api.result import Figures, JudgedResult, PagedResult, Progress, SavedResult, ignore
 from symid.errors import LogError, Notice
 from symid.identification import hysteresis as elements
 from symid.options import HysteresisOptions, Target
@@ -90,7 +90,6 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
     Attributes:
         record: all that was found: model, parameters with deviations, candidates.
         source: what it was fitted to, for the page.
-        element: the element, which `symid.joint_models` runs.
 
     Example:
         >>> import numpy as np, symid
@@ -110,7 +109,10 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         """Return what the element is worth."""
         return report.judge_element(self.record)
 
-    element: ClassVar["Of[Elasticity]"] = Of("record.elasticity")
+    @property
+    def element(self) -> "Elasticity":
+        """Return the element, which `symid.joint_models` runs."""
+        return self.record.elasticity
 
     def __getitem__(self, name: str) -> "ElementParameter":
         """Return a parameter by name, with its `value` and its `deviation`."""
@@ -215,7 +217,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         made = codegen.generate_element(
             record.elasticity, order, Path(fspath(folder)), progress=progress, force=force
         )
-        return WrittenCode(robot=None, product=made)
+        return WrittenCode.extend(made, robot=None)
 
 
 @final

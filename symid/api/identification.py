@@ -10,13 +10,13 @@ from dataclasses import replace
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, final
+from typing import TYPE_CHECKING, Any, TypeAlias, final
 
 from symid import identification, report
 from symid.api import hysteresis
 from symid.api.dynamics import RobotDynamics
 from symid.api.log import Log, Logged, LogLike
-from symid.api.result import Of, PagedResult, Result, SavedResult
+from symid.api.result import PagedResult, Result, SavedResult
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
 
@@ -125,8 +125,6 @@ class PayloadResult(PagedResult, SavedResult):
     Attributes:
         product: the payload with standard deviations, and the quantities that are not identifiable.
         carrier: the robot, whose links name flanges; None where it is not known.
-        payload: the full result.
-        joint: the joint whose link carries it.
 
     Example:
         >>> import symid
@@ -144,8 +142,15 @@ class PayloadResult(PagedResult, SavedResult):
     product: "PayloadFinding"
     carrier: "Robot | None" = None
 
-    payload: ClassVar["Of[Payload]"] = Of()
-    joint = Of[str]("payload.joint")
+    @property
+    def payload(self) -> "Payload":
+        """Return the full result."""
+        return self.product.payload
+
+    @property
+    def joint(self) -> str:
+        """Return the joint whose link carries it."""
+        return self.payload.joint
 
     def __getitem__(self, name: str) -> "PayloadQuantity":
         """Return mass, cx, cy, cz, Jxx, Jxy, Jxz, Jyy, Jyz or Jzz, with deviation or reason."""
@@ -255,8 +260,6 @@ class OneShotProblem(Result):
         robot: the robot.
         graph: the problem itself.
         remarks: notices on the robot and its logs.
-        cost: what is minimised, an expression (1, 1).
-        rows: the number of rows M: a term ((x - z) / s)^2 / (2 M) counts as a measurement z +- s of x.
 
     Example:
         >>> import symid
@@ -285,14 +288,20 @@ class OneShotProblem(Result):
         """Return the unknowns by name, symbols: parameters, weights and slopes of springs, those added."""
         return {name: entry.symbol for name, entry in self.graph.variables.items()}
 
-    cost = Of[Any]("graph.cost")
+    @property
+    def cost(self) -> Any:  # noqa: ANN401  # an expression of casadi
+        """Return what is minimised, an expression (1, 1)."""
+        return self.graph.cost
 
     @property
     def constraints(self) -> tuple[tuple[float, Any, float], ...]:
         """Return the constraints that were added: lower limit, expression, upper limit."""
         return tuple((entry.lower, entry.expression, entry.upper) for entry in self.graph.constraints)
 
-    rows = Of[int]("graph.rows")
+    @property
+    def rows(self) -> int:
+        """Return the number of rows M: a term ((x - z) / s)^2 / (2 M) counts as a measurement z +- s of x."""
+        return self.graph.rows
 
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401  # an expression of casadi
         """Return the symbol of the variable called `name`.
@@ -396,9 +405,6 @@ class OneShotSolution(Result):
     Attributes:
         problem: what was solved.
         answer: values, objective, how the search ended.
-        values: the values of all variables by name.
-        objective: the cost at the optimum.
-        active: which of the added constraints are at a limit, in their order.
 
     Example:
         >>> import symid
@@ -427,9 +433,20 @@ class OneShotSolution(Result):
 
         return self.answer.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
 
-    values = Of[Mapping[str, float]]("answer.values")
-    objective = Of[float]("answer.objective")
-    active = Of[tuple[bool, ...]]("answer.active")
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Return the values of all variables by name."""
+        return self.answer.values
+
+    @property
+    def objective(self) -> float:
+        """Return the cost at the optimum."""
+        return self.answer.objective
+
+    @property
+    def active(self) -> tuple[bool, ...]:
+        """Return which of the added constraints are at a limit, in their order."""
+        return self.answer.active
 
     @property
     def springs(self) -> "Mapping[str, Elasticity]":

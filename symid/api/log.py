@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Protocol, final, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
 
 from symid import logs as log_files, report
-from symid.api.result import DrawnResult, Of, PagedResult
+from symid.api.result import DrawnResult, PagedResult
 from symid.errors import LogError, Notice, UsageError
 from symid.identification import IdentifyOptions, LawOptions
 
@@ -70,13 +70,7 @@ def _write_value(value: object) -> str:
 
 
 class Measurements(DrawnResult):
-    """What was measured of a robot, in SI units on the joint side.
-
-    Attributes:
-        time: the time stamps in s: (N,).
-        q: the joint positions in rad or m: (N, n); beside motor positions those of the links.
-        tau: the joint torques in N m, or forces in N: (N, n); of elastic joints those of the motors.
-    """
+    """What was measured of a robot, in SI units on the joint side."""
 
     recording: "Recording"
     robot: "Robot"
@@ -85,9 +79,20 @@ class Measurements(DrawnResult):
         """Return positions and torques over time."""
         return report.draw_log(self.recording, self.robot)
 
-    time: ClassVar["Of[FloatArray]"] = Of("recording.time")
-    q: ClassVar["Of[FloatArray]"] = Of("recording.position")
-    tau: ClassVar["Of[FloatArray]"] = Of("recording.torque")
+    @property
+    def time(self) -> "FloatArray":
+        """Return the time stamps in s: (N,)."""
+        return self.recording.time
+
+    @property
+    def q(self) -> "FloatArray":
+        """Return the joint positions in rad or m: (N, n); beside motor positions those of the links."""
+        return self.recording.position
+
+    @property
+    def tau(self) -> "FloatArray":
+        """Return the joint torques in N m, or forces in N: (N, n); of elastic joints those of the motors."""
+        return self.recording.torque
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the log to `path`, .npz or .csv, in SI units, and return the path; a file is overwritten.
@@ -105,10 +110,6 @@ class Log(Measurements):
     Attributes:
         recording: time, positions, torques and other measurements, SI units.
         robot: its `[log]` map assigned the columns.
-        source: the file, or the name of another source.
-        dq: the joint velocities in rad/s or m/s: (N, n); None if the log has none.
-        ddq: the joint accelerations in rad/s^2 or m/s^2: (N, n); None if the log has none.
-        period: the mean sample period in s.
 
     Example:
         >>> import symid
@@ -117,10 +118,25 @@ class Log(Measurements):
         (2001, (2001, 2), 0.001)
     """
 
-    source = Of[str]("recording.source")
-    dq: ClassVar["Of[FloatArray | None]"] = Of("recording.velocity")
-    ddq: ClassVar["Of[FloatArray | None]"] = Of("recording.acceleration")
-    period = Of[float]("recording.period")
+    @property
+    def source(self) -> str:
+        """Return the file, or the name of another source."""
+        return self.recording.source
+
+    @property
+    def dq(self) -> "FloatArray | None":
+        """Return the joint velocities in rad/s or m/s: (N, n); None if the log has none."""
+        return self.recording.velocity
+
+    @property
+    def ddq(self) -> "FloatArray | None":
+        """Return the joint accelerations in rad/s^2 or m/s^2: (N, n); None if the log has none."""
+        return self.recording.acceleration
+
+    @property
+    def period(self) -> float:
+        """Return the mean sample period in s."""
+        return self.recording.period
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -420,9 +436,6 @@ class RobotCheck(DrawnResult, PagedResult):
     Attributes:
         robot: the robot.
         product: the full result for the logs.
-        logs: for every log its evenly sampled recording, its sampling, and the range of its joints.
-        dynamics: signs, exchanged joints and torque delay of every log; for rigid robots.
-        excitation: identifiability of every parameter, singular values, rank, condition; for rigid robots.
 
     Example:
         >>> import symid
@@ -435,15 +448,25 @@ class RobotCheck(DrawnResult, PagedResult):
     robot: "Robot"
     product: "LogsCheck"
 
-    logs: ClassVar["Of[tuple[CheckedLog, ...]]"] = Of()
+    @property
+    def logs(self) -> "tuple[CheckedLog, ...]":
+        """Return for every log its evenly sampled recording, its sampling, and the range of its joints."""
+        return self.product.logs
 
     @property
     def sources(self) -> tuple[str, ...]:
         """Return the names of the logs."""
         return tuple(entry.recording.source for entry in self.logs)
 
-    dynamics: ClassVar["Of[tuple[LogCheck, ...]]"] = Of()
-    excitation: ClassVar["Of[LogExcitation | None]"] = Of()
+    @property
+    def dynamics(self) -> "tuple[LogCheck, ...]":
+        """Return signs, exchanged joints and torque delay of every log; for rigid robots."""
+        return self.product.dynamics
+
+    @property
+    def excitation(self) -> "LogExcitation | None":
+        """Return identifiability of every parameter, singular values, rank, condition; for rigid robots."""
+        return self.product.excitation
 
     @property
     def errors(self) -> tuple[Notice, ...]:

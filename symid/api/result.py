@@ -9,11 +9,10 @@ in a notebook           tables, texts and figures; `Figures` are also written as
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from operator import attrgetter
+from dataclasses import dataclass, fields
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast, dataclass_transform, final
+from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform, final
 
 from symid import report
 from symid.environment import write_file
@@ -27,28 +26,8 @@ Progress = Callable[[str], None]
 """Called with a short text at each stage."""
 
 
-T_co = TypeVar("T_co", covariant=True)
-
-
 def ignore(text: str) -> None:
     """Report no progress."""
-
-
-class Of(Generic[T_co]):
-    """An attribute that is a part of what a result holds, by default that of its product with the same name.
-
-    In a class `rows = Of[int]("graph.rows")` stands for a property that returns `self.graph.rows`.
-    """
-
-    def __init__(self, path: str = "") -> None:
-        self.path = path
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.path = self.path or f"product.{name}"
-
-    def __get__(self, result: object, owner: type | None = None) -> T_co:
-        """Return the part; of a class, this itself."""
-        return cast("T_co", self if result is None else attrgetter(self.path)(result))
 
 
 @dataclass_transform(eq_default=False, kw_only_default=True, frozen_default=True)
@@ -143,6 +122,20 @@ class Result(ABC):
         return report.write_html(blocks, failed=not self.accepted)
 
 
+class RecordResult(Result):
+    """A result that is the record of what was found, its fields and properties, with what is added to it."""
+
+    @classmethod
+    def extend(cls, record: Any, **added: object) -> Self:  # noqa: ANN401  the dataclass that the class inherits
+        """Return the result with the fields of a record, and those that are `added` to it or replace them."""
+        return cls(**{entry.name: getattr(record, entry.name) for entry in fields(record)} | added)
+
+    @property
+    def product(self) -> Self:
+        """Return the record, which is the result itself."""
+        return self
+
+
 class DrawnResult(Result):
     """A result with figures, which notebooks show below its tables."""
 
@@ -187,6 +180,12 @@ class SavedResult(Result):
 
         Raises:
             OutputError: the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> robot.identify(robot.simulate(duration=5.0, seed=1).log).save("fit.json").name
+            'fit.json'
         """
         return self._save(Path(fspath(path)))
 

@@ -362,7 +362,9 @@ class RobotModel(RobotDynamics):
         )
         rng = np.random.default_rng(order.seed)
         found = excitation.optimise_excitation(self.description, order, rng=rng, progress=self.progress)
-        return ExcitedTrajectory(robot=self.description, product=found, seed=order.seed)
+        return ExcitedTrajectory.extend(
+            found, robot=self.description, seed=order.seed, notices=(*self.notices, *found.notices)
+        )
 
     def simulate(
         self,

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, final
 
 from symid import identification, logs as log_files, report, robot as robots
-from symid.api.result import Of, Progress, Result, ignore
+from symid.api.result import Progress, Result, ignore
 from symid.environment import check_suffix, write_file
 from symid.errors import EstimateError, Notice
 from symid.identification import friction as friction_fits
@@ -30,8 +30,6 @@ class RobotDraft(Result):
 
     Attributes:
         product: the robot, the text, and the columns of the log.
-        source: the source file.
-        text: the text of the file (TOML), with comments for unknown values.
 
     Example:
         >>> import symid
@@ -47,8 +45,15 @@ class RobotDraft(Result):
         """Return the robot."""
         return self.product.robot
 
-    source = Of[Path]()
-    text = Of[str]()
+    @property
+    def source(self) -> Path:
+        """Return the source file."""
+        return self.product.source
+
+    @property
+    def text(self) -> str:
+        """Return the text of the file (TOML), with comments for unknown values."""
+        return self.product.text
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -146,10 +151,6 @@ class ExportedFile(Result):
 
     Attributes:
         product: the full result, with the written bodies or friction laws.
-        file: the path of the file.
-        format: "robot file", "URDF", "MJCF model", "USD stage", "C header" or "values as JSON".
-        left_out: the parts that the format cannot hold; new files have them in comments.
-        not_identified: the parameters without an identified value; robot file or nearest bodies give one.
 
     Example:
         >>> import symid
@@ -160,10 +161,25 @@ class ExportedFile(Result):
 
     product: "FileExport"
 
-    file = Of[Path]()
-    format = Of[str]()
-    left_out = Of[tuple[str, ...]]()
-    not_identified = Of[tuple[str, ...]]("product.missing")
+    @property
+    def file(self) -> Path:
+        """Return the path of the file."""
+        return self.product.file
+
+    @property
+    def format(self) -> str:
+        """Return "robot file", "URDF", "MJCF model", "USD stage", "C header" or "values as JSON"."""
+        return self.product.format
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Return the parts that the format cannot hold; new files have them in comments."""
+        return self.product.left_out
+
+    @property
+    def not_identified(self) -> tuple[str, ...]:
+        """Return the parameters without an identified value; robot file or nearest bodies give one."""
+        return self.product.missing
 
     def summarise(self) -> str:
         """Return the format and the path."""

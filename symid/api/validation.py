@@ -9,10 +9,10 @@ from dataclasses import replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal, final
+from typing import TYPE_CHECKING, Literal, final
 
 from symid import identification, report, robot as robots
-from symid.api.result import DrawnResult, JudgedResult, Of, PagedResult, Progress, Result, ignore
+from symid.api.result import DrawnResult, JudgedResult, PagedResult, Progress, Result, ignore
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
 from symid.options import ABOVE, check_value
@@ -40,8 +40,6 @@ class LogValidation(JudgedResult, DrawnResult):
         product: the full result, with notices, for example that the log belongs to the fit.
         gate: percent, limit of the mean relative residual; None for no limit.
         estimate: of the fit, whose own residual the verdict compares with; None to judge without it.
-        source: the log.
-        mean_relative_percent: the mean over joints of `100 |tau - tau_predicted| / |tau|`.
 
     Example:
         >>> import symid
@@ -65,14 +63,20 @@ class LogValidation(JudgedResult, DrawnResult):
         """
         check_value("gate", self.gate, ABOVE)
 
-    source = Of[str]()
+    @property
+    def source(self) -> str:
+        """Return the log."""
+        return self.product.source
 
     @property
     def residual(self) -> "tuple[Residual, ...]":
         """Return the residual torque, joint by joint."""
         return self.product.residual
 
-    mean_relative_percent = Of[float]()
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the mean over joints of `100 |tau - tau_predicted| / |tau|`."""
+        return self.product.mean_relative_percent
 
     @cached_property
     def verdict(self) -> "FitVerdict":
@@ -145,8 +149,6 @@ class FitPage(JudgedResult):
 
     Attributes:
         page: the full result.
-        file: the path of the page.
-        diagnosis: the diagnosis; None if it was not requested.
 
     Example:
         >>> import symid
@@ -158,8 +160,15 @@ class FitPage(JudgedResult):
 
     page: "WrittenPage"
 
-    file = Of[Path]("page.file")
-    diagnosis: ClassVar["Of[Diagnosis | None]"] = Of("page.diagnosis")
+    @property
+    def file(self) -> Path:
+        """Return the path of the page."""
+        return self.page.file
+
+    @property
+    def diagnosis(self) -> "Diagnosis | None":
+        """Return the diagnosis; None if it was not requested."""
+        return self.page.diagnosis
 
     @property
     def verdict(self) -> "FitVerdict":
