@@ -24,14 +24,6 @@ def test_friction_laws_are_part_of_the_library(tmp_path):
     assert {"symid_emps_friction_laws.h", "symid_emps_friction_laws.c"} <= set(manifest["files"])
 
 
-def test_friction_laws_are_in_c_alone(tmp_path):
-    assert fail("generate", "emps", "--friction-laws", "--target", "python", "-o", tmp_path / "code") == (
-        2,
-        "usage.friction-laws",
-    )
-    assert not (tmp_path / "code").exists()
-
-
 CURVED = """
 name = "slide"
 convention = "modified"

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 import symid
-from symid.logs.files import RawLog, split_heading
-from symid.logs.headings import read_headings
 from symid.logs.reader import read_recording
 from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, call, do, find_texts, hear, list_codes, refuse, say
+from tests.calls import ask, call, do, find_texts, list_codes, refuse, say
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
 SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
@@ -85,13 +83,6 @@ def test_what_real_robots_have_is_asked_for(folder):
     write_log(folder, PLAIN)
     answer = do(*order("--gear", "50"))
     assert list_codes(answer) == ["new.no-friction", "new.no-rotor", "new.assumed-order", "new.assumed-side"]
-
-
-def test_the_text_shows_the_columns_and_what_to_do_next(folder):
-    write_log(folder, PLAIN)
-    text = say("new", "arm.toml", *SOURCE, "--log", "log.csv")
-    assert "position  shoulder pos, elbow pos, slide pos  deg, deg, mm" in text
-    assert text.endswith("next: symid check arm.toml log.csv\n")
 
 
 def test_what_to_do_next_can_be_typed(folder):
@@ -216,26 +207,6 @@ def test_options_that_do_not_fit_are_refused(folder, case):
     assert not (folder / "arm.toml").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--columns", "time=t"), "--columns belongs to --log LOG"),
-        (("--units", "time=s"), "--units belongs to --log LOG"),
-    ],
-)
-def test_options_of_a_log_want_one(folder, options, words):
-    assert hear(2, "usage.call", "new", folder / "arm.toml", *SOURCE, *options) == words
-
-
-def test_a_robot_file_is_copied_as_it_is(folder):
-    write_log(folder, PLAIN)
-    code, answer = ask(*order("--rotors", source=("--from", "scara")))
-    assert code == 2
-    assert find_only(answer)["code"] == "usage.copied"
-    assert find_only(answer)["text"].startswith("--log, --rotors: a robot file is copied")
-    assert not (folder / "arm.toml").exists()
-
-
 def test_what_the_source_states_is_not_changed(folder, project):
     source = ("--from-urdf", str(project / "docs" / "own_robot" / "arm.urdf"))
     log = str(project / "docs" / "own_robot" / "training.csv")
@@ -299,11 +270,6 @@ def test_names_of_symid_with_other_units_are_read_as_any_others(folder, unit, co
     assert refuse(*order()) == (3, codes)
 
 
-def test_currents_of_a_known_program_need_torque_constants(folder):
-    write_log(folder, ",".join(PRESETS["ur-rtde"]))
-    assert refuse(*order()) == (3, ["new.torque-constant"])
-
-
 def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(folder):
     heading = ",".join(name.replace("time", "time [s]").replace("2]", "2] [m]") for name in PRESETS["franka"])
     write_log(folder, heading)
@@ -311,38 +277,6 @@ def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(folder):
     assert code == 3
     assert "new.no-unit" in list_codes(answer, "errors")
     assert "for 'q[0]', 'q[1]'; " in answer["errors"][0]["text"]
-
-
-def read_heading(heading, robots_folder):
-    (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
-    name, unit = split_heading(heading)
-    raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})
-    (found,) = read_headings(raw, (joint,))
-    return found
-
-
-@pytest.mark.parametrize(
-    ("headings", "words", "number"),
-    [
-        (("waist angle [deg]", "waist_pos_deg", "WaistPosition (deg)"), ("waist",), None),
-        (("actual waist position (deg)",), ("waist",), None),
-        (("q1 [deg]", "joint1 [deg]", "q_1 [deg]", "Joint_01_Position [deg]"), ("1",), 1),
-    ],
-)
-def test_headings_are_read_as_words(headings, words, number, robots_folder):
-    for heading in headings:
-        found = read_heading(heading, robots_folder)
-        assert (found.quantity, found.unit, found.commanded) == ("position", "deg", False)
-        assert (found.words, found.number) == (words, number)
-
-
-def test_what_is_not_a_quantity_of_a_joint_is_none(robots_folder):
-    for heading in ("motor position 1 [deg]", "q1 tau1 [deg]", "temperature 1", "voltage1 [V]"):
-        found = read_heading(heading, robots_folder)
-        assert not found.quantity or found.number is None
-    for heading in ("acc1_rad/s\u00b2", "q\u00b2 [rad]"):
-        found = read_heading(heading, robots_folder)
-        assert not found.quantity or found.number is None
 
 
 def test_arrays_and_single_joints_need_no_numbers(folder):

@@ -7,36 +7,7 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from tests.calls import ask, do, fail, find_codes, hear, list_codes, say
-
-
-@pytest.fixture(scope="module")
-def log(tmp_path_factory):
-    """Return a log of two_link with noisy sensors."""
-    path = tmp_path_factory.mktemp("log") / "run.npz"
-    do("simulate", "two_link", "-o", path, "--noise", "0.5", "--seed", "3")
-    return path
-
-
-@pytest.fixture(scope="module")
-def estimate(log):
-    """Return the estimate from the log."""
-    path = log.parent / "estimate.json"
-    do("identify", "two_link", log, "--drop-first", "2000", "-o", path)
-    return path
-
-
-@pytest.mark.parametrize(("robot", "count"), [("emps", 1), ("two_link", 6), ("puma560", 36), ("panda", 43)])
-def test_base(robot, count):
-    result = do("base", robot)["result"]
-    assert result["count"] == len(result["parameters"]) == count
-    for entry in result["parameters"]:
-        assert entry["name"]
-        assert entry["expression"]
-        assert entry["reason"]
-        assert entry["unit"]
-    names = {entry["name"] for entry in result["parameters"]}
-    assert not names & {entry["name"] for entry in result["eliminated"]}
+from tests.calls import ask, do, fail, find_codes, hear, list_codes
 
 
 def test_generate_says_when_there_is_no_compiler(tmp_path, monkeypatch):
@@ -60,22 +31,12 @@ def test_simulate_clean_closes_the_energy_balance(tmp_path, trajectory):
     assert answer["result"]["energy_gap"] < 1e-6
 
 
-def test_simulate_writes_over_nothing(log):
-    before = log.read_bytes()
-    assert fail("simulate", "two_link", "-o", log) == (3, "output.exists")
-    assert log.read_bytes() == before
-
-
 def test_simulate_ta_is_for_two_joints(tmp_path, monkeypatch):
     monkeypatch.setattr("symid.simulation.elastic_experiment.check_stated_values", lambda _: None)
     code, answer = ask("simulate", "emps", "--trajectory", "ta", "-o", tmp_path / "a.npz")
     assert code == 2
     assert list(tmp_path.iterdir()) == []
     assert answer["errors"][0]["code"] == "usage.trajectory"
-
-
-def test_output_in_a_missing_folder_is_refused_first(tmp_path):
-    assert fail("simulate", "two_link", "-o", tmp_path / "no" / "a.npz") == (3, "output.no-folder")
 
 
 def test_identify_finds_the_truth(log):
@@ -138,20 +99,6 @@ def test_a_unit_that_does_not_exist(log):
     assert "furlong" in answer["errors"][0]["text"]
 
 
-def test_validate_uses_the_settings_of_the_estimate(log, estimate):
-    answer = do("validate", "two_link", estimate, log, "--gate", "20")
-    assert answer["result"]["accepted"] is True
-    assert len(answer["result"]["residual"]) == 2
-
-
-def test_a_missed_gate_exits_1_and_keeps_the_result(log, estimate):
-    code, answer = ask("validate", "two_link", estimate, log, "--gate", "0.01")
-    assert code == 1
-    assert answer["ok"] is False
-    assert answer["errors"][0]["code"] == "validate.gate-missed"
-    assert answer["result"]["mean_relative_percent"] > 0.01
-
-
 def test_validate_refuses_the_estimate_of_another_robot(log, estimate, tmp_path):
     assert ask("validate", "two_link", tmp_path / "none.json", log)[0] == 3
     data = json.loads(estimate.read_text())
@@ -194,13 +141,6 @@ def test_the_log_of_the_fit_is_told_even_under_another_name(log, estimate, tmp_p
     twin.write_bytes(log.read_bytes())
     for path in (log, twin):
         assert "validate.fitted-log" in find_codes(do("validate", "two_link", estimate, path))
-
-
-def test_identify_takes_a_log_once(log, tmp_path):
-    twin = tmp_path / "twin.npz"
-    twin.write_bytes(log.read_bytes())
-    for path in (log, twin):
-        assert fail("identify", "two_link", log, path) == (2, "usage.same-log")
 
 
 def test_simulate_says_first_what_the_file_lacks(tmp_path, monkeypatch):
@@ -330,16 +270,6 @@ def test_no_output_destroys_an_input(log, estimate, tmp_path):
     assert before == {path: path.read_bytes() for path in (mine, found)}
 
 
-def test_report_names_the_option_for_an_unknown_robot(log, estimate, tmp_path):
-    data = json.loads(estimate.read_text())
-    data["robot"] = "nowhere"
-    other = tmp_path / "other.json"
-    other.write_text(json.dumps(data))
-    code, answer = ask("report", other, "--validation", log, "-o", tmp_path / "a.html")
-    assert code == 2
-    assert "--robot FILE.toml" in answer["errors"][0]["text"]
-
-
 def test_what_is_only_worth_knowing_is_a_note(capsys, log):
     assert run(["identify", "two_link", str(log)]) == 0
     written = capsys.readouterr()
@@ -347,10 +277,6 @@ def test_what_is_only_worth_knowing_is_a_note(capsys, log):
     assert lines
     assert all(line.startswith("note: ") for line in lines)
     assert "norm  relative/%" in written.out
-
-
-def test_one_base_parameter_is_one():
-    assert "1 base parameter of" in say("base", "emps")
 
 
 def test_options_of_a_robot_that_was_not_named_are_refused(estimate, tmp_path):
