@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast, final
 
-from symid import codegen, report
+from symid import codegen, report, robot as robots
 from symid.api.result import RecordResult
 from symid.errors import Notice, UsageError
 
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
-    from symid.codegen import Call, FunctionSpec, Library, ModelCard, ParameterCard
-    from symid.report import Block
-    from symid.robot import Robot
 
 
 @final
@@ -49,7 +46,7 @@ class WrittenCode(RecordResult, codegen.GeneratedFolder):
         'passed'
     """
 
-    robot: "Robot | None"
+    robot: "robots.Robot | None"
     notices: tuple[Notice, ...] = ()
 
     @property
@@ -61,7 +58,7 @@ class WrittenCode(RecordResult, codegen.GeneratedFolder):
         """Return the folder, what was written, and the result of its self-test."""
         return report.summarise_code(self)
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and the operations and sizes of every function."""
         return report.show_code(self)
 
@@ -103,8 +100,8 @@ class _Function:
         library: the compiled library.
     """
 
-    spec: "FunctionSpec"
-    library: "Library"
+    spec: "codegen.FunctionSpec"
+    library: "codegen.Library"
 
     def __repr__(self) -> str:
         """Return the call in one line, with the shapes of one sample."""
@@ -114,7 +111,7 @@ class _Function:
         )
         return f"<{self.spec.name}({inputs}) -> {outputs}: {self.spec.meaning}>"
 
-    def bind(self, *, out: "Sequence[FloatArray] | None" = None) -> "Call":
+    def bind(self, *, out: "Sequence[FloatArray] | None" = None) -> "codegen.Call":
         """Return the function for one sample at a time, with little overhead; it always returns a tuple.
 
         A bound function is for one thread.
@@ -237,7 +234,7 @@ class CompiledModel:
     hysteresis_inverse_step: TupleFunction
     elastic_inverse_dynamics: TupleFunction
 
-    def __init__(self, library: "Library") -> None:
+    def __init__(self, library: "codegen.Library") -> None:
         self.library = library
         for spec in library.card.functions:
             # Of springs without stops a step has the torque alone; the type is that of the name all the same.
@@ -245,7 +242,7 @@ class CompiledModel:
             setattr(self, spec.name, kind(spec=spec, library=library))
 
     @property
-    def card(self) -> "ModelCard":
+    def card(self) -> "codegen.ModelCard":
         """Return the model: names, units, groupings and reasons of its parameters."""
         return self.library.card
 
@@ -292,7 +289,7 @@ class CompiledModel:
         """Return the rotor inertias of elastic joints on the joint side, (n,) kg m^2, as `f`."""
         return self._take_values("IA", self.card.rotors)
 
-    def _take_values(self, letter: str, entries: "Sequence[ParameterCard]") -> "FloatArray":
+    def _take_values(self, letter: str, entries: "Sequence[codegen.ParameterCard]") -> "FloatArray":
         import numpy as np
 
         missing = ", ".join(entry.name for entry in entries if entry.value is None)

@@ -24,11 +24,6 @@ from symid.options import GenerateOptions, Precision, Target, check_value, words
 if TYPE_CHECKING:
     import casadi as ca
 
-    from symid.codegen import Library, RouteCount, SymbolicFunction
-    from symid.dynamics import BaseParameter, BaseParameters
-    from symid.lessons import AnswerSheet, MarkedAnswer, Step
-    from symid.report import Block
-    from symid.robot import Joint, Robot
 
 _LARGEST_SHEET = 1_000_000
 _SHOWN = 48
@@ -56,9 +51,9 @@ class BaseSet(Result):
         1.638
     """
 
-    robot: "Robot"
+    robot: "robots.Robot"
     form: BaseForm
-    product: "BaseParameters"
+    product: "dynamics.BaseParameters"
 
     @property
     def count(self) -> int:
@@ -88,7 +83,7 @@ class BaseSet(Result):
         """Yield the names of the inertial base parameters."""
         return iter(self.names)
 
-    def __getitem__(self, name: str) -> "BaseParameter":
+    def __getitem__(self, name: str) -> "dynamics.BaseParameter":
         """Return the base or friction parameter called `name`.
 
         Raises:
@@ -104,7 +99,7 @@ class BaseSet(Result):
             raise UsageError(Notice(code="usage.unknown-parameter", text=text))
         return entries[name]
 
-    def _list_heads(self) -> "dict[str, BaseParameter]":
+    def _list_heads(self) -> "dict[str, dynamics.BaseParameter]":
         """Return the base parameters by the name of the first standard parameter of their group."""
         entries = (*self.product.parameters, *self.product.friction)
         return {dynamics.write_label(self.robot, entry.label): entry for entry in entries}
@@ -128,11 +123,11 @@ class BaseSet(Result):
         """Return robot and count."""
         return f"{self.robot.name}: {self.count} base parameters ({self.form})"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and every parameter with its grouping and reason."""
         return report.show_base(self.robot, self.product)
 
-    def _tabulate(self) -> "tuple[Block, ...]":
+    def _tabulate(self) -> "tuple[report.Block, ...]":
         return report.tabulate_base(self.robot, self.product)
 
     def _describe(self) -> dict[str, object]:
@@ -178,7 +173,7 @@ class WrittenLesson(Result):
         True
     """
 
-    robot: "Robot"
+    robot: "robots.Robot"
     path: Path
     size: int
     notation: Notation
@@ -200,7 +195,7 @@ class WrittenLesson(Result):
         """Return robot, file and size."""
         return f"{self.robot.name}: {self.path}, {self.size / 1e6:.2f} MB"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return where the page is."""
         forms = {".tex": "for pdflatex", ".ipynb": "opens in Jupyter"}
         how = forms.get(self.path.suffix.lower(), "opens in any browser")
@@ -220,7 +215,7 @@ class WrittenLesson(Result):
 
 
 def write_lesson(
-    robot: "Robot",
+    robot: "robots.Robot",
     path: str | PathLike[str],
     notation: Notation = "symid",
     parameters: LessonParameters | None = None,
@@ -273,7 +268,7 @@ _STILL = 1e-3
 """rad or m: what moves by less stands still."""
 
 
-def _sample_log(robot: "Robot", log: LogLike) -> "lessons.LoggedMotion":
+def _sample_log(robot: "robots.Robot", log: LogLike) -> "lessons.LoggedMotion":
     """Return the motion of a log, filtered as for an identification.
 
     Raises:
@@ -295,7 +290,7 @@ def _sample_log(robot: "Robot", log: LogLike) -> "lessons.LoggedMotion":
     return lessons.LoggedMotion(name=Path(recording.source).name, states=states.transpose(0, 2, 1))
 
 
-def _read_sheet(path: Path) -> "AnswerSheet":
+def _read_sheet(path: Path) -> "lessons.AnswerSheet":
     """Return what stands in a sheet of exercises.
 
     Raises:
@@ -332,9 +327,9 @@ class MarkedSheet(Result):
         'wrong'
     """
 
-    robot: "Robot"
+    robot: "robots.Robot"
     path: Path
-    answers: "tuple[MarkedAnswer, ...]"
+    answers: "tuple[lessons.MarkedAnswer, ...]"
 
     @property
     def count(self) -> int:
@@ -354,7 +349,7 @@ class MarkedSheet(Result):
         """Return robot, file and count."""
         return f"{self.robot.name}: {self.path}, {self.count} of {len(self.answers)} right"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and a row for each answer."""
         rows = [
             (
@@ -393,9 +388,9 @@ class Derivation(Result):
         ['Base parameters', 'Inertia matrix', 'Coriolis matrix', 'Gravity', 'Torques', 'Friction']
     """
 
-    robot: "Robot"
-    steps: "tuple[Step, ...]"
-    operations: "tuple[RouteCount, ...]"
+    robot: "robots.Robot"
+    steps: "tuple[lessons.Step, ...]"
+    operations: "tuple[codegen.RouteCount, ...]"
     latex: bool = False
 
     def html(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
@@ -427,7 +422,7 @@ class Derivation(Result):
         """Return robot and steps."""
         return f"{self.robot.name}: {', '.join(step.title for step in self.steps)}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the steps, and the operations of generated functions."""
         return report.show_derivation(self.steps, self.operations, latex=self.latex)
 
@@ -453,7 +448,7 @@ class RobotDynamics:
         progress: called with a short text at each stage; does nothing by default, `print` is a good choice.
     """
 
-    description: "Robot"
+    description: "robots.Robot"
     backend: str = "auto"
     progress: Progress = ignore
 
@@ -468,7 +463,7 @@ class RobotDynamics:
         return Path(self.description.path)
 
     @property
-    def joints(self) -> "tuple[Joint, ...]":
+    def joints(self) -> "tuple[robots.Joint, ...]":
         """Return the joints that have a coordinate of their own, in the order of q."""
         return self.description.axes
 
@@ -566,7 +561,6 @@ class RobotDynamics:
             RobotError: a symbolic length has no value.
         """
         self.progress(f"deriving the dynamics of {self.name}")
-
         steps = lessons.derive_lesson(self.description)
         self.progress("counting the operations of all routes to code")
         counts = codegen.count_route_operations(self.description)
@@ -624,7 +618,7 @@ class RobotDynamics:
         answers = lessons.mark_sheet(self.description, _read_sheet(file), str(file))
         return MarkedSheet(robot=self.description, path=file, answers=answers)
 
-    def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
+    def sympy(self, name: str, *, standard: bool = False) -> "codegen.SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.
 
         Args:
@@ -772,7 +766,7 @@ class RobotDynamics:
         return WrittenCode.extend(made, robot=self.description, springs=springs, notices=notices)
 
     @cached_property
-    def library(self) -> "Library":
+    def library(self) -> "codegen.Library":
         """Return the functions that identification and simulation run on, from the cache or made now.
 
         `compile` has the derivatives, the Coriolis matrix and the regressor of Slotine and Li as well.
@@ -780,22 +774,23 @@ class RobotDynamics:
         return self._prepare(self.description)
 
     @cached_property
-    def _whole_library(self) -> "Library":
+    def _whole_library(self) -> "codegen.Library":
         return self._prepare(self.description, whole=True)
 
     @property
     def context(self) -> "identification.TaskContext":
         """Return compiled functions on demand, and the callback for progress, for long computations."""
 
-        def prepare(description: "Robot") -> "Library":
+        def prepare(description: "robots.Robot") -> "codegen.Library":
             """Return this robot's library, loaded once, where the dynamics are its own."""
             own = codegen.keep_dynamics(description) == codegen.keep_dynamics(self.description)
             return self.library if own else self._prepare(description)
 
         return identification.TaskContext(prepare=prepare, progress=self.progress)
 
-    def _prepare(self, description: "Robot", *, fused: bool = False, whole: bool = False) -> "Library":
-
+    def _prepare(
+        self, description: "robots.Robot", *, fused: bool = False, whole: bool = False
+    ) -> "codegen.Library":
         return codegen.prepare_library(
             description, progress=self.progress, backend=self.backend, fused=fused, whole=whole
         )

@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, final
 
-from symid import excitation, report, study as studies
+from symid import excitation, report, robot as robots, study as studies
 from symid.api.log import Log, Measurements
 from symid.api.result import DrawnResult, PagedResult, Progress, RecordResult, Result, ignore
 from symid.environment import report_count
@@ -21,9 +21,6 @@ from symid.serialization import HIDDEN, describe_record
 
 if TYPE_CHECKING:
     from symid.arrays import FloatArray
-    from symid.report import Block, Drawing
-    from symid.robot import Robot
-    from symid.study import ForeignStudy, FrictionStudy
 
 T_co = TypeVar("T_co", covariant=True)
 
@@ -39,6 +36,9 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         coefficients: the series (n, 2h + 1), rad or m: centre, h sines, h cosines of every joint.
         parameters: names of the regressor's columns.
         condition: the condition number of the torque regressor, its columns scaled to length one.
+        information: mean logarithm of the information per parameter.
+        random_condition: that of the best random series; `random_median` is the median of all of them, and
+            `random_information` that of the most informative one.
         margins: the used part of every limit, and clearances in m.
         runs: the result of the search from every start, the best first.
         notices: warnings and notes on the robot, and on limits that its file does not state.
@@ -53,7 +53,7 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         2.0
     """
 
-    robot: "Robot" = field(metadata=HIDDEN)
+    robot: "robots.Robot" = field(metadata=HIDDEN)
     seed: int = field(metadata=HIDDEN)
     notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
 
@@ -82,7 +82,7 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
     def _write_page(self, file: Path) -> Path:
         return report.write_excitation_page(file, self.robot, self)
 
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and velocities over time, and the used part of each limit."""
         return report.draw_excitation(self, self.robot)
 
@@ -90,7 +90,7 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         """Return the robot, the series and its condition number."""
         return f"{self.robot.name}: {self.trajectory.source}; condition number {self.condition:.4g}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return its condition number beside those of random series, and the used part of each limit."""
         return report.show_excitation(self)
 
@@ -150,7 +150,7 @@ class Simulation(Measurements):
             f"work, energy and losses agree to {self.energy_gap:.1e} of the work"
         )
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return one line."""
         return (f"{self.robot.name}: {self.summarise()}",)
 
@@ -188,7 +188,7 @@ class Study(Result, Generic[T_co]):
 
     title: str
     product: T_co
-    tables: "tuple[Block, ...]"
+    tables: "tuple[report.Block, ...]"
     described: Mapping[str, object]
     notices: tuple[Notice, ...] = ()
 
@@ -196,7 +196,7 @@ class Study(Result, Generic[T_co]):
         """Return the study and the robot."""
         return self.title
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return its tables."""
         return self.tables
 
@@ -228,7 +228,7 @@ class FrictionTables(Result):
         >>> tables.save("tables.html")  # doctest: +SKIP
     """
 
-    product: "FrictionStudy"
+    product: "studies.FrictionStudy"
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write one page with all tables and figures to `path`, and return the path.
@@ -243,7 +243,7 @@ class FrictionTables(Result):
         judged = [check.met for check in self.product.checks if check.met is not None]
         return f"friction tables: {sum(judged)} of {len(judged)} claims met"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return all tables, and the claims."""
         return report.show_friction_tables(self.product)
 
@@ -291,7 +291,7 @@ def study_foreign(
     jobs: int | None = None,
     share: float = 1.0,
     progress: Progress = ignore,
-) -> "Study[ForeignStudy]":
+) -> "Study[studies.ForeignStudy]":
     """Compare the methods for elastic joints on arms with hidden models that are not those of symid.
 
     The arms are simulated by code of their own, with Bouc-Wen springs, LuGre friction, torque ripple and

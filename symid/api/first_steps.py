@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, cast, final
+from typing import cast, final
 
 from symid import codegen, excitation, identification, logs as log_files, report, simulation, study as studies
 from symid.api.fit import ElasticFit, build_dynamics_fit
@@ -25,12 +25,6 @@ from symid.environment import locate_resource_folder, show_path
 from symid.errors import Notice, OutputError, SymidError
 from symid.identification import elastic
 from symid.options import ExportOptions
-
-if TYPE_CHECKING:
-    from symid.identification.elastic import TrackingRun
-    from symid.report import Block, FitVerdict
-    from symid.study import ForeignRun
-
 
 _PACKAGES = ("casadi", "click", "filelock", "jinja2", "numpy", "scipy", "sympy")
 _OLDEST = (3, 11)
@@ -134,7 +128,7 @@ class Doctor(Result):
         """Return the number of checks and remedies."""
         return f"{len(self.findings)} checks, {len(self.missing)} remedies"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a table."""
         rows = [(entry.name, entry.found, entry.remedy or "ok") for entry in self.findings]
         return (report.Table(("item", "found", "remedy"), rows, left=(0, 1, 2)),)
@@ -213,16 +207,16 @@ class DemoResult(JudgedResult):
     robot: RobotModel
     fits: Mapping[str, ElasticFit]
     deviations: Mapping[str, DemoErrors]
-    tracking: "tuple[TrackingRun, ...]"
-    foreign: "ForeignRun"
+    tracking: "tuple[elastic.TrackingRun, ...]"
+    foreign: "studies.ForeignRun"
     seed: int
     folder: Path
     files: tuple[Path, ...]
     built: str
-    judged: "FitVerdict"
+    judged: "report.FitVerdict"
 
     @property
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return the verdict of the page."""
         return self.judged
 
@@ -251,7 +245,7 @@ class DemoResult(JudgedResult):
         parameters, hysteresis = self.deviations[_AUTOMATIC]
         return f"{self.robot.name}: parameters {parameters:.3g} %, hysteresis {hysteresis:.3g} % error"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return parameters, springs, errors, tracking, and the paths of the files."""
         best = self.fit.estimate
         logs = ", ".join(_LOGS[name] for name in _TRAINING)
@@ -418,7 +412,7 @@ def _prepare_folder(folder: Path, *, force: bool) -> None:
         raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
 
 
-def judge_demo(deviations: DemoErrors, tracking: "Sequence[TrackingRun]") -> tuple[Notice, ...]:
+def judge_demo(deviations: DemoErrors, tracking: "Sequence[elastic.TrackingRun]") -> tuple[Notice, ...]:
     """Return the errors that exceed their limits.
 
     Args:

@@ -23,18 +23,12 @@ from symid.api.result import DrawnResult, JudgedResult, SavedResult
 from symid.api.robot_files import ExportedFile, export_fit
 from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
 from symid.errors import Notice, UsageError
-from symid.identification import elastic
+from symid.identification import elastic, estimators, friction
 from symid.options import ExportOptions, Precision
 from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.arrays import FloatArray
-    from symid.identification import TrackingTask
-    from symid.identification.elastic import ElasticEstimate, SpringEstimate
-    from symid.identification.estimators import Estimate, ParameterEstimate, Residual
-    from symid.identification.friction import FrictionIdentification, JointFriction
-    from symid.logs import Alignment, LogPart
-    from symid.report import Block, Drawing, FitVerdict
 
 
 class Fit(JudgedResult, DrawnResult, SavedResult):
@@ -57,25 +51,25 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         True
     """
 
-    estimate: "Estimate | ElasticEstimate | FrictionIdentification"
+    estimate: "estimators.Estimate | elastic.ElasticEstimate | friction.FrictionIdentification"
     file: Path | None = None
     model: RobotDynamics | Callable[[], RobotDynamics]
     remarks: tuple[Notice, ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
 
     @property
-    def product(self) -> "Estimate | ElasticEstimate | FrictionIdentification":
+    def product(self) -> "estimators.Estimate | elastic.ElasticEstimate | friction.FrictionIdentification":
         """Return the full result, as `estimate`."""
         return self.estimate
 
     @property
     @abstractmethod
-    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+    def parameters(self) -> "tuple[estimators.ParameterEstimate, ...]":
         """Return the identified parameters with value, standard deviation and unit."""
 
     @property
     @abstractmethod
-    def residual(self) -> "tuple[Residual, ...]":
+    def residual(self) -> "tuple[estimators.Residual, ...]":
         """Return the residual of the fit on its own logs, joint by joint."""
 
     @cached_property
@@ -121,7 +115,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         return {entry.name: entry.value for entry in self.parameters}
 
     @cached_property
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return what the fit is worth by its own logs; held-out logs give a stronger verdict (`validate`).
 
         Its `level` is "good", "usable", "doubtful" or "wrong".
@@ -140,7 +134,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
     def _list_remarks(self) -> tuple[Notice, ...]:
         return self.remarks
 
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
         return report.draw_fit(self.product)
 
@@ -152,7 +146,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         """Yield the names of the parameters."""
         return (entry.name for entry in self.parameters)
 
-    def __getitem__(self, name: str) -> "ParameterEstimate":
+    def __getitem__(self, name: str) -> "estimators.ParameterEstimate":
         """Return the parameter called `name`, with `.value`, `.std` and `.unit`.
 
         Raises:
@@ -211,7 +205,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         settings: Settings | None,
         *,
         band: float | None = None,
-        tracking: "TrackingTask | None" = None,
+        tracking: "identification.TrackingTask | None" = None,
     ) -> LogValidation:
         pairs = list_pairs(settings)
         found = identification.validate_fit(
@@ -227,7 +221,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         )
         return LogValidation(product=found, gate=gate, estimate=self.estimate)
 
-    def _list_test_parts(self, test: Parts | None) -> "tuple[LogPart, ...]":
+    def _list_test_parts(self, test: Parts | None) -> "tuple[log_files.LogPart, ...]":
         """Return parts to predict; a number without unit has that of the parts that were fitted."""
         return log_files.read_parts(test, "--test", log_files.get_train_unit(self.estimate.settings))
 
@@ -371,15 +365,15 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
 class _DynamicsFit(Fit):
     """Parameters of the dynamics, with their covariance."""
 
-    estimate: "Estimate | ElasticEstimate"
+    estimate: "estimators.Estimate | elastic.ElasticEstimate"
 
     @property
-    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+    def parameters(self) -> "tuple[estimators.ParameterEstimate, ...]":
         """Return the identified base and friction parameters; for elastic joints also rotor inertias."""
         return self.estimate.parameters
 
     @property
-    def residual(self) -> "tuple[Residual, ...]":
+    def residual(self) -> "tuple[estimators.Residual, ...]":
         """Return the residual of the fit on its own logs, joint by joint."""
         return self.estimate.residual
 
@@ -440,7 +434,7 @@ class RigidFit(_DynamicsFit):
         (12, (12, 12))
     """
 
-    estimate: "Estimate"
+    estimate: "estimators.Estimate"
 
     def diagnose(self) -> FitDiagnosis:
         """Diagnose the fit with its own logs: correlations, bootstrap, drift, structure of the residual.
@@ -469,7 +463,7 @@ class RigidFit(_DynamicsFit):
         """
         return self._try(log, test, gate, settings, band=band)
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and tables of parameters and residuals."""
         return report.show_estimate(self.estimate)
 
@@ -493,11 +487,11 @@ class ElasticFit(_DynamicsFit):
         ['shoulder', 'elbow']
     """
 
-    estimate: "ElasticEstimate"
-    alignment: "Alignment | None" = None
+    estimate: "elastic.ElasticEstimate"
+    alignment: "log_files.Alignment | None" = None
 
     @property
-    def springs(self) -> "tuple[SpringEstimate, ...]":
+    def springs(self) -> "tuple[elastic.SpringEstimate, ...]":
         """Return the spring of every joint; empty if the method gives none."""
         return self.estimate.springs
 
@@ -524,7 +518,7 @@ class ElasticFit(_DynamicsFit):
         task = identification.build_tracking_task(self.robot.description, seed, others)
         return self._try(log, test, gate, settings, tracking=task)
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, the reason for the method, parameters, springs and residuals."""
         return report.show_elastic(self.estimate)
 
@@ -552,15 +546,15 @@ class FrictionFit(Fit):
         0.9
     """
 
-    estimate: "FrictionIdentification"
+    estimate: "friction.FrictionIdentification"
 
     @property
-    def joints(self) -> "Mapping[str, JointFriction]":
+    def joints(self) -> "Mapping[str, friction.JointFriction]":
         """Return the result of every joint by its name."""
         return {entry.joint: entry for entry in self.estimate.joints}
 
     @property
-    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+    def parameters(self) -> "tuple[estimators.ParameterEstimate, ...]":
         """Return the parameters of all laws, called joint.parameter, such as "elbow.fC"."""
         return tuple(
             replace(entry, name=f"{joint.joint}.{entry.name}")
@@ -579,7 +573,7 @@ class FrictionFit(Fit):
         return {**dict(self.estimate.refused), **found}
 
     @property
-    def residual(self) -> "tuple[Residual, ...]":
+    def residual(self) -> "tuple[estimators.Residual, ...]":
         """Return the residual of each law on its own logs."""
         return tuple(entry.residual for entry in self.estimate.joints)
 
@@ -588,7 +582,7 @@ class FrictionFit(Fit):
         laws = ", ".join(f"{name}: {entry.estimate.law}" for name, entry in self.joints.items())
         return f"{self.estimate.robot}: {laws}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return choice, law, parameters and residual of every joint."""
         return report.show_friction(self.estimate)
 
@@ -597,7 +591,8 @@ class FrictionFit(Fit):
 
 
 def build_dynamics_fit(
-    found: "identification.Identification[Estimate | ElasticEstimate]", robot: RobotDynamics
+    found: "identification.Identification[estimators.Estimate | elastic.ElasticEstimate]",
+    robot: RobotDynamics,
 ) -> RigidFit | ElasticFit:
     """Return the fit of an identification of this robot."""
     facts: dict[str, Any] = {"model": robot, "remarks": found.notices, "extra": {"backend": found.backend}}

@@ -10,7 +10,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, final
 
-from symid import codegen, identification, logs as log_files, report, robot as robots
+from symid import codegen, identification, joint_models, logs as log_files, report, robot as robots
 from symid.api.code import WrittenCode
 from symid.api.log import take_samples
 from symid.api.result import Figures, JudgedResult, PagedResult, Progress, SavedResult, ignore
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
-    from symid.identification.hysteresis import ElementParameter, HysteresisRecord, HysteresisTrial
-    from symid.joint_models import Elasticity
-    from symid.report import Block, FitVerdict
 
 
 class Columns(NamedTuple):
@@ -101,20 +98,20 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         ('prandtl-ishlinskii', True)
     """
 
-    record: "HysteresisRecord"
+    record: "elements.HysteresisRecord"
     source: str = ""
 
     @property
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return what the element is worth."""
         return report.judge_element(self.record)
 
     @property
-    def element(self) -> "Elasticity":
+    def element(self) -> "joint_models.Elasticity":
         """Return the element, which `symid.joint_models` runs."""
         return self.record.elasticity
 
-    def __getitem__(self, name: str) -> "ElementParameter":
+    def __getitem__(self, name: str) -> "elements.ElementParameter":
         """Return a parameter by name, with its `value` and its `deviation`."""
         found = {entry.name: entry for entry in self.record.parameters}
         if name not in found:
@@ -127,7 +124,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         record = self.record
         return f"{record.model}: {record.candidates[0].count} parameters, {record.held_out:.3g} % left"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return parameters, models that were tried, inverse and passivity."""
         return report.show_element(self.record)
 
@@ -237,12 +234,12 @@ class ElementValidation(JudgedResult):
         'good'
     """
 
-    record: "HysteresisRecord"
-    trial: "HysteresisTrial"
+    record: "elements.HysteresisRecord"
+    trial: "elements.HysteresisTrial"
     _tried = True
 
     @property
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return what the prediction is worth."""
         return report.judge_element_trial(self.trial)
 
@@ -250,7 +247,7 @@ class ElementValidation(JudgedResult):
         """Return the error."""
         return f"{self.record.model}: {self.trial.error:.3g} % left of {self.trial.samples} samples"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the figures in a sentence."""
         trial = self.trial
         text = f"{trial.samples} samples, mean error {trial.shift:.3g} in the unit of the output."

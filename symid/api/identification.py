@@ -12,7 +12,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, final
 
-from symid import identification, report
+from symid import dynamics, identification, joint_models, report, robot as robots
 from symid.api import hysteresis
 from symid.api.dynamics import RobotDynamics
 from symid.api.log import Log, Logged, LogLike
@@ -23,18 +23,6 @@ from symid.identification import elastic
 if TYPE_CHECKING:
     from symid.api.hysteresis import ElementFit
     from symid.arrays import FloatArray
-    from symid.dynamics import Payload, PayloadQuantity
-    from symid.identification import FlangeFrame, GivenResult, GivenSide, PayloadCommand, PayloadFinding
-    from symid.identification.elastic import (
-        ElasticMotion,
-        JointStiffness,
-        NlpAnswer,
-        NlpGraph,
-        StiffnessEstimate,
-    )
-    from symid.joint_models import Elasticity
-    from symid.report import Block
-    from symid.robot import Robot
 
 
 @final
@@ -53,11 +41,11 @@ class Stiffness(PagedResult, SavedResult):
         ['elbow', 'shoulder']
     """
 
-    estimate: "StiffnessEstimate"
+    estimate: "elastic.StiffnessEstimate"
     notices: tuple[Notice, ...] = ()
 
     @property
-    def joints(self) -> "dict[str, JointStiffness]":
+    def joints(self) -> "dict[str, elastic.JointStiffness]":
         """Return the result of every joint by its name."""
         return {entry.joint: entry for entry in self.estimate.joints}
 
@@ -72,7 +60,7 @@ class Stiffness(PagedResult, SavedResult):
         names = [name for name, entry in self.joints.items() if entry.stiffness is not None]
         return f"{self.estimate.robot}: stiffness of {', '.join(names) or 'no joint'}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return delay, offsets and stiffness."""
         return report.show_stiffness(self.estimate)
 
@@ -114,7 +102,7 @@ def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | Elemen
     return hysteresis.load(file) if hysteresis.is_saved(file) else None
 
 
-PayloadSide: TypeAlias = "GivenResult | LogLike | Sequence[LogLike]"
+PayloadSide: TypeAlias = "identification.GivenResult | LogLike | Sequence[LogLike]"
 """One side: a fit or its file, or logs."""
 
 
@@ -139,11 +127,11 @@ class PayloadResult(PagedResult, SavedResult):
         ('elbow', 1.0)
     """
 
-    product: "PayloadFinding"
-    carrier: "Robot | None" = None
+    product: "identification.PayloadFinding"
+    carrier: "robots.Robot | None" = None
 
     @property
-    def payload(self) -> "Payload":
+    def payload(self) -> "dynamics.Payload":
         """Return the full result."""
         return self.product.payload
 
@@ -152,7 +140,7 @@ class PayloadResult(PagedResult, SavedResult):
         """Return the joint whose link carries it."""
         return self.payload.joint
 
-    def __getitem__(self, name: str) -> "PayloadQuantity":
+    def __getitem__(self, name: str) -> "dynamics.PayloadQuantity":
         """Return mass, cx, cy, cz, Jxx, Jxy, Jxz, Jyy, Jyz or Jzz, with deviation or reason."""
         return {entry.name: entry for entry in self.payload.quantities}[name]
 
@@ -192,14 +180,16 @@ class PayloadResult(PagedResult, SavedResult):
         """Return the mass and the link."""
         return f"{self.product.robot}: {self.mass:.4g} kg on the link of joint {self.joint!r}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the tables of identified and of refused quantities, with the reasons."""
         return report.show_payload(self.product.robot, self.payload)
 
     def _describe(self) -> dict[str, object]:
         return report.describe_payload(self.product.robot, self.payload)
 
-    def for_controller(self, controller: str, frame: "FlangeFrame" = None) -> "PayloadCommand":
+    def for_controller(
+        self, controller: str, frame: "identification.FlangeFrame" = None
+    ) -> "identification.PayloadCommand":
         """Return the payload as a controller takes it, with the text to enter there.
 
         Args:
@@ -242,7 +232,7 @@ def load_payload(path: str | PathLike[str], robot: "RobotDynamics | None" = None
     return PayloadResult(product=found, carrier=None if robot is None else robot.description)
 
 
-def list_payload_side(side: PayloadSide) -> "GivenSide":
+def list_payload_side(side: PayloadSide) -> "identification.GivenSide":
     """Return one side of a payload: a fit, files or recordings."""
     entries = side if isinstance(side, Sequence) and not isinstance(side, str) else (side,)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in entries)
@@ -275,7 +265,7 @@ class OneShotProblem(Result):
     """
 
     robot: RobotDynamics
-    graph: "NlpGraph"
+    graph: "elastic.NlpGraph"
     remarks: tuple[Notice, ...] = ()
 
     @property
@@ -328,7 +318,7 @@ class OneShotProblem(Result):
         return replace(self, graph=elastic.add_variable(self.graph, name, start, lower, upper))
 
     def add_torque(
-        self, joint: str, torque: "Callable[[ElasticMotion], Any]", *, side: str = "spring"
+        self, joint: str, torque: "Callable[[elastic.ElasticMotion], Any]", *, side: str = "spring"
     ) -> "OneShotProblem":
         """Return the problem with a further torque in a joint, parallel to its spring or to motor friction.
 
@@ -383,7 +373,7 @@ class OneShotProblem(Result):
         sizes = f"{len(self.graph.variables)} variables, {self.rows} rows"
         return f"{self.robot.name}: {sizes}, {len(self.graph.constraints)} added constraints"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the sizes and the table of variables."""
         entries = self.graph.variables.items()
         rows = [(name, entry.start, entry.lower, entry.upper) for name, entry in entries]
@@ -416,7 +406,7 @@ class OneShotSolution(Result):
     """
 
     problem: OneShotProblem
-    answer: "NlpAnswer"
+    answer: "elastic.NlpAnswer"
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -449,7 +439,7 @@ class OneShotSolution(Result):
         return self.answer.active
 
     @property
-    def springs(self) -> "Mapping[str, Elasticity]":
+    def springs(self) -> "Mapping[str, joint_models.Elasticity]":
         """Return the spring of every joint by its name, without torques that were added."""
         return dict(zip(self.problem.graph.joints, self.answer.springs, strict=True))
 
@@ -466,7 +456,7 @@ class OneShotSolution(Result):
         """Return robot, outcome and cost."""
         return f"{self.problem.robot.name}: {self.answer.outcome.value}, cost {self.objective:.6g}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the outcome, the table of values, and the added constraints."""
         values = report.Table(("variable", "value"), list(self.values.items()))
         if not self.active:

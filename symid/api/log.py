@@ -12,20 +12,15 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
 
-from symid import logs as log_files, report
+from symid import identification, logs as log_files, report, robot as robots
 from symid.api.result import DrawnResult, PagedResult
 from symid.errors import LogError, Notice, UsageError
-from symid.identification import IdentifyOptions, LawOptions
+from symid.identification import IdentifyOptions, LawOptions, diagnostics
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from symid.arrays import FloatArray
-    from symid.identification import Described
-    from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
-    from symid.logs import Recording
-    from symid.report import Block, Drawing
-    from symid.robot import Robot
 
 
 Settings = str | Mapping[str, object]
@@ -72,10 +67,10 @@ def _write_value(value: object) -> str:
 class Measurements(DrawnResult):
     """What was measured of a robot, in SI units on the joint side."""
 
-    recording: "Recording"
-    robot: "Robot"
+    recording: "log_files.Recording"
+    robot: "robots.Robot"
 
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and torques over time."""
         return report.draw_log(self.recording, self.robot)
 
@@ -174,7 +169,7 @@ class Log(Measurements):
         """Return source, samples and period."""
         return f"{self.source}: {len(self)} samples at {1.0 / self.period:.6g} Hz, {self.q.shape[1]} joints"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the table of joints: range, speed, torque."""
         summary = log_files.summarise_joints(self.recording, self.robot)
         return (self.summarise(), report.show_joints(self.source, summary))
@@ -204,7 +199,7 @@ Parts = Part | Sequence[Part]
 """A part of all logs, or a list with one for each."""
 
 
-def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path | Recording, ...]":
+def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path | log_files.Recording, ...]":
     """Return logs as paths and recordings.
 
     Args:
@@ -269,7 +264,7 @@ def pair_parts(
     return [part.text for part in fitted] or None, tuple(zip(logs, each, strict=bool(test)))
 
 
-def adopt_log_map(robot: "Robot", logs: Logs) -> "Robot":
+def adopt_log_map(robot: "robots.Robot", logs: Logs) -> "robots.Robot":
     """Return the robot with the `[log]` map of its logs, which is stored with a fit.
 
     Raises:
@@ -284,7 +279,7 @@ def adopt_log_map(robot: "Robot", logs: Logs) -> "Robot":
     return replace(robot, log=maps[0]) if maps else robot
 
 
-def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path | Recording":
+def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path | log_files.Recording":
     """Return one log as a path or recording; see `list_logs`.
 
     Raises:
@@ -297,7 +292,9 @@ def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path |
     return found[0]
 
 
-def read_logs(path: str | PathLike[str], robot: "Described", *, uneven: bool = False) -> tuple[Log, ...]:
+def read_logs(
+    path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False
+) -> tuple[Log, ...]:
     """Return the logs of a file: one, or those of all runs listed in a `.toml`.
 
     Args:
@@ -318,7 +315,7 @@ def read_logs(path: str | PathLike[str], robot: "Described", *, uneven: bool = F
     return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
 
 
-def read_log(path: str | PathLike[str], robot: "Described", *, uneven: bool = False) -> Log:
+def read_log(path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False) -> Log:
     """Return the log in a file, converted to SI units on the joint side.
 
     Args:
@@ -353,7 +350,7 @@ def take_samples(values: "ArrayLike", time: "ArrayLike | None") -> "tuple[FloatA
 
 
 def build_log(
-    robot: "Described",
+    robot: "identification.Described",
     *,
     time: "ArrayLike",
     q: "ArrayLike",
@@ -445,11 +442,11 @@ class RobotCheck(DrawnResult, PagedResult):
         (True, 12)
     """
 
-    robot: "Robot"
-    product: "LogsCheck"
+    robot: "robots.Robot"
+    product: "diagnostics.LogsCheck"
 
     @property
-    def logs(self) -> "tuple[CheckedLog, ...]":
+    def logs(self) -> "tuple[diagnostics.CheckedLog, ...]":
         """Return for every log its evenly sampled recording, its sampling, and the range of its joints."""
         return self.product.logs
 
@@ -459,12 +456,12 @@ class RobotCheck(DrawnResult, PagedResult):
         return tuple(entry.recording.source for entry in self.logs)
 
     @property
-    def dynamics(self) -> "tuple[LogCheck, ...]":
+    def dynamics(self) -> "tuple[diagnostics.LogCheck, ...]":
         """Return signs, exchanged joints and torque delay of every log; for rigid robots."""
         return self.product.dynamics
 
     @property
-    def excitation(self) -> "LogExcitation | None":
+    def excitation(self) -> "diagnostics.LogExcitation | None":
         """Return identifiability of every parameter, singular values, rank, condition; for rigid robots."""
         return self.product.excitation
 
@@ -476,7 +473,7 @@ class RobotCheck(DrawnResult, PagedResult):
     def _write_page(self, file: Path) -> Path:
         return report.write_check_page(file, self.robot, self.product)
 
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and torques of every log, with what was found marked; else the robot."""
         return report.draw_check(self.robot, self.product)
 
@@ -484,7 +481,7 @@ class RobotCheck(DrawnResult, PagedResult):
         """Return the robot and the number of logs."""
         return f"{report.summarise_robot(self.robot)}: {len(self.logs)} log{'s'[: len(self.logs) != 1]}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the robot, the joints of every log, and the identifiability of the parameters."""
         return report.show_robot_check(self.robot, self.product)
 

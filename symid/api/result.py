@@ -12,15 +12,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform, final
+from typing import Any, ClassVar, Self, dataclass_transform, final
 
 from symid import report
 from symid.environment import write_file
 from symid.errors import Notice, UsageError, arrange_notices
 from symid.serialization import describe_record
-
-if TYPE_CHECKING:
-    from symid.report import Block, Drawing, FitVerdict
 
 Progress = Callable[[str], None]
 """Called with a short text at each stage."""
@@ -75,7 +72,7 @@ class Result(ABC):
         """Return a summary in one line."""
 
     @abstractmethod
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the paragraphs and tables of the printed form."""
 
     @abstractmethod
@@ -86,11 +83,11 @@ class Result(ABC):
         """Return the result in plain types, as `--json` prints it; a verdict stands first."""
         return self._describe()
 
-    def opening(self) -> "tuple[Block, ...]":
+    def opening(self) -> "tuple[report.Block, ...]":
         """Return what stands before all other blocks, such as a verdict."""
         return ()
 
-    def figures(self) -> "tuple[Block, ...]":
+    def figures(self) -> "tuple[report.Block, ...]":
         """Return the figures shown after the tables in a notebook."""
         return ()
 
@@ -111,7 +108,7 @@ class Result(ABC):
         lines = (*arranged.list_lines("`.notices` holds all"), *(("error", str(e)) for e in self.errors))
         return "\n".join(f"{kind}: {text}" for kind, text in lines)
 
-    def _tabulate(self) -> "tuple[Block, ...]":
+    def _tabulate(self) -> "tuple[report.Block, ...]":
         """Return the blocks for a notebook, which is wider than a terminal."""
         return self.blocks()
 
@@ -140,10 +137,10 @@ class DrawnResult(Result):
     """A result with figures, which notebooks show below its tables."""
 
     @abstractmethod
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return its figures."""
 
-    def figures(self) -> "tuple[Block, ...]":
+    def figures(self) -> "tuple[report.Block, ...]":
         """Return what `plot` draws, for a notebook."""
         return self._draw()
 
@@ -198,7 +195,7 @@ class JudgedResult(Result):
 
     @property
     @abstractmethod
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return what the result is worth."""
 
     def _name_file(self) -> str:
@@ -224,11 +221,11 @@ class JudgedResult(Result):
         """Return the error of a wrong verdict; empty for all others."""
         return self._list_doubts() if self.verdict.level == "wrong" else ()
 
-    def opening(self) -> "tuple[Block, ...]":
+    def opening(self) -> "tuple[report.Block, ...]":
         """Return the verdict, with its cause and its remedy where there are any."""
         return (report.show_verdict(self.verdict),)
 
-    def _tabulate(self) -> "tuple[Block, ...]":
+    def _tabulate(self) -> "tuple[report.Block, ...]":
         """Return the details of the verdict, then all blocks."""
         details = "\n".join(self.verdict.details)
         return (*([details] if details else []), *self.blocks())
@@ -255,7 +252,7 @@ class Figures:
         (2, 'torques.svg')
     """
 
-    drawings: "tuple[Drawing, ...]"
+    drawings: "tuple[report.Drawing, ...]"
 
     def __len__(self) -> int:
         """Return the number of figures."""

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, final
+from typing import Any, Literal, TypeAlias, final
 
 from symid import (
     dynamics,
@@ -59,12 +59,9 @@ from symid.identification import (
 from symid.options import ExciteOptions, PayloadOptions, Precision, SimulateOptions, check_value, merge, words
 from symid.serialization import describe_record
 
-if TYPE_CHECKING:
-    from symid.excitation import SampledMotion, Trajectory
-    from symid.logs import Recording
-    from symid.report import Block
-    from symid.robot import Robot
-    from symid.study import CutoffStudy, ElasticStudy, ManyJointsResult, PrecisionStudy, TrackingStudy
+FollowedMotion: TypeAlias = (
+    "str | PathLike[str] | ExcitedTrajectory | excitation.Trajectory | excitation.SampledMotion"
+)
 
 
 @final
@@ -187,19 +184,10 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: too few parameters are identifiable; the message names the others.
             SolverError: a search ended without a usable result.
         """
-        order = merge(
-            options,
-            IdentifyOptions(),
-            rows=rows,
-            estimator=estimator,
-            method=method,
-            friction=friction,
-            cutoff=cutoff,
-            decimate=decimate,
-            period=period,
-            known=known,
-            partial=partial,
-        )
+        given: dict[str, object] = {"rows": rows, "estimator": estimator, "method": method, "known": known}
+        given |= {"friction": friction, "cutoff": cutoff, "decimate": decimate}
+        given |= {"period": period, "partial": partial}
+        order = merge(options, IdentifyOptions(), **given)
         rigid_fits.check_estimator(order.rows or "torque", order.estimator)
         law = identification.read_joint_laws(order.friction, self.description)
         searched = law if identification.needs_search(law) else None
@@ -213,7 +201,7 @@ class RobotModel(RobotDynamics):
 
     def _gather(
         self, logs: Logs, pairs: tuple[tuple[str, str], ...], friction: str | None, train: Parts | None
-    ) -> "tuple[Robot, tuple[Recording, ...]]":
+    ) -> "tuple[robots.Robot, tuple[log_files.Recording, ...]]":
         """Return the robot with the settings of the call, and what it fits of the recordings."""
         given = list_logs(logs, pairs)
         described = robots.override_settings(adopt_log_map(self.description, logs), pairs, friction)
@@ -253,19 +241,11 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: no joint has an identifiable law.
             SolverError: a search ended without usable numbers.
         """
-        order = merge(
-            options,
-            LawOptions(),
-            model=model,
-            estimator=estimator,
-            known=known,
-            smoothing=smoothing,
-            period=period,
-            seed=seed,
-            friction=friction,
-        )
-        given = self._gather(logs, list_pairs(settings, order), order.friction, train)
-        found = identification.identify_robot_friction(*given, order, self.context)
+        given: dict[str, object] = {"model": model, "estimator": estimator, "known": known}
+        given |= {"friction": friction, "smoothing": smoothing, "period": period, "seed": seed}
+        order = merge(options, LawOptions(), **given)
+        parts = self._gather(logs, list_pairs(settings, order), order.friction, train)
+        found = identification.identify_robot_friction(*parts, order, self.context)
         extra = {"backend": found.backend}
         return FrictionFit(estimate=found.estimate, model=self, remarks=found.notices, extra=extra)
 
@@ -346,20 +326,10 @@ class RobotModel(RobotDynamics):
         """
         import numpy as np
 
-        order = merge(
-            options,
-            ExciteOptions(),
-            harmonics=harmonics,
-            period=period,
-            criterion=criterion,
-            start=start,
-            share=share,
-            workspace=workspace,
-            torsion=torsion,
-            candidates=candidates,
-            starts=starts,
-            seed=seed,
-        )
+        given: dict[str, object] = {"harmonics": harmonics, "period": period, "criterion": criterion}
+        given |= {"start": start, "share": share, "workspace": workspace, "torsion": torsion}
+        given |= {"candidates": candidates, "starts": starts, "seed": seed}
+        order = merge(options, ExciteOptions(), **given)
         rng = np.random.default_rng(order.seed)
         found = excitation.optimise_excitation(self.description, order, rng=rng, progress=self.progress)
         return ExcitedTrajectory.extend(
@@ -368,7 +338,7 @@ class RobotModel(RobotDynamics):
 
     def simulate(
         self,
-        trajectory: "str | PathLike[str] | ExcitedTrajectory | Trajectory | SampledMotion" = "fourier",
+        trajectory: "FollowedMotion" = "fourier",
         *,
         duration: float | None = None,
         scale: float | None = None,
@@ -391,23 +361,15 @@ class RobotModel(RobotDynamics):
         """
         import numpy as np
 
-        order = merge(
-            options,
-            SimulateOptions(),
-            duration=duration,
-            scale=scale,
-            noise=noise,
-            clean=clean,
-            bandwidth=bandwidth,
-            seed=seed,
-        )
+        given: dict[str, object] = {"duration": duration, "scale": scale, "noise": noise, "clean": clean}
+        order = merge(options, SimulateOptions(), **given, bandwidth=bandwidth, seed=seed)
         robot = self.description
         simulation.check_sensor_options(robot, order)
         # Before minutes go into the derivation.
         simulation.check_stated_values(robot)
         rng = np.random.default_rng(order.seed)
-        given = trajectory.trajectory if isinstance(trajectory, ExcitedTrajectory) else trajectory
-        named = fspath(given) if isinstance(given, PathLike) else given
+        named = trajectory.trajectory if isinstance(trajectory, ExcitedTrajectory) else trajectory
+        named = fspath(named) if isinstance(named, PathLike) else named
         motion = excitation.build_motion(
             robot, named, rng, duration=order.duration, joint=order.joint, scale=order.scale
         )
@@ -481,7 +443,7 @@ class RobotModel(RobotDynamics):
 
     def study_precision(
         self, *, seeds: int = 400, seed: int = 1, jobs: int | None = None
-    ) -> "Study[PrecisionStudy]":
+    ) -> "Study[studies.PrecisionStudy]":
         """Compare errors of identification with the Cramer-Rao bound, on five random excitations.
 
         Args:
@@ -499,7 +461,7 @@ class RobotModel(RobotDynamics):
         self,
         study: Callable[..., Any],
         title: str,
-        show: "Callable[[Any], tuple[Block, ...]]",
+        show: "Callable[[Any], tuple[report.Block, ...]]",
         numbers: range,
         **options: object,
     ) -> "Study[Any]":
@@ -511,7 +473,7 @@ class RobotModel(RobotDynamics):
         title = f"{title} {self.name}"
         return Study(title=title, product=found, tables=show(found), described=asdict(found))
 
-    def study_cutoff(self, log: LogLike) -> "Study[CutoffStudy]":
+    def study_cutoff(self, log: LogLike) -> "Study[studies.CutoffStudy]":
         """Show how the cut-off of the position filter changes the prediction error of a fit.
 
         Args:
@@ -539,7 +501,7 @@ class RobotModel(RobotDynamics):
 
     def study_elastic(
         self, *, seeds: int = 100, seed: int = 1, jobs: int | None = None, timed: bool = False
-    ) -> "Study[ElasticStudy]":
+    ) -> "Study[studies.ElasticStudy]":
         """Compare the methods for elastic joints on four sets of simulated logs, clean and noisy.
 
         Each of `seeds` draws of the noise takes half a minute; with `timed` the time of each method is
@@ -555,7 +517,7 @@ class RobotModel(RobotDynamics):
 
     def study_tracking(
         self, *, seeds: int = 20, seed: int = 1, jobs: int | None = None
-    ) -> "Study[TrackingStudy]":
+    ) -> "Study[studies.TrackingStudy]":
         """Compare tracking errors of links with feed-forward of the identified model, another one, or none.
 
         `seeds` are draws of the noise of the logs that models are identified from; `seed` and `jobs` are
@@ -567,7 +529,9 @@ class RobotModel(RobotDynamics):
         numbers = list_seeds(seeds, seed)
         return self._study(studies.study_tracking, "tracking of", report.show_tracking, numbers, jobs=jobs)
 
-    def study_six_joints(self, *, seeds: int = 1, seed: int = 1) -> "Study[tuple[ManyJointsResult, ...]]":
+    def study_six_joints(
+        self, *, seeds: int = 1, seed: int = 1
+    ) -> "Study[tuple[studies.ManyJointsResult, ...]]":
         """Validate the identified dynamics of an elastic arm with any number of joints on a held-out motion.
 
         Args:

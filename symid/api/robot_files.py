@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, final
+from typing import Literal, final
 
 from symid import identification, logs as log_files, report, robot as robots
 from symid.api.result import Progress, Result, ignore
@@ -16,12 +16,6 @@ from symid.environment import check_suffix, write_file
 from symid.errors import EstimateError, Notice
 from symid.identification import friction as friction_fits
 from symid.options import DraftOptions, ExportOptions, Numbers, merge
-
-if TYPE_CHECKING:
-    from symid.identification import FileExport, GivenResult
-    from symid.logs import Draft
-    from symid.report import Block
-    from symid.robot import Robot
 
 
 @final
@@ -38,10 +32,10 @@ class RobotDraft(Result):
         4
     """
 
-    product: "Draft"
+    product: "log_files.Draft"
 
     @property
-    def robot(self) -> "Robot":
+    def robot(self) -> "robots.Robot":
         """Return the robot."""
         return self.product.robot
 
@@ -75,7 +69,7 @@ class RobotDraft(Result):
         """Return the name and the number of joints."""
         return report.summarise_draft(self.robot)
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the robot, and the columns and units of its log."""
         return report.show_draft(self.product)
 
@@ -159,7 +153,7 @@ class ExportedFile(Result):
         ('MJCF model', 'two_link.xml')
     """
 
-    product: "FileExport"
+    product: "identification.FileExport"
 
     @property
     def file(self) -> Path:
@@ -185,7 +179,7 @@ class ExportedFile(Result):
         """Return the format and the path."""
         return f"{self.format}: {self.file}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the format and the path, and the accuracy of bodies or the laws of joints."""
         return report.show_export(self.product)
 
@@ -194,8 +188,8 @@ class ExportedFile(Result):
 
 
 def export_fit(
-    robot: "Robot",
-    found: "GivenResult",
+    robot: "robots.Robot",
+    found: "identification.GivenResult",
     path: str | PathLike[str] | None,
     options: ExportOptions | None = None,
     progress: Progress = ignore,

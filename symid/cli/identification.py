@@ -71,7 +71,7 @@ def identify_command(
     before: Path | RobotModel | None = known
     if known is not None and known.suffix.lower() in (".urdf", ".xml", ".mjcf"):
         # Cut at the same links as ROBOT, where that is a URDF or MJCF.
-        before = replace(robot, name=str(known)).load(console)
+        before = replace(robot, source=str(known)).load(console)
     if rows == "friction":
         law = cli.take_record(symid.LawOptions, {**further, "known": before})
         laws = model.identify_friction(logs, train=parts, settings=settings, options=law)
