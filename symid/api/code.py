@@ -14,14 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast, final
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from symid import codegen, report, robot as robots
 from symid.api.result import RecordResult
+from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from symid.arrays import FloatArray
 
 
 @final
@@ -67,19 +66,19 @@ class WrittenCode(RecordResult, codegen.GeneratedFolder):
 
 
 @final
-class Outputs(tuple["FloatArray", ...]):  # noqa: SLOT001  every one has its own names
+class Outputs(tuple[FloatArray, ...]):  # noqa: SLOT001  every one has its own names
     """Several outputs of a function: a tuple, with names as attributes."""
 
     names: tuple[str, ...]
 
     @classmethod
-    def build(cls, names: Sequence[str], values: Sequence["FloatArray"]) -> "Outputs":
+    def build(cls, names: Sequence[str], values: Sequence[FloatArray]) -> "Outputs":
         """Return `values` under `names`."""
         made = cls(values)
         made.names = tuple(names)
         return made
 
-    def __getattr__(self, name: str) -> "FloatArray":
+    def __getattr__(self, name: str) -> FloatArray:
         names: tuple[str, ...] = self.__dict__.get("names", ())
         if name not in names:
             message = f"there is no output {name!r}; there are {', '.join(names)}"
@@ -111,7 +110,7 @@ class _Function:
         )
         return f"<{self.spec.name}({inputs}) -> {outputs}: {self.spec.meaning}>"
 
-    def bind(self, *, out: "Sequence[FloatArray] | None" = None) -> "codegen.Call":
+    def bind(self, *, out: Sequence[FloatArray] | None = None) -> "codegen.Call":
         """Return the function for one sample at a time, with little overhead; it always returns a tuple.
 
         A bound function is for one thread.
@@ -125,8 +124,8 @@ class _Function:
         return self.library.bind(self.spec.name, out=out)
 
     def _evaluate(
-        self, inputs: "tuple[ArrayLike, ...]", out: "Sequence[FloatArray] | None", threads: int
-    ) -> "tuple[FloatArray, ...]":
+        self, inputs: tuple[ArrayLike, ...], out: Sequence[FloatArray] | None, threads: int
+    ) -> tuple[FloatArray, ...]:
         # The library converts and checks the inputs.
         arrays = cast("tuple[FloatArray, ...]", inputs)
         return self.library.evaluate(self.spec.name, *arrays, out=out, threads=threads)
@@ -147,9 +146,7 @@ class RobotFunction(_Function):
 
     __slots__ = ()
 
-    def __call__(
-        self, *inputs: "ArrayLike", out: "FloatArray | None" = None, threads: int = 1
-    ) -> "FloatArray":
+    def __call__(self, *inputs: ArrayLike, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
         """Return the output for one sample, or for a batch.
 
         Args:
@@ -182,7 +179,7 @@ class TupleFunction(_Function):
     __slots__ = ()
 
     def __call__(
-        self, *inputs: "ArrayLike", out: "Sequence[FloatArray] | None" = None, threads: int = 1
+        self, *inputs: ArrayLike, out: Sequence[FloatArray] | None = None, threads: int = 1
     ) -> Outputs:
         """Return the outputs for one sample, or for a batch, in order and by name.
 
@@ -262,7 +259,7 @@ class CompiledModel:
         return self.library.notices
 
     @property
-    def beta(self) -> "FloatArray":
+    def beta(self) -> FloatArray:
         """Return the base parameters with the robot file's values: (b,), SI units.
 
         Raises:
@@ -271,7 +268,7 @@ class CompiledModel:
         return self._take_values("beta", self.card.beta)
 
     @property
-    def f(self) -> "FloatArray":
+    def f(self) -> FloatArray:
         """Return the friction parameters with the robot file's values: (p,), SI units.
 
         Raises:
@@ -280,18 +277,16 @@ class CompiledModel:
         return self._take_values("f", self.card.friction)
 
     @property
-    def h(self) -> "FloatArray":
+    def h(self) -> FloatArray:
         """Return the parameters of the springs with the robot file's values, SI units, as `f`."""
         return self._take_values("h", self.card.springs)
 
     @property
-    def IA(self) -> "FloatArray":
+    def IA(self) -> FloatArray:
         """Return the rotor inertias of elastic joints on the joint side, (n,) kg m^2, as `f`."""
         return self._take_values("IA", self.card.rotors)
 
-    def _take_values(self, letter: str, entries: "Sequence[codegen.ParameterCard]") -> "FloatArray":
-        import numpy as np
-
+    def _take_values(self, letter: str, entries: "Sequence[codegen.ParameterCard]") -> FloatArray:
         missing = ", ".join(entry.name for entry in entries if entry.value is None)
         if missing:
             text = f"{letter}: the robot file of {self.card.robot!r} does not state the values of {missing}"

@@ -11,6 +11,8 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, final
 
+import numpy as np
+
 from symid import codegen, dynamics, identification, lessons, logs as log_files, report, robot as robots
 from symid.api.code import CompiledModel, WrittenCode
 from symid.api.log import LogLike, Settings, adopt_log_map, list_pairs, take_one_log
@@ -274,8 +276,6 @@ def _sample_log(robot: "robots.Robot", log: LogLike) -> "lessons.LoggedMotion":
     Raises:
         LogError: the log cannot be read or used; the message lists all mistakes.
     """
-    import numpy as np
-
     described = adopt_log_map(robot, log)
     (recording,) = log_files.read_recordings((take_one_log(log),), described)
     processing = regression.choose_filters(described.processing, [recording]).processing

@@ -9,18 +9,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, TypeVar, final
+from typing import Generic, TypeVar, final
 
 from symid import excitation, report, robot as robots, study as studies
 from symid.api.log import Log, Measurements
 from symid.api.result import DrawnResult, PagedResult, Progress, RecordResult, Result, ignore
+from symid.arrays import FloatArray
 from symid.environment import report_count
 from symid.errors import Notice
 from symid.options import check_value, whole
 from symid.serialization import HIDDEN, describe_record
-
-if TYPE_CHECKING:
-    from symid.arrays import FloatArray
 
 T_co = TypeVar("T_co", covariant=True)
 
@@ -134,7 +132,7 @@ class Simulation(Measurements):
         return Log(recording=self.recording, robot=self.robot)
 
     @property
-    def theta(self) -> "FloatArray | None":
+    def theta(self) -> FloatArray | None:
         """Return the motor positions (N, n) on the joint side, rad or m; None for a rigid robot."""
         return self.recording.motor_position
 

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from os import PathLike
 from pathlib import Path
-from typing import cast, final
+from typing import TYPE_CHECKING, cast, final
 
 from symid import codegen, excitation, identification, logs as log_files, report, simulation, study as studies
 from symid.api.fit import ElasticFit, build_dynamics_fit
@@ -25,6 +25,9 @@ from symid.environment import locate_resource_folder, show_path
 from symid.errors import Notice, OutputError, SymidError
 from symid.identification import elastic
 from symid.options import ExportOptions
+
+if TYPE_CHECKING:
+    from symid.report import Block, FitVerdict
 
 _PACKAGES = ("casadi", "click", "filelock", "jinja2", "numpy", "scipy", "sympy")
 _OLDEST = (3, 11)
@@ -128,7 +131,7 @@ class Doctor(Result):
         """Return the number of checks and remedies."""
         return f"{len(self.findings)} checks, {len(self.missing)} remedies"
 
-    def blocks(self) -> "tuple[report.Block, ...]":
+    def blocks(self) -> "tuple[Block, ...]":
         """Return a table."""
         rows = [(entry.name, entry.found, entry.remedy or "ok") for entry in self.findings]
         return (report.Table(("item", "found", "remedy"), rows, left=(0, 1, 2)),)
@@ -213,10 +216,10 @@ class DemoResult(JudgedResult):
     folder: Path
     files: tuple[Path, ...]
     built: str
-    judged: "report.FitVerdict"
+    judged: "FitVerdict"
 
     @property
-    def verdict(self) -> "report.FitVerdict":
+    def verdict(self) -> "FitVerdict":
         """Return the verdict of the page."""
         return self.judged
 
@@ -245,7 +248,7 @@ class DemoResult(JudgedResult):
         parameters, hysteresis = self.deviations[_AUTOMATIC]
         return f"{self.robot.name}: parameters {parameters:.3g} %, hysteresis {hysteresis:.3g} % error"
 
-    def blocks(self) -> "tuple[report.Block, ...]":
+    def blocks(self) -> "tuple[Block, ...]":
         """Return parameters, springs, errors, tracking, and the paths of the files."""
         best = self.fit.estimate
         logs = ", ".join(_LOGS[name] for name in _TRAINING)

@@ -14,7 +14,9 @@ from dataclasses import field, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import Any, final
+
+import numpy as np
 
 from symid import identification, logs as log_files, report, robot as robots
 from symid.api.dynamics import RobotDynamics
@@ -22,13 +24,11 @@ from symid.api.log import LogLike, Logs, Part, Parts, Settings, list_logs, list_
 from symid.api.result import DrawnResult, JudgedResult, SavedResult
 from symid.api.robot_files import ExportedFile, export_fit
 from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
+from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, UsageError
 from symid.identification import elastic, estimators, friction
 from symid.options import ExportOptions, Precision
 from symid.serialization import describe_record
-
-if TYPE_CHECKING:
-    from symid.arrays import FloatArray
 
 
 class Fit(JudgedResult, DrawnResult, SavedResult):
@@ -172,6 +172,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         test: Part | None = None,
         gate: float | None = None,
         settings: Settings | None = None,
+        band: float | None = None,
     ) -> LogValidation:
         """Return the prediction error of the fit on a held-out log; nothing is fitted.
 
@@ -182,8 +183,12 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
                 of `train`.
             gate: percent, limit of the mean relative residual of the joints.
             settings: replace those of the fit: a set of the robot file, or values by dotted key.
+            band: Hz, of rigid fits: compare torques at the full sample rate, the measured one and the one
+                predicted from the states of the fit, both after the same low-pass filter, without half a
+                second at either end.
 
         Raises:
+            UsageError: `band` is given, and the fit is not of base parameters.
             EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in the log.
@@ -195,7 +200,11 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
             True
         """
-        return self._try(log, test, gate, settings)
+        if band is not None and not isinstance(self, RigidFit):
+            kind = "elastic joints" if isinstance(self, ElasticFit) else "a law of friction"
+            text = f"--band needs an estimate of base parameters, and this one is of {kind}; leave it out"
+            raise UsageError(Notice(code="usage.no-band", text=text, file=self._name_file()))
+        return self._try(log, test, gate, settings, band=band)
 
     def _try(
         self,
@@ -378,7 +387,7 @@ class _DynamicsFit(Fit):
         return self.estimate.residual
 
     @property
-    def beta(self) -> "FloatArray":
+    def beta(self) -> FloatArray:
         """Return the base parameters in the order of compiled functions: (b,), SI units.
 
         Raises:
@@ -387,7 +396,7 @@ class _DynamicsFit(Fit):
         return self._list_values(self.robot.base.names)
 
     @property
-    def f(self) -> "FloatArray":
+    def f(self) -> FloatArray:
         """Return the friction parameters in the order of compiled functions: (p,), SI units.
 
         Raises:
@@ -395,9 +404,7 @@ class _DynamicsFit(Fit):
         """
         return self._list_values(self.robot.base.friction)
 
-    def _list_values(self, names: tuple[str, ...]) -> "FloatArray":
-        import numpy as np
-
+    def _list_values(self, names: tuple[str, ...]) -> FloatArray:
         values = self.values
         missing = [name for name in names if name not in values]
         if self.robot.elastic and isinstance(self, RigidFit):
@@ -409,12 +416,8 @@ class _DynamicsFit(Fit):
         raise UsageError(Notice(code="usage.no-vector", text=text))
 
     @property
-    def covariance(self) -> "FloatArray":
+    def covariance(self) -> FloatArray:
         """Return the covariance of the parameters: (p, p); (0, 0) if the method has none."""
-        import numpy as np
-
-        from symid.arrays import freeze
-
         rows = self.estimate.covariance
         return freeze(np.array(rows, dtype=float).reshape(len(rows), len(rows)))
 
@@ -445,23 +448,6 @@ class RigidFit(_DynamicsFit):
         """
         found = identification.diagnose_fit(self.robot.description, self.estimate, self.robot.context)
         return FitDiagnosis(robot=self.estimate.robot, product=found)
-
-    def validate(
-        self,
-        log: LogLike,
-        *,
-        test: Part | None = None,
-        gate: float | None = None,
-        settings: Settings | None = None,
-        band: float | None = None,
-    ) -> LogValidation:
-        """Return the prediction error of the fit on a held-out log; nothing is fitted.
-
-        `log`, `test`, `gate`, `settings` and the errors are those of `Fit.validate`. With `band` (Hz) torques
-        are compared at the full sample rate: the measured one and the one predicted from the states of the
-        fit both pass the same low-pass filter, and half a second at either end is left out.
-        """
-        return self._try(log, test, gate, settings, band=band)
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and tables of parameters and residuals."""

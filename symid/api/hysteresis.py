@@ -8,21 +8,19 @@ load(path)              a fit that was saved
 from dataclasses import asdict
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, final
+from typing import NamedTuple, final
+
+from numpy.typing import ArrayLike
 
 from symid import codegen, identification, joint_models, logs as log_files, report, robot as robots
 from symid.api.code import WrittenCode
 from symid.api.log import take_samples
 from symid.api.result import Figures, JudgedResult, PagedResult, Progress, SavedResult, ignore
+from symid.arrays import FloatArray
 from symid.errors import LogError, Notice
 from symid.identification import hysteresis as elements
 from symid.options import HysteresisOptions, Target
 from symid.serialization import describe_record
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from symid.arrays import FloatArray
 
 
 class Columns(NamedTuple):
@@ -38,9 +36,9 @@ class Columns(NamedTuple):
         [0.0, 2.0]
     """
 
-    x: "FloatArray"
-    y: "FloatArray"
-    t: "FloatArray | None"
+    x: FloatArray
+    y: FloatArray
+    t: FloatArray | None
 
 
 def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = None) -> Columns:
@@ -131,9 +129,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
     def _describe(self) -> dict[str, object]:
         return report.describe_element(self.record)
 
-    def predict(
-        self, x: "ArrayLike", t: "ArrayLike | None" = None, *, start: str | None = None
-    ) -> "FloatArray":
+    def predict(self, x: ArrayLike, t: ArrayLike | None = None, *, start: str | None = None) -> FloatArray:
         """Return the output (N,) for an input `x` (N,), at times `t` (N,) in s where it needs them.
 
         `start` is what the element remembers at the first sample: `zero` (at rest at input zero, gone to the
@@ -145,7 +141,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         """
         return elements.predict_element(self.record, *take_samples(x, t), start=start)
 
-    def invert(self, y: "ArrayLike", t: "ArrayLike | None" = None, *, beyond: bool = False) -> "FloatArray":
+    def invert(self, y: ArrayLike, t: ArrayLike | None = None, *, beyond: bool = False) -> FloatArray:
         """Return the input (N,) that gives an output `y` (N,), at times `t` (N,) in s where it needs them.
 
         With `beyond` inputs may leave those of the fit by more than half their range.
@@ -155,7 +151,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         """
         return elements.invert_fit(self.record, *take_samples(y, t), beyond=beyond)
 
-    def validate(self, x: "ArrayLike", y: "ArrayLike", t: "ArrayLike | None" = None) -> "ElementValidation":
+    def validate(self, x: ArrayLike, y: ArrayLike, t: ArrayLike | None = None) -> "ElementValidation":
         """Return what the element predicts of another recording, `x`, `y` and `t` as of `fit`."""
         given, time = take_samples(x, t)
         trial = elements.validate_element(self.record, given, take_samples(y, None)[0], time)
@@ -260,9 +256,9 @@ class ElementValidation(JudgedResult):
 
 
 def fit(
-    x: "ArrayLike",
-    y: "ArrayLike",
-    t: "ArrayLike | None" = None,
+    x: ArrayLike,
+    y: ArrayLike,
+    t: ArrayLike | None = None,
     *,
     model: str = "auto",
     passive: bool | None = None,

@@ -10,19 +10,18 @@ from dataclasses import replace
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, final
+from typing import Any, TypeAlias, final
+
+import numpy as np
 
 from symid import dynamics, identification, joint_models, report, robot as robots
 from symid.api import hysteresis
 from symid.api.dynamics import RobotDynamics
 from symid.api.log import Log, Logged, LogLike
 from symid.api.result import PagedResult, Result, SavedResult
+from symid.arrays import FloatArray
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
-
-if TYPE_CHECKING:
-    from symid.api.hysteresis import ElementFit
-    from symid.arrays import FloatArray
 
 
 @final
@@ -88,7 +87,7 @@ def load_stiffness(path: str | PathLike[str]) -> Stiffness:
     return Stiffness(estimate=found, notices=found.notices)
 
 
-def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | ElementFit | None":
+def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | hysteresis.ElementFit | None":
     """Return the stiffness of joints, payload or element with hysteresis that a file holds; None of others.
 
     Raises:
@@ -150,17 +149,13 @@ class PayloadResult(PagedResult, SavedResult):
         return self._get_value("mass")
 
     @property
-    def com(self) -> "FloatArray":
+    def com(self) -> FloatArray:
         """Return the centre of mass in m: (3,), NaN where it is not identifiable."""
-        import numpy as np
-
         return np.array([self._get_value(name) for name in ("cx", "cy", "cz")])
 
     @property
-    def inertia(self) -> "FloatArray":
+    def inertia(self) -> FloatArray:
         """Return the inertia about the centre of mass in kg m^2: (3, 3), NaN where it is not identifiable."""
-        import numpy as np
-
         rows = (("Jxx", "Jxy", "Jxz"), ("Jxy", "Jyy", "Jyz"), ("Jxz", "Jyz", "Jzz"))
         return np.array([[self._get_value(name) for name in row] for row in rows])
 
@@ -375,17 +370,17 @@ class OneShotProblem(Result):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the sizes and the table of variables."""
-        entries = self.graph.variables.items()
-        rows = [(name, entry.start, entry.lower, entry.upper) for name, entry in entries]
-        return (self.summarise(), report.Table(("variable", "start", "lower", "upper"), rows))
+        header = ("variable", "start", "lower", "upper")
+        return (self.summarise(), report.Table(header, self._list_bounds()))
 
     def _describe(self) -> dict[str, object]:
-        entries = self.graph.variables.items()
-        bounds = [
-            {"name": name, "start": entry.start, "lower": entry.lower, "upper": entry.upper}
-            for name, entry in entries
-        ]
+        names = ("name", "start", "lower", "upper")
+        bounds = [dict(zip(names, row, strict=True)) for row in self._list_bounds()]
         return {"robot": self.robot.name, "rows": self.rows, "variables": bounds}
+
+    def _list_bounds(self) -> list[tuple[str, float, float, float]]:
+        entries = self.graph.variables.items()
+        return [(name, entry.start, entry.lower, entry.upper) for name, entry in entries]
 
 
 @final

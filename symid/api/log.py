@@ -10,18 +10,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, final, runtime_checkable
+from typing import Protocol, final, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from symid import identification, logs as log_files, report, robot as robots
 from symid.api.result import DrawnResult, PagedResult
+from symid.arrays import FloatArray
 from symid.errors import LogError, Notice, UsageError
 from symid.identification import IdentifyOptions, LawOptions, diagnostics
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from symid.arrays import FloatArray
-
 
 Settings = str | Mapping[str, object]
 """Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
@@ -75,17 +73,17 @@ class Measurements(DrawnResult):
         return report.draw_log(self.recording, self.robot)
 
     @property
-    def time(self) -> "FloatArray":
+    def time(self) -> FloatArray:
         """Return the time stamps in s: (N,)."""
         return self.recording.time
 
     @property
-    def q(self) -> "FloatArray":
+    def q(self) -> FloatArray:
         """Return the joint positions in rad or m: (N, n); beside motor positions those of the links."""
         return self.recording.position
 
     @property
-    def tau(self) -> "FloatArray":
+    def tau(self) -> FloatArray:
         """Return the joint torques in N m, or forces in N: (N, n); of elastic joints those of the motors."""
         return self.recording.torque
 
@@ -119,12 +117,12 @@ class Log(Measurements):
         return self.recording.source
 
     @property
-    def dq(self) -> "FloatArray | None":
+    def dq(self) -> FloatArray | None:
         """Return the joint velocities in rad/s or m/s: (N, n); None if the log has none."""
         return self.recording.velocity
 
     @property
-    def ddq(self) -> "FloatArray | None":
+    def ddq(self) -> FloatArray | None:
         """Return the joint accelerations in rad/s^2 or m/s^2: (N, n); None if the log has none."""
         return self.recording.acceleration
 
@@ -341,10 +339,8 @@ def read_log(path: str | PathLike[str], robot: "identification.Described", *, un
     return found[0]
 
 
-def take_samples(values: "ArrayLike", time: "ArrayLike | None") -> "tuple[FloatArray, FloatArray | None]":
+def take_samples(values: ArrayLike, time: ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:
     """Return samples and times, where there are any, as arrays of float64."""
-    import numpy as np
-
     stamps = None if time is None else np.asarray(time, dtype=np.float64)
     return np.asarray(values, dtype=np.float64), stamps
 
@@ -352,14 +348,14 @@ def take_samples(values: "ArrayLike", time: "ArrayLike | None") -> "tuple[FloatA
 def build_log(
     robot: "identification.Described",
     *,
-    time: "ArrayLike",
-    q: "ArrayLike",
-    tau: "ArrayLike",
-    dq: "ArrayLike | None" = None,
-    ddq: "ArrayLike | None" = None,
-    theta: "ArrayLike | None" = None,
-    load: "ArrayLike | None" = None,
-    temperature: "ArrayLike | None" = None,
+    time: ArrayLike,
+    q: ArrayLike,
+    tau: ArrayLike,
+    dq: ArrayLike | None = None,
+    ddq: ArrayLike | None = None,
+    theta: ArrayLike | None = None,
+    load: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
     source: str = "arrays",
 ) -> Log:
     """Return a log from arrays in SI units on the joint side.
@@ -387,8 +383,6 @@ def build_log(
         >>> len(log)
         101
     """
-    import numpy as np
-
     arrays = {"q": q, "tau": tau, "dq": dq, "ddq": ddq, "theta": theta}
     arrays |= {"load": load, "temperature": temperature}
     try:

@@ -18,6 +18,8 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, final
 
+import numpy as np
+
 from symid import (
     dynamics,
     excitation,
@@ -28,34 +30,17 @@ from symid import (
     simulation,
     study as studies,
 )
+from symid.api import log as api_logs
 from symid.api.dynamics import RobotDynamics
 from symid.api.experiment import ExcitedTrajectory, Simulation, Study, list_seeds
 from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit, build_dynamics_fit
 from symid.api.identification import OneShotProblem, PayloadResult, PayloadSide, Stiffness, list_payload_side
-from symid.api.log import (
-    LogLike,
-    Logs,
-    Parts,
-    RobotCheck,
-    Settings,
-    adopt_log_map,
-    list_logs,
-    list_pairs,
-    take_one_log,
-)
 from symid.api.result import Figures, Progress, ignore
 from symid.api.robot_files import ExportedFile
 from symid.codegen import BACKENDS
 from symid.environment import report_count
 from symid.errors import Notice, UsageError
-from symid.identification import (
-    IdentifyOptions,
-    LawOptions,
-    diagnostics,
-    elastic,
-    friction as friction_fits,
-    rigid as rigid_fits,
-)
+from symid.identification import diagnostics, elastic, friction as friction_fits, rigid as rigid_fits
 from symid.options import ExciteOptions, PayloadOptions, Precision, SimulateOptions, check_value, merge, words
 from symid.serialization import describe_record
 
@@ -78,7 +63,9 @@ class RobotModel(RobotDynamics):
 
     # Logs.
 
-    def check(self, *logs: LogLike, resample: str | PathLike[str] | None = None) -> RobotCheck:
+    def check(
+        self, *logs: api_logs.LogLike, resample: str | PathLike[str] | None = None
+    ) -> api_logs.RobotCheck:
         """Return a summary of the robot file, and which parameters are identifiable from logs.
 
         Checks time stamps, units, steps and limits; with the dynamics also signs, exchanged joints, delays,
@@ -100,14 +87,14 @@ class RobotModel(RobotDynamics):
         if logs:
             found = diagnostics.check_robot_logs(
                 self.description,
-                list_logs(logs),
+                api_logs.list_logs(logs),
                 prepare=lambda: self.library,
                 progress=self.progress,
                 output=None if resample is None else Path(fspath(resample)),
             )
-        return RobotCheck(robot=self.description, product=found)
+        return api_logs.RobotCheck(robot=self.description, product=found)
 
-    def plot(self, what: LogLike | None = None, *, pose: Sequence[float] | None = None) -> Figures:
+    def plot(self, what: api_logs.LogLike | None = None, *, pose: Sequence[float] | None = None) -> Figures:
         """Return figures of the robot, of a log, of a trajectory or of a fit; `.save(path)` writes them.
 
         Args:
@@ -136,7 +123,7 @@ class RobotModel(RobotDynamics):
                 return load_fit(path, self).plot()
             if excitation.is_trajectory(path):
                 return Figures(drawings=report.draw_motion(excitation.read_trajectory(path, robot), robot))
-        read = log_files.read_recordings(list_logs((what,)), robot, uneven=True)
+        read = log_files.read_recordings(api_logs.list_logs((what,)), robot, uneven=True)
         logs = [diagnostics.summarise_log(recording, robot) for recording in read]
         return Figures(
             drawings=tuple(drawing for log in logs for drawing in report.draw_log(log.recording, robot, log))
@@ -146,20 +133,20 @@ class RobotModel(RobotDynamics):
 
     def identify(
         self,
-        logs: Logs,
+        logs: api_logs.Logs,
         *,
-        train: Parts | None = None,
+        train: api_logs.Parts | None = None,
         rows: str | None = None,
         estimator: str | None = None,
         method: str | None = None,
         friction: str | Mapping[str, str] | None = None,
-        settings: Settings | None = None,
+        settings: api_logs.Settings | None = None,
         cutoff: float | None = None,
         decimate: int | None = None,
         period: float | Sequence[float] | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | Mapping[str, float] | None" = None,
         partial: bool | None = None,
-        options: IdentifyOptions | None = None,
+        options: identification.IdentifyOptions | None = None,
     ) -> RigidFit | ElasticFit:
         """Identify base parameters and friction from logs; for elastic joints also springs and hysteresis.
 
@@ -187,12 +174,12 @@ class RobotModel(RobotDynamics):
         given: dict[str, object] = {"rows": rows, "estimator": estimator, "method": method, "known": known}
         given |= {"friction": friction, "cutoff": cutoff, "decimate": decimate}
         given |= {"period": period, "partial": partial}
-        order = merge(options, IdentifyOptions(), **given)
+        order = merge(options, identification.IdentifyOptions(), **given)
         rigid_fits.check_estimator(order.rows or "torque", order.estimator)
         law = identification.read_joint_laws(order.friction, self.description)
         searched = law if identification.needs_search(law) else None
         stated = law if isinstance(law, str) and not searched else None
-        pairs = list_pairs(settings, order)
+        pairs = api_logs.list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, stated, train)
         found = identification.identify_robot(
             described, recordings, replace(order, friction=searched), self.context, pairs
@@ -200,11 +187,15 @@ class RobotModel(RobotDynamics):
         return build_dynamics_fit(found, self)
 
     def _gather(
-        self, logs: Logs, pairs: tuple[tuple[str, str], ...], friction: str | None, train: Parts | None
+        self,
+        logs: api_logs.Logs,
+        pairs: tuple[tuple[str, str], ...],
+        friction: str | None,
+        train: api_logs.Parts | None,
     ) -> "tuple[robots.Robot, tuple[log_files.Recording, ...]]":
         """Return the robot with the settings of the call, and what it fits of the recordings."""
-        given = list_logs(logs, pairs)
-        described = robots.override_settings(adopt_log_map(self.description, logs), pairs, friction)
+        given = api_logs.list_logs(logs, pairs)
+        described = robots.override_settings(api_logs.adopt_log_map(self.description, logs), pairs, friction)
         parts = log_files.read_parts(train, "--train")
         return described, log_files.take_parts(
             log_files.read_fit_recordings(given, described), parts, "--train", keep=True
@@ -212,9 +203,9 @@ class RobotModel(RobotDynamics):
 
     def identify_friction(
         self,
-        logs: Logs,
+        logs: api_logs.Logs,
         *,
-        train: Parts | None = None,
+        train: api_logs.Parts | None = None,
         model: str | Mapping[str, str] | None = None,
         estimator: str | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | None" = None,
@@ -222,8 +213,8 @@ class RobotModel(RobotDynamics):
         period: float | Sequence[float] | None = None,
         seed: int | None = None,
         friction: str | None = None,
-        settings: Settings | None = None,
-        options: LawOptions | None = None,
+        settings: api_logs.Settings | None = None,
+        options: identification.LawOptions | None = None,
     ) -> FrictionFit:
         """Identify a friction law and its parameters for every joint that moves.
 
@@ -243,19 +234,19 @@ class RobotModel(RobotDynamics):
         """
         given: dict[str, object] = {"model": model, "estimator": estimator, "known": known}
         given |= {"friction": friction, "smoothing": smoothing, "period": period, "seed": seed}
-        order = merge(options, LawOptions(), **given)
-        parts = self._gather(logs, list_pairs(settings, order), order.friction, train)
+        order = merge(options, identification.LawOptions(), **given)
+        parts = self._gather(logs, api_logs.list_pairs(settings, order), order.friction, train)
         found = identification.identify_robot_friction(*parts, order, self.context)
         extra = {"backend": found.backend}
         return FrictionFit(estimate=found.estimate, model=self, remarks=found.notices, extra=extra)
 
     def identify_stiffness(
         self,
-        logs: Logs,
+        logs: api_logs.Logs,
         *,
-        train: Parts | None = None,
+        train: api_logs.Parts | None = None,
         friction: str | None = None,
-        settings: Settings | None = None,
+        settings: api_logs.Settings | None = None,
         drop_first: int | None = None,
         drop_last: int | None = None,
     ) -> Stiffness:
@@ -268,18 +259,20 @@ class RobotModel(RobotDynamics):
             UsageError: a setting has no meaning for a stiffness.
             LogError: a log lacks an encoder, or is too short.
         """
-        pairs = list_pairs(settings, IdentifyOptions(drop_first=drop_first, drop_last=drop_last))
+        pairs = api_logs.list_pairs(
+            settings, identification.IdentifyOptions(drop_first=drop_first, drop_last=drop_last)
+        )
         described, recordings = self._gather(logs, pairs, friction, train)
         found, notices = identification.identify_stiffness(described, recordings, pairs, self.context)
         return Stiffness(estimate=found, notices=notices)
 
     def one_shot(
         self,
-        logs: Logs,
+        logs: api_logs.Logs,
         *,
-        train: Parts | None = None,
-        settings: Settings | None = None,
-        options: IdentifyOptions | None = None,
+        train: api_logs.Parts | None = None,
+        settings: api_logs.Settings | None = None,
+        options: identification.IdentifyOptions | None = None,
     ) -> OneShotProblem:
         """Return the problem of the method "nlp" as CasADi expressions, open to terms and constraints.
 
@@ -291,8 +284,8 @@ class RobotModel(RobotDynamics):
             LogError: a log lacks an encoder, or cannot be used.
             IdentifiabilityError: no spring is identifiable.
         """
-        order = options or IdentifyOptions()
-        pairs = list_pairs(settings, order)
+        order = options or identification.IdentifyOptions()
+        pairs = api_logs.list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, None, train)
         graph, notices = identification.build_elastic_graph(described, recordings, order, pairs, self.context)
         return OneShotProblem(robot=self, graph=graph, remarks=notices)
@@ -324,8 +317,6 @@ class RobotModel(RobotDynamics):
             UsageError: an option is out of range or does not fit the robot.
             IdentifiabilityError: no such trajectory makes all parameters identifiable.
         """
-        import numpy as np
-
         given: dict[str, object] = {"harmonics": harmonics, "period": period, "criterion": criterion}
         given |= {"start": start, "share": share, "workspace": workspace, "torsion": torsion}
         given |= {"candidates": candidates, "starts": starts, "seed": seed}
@@ -359,8 +350,6 @@ class RobotModel(RobotDynamics):
             RobotError: the robot file does not state all values.
             SolverError: the controller does not hold the robot; the message names joints and options.
         """
-        import numpy as np
-
         given: dict[str, object] = {"duration": duration, "scale": scale, "noise": noise, "clean": clean}
         order = merge(options, SimulateOptions(), **given, bandwidth=bandwidth, seed=seed)
         robot = self.description
@@ -473,7 +462,7 @@ class RobotModel(RobotDynamics):
         title = f"{title} {self.name}"
         return Study(title=title, product=found, tables=show(found), described=asdict(found))
 
-    def study_cutoff(self, log: LogLike) -> "Study[studies.CutoffStudy]":
+    def study_cutoff(self, log: api_logs.LogLike) -> "Study[studies.CutoffStudy]":
         """Show how the cut-off of the position filter changes the prediction error of a fit.
 
         Args:
@@ -484,7 +473,7 @@ class RobotModel(RobotDynamics):
             LogError: the log is wrong.
         """
         robot = self.description
-        recording = log_files.read_one_log(take_one_log(log), robot)
+        recording = log_files.read_one_log(api_logs.take_one_log(log), robot)
         rigid = elastic.build_rigid_variant(robot) if self.elastic else robot
         library = replace(self, description=rigid).library
         measured = elastic.build_motor_recording(recording, robot)
@@ -562,7 +551,7 @@ _ROUNDED = ("robot.angle-snapped", "robot.axis-snapped")
 def load(
     robot: str | PathLike[str],
     *,
-    settings: Settings | None = None,
+    settings: api_logs.Settings | None = None,
     friction: str | None = None,
     base: str | None = None,
     tip: str | None = None,
@@ -609,7 +598,7 @@ def load(
     read = partial(
         robots.load_robot,
         fspath(robot),
-        list_pairs(settings),
+        api_logs.list_pairs(settings),
         friction,
         base=base,
         tip=tip,

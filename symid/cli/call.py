@@ -142,23 +142,19 @@ def print_answer(answer: Answer, *, as_json: bool, quiet: bool, verbose: bool = 
         arranged = arrange_notices(answer.warnings, most=most, sources=answer.sources)
         for kind, text in arranged.list_lines("-v shows them"):
             _print_line(kind, text)
-    _print_errors(answer.errors)
+    print_errors(answer.errors)
 
 
-def print_errors(notices: Sequence[Notice], *, as_json: bool) -> None:
+def print_errors(notices: Sequence[Notice], *, as_json: bool = False) -> None:
     """Print errors: on stderr, or as the one object on stdout."""
     if as_json:
         click.echo(write_json({"ok": False, "errors": [asdict(notice) for notice in notices]}))
-    else:
-        _print_errors(notices)
+        return
+    for notice in notices:
+        _print_line("note" if notice.is_note else "error", str(notice))
 
 
 _COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
-
-
-def _print_errors(notices: Sequence[Notice]) -> None:
-    for notice in notices:
-        _print_line("note" if notice.is_note else "error", str(notice))
 
 
 def _print_line(kind: str, text: str) -> None:
@@ -241,13 +237,12 @@ def answer_call(arguments: Sequence[str]) -> int:
 def _answer(arguments: Sequence[str]) -> int:
     # Options are read here as well, because a call that cannot be parsed must be answered in kind.
     flags = frozenset(_take_flags(arguments))
-    as_json = "--json" in flags
+    as_json, verbose = "--json" in flags, bool(flags & {"-v", "--verbose"})
     try:
         answer = symid.main(args=list(arguments), prog_name="symid", standalone_mode=False)
         if not isinstance(answer, Answer):
             # --help and --version print for themselves and return their exit code.
             return int(answer or 0)
-        verbose = bool(flags & {"-v", "--verbose"})
         print_answer(answer, as_json=as_json, quiet=bool(flags & {"-q", "--quiet"}), verbose=verbose)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
@@ -262,7 +257,7 @@ def _answer(arguments: Sequence[str]) -> int:
     except Exception as error:  # noqa: BLE001  the last line before the user
         if isinstance(error, OSError) and error.filename is None and error.errno in _STREAM_ERRORS:
             return _explain_stream(error)
-        return _explain_bug(error, as_json=as_json, verbose=bool(flags & {"-v", "--verbose"}))
+        return _explain_bug(error, as_json=as_json, verbose=verbose)
     return answer.exit_code
 
 

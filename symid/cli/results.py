@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 import symid
-from symid import ElasticFit, RigidFit
+from symid import ElasticFit
 from symid.api import compare_fit, export_fit, load_other
 from symid.cli import options as cli
 from symid.cli.call import Answer, Console, make_answer
@@ -82,14 +82,8 @@ def validate_command(
     if tracking and not isinstance(fit, ElasticFit):
         text = "--tracking needs an estimate of elastic joints with their springs; leave it out"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(estimate)))
-    if band is not None and not isinstance(fit, RigidFit):
-        kind = "elastic joints" if isinstance(fit, ElasticFit) else "a law of friction"
-        text = f"--band needs an estimate of base parameters, and this one is of {kind}; leave it out"
-        raise UsageError(Notice(code="usage.no-band", text=text, file=str(fit.file)))
-    if isinstance(fit, RigidFit):
+    if not isinstance(fit, ElasticFit) or not tracking or band is not None:
         return make_answer(fit.validate(log, test=test, gate=gate, band=band, settings=settings))
-    if not isinstance(fit, ElasticFit) or not tracking:
-        return make_answer(fit.validate(log, test=test, gate=gate, settings=settings))
     other = None if against is None else symid.load_fit(against)
     if other is not None and not isinstance(other, ElasticFit):
         text = "--against: expected an estimate of elastic joints"
