@@ -26,7 +26,7 @@ pin = pytest.importorskip("pinocchio", reason="wants the package pin")
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
-FLAGS = (
+FLAGS = [
     "-std=c99",
     "-O1",
     "-Wall",
@@ -36,7 +36,7 @@ FLAGS = (
     "-Wshadow",
     "-Wdouble-promotion",
     "-Werror",
-)
+]
 CLOSE = 1e-9
 
 

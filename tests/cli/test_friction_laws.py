@@ -141,15 +141,6 @@ def test_laws_of_single_joints_are_given_by_name(tmp_path):
 
 
 @pytest.mark.parametrize("name", [name for name in OLD_NAMES if not get_law(OLD_NAMES[name]).shape])
-def test_a_law_is_chosen_by_its_name_of_today_and_by_that_of_earlier_versions(name):
-    found = []
-    for option in (name, OLD_NAMES[name]):
-        answer = do("base", "two_link", "--friction", option)
-        found.append(answer["result"])
-    assert found[0] == found[1]
-
-
-@pytest.mark.parametrize("name", [name for name in OLD_NAMES if not get_law(OLD_NAMES[name]).shape])
 def test_what_is_written_has_the_name_of_today(tmp_path, name):
     call = ("new", tmp_path / "arm.toml", "--from-dh", tmp_path / "arm.csv", "--convention", "modified")
     (tmp_path / "arm.csv").write_text("alpha,a,d,theta\n0,0,0,q\n")

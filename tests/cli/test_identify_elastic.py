@@ -167,16 +167,6 @@ def test_stiffness_of_an_elastic_arm(experiment, tmp_path):
         assert low < entry["stiffness"] < high
 
 
-def test_without_a_delay_nothing_is_moved(tmp_path):
-    path = tmp_path / "run.npz"
-    call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "12"]
-    do(*call, "-o", path)
-    answer = do("identify", "two_link_elastic", path, "--method", "elimination")
-    assert re.search(r"[0-9.]+ ms", find_texts(answer, "log.in-line"))
-    assert "log.aligned" not in find_codes(answer)
-    assert answer["result"]["method"] == "elimination"
-
-
 def test_a_log_too_short_for_a_delay_is_taken_as_it_is(tmp_path):
     path = tmp_path / "run.npz"
     call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "4"]
