@@ -239,7 +239,13 @@ def hysteresis_command(
     are those of the file. FILE is a recording, or a fit that was written with -o.
     """
     saved = symid.hysteresis.is_saved(file)
-    _check_columns(names, saved=saved, chosen=bool(model or passive), validate=validate)
+    mistakes = []
+    if (validate is not None or not saved) and not (names["input"] and names["output"]):
+        mistakes.append("--input and --output: name the columns of the recording")
+    if saved and (model or passive):
+        mistakes.append("--model and --passive: this file is a fit; give the recording to fit another model")
+    if mistakes:
+        raise UsageError(*(Notice(code="usage.columns", text=text) for text in mistakes))
     cli.check_output(save, page, force=force, inputs=(file, validate))
     if saved:
         fit = symid.hysteresis.load(file)
@@ -260,20 +266,6 @@ def hysteresis_command(
         lines.append(made.to_text())
         added["code"] = made.to_dict()
     return make_answer(fit, *lines, **added).add([] if tried is None else [tried])
-
-
-def _check_columns(
-    names: Mapping[str, str | None], *, saved: bool, chosen: bool, validate: Path | None
-) -> None:
-    """Raise a UsageError for columns that are missing, or options that a fit that is there cannot take."""
-    mistakes = []
-    needed = not saved or validate is not None
-    if needed and not (names["input"] and names["output"]):
-        mistakes.append("--input and --output: name the columns of the recording")
-    if saved and chosen:
-        mistakes.append("--model and --passive: this file is a fit; give the recording to fit another model")
-    if mistakes:
-        raise UsageError(*(Notice(code="usage.columns", text=text) for text in mistakes))
 
 
 def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hysteresis.Columns":
