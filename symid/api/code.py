@@ -71,13 +71,6 @@ class Outputs(tuple[FloatArray, ...]):  # noqa: SLOT001  every one has its own n
 
     names: tuple[str, ...]
 
-    @classmethod
-    def build(cls, names: Sequence[str], values: Sequence[FloatArray]) -> "Outputs":
-        """Return `values` under `names`."""
-        made = cls(values)
-        made.names = tuple(names)
-        return made
-
     def __getattr__(self, name: str) -> FloatArray:
         names: tuple[str, ...] = self.__dict__.get("names", ())
         if name not in names:
@@ -185,8 +178,9 @@ class TupleFunction(_Function):
 
         `inputs`, `threads` and errors are those of `RobotFunction`; `out` has an array of float64 for each.
         """
-        names = [port.name for port in self.spec.outputs]
-        return Outputs.build(names, self._evaluate(inputs, out, threads))
+        found = Outputs(self._evaluate(inputs, out, threads))
+        found.names = tuple(port.name for port in self.spec.outputs)
+        return found
 
 
 @final

@@ -166,7 +166,6 @@ class Simulation(Measurements):
         }
 
 
-@final
 class Study(Result, Generic[T_co]):
     """The result of a study.
 
@@ -214,19 +213,14 @@ def list_seeds(seeds: int, seed: int) -> range:
 
 
 @final
-class FrictionTables(Result):
+class FrictionTables(Study["studies.FrictionStudy"]):
     """The tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs.
-
-    Attributes:
-        product: the numbers.
 
     Example:
         >>> import symid
         >>> tables = symid.study_friction_tables(seeds=2)  # doctest: +SKIP
         >>> tables.save("tables.html")  # doctest: +SKIP
     """
-
-    product: "studies.FrictionStudy"
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write one page with all tables and figures to `path`, and return the path.
@@ -235,18 +229,6 @@ class FrictionTables(Result):
             OutputError: the file cannot be written.
         """
         return report.write_page(Path(path), report.build_friction_study_page(self.product))
-
-    def summarise(self) -> str:
-        """Return the number of claims that are met."""
-        judged = [check.met for check in self.product.checks if check.met is not None]
-        return f"friction tables: {sum(judged)} of {len(judged)} claims met"
-
-    def blocks(self) -> "tuple[report.Block, ...]":
-        """Return all tables, and the claims."""
-        return report.show_friction_tables(self.product)
-
-    def _describe(self) -> dict[str, object]:
-        return asdict(self.product)
 
 
 def study_friction_tables(
@@ -274,9 +256,11 @@ def study_friction_tables(
     """
     progress("all estimators on one data set")
     numbers = list_seeds(seeds, seed)
-    return FrictionTables(
-        product=studies.study_friction(numbers, jobs=jobs, timed=timed, progress=report_count(progress))
-    )
+    found = studies.study_friction(numbers, jobs=jobs, timed=timed, progress=report_count(progress))
+    met = [check.met for check in found.checks if check.met is not None]
+    title = f"friction tables: {sum(met)} of {len(met)} claims met"
+    tables = report.show_friction_tables(found)
+    return FrictionTables(title=title, product=found, tables=tables, described=asdict(found))
 
 
 def study_foreign(

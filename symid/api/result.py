@@ -44,6 +44,7 @@ class Result(ABC):
 
     def __init_subclass__(cls) -> None:
         """Make the kind of result a dataclass."""
+        super().__init_subclass__()
         dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
 
     @property
