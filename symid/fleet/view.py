@@ -147,8 +147,8 @@ def compute_scatter(series: Sequence[_Series]) -> dict[tuple[object, ...], float
         weights = entry.stds**-2
         mean = float(weights @ entry.values / weights.sum())
         square = float(weights @ (entry.values - mean) ** 2)
-        key = (entry.of.kind, entry.of.quantity, entry.of.residual)
-        ratios[key].append(square / float(chdtri(len(weights) - 1, 0.5)))
+        ratio = square / float(chdtri(len(weights) - 1, 0.5))
+        ratios[entry.of.kind, entry.of.quantity, entry.of.residual].append(ratio)
     factors = {}
     for key, found in ratios.items():
         known = math.sqrt(float(np.median(found))) if len(found) >= _FEWEST_ROBOTS else math.nan
