@@ -10,36 +10,31 @@ Robot -> `WrittenCode`; robot -> `CompiledModel`, with one attribute for each fu
 Supported: every function of the catalogue that the robot has.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, cast, final
 
-from symid import report
-from symid.api.result import Of, Result
+import numpy as np
+from numpy.typing import ArrayLike
+
+from symid import codegen, report, robot as robots
+from symid.api.result import RecordResult
+from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from symid.arrays import FloatArray
-    from symid.codegen import Call, FunctionSpec, GeneratedFolder, Library, ModelCard, ParameterCard
-    from symid.report import Block
-    from symid.robot import Robot
 
 
 @final
-class WrittenCode(Result):
+class WrittenCode(RecordResult, codegen.GeneratedFolder):
     """A folder of generated code, independent of symid.
 
     Attributes:
         robot: the robot; None for an element with hysteresis.
-        product: the folder, its manifest, the result of its self-test, and a notice if that was not run.
         folder: the folder.
-        files: all written files.
+        manifest: what it says of itself.
+        record: of its build and self-test, with sizes.
         unchanged: whether the folder was already up to date.
-        selftest: the result of its self-test: "passed", or "not run" without a compiler.
-        operations: products (mul), sums (add), sines and cosines (trig) by function.
+        springs: folders in this one, of springs that no function of the robot has.
+        notices: warnings and notes on the robot, and that the self-test was not run.
 
     Example:
         >>> import symid
@@ -50,41 +45,33 @@ class WrittenCode(Result):
         'passed'
     """
 
-    robot: "Robot | None"
-    product: "GeneratedFolder"
+    robot: "robots.Robot | None"
+    notices: tuple[Notice, ...] = ()
 
-    folder = Of[Path]()
-    files = Of[tuple[Path, ...]]()
-    unchanged = Of[bool]()
-    selftest = Of[str]("product.record.selftest")
-    operations = Of[Mapping[str, Mapping[str, int]]]()
+    @property
+    def selftest(self) -> str:
+        """Return the result of its self-test: "passed", or "not run" without a compiler."""
+        return self.record.selftest
 
     def summarise(self) -> str:
         """Return the folder, what was written, and the result of its self-test."""
-        return report.summarise_code(self.product)
+        return report.summarise_code(self)
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and the operations and sizes of every function."""
-        return report.show_code(self.product)
+        return report.show_code(self)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_code("" if self.robot is None else self.robot.name, self.product)
+        return report.describe_code("" if self.robot is None else self.robot.name, self)
 
 
 @final
-class Outputs(tuple["FloatArray", ...]):  # noqa: SLOT001  every one has its own names
+class Outputs(tuple[FloatArray, ...]):  # noqa: SLOT001  every one has its own names
     """Several outputs of a function: a tuple, with names as attributes."""
 
     names: tuple[str, ...]
 
-    @classmethod
-    def build(cls, names: Sequence[str], values: Sequence["FloatArray"]) -> "Outputs":
-        """Return `values` under `names`."""
-        made = cls(values)
-        made.names = tuple(names)
-        return made
-
-    def __getattr__(self, name: str) -> "FloatArray":
+    def __getattr__(self, name: str) -> FloatArray:
         names: tuple[str, ...] = self.__dict__.get("names", ())
         if name not in names:
             message = f"there is no output {name!r}; there are {', '.join(names)}"
@@ -105,8 +92,8 @@ class _Function:
         library: the compiled library.
     """
 
-    spec: "FunctionSpec"
-    library: "Library"
+    spec: "codegen.FunctionSpec"
+    library: "codegen.Library"
 
     def __repr__(self) -> str:
         """Return the call in one line, with the shapes of one sample."""
@@ -116,7 +103,7 @@ class _Function:
         )
         return f"<{self.spec.name}({inputs}) -> {outputs}: {self.spec.meaning}>"
 
-    def bind(self, *, out: "Sequence[FloatArray] | None" = None) -> "Call":
+    def bind(self, *, out: Sequence[FloatArray] | None = None) -> "codegen.Call":
         """Return the function for one sample at a time, with little overhead; it always returns a tuple.
 
         A bound function is for one thread.
@@ -130,8 +117,8 @@ class _Function:
         return self.library.bind(self.spec.name, out=out)
 
     def _evaluate(
-        self, inputs: "tuple[ArrayLike, ...]", out: "Sequence[FloatArray] | None", threads: int
-    ) -> "tuple[FloatArray, ...]":
+        self, inputs: tuple[ArrayLike, ...], out: Sequence[FloatArray] | None, threads: int
+    ) -> tuple[FloatArray, ...]:
         # The library converts and checks the inputs.
         arrays = cast("tuple[FloatArray, ...]", inputs)
         return self.library.evaluate(self.spec.name, *arrays, out=out, threads=threads)
@@ -152,9 +139,7 @@ class RobotFunction(_Function):
 
     __slots__ = ()
 
-    def __call__(
-        self, *inputs: "ArrayLike", out: "FloatArray | None" = None, threads: int = 1
-    ) -> "FloatArray":
+    def __call__(self, *inputs: ArrayLike, out: FloatArray | None = None, threads: int = 1) -> FloatArray:
         """Return the output for one sample, or for a batch.
 
         Args:
@@ -187,14 +172,15 @@ class TupleFunction(_Function):
     __slots__ = ()
 
     def __call__(
-        self, *inputs: "ArrayLike", out: "Sequence[FloatArray] | None" = None, threads: int = 1
+        self, *inputs: ArrayLike, out: Sequence[FloatArray] | None = None, threads: int = 1
     ) -> Outputs:
         """Return the outputs for one sample, or for a batch, in order and by name.
 
         `inputs`, `threads` and errors are those of `RobotFunction`; `out` has an array of float64 for each.
         """
-        names = [port.name for port in self.spec.outputs]
-        return Outputs.build(names, self._evaluate(inputs, out, threads))
+        found = Outputs(self._evaluate(inputs, out, threads))
+        found.names = tuple(port.name for port in self.spec.outputs)
+        return found
 
 
 @final
@@ -203,7 +189,6 @@ class CompiledModel:
 
     Attributes:
         library: the library behind them; `RobotModel.library` is one without the functions for controllers.
-        backend: what computes the functions: "c", "python" or "casadi".
 
     Example:
         >>> import symid
@@ -240,7 +225,7 @@ class CompiledModel:
     hysteresis_inverse_step: TupleFunction
     elastic_inverse_dynamics: TupleFunction
 
-    def __init__(self, library: "Library") -> None:
+    def __init__(self, library: "codegen.Library") -> None:
         self.library = library
         for spec in library.card.functions:
             # Of springs without stops a step has the torque alone; the type is that of the name all the same.
@@ -248,7 +233,7 @@ class CompiledModel:
             setattr(self, spec.name, kind(spec=spec, library=library))
 
     @property
-    def card(self) -> "ModelCard":
+    def card(self) -> "codegen.ModelCard":
         """Return the model: names, units, groupings and reasons of its parameters."""
         return self.library.card
 
@@ -257,7 +242,10 @@ class CompiledModel:
         """Return the names of the functions."""
         return tuple(spec.name for spec in self.card.functions)
 
-    backend = Of[str]("library.backend")
+    @property
+    def backend(self) -> str:
+        """Return what computes the functions: "c", "python" or "casadi"."""
+        return self.library.backend
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -265,7 +253,7 @@ class CompiledModel:
         return self.library.notices
 
     @property
-    def beta(self) -> "FloatArray":
+    def beta(self) -> FloatArray:
         """Return the base parameters with the robot file's values: (b,), SI units.
 
         Raises:
@@ -274,7 +262,7 @@ class CompiledModel:
         return self._take_values("beta", self.card.beta)
 
     @property
-    def f(self) -> "FloatArray":
+    def f(self) -> FloatArray:
         """Return the friction parameters with the robot file's values: (p,), SI units.
 
         Raises:
@@ -283,18 +271,16 @@ class CompiledModel:
         return self._take_values("f", self.card.friction)
 
     @property
-    def h(self) -> "FloatArray":
+    def h(self) -> FloatArray:
         """Return the parameters of the springs with the robot file's values, SI units, as `f`."""
         return self._take_values("h", self.card.springs)
 
     @property
-    def IA(self) -> "FloatArray":
+    def IA(self) -> FloatArray:
         """Return the rotor inertias of elastic joints on the joint side, (n,) kg m^2, as `f`."""
         return self._take_values("IA", self.card.rotors)
 
-    def _take_values(self, letter: str, entries: "Sequence[ParameterCard]") -> "FloatArray":
-        import numpy as np
-
+    def _take_values(self, letter: str, entries: "Sequence[codegen.ParameterCard]") -> FloatArray:
         missing = ", ".join(entry.name for entry in entries if entry.value is None)
         if missing:
             text = f"{letter}: the robot file of {self.card.robot!r} does not state the values of {missing}"

@@ -9,12 +9,14 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypedDict, Unpack, final
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, final
+
+import numpy as np
 
 from symid import codegen, dynamics, identification, lessons, logs as log_files, report, robot as robots
 from symid.api.code import CompiledModel, WrittenCode
 from symid.api.log import LogLike, Settings, adopt_log_map, list_pairs, take_one_log
-from symid.api.result import Of, Progress, Result, ignore
+from symid.api.result import Progress, Result, ignore
 from symid.codegen import BACKENDS
 from symid.environment import check_suffix, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
@@ -24,11 +26,6 @@ from symid.options import GenerateOptions, Precision, Target, check_value, words
 if TYPE_CHECKING:
     import casadi as ca
 
-    from symid.codegen import Library, RouteCount, SymbolicFunction
-    from symid.dynamics import BaseParameter, BaseParameters
-    from symid.lessons import AnswerSheet, MarkedAnswer, Step
-    from symid.report import Block
-    from symid.robot import Joint, Robot
 
 _LARGEST_SHEET = 1_000_000
 _SHOWN = 48
@@ -44,7 +41,6 @@ class BaseSet(Result):
         robot: the robot.
         form: "torque", "energy", "momentum" or "gravity" (torques at rest).
         product: names, groupings, reasons, and the exact null space.
-        count: the number of inertial base parameters, without friction parameters.
 
     Example:
         >>> import symid
@@ -57,11 +53,14 @@ class BaseSet(Result):
         1.638
     """
 
-    robot: "Robot"
+    robot: "robots.Robot"
     form: BaseForm
-    product: "BaseParameters"
+    product: "dynamics.BaseParameters"
 
-    count = Of[int]()
+    @property
+    def count(self) -> int:
+        """Return the number of inertial base parameters, without friction parameters."""
+        return self.product.count
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -86,7 +85,7 @@ class BaseSet(Result):
         """Yield the names of the inertial base parameters."""
         return iter(self.names)
 
-    def __getitem__(self, name: str) -> "BaseParameter":
+    def __getitem__(self, name: str) -> "dynamics.BaseParameter":
         """Return the base or friction parameter called `name`.
 
         Raises:
@@ -102,7 +101,7 @@ class BaseSet(Result):
             raise UsageError(Notice(code="usage.unknown-parameter", text=text))
         return entries[name]
 
-    def _list_heads(self) -> "dict[str, BaseParameter]":
+    def _list_heads(self) -> "dict[str, dynamics.BaseParameter]":
         """Return the base parameters by the name of the first standard parameter of their group."""
         entries = (*self.product.parameters, *self.product.friction)
         return {dynamics.write_label(self.robot, entry.label): entry for entry in entries}
@@ -126,11 +125,11 @@ class BaseSet(Result):
         """Return robot and count."""
         return f"{self.robot.name}: {self.count} base parameters ({self.form})"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and every parameter with its grouping and reason."""
         return report.show_base(self.robot, self.product)
 
-    def _tabulate(self) -> "tuple[Block, ...]":
+    def _tabulate(self) -> "tuple[report.Block, ...]":
         return report.tabulate_base(self.robot, self.product)
 
     def _describe(self) -> dict[str, object]:
@@ -176,7 +175,7 @@ class WrittenLesson(Result):
         True
     """
 
-    robot: "Robot"
+    robot: "robots.Robot"
     path: Path
     size: int
     notation: Notation
@@ -198,7 +197,7 @@ class WrittenLesson(Result):
         """Return robot, file and size."""
         return f"{self.robot.name}: {self.path}, {self.size / 1e6:.2f} MB"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return where the page is."""
         forms = {".tex": "for pdflatex", ".ipynb": "opens in Jupyter"}
         how = forms.get(self.path.suffix.lower(), "opens in any browser")
@@ -218,7 +217,7 @@ class WrittenLesson(Result):
 
 
 def write_lesson(
-    robot: "Robot",
+    robot: "robots.Robot",
     path: str | PathLike[str],
     notation: Notation = "symid",
     parameters: LessonParameters | None = None,
@@ -271,14 +270,12 @@ _STILL = 1e-3
 """rad or m: what moves by less stands still."""
 
 
-def _sample_log(robot: "Robot", log: LogLike) -> "lessons.LoggedMotion":
+def _sample_log(robot: "robots.Robot", log: LogLike) -> "lessons.LoggedMotion":
     """Return the motion of a log, filtered as for an identification.
 
     Raises:
         LogError: the log cannot be read or used; the message lists all mistakes.
     """
-    import numpy as np
-
     described = adopt_log_map(robot, log)
     (recording,) = log_files.read_recordings((take_one_log(log),), described)
     processing = regression.choose_filters(described.processing, [recording]).processing
@@ -293,7 +290,7 @@ def _sample_log(robot: "Robot", log: LogLike) -> "lessons.LoggedMotion":
     return lessons.LoggedMotion(name=Path(recording.source).name, states=states.transpose(0, 2, 1))
 
 
-def _read_sheet(path: Path) -> "AnswerSheet":
+def _read_sheet(path: Path) -> "lessons.AnswerSheet":
     """Return what stands in a sheet of exercises.
 
     Raises:
@@ -330,9 +327,9 @@ class MarkedSheet(Result):
         'wrong'
     """
 
-    robot: "Robot"
+    robot: "robots.Robot"
     path: Path
-    answers: "tuple[MarkedAnswer, ...]"
+    answers: "tuple[lessons.MarkedAnswer, ...]"
 
     @property
     def count(self) -> int:
@@ -352,7 +349,7 @@ class MarkedSheet(Result):
         """Return robot, file and count."""
         return f"{self.robot.name}: {self.path}, {self.count} of {len(self.answers)} right"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and a row for each answer."""
         rows = [
             (
@@ -391,9 +388,9 @@ class Derivation(Result):
         ['Base parameters', 'Inertia matrix', 'Coriolis matrix', 'Gravity', 'Torques', 'Friction']
     """
 
-    robot: "Robot"
-    steps: "tuple[Step, ...]"
-    operations: "tuple[RouteCount, ...]"
+    robot: "robots.Robot"
+    steps: "tuple[lessons.Step, ...]"
+    operations: "tuple[codegen.RouteCount, ...]"
     latex: bool = False
 
     def html(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
@@ -425,7 +422,7 @@ class Derivation(Result):
         """Return robot and steps."""
         return f"{self.robot.name}: {', '.join(step.title for step in self.steps)}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the steps, and the operations of generated functions."""
         return report.show_derivation(self.steps, self.operations, latex=self.latex)
 
@@ -449,22 +446,26 @@ class RobotDynamics:
         description: joints, placements, drives, friction, springs, log map, as read and overridden.
         backend: what computes its functions: "auto" (compiled C, else NumPy), "c", "python" or "casadi".
         progress: called with a short text at each stage; does nothing by default, `print` is a good choice.
-        name: the name that the robot file states.
-        joints: the joints that have a coordinate of their own, in the order of q.
     """
 
-    description: "Robot"
+    description: "robots.Robot"
     backend: str = "auto"
     progress: Progress = ignore
 
-    name = Of[str]("description.name")
+    @property
+    def name(self) -> str:
+        """Return the name that the robot file states."""
+        return self.description.name
 
     @property
     def path(self) -> Path:
         """Return the file that the robot was read from."""
         return Path(self.description.path)
 
-    joints: ClassVar["Of[tuple[Joint, ...]]"] = Of("description.axes")
+    @property
+    def joints(self) -> "tuple[robots.Joint, ...]":
+        """Return the joints that have a coordinate of their own, in the order of q."""
+        return self.description.axes
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -533,6 +534,11 @@ class RobotDynamics:
 
         Raises:
             UsageError: there is no such form.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").derive_base("gravity").names
+            ('MXR1', 'MY1', 'MX2', 'MY2')
         """
         return self.base if form == "torque" else self._derive_base(form)
 
@@ -555,7 +561,6 @@ class RobotDynamics:
             RobotError: a symbolic length has no value.
         """
         self.progress(f"deriving the dynamics of {self.name}")
-
         steps = lessons.derive_lesson(self.description)
         self.progress("counting the operations of all routes to code")
         counts = codegen.count_route_operations(self.description)
@@ -613,7 +618,7 @@ class RobotDynamics:
         answers = lessons.mark_sheet(self.description, _read_sheet(file), str(file))
         return MarkedSheet(robot=self.description, path=file, answers=answers)
 
-    def sympy(self, name: str, *, standard: bool = False) -> "SymbolicFunction":
+    def sympy(self, name: str, *, standard: bool = False) -> "codegen.SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.
 
         Args:
@@ -690,6 +695,12 @@ class RobotDynamics:
         Raises:
             RobotError: a symbolic length has no value.
             GenerationError: there is no compiler and the backend is "c", or it fails.
+
+        Example:
+            >>> import symid
+            >>> lib = symid.load("two_link").compile()
+            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
+            (2, 2)
         """
         if fused:
             return CompiledModel(self._prepare(self.description, fused=True, whole=True))
@@ -731,6 +742,11 @@ class RobotDynamics:
                 is to be constant.
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
+
+        Example:
+            >>> import symid
+            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
+            'passed'
         """
         order = GenerateOptions(
             functions=None if functions is None else tuple(functions),
@@ -746,11 +762,11 @@ class RobotDynamics:
         springs, notices = codegen.generate_springs(
             self.description, order, path, progress=self.progress, force=force
         )
-        whole = replace(made, springs=springs, notices=(*made.notices, *notices))
-        return WrittenCode(robot=self.description, product=whole)
+        notices = (*self.notices, *made.notices, *notices)
+        return WrittenCode.extend(made, robot=self.description, springs=springs, notices=notices)
 
     @cached_property
-    def library(self) -> "Library":
+    def library(self) -> "codegen.Library":
         """Return the functions that identification and simulation run on, from the cache or made now.
 
         `compile` has the derivatives, the Coriolis matrix and the regressor of Slotine and Li as well.
@@ -758,22 +774,23 @@ class RobotDynamics:
         return self._prepare(self.description)
 
     @cached_property
-    def _whole_library(self) -> "Library":
+    def _whole_library(self) -> "codegen.Library":
         return self._prepare(self.description, whole=True)
 
     @property
     def context(self) -> "identification.TaskContext":
         """Return compiled functions on demand, and the callback for progress, for long computations."""
 
-        def prepare(description: "Robot") -> "Library":
+        def prepare(description: "robots.Robot") -> "codegen.Library":
             """Return this robot's library, loaded once, where the dynamics are its own."""
             own = codegen.keep_dynamics(description) == codegen.keep_dynamics(self.description)
             return self.library if own else self._prepare(description)
 
         return identification.TaskContext(prepare=prepare, progress=self.progress)
 
-    def _prepare(self, description: "Robot", *, fused: bool = False, whole: bool = False) -> "Library":
-
+    def _prepare(
+        self, description: "robots.Robot", *, fused: bool = False, whole: bool = False
+    ) -> "codegen.Library":
         return codegen.prepare_library(
             description, progress=self.progress, backend=self.backend, fused=fused, whole=whole
         )

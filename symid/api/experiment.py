@@ -6,64 +6,54 @@ paper: identifications of simulated robots with known parameters.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, final
+from typing import Generic, TypeVar, final
 
-from symid import excitation, report, study as studies
+from symid import excitation, report, robot as robots, study as studies
 from symid.api.log import Log, Measurements
-from symid.api.result import DrawnResult, Of, PagedResult, Progress, Result, ignore
+from symid.api.result import DrawnResult, PagedResult, Progress, RecordResult, Result, ignore
+from symid.arrays import FloatArray
 from symid.environment import report_count
 from symid.errors import Notice
 from symid.options import check_value, whole
-from symid.serialization import describe_record
-
-if TYPE_CHECKING:
-    from symid.arrays import FloatArray
-    from symid.excitation import Margin, OptimisedExcitation, Trajectory
-    from symid.report import Block, Drawing
-    from symid.robot import Robot
-    from symid.study import ForeignStudy, FrictionStudy
+from symid.serialization import HIDDEN, describe_record
 
 T_co = TypeVar("T_co", covariant=True)
 
 
 @final
-class ExcitedTrajectory(DrawnResult, PagedResult):
+class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.OptimisedExcitation):
     """A finite Fourier series of every joint, within all limits at all times.
 
     Attributes:
         robot: the robot.
-        product: the trajectory, its properties, the result of the search from every start, and notices, such
-            as limits that the robot file does not state.
         seed: of the random series at the start of the search.
         trajectory: the motion; `evaluate(times)` gives q, dq, ddq, each (N, n), rad or m, /s, /s^2.
         coefficients: the series (n, 2h + 1), rad or m: centre, h sines, h cosines of every joint.
         parameters: names of the regressor's columns.
         condition: the condition number of the torque regressor, its columns scaled to length one.
+        information: mean logarithm of the information per parameter.
+        random_condition: that of the best random series; `random_median` is the median of all of them, and
+            `random_information` that of the most informative one.
         margins: the used part of every limit, and clearances in m.
+        runs: the result of the search from every start, the best first.
+        notices: warnings and notes on the robot, and on limits that its file does not state.
 
     Example:
         >>> import symid
         >>> robot = symid.load("two_link")
         >>> found = robot.excite(harmonics=2, period=2.0, candidates=20, starts=1)
-        >>> found.coefficients.shape, found.condition < found.product.random_condition
+        >>> found.coefficients.shape, found.condition < found.random_condition
         ((2, 5), True)
         >>> robot.simulate(found.save("motion.csv", rate=100)).duration
         2.0
     """
 
-    robot: "Robot"
-    product: "OptimisedExcitation"
-    seed: int
-
-    trajectory: ClassVar["Of[Trajectory]"] = Of()
-    coefficients: ClassVar["Of[FloatArray]"] = Of()
-    condition = Of[float]()
-    parameters = Of[tuple[str, ...]]()
-
-    margins: ClassVar["Of[tuple[Margin, ...]]"] = Of()
+    robot: "robots.Robot" = field(metadata=HIDDEN)
+    seed: int = field(metadata=HIDDEN)
+    notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
 
     def save(self, path: str | PathLike[str], *, rate: float = 1000.0, periods: int = 1) -> Path:
         """Write t, q, dq, ddq as a .csv that `RobotModel.simulate` follows; return its path.
@@ -76,7 +66,7 @@ class ExcitedTrajectory(DrawnResult, PagedResult):
         Raises:
             OutputError: the suffix is not .csv, or the file cannot be written.
         """
-        remarks = report.list_remarks(self.robot, self.product, self.seed)
+        remarks = report.list_remarks(self.robot, self, self.seed)
         file = Path(path)
         excitation.write_trajectory(
             self.trajectory, file, self.robot, rate=rate, periods=periods, remarks=remarks
@@ -88,22 +78,22 @@ class ExcitedTrajectory(DrawnResult, PagedResult):
         return round(self.trajectory.duration * rate) * periods + 1
 
     def _write_page(self, file: Path) -> Path:
-        return report.write_excitation_page(file, self.robot, self.product)
+        return report.write_excitation_page(file, self.robot, self)
 
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and velocities over time, and the used part of each limit."""
-        return report.draw_excitation(self.product, self.robot)
+        return report.draw_excitation(self, self.robot)
 
     def summarise(self) -> str:
         """Return the robot, the series and its condition number."""
         return f"{self.robot.name}: {self.trajectory.source}; condition number {self.condition:.4g}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return its condition number beside those of random series, and the used part of each limit."""
-        return report.show_excitation(self.product)
+        return report.show_excitation(self)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_excitation(self.robot, self.product, self.seed)
+        return report.describe_excitation(self.robot, self, self.seed)
 
 
 @final
@@ -120,7 +110,6 @@ class Simulation(Measurements):
         backend: what computed the motion.
         details: noise, controller, largest torsions, in plain types.
         library_notices: warnings and notes on the compiled functions.
-        theta: the motor positions (N, n) on the joint side, rad or m; None for a rigid robot.
 
     Example:
         >>> import symid
@@ -142,7 +131,10 @@ class Simulation(Measurements):
         """Return the log, for `RobotModel.identify`."""
         return Log(recording=self.recording, robot=self.robot)
 
-    theta: ClassVar["Of[FloatArray | None]"] = Of("recording.motor_position")
+    @property
+    def theta(self) -> FloatArray | None:
+        """Return the motor positions (N, n) on the joint side, rad or m; None for a rigid robot."""
+        return self.recording.motor_position
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -156,7 +148,7 @@ class Simulation(Measurements):
             f"work, energy and losses agree to {self.energy_gap:.1e} of the work"
         )
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return one line."""
         return (f"{self.robot.name}: {self.summarise()}",)
 
@@ -174,7 +166,6 @@ class Simulation(Measurements):
         }
 
 
-@final
 class Study(Result, Generic[T_co]):
     """The result of a study.
 
@@ -194,7 +185,7 @@ class Study(Result, Generic[T_co]):
 
     title: str
     product: T_co
-    tables: "tuple[Block, ...]"
+    tables: "tuple[report.Block, ...]"
     described: Mapping[str, object]
     notices: tuple[Notice, ...] = ()
 
@@ -202,7 +193,7 @@ class Study(Result, Generic[T_co]):
         """Return the study and the robot."""
         return self.title
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return its tables."""
         return self.tables
 
@@ -222,19 +213,14 @@ def list_seeds(seeds: int, seed: int) -> range:
 
 
 @final
-class FrictionTables(Result):
+class FrictionTables(Study["studies.FrictionStudy"]):
     """The tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs.
-
-    Attributes:
-        product: the numbers.
 
     Example:
         >>> import symid
         >>> tables = symid.study_friction_tables(seeds=2)  # doctest: +SKIP
         >>> tables.save("tables.html")  # doctest: +SKIP
     """
-
-    product: "FrictionStudy"
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write one page with all tables and figures to `path`, and return the path.
@@ -243,18 +229,6 @@ class FrictionTables(Result):
             OutputError: the file cannot be written.
         """
         return report.write_page(Path(path), report.build_friction_study_page(self.product))
-
-    def summarise(self) -> str:
-        """Return the number of claims that are met."""
-        judged = [check.met for check in self.product.checks if check.met is not None]
-        return f"friction tables: {sum(judged)} of {len(judged)} claims met"
-
-    def blocks(self) -> "tuple[Block, ...]":
-        """Return all tables, and the claims."""
-        return report.show_friction_tables(self.product)
-
-    def _describe(self) -> dict[str, object]:
-        return asdict(self.product)
 
 
 def study_friction_tables(
@@ -282,9 +256,11 @@ def study_friction_tables(
     """
     progress("all estimators on one data set")
     numbers = list_seeds(seeds, seed)
-    return FrictionTables(
-        product=studies.study_friction(numbers, jobs=jobs, timed=timed, progress=report_count(progress))
-    )
+    found = studies.study_friction(numbers, jobs=jobs, timed=timed, progress=report_count(progress))
+    met = [check.met for check in found.checks if check.met is not None]
+    title = f"friction tables: {sum(met)} of {len(met)} claims met"
+    tables = report.show_friction_tables(found)
+    return FrictionTables(title=title, product=found, tables=tables, described=asdict(found))
 
 
 def study_foreign(
@@ -297,7 +273,7 @@ def study_foreign(
     jobs: int | None = None,
     share: float = 1.0,
     progress: Progress = ignore,
-) -> "Study[ForeignStudy]":
+) -> "Study[studies.ForeignStudy]":
     """Compare the methods for elastic joints on arms with hidden models that are not those of symid.
 
     The arms are simulated by code of their own, with Bouc-Wen springs, LuGre friction, torque ripple and

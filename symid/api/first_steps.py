@@ -27,10 +27,7 @@ from symid.identification import elastic
 from symid.options import ExportOptions
 
 if TYPE_CHECKING:
-    from symid.identification.elastic import TrackingRun
     from symid.report import Block, FitVerdict
-    from symid.study import ForeignRun
-
 
 _PACKAGES = ("casadi", "click", "filelock", "jinja2", "numpy", "scipy", "sympy")
 _OLDEST = (3, 11)
@@ -213,8 +210,8 @@ class DemoResult(JudgedResult):
     robot: RobotModel
     fits: Mapping[str, ElasticFit]
     deviations: Mapping[str, DemoErrors]
-    tracking: "tuple[TrackingRun, ...]"
-    foreign: "ForeignRun"
+    tracking: "tuple[elastic.TrackingRun, ...]"
+    foreign: "studies.ForeignRun"
     seed: int
     folder: Path
     files: tuple[Path, ...]
@@ -418,7 +415,7 @@ def _prepare_folder(folder: Path, *, force: bool) -> None:
         raise OutputError(Notice(code="output.cannot-write", text=text, file=str(folder))) from error
 
 
-def judge_demo(deviations: DemoErrors, tracking: "Sequence[TrackingRun]") -> tuple[Notice, ...]:
+def judge_demo(deviations: DemoErrors, tracking: "Sequence[elastic.TrackingRun]") -> tuple[Notice, ...]:
     """Return the errors that exceed their limits.
 
     Args:

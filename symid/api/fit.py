@@ -14,27 +14,21 @@ from dataclasses import field, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, final
+from typing import Any, final
+
+import numpy as np
 
 from symid import identification, logs as log_files, report, robot as robots
 from symid.api.dynamics import RobotDynamics
 from symid.api.log import LogLike, Logs, Part, Parts, Settings, list_logs, list_pairs, take_one_log
-from symid.api.result import DrawnResult, JudgedResult, Of, SavedResult
+from symid.api.result import DrawnResult, JudgedResult, SavedResult
 from symid.api.robot_files import ExportedFile, export_fit
 from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
+from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, UsageError
-from symid.identification import elastic
+from symid.identification import elastic, estimators, friction
 from symid.options import ExportOptions, Precision
 from symid.serialization import describe_record
-
-if TYPE_CHECKING:
-    from symid.arrays import FloatArray
-    from symid.identification import TrackingTask
-    from symid.identification.elastic import ElasticEstimate, SpringEstimate
-    from symid.identification.estimators import Estimate, ParameterEstimate, Residual
-    from symid.identification.friction import FrictionIdentification, JointFriction
-    from symid.logs import Alignment, LogPart
-    from symid.report import Block, Drawing, FitVerdict
 
 
 class Fit(JudgedResult, DrawnResult, SavedResult):
@@ -57,25 +51,25 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         True
     """
 
-    estimate: "Estimate | ElasticEstimate | FrictionIdentification"
+    estimate: "estimators.Estimate | elastic.ElasticEstimate | friction.FrictionIdentification"
     file: Path | None = None
     model: RobotDynamics | Callable[[], RobotDynamics]
     remarks: tuple[Notice, ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
 
     @property
-    def product(self) -> "Estimate | ElasticEstimate | FrictionIdentification":
+    def product(self) -> "estimators.Estimate | elastic.ElasticEstimate | friction.FrictionIdentification":
         """Return the full result, as `estimate`."""
         return self.estimate
 
     @property
     @abstractmethod
-    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+    def parameters(self) -> "tuple[estimators.ParameterEstimate, ...]":
         """Return the identified parameters with value, standard deviation and unit."""
 
     @property
     @abstractmethod
-    def residual(self) -> "tuple[Residual, ...]":
+    def residual(self) -> "tuple[estimators.Residual, ...]":
         """Return the residual of the fit on its own logs, joint by joint."""
 
     @cached_property
@@ -121,7 +115,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         return {entry.name: entry.value for entry in self.parameters}
 
     @cached_property
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return what the fit is worth by its own logs; held-out logs give a stronger verdict (`validate`).
 
         Its `level` is "good", "usable", "doubtful" or "wrong".
@@ -140,7 +134,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
     def _list_remarks(self) -> tuple[Notice, ...]:
         return self.remarks
 
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
         return report.draw_fit(self.product)
 
@@ -152,7 +146,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         """Yield the names of the parameters."""
         return (entry.name for entry in self.parameters)
 
-    def __getitem__(self, name: str) -> "ParameterEstimate":
+    def __getitem__(self, name: str) -> "estimators.ParameterEstimate":
         """Return the parameter called `name`, with `.value`, `.std` and `.unit`.
 
         Raises:
@@ -178,6 +172,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         test: Part | None = None,
         gate: float | None = None,
         settings: Settings | None = None,
+        band: float | None = None,
     ) -> LogValidation:
         """Return the prediction error of the fit on a held-out log; nothing is fitted.
 
@@ -188,13 +183,28 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
                 of `train`.
             gate: percent, limit of the mean relative residual of the joints.
             settings: replace those of the fit: a set of the robot file, or values by dotted key.
+            band: Hz, of rigid fits: compare torques at the full sample rate, the measured one and the one
+                predicted from the states of the fit, both after the same low-pass filter, without half a
+                second at either end.
 
         Raises:
+            UsageError: `band` is given, and the fit is not of base parameters.
             EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in the log.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
+            True
         """
-        return self._try(log, test, gate, settings)
+        if band is not None and not isinstance(self, RigidFit):
+            kind = "elastic joints" if isinstance(self, ElasticFit) else "a law of friction"
+            text = f"--band needs an estimate of base parameters, and this one is of {kind}; leave it out"
+            raise UsageError(Notice(code="usage.no-band", text=text, file=self._name_file()))
+        return self._try(log, test, gate, settings, band=band)
 
     def _try(
         self,
@@ -204,7 +214,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         settings: Settings | None,
         *,
         band: float | None = None,
-        tracking: "TrackingTask | None" = None,
+        tracking: "identification.TrackingTask | None" = None,
     ) -> LogValidation:
         pairs = list_pairs(settings)
         found = identification.validate_fit(
@@ -220,7 +230,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         )
         return LogValidation(product=found, gate=gate, estimate=self.estimate)
 
-    def _list_test_parts(self, test: Parts | None) -> "tuple[LogPart, ...]":
+    def _list_test_parts(self, test: Parts | None) -> "tuple[log_files.LogPart, ...]":
         """Return parts to predict; a number without unit has that of the parts that were fitted."""
         return log_files.read_parts(test, "--test", log_files.get_train_unit(self.estimate.settings))
 
@@ -249,6 +259,13 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         Raises:
             UsageError: a column is missing, or a reading is not a sum of our parameters.
             EstimateError: another fit cannot be read, belongs to another robot, or has nothing in common.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.compare(fit).largest
+            0.0
         """
         return compare_fit(
             self.robot.description,
@@ -290,6 +307,13 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             EstimateError: the format cannot represent these values, bodies differ by more than the limit, or
                 the verdict is wrong.
             OutputError: the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.export("identified.urdf").format
+            'URDF'
         """
         robot = self.robot
         options = ExportOptions(precision=precision, accept=accept, limit=limit)
@@ -318,6 +342,13 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             UsageError: this kind of fit has no validation or diagnosis.
             LogError: a log does not fit the robot.
             OutputError: the page cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
+            >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
+            'report.html'
         """
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
@@ -343,20 +374,20 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
 class _DynamicsFit(Fit):
     """Parameters of the dynamics, with their covariance."""
 
-    estimate: "Estimate | ElasticEstimate"
+    estimate: "estimators.Estimate | elastic.ElasticEstimate"
 
     @property
-    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+    def parameters(self) -> "tuple[estimators.ParameterEstimate, ...]":
         """Return the identified base and friction parameters; for elastic joints also rotor inertias."""
         return self.estimate.parameters
 
     @property
-    def residual(self) -> "tuple[Residual, ...]":
+    def residual(self) -> "tuple[estimators.Residual, ...]":
         """Return the residual of the fit on its own logs, joint by joint."""
         return self.estimate.residual
 
     @property
-    def beta(self) -> "FloatArray":
+    def beta(self) -> FloatArray:
         """Return the base parameters in the order of compiled functions: (b,), SI units.
 
         Raises:
@@ -365,7 +396,7 @@ class _DynamicsFit(Fit):
         return self._list_values(self.robot.base.names)
 
     @property
-    def f(self) -> "FloatArray":
+    def f(self) -> FloatArray:
         """Return the friction parameters in the order of compiled functions: (p,), SI units.
 
         Raises:
@@ -373,9 +404,7 @@ class _DynamicsFit(Fit):
         """
         return self._list_values(self.robot.base.friction)
 
-    def _list_values(self, names: tuple[str, ...]) -> "FloatArray":
-        import numpy as np
-
+    def _list_values(self, names: tuple[str, ...]) -> FloatArray:
         values = self.values
         missing = [name for name in names if name not in values]
         if self.robot.elastic and isinstance(self, RigidFit):
@@ -387,12 +416,8 @@ class _DynamicsFit(Fit):
         raise UsageError(Notice(code="usage.no-vector", text=text))
 
     @property
-    def covariance(self) -> "FloatArray":
+    def covariance(self) -> FloatArray:
         """Return the covariance of the parameters: (p, p); (0, 0) if the method has none."""
-        import numpy as np
-
-        from symid.arrays import freeze
-
         rows = self.estimate.covariance
         return freeze(np.array(rows, dtype=float).reshape(len(rows), len(rows)))
 
@@ -412,7 +437,7 @@ class RigidFit(_DynamicsFit):
         (12, (12, 12))
     """
 
-    estimate: "Estimate"
+    estimate: "estimators.Estimate"
 
     def diagnose(self) -> FitDiagnosis:
         """Diagnose the fit with its own logs: correlations, bootstrap, drift, structure of the residual.
@@ -424,24 +449,7 @@ class RigidFit(_DynamicsFit):
         found = identification.diagnose_fit(self.robot.description, self.estimate, self.robot.context)
         return FitDiagnosis(robot=self.estimate.robot, product=found)
 
-    def validate(
-        self,
-        log: LogLike,
-        *,
-        test: Part | None = None,
-        gate: float | None = None,
-        settings: Settings | None = None,
-        band: float | None = None,
-    ) -> LogValidation:
-        """Return the prediction error of the fit on a held-out log; nothing is fitted.
-
-        `log`, `test`, `gate`, `settings` and the errors are those of `Fit.validate`. With `band` (Hz) torques
-        are compared at the full sample rate: the measured one and the one predicted from the states of the
-        fit both pass the same low-pass filter, and half a second at either end is left out.
-        """
-        return self._try(log, test, gate, settings, band=band)
-
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and tables of parameters and residuals."""
         return report.show_estimate(self.estimate)
 
@@ -456,7 +464,6 @@ class ElasticFit(_DynamicsFit):
     Attributes:
         estimate: the full result, with the settings used.
         alignment: delay and offsets of the link encoders; None if they were not estimated.
-        springs: the spring of every joint; empty if the method gives none.
 
     Example:
         >>> import symid
@@ -466,10 +473,13 @@ class ElasticFit(_DynamicsFit):
         ['shoulder', 'elbow']
     """
 
-    estimate: "ElasticEstimate"
-    alignment: "Alignment | None" = None
+    estimate: "elastic.ElasticEstimate"
+    alignment: "log_files.Alignment | None" = None
 
-    springs: ClassVar["Of[tuple[SpringEstimate, ...]]"] = Of("estimate.springs")
+    @property
+    def springs(self) -> "tuple[elastic.SpringEstimate, ...]":
+        """Return the spring of every joint; empty if the method gives none."""
+        return self.estimate.springs
 
     def track(
         self,
@@ -494,7 +504,7 @@ class ElasticFit(_DynamicsFit):
         task = identification.build_tracking_task(self.robot.description, seed, others)
         return self._try(log, test, gate, settings, tracking=task)
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, the reason for the method, parameters, springs and residuals."""
         return report.show_elastic(self.estimate)
 
@@ -522,15 +532,15 @@ class FrictionFit(Fit):
         0.9
     """
 
-    estimate: "FrictionIdentification"
+    estimate: "friction.FrictionIdentification"
 
     @property
-    def joints(self) -> "Mapping[str, JointFriction]":
+    def joints(self) -> "Mapping[str, friction.JointFriction]":
         """Return the result of every joint by its name."""
         return {entry.joint: entry for entry in self.estimate.joints}
 
     @property
-    def parameters(self) -> "tuple[ParameterEstimate, ...]":
+    def parameters(self) -> "tuple[estimators.ParameterEstimate, ...]":
         """Return the parameters of all laws, called joint.parameter, such as "elbow.fC"."""
         return tuple(
             replace(entry, name=f"{joint.joint}.{entry.name}")
@@ -549,7 +559,7 @@ class FrictionFit(Fit):
         return {**dict(self.estimate.refused), **found}
 
     @property
-    def residual(self) -> "tuple[Residual, ...]":
+    def residual(self) -> "tuple[estimators.Residual, ...]":
         """Return the residual of each law on its own logs."""
         return tuple(entry.residual for entry in self.estimate.joints)
 
@@ -558,7 +568,7 @@ class FrictionFit(Fit):
         laws = ", ".join(f"{name}: {entry.estimate.law}" for name, entry in self.joints.items())
         return f"{self.estimate.robot}: {laws}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return choice, law, parameters and residual of every joint."""
         return report.show_friction(self.estimate)
 
@@ -567,7 +577,8 @@ class FrictionFit(Fit):
 
 
 def build_dynamics_fit(
-    found: "identification.Identification[Estimate | ElasticEstimate]", robot: RobotDynamics
+    found: "identification.Identification[estimators.Estimate | elastic.ElasticEstimate]",
+    robot: RobotDynamics,
 ) -> RigidFit | ElasticFit:
     """Return the fit of an identification of this robot."""
     facts: dict[str, Any] = {"model": robot, "remarks": found.notices, "extra": {"backend": found.backend}}

@@ -8,24 +8,19 @@ load(path)              a fit that was saved
 from dataclasses import asdict
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, final
+from typing import NamedTuple, final
 
-from symid import codegen, identification, logs as log_files, report, robot as robots
+from numpy.typing import ArrayLike
+
+from symid import codegen, identification, joint_models, logs as log_files, report, robot as robots
 from symid.api.code import WrittenCode
 from symid.api.log import take_samples
-from symid.api.result import Figures, JudgedResult, Of, PagedResult, Progress, SavedResult, ignore
+from symid.api.result import Figures, JudgedResult, PagedResult, Progress, SavedResult, ignore
+from symid.arrays import FloatArray
 from symid.errors import LogError, Notice
 from symid.identification import hysteresis as elements
 from symid.options import HysteresisOptions, Target
 from symid.serialization import describe_record
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from symid.arrays import FloatArray
-    from symid.identification.hysteresis import ElementParameter, HysteresisRecord, HysteresisTrial
-    from symid.joint_models import Elasticity
-    from symid.report import Block, FitVerdict
 
 
 class Columns(NamedTuple):
@@ -41,9 +36,9 @@ class Columns(NamedTuple):
         [0.0, 2.0]
     """
 
-    x: "FloatArray"
-    y: "FloatArray"
-    t: "FloatArray | None"
+    x: FloatArray
+    y: FloatArray
+    t: FloatArray | None
 
 
 def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = None) -> Columns:
@@ -90,7 +85,6 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
     Attributes:
         record: all that was found: model, parameters with deviations, candidates.
         source: what it was fitted to, for the page.
-        element: the element, which `symid.joint_models` runs.
 
     Example:
         >>> import numpy as np, symid
@@ -102,17 +96,20 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         ('prandtl-ishlinskii', True)
     """
 
-    record: "HysteresisRecord"
+    record: "elements.HysteresisRecord"
     source: str = ""
 
     @property
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return what the element is worth."""
         return report.judge_element(self.record)
 
-    element: ClassVar["Of[Elasticity]"] = Of("record.elasticity")
+    @property
+    def element(self) -> "joint_models.Elasticity":
+        """Return the element, which `symid.joint_models` runs."""
+        return self.record.elasticity
 
-    def __getitem__(self, name: str) -> "ElementParameter":
+    def __getitem__(self, name: str) -> "elements.ElementParameter":
         """Return a parameter by name, with its `value` and its `deviation`."""
         found = {entry.name: entry for entry in self.record.parameters}
         if name not in found:
@@ -125,16 +122,14 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         record = self.record
         return f"{record.model}: {record.candidates[0].count} parameters, {record.held_out:.3g} % left"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return parameters, models that were tried, inverse and passivity."""
         return report.show_element(self.record)
 
     def _describe(self) -> dict[str, object]:
         return report.describe_element(self.record)
 
-    def predict(
-        self, x: "ArrayLike", t: "ArrayLike | None" = None, *, start: str | None = None
-    ) -> "FloatArray":
+    def predict(self, x: ArrayLike, t: ArrayLike | None = None, *, start: str | None = None) -> FloatArray:
         """Return the output (N,) for an input `x` (N,), at times `t` (N,) in s where it needs them.
 
         `start` is what the element remembers at the first sample: `zero` (at rest at input zero, gone to the
@@ -146,7 +141,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         """
         return elements.predict_element(self.record, *take_samples(x, t), start=start)
 
-    def invert(self, y: "ArrayLike", t: "ArrayLike | None" = None, *, beyond: bool = False) -> "FloatArray":
+    def invert(self, y: ArrayLike, t: ArrayLike | None = None, *, beyond: bool = False) -> FloatArray:
         """Return the input (N,) that gives an output `y` (N,), at times `t` (N,) in s where it needs them.
 
         With `beyond` inputs may leave those of the fit by more than half their range.
@@ -156,7 +151,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         """
         return elements.invert_fit(self.record, *take_samples(y, t), beyond=beyond)
 
-    def validate(self, x: "ArrayLike", y: "ArrayLike", t: "ArrayLike | None" = None) -> "ElementValidation":
+    def validate(self, x: ArrayLike, y: ArrayLike, t: ArrayLike | None = None) -> "ElementValidation":
         """Return what the element predicts of another recording, `x`, `y` and `t` as of `fit`."""
         given, time = take_samples(x, t)
         trial = elements.validate_element(self.record, given, take_samples(y, None)[0], time)
@@ -215,7 +210,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         made = codegen.generate_element(
             record.elasticity, order, Path(fspath(folder)), progress=progress, force=force
         )
-        return WrittenCode(robot=None, product=made)
+        return WrittenCode.extend(made, robot=None)
 
 
 @final
@@ -235,12 +230,12 @@ class ElementValidation(JudgedResult):
         'good'
     """
 
-    record: "HysteresisRecord"
-    trial: "HysteresisTrial"
+    record: "elements.HysteresisRecord"
+    trial: "elements.HysteresisTrial"
     _tried = True
 
     @property
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return what the prediction is worth."""
         return report.judge_element_trial(self.trial)
 
@@ -248,7 +243,7 @@ class ElementValidation(JudgedResult):
         """Return the error."""
         return f"{self.record.model}: {self.trial.error:.3g} % left of {self.trial.samples} samples"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the figures in a sentence."""
         trial = self.trial
         text = f"{trial.samples} samples, mean error {trial.shift:.3g} in the unit of the output."
@@ -261,9 +256,9 @@ class ElementValidation(JudgedResult):
 
 
 def fit(
-    x: "ArrayLike",
-    y: "ArrayLike",
-    t: "ArrayLike | None" = None,
+    x: ArrayLike,
+    y: ArrayLike,
+    t: ArrayLike | None = None,
     *,
     model: str = "auto",
     passive: bool | None = None,

@@ -10,31 +10,18 @@ from dataclasses import replace
 from math import inf
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, final
+from typing import Any, TypeAlias, final
 
-from symid import identification, report
+import numpy as np
+
+from symid import dynamics, identification, joint_models, report, robot as robots
 from symid.api import hysteresis
 from symid.api.dynamics import RobotDynamics
 from symid.api.log import Log, Logged, LogLike
-from symid.api.result import Of, PagedResult, Result, SavedResult
+from symid.api.result import PagedResult, Result, SavedResult
+from symid.arrays import FloatArray
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
-
-if TYPE_CHECKING:
-    from symid.api.hysteresis import ElementFit
-    from symid.arrays import FloatArray
-    from symid.dynamics import Payload, PayloadQuantity
-    from symid.identification import FlangeFrame, GivenResult, GivenSide, PayloadCommand, PayloadFinding
-    from symid.identification.elastic import (
-        ElasticMotion,
-        JointStiffness,
-        NlpAnswer,
-        NlpGraph,
-        StiffnessEstimate,
-    )
-    from symid.joint_models import Elasticity
-    from symid.report import Block
-    from symid.robot import Robot
 
 
 @final
@@ -53,11 +40,11 @@ class Stiffness(PagedResult, SavedResult):
         ['elbow', 'shoulder']
     """
 
-    estimate: "StiffnessEstimate"
+    estimate: "elastic.StiffnessEstimate"
     notices: tuple[Notice, ...] = ()
 
     @property
-    def joints(self) -> "dict[str, JointStiffness]":
+    def joints(self) -> "dict[str, elastic.JointStiffness]":
         """Return the result of every joint by its name."""
         return {entry.joint: entry for entry in self.estimate.joints}
 
@@ -72,7 +59,7 @@ class Stiffness(PagedResult, SavedResult):
         names = [name for name, entry in self.joints.items() if entry.stiffness is not None]
         return f"{self.estimate.robot}: stiffness of {', '.join(names) or 'no joint'}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return delay, offsets and stiffness."""
         return report.show_stiffness(self.estimate)
 
@@ -100,7 +87,7 @@ def load_stiffness(path: str | PathLike[str]) -> Stiffness:
     return Stiffness(estimate=found, notices=found.notices)
 
 
-def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | ElementFit | None":
+def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | hysteresis.ElementFit | None":
     """Return the stiffness of joints, payload or element with hysteresis that a file holds; None of others.
 
     Raises:
@@ -114,7 +101,7 @@ def load_other(path: str | PathLike[str]) -> "Stiffness | PayloadResult | Elemen
     return hysteresis.load(file) if hysteresis.is_saved(file) else None
 
 
-PayloadSide: TypeAlias = "GivenResult | LogLike | Sequence[LogLike]"
+PayloadSide: TypeAlias = "identification.GivenResult | LogLike | Sequence[LogLike]"
 """One side: a fit or its file, or logs."""
 
 
@@ -125,8 +112,6 @@ class PayloadResult(PagedResult, SavedResult):
     Attributes:
         product: the payload with standard deviations, and the quantities that are not identifiable.
         carrier: the robot, whose links name flanges; None where it is not known.
-        payload: the full result.
-        joint: the joint whose link carries it.
 
     Example:
         >>> import symid
@@ -141,13 +126,20 @@ class PayloadResult(PagedResult, SavedResult):
         ('elbow', 1.0)
     """
 
-    product: "PayloadFinding"
-    carrier: "Robot | None" = None
+    product: "identification.PayloadFinding"
+    carrier: "robots.Robot | None" = None
 
-    payload: ClassVar["Of[Payload]"] = Of()
-    joint = Of[str]("payload.joint")
+    @property
+    def payload(self) -> "dynamics.Payload":
+        """Return the full result."""
+        return self.product.payload
 
-    def __getitem__(self, name: str) -> "PayloadQuantity":
+    @property
+    def joint(self) -> str:
+        """Return the joint whose link carries it."""
+        return self.payload.joint
+
+    def __getitem__(self, name: str) -> "dynamics.PayloadQuantity":
         """Return mass, cx, cy, cz, Jxx, Jxy, Jxz, Jyy, Jyz or Jzz, with deviation or reason."""
         return {entry.name: entry for entry in self.payload.quantities}[name]
 
@@ -157,17 +149,13 @@ class PayloadResult(PagedResult, SavedResult):
         return self._get_value("mass")
 
     @property
-    def com(self) -> "FloatArray":
+    def com(self) -> FloatArray:
         """Return the centre of mass in m: (3,), NaN where it is not identifiable."""
-        import numpy as np
-
         return np.array([self._get_value(name) for name in ("cx", "cy", "cz")])
 
     @property
-    def inertia(self) -> "FloatArray":
+    def inertia(self) -> FloatArray:
         """Return the inertia about the centre of mass in kg m^2: (3, 3), NaN where it is not identifiable."""
-        import numpy as np
-
         rows = (("Jxx", "Jxy", "Jxz"), ("Jxy", "Jyy", "Jyz"), ("Jxz", "Jyz", "Jzz"))
         return np.array([[self._get_value(name) for name in row] for row in rows])
 
@@ -187,14 +175,16 @@ class PayloadResult(PagedResult, SavedResult):
         """Return the mass and the link."""
         return f"{self.product.robot}: {self.mass:.4g} kg on the link of joint {self.joint!r}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the tables of identified and of refused quantities, with the reasons."""
         return report.show_payload(self.product.robot, self.payload)
 
     def _describe(self) -> dict[str, object]:
         return report.describe_payload(self.product.robot, self.payload)
 
-    def for_controller(self, controller: str, frame: "FlangeFrame" = None) -> "PayloadCommand":
+    def for_controller(
+        self, controller: str, frame: "identification.FlangeFrame" = None
+    ) -> "identification.PayloadCommand":
         """Return the payload as a controller takes it, with the text to enter there.
 
         Args:
@@ -237,7 +227,7 @@ def load_payload(path: str | PathLike[str], robot: "RobotDynamics | None" = None
     return PayloadResult(product=found, carrier=None if robot is None else robot.description)
 
 
-def list_payload_side(side: PayloadSide) -> "GivenSide":
+def list_payload_side(side: PayloadSide) -> "identification.GivenSide":
     """Return one side of a payload: a fit, files or recordings."""
     entries = side if isinstance(side, Sequence) and not isinstance(side, str) else (side,)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in entries)
@@ -255,8 +245,6 @@ class OneShotProblem(Result):
         robot: the robot.
         graph: the problem itself.
         remarks: notices on the robot and its logs.
-        cost: what is minimised, an expression (1, 1).
-        rows: the number of rows M: a term ((x - z) / s)^2 / (2 M) counts as a measurement z +- s of x.
 
     Example:
         >>> import symid
@@ -272,7 +260,7 @@ class OneShotProblem(Result):
     """
 
     robot: RobotDynamics
-    graph: "NlpGraph"
+    graph: "elastic.NlpGraph"
     remarks: tuple[Notice, ...] = ()
 
     @property
@@ -285,14 +273,20 @@ class OneShotProblem(Result):
         """Return the unknowns by name, symbols: parameters, weights and slopes of springs, those added."""
         return {name: entry.symbol for name, entry in self.graph.variables.items()}
 
-    cost = Of[Any]("graph.cost")
+    @property
+    def cost(self) -> Any:  # noqa: ANN401  # an expression of casadi
+        """Return what is minimised, an expression (1, 1)."""
+        return self.graph.cost
 
     @property
     def constraints(self) -> tuple[tuple[float, Any, float], ...]:
         """Return the constraints that were added: lower limit, expression, upper limit."""
         return tuple((entry.lower, entry.expression, entry.upper) for entry in self.graph.constraints)
 
-    rows = Of[int]("graph.rows")
+    @property
+    def rows(self) -> int:
+        """Return the number of rows M: a term ((x - z) / s)^2 / (2 M) counts as a measurement z +- s of x."""
+        return self.graph.rows
 
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401  # an expression of casadi
         """Return the symbol of the variable called `name`.
@@ -319,7 +313,7 @@ class OneShotProblem(Result):
         return replace(self, graph=elastic.add_variable(self.graph, name, start, lower, upper))
 
     def add_torque(
-        self, joint: str, torque: "Callable[[ElasticMotion], Any]", *, side: str = "spring"
+        self, joint: str, torque: "Callable[[elastic.ElasticMotion], Any]", *, side: str = "spring"
     ) -> "OneShotProblem":
         """Return the problem with a further torque in a joint, parallel to its spring or to motor friction.
 
@@ -374,19 +368,19 @@ class OneShotProblem(Result):
         sizes = f"{len(self.graph.variables)} variables, {self.rows} rows"
         return f"{self.robot.name}: {sizes}, {len(self.graph.constraints)} added constraints"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the sizes and the table of variables."""
-        entries = self.graph.variables.items()
-        rows = [(name, entry.start, entry.lower, entry.upper) for name, entry in entries]
-        return (self.summarise(), report.Table(("variable", "start", "lower", "upper"), rows))
+        header = ("variable", "start", "lower", "upper")
+        return (self.summarise(), report.Table(header, self._list_bounds()))
 
     def _describe(self) -> dict[str, object]:
-        entries = self.graph.variables.items()
-        bounds = [
-            {"name": name, "start": entry.start, "lower": entry.lower, "upper": entry.upper}
-            for name, entry in entries
-        ]
+        names = ("name", "start", "lower", "upper")
+        bounds = [dict(zip(names, row, strict=True)) for row in self._list_bounds()]
         return {"robot": self.robot.name, "rows": self.rows, "variables": bounds}
+
+    def _list_bounds(self) -> list[tuple[str, float, float, float]]:
+        entries = self.graph.variables.items()
+        return [(name, entry.start, entry.lower, entry.upper) for name, entry in entries]
 
 
 @final
@@ -396,9 +390,6 @@ class OneShotSolution(Result):
     Attributes:
         problem: what was solved.
         answer: values, objective, how the search ended.
-        values: the values of all variables by name.
-        objective: the cost at the optimum.
-        active: which of the added constraints are at a limit, in their order.
 
     Example:
         >>> import symid
@@ -410,7 +401,7 @@ class OneShotSolution(Result):
     """
 
     problem: OneShotProblem
-    answer: "NlpAnswer"
+    answer: "elastic.NlpAnswer"
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -427,12 +418,23 @@ class OneShotSolution(Result):
 
         return self.answer.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
 
-    values = Of[Mapping[str, float]]("answer.values")
-    objective = Of[float]("answer.objective")
-    active = Of[tuple[bool, ...]]("answer.active")
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Return the values of all variables by name."""
+        return self.answer.values
 
     @property
-    def springs(self) -> "Mapping[str, Elasticity]":
+    def objective(self) -> float:
+        """Return the cost at the optimum."""
+        return self.answer.objective
+
+    @property
+    def active(self) -> tuple[bool, ...]:
+        """Return which of the added constraints are at a limit, in their order."""
+        return self.answer.active
+
+    @property
+    def springs(self) -> "Mapping[str, joint_models.Elasticity]":
         """Return the spring of every joint by its name, without torques that were added."""
         return dict(zip(self.problem.graph.joints, self.answer.springs, strict=True))
 
@@ -449,7 +451,7 @@ class OneShotSolution(Result):
         """Return robot, outcome and cost."""
         return f"{self.problem.robot.name}: {self.answer.outcome.value}, cost {self.objective:.6g}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the outcome, the table of values, and the added constraints."""
         values = report.Table(("variable", "value"), list(self.values.items()))
         if not self.active:

@@ -10,23 +10,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Protocol, final, runtime_checkable
+from typing import Protocol, final, runtime_checkable
 
-from symid import logs as log_files, report
-from symid.api.result import DrawnResult, Of, PagedResult
+import numpy as np
+from numpy.typing import ArrayLike
+
+from symid import identification, logs as log_files, report, robot as robots
+from symid.api.result import DrawnResult, PagedResult
+from symid.arrays import FloatArray
 from symid.errors import LogError, Notice, UsageError
-from symid.identification import IdentifyOptions, LawOptions
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from symid.arrays import FloatArray
-    from symid.identification import Described
-    from symid.identification.diagnostics import CheckedLog, LogCheck, LogExcitation, LogsCheck
-    from symid.logs import Recording
-    from symid.report import Block, Drawing
-    from symid.robot import Robot
-
+from symid.identification import IdentifyOptions, LawOptions, diagnostics
 
 Settings = str | Mapping[str, object]
 """Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
@@ -70,24 +63,29 @@ def _write_value(value: object) -> str:
 
 
 class Measurements(DrawnResult):
-    """What was measured of a robot, in SI units on the joint side.
+    """What was measured of a robot, in SI units on the joint side."""
 
-    Attributes:
-        time: the time stamps in s: (N,).
-        q: the joint positions in rad or m: (N, n); beside motor positions those of the links.
-        tau: the joint torques in N m, or forces in N: (N, n); of elastic joints those of the motors.
-    """
+    recording: "log_files.Recording"
+    robot: "robots.Robot"
 
-    recording: "Recording"
-    robot: "Robot"
-
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and torques over time."""
         return report.draw_log(self.recording, self.robot)
 
-    time: ClassVar["Of[FloatArray]"] = Of("recording.time")
-    q: ClassVar["Of[FloatArray]"] = Of("recording.position")
-    tau: ClassVar["Of[FloatArray]"] = Of("recording.torque")
+    @property
+    def time(self) -> FloatArray:
+        """Return the time stamps in s: (N,)."""
+        return self.recording.time
+
+    @property
+    def q(self) -> FloatArray:
+        """Return the joint positions in rad or m: (N, n); beside motor positions those of the links."""
+        return self.recording.position
+
+    @property
+    def tau(self) -> FloatArray:
+        """Return the joint torques in N m, or forces in N: (N, n); of elastic joints those of the motors."""
+        return self.recording.torque
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the log to `path`, .npz or .csv, in SI units, and return the path; a file is overwritten.
@@ -105,10 +103,6 @@ class Log(Measurements):
     Attributes:
         recording: time, positions, torques and other measurements, SI units.
         robot: its `[log]` map assigned the columns.
-        source: the file, or the name of another source.
-        dq: the joint velocities in rad/s or m/s: (N, n); None if the log has none.
-        ddq: the joint accelerations in rad/s^2 or m/s^2: (N, n); None if the log has none.
-        period: the mean sample period in s.
 
     Example:
         >>> import symid
@@ -117,10 +111,25 @@ class Log(Measurements):
         (2001, (2001, 2), 0.001)
     """
 
-    source = Of[str]("recording.source")
-    dq: ClassVar["Of[FloatArray | None]"] = Of("recording.velocity")
-    ddq: ClassVar["Of[FloatArray | None]"] = Of("recording.acceleration")
-    period = Of[float]("recording.period")
+    @property
+    def source(self) -> str:
+        """Return the file, or the name of another source."""
+        return self.recording.source
+
+    @property
+    def dq(self) -> FloatArray | None:
+        """Return the joint velocities in rad/s or m/s: (N, n); None if the log has none."""
+        return self.recording.velocity
+
+    @property
+    def ddq(self) -> FloatArray | None:
+        """Return the joint accelerations in rad/s^2 or m/s^2: (N, n); None if the log has none."""
+        return self.recording.acceleration
+
+    @property
+    def period(self) -> float:
+        """Return the mean sample period in s."""
+        return self.recording.period
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -158,7 +167,7 @@ class Log(Measurements):
         """Return source, samples and period."""
         return f"{self.source}: {len(self)} samples at {1.0 / self.period:.6g} Hz, {self.q.shape[1]} joints"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the table of joints: range, speed, torque."""
         summary = log_files.summarise_joints(self.recording, self.robot)
         return (self.summarise(), report.show_joints(self.source, summary))
@@ -188,7 +197,7 @@ Parts = Part | Sequence[Part]
 """A part of all logs, or a list with one for each."""
 
 
-def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path | Recording, ...]":
+def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path | log_files.Recording, ...]":
     """Return logs as paths and recordings.
 
     Args:
@@ -253,7 +262,7 @@ def pair_parts(
     return [part.text for part in fitted] or None, tuple(zip(logs, each, strict=bool(test)))
 
 
-def adopt_log_map(robot: "Robot", logs: Logs) -> "Robot":
+def adopt_log_map(robot: "robots.Robot", logs: Logs) -> "robots.Robot":
     """Return the robot with the `[log]` map of its logs, which is stored with a fit.
 
     Raises:
@@ -268,7 +277,7 @@ def adopt_log_map(robot: "Robot", logs: Logs) -> "Robot":
     return replace(robot, log=maps[0]) if maps else robot
 
 
-def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path | Recording":
+def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path | log_files.Recording":
     """Return one log as a path or recording; see `list_logs`.
 
     Raises:
@@ -281,7 +290,9 @@ def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path |
     return found[0]
 
 
-def read_logs(path: str | PathLike[str], robot: "Described", *, uneven: bool = False) -> tuple[Log, ...]:
+def read_logs(
+    path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False
+) -> tuple[Log, ...]:
     """Return the logs of a file: one, or those of all runs listed in a `.toml`.
 
     Args:
@@ -302,7 +313,7 @@ def read_logs(path: str | PathLike[str], robot: "Described", *, uneven: bool = F
     return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
 
 
-def read_log(path: str | PathLike[str], robot: "Described", *, uneven: bool = False) -> Log:
+def read_log(path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False) -> Log:
     """Return the log in a file, converted to SI units on the joint side.
 
     Args:
@@ -328,25 +339,23 @@ def read_log(path: str | PathLike[str], robot: "Described", *, uneven: bool = Fa
     return found[0]
 
 
-def take_samples(values: "ArrayLike", time: "ArrayLike | None") -> "tuple[FloatArray, FloatArray | None]":
+def take_samples(values: ArrayLike, time: ArrayLike | None) -> tuple[FloatArray, FloatArray | None]:
     """Return samples and times, where there are any, as arrays of float64."""
-    import numpy as np
-
     stamps = None if time is None else np.asarray(time, dtype=np.float64)
     return np.asarray(values, dtype=np.float64), stamps
 
 
 def build_log(
-    robot: "Described",
+    robot: "identification.Described",
     *,
-    time: "ArrayLike",
-    q: "ArrayLike",
-    tau: "ArrayLike",
-    dq: "ArrayLike | None" = None,
-    ddq: "ArrayLike | None" = None,
-    theta: "ArrayLike | None" = None,
-    load: "ArrayLike | None" = None,
-    temperature: "ArrayLike | None" = None,
+    time: ArrayLike,
+    q: ArrayLike,
+    tau: ArrayLike,
+    dq: ArrayLike | None = None,
+    ddq: ArrayLike | None = None,
+    theta: ArrayLike | None = None,
+    load: ArrayLike | None = None,
+    temperature: ArrayLike | None = None,
     source: str = "arrays",
 ) -> Log:
     """Return a log from arrays in SI units on the joint side.
@@ -374,8 +383,6 @@ def build_log(
         >>> len(log)
         101
     """
-    import numpy as np
-
     arrays = {"q": q, "tau": tau, "dq": dq, "ddq": ddq, "theta": theta}
     arrays |= {"load": load, "temperature": temperature}
     try:
@@ -420,9 +427,6 @@ class RobotCheck(DrawnResult, PagedResult):
     Attributes:
         robot: the robot.
         product: the full result for the logs.
-        logs: for every log its evenly sampled recording, its sampling, and the range of its joints.
-        dynamics: signs, exchanged joints and torque delay of every log; for rigid robots.
-        excitation: identifiability of every parameter, singular values, rank, condition; for rigid robots.
 
     Example:
         >>> import symid
@@ -432,18 +436,28 @@ class RobotCheck(DrawnResult, PagedResult):
         (True, 12)
     """
 
-    robot: "Robot"
-    product: "LogsCheck"
+    robot: "robots.Robot"
+    product: "diagnostics.LogsCheck"
 
-    logs: ClassVar["Of[tuple[CheckedLog, ...]]"] = Of()
+    @property
+    def logs(self) -> "tuple[diagnostics.CheckedLog, ...]":
+        """Return for every log its evenly sampled recording, its sampling, and the range of its joints."""
+        return self.product.logs
 
     @property
     def sources(self) -> tuple[str, ...]:
         """Return the names of the logs."""
         return tuple(entry.recording.source for entry in self.logs)
 
-    dynamics: ClassVar["Of[tuple[LogCheck, ...]]"] = Of()
-    excitation: ClassVar["Of[LogExcitation | None]"] = Of()
+    @property
+    def dynamics(self) -> "tuple[diagnostics.LogCheck, ...]":
+        """Return signs, exchanged joints and torque delay of every log; for rigid robots."""
+        return self.product.dynamics
+
+    @property
+    def excitation(self) -> "diagnostics.LogExcitation | None":
+        """Return identifiability of every parameter, singular values, rank, condition; for rigid robots."""
+        return self.product.excitation
 
     @property
     def errors(self) -> tuple[Notice, ...]:
@@ -453,7 +467,7 @@ class RobotCheck(DrawnResult, PagedResult):
     def _write_page(self, file: Path) -> Path:
         return report.write_check_page(file, self.robot, self.product)
 
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and torques of every log, with what was found marked; else the robot."""
         return report.draw_check(self.robot, self.product)
 
@@ -461,7 +475,7 @@ class RobotCheck(DrawnResult, PagedResult):
         """Return the robot and the number of logs."""
         return f"{report.summarise_robot(self.robot)}: {len(self.logs)} log{'s'[: len(self.logs) != 1]}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the robot, the joints of every log, and the identifiability of the parameters."""
         return report.show_robot_check(self.robot, self.product)
 

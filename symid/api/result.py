@@ -9,46 +9,22 @@ in a notebook           tables, texts and figures; `Figures` are also written as
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from operator import attrgetter
+from dataclasses import dataclass, fields
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast, dataclass_transform, final
+from typing import Any, ClassVar, Self, dataclass_transform, final
 
 from symid import report
 from symid.environment import write_file
 from symid.errors import Notice, UsageError, arrange_notices
 from symid.serialization import describe_record
 
-if TYPE_CHECKING:
-    from symid.report import Block, Drawing, FitVerdict
-
 Progress = Callable[[str], None]
 """Called with a short text at each stage."""
 
 
-T_co = TypeVar("T_co", covariant=True)
-
-
 def ignore(text: str) -> None:
     """Report no progress."""
-
-
-class Of(Generic[T_co]):
-    """An attribute that is a part of what a result holds, by default that of its product with the same name.
-
-    In a class `rows = Of[int]("graph.rows")` stands for a property that returns `self.graph.rows`.
-    """
-
-    def __init__(self, path: str = "") -> None:
-        self.path = path
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.path = self.path or f"product.{name}"
-
-    def __get__(self, result: object, owner: type | None = None) -> T_co:
-        """Return the part; of a class, this itself."""
-        return cast("T_co", self if result is None else attrgetter(self.path)(result))
 
 
 @dataclass_transform(eq_default=False, kw_only_default=True, frozen_default=True)
@@ -68,6 +44,7 @@ class Result(ABC):
 
     def __init_subclass__(cls) -> None:
         """Make the kind of result a dataclass."""
+        super().__init_subclass__()
         dataclass(frozen=True, kw_only=True, eq=False, repr=False)(cls)
 
     @property
@@ -96,7 +73,7 @@ class Result(ABC):
         """Return a summary in one line."""
 
     @abstractmethod
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the paragraphs and tables of the printed form."""
 
     @abstractmethod
@@ -107,11 +84,11 @@ class Result(ABC):
         """Return the result in plain types, as `--json` prints it; a verdict stands first."""
         return self._describe()
 
-    def opening(self) -> "tuple[Block, ...]":
+    def opening(self) -> "tuple[report.Block, ...]":
         """Return what stands before all other blocks, such as a verdict."""
         return ()
 
-    def figures(self) -> "tuple[Block, ...]":
+    def figures(self) -> "tuple[report.Block, ...]":
         """Return the figures shown after the tables in a notebook."""
         return ()
 
@@ -132,7 +109,7 @@ class Result(ABC):
         lines = (*arranged.list_lines("`.notices` holds all"), *(("error", str(e)) for e in self.errors))
         return "\n".join(f"{kind}: {text}" for kind, text in lines)
 
-    def _tabulate(self) -> "tuple[Block, ...]":
+    def _tabulate(self) -> "tuple[report.Block, ...]":
         """Return the blocks for a notebook, which is wider than a terminal."""
         return self.blocks()
 
@@ -143,14 +120,28 @@ class Result(ABC):
         return report.write_html(blocks, failed=not self.accepted)
 
 
+class RecordResult(Result):
+    """A result that is the record of what was found, its fields and properties, with what is added to it."""
+
+    @classmethod
+    def extend(cls, record: Any, **added: object) -> Self:  # noqa: ANN401  the dataclass that the class inherits
+        """Return the result with the fields of a record, and those that are `added` to it or replace them."""
+        return cls(**{entry.name: getattr(record, entry.name) for entry in fields(record)} | added)
+
+    @property
+    def product(self) -> Self:
+        """Return the record, which is the result itself."""
+        return self
+
+
 class DrawnResult(Result):
     """A result with figures, which notebooks show below its tables."""
 
     @abstractmethod
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return its figures."""
 
-    def figures(self) -> "tuple[Block, ...]":
+    def figures(self) -> "tuple[report.Block, ...]":
         """Return what `plot` draws, for a notebook."""
         return self._draw()
 
@@ -187,6 +178,12 @@ class SavedResult(Result):
 
         Raises:
             OutputError: the file cannot be written.
+
+        Example:
+            >>> import symid
+            >>> robot = symid.load("two_link")
+            >>> robot.identify(robot.simulate(duration=5.0, seed=1).log).save("fit.json").name
+            'fit.json'
         """
         return self._save(Path(fspath(path)))
 
@@ -199,7 +196,7 @@ class JudgedResult(Result):
 
     @property
     @abstractmethod
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return what the result is worth."""
 
     def _name_file(self) -> str:
@@ -225,11 +222,11 @@ class JudgedResult(Result):
         """Return the error of a wrong verdict; empty for all others."""
         return self._list_doubts() if self.verdict.level == "wrong" else ()
 
-    def opening(self) -> "tuple[Block, ...]":
+    def opening(self) -> "tuple[report.Block, ...]":
         """Return the verdict, with its cause and its remedy where there are any."""
         return (report.show_verdict(self.verdict),)
 
-    def _tabulate(self) -> "tuple[Block, ...]":
+    def _tabulate(self) -> "tuple[report.Block, ...]":
         """Return the details of the verdict, then all blocks."""
         details = "\n".join(self.verdict.details)
         return (*([details] if details else []), *self.blocks())
@@ -256,7 +253,7 @@ class Figures:
         (2, 'torques.svg')
     """
 
-    drawings: "tuple[Drawing, ...]"
+    drawings: "tuple[report.Drawing, ...]"
 
     def __len__(self) -> int:
         """Return the number of figures."""

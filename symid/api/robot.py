@@ -16,7 +16,9 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, final
+from typing import Any, Literal, TypeAlias, final
+
+import numpy as np
 
 from symid import (
     dynamics,
@@ -28,43 +30,23 @@ from symid import (
     simulation,
     study as studies,
 )
+from symid.api import log as api_logs
 from symid.api.dynamics import RobotDynamics
 from symid.api.experiment import ExcitedTrajectory, Simulation, Study, list_seeds
 from symid.api.fit import ElasticFit, Fit, FrictionFit, RigidFit, build_dynamics_fit
 from symid.api.identification import OneShotProblem, PayloadResult, PayloadSide, Stiffness, list_payload_side
-from symid.api.log import (
-    LogLike,
-    Logs,
-    Parts,
-    RobotCheck,
-    Settings,
-    adopt_log_map,
-    list_logs,
-    list_pairs,
-    take_one_log,
-)
 from symid.api.result import Figures, Progress, ignore
 from symid.api.robot_files import ExportedFile
 from symid.codegen import BACKENDS
 from symid.environment import report_count
 from symid.errors import Notice, UsageError
-from symid.identification import (
-    IdentifyOptions,
-    LawOptions,
-    diagnostics,
-    elastic,
-    friction as friction_fits,
-    rigid as rigid_fits,
-)
+from symid.identification import diagnostics, elastic, friction as friction_fits, rigid as rigid_fits
 from symid.options import ExciteOptions, PayloadOptions, Precision, SimulateOptions, check_value, merge, words
 from symid.serialization import describe_record
 
-if TYPE_CHECKING:
-    from symid.excitation import SampledMotion, Trajectory
-    from symid.logs import Recording
-    from symid.report import Block
-    from symid.robot import Robot
-    from symid.study import CutoffStudy, ElasticStudy, ManyJointsResult, PrecisionStudy, TrackingStudy
+FollowedMotion: TypeAlias = (
+    "str | PathLike[str] | ExcitedTrajectory | excitation.Trajectory | excitation.SampledMotion"
+)
 
 
 @final
@@ -81,7 +63,9 @@ class RobotModel(RobotDynamics):
 
     # Logs.
 
-    def check(self, *logs: LogLike, resample: str | PathLike[str] | None = None) -> RobotCheck:
+    def check(
+        self, *logs: api_logs.LogLike, resample: str | PathLike[str] | None = None
+    ) -> api_logs.RobotCheck:
         """Return a summary of the robot file, and which parameters are identifiable from logs.
 
         Checks time stamps, units, steps and limits; with the dynamics also signs, exchanged joints, delays,
@@ -103,14 +87,14 @@ class RobotModel(RobotDynamics):
         if logs:
             found = diagnostics.check_robot_logs(
                 self.description,
-                list_logs(logs),
+                api_logs.list_logs(logs),
                 prepare=lambda: self.library,
                 progress=self.progress,
                 output=None if resample is None else Path(fspath(resample)),
             )
-        return RobotCheck(robot=self.description, product=found)
+        return api_logs.RobotCheck(robot=self.description, product=found)
 
-    def plot(self, what: LogLike | None = None, *, pose: Sequence[float] | None = None) -> Figures:
+    def plot(self, what: api_logs.LogLike | None = None, *, pose: Sequence[float] | None = None) -> Figures:
         """Return figures of the robot, of a log, of a trajectory or of a fit; `.save(path)` writes them.
 
         Args:
@@ -139,7 +123,7 @@ class RobotModel(RobotDynamics):
                 return load_fit(path, self).plot()
             if excitation.is_trajectory(path):
                 return Figures(drawings=report.draw_motion(excitation.read_trajectory(path, robot), robot))
-        read = log_files.read_recordings(list_logs((what,)), robot, uneven=True)
+        read = log_files.read_recordings(api_logs.list_logs((what,)), robot, uneven=True)
         logs = [diagnostics.summarise_log(recording, robot) for recording in read]
         return Figures(
             drawings=tuple(drawing for log in logs for drawing in report.draw_log(log.recording, robot, log))
@@ -149,20 +133,20 @@ class RobotModel(RobotDynamics):
 
     def identify(
         self,
-        logs: Logs,
+        logs: api_logs.Logs,
         *,
-        train: Parts | None = None,
+        train: api_logs.Parts | None = None,
         rows: str | None = None,
         estimator: str | None = None,
         method: str | None = None,
         friction: str | Mapping[str, str] | None = None,
-        settings: Settings | None = None,
+        settings: api_logs.Settings | None = None,
         cutoff: float | None = None,
         decimate: int | None = None,
         period: float | Sequence[float] | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | Mapping[str, float] | None" = None,
         partial: bool | None = None,
-        options: IdentifyOptions | None = None,
+        options: identification.IdentifyOptions | None = None,
     ) -> RigidFit | ElasticFit:
         """Identify base parameters and friction from logs; for elastic joints also springs and hysteresis.
 
@@ -187,24 +171,15 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: too few parameters are identifiable; the message names the others.
             SolverError: a search ended without a usable result.
         """
-        order = merge(
-            options,
-            IdentifyOptions(),
-            rows=rows,
-            estimator=estimator,
-            method=method,
-            friction=friction,
-            cutoff=cutoff,
-            decimate=decimate,
-            period=period,
-            known=known,
-            partial=partial,
-        )
+        given: dict[str, object] = {"rows": rows, "estimator": estimator, "method": method, "known": known}
+        given |= {"friction": friction, "cutoff": cutoff, "decimate": decimate}
+        given |= {"period": period, "partial": partial}
+        order = merge(options, identification.IdentifyOptions(), **given)
         rigid_fits.check_estimator(order.rows or "torque", order.estimator)
         law = identification.read_joint_laws(order.friction, self.description)
         searched = law if identification.needs_search(law) else None
         stated = law if isinstance(law, str) and not searched else None
-        pairs = list_pairs(settings, order)
+        pairs = api_logs.list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, stated, train)
         found = identification.identify_robot(
             described, recordings, replace(order, friction=searched), self.context, pairs
@@ -212,11 +187,15 @@ class RobotModel(RobotDynamics):
         return build_dynamics_fit(found, self)
 
     def _gather(
-        self, logs: Logs, pairs: tuple[tuple[str, str], ...], friction: str | None, train: Parts | None
-    ) -> "tuple[Robot, tuple[Recording, ...]]":
+        self,
+        logs: api_logs.Logs,
+        pairs: tuple[tuple[str, str], ...],
+        friction: str | None,
+        train: api_logs.Parts | None,
+    ) -> "tuple[robots.Robot, tuple[log_files.Recording, ...]]":
         """Return the robot with the settings of the call, and what it fits of the recordings."""
-        given = list_logs(logs, pairs)
-        described = robots.override_settings(adopt_log_map(self.description, logs), pairs, friction)
+        given = api_logs.list_logs(logs, pairs)
+        described = robots.override_settings(api_logs.adopt_log_map(self.description, logs), pairs, friction)
         parts = log_files.read_parts(train, "--train")
         return described, log_files.take_parts(
             log_files.read_fit_recordings(given, described), parts, "--train", keep=True
@@ -224,9 +203,9 @@ class RobotModel(RobotDynamics):
 
     def identify_friction(
         self,
-        logs: Logs,
+        logs: api_logs.Logs,
         *,
-        train: Parts | None = None,
+        train: api_logs.Parts | None = None,
         model: str | Mapping[str, str] | None = None,
         estimator: str | None = None,
         known: "Fit | RobotModel | str | PathLike[str] | None" = None,
@@ -234,8 +213,8 @@ class RobotModel(RobotDynamics):
         period: float | Sequence[float] | None = None,
         seed: int | None = None,
         friction: str | None = None,
-        settings: Settings | None = None,
-        options: LawOptions | None = None,
+        settings: api_logs.Settings | None = None,
+        options: identification.LawOptions | None = None,
     ) -> FrictionFit:
         """Identify a friction law and its parameters for every joint that moves.
 
@@ -253,29 +232,21 @@ class RobotModel(RobotDynamics):
             IdentifiabilityError: no joint has an identifiable law.
             SolverError: a search ended without usable numbers.
         """
-        order = merge(
-            options,
-            LawOptions(),
-            model=model,
-            estimator=estimator,
-            known=known,
-            smoothing=smoothing,
-            period=period,
-            seed=seed,
-            friction=friction,
-        )
-        given = self._gather(logs, list_pairs(settings, order), order.friction, train)
-        found = identification.identify_robot_friction(*given, order, self.context)
+        given: dict[str, object] = {"model": model, "estimator": estimator, "known": known}
+        given |= {"friction": friction, "smoothing": smoothing, "period": period, "seed": seed}
+        order = merge(options, identification.LawOptions(), **given)
+        parts = self._gather(logs, api_logs.list_pairs(settings, order), order.friction, train)
+        found = identification.identify_robot_friction(*parts, order, self.context)
         extra = {"backend": found.backend}
         return FrictionFit(estimate=found.estimate, model=self, remarks=found.notices, extra=extra)
 
     def identify_stiffness(
         self,
-        logs: Logs,
+        logs: api_logs.Logs,
         *,
-        train: Parts | None = None,
+        train: api_logs.Parts | None = None,
         friction: str | None = None,
-        settings: Settings | None = None,
+        settings: api_logs.Settings | None = None,
         drop_first: int | None = None,
         drop_last: int | None = None,
     ) -> Stiffness:
@@ -288,18 +259,20 @@ class RobotModel(RobotDynamics):
             UsageError: a setting has no meaning for a stiffness.
             LogError: a log lacks an encoder, or is too short.
         """
-        pairs = list_pairs(settings, IdentifyOptions(drop_first=drop_first, drop_last=drop_last))
+        pairs = api_logs.list_pairs(
+            settings, identification.IdentifyOptions(drop_first=drop_first, drop_last=drop_last)
+        )
         described, recordings = self._gather(logs, pairs, friction, train)
         found, notices = identification.identify_stiffness(described, recordings, pairs, self.context)
         return Stiffness(estimate=found, notices=notices)
 
     def one_shot(
         self,
-        logs: Logs,
+        logs: api_logs.Logs,
         *,
-        train: Parts | None = None,
-        settings: Settings | None = None,
-        options: IdentifyOptions | None = None,
+        train: api_logs.Parts | None = None,
+        settings: api_logs.Settings | None = None,
+        options: identification.IdentifyOptions | None = None,
     ) -> OneShotProblem:
         """Return the problem of the method "nlp" as CasADi expressions, open to terms and constraints.
 
@@ -311,8 +284,8 @@ class RobotModel(RobotDynamics):
             LogError: a log lacks an encoder, or cannot be used.
             IdentifiabilityError: no spring is identifiable.
         """
-        order = options or IdentifyOptions()
-        pairs = list_pairs(settings, order)
+        order = options or identification.IdentifyOptions()
+        pairs = api_logs.list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, None, train)
         graph, notices = identification.build_elastic_graph(described, recordings, order, pairs, self.context)
         return OneShotProblem(robot=self, graph=graph, remarks=notices)
@@ -344,29 +317,19 @@ class RobotModel(RobotDynamics):
             UsageError: an option is out of range or does not fit the robot.
             IdentifiabilityError: no such trajectory makes all parameters identifiable.
         """
-        import numpy as np
-
-        order = merge(
-            options,
-            ExciteOptions(),
-            harmonics=harmonics,
-            period=period,
-            criterion=criterion,
-            start=start,
-            share=share,
-            workspace=workspace,
-            torsion=torsion,
-            candidates=candidates,
-            starts=starts,
-            seed=seed,
-        )
+        given: dict[str, object] = {"harmonics": harmonics, "period": period, "criterion": criterion}
+        given |= {"start": start, "share": share, "workspace": workspace, "torsion": torsion}
+        given |= {"candidates": candidates, "starts": starts, "seed": seed}
+        order = merge(options, ExciteOptions(), **given)
         rng = np.random.default_rng(order.seed)
         found = excitation.optimise_excitation(self.description, order, rng=rng, progress=self.progress)
-        return ExcitedTrajectory(robot=self.description, product=found, seed=order.seed)
+        return ExcitedTrajectory.extend(
+            found, robot=self.description, seed=order.seed, notices=(*self.notices, *found.notices)
+        )
 
     def simulate(
         self,
-        trajectory: "str | PathLike[str] | ExcitedTrajectory | Trajectory | SampledMotion" = "fourier",
+        trajectory: "FollowedMotion" = "fourier",
         *,
         duration: float | None = None,
         scale: float | None = None,
@@ -387,25 +350,15 @@ class RobotModel(RobotDynamics):
             RobotError: the robot file does not state all values.
             SolverError: the controller does not hold the robot; the message names joints and options.
         """
-        import numpy as np
-
-        order = merge(
-            options,
-            SimulateOptions(),
-            duration=duration,
-            scale=scale,
-            noise=noise,
-            clean=clean,
-            bandwidth=bandwidth,
-            seed=seed,
-        )
+        given: dict[str, object] = {"duration": duration, "scale": scale, "noise": noise, "clean": clean}
+        order = merge(options, SimulateOptions(), **given, bandwidth=bandwidth, seed=seed)
         robot = self.description
         simulation.check_sensor_options(robot, order)
         # Before minutes go into the derivation.
         simulation.check_stated_values(robot)
         rng = np.random.default_rng(order.seed)
-        given = trajectory.trajectory if isinstance(trajectory, ExcitedTrajectory) else trajectory
-        named = fspath(given) if isinstance(given, PathLike) else given
+        named = trajectory.trajectory if isinstance(trajectory, ExcitedTrajectory) else trajectory
+        named = fspath(named) if isinstance(named, PathLike) else named
         motion = excitation.build_motion(
             robot, named, rng, duration=order.duration, joint=order.joint, scale=order.scale
         )
@@ -479,7 +432,7 @@ class RobotModel(RobotDynamics):
 
     def study_precision(
         self, *, seeds: int = 400, seed: int = 1, jobs: int | None = None
-    ) -> "Study[PrecisionStudy]":
+    ) -> "Study[studies.PrecisionStudy]":
         """Compare errors of identification with the Cramer-Rao bound, on five random excitations.
 
         Args:
@@ -497,7 +450,7 @@ class RobotModel(RobotDynamics):
         self,
         study: Callable[..., Any],
         title: str,
-        show: "Callable[[Any], tuple[Block, ...]]",
+        show: "Callable[[Any], tuple[report.Block, ...]]",
         numbers: range,
         **options: object,
     ) -> "Study[Any]":
@@ -509,7 +462,7 @@ class RobotModel(RobotDynamics):
         title = f"{title} {self.name}"
         return Study(title=title, product=found, tables=show(found), described=asdict(found))
 
-    def study_cutoff(self, log: LogLike) -> "Study[CutoffStudy]":
+    def study_cutoff(self, log: api_logs.LogLike) -> "Study[studies.CutoffStudy]":
         """Show how the cut-off of the position filter changes the prediction error of a fit.
 
         Args:
@@ -520,7 +473,7 @@ class RobotModel(RobotDynamics):
             LogError: the log is wrong.
         """
         robot = self.description
-        recording = log_files.read_one_log(take_one_log(log), robot)
+        recording = log_files.read_one_log(api_logs.take_one_log(log), robot)
         rigid = elastic.build_rigid_variant(robot) if self.elastic else robot
         library = replace(self, description=rigid).library
         measured = elastic.build_motor_recording(recording, robot)
@@ -537,7 +490,7 @@ class RobotModel(RobotDynamics):
 
     def study_elastic(
         self, *, seeds: int = 100, seed: int = 1, jobs: int | None = None, timed: bool = False
-    ) -> "Study[ElasticStudy]":
+    ) -> "Study[studies.ElasticStudy]":
         """Compare the methods for elastic joints on four sets of simulated logs, clean and noisy.
 
         Each of `seeds` draws of the noise takes half a minute; with `timed` the time of each method is
@@ -553,7 +506,7 @@ class RobotModel(RobotDynamics):
 
     def study_tracking(
         self, *, seeds: int = 20, seed: int = 1, jobs: int | None = None
-    ) -> "Study[TrackingStudy]":
+    ) -> "Study[studies.TrackingStudy]":
         """Compare tracking errors of links with feed-forward of the identified model, another one, or none.
 
         `seeds` are draws of the noise of the logs that models are identified from; `seed` and `jobs` are
@@ -565,7 +518,9 @@ class RobotModel(RobotDynamics):
         numbers = list_seeds(seeds, seed)
         return self._study(studies.study_tracking, "tracking of", report.show_tracking, numbers, jobs=jobs)
 
-    def study_six_joints(self, *, seeds: int = 1, seed: int = 1) -> "Study[tuple[ManyJointsResult, ...]]":
+    def study_six_joints(
+        self, *, seeds: int = 1, seed: int = 1
+    ) -> "Study[tuple[studies.ManyJointsResult, ...]]":
         """Validate the identified dynamics of an elastic arm with any number of joints on a held-out motion.
 
         Args:
@@ -596,7 +551,7 @@ _ROUNDED = ("robot.angle-snapped", "robot.axis-snapped")
 def load(
     robot: str | PathLike[str],
     *,
-    settings: Settings | None = None,
+    settings: api_logs.Settings | None = None,
     friction: str | None = None,
     base: str | None = None,
     tip: str | None = None,
@@ -643,7 +598,7 @@ def load(
     read = partial(
         robots.load_robot,
         fspath(robot),
-        list_pairs(settings),
+        api_logs.list_pairs(settings),
         friction,
         base=base,
         tip=tip,

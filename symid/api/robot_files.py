@@ -8,20 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, final
+from typing import Literal, final
 
 from symid import identification, logs as log_files, report, robot as robots
-from symid.api.result import Of, Progress, Result, ignore
+from symid.api.result import Progress, Result, ignore
 from symid.environment import check_suffix, write_file
 from symid.errors import EstimateError, Notice
 from symid.identification import friction as friction_fits
 from symid.options import DraftOptions, ExportOptions, Numbers, merge
-
-if TYPE_CHECKING:
-    from symid.identification import FileExport, GivenResult
-    from symid.logs import Draft
-    from symid.report import Block
-    from symid.robot import Robot
 
 
 @final
@@ -30,8 +24,6 @@ class RobotDraft(Result):
 
     Attributes:
         product: the robot, the text, and the columns of the log.
-        source: the source file.
-        text: the text of the file (TOML), with comments for unknown values.
 
     Example:
         >>> import symid
@@ -40,15 +32,22 @@ class RobotDraft(Result):
         4
     """
 
-    product: "Draft"
+    product: "log_files.Draft"
 
     @property
-    def robot(self) -> "Robot":
+    def robot(self) -> "robots.Robot":
         """Return the robot."""
         return self.product.robot
 
-    source = Of[Path]()
-    text = Of[str]()
+    @property
+    def source(self) -> Path:
+        """Return the source file."""
+        return self.product.source
+
+    @property
+    def text(self) -> str:
+        """Return the text of the file (TOML), with comments for unknown values."""
+        return self.product.text
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -70,7 +69,7 @@ class RobotDraft(Result):
         """Return the name and the number of joints."""
         return report.summarise_draft(self.robot)
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the robot, and the columns and units of its log."""
         return report.show_draft(self.product)
 
@@ -146,10 +145,6 @@ class ExportedFile(Result):
 
     Attributes:
         product: the full result, with the written bodies or friction laws.
-        file: the path of the file.
-        format: "robot file", "URDF", "MJCF model", "USD stage", "C header" or "values as JSON".
-        left_out: the parts that the format cannot hold; new files have them in comments.
-        not_identified: the parameters without an identified value; robot file or nearest bodies give one.
 
     Example:
         >>> import symid
@@ -158,18 +153,33 @@ class ExportedFile(Result):
         ('MJCF model', 'two_link.xml')
     """
 
-    product: "FileExport"
+    product: "identification.FileExport"
 
-    file = Of[Path]()
-    format = Of[str]()
-    left_out = Of[tuple[str, ...]]()
-    not_identified = Of[tuple[str, ...]]("product.missing")
+    @property
+    def file(self) -> Path:
+        """Return the path of the file."""
+        return self.product.file
+
+    @property
+    def format(self) -> str:
+        """Return "robot file", "URDF", "MJCF model", "USD stage", "C header" or "values as JSON"."""
+        return self.product.format
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Return the parts that the format cannot hold; new files have them in comments."""
+        return self.product.left_out
+
+    @property
+    def not_identified(self) -> tuple[str, ...]:
+        """Return the parameters without an identified value; robot file or nearest bodies give one."""
+        return self.product.missing
 
     def summarise(self) -> str:
         """Return the format and the path."""
         return f"{self.format}: {self.file}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the format and the path, and the accuracy of bodies or the laws of joints."""
         return report.show_export(self.product)
 
@@ -178,8 +188,8 @@ class ExportedFile(Result):
 
 
 def export_fit(
-    robot: "Robot",
-    found: "GivenResult",
+    robot: "robots.Robot",
+    found: "identification.GivenResult",
     path: str | PathLike[str] | None,
     options: ExportOptions | None = None,
     progress: Progress = ignore,

@@ -9,27 +9,14 @@ from dataclasses import replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal, final
+from typing import Literal, final
 
 from symid import identification, report, robot as robots
-from symid.api.result import DrawnResult, JudgedResult, Of, PagedResult, Progress, Result, ignore
+from symid.api.result import DrawnResult, JudgedResult, PagedResult, Progress, Result, ignore
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
+from symid.identification import estimators, rigid
 from symid.options import ABOVE, check_value
-
-if TYPE_CHECKING:
-    from symid.identification import (
-        AnyValidation,
-        ChiSquare,
-        Compared,
-        ComparedValue,
-        EstimateSide,
-        GivenResult,
-    )
-    from symid.identification.estimators import Residual
-    from symid.identification.rigid import Diagnosis
-    from symid.report import AnyEstimate, Block, Drawing, FitVerdict, WrittenPage
-    from symid.robot import Robot
 
 
 @final
@@ -40,8 +27,6 @@ class LogValidation(JudgedResult, DrawnResult):
         product: the full result, with notices, for example that the log belongs to the fit.
         gate: percent, limit of the mean relative residual; None for no limit.
         estimate: of the fit, whose own residual the verdict compares with; None to judge without it.
-        source: the log.
-        mean_relative_percent: the mean over joints of `100 |tau - tau_predicted| / |tau|`.
 
     Example:
         >>> import symid
@@ -52,9 +37,9 @@ class LogValidation(JudgedResult, DrawnResult):
         (True, True)
     """
 
-    product: "AnyValidation"
+    product: "identification.AnyValidation"
     gate: float | None = None
-    estimate: "AnyEstimate | None" = None
+    estimate: "report.AnyEstimate | None" = None
     _tried = True
 
     def __post_init__(self) -> None:
@@ -65,17 +50,23 @@ class LogValidation(JudgedResult, DrawnResult):
         """
         check_value("gate", self.gate, ABOVE)
 
-    source = Of[str]()
+    @property
+    def source(self) -> str:
+        """Return the log."""
+        return self.product.source
 
     @property
-    def residual(self) -> "tuple[Residual, ...]":
+    def residual(self) -> "tuple[estimators.Residual, ...]":
         """Return the residual torque, joint by joint."""
         return self.product.residual
 
-    mean_relative_percent = Of[float]()
+    @property
+    def mean_relative_percent(self) -> float:
+        """Return the mean over joints of `100 |tau - tau_predicted| / |tau|`."""
+        return self.product.mean_relative_percent
 
     @cached_property
-    def verdict(self) -> "FitVerdict":
+    def verdict(self) -> "report.FitVerdict":
         """Return how well the log is predicted: "good", "usable", "doubtful" or "wrong", and why."""
         return report.judge_trial(self.product, self.estimate)
 
@@ -95,14 +86,14 @@ class LogValidation(JudgedResult, DrawnResult):
         reached = f"mean relative residual {self.mean_relative_percent:.4f} %"
         return f"{self.product.robot.name} on {self.source}: {reached}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the headline and the tables of residuals."""
         return report.show_trial(self.product)
 
     def _describe(self) -> dict[str, object]:
         return {**report.describe_trial(self.product), "gate": self.gate, "accepted": self.accepted}
 
-    def _draw(self) -> "tuple[Drawing, ...]":
+    def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return measured and predicted torques; for elastic joints hysteresis loops."""
         return report.draw_trial(self.product)
 
@@ -125,13 +116,13 @@ class FitDiagnosis(Result):
     """
 
     robot: str
-    product: "Diagnosis"
+    product: "rigid.Diagnosis"
 
     def summarise(self) -> str:
         """Return the robot and the number of essential parameters."""
         return f"{self.robot}: {len(self.product.essential.kept)} essential parameters"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the findings, and a table of residual structure."""
         return report.show_diagnosis(self.product)
 
@@ -145,8 +136,6 @@ class FitPage(JudgedResult):
 
     Attributes:
         page: the full result.
-        file: the path of the page.
-        diagnosis: the diagnosis; None if it was not requested.
 
     Example:
         >>> import symid
@@ -156,13 +145,20 @@ class FitPage(JudgedResult):
         'report.html'
     """
 
-    page: "WrittenPage"
-
-    file = Of[Path]("page.file")
-    diagnosis: ClassVar["Of[Diagnosis | None]"] = Of("page.diagnosis")
+    page: "report.WrittenPage"
 
     @property
-    def verdict(self) -> "FitVerdict":
+    def file(self) -> Path:
+        """Return the path of the page."""
+        return self.page.file
+
+    @property
+    def diagnosis(self) -> "rigid.Diagnosis | None":
+        """Return the diagnosis; None if it was not requested."""
+        return self.page.diagnosis
+
+    @property
+    def verdict(self) -> "report.FitVerdict":
         """Return the verdict on the fit, with that of the held-out logs: the headline of the page."""
         return self.page.verdict
 
@@ -178,7 +174,7 @@ class FitPage(JudgedResult):
         """Return the path of the page."""
         return str(self.file)
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return the path of the page, the processing of the logs, and the diagnosis."""
         head = "\n".join((f"report: {show_path(self.file)}", *self.page.lines))
         return (head, *(() if self.diagnosis is None else report.show_diagnosis(self.diagnosis)))
@@ -216,8 +212,8 @@ class Comparison(PagedResult):
         (12, True)
     """
 
-    ours: "EstimateSide"
-    found: "tuple[Compared, ...]"
+    ours: "identification.EstimateSide"
+    found: "tuple[identification.Compared, ...]"
     gate: float | None = None
 
     @property
@@ -226,7 +222,7 @@ class Comparison(PagedResult):
         return tuple(replace(self, found=(entry,)) for entry in self.found)
 
     @property
-    def groups(self) -> "tuple[ComparedValue, ...]":
+    def groups(self) -> "tuple[identification.ComparedValue, ...]":
         """Return the values of both sides in SI units, with their differences, group by group."""
         return tuple(value for entry in self.found for value in entry.values)
 
@@ -245,7 +241,7 @@ class Comparison(PagedResult):
         return sum(entry.comparison.count_within(limit) for entry in self.found)
 
     @property
-    def chi_square(self) -> "ChiSquare | None":
+    def chi_square(self) -> "identification.ChiSquare | None":
         """Return d' V^-1 d, d the differences and V the sum of both covariances; None where V is singular.
 
         Raises:
@@ -279,7 +275,7 @@ class Comparison(PagedResult):
         within = f"{self.count_within(2.0)} of {self.judged} groups within 2 standard deviations"
         return f"{self.ours.identified.robot.name}: {within} of {others}"
 
-    def blocks(self) -> "tuple[Block, ...]":
+    def blocks(self) -> "tuple[report.Block, ...]":
         """Return values of both sides, counts, chi-square and largest differences, for every other."""
         return report.show_comparison(self.ours, self.found)
 
@@ -289,9 +285,9 @@ class Comparison(PagedResult):
 
 
 def compare_fit(
-    robot: "Robot",
-    estimate: "GivenResult",
-    others: "Sequence[GivenResult]",
+    robot: "robots.Robot",
+    estimate: "identification.GivenResult",
+    others: "Sequence[identification.GivenResult]",
     *,
     name: str | None = None,
     value: str | None = None,

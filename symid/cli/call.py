@@ -142,23 +142,19 @@ def print_answer(answer: Answer, *, as_json: bool, quiet: bool, verbose: bool = 
         arranged = arrange_notices(answer.warnings, most=most, sources=answer.sources)
         for kind, text in arranged.list_lines("-v shows them"):
             _print_line(kind, text)
-    _print_errors(answer.errors)
+    print_errors(answer.errors)
 
 
-def print_errors(notices: Sequence[Notice], *, as_json: bool) -> None:
+def print_errors(notices: Sequence[Notice], *, as_json: bool = False) -> None:
     """Print errors: on stderr, or as the one object on stdout."""
     if as_json:
         click.echo(write_json({"ok": False, "errors": [asdict(notice) for notice in notices]}))
-    else:
-        _print_errors(notices)
+        return
+    for notice in notices:
+        _print_line("note" if notice.is_note else "error", str(notice))
 
 
 _COLOURS = {"error": "red", "warning": "yellow", "note": "cyan"}
-
-
-def _print_errors(notices: Sequence[Notice]) -> None:
-    for notice in notices:
-        _print_line("note" if notice.is_note else "error", str(notice))
 
 
 def _print_line(kind: str, text: str) -> None:
@@ -241,28 +237,37 @@ def answer_call(arguments: Sequence[str]) -> int:
 def _answer(arguments: Sequence[str]) -> int:
     # Options are read here as well, because a call that cannot be parsed must be answered in kind.
     flags = frozenset(_take_flags(arguments))
-    as_json = "--json" in flags
+    as_json, verbose = "--json" in flags, bool(flags & {"-v", "--verbose"})
     try:
         answer = symid.main(args=list(arguments), prog_name="symid", standalone_mode=False)
         if not isinstance(answer, Answer):
             # --help and --version print for themselves and return their exit code.
             return int(answer or 0)
-        verbose = bool(flags & {"-v", "--verbose"})
         print_answer(answer, as_json=as_json, quiet=bool(flags & {"-q", "--quiet"}), verbose=verbose)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
-        notice = Notice(code="symid.interrupted", text="interrupted")
-        print_errors([notice], as_json=as_json)
+        print_errors([Notice(code="symid.interrupted", text="interrupted")], as_json=as_json)
         return EXIT_INTERRUPTED
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        return EXIT_USAGE
     except click.ClickException as error:
-        return _explain_usage(error, as_json=as_json)
+        context = getattr(error, "ctx", None)
+        hint = "" if context is None else f" Try '{context.command_path} --help'."
+        print_errors([Notice(code="usage.call", text=error.format_message() + hint)], as_json=as_json)
+        return EXIT_USAGE
     except SymidError as error:
         print_errors(error.notices, as_json=as_json)
         return error.exit_code
     except Exception as error:  # noqa: BLE001  the last line before the user
         if isinstance(error, OSError) and error.filename is None and error.errno in _STREAM_ERRORS:
             return _explain_stream(error)
-        return _explain_bug(error, as_json=as_json, verbose=bool(flags & {"-v", "--verbose"}))
+        if verbose:
+            click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+        hint = "" if verbose else "; call again with -v for the traceback, and report it"
+        text = f"this is a bug in symid, not in your files: {type(error).__name__}: {error}{hint}"
+        print_errors([Notice(code="symid.bug", text=text)], as_json=as_json)
+        return EXIT_BUG
     return answer.exit_code
 
 
@@ -289,25 +294,3 @@ def _take_flags(arguments: Sequence[str]) -> list[str]:
         elif argument[:1] == "-" and set(argument[1:]) <= {"q", "v"}:
             flags += [f"-{letter}" for letter in argument[1:]]
     return flags
-
-
-def _explain_usage(error: click.ClickException, *, as_json: bool) -> int:
-    context = getattr(error, "ctx", None)
-    if isinstance(error, click.exceptions.NoArgsIsHelpError):
-        click.echo(error.format_message(), err=True)
-        return EXIT_USAGE
-    text = error.format_message()
-    if context is not None:
-        text += f" Try '{context.command_path} --help'."
-    print_errors([Notice(code="usage.call", text=text)], as_json=as_json)
-    return EXIT_USAGE
-
-
-def _explain_bug(error: Exception, *, as_json: bool, verbose: bool) -> int:
-    if verbose:
-        click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
-    text = f"this is a bug in symid, not in your files: {type(error).__name__}: {error}"
-    if not verbose:
-        text += "; call again with -v for the traceback, and report it"
-    print_errors([Notice(code="symid.bug", text=text)], as_json=as_json)
-    return EXIT_BUG

@@ -10,70 +10,47 @@ import click
 
 import symid
 from symid.api import BaseForm
+from symid.cli import options as cli
 from symid.cli.call import Answer, Console, answer_saved, make_answer
-from symid.cli.options import (
-    COUNT,
-    FILE,
-    INPUT,
-    METHOD,
-    MODEL,
-    OUTPUT,
-    POSITIVE,
-    WHOLE,
-    Decorator,
-    Group,
-    NamedRobot,
-    Verb,
-    add_options,
-    add_page,
-    check_output,
-    friction_option,
-    output_option,
-    page_option,
-    record_options,
-    robot_argument,
-    robot_option,
-    settings_options,
-    take_record,
-    verb,
-)
 from symid.environment import check_suffix, show_path
 from symid.errors import Notice, UsageError
 from symid.options import GenerateOptions
 
 
-@verb("derive")
-@robot_argument()
-@OUTPUT.option("--latex", "Print formulas in LaTeX.", is_flag=True)
-@OUTPUT.option("--html", "Write the lesson as one page, with the arm to move.", FILE, "FILE")
-@OUTPUT.option("--tex", "Write the lesson as a document for pdflatex.", FILE, "FILE")
-@OUTPUT.option("--ipynb", "Write the lesson as a notebook with SymPy objects, executed.", FILE, "FILE")
-@MODEL.option(
+@cli.verb("derive")
+@cli.robot_argument()
+@cli.OUTPUT.option("--latex", "Print formulas in LaTeX.", is_flag=True)
+@cli.OUTPUT.option("--html", "Write the lesson as one page, with the arm to move.", cli.FILE, "FILE")
+@cli.OUTPUT.option("--tex", "Write the lesson as a document for pdflatex.", cli.FILE, "FILE")
+@cli.OUTPUT.option(
+    "--ipynb", "Write the lesson as a notebook with SymPy objects, executed.", cli.FILE, "FILE"
+)
+@cli.MODEL.option(
     "--notation",
     "Letters of the page: those of symid or of a textbook.",
     click.Choice(("symid", "siciliano", "craig", "khalil")),
     default="symid",
 )
-@MODEL.option(
+@cli.MODEL.option(
     "--parameters",
     "Parameters of the page: base, the file's symbols, or masses, centres of mass and inertias (bodies).",
     click.Choice(("base", "symbols", "bodies")),
 )
-@MODEL.option("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
-@MODEL.option("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
-@OUTPUT.option(
+@cli.MODEL.option("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
+@cli.MODEL.option("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
+@cli.OUTPUT.option(
     "--exercises",
     "Exercises at the end of the page, with a file of answers.",
     click.IntRange(0, 50),
     default=0,
 )
-@OUTPUT.option("--seed", "Of the exercises.", click.IntRange(0), default=0)
-@INPUT.option("--log", "Log whose motion the page offers beside drawn ones.", FILE, "FILE")
-@INPUT.option("--check", "Mark the answers in a sheet of exercises.", FILE, "FILE")
+@cli.OUTPUT.option("--seed", "Of the exercises.", click.IntRange(0), default=0)
+@cli.INPUT.option("--log", "Log whose motion the page offers beside drawn ones.", cli.FILE, "FILE")
+@cli.INPUT.option("--check", "Mark the answers in a sheet of exercises.", cli.FILE, "FILE")
 def derive_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     latex: bool,
     html: Path | None,
     tex: Path | None,
@@ -110,16 +87,16 @@ def derive_command(
     return make_answer(robot.load(console).derivation(latex=latex))
 
 
-@verb("base")
-@robot_argument()
-@friction_option
-@MODEL.option(
+@cli.verb("base")
+@cli.robot_argument()
+@cli.friction_option
+@cli.MODEL.option(
     "--of form",
     "Base parameters of all torques, the energies, the momentum, or torques at rest (gravity).",
     click.Choice(("torque", "energy", "momentum", "gravity")),
     default="torque",
 )
-def base_command(console: Console, *, robot: NamedRobot, friction: str | None, form: BaseForm) -> Answer:
+def base_command(console: Console, *, robot: cli.NamedRobot, friction: str | None, form: BaseForm) -> Answer:
     """List the base parameters, the smallest set that describes all motions and torques.
 
     Each has its grouping and the reason for it; then follow the eliminated parameters. --of selects
@@ -130,15 +107,15 @@ def base_command(console: Console, *, robot: NamedRobot, friction: str | None, f
     return make_answer(model.derive_base(form))
 
 
-@verb("generate")
-@robot_argument()
-@record_options(GenerateOptions)
-@friction_option
-@output_option("Folder of the sources.", required=True, folder=True)
+@cli.verb("generate")
+@cli.robot_argument()
+@cli.record_options(GenerateOptions)
+@cli.friction_option
+@cli.output_option("Folder of the sources.", required=True, folder=True)
 def generate_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     friction: str | None,
     output: Path,
     **options: Any,  # noqa: ANN401  as the record says
@@ -154,18 +131,18 @@ def generate_command(
     return make_answer(model.write(target, output, functions=names, **options))
 
 
-@verb("excite")
-@robot_argument()
-@record_options(symid.ExciteOptions)
-@OUTPUT.option("--rate", "Sample rate of the file.", POSITIVE, "HZ", default=1000.0)
-@OUTPUT.option("--periods", "Number of periods in the file.", COUNT, "N", default=1)
-@friction_option
-@output_option("Trajectory to write, .csv.")
-@page_option
+@cli.verb("excite")
+@cli.robot_argument()
+@cli.record_options(symid.ExciteOptions)
+@cli.OUTPUT.option("--rate", "Sample rate of the file.", cli.POSITIVE, "HZ", default=1000.0)
+@cli.OUTPUT.option("--periods", "Number of periods in the file.", cli.COUNT, "N", default=1)
+@cli.friction_option
+@cli.output_option("Trajectory to write, .csv.")
+@cli.page_option
 def excite_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     friction: str | None,
     output: Path | None,
     page: Path | None,
@@ -183,32 +160,32 @@ def excite_command(
     if output is not None:
         check_suffix(output, "a trajectory", (".csv",))
     workspace = search["workspace"]
-    check_output(output, page, force=force, inputs=(model.path, workspace))
-    found = model.excite(options=take_record(symid.ExciteOptions, search, len(model.joints)))
+    cli.check_output(output, page, force=force, inputs=(model.path, workspace))
+    found = model.excite(options=cli.take_record(symid.ExciteOptions, search, len(model.joints)))
     if output is None:
-        return add_page(make_answer(found, file=None, samples=0, rate=rate), found, page)
+        return cli.add_page(make_answer(found, file=None, samples=0, rate=rate), found, page)
     found.save(output, rate=rate, periods=periods)
     samples = found.count_samples(rate=rate, periods=periods)
     line = f"{show_path(output)}: {samples} samples of t, q, dq, ddq"
-    return add_page(make_answer(found, line, file=output, samples=samples, rate=rate), found, page)
+    return cli.add_page(make_answer(found, line, file=output, samples=samples, rate=rate), found, page)
 
 
-@verb("simulate")
-@robot_argument(computes=True)
-@METHOD.option(
+@cli.verb("simulate")
+@cli.robot_argument(computes=True)
+@cli.METHOD.option(
     "--trajectory",
     "fourier (a random Fourier series), ta or tb (published), tc (for validation), or a file (.csv) "
     "of symid excite.",
     metavar="NAME|FILE",
     default="fourier",
 )
-@record_options(symid.SimulateOptions)
-@friction_option
-@output_option("Log to write, .npz or .csv.", required=True)
+@cli.record_options(symid.SimulateOptions)
+@cli.friction_option
+@cli.output_option("Log to write, .npz or .csv.", required=True)
 def simulate_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     trajectory: str,
     friction: str | None,
     output: Path,
@@ -222,8 +199,10 @@ def simulate_command(
     """
     model = robot.load(console, friction=friction)
     check_suffix(output, "a log", (".npz", ".csv"))
-    check_output(output, force=force, inputs=(model.path, Path(trajectory)))
-    run = model.simulate(trajectory, options=take_record(symid.SimulateOptions, settings, len(model.joints)))
+    cli.check_output(output, force=force, inputs=(model.path, Path(trajectory)))
+    run = model.simulate(
+        trajectory, options=cli.take_record(symid.SimulateOptions, settings, len(model.joints))
+    )
     written = run.save(output)
     return Answer(
         text=f"{show_path(written)}: {run.summarise()}",
@@ -236,11 +215,11 @@ _FLAGS = frozenset({"--json", "--quiet", "--verbose"})
 _ELASTIC = "Robot with elastic joints and all values stated."
 
 
-class _Studies(Verb, click.Group):
+class _Studies(cli.Verb, click.Group):
     """A verb with several parts; common flags may stand before or after a part."""
 
-    command_class = Verb
-    flags = Group("")
+    command_class = cli.Verb
+    flags = cli.Group("")
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, then the parts."""
@@ -260,19 +239,19 @@ def _is_flag(text: str) -> bool:
     return text in _FLAGS or (text[:1] == "-" and len(text) > 1 and set(text[1:]) <= {"q", "v"})
 
 
-def _runs_options(seeds: int, seed: int = 1, *, jobs: bool = True) -> Decorator:
+def _runs_options(seeds: int, seed: int = 1, *, jobs: bool = True) -> cli.Decorator:
     """Return the options for the runs of a study."""
     text = "Number of noise draws, starting with --seed."
     cores = "Number of processes.  [default: one for each core]"
     options = (
-        METHOD.option("--seeds", text, COUNT, "N", default=seeds),
-        METHOD.option("--seed", "First random seed.", WHOLE, "N", default=seed),
-        METHOD.option("--jobs", cores, COUNT, "N"),
+        cli.METHOD.option("--seeds", text, cli.COUNT, "N", default=seeds),
+        cli.METHOD.option("--seed", "First random seed.", cli.WHOLE, "N", default=seed),
+        cli.METHOD.option("--jobs", cores, cli.COUNT, "N"),
     )
-    return add_options(*options if jobs else options[:2])
+    return cli.add_options(*options if jobs else options[:2])
 
 
-_times_option = OUTPUT.option(
+_times_option = cli.OUTPUT.option(
     "--times", "Show how long each method took, which differs from run to run.", is_flag=True
 )
 
@@ -286,35 +265,35 @@ def study_command(**_: object) -> None:
 
 
 @study_command.command("elastic")
-@robot_option(_ELASTIC, "two_link_elastic")
+@cli.robot_option(_ELASTIC, "two_link_elastic")
 @_runs_options(100)
 @_times_option
-def _elastic(console: Console, *, robot: NamedRobot, times: bool, **runs: Any) -> Answer:  # noqa: ANN401
+def _elastic(console: Console, *, robot: cli.NamedRobot, times: bool, **runs: Any) -> Answer:  # noqa: ANN401
     """Errors of every method for elastic joints on four sets of logs, clean and noisy."""
     return make_answer(robot.load(console).study_elastic(timed=times, **runs))
 
 
 @study_command.command("tracking")
-@robot_option(_ELASTIC, "two_link_elastic")
+@cli.robot_option(_ELASTIC, "two_link_elastic")
 @_runs_options(20)
-def _tracking(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
+def _tracking(console: Console, *, robot: cli.NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
     """Tracking errors of links with feed-forward of the identified model, another one, or none."""
     return make_answer(robot.load(console).study_tracking(seeds=seeds, seed=seed, jobs=jobs))
 
 
 @study_command.command("six-joints")
-@robot_option(_ELASTIC, "puma560_elastic")
+@cli.robot_option(_ELASTIC, "puma560_elastic")
 @_runs_options(1, jobs=False)
-def _six_joints(console: Console, *, robot: NamedRobot, seeds: int, seed: int) -> Answer:
+def _six_joints(console: Console, *, robot: cli.NamedRobot, seeds: int, seed: int) -> Answer:
     """Dynamics of an elastic six-axis arm, validated on a held-out motion."""
     return make_answer(robot.load(console).study_six_joints(seeds=seeds, seed=seed))
 
 
 @study_command.command("foreign")
-@METHOD.option("--arm", "2r, planar, or 3r, spatial.", click.Choice(("2r", "3r")), default="2r")
-@METHOD.option("--truths", "Hidden models, separated by commas.  [default: all]", metavar="NAME,...")
-@METHOD.option("--sizes", "Factors of what is foreign.", metavar="X,...", default="1")
-@METHOD.option("--share", "Part of the full length of the logs.", POSITIVE, "X", default=1.0)
+@cli.METHOD.option("--arm", "2r, planar, or 3r, spatial.", click.Choice(("2r", "3r")), default="2r")
+@cli.METHOD.option("--truths", "Hidden models, separated by commas.  [default: all]", metavar="NAME,...")
+@cli.METHOD.option("--sizes", "Factors of what is foreign.", metavar="X,...", default="1")
+@cli.METHOD.option("--share", "Part of the full length of the logs.", cli.POSITIVE, "X", default=1.0)
 @_runs_options(3)
 def _foreign(console: Console, *, truths: str | None, sizes: str, **runs: Any) -> Answer:  # noqa: ANN401
     """Errors of every method for elastic joints on hidden models that are not those of symid."""
@@ -330,7 +309,7 @@ def _foreign(console: Console, *, truths: str | None, sizes: str, **runs: Any) -
 @study_command.command("friction-tables")
 @_runs_options(1000, 0)
 @_times_option
-@output_option("Page with all tables and figures to write, .html.")
+@cli.output_option("Page with all tables and figures to write, .html.")
 def _friction_tables(
     console: Console,
     *,
@@ -341,23 +320,23 @@ def _friction_tables(
 ) -> Answer:
     """Tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs."""
     # Refuse an output that cannot be written before minutes of work.
-    check_output(output, force=force)
+    cli.check_output(output, force=force)
     found = symid.study_friction_tables(timed=times, progress=console.progress, **runs)
     return answer_saved(found, output, "report")
 
 
 @study_command.command("precision")
-@robot_argument(computes=True)
+@cli.robot_argument(computes=True)
 @_runs_options(400)
-def _precision(console: Console, *, robot: NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
+def _precision(console: Console, *, robot: cli.NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
     """Errors of identification against the Cramer-Rao bound, on five random excitations."""
     return make_answer(robot.load(console).study_precision(seeds=seeds, seed=seed, jobs=jobs))
 
 
 @study_command.command("cutoff")
-@robot_argument(computes=True)
-@click.argument("log", type=FILE)
-@settings_options
-def _cutoff(console: Console, *, robot: NamedRobot, log: Path, settings: dict[str, str]) -> Answer:
+@cli.robot_argument(computes=True)
+@click.argument("log", type=cli.FILE)
+@cli.settings_options
+def _cutoff(console: Console, *, robot: cli.NamedRobot, log: Path, settings: dict[str, str]) -> Answer:
     """Prediction error of a fit for several cut-offs of the position filter."""
     return make_answer(robot.load(console, settings=settings).study_cutoff(log))

@@ -9,34 +9,13 @@ from typing import Any
 import click
 
 import symid
+from symid.cli import options as cli
 from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import (
-    FILE,
-    INPUT,
-    METHOD,
-    OUTPUT,
-    WHOLE,
-    NamedRobot,
-    add_page,
-    backend_option,
-    check_output,
-    force_option,
-    friction_option,
-    open_option,
-    output_option,
-    page_option,
-    record_options,
-    robot_argument,
-    settings_options,
-    split_pairs,
-    take_record,
-    verb,
-)
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
 
 
-@verb("doctor")
+@cli.verb("doctor")
 def doctor_command(console: Console) -> Answer:
     """Check the installation: Python, packages, compiler, cache and shared files.
 
@@ -46,10 +25,10 @@ def doctor_command(console: Console) -> Answer:
     return make_answer(symid.doctor())
 
 
-@verb("demo")
-@backend_option
-@METHOD.option("--seed", "Random seed.", WHOLE, "N", default=0)
-@output_option("Folder for code, logs, estimate and report.  [default: demo]", folder=True)
+@cli.verb("demo")
+@cli.backend_option
+@cli.METHOD.option("--seed", "Random seed.", cli.WHOLE, "N", default=0)
+@cli.output_option("Folder for code, logs, estimate and report.  [default: demo]", folder=True)
 def demo_command(console: Console, *, backend: str, seed: int, output: Path | None, force: bool) -> Answer:
     """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
 
@@ -60,32 +39,36 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
     return make_answer(symid.demo(folder, seed=seed, backend=backend, force=force, progress=console.progress))
 
 
-@verb("new")
-@click.argument("file", metavar="ROBOT.toml", type=FILE)
-@INPUT.option("--from-urdf --from-mjcf urdf", "Convert a URDF or an MJCF model (MuJoCo).", FILE, "FILE")
-@record_options(symid.DraftOptions, "base", "tip")
-@INPUT.option("--from-dh table", "Read a CSV table of Denavit-Hartenberg rows.", FILE, "FILE")
-@record_options(symid.DraftOptions, "convention", "gravity")
-@INPUT.option(
+@cli.verb("new")
+@click.argument("file", metavar="ROBOT.toml", type=cli.FILE)
+@cli.INPUT.option(
+    "--from-urdf --from-mjcf urdf", "Convert a URDF or an MJCF model (MuJoCo).", cli.FILE, "FILE"
+)
+@cli.record_options(symid.DraftOptions, "base", "tip")
+@cli.INPUT.option("--from-dh table", "Read a CSV table of Denavit-Hartenberg rows.", cli.FILE, "FILE")
+@cli.record_options(symid.DraftOptions, "convention", "gravity")
+@cli.INPUT.option(
     "--from name", "Copy the file of an existing robot, or convert its URDF or MJCF.", metavar="ROBOT"
 )
-@INPUT.option("--log", "Log of the robot: its columns and their units become the [log] table.", FILE, "LOG")
-@INPUT.option(
+@cli.INPUT.option(
+    "--log", "Log of the robot: its columns and their units become the [log] table.", cli.FILE, "LOG"
+)
+@cli.INPUT.option(
     "--columns",
     "Columns of a quantity (time, position, torque, velocity), one for each joint; topic=NAME: the topic "
     "of a bag.  [default: recognised by name]",
     multiple=True,
     metavar="QUANTITY=NAME,...",
 )
-@INPUT.option(
+@cli.INPUT.option(
     "--units",
     "Unit of the columns, one for each or one for all, if the log states none or a wrong one.",
     multiple=True,
     metavar="QUANTITY=UNIT,...",
 )
-@friction_option
-@record_options(symid.DraftOptions, "rotors", "gear", "torque_constant")
-@force_option
+@cli.friction_option
+@cli.record_options(symid.DraftOptions, "rotors", "gear", "torque_constant")
+@cli.force_option
 def new_command(
     console: Console,
     *,
@@ -108,20 +91,22 @@ def new_command(
     if file.suffix.lower() != ".toml":
         text = f"{file}: a robot file needs the suffix .toml, such as {file.stem}.toml"
         raise UsageError(Notice(code="usage.suffix", text=text))
-    check_output(file, force=force, inputs=(urdf, table, log))
+    cli.check_output(file, force=force, inputs=(urdf, table, log))
     code, shape = "usage.quantity", "QUANTITY=..., such as"
     draft = symid.new_robot(
         urdf=urdf,
         table=table,
         robot=name,
         log=log,
-        columns=split_pairs("--columns", columns, f"{shape} --columns position=NAME,NAME", code, once=True),
-        units=split_pairs("--units", units, f"{shape} --units position=deg", code, once=True),
+        columns=cli.split_pairs(
+            "--columns", columns, f"{shape} --columns position=NAME,NAME", code, once=True
+        ),
+        units=cli.split_pairs("--units", units, f"{shape} --units position=deg", code, once=True),
         friction=friction,
-        options=take_record(symid.DraftOptions, options),
+        options=cli.take_record(symid.DraftOptions, options),
         progress=console.progress,
     )
-    check_output(file, force=force, inputs=(draft.source,))
+    cli.check_output(file, force=force, inputs=(draft.source,))
     draft.save(file)
     notices = [
         replace(entry, file=str(file)) if entry.code == "new.gravity" else entry for entry in draft.notices
@@ -141,20 +126,23 @@ def new_command(
 _TOO_LITTLE = 4
 
 
-@verb("check")
-@robot_argument(computes=True)
-@click.argument("logs", nargs=-1, metavar="[LOG]...", type=FILE)
-@friction_option
-@settings_options
-@OUTPUT.option(
-    "--resample", "Write an evenly sampled copy of the log (.npz or .csv) with all its columns.", FILE, "FILE"
+@cli.verb("check")
+@cli.robot_argument(computes=True)
+@click.argument("logs", nargs=-1, metavar="[LOG]...", type=cli.FILE)
+@cli.friction_option
+@cli.settings_options
+@cli.OUTPUT.option(
+    "--resample",
+    "Write an evenly sampled copy of the log (.npz or .csv) with all its columns.",
+    cli.FILE,
+    "FILE",
 )
-@page_option
-@force_option
+@cli.page_option
+@cli.force_option
 def check_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     logs: tuple[Path, ...],
     friction: str | None,
     settings: dict[str, str],
@@ -169,21 +157,21 @@ def check_command(
     quarters of the parameters are identifiable.
     """
     model = robot.load(console, settings=settings, friction=friction)
-    check_output(resample, page, force=force, inputs=(model.path, *logs))
+    cli.check_output(resample, page, force=force, inputs=(model.path, *logs))
     found = model.check(*logs, resample=resample)
-    return add_page(make_answer(found, exit_code=_TOO_LITTLE), found, page)
+    return cli.add_page(make_answer(found, exit_code=_TOO_LITTLE), found, page)
 
 
-@verb("plot")
-@robot_argument()
-@click.argument("file", required=False, metavar="[LOG|TRAJECTORY|FIT]", type=FILE)
-@INPUT.option(
+@cli.verb("plot")
+@cli.robot_argument()
+@click.argument("file", required=False, metavar="[LOG|TRAJECTORY|FIT]", type=cli.FILE)
+@cli.INPUT.option(
     "--pose", "Coordinates at which the robot is drawn, rad or m.  [default: 0]", metavar="Q1,Q2,..."
 )
-@output_option("Figures to write, .html or .svg.", required=True)
-@open_option
+@cli.output_option("Figures to write, .html or .svg.", required=True)
+@cli.open_option
 def plot_command(
-    console: Console, *, robot: NamedRobot, file: Path | None, pose: str | None, output: Path, force: bool
+    console: Console, *, robot: cli.NamedRobot, file: Path | None, pose: str | None, output: Path, force: bool
 ) -> Answer:
     """Draw the robot, a log, a trajectory or a fit as one self-contained file.
 
@@ -191,7 +179,7 @@ def plot_command(
     `symid check` found in it; a trajectory its motion beside the limits; a fit its parameters or curves.
     """
     model = robot.load(console)
-    check_output(output, force=force, inputs=(model.path, file))
+    cli.check_output(output, force=force, inputs=(model.path, file))
     try:
         values = None if pose is None else [float(part) for part in pose.split(",")]
     except ValueError as error:

@@ -10,57 +10,40 @@ import click
 import symid
 from symid import Fit, RobotModel
 from symid.api import pair_parts
+from symid.cli import options as cli
 from symid.cli.call import Answer, Console, answer_saved, make_answer
-from symid.cli.options import (
-    FILE,
-    INPUT,
-    OUTPUT,
-    NamedRobot,
-    accept_option,
-    add_page,
-    check_output,
-    force_option,
-    friction_option,
-    output_option,
-    page_option,
-    record_options,
-    robot_argument,
-    settings_options,
-    take_record,
-    verb,
-)
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
 from symid.options import FleetOptions, HysteresisOptions, PayloadOptions, list_options
 
 
-@verb("identify")
-@robot_argument(computes=True)
-@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=FILE)
-@INPUT.option(
+@cli.verb("identify")
+@cli.robot_argument(computes=True)
+@click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=cli.FILE)
+@cli.INPUT.option(
     "--train",
     "Part of each log to fit, in seconds or per cent of its duration, such as 2.5:30 or 0:60%; give it once, "
     "or once for each log.",
     metavar="START:END",
     multiple=True,
 )
-@INPUT.option(
+@cli.INPUT.option(
     "--test",
     "Part of each log to predict with the fit, such as 60%:, without overlap with --train; likewise.",
     metavar="START:END",
     multiple=True,
 )
-@record_options(symid.IdentifyOptions)
-@settings_options
-@friction_option
-@record_options(symid.LawOptions, beside=symid.IdentifyOptions)
-@output_option("Write the result as JSON, for `validate`, `report` and `export`.")
-@page_option
-@accept_option
+@cli.record_options(symid.IdentifyOptions)
+@cli.settings_options
+@cli.friction_option
+@cli.record_options(symid.LawOptions, beside=symid.IdentifyOptions)
+@cli.output_option("Write the result as JSON, for `validate`, `report` and `export`.")
+@cli.page_option
+@cli.accept_option
 def identify_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     logs: tuple[Path, ...],
     rows: str | None,
     method: str | None,
@@ -83,14 +66,14 @@ def identify_command(
     _check_mixed({**further, "method": method}, rows)
     # Wrong settings are refused before anything else.
     model = robot.load(console, settings=settings)
-    check_output(output, page, force=force, inputs=(model.path, *logs))
+    cli.check_output(output, page, force=force, inputs=(model.path, *logs))
     parts, tests = pair_parts(train, test, logs)
     before: Path | RobotModel | None = known
     if known is not None and known.suffix.lower() in (".urdf", ".xml", ".mjcf"):
         # Cut at the same links as ROBOT, where that is a URDF or MJCF.
-        before = replace(robot, name=str(known)).load(console)
+        before = replace(robot, source=str(known)).load(console)
     if rows == "friction":
-        law = take_record(symid.LawOptions, {**further, "known": before})
+        law = cli.take_record(symid.LawOptions, {**further, "known": before})
         laws = model.identify_friction(logs, train=parts, settings=settings, options=law)
         return _add_tests(answer_saved(laws, output, "result"), laws, tests, page)
     if method == "stiffness":
@@ -106,11 +89,13 @@ def identify_command(
             if value is not None:
                 settings[f"processing.{name}"] = value
         found = model.identify_stiffness(logs, train=parts, settings=settings, **cuts)
-        return add_page(answer_saved(found, output, "result"), found, page)
+        return cli.add_page(answer_saved(found, output, "result"), found, page)
     if further["prior"] not in (None, "robot"):
         # The deviation is a factor on those of an estimate.
         further |= {"prior_percent": None, "prior_factor": further["prior_percent"]}
-    options = take_record(symid.IdentifyOptions, {**further, "rows": rows, "method": method, "known": before})
+    options = cli.take_record(
+        symid.IdentifyOptions, {**further, "rows": rows, "method": method, "known": before}
+    )
     fit = model.identify(logs, train=parts, settings=settings, options=options)
     return _add_tests(answer_saved(fit, output, "estimate"), fit, tests, page)
 
@@ -118,7 +103,7 @@ def identify_command(
 def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]], page: Path | None) -> Answer:
     """Return the answer with what the fit predicts of parts of the logs, new notices, and the page."""
     if not tests:
-        return add_page(answer, fit, page)
+        return cli.add_page(answer, fit, page)
     found = [fit.validate(log, test=part) for log, part in tests]
     answer = replace(
         answer.add(found),
@@ -126,7 +111,7 @@ def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]], page
         result={**answer.result, "validations": [entry.to_dict() for entry in found]},
     )
     logs, parts = zip(*tests, strict=True)
-    return add_page(answer, fit, page, validation=logs, test=parts)
+    return cli.add_page(answer, fit, page, validation=logs, test=parts)
 
 
 _KNOWN = {**list_options(symid.LawOptions), **list_options(symid.IdentifyOptions)}
@@ -153,35 +138,35 @@ def _check_mixed(options: Mapping[str, object], rows: str | None) -> None:
         raise UsageError(Notice(code="usage.mixed-options", text=text))
 
 
-@verb("payload")
-@robot_argument(computes=True)
-@click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=FILE)
-@INPUT.option(
+@cli.verb("payload")
+@cli.robot_argument(computes=True)
+@click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=cli.FILE)
+@cli.INPUT.option(
     "--empty",
     "Estimate or log without the payload; repeat the option for several logs.",
-    FILE,
+    cli.FILE,
     "EMPTY",
     multiple=True,
     required=True,
 )
-@record_options(PayloadOptions)
-@OUTPUT.option(
+@cli.record_options(PayloadOptions)
+@cli.OUTPUT.option(
     "--for controller",
     "Print the payload as this controller takes it: Universal Robots or Franka.",
     click.Choice(("ur", "franka")),
 )
-@OUTPUT.option(
+@cli.OUTPUT.option(
     "--frame",
     "With --for: the flange, a link of the URDF, or x,y,z,roll,pitch,yaw in the link frame (m, rad).  "
     "[default: the link frame]",
     metavar="LINK",
 )
-@output_option("Write the result as JSON.")
-@page_option
+@cli.output_option("Write the result as JSON.")
+@cli.page_option
 def payload_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     loaded: tuple[Path, ...],
     empty: tuple[Path, ...],
     controller: str | None,
@@ -200,34 +185,38 @@ def payload_command(
         text = "--frame is the flange of a controller; name that by --for, or leave --frame out"
         raise UsageError(Notice(code="usage.payload-frame", text=text))
     model = robot.load(console)
-    check_output(output, page, force=force, inputs=(model.path, *loaded, *empty))
+    cli.check_output(output, page, force=force, inputs=(model.path, *loaded, *empty))
     found = model.payload(loaded, empty, **options)
     if controller is None:
-        return add_page(answer_saved(found, output, "payload"), found, page)
+        return cli.add_page(answer_saved(found, output, "payload"), found, page)
     command = found.for_controller(controller, frame)
     lines = [] if output is None else [f"payload: {show_path(found.save(output))}"]
     answer = make_answer(
         found, command.text, *lines, notices=command.notices, file=output, controller=asdict(command)
     )
-    return add_page(answer, found, page)
+    return cli.add_page(answer, found, page)
 
 
-@verb("hysteresis")
-@click.argument("file", metavar="FILE", type=FILE)
-@INPUT.option(
+@cli.verb("hysteresis")
+@click.argument("file", metavar="FILE", type=cli.FILE)
+@cli.INPUT.option(
     "--input", "Column of the input, such as a torsion; data[1] is the second column of data.", metavar="NAME"
 )
-@INPUT.option("--output", "Column of the output, such as a torque.", metavar="NAME")
-@INPUT.option("--time", "Column of the time, s; without it no model depends on the speed.", metavar="NAME")
-@INPUT.option("--validate", "Recording to predict, with the same columns.", FILE, "FILE")
-@record_options(HysteresisOptions)
-@OUTPUT.option("-o --save", "Write the fit as JSON, which is a FILE for this verb, too.", FILE, "FILE")
-@page_option
-@OUTPUT.option("--code", "Write the element and its inverse as code.", FILE, "FOLDER")
-@OUTPUT.option("--target", "Of --code.", click.Choice(("c", "python", "casadi")), default="c")
-@OUTPUT.option("--precision", "Of --code in C.", click.Choice(("double", "float")), default="double")
-@force_option
-@accept_option
+@cli.INPUT.option("--output", "Column of the output, such as a torque.", metavar="NAME")
+@cli.INPUT.option(
+    "--time", "Column of the time, s; without it no model depends on the speed.", metavar="NAME"
+)
+@cli.INPUT.option("--validate", "Recording to predict, with the same columns.", cli.FILE, "FILE")
+@cli.record_options(HysteresisOptions)
+@cli.OUTPUT.option(
+    "-o --save", "Write the fit as JSON, which is a FILE for this verb, too.", cli.FILE, "FILE"
+)
+@cli.page_option
+@cli.OUTPUT.option("--code", "Write the element and its inverse as code.", cli.FILE, "FOLDER")
+@cli.OUTPUT.option("--target", "Of --code.", click.Choice(("c", "python", "casadi")), default="c")
+@cli.OUTPUT.option("--precision", "Of --code in C.", click.Choice(("double", "float")), default="double")
+@cli.force_option
+@cli.accept_option
 def hysteresis_command(
     console: Console,
     *,
@@ -250,8 +239,14 @@ def hysteresis_command(
     are those of the file. FILE is a recording, or a fit that was written with -o.
     """
     saved = symid.hysteresis.is_saved(file)
-    _check_columns(names, saved=saved, chosen=bool(model or passive), validate=validate)
-    check_output(save, page, force=force, inputs=(file, validate))
+    mistakes = []
+    if (validate is not None or not saved) and not (names["input"] and names["output"]):
+        mistakes.append("--input and --output: name the columns of the recording")
+    if saved and (model or passive):
+        mistakes.append("--model and --passive: this file is a fit; give the recording to fit another model")
+    if mistakes:
+        raise UsageError(*(Notice(code="usage.columns", text=text) for text in mistakes))
+    cli.check_output(save, page, force=force, inputs=(file, validate))
     if saved:
         fit = symid.hysteresis.load(file)
     else:
@@ -273,32 +268,18 @@ def hysteresis_command(
     return make_answer(fit, *lines, **added).add([] if tried is None else [tried])
 
 
-def _check_columns(
-    names: Mapping[str, str | None], *, saved: bool, chosen: bool, validate: Path | None
-) -> None:
-    """Raise a UsageError for columns that are missing, or options that a fit that is there cannot take."""
-    mistakes = []
-    needed = not saved or validate is not None
-    if needed and not (names["input"] and names["output"]):
-        mistakes.append("--input and --output: name the columns of the recording")
-    if saved and chosen:
-        mistakes.append("--model and --passive: this file is a fit; give the recording to fit another model")
-    if mistakes:
-        raise UsageError(*(Notice(code="usage.columns", text=text) for text in mistakes))
-
-
 def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hysteresis.Columns":
     x, y = names["input"] or "", names["output"] or ""
     return symid.hysteresis.read_columns(file, x=x, y=y, t=names["time"])
 
 
-@verb("fleet")
-@click.argument("study", metavar="STUDY.toml", type=FILE)
-@record_options(FleetOptions)
-@output_option(
+@cli.verb("fleet")
+@click.argument("study", metavar="STUDY.toml", type=cli.FILE)
+@cli.record_options(FleetOptions)
+@cli.output_option(
     "Folder for results; what is there is not computed again.  [default: the name of STUDY]",
-    OUTPUT.option("--table", "Write all values, .parquet or .csv.", FILE, "FILE"),
-    OUTPUT.option("--page", "Write one HTML page.", FILE, "PAGE"),
+    cli.OUTPUT.option("--table", "Write all values, .parquet or .csv.", cli.FILE, "FILE"),
+    cli.OUTPUT.option("--page", "Write one HTML page.", cli.FILE, "PAGE"),
     folder=True,
 )
 def fleet_command(
@@ -320,7 +301,7 @@ def fleet_command(
     if cluster is not None and executor not in {None, "dask"}:
         text = f"--cluster needs the executor dask, got {executor}; leave one of both out"
         raise UsageError(Notice(code="usage.cluster", text=text))
-    check_output(table, page, force=force, inputs=(study,))
+    cli.check_output(table, page, force=force, inputs=(study,))
     found = symid.fleet.run(
         study,
         output or study.with_suffix(""),

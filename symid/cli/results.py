@@ -7,81 +7,58 @@ from typing import Any
 import click
 
 import symid
-from symid import ElasticFit, RigidFit
+from symid import ElasticFit
 from symid.api import compare_fit, export_fit, load_other
+from symid.cli import options as cli
 from symid.cli.call import Answer, Console, make_answer
-from symid.cli.options import (
-    FILE,
-    INPUT,
-    METHOD,
-    OUTPUT,
-    POSITIVE,
-    PROCESSING,
-    WHOLE,
-    NamedRobot,
-    accept_option,
-    add_page,
-    check_output,
-    force_option,
-    open_option,
-    output_option,
-    page_option,
-    record_options,
-    robot_argument,
-    robot_option,
-    settings_options,
-    split_pairs,
-    take_record,
-    verb,
-)
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
 from symid.options import ExportOptions
 
 
-@verb("validate")
-@robot_argument(computes=True)
-@click.argument("estimate", type=FILE)
-@click.argument("log", type=FILE)
-@INPUT.option(
+@cli.verb("validate")
+@cli.robot_argument(computes=True)
+@click.argument("estimate", type=cli.FILE)
+@click.argument("log", type=cli.FILE)
+@cli.INPUT.option(
     "--test",
     "Part of LOG to predict, such as 60%: after `identify --train 0:60%`; a number without a unit has that "
     "of --train, or is in seconds.  [default: all of it]",
     metavar="START:END",
 )
-@OUTPUT.option(
+@cli.OUTPUT.option(
     "--gate",
     "Limit of the mean relative residual of the joints; for elastic joints, of each table.",
-    POSITIVE,
+    cli.POSITIVE,
     "PERCENT",
 )
-@PROCESSING.option(
+@cli.PROCESSING.option(
     "--band",
     "Compare torques at the full sample rate, the measured one and the one predicted from the states of "
     "the fit with the same low-pass filter, without half a second at either end; --gate applies to this "
     "value.",
-    POSITIVE,
+    cli.POSITIVE,
     "HZ",
 )
-@METHOD.option(
+@cli.METHOD.option(
     "--tracking",
     "Elastic joints: simulate the tracking of another motion with feed-forward of ESTIMATE; the "
     "robot file must state the true values.",
     is_flag=True,
 )
-@METHOD.option("--against", "With --tracking: a second estimate to compare with.", FILE, "ESTIMATE")
-@METHOD.option(
+@cli.METHOD.option("--against", "With --tracking: a second estimate to compare with.", cli.FILE, "ESTIMATE")
+@cli.METHOD.option(
     "--seed",
     "With --tracking: follow a random motion of this seed.  [default: tc for two joints, else 1]",
-    WHOLE,
+    cli.WHOLE,
     "N",
 )
-@settings_options
-@accept_option
+@cli.settings_options
+@cli.accept_option
 def validate_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     estimate: Path,
     log: Path,
     test: str | None,
@@ -105,14 +82,8 @@ def validate_command(
     if tracking and not isinstance(fit, ElasticFit):
         text = "--tracking needs an estimate of elastic joints with their springs; leave it out"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(estimate)))
-    if band is not None and not isinstance(fit, RigidFit):
-        kind = "elastic joints" if isinstance(fit, ElasticFit) else "a law of friction"
-        text = f"--band needs an estimate of base parameters, and this one is of {kind}; leave it out"
-        raise UsageError(Notice(code="usage.no-band", text=text, file=str(fit.file)))
-    if isinstance(fit, RigidFit):
+    if not isinstance(fit, ElasticFit) or not tracking or band is not None:
         return make_answer(fit.validate(log, test=test, gate=gate, band=band, settings=settings))
-    if not isinstance(fit, ElasticFit) or not tracking:
-        return make_answer(fit.validate(log, test=test, gate=gate, settings=settings))
     other = None if against is None else symid.load_fit(against)
     if other is not None and not isinstance(other, ElasticFit):
         text = "--against: expected an estimate of elastic joints"
@@ -121,31 +92,33 @@ def validate_command(
     return make_answer(fit.track(log, against=others, seed=seed, test=test, gate=gate, settings=settings))
 
 
-@verb("compare")
-@robot_argument()
-@click.argument("estimate", type=FILE)
-@click.argument("others", nargs=-1, required=True, metavar="OTHER...", type=FILE)
-@INPUT.option("--name", "Table column of names or groups.", metavar="COLUMN")
-@INPUT.option("--value", "Table column of values.", metavar="COLUMN")
-@INPUT.option("--deviation", "Table column of standard deviations.", metavar="COLUMN")
-@INPUT.option(
+@cli.verb("compare")
+@cli.robot_argument()
+@click.argument("estimate", type=cli.FILE)
+@click.argument("others", nargs=-1, required=True, metavar="OTHER...", type=cli.FILE)
+@cli.INPUT.option("--name", "Table column of names or groups.", metavar="COLUMN")
+@cli.INPUT.option("--value", "Table column of values.", metavar="COLUMN")
+@cli.INPUT.option("--deviation", "Table column of standard deviations.", metavar="COLUMN")
+@cli.INPUT.option(
     "--deviation-unit",
     "Unit of the table's standard deviations.  [default: by the name of their column]",
     click.Choice(("absolute", "percent")),
 )
-@INPUT.option(
+@cli.INPUT.option(
     "--read-as",
     'Read a group of a table as another sum, such as "fv5 = fv5 + fvm6".',
     multiple=True,
     metavar="GROUP=SUM",
 )
-@METHOD.option("--gate", "Limit of the largest difference, in standard deviations.", POSITIVE, "SIGMA")
-@page_option
-@force_option
+@cli.METHOD.option(
+    "--gate", "Limit of the largest difference, in standard deviations.", cli.POSITIVE, "SIGMA"
+)
+@cli.page_option
+@cli.force_option
 def compare_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     estimate: Path,
     others: tuple[Path, ...],
     read_as: tuple[str, ...],
@@ -160,32 +133,34 @@ def compare_command(
     gate is missed.
     """
     model, expected = robot.load(console).description, 'GROUP = SUM, such as "fv5 = fv5 + fvm6"'
-    readings = split_pairs("--read-as", read_as, expected, "usage.read-as", once=True)
-    check_output(page, force=force, inputs=(estimate, *others))
+    readings = cli.split_pairs("--read-as", read_as, expected, "usage.read-as", once=True)
+    cli.check_output(page, force=force, inputs=(estimate, *others))
     found = compare_fit(model, estimate, others, read_as=readings, progress=console.progress, **options)
-    return add_page(make_answer(found), found, page)
+    return cli.add_page(make_answer(found), found, page)
 
 
-@verb("report")
-@click.argument("estimate", type=FILE)
-@INPUT.option("--validation logs", "Held-out log to predict; may be repeated.", FILE, "LOG", multiple=True)
-@INPUT.option(
+@cli.verb("report")
+@click.argument("estimate", type=cli.FILE)
+@cli.INPUT.option(
+    "--validation logs", "Held-out log to predict; may be repeated.", cli.FILE, "LOG", multiple=True
+)
+@cli.INPUT.option(
     "--test",
     "Part of the logs of --validation to predict, as in `validate`; give it once, or once for each log.",
     metavar="START:END",
     multiple=True,
 )
-@METHOD.option(
+@cli.METHOD.option(
     "--diagnose",
     "Read the logs of the fit again: identifiability, essential parameters, bootstrap, drift, and "
     "which term the residual misses.",
     is_flag=True,
 )
-@robot_option("Robot of the logs.  [default: the name in ESTIMATE]")
-@settings_options
-@output_option("Page to write.", required=True)
-@open_option
-@accept_option
+@cli.robot_option("Robot of the logs.  [default: the name in ESTIMATE]")
+@cli.settings_options
+@cli.output_option("Page to write.", required=True)
+@cli.open_option
+@cli.accept_option
 def report_command(
     console: Console,
     *,
@@ -193,7 +168,7 @@ def report_command(
     logs: tuple[Path, ...],
     test: tuple[str, ...],
     diagnose: bool,
-    robot: NamedRobot | None,
+    robot: cli.NamedRobot | None,
     settings: dict[str, str],
     output: Path,
     force: bool,
@@ -214,38 +189,38 @@ def report_command(
             f"give --validation LOG, or leave {'them' if given[1:] else 'it'} out"
         )
         raise UsageError(Notice(code="usage.no-validation", text=text))
-    check_output(output, force=force, inputs=(estimate, *logs))
+    cli.check_output(output, force=force, inputs=(estimate, *logs))
     other = load_other(estimate)
     if other is not None:
         given = ["--validation"] * bool(logs) + ["--diagnose"] * diagnose
         if given:
             text = f"{', '.join(given)} needs an estimate of dynamics or friction; leave it out"
             raise UsageError(Notice(code="usage.no-validation", text=text, file=str(estimate)))
-        written = add_page(make_answer(other), other, output)
+        written = cli.add_page(make_answer(other), other, output)
         return replace(
             written, text=f"report: {show_path(output)}", result={**written.result, "file": output}
         )
     fit = symid.load_fit(estimate, None if robot is None else robot.load(console), progress=console.progress)
     if logs or diagnose:
-        check_output(output, force=True, inputs=(fit.robot.path,))
+        cli.check_output(output, force=True, inputs=(fit.robot.path,))
     return make_answer(
         fit.report(output, validation=logs, test=test or None, settings=settings, diagnose=diagnose)
     )
 
 
-@verb("export")
-@robot_argument()
-@click.argument("estimate", required=False, type=FILE)
-@output_option(
+@cli.verb("export")
+@cli.robot_argument()
+@click.argument("estimate", required=False, type=cli.FILE)
+@cli.output_option(
     "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C), .json.",
-    record_options(ExportOptions, "precision"),
-    OUTPUT.option("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
-    record_options(ExportOptions, "accept", "limit"),
+    cli.record_options(ExportOptions, "precision"),
+    cli.OUTPUT.option("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
+    cli.record_options(ExportOptions, "accept", "limit"),
 )
 def export_command(
     console: Console,
     *,
-    robot: NamedRobot,
+    robot: cli.NamedRobot,
     estimate: Path | None,
     output: Path | None,
     in_place: bool,
@@ -266,9 +241,9 @@ def export_command(
             "give the file to write (-o FILE), or --in-place for the file that ROBOT was made from; not both"
         )
         raise UsageError(Notice(code="usage.export-file", text=text))
-    options = take_record(ExportOptions, values)
+    options = cli.take_record(ExportOptions, values)
     model = robot.load(console)
-    check_output(output, force=force, inputs=(model.path, estimate))
+    cli.check_output(output, force=force, inputs=(model.path, estimate))
     if estimate is None:
         if output is None:
             text = "--in-place writes the values of ESTIMATE; give one"

@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Literal, final
+from typing import Literal, NamedTuple, final
 
 import numpy as np
 from scipy.special import chdtri, ndtr
@@ -94,27 +94,32 @@ class RobotChange:
         return (self.after - self.before) / self.std
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Series:
-    """One quantity of one robot over its nights: values and deviations (n,)."""
+class _Key(NamedTuple):
+    """One quantity of one robot, of fits of one kind."""
 
     name: str
     quantity: str
     residual: bool
     unit: str
     kind: tuple[str | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Series:
+    """A quantity over its nights: values and deviations (n,)."""
+
+    of: _Key
     nights: tuple[str, ...]
     values: FloatArray
     stds: FloatArray
 
 
-_Named = tuple[str, str, bool, str, tuple[str | None, ...]]
 _FEWEST_ROBOTS = 20
 """Series of one quantity from which on their scatter is compared with the stated deviations."""
 
 
 def _collect_series(rows: Iterable[FleetRow]) -> list[_Series]:
-    found: dict[_Named, list[tuple[str, float, float]]] = defaultdict(list)
+    found: dict[_Key, list[tuple[str, float, float]]] = defaultdict(list)
     for row in rows:
         kind: tuple[str | None, ...] = (row.job.robot, row.job.rows, row.job.estimator, row.job.friction)
         for entry in row.values:
@@ -122,23 +127,13 @@ def _collect_series(rows: Iterable[FleetRow]) -> list[_Series]:
             value = entry.value if not entry.residual else math.log(max(entry.value, 1e-300))
             if entry.residual or 0.0 < entry.std < math.inf:
                 point = (row.job.night, value, 1.0 if entry.residual else entry.std)
-                found[row.job.name, entry.name, entry.residual, entry.unit, kind].append(point)
+                unit = "" if entry.residual else entry.unit
+                found[_Key(row.job.name, entry.name, entry.residual, unit, kind)].append(point)
     series = []
-    for (name, quantity, residual, unit, kind), points in found.items():
+    for key, points in found.items():
         nights, values, stds = zip(*sorted(points), strict=True)
         if nights[0] != nights[-1]:
-            series.append(
-                _Series(
-                    name=name,
-                    quantity=quantity,
-                    residual=residual,
-                    unit="" if residual else unit,
-                    kind=kind,
-                    nights=nights,
-                    values=np.array(values),
-                    stds=np.array(stds),
-                )
-            )
+            series.append(_Series(key, nights, np.array(values), np.array(stds)))
     return series
 
 
@@ -152,9 +147,8 @@ def compute_scatter(series: Sequence[_Series]) -> dict[tuple[object, ...], float
         weights = entry.stds**-2
         mean = float(weights @ entry.values / weights.sum())
         square = float(weights @ (entry.values - mean) ** 2)
-        ratios[entry.kind, entry.quantity, entry.residual].append(
-            square / float(chdtri(len(weights) - 1, 0.5))
-        )
+        ratio = square / float(chdtri(len(weights) - 1, 0.5))
+        ratios[entry.of.kind, entry.of.quantity, entry.of.residual].append(ratio)
     factors = {}
     for key, found in ratios.items():
         known = math.sqrt(float(np.median(found))) if len(found) >= _FEWEST_ROBOTS else math.nan
@@ -174,14 +168,14 @@ def _test_series(entry: _Series, factor: float) -> RobotChange:
     place = int(np.argmax(np.where(cuts, z, -1.0)))
     single = 2.0 * float(ndtr(-z[place]))
     return RobotChange(
-        name=entry.name,
-        quantity=entry.quantity,
-        residual=entry.residual,
+        name=entry.of.name,
+        quantity=entry.of.quantity,
+        residual=entry.of.residual,
         since=entry.nights[place + 1],
         before=float(above[place] / before[place]),
         after=float(rest[place] / after[place]),
         std=float(std[place]),
-        unit=entry.unit,
+        unit=entry.of.unit,
         p=-math.expm1(int(cuts.sum()) * math.log1p(-min(single, 1.0 - 1e-16))),
         adjusted=1.0,
         values=tuple(entry.values.tolist()),
@@ -211,12 +205,8 @@ def find_changes(
     """Return the changes that are no chance, the surest first; see the top of this file."""
     series = _collect_series(rows)
     factors = compute_scatter(series)
-    keys = [(entry.kind, entry.quantity, entry.residual) for entry in series]
-    tested = [
-        _test_series(entry, factors[key])
-        for entry, key in zip(series, keys, strict=True)
-        if factors[key] > 0.0
-    ]
+    known = [(entry, factors[entry.of.kind, entry.of.quantity, entry.of.residual]) for entry in series]
+    tested = [_test_series(entry, factor) for entry, factor in known if factor > 0.0]
     if not tested:
         return ()
     adjusted = adjust_probabilities(np.array([entry.p for entry in tested]), control)
@@ -311,14 +301,8 @@ class Fleet(PagedResult):
         )
         rows = [
             (
-                *(
-                    entry.name,
-                    _name_quantity(entry),
-                    entry.since,
-                    f"{entry.before:.5g}",
-                    f"{entry.after:.5g}",
-                ),
-                *(f"{entry.sigma:+.1f}", f"{entry.adjusted:.1g}", entry.unit),
+                *(entry.name, _name_quantity(entry), entry.since, f"{entry.before:.5g}"),
+                *(f"{entry.after:.5g}", f"{entry.sigma:+.1f}", f"{entry.adjusted:.1g}", entry.unit),
             )
             for entry in found[:_MOST_SHOWN]
         ]

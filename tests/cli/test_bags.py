@@ -77,25 +77,3 @@ def test_one_command_identifies_from_a_bag(bag, tmp_path):
             np.testing.assert_array_equal(getattr(other, channel), getattr(log, channel), err_msg=str(copy))
     if name == "ur10":
         assert identify(urdf, copies[0], *options)["result"]["parameters"] == parameters
-
-
-def test_a_bag_with_jitter_and_a_gap_is_resampled_and_says_so(bag, tmp_path):
-    name, urdf, options, path = bag
-    found = read_messages(path)
-    period = 8_000_000 if name == "ur10" else 33_333_000
-    rng = np.random.default_rng(6)
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    with rosbag2.Writer(tmp_path / "copy", version=9) as writer:
-        connection = writer.add_connection("/joint_states", STATE, typestore=store)
-        for k, (received, _, message) in enumerate(found):
-            late = int(rng.uniform(0.0, 0.2) * period)
-            if k not in {200, 201}:
-                moved = received + late
-                message.header.stamp.sec, message.header.stamp.nanosec = divmod(moved, 10**9)
-                writer.write(connection, moved, store.serialize_cdr(message, STATE))
-    log = symid.read_log(tmp_path / "copy", symid.load(urdf, **({"tip": options[1]} if options else {})))
-    (text,) = (notice.text for notice in log.notices if notice.code == "log.resampled")
-    assert f"{len(found) - 2} samples became {len(log)} at every" in text
-    assert "% RMS, but for gaps; longest: 0." in text
-    assert "1 gaps of up to 10 periods were interpolated over" in text
-    np.testing.assert_allclose(np.diff(log.time), log.period, rtol=1e-6)

@@ -80,18 +80,8 @@ def test_the_lines_of_friction_with_a_state(blocks, c_compiler, tmp_path):
     )
     (tmp_path / "main.c").write_text(BRISTLES.format(values=values, block=lines))
     sources = [path.name for path in tmp_path.glob("symid_arm*.c") if "test" not in path.name]
-    command = [
-        c_compiler,
-        "-std=c99",
-        "-Wall",
-        "-Wextra",
-        "-Werror",
-        "main.c",
-        *sources,
-        "-lm",
-        "-o",
-        "robot",
-    ]
+    flags = ("-std=c99", "-Wall", "-Wextra", "-Werror")
+    command = [c_compiler, *flags, "main.c", *sources, "-lm", "-o", "robot"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     said = subprocess.run([tmp_path / "robot"], capture_output=True, text=True, check=True).stdout

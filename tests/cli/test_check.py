@@ -8,7 +8,7 @@ import pytest
 from symid.cli.main import run
 from symid.codegen.cache import prepare_library
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, do, fail, say
+from tests.calls import ask, do, fail
 
 
 def codes(answer):
@@ -80,13 +80,6 @@ def test_expected_deviations_are_those_of_an_identification(capsys, write):
     ratios = [expected[entry["name"]] / entry["relative_std_percent"] for entry in found]
     assert len(ratios) == 12
     assert all(0.5 < ratio < 2.0 for ratio in ratios)
-
-
-def test_the_text_marks_the_rank(write):
-    out = say("check", "two_link", write())
-    assert "12 of 12" in out
-    assert " |\n" in out
-    assert "parameter  verdict" in out
 
 
 @pytest.mark.parametrize("joint", [0, 1])
@@ -226,9 +219,6 @@ class TestTimes:
         truth = np.column_stack([np.interp(t, columns["t"], column) for column in columns["q"].T])
         assert np.abs(q - truth).max() < 0.01
         assert do("check", "two_link", output)["result"]["logs"][0]["timing"]["even"]
-
-    def test_what_exists_is_not_written_over(self, uneven):
-        assert fail("check", "two_link", uneven, "--resample", uneven) == (3, "output.is-input")
 
     def test_one_log_at_a_time(self, uneven, tmp_path):
         assert fail("check", "two_link", uneven, uneven, "--resample", tmp_path / "even.npz") == (

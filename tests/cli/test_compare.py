@@ -136,24 +136,6 @@ def test_values_that_are_plainly_different_find_no_term(ours, values, tmp_path):
     assert answer["result"]["accepted"] is False
 
 
-def test_the_text_has_the_table_and_the_words(capsys, ours, values, tmp_path):
-    table = plant_coupling(values, tmp_path / "table.csv")
-    arguments = ["compare", "tx40", str(ours), str(table)]
-    assert run(arguments) == 0
-    first = capsys.readouterr()
-    assert run(arguments) == 0
-    assert capsys.readouterr().out == first.out
-    lines = first.out.splitlines()
-    assert lines[2].split() == ["group", "other", "std", "ours", "std", "in", "std"]
-    assert (
-        "59 of 61 within 2 deviations (58 expected), 59 of 61 within 3 deviations (61 expected)" in first.out
-    )
-    assert "chi-square" in first.out
-    assert "probability below 1e-12; " in first.out
-    assert "largest differences\n  Fv" in first.out
-    assert first.out.splitlines()[-1].endswith(", exactly")
-
-
 def test_all_mistakes_of_a_table_are_told_at_once(ours, tmp_path):
     rows = [("Izz1", 1, 0.1), ("fv1", "one", 0.1), ("what", 1, 0.1), ("fv2", 1, -1), ("fv3", 1)]
     table = write_table(tmp_path / "table.csv", rows)
@@ -357,30 +339,6 @@ def test_a_gate_without_any_deviation_cannot_be_passed(capsys, arm, tmp_path):
     assert answer["result"]["others"][0]["judged"] == 0
     assert run(["compare", str(folder / "arm.toml"), str(tmp_path / "ours.json"), str(table)]) == 0
     assert "--deviation" in capsys.readouterr().err
-
-
-def test_doubts_of_an_estimate_are_passed_on(arm, tmp_path):
-    from symid.errors import Notice
-
-    folder, robot = arm
-    doubt = Notice(code="identify.pattern", text="deviations are up to 2.9 times too small")
-    estimate = dataclasses.replace(build_estimate(robot), notices=(doubt,))
-    write_fit(estimate, tmp_path / "ours.json")
-    table = write_table(tmp_path / "table.csv", [("fv1", 1.0, 0.1)])
-    answer = do("compare", folder / "arm.toml", tmp_path / "ours.json", table)
-    assert [(entry["code"], entry["text"]) for entry in answer["warnings"]] == [
-        ("compare.pattern", "deviations are up to 2.9 times too small")
-    ]
-
-
-def test_an_estimate_without_covariance_says_so(arm, tmp_path):
-    folder, robot = arm
-    write_fit(build_estimate(robot), tmp_path / "ours.json")
-    bare = dataclasses.replace(build_estimate(robot, sources=("other.npz",)), covariance=())
-    write_fit(bare, tmp_path / "bare.json")
-    answer = do("compare", folder / "arm.toml", tmp_path / "ours.json", tmp_path / "bare.json")
-    assert list_codes(answer) == ["compare.no-covariance"]
-    assert answer["warnings"][0]["file"] == str(tmp_path / "bare.json")
 
 
 def store_elastic(robot, path, shift=0.0):

@@ -11,33 +11,21 @@ import time
 import click
 import pytest
 
+from symid import errors
 from symid.cli.call import VERBS, symid
-from symid.errors import (
-    EstimateError,
-    GenerationError,
-    IdentifiabilityError,
-    InputError,
-    LogError,
-    Notice,
-    OutputError,
-    RobotError,
-    SolverError,
-    SymidError,
-    UsageError,
-)
 from tests.calls import ask, call, fail, hear, say
 
 CODES = {
-    SymidError: 70,
-    UsageError: 2,
-    InputError: 3,
-    RobotError: 3,
-    LogError: 3,
-    EstimateError: 3,
-    OutputError: 3,
-    GenerationError: 70,
-    IdentifiabilityError: 4,
-    SolverError: 5,
+    errors.SymidError: 70,
+    errors.UsageError: 2,
+    errors.InputError: 3,
+    errors.RobotError: 3,
+    errors.LogError: 3,
+    errors.EstimateError: 3,
+    errors.OutputError: 3,
+    errors.GenerationError: 70,
+    errors.IdentifiabilityError: 4,
+    errors.SolverError: 5,
 }
 
 FIVE_MISTAKES = """\
@@ -124,8 +112,8 @@ def test_five_mistakes_are_said_at_once_each_with_its_place(tmp_path):
 
 @pytest.mark.parametrize(("kind", "expected"), CODES.items())
 def test_every_error_has_its_exit_code(monkeypatch, kind, expected):
-    error = kind(Notice(code="test.code", text="words", file="a.toml", line=3, column=4))
-    with pytest.raises((SymidError, InputError, OutputError, SolverError)):
+    error = kind(errors.Notice(code="test.code", text="words", file="a.toml", line=3, column=4))
+    with pytest.raises((errors.SymidError, errors.InputError, errors.OutputError, errors.SolverError)):
         raise error
     fail_with(monkeypatch, error)
     code, answer = ask("check", "two_link")

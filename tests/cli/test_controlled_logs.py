@@ -243,11 +243,6 @@ def test_options_of_others_are_refused(folder, logs, options):
     assert refuse(*order) == (2, ["usage.mixed-options"])
 
 
-def test_a_slip_in_the_name_is_met_with_the_name(folder, logs):
-    order = ("identify", folder / "arm.toml", logs["output-error"][0], "--estimator", "output_error")
-    assert "filtered-instrumental, output-error" in hear(2, "usage.unknown-estimator", *order)
-
-
 @both
 def test_a_reference_in_degrees_is_refused(folder, logs, tmp_path, estimator):
     degrees = {"q_ref": np.rad2deg, "dq_ref": np.rad2deg}

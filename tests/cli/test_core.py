@@ -3,21 +3,15 @@
 import json
 import subprocess
 import sys
-from contextlib import redirect_stdout
-from io import StringIO
 
 import casadi as ca
 import pytest
 
-from symid.cli.main import run as run_cli
+from tests.calls import do
 
 
 def run(*arguments):
-    printed = StringIO()
-    with redirect_stdout(printed):
-        code = run_cli([*map(str, arguments), "--json", "-q"])
-    assert code == 0, printed.getvalue()
-    return json.loads(printed.getvalue())["result"]
+    return do(*arguments)["result"]
 
 
 def test_python_runs_the_package():

@@ -8,23 +8,11 @@ from tests.calls import ask, do, fail, say
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory):
-    """Return two logs of two_link with noisy sensors."""
-    folder = tmp_path_factory.mktemp("logs")
-    paths = []
-    for seed in (3, 4):
-        paths.append(folder / f"run{seed}.npz")
-        arguments = ["simulate", "two_link", "-o", str(paths[-1]), "--noise", "0.5", "--seed", str(seed)]
-        do(*arguments)
-    return paths
-
-
-@pytest.fixture(scope="module")
-def estimate(logs):
-    """Return the estimate from the first log."""
-    path = logs[0].parent / "estimate.json"
-    do("identify", "two_link", logs[0], "--drop-first", "2000", "-o", path)
-    return path
+def logs(log):
+    """Return two logs with noisy sensors."""
+    other = log.with_name("other.npz")
+    do("simulate", "two_link", "-o", other, "--noise", "0.5", "--seed", "4")
+    return log, other
 
 
 def test_residual_within_a_band(logs, estimate):
@@ -100,16 +88,6 @@ def test_a_report_with_a_diagnosis(logs, estimate, tmp_path):
     first = page.read_bytes()
     do(*call, "--force")
     assert page.read_bytes() == first
-
-
-def test_a_diagnosis_in_words(logs, tmp_path):
-    both = tmp_path / "both.json"
-    fit = ["identify", "two_link", *map(str, logs), "--drop-first", "2000", "--rows", "momentum"]
-    do(*fit, "--estimator", "wls", "-o", both)
-    out = say("report", both, "--diagnose", "-o", tmp_path / "page.html")
-    assert "(12 of 12)" in out
-    assert "(> 2 sigma)" in out
-    assert "of 12 parameters differ" in out
 
 
 def test_energy_rows_have_no_diagnosis(logs, tmp_path):

@@ -9,7 +9,7 @@ import pytest
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
 from symid.identification.stored import read_fit
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, call, change_json, do, fail, find_codes, find_texts, hear, list_codes, say
+from tests.calls import ask, change_json, do, fail, find_codes, find_texts, hear, list_codes, say
 
 ROBOT = "two_link_elastic"
 SHORT = ("--duration", "6")
@@ -74,16 +74,6 @@ def test_validate_predicts_an_unseen_log(folder, estimate):
     assert result["tables"][0]["residual"] == first
     assert result["tracking"] is None
     assert "validate.fitted-log" not in find_codes(answer)
-
-
-def test_validate_misses_a_gate(folder, estimate):
-    code, answer = ask("validate", ROBOT, estimate, folder / "tc.npz", "--gate", "0.01")
-    assert code == 1
-    assert not answer["result"]["accepted"]
-    assert answer["errors"][0]["code"] == "validate.gate-missed"
-    _, out, _ = call("validate", ROBOT, estimate, folder / "tc.npz", "--gate", "0.01")
-    out = " ".join(out.split())
-    assert all(table["caption"] in out for table in answer["result"]["tables"])
 
 
 def test_the_gate_is_missed_by_wrong_springs_too(folder, estimate, tmp_path):

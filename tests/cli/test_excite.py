@@ -1,10 +1,7 @@
 """`symid excite` from the command line: figures of the panda, a file that is followed, refusals."""
 
-import json
 import re
 import shlex
-from contextlib import redirect_stdout
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -63,21 +60,17 @@ def test_the_panda_is_excited_better_than_by_a_thousand_random_trajectories(tmp_
 @pytest.fixture(scope="module")
 def trajectory(tmp_path_factory):
     """Return a file with a trajectory of the arm, and the parameters that it is for."""
-    path, printed = tmp_path_factory.mktemp("excite") / "traj.csv", StringIO()
-    with redirect_stdout(printed):
-        assert run(["excite", "two_link", *QUICK, "-o", str(path), "--json", "-q"]) == 0
-    return path, json.loads(printed.getvalue())["result"]["parameters"]
+    path = tmp_path_factory.mktemp("excite") / "traj.csv"
+    return path, do("excite", "two_link", *QUICK, "-o", path)["result"]["parameters"]
 
 
 def test_excite_simulate_identify(tmp_path, trajectory):
     """The way of an engineer: a trajectory, a log along it, parameters that are those of the robot file."""
     (path, parameters), log = trajectory, tmp_path / "log.csv"
-    code, simulated = ask("simulate", "two_link", "--trajectory", path, "-o", log)
-    assert code == 0
+    simulated = do("simulate", "two_link", "--trajectory", path, "-o", log)
     assert simulated["result"]["trajectory"] == "trajectory traj.csv"
     assert simulated["result"]["duration"] == 10.0
-    code, found = ask("identify", "two_link", log)
-    assert code == 0
+    found = do("identify", "two_link", log)
     for entry in found["result"]["parameters"]:
         assert entry["relative_std_percent"] < 2.0
     assert len(found["result"]["parameters"]) == len(parameters)

@@ -2,15 +2,12 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from symid.cli.main import run
 from symid.dynamics.base_parameters import compute_parameter_values, derive_base_parameters
-from symid.dynamics.physical_consistency import build_identified_robot
-from symid.joint_models.hysteresis import Elasticity, Stop
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, do, fail, hear, list_codes
+from tests.calls import ask, do, hear, list_codes
 
 
 @pytest.fixture(scope="module")
@@ -32,18 +29,6 @@ def test_the_file_has_the_identified_values(identified, tmp_path):
         assert values[entry["name"]] == pytest.approx(entry["value"], rel=1e-9, abs=1e-9)
 
 
-def test_what_is_no_robot_file_or_another_model_is_refused(identified, tmp_path):
-    assert fail("export", "two_link", identified / "estimate.json", "-o", tmp_path / "x.txt") == (
-        2,
-        "usage.suffix",
-    )
-    changed = json.loads((identified / "estimate.json").read_text(encoding="utf-8"))
-    other = tmp_path / "other.json"
-    other.write_text(json.dumps(changed | {"signature": "0" * 64}), encoding="utf-8")
-    assert fail("export", "two_link", other, "-o", tmp_path / "x.toml") == (3, "estimate.signature")
-    assert not (tmp_path / "x.toml").exists()
-
-
 def test_values_of_no_bodies_are_said_and_the_nearest_are_written(identified, tmp_path):
     changed = json.loads((identified / "estimate.json").read_text(encoding="utf-8"))
     for entry in changed["parameters"]:
@@ -63,20 +48,3 @@ def test_values_of_no_bodies_are_said_and_the_nearest_are_written(identified, tm
     assert "export.inconsistent" in codes
     assert "export.not-identified" in codes
     assert "ZZ2" in answer["result"]["blamed"]
-
-
-def test_an_elastic_robot_gets_its_rotors_and_springs(robots_folder):
-    robot = read_robot(robots_folder / "two_link_elastic.toml")
-    base = derive_base_parameters(robot)
-    values = {name: 1.02 * value for name, value in compute_parameter_values(robot, base).items()}
-    springs = (
-        Elasticity(stiffness=300.0, stops=(Stop(threshold=0.01, stiffness=50.0),)),
-        Elasticity(stiffness=80.0),
-    )
-    found = build_identified_robot(
-        robot, base, values, rotors={"IA1": 0.26, "IA2": 0.04}, elasticity=springs
-    ).robot
-    assert [joint.elasticity for joint in found.joints] == list(springs)
-    assert [joint.drive.rotor_inertia for joint in found.joints] == [0.26, 0.04]
-    again = compute_parameter_values(found, base)
-    np.testing.assert_allclose([again[name] for name in values], list(values.values()), rtol=1e-9, atol=1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from symid.cli.main import run
-from tests.calls import ask, do, fail, hear, list_codes, say
+from tests.calls import ask, do, fail, list_codes, say
 
 pytestmark = pytest.mark.usefixtures("shared_work")
 
@@ -139,23 +139,6 @@ def test_a_log_that_has_changed_is_named(capsys, folder, tmp_path):
     assert run([*map(str, call), "--force", "-q"]) == 0
     moved = answer["result"]["diagnosis"]["refit"]["largest_difference_stds"]
     assert f"{moved:.1g} standard deviations" in capsys.readouterr().out
-
-
-def test_settings_without_a_log_to_try_are_refused(estimate, tmp_path):
-    call = (
-        "report",
-        estimate,
-        "--diagnose",
-        "--set",
-        "processing.filter_cutoff=9",
-        "-o",
-        tmp_path / "x.html",
-    )
-    assert fail(*call) == (2, "usage.no-validation")
-
-
-def test_one_log_is_tried_at_a_time(folder, estimate, runs):
-    assert "lists 3 runs" in hear(2, "usage.one-log", "validate", folder / "arm.toml", estimate, runs)
 
 
 def test_a_page_of_momentum_rows_takes_a_coarse_log(capsys, folder, tmp_path):

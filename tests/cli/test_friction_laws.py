@@ -24,14 +24,6 @@ def test_friction_laws_are_part_of_the_library(tmp_path):
     assert {"symid_emps_friction_laws.h", "symid_emps_friction_laws.c"} <= set(manifest["files"])
 
 
-def test_friction_laws_are_in_c_alone(tmp_path):
-    assert fail("generate", "emps", "--friction-laws", "--target", "python", "-o", tmp_path / "code") == (
-        2,
-        "usage.friction-laws",
-    )
-    assert not (tmp_path / "code").exists()
-
-
 CURVED = """
 name = "slide"
 convention = "modified"
@@ -146,15 +138,6 @@ def test_laws_of_single_joints_are_given_by_name(tmp_path):
         assert "did you mean elbow?" in told
         assert "did you mean stribeck or" in told
     assert fail("base", "two_link", "--friction", "elbow=coulomb") == (2, "usage.friction-auto")
-
-
-@pytest.mark.parametrize("name", [name for name in OLD_NAMES if not get_law(OLD_NAMES[name]).shape])
-def test_a_law_is_chosen_by_its_name_of_today_and_by_that_of_earlier_versions(name):
-    found = []
-    for option in (name, OLD_NAMES[name]):
-        answer = do("base", "two_link", "--friction", option)
-        found.append(answer["result"])
-    assert found[0] == found[1]
 
 
 @pytest.mark.parametrize("name", [name for name in OLD_NAMES if not get_law(OLD_NAMES[name]).shape])

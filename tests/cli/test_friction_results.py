@@ -166,14 +166,6 @@ def test_another_log_is_foretold(identify, axis_log, other_log):
     assert "validate.fitted-log" in find_codes(do("validate", "emps", result, axis_log))
 
 
-def test_a_missed_gate_is_exit_code_one(identify, other_log):
-    result = identify("coulomb-viscous-offset")
-    code, answer = ask("validate", "emps", result, other_log, "--gate", "0.01")
-    assert (code, find_codes(answer) & {"validate.gate-missed"}) == (1, {"validate.gate-missed"})
-    assert answer["result"]["accepted"] is False
-    do("validate", "emps", result, other_log, "--gate", "99")
-
-
 def test_processing_of_the_fit_is_followed_and_may_be_set(identify, other_log):
     result = identify("coulomb-viscous-offset")
     answer = do("validate", "emps", result, other_log)

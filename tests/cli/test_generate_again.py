@@ -5,12 +5,9 @@ import os
 import shutil
 import subprocess
 import sys
-from contextlib import redirect_stdout
-from io import StringIO
 
 import pytest
 
-from symid.cli.main import run as run_cli
 from tests.calls import ask, do, fail, say
 
 ROBOT = "emps"
@@ -27,11 +24,8 @@ def target(request):
 def first(target, tmp_path_factory):
     """Make a folder once for all tests of a target; return it and the answer."""
     folder = tmp_path_factory.mktemp(target) / "code"
-    printed = StringIO()
-    with redirect_stdout(printed):
-        code = run_cli(["generate", ROBOT, "--target", target, "-o", str(folder), "--json", "-q"])
-    result = json.loads(printed.getvalue())["result"]
-    assert (code, result["unchanged"]) == (0, False)
+    result = do("generate", ROBOT, "--target", target, "-o", folder)["result"]
+    assert not result["unchanged"]
     return folder, result
 
 

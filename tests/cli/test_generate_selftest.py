@@ -141,17 +141,7 @@ def test_many_at_once_leave_what_the_last_of_them_made(tmp_path, project):
     choices = (("base", "double"), ("standard", "double"), ("base", "float"))
     runs = []
     for parameters, precision in choices:
-        command = [
-            sys.executable,
-            "-m",
-            "symid",
-            "generate",
-            "two_link",
-            "--function",
-            "gravity",
-            "-o",
-            str(folder),
-        ]
+        command = [sys.executable, "-m", "symid", "generate", *NAMES, "-o", str(folder)]
         command += ["--parameters", parameters, "--precision", precision, "--json", "-q"]
         pipe = subprocess.PIPE
         runs.append(subprocess.Popen(command, env=environment, stdout=pipe, stderr=pipe, text=True))
@@ -159,7 +149,7 @@ def test_many_at_once_leave_what_the_last_of_them_made(tmp_path, project):
     assert [run.returncode for run in runs] == [0, 0, 0], said
     found = []
     for parameters, precision in choices:
-        order = ("two_link", "--function", "gravity", "--parameters", parameters, "--precision", precision)
+        order = (*NAMES, "--parameters", parameters, "--precision", precision)
         before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
         copy = shutil.copytree(folder, tmp_path / f"{parameters}_{precision}")
         answer = do("generate", *order, "-o", copy)

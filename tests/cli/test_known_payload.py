@@ -82,10 +82,6 @@ def test_a_diagnosis_reads_the_runs_as_the_fit_did(folder, tmp_path):
     assert "diagnosis.other-values" not in codes
 
 
-def test_check_knows_it(folder):
-    assert "log.torque-sign" not in list_codes(do("check", "two_link", folder / "alone.toml"))
-
-
 @pytest.mark.parametrize(
     ("robot", "options", "what"),
     [

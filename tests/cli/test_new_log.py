@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 import symid
-from symid.logs.files import RawLog, split_heading
-from symid.logs.headings import read_headings
 from symid.logs.reader import read_recording
 from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
@@ -229,37 +227,52 @@ def test_the_log_is_an_input(folder):
     assert refuse("new", "log.toml", *SOURCE, "--log", "log.toml", "--force") == (3, ["output.is-input"])
 
 
-def test_logs_of_known_programs_are_known(folder):
-    names = (f"field.{name}{k}" for name in ("position", "effort") for k in range(3))
-    write_log(folder, ",".join(("%time", *names)))
-    answer = do(*order())
-    assert answer["result"]["log"]["preset"] == "ros"
-    log = read_robot(folder / "arm.toml").log
-    assert (log.preset, log.position) == ("ros", None)
-    assert "new.preset" in list_codes(answer)
+PRESETS = {
+    "ur-rtde": [
+        "timestamp",
+        *(f"actual_q_{k}" for k in range(3)),
+        *(f"actual_current_{k}" for k in range(3)),
+    ],
+    "franka": ["time", *(f"q[{k}]" for k in range(3)), *(f"tau_J[{k}]" for k in range(3))],
+    "ros": ["%time", *(f"field.position{k}" for k in range(3)), *(f"field.effort{k}" for k in range(3))],
+    "symid": ["t [s]", "q1 [rad]", "q2 [rad]", "q3 [m]", "tau1 [N m]", "tau2 [N m]", "tau3 [N]"],
+}
 
 
-def read_heading(heading, robots_folder):
-    (joint, *_) = read_robot(robots_folder / "two_link.toml").joints
-    name, unit = split_heading(heading)
-    raw = RawLog(columns={name: np.zeros(3)}, units={} if unit is None else {name: unit})
-    (found,) = read_headings(raw, (joint,))
-    return found
+@pytest.mark.parametrize("preset", PRESETS)
+def test_logs_of_known_programs_are_known(folder, preset):
+    heading = ",".join(PRESETS[preset])
+    write_log(folder, heading)
+    text = (folder / "log.csv").read_text().splitlines()
+    if preset in {"ros", "franka"}:  # nanoseconds, milliseconds
+        scale = 1e9 if preset == "ros" else 1e3
+        rows = [line.split(",") for line in text[1:]]
+        text[1:] = [",".join((f"{float(row[0]) * scale:.0f}", *row[1:])) for row in rows]
+        (folder / "log.csv").write_text("\n".join(text) + "\n")
+    constants = ("--torque-constant", "0.1,0.1,0.1") if preset == "ur-rtde" else ()
+    answer = do(*order(*constants))
+    assert answer["result"]["log"]["preset"] == preset
+    robot = read_robot(folder / "arm.toml")
+    assert (robot.log.preset, robot.log.position) == (preset, None)
+    assert read_recording(folder / "log.csv", robot).period == pytest.approx(0.01)
+    assert ("new.preset" in list_codes(answer)) == (preset != "symid")
 
 
 @pytest.mark.parametrize(
-    ("headings", "words", "number"),
-    [
-        (("waist angle [deg]", "waist_pos_deg", "WaistPosition (deg)"), ("waist",), None),
-        (("actual waist position (deg)",), ("waist",), None),
-        (("q1 [deg]", "joint1 [deg]", "q_1 [deg]", "Joint_01_Position [deg]"), ("1",), 1),
-    ],
+    ("unit", "codes"), [("foo", ["new.wrong-unit"] * 2), ("A", ["new.mixed-units", "new.torque-constant"])]
 )
-def test_headings_are_read_as_words(headings, words, number, robots_folder):
-    for heading in headings:
-        found = read_heading(heading, robots_folder)
-        assert (found.quantity, found.unit, found.commanded) == ("position", "deg", False)
-        assert (found.words, found.number) == (words, number)
+def test_names_of_symid_with_other_units_are_read_as_any_others(folder, unit, codes):
+    write_log(folder, ",".join(PRESETS["symid"]).replace("N m", unit))
+    assert refuse(*order()) == (3, codes)
+
+
+def test_a_known_name_with_a_unit_of_its_own_is_read_as_it_says(folder):
+    heading = ",".join(name.replace("time", "time [s]").replace("2]", "2] [m]") for name in PRESETS["franka"])
+    write_log(folder, heading)
+    code, answer = ask(*order())
+    assert code == 3
+    assert "new.no-unit" in list_codes(answer, "errors")
+    assert "for 'q[0]', 'q[1]'; " in answer["errors"][0]["text"]
 
 
 def test_arrays_and_single_joints_need_no_numbers(folder):

@@ -5,22 +5,6 @@ import pytest
 from tests.calls import ask, do, fail, find_codes, hear
 
 
-@pytest.fixture(scope="module")
-def log(tmp_path_factory):
-    """Return a log of two_link with noisy sensors."""
-    path = tmp_path_factory.mktemp("log") / "run.npz"
-    do("simulate", "two_link", "-o", path, "--noise", "0.5", "--seed", "3")
-    return path
-
-
-@pytest.fixture(scope="module")
-def estimate(log):
-    """Return the estimate from the log."""
-    path = log.parent / "estimate.json"
-    do("identify", "two_link", log, "--drop-first", "2000", "-o", path)
-    return path
-
-
 def test_identify_finds_the_truth(log):
     result = do("identify", "two_link", log, "--drop-first", "2000")["result"]
     assert result["settings"]["processing"]["drop_first"] == 2000

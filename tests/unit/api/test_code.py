@@ -1,7 +1,5 @@
 """Functions of a robot as code: compiled and called, written to a folder, as SymPy and CasADi objects."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -14,18 +12,6 @@ from tests.refusals import raises
 @pytest.fixture(scope="module")
 def lib(robot):
     return robot.compile()
-
-
-def test_kinetic_energy_is_half_the_mass_matrix_between_velocities(lib):
-    rng = np.random.default_rng(1)
-    q, dq = rng.normal(size=(2, 7, 2))
-    mass = lib.mass_matrix(q, lib.beta)
-    kinetic, potential = lib.energy(q, dq, lib.beta)
-    np.testing.assert_allclose(kinetic[:, 0], 0.5 * np.einsum("ki,kij,kj->k", dq, mass, dq), rtol=1e-13)
-    step = 1e-6 * np.eye(2)
-    slopes = [(lib.energy(q + s, dq, lib.beta).V - lib.energy(q - s, dq, lib.beta).V) / 2e-6 for s in step]
-    np.testing.assert_allclose(lib.gravity(q, lib.beta), np.hstack(slopes), atol=1e-8)
-    assert potential.shape == (7, 1)
 
 
 def test_a_batch_is_its_samples_and_lists_will_do(lib):
@@ -133,27 +119,6 @@ def test_casadi_computes_the_same(robot, lib):
     np.testing.assert_allclose(function(q[0], lib.beta).full(), lib.mass_matrix(q[0], lib.beta), rtol=1e-13)
     constant = robot.casadi("mass_matrix", constant=True)
     np.testing.assert_allclose(constant(q[0]).full(), lib.mass_matrix(q[0], lib.beta), rtol=1e-13)
-
-
-def test_sympy_computes_the_same(robot, lib):
-    gravity = robot.sympy("gravity")
-    q = np.array([0.3, -0.8])
-    (found,) = gravity.lambdify()(q, lib.beta)
-    np.testing.assert_allclose(np.ravel(found), lib.gravity(q, lib.beta), rtol=1e-12)
-    assert "pi" in robot.sympy("gravity", standard=True).inputs
-
-
-@pytest.mark.parametrize("target", ["python", "casadi"])
-def test_a_folder_is_written_once(robot, tmp_path, target):
-    made = robot.write(target, tmp_path / "code", functions=["gravity"])
-    assert (made.selftest, made.unchanged, list(made.operations)) == ("passed", False, ["gravity"])
-    assert all(path.is_file() for path in made.files)
-    again = robot.write(target, tmp_path / "code", functions=["gravity"])
-    assert again.unchanged
-    assert again.to_dict() == {**made.to_dict(), "unchanged": True}
-    json.dumps(made.to_dict())
-    assert "gravity" in str(made)
-    assert "self-test passed" in repr(made)
 
 
 @pytest.mark.parametrize(

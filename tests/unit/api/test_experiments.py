@@ -34,15 +34,6 @@ def simulate(robot, **options):
     return robot.simulate(options=SimulateOptions(**options))
 
 
-def test_numbers_of_any_type_set_the_controller(robot):
-    options = SimulateOptions(control_period=np.float32(2**-9))
-    same = SimulateOptions(control_period=2.0**-9)
-    plain = robot.simulate(bandwidth=10.0, duration=0.25, options=same)
-    found = robot.simulate(bandwidth=np.int64(10), duration=0.25, options=options)
-    assert found.q.tobytes() == plain.q.tobytes()
-    assert np.ptp(plain.q) > 0.0
-
-
 def test_a_file_repeats_the_states_of_the_trajectory(robot, found, tmp_path):
     path = tmp_path / "motion.csv"
     motion = read_trajectory(found.save(path, rate=100, periods=2), robot.description)

@@ -68,9 +68,7 @@ def test_files_logs_and_arrays_give_the_same_fit(robot, logs, fit):
     assert built.values == fit.values
 
 
-def test_a_log_given_twice_is_refused(robot, logs):
-    with pytest.raises(symid.UsageError, match="same log"):
-        robot.identify([logs[0], symid.read_log(logs[0], robot)])
+def test_no_log_is_refused(robot):
     with raises(symid.UsageError, "usage.no-log"):
         robot.identify([])
 

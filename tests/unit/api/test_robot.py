@@ -3,7 +3,6 @@
 import dataclasses
 import json
 
-import numpy as np
 import pytest
 
 import symid
@@ -121,19 +120,6 @@ def test_other_forms_hold_less():
     robot = symid.load("two_link")
     assert set(robot.derive_base("gravity")) < set(robot.base)
     assert robot.derive_base("torque") is robot.base
-
-
-def test_the_library_computes_on_the_backend_that_was_asked_for():
-    robot = symid.load("two_link")
-    state = [np.array([0.3, -0.7]), np.array([1.0, 2.0]), np.array([0.5, -0.5])]
-    beta = np.array([robot.base.values[name] for name in robot.base])
-    found = {}
-    for backend in ("c", "python", "casadi"):
-        library = robot.override(backend=backend).library
-        assert library.backend == backend
-        (found[backend],) = library.evaluate("inverse_dynamics", *state, beta)
-    assert found["python"] == pytest.approx(found["c"], rel=1e-12)
-    assert found["casadi"] == pytest.approx(found["c"], rel=1e-12)
 
 
 def test_fits_share_the_library_while_the_dynamics_are_the_robots_own():

@@ -351,12 +351,3 @@ def test_a_scheduler_that_is_lost_ends_the_fleet_and_keeps_what_is_done(tmp_path
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
     assert symid.fleet.run(jobs, tmp_path / "out", executor="serial").counts == {"refused": 40}
-
-
-def test_a_row_is_read_as_it_was_written(tmp_path):
-    store = view._Store(tmp_path)
-    value = running.FleetValue(name="q1", value=0.1, std=float("inf"), unit="N m", residual=True)
-    row = running.FleetRow(key="abc", job=FleetJob(robot="r", seed=2**62), status="done", values=(value,))
-    store.write(row)
-    assert store.read("abc") == row
-    assert json.loads((tmp_path / "abc.json").read_text())["job"]["seed"] == 2**62
