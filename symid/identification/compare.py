@@ -129,15 +129,6 @@ class ValueComparison:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReadingTrial:
-    """A term to try: `factor` times parameter `column` of ours, in the group number `group`."""
-
-    group: int
-    column: int
-    factor: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TriedReading:
     """The effect of a term in a group: z `before` and `after`, and by how much chi-square falls.
 
@@ -223,7 +214,7 @@ def compare_values(ours: StatedValues, theirs: StatedValues) -> ValueComparison:
 
 
 def try_readings(
-    change: FloatArray, ours: StatedValues, theirs: StatedValues, trials: Sequence[ReadingTrial]
+    change: FloatArray, ours: StatedValues, theirs: StatedValues, trials: Sequence[OpenReading]
 ) -> tuple[TriedReading, ...]:
     """Return the effect of each term that a group may hold on the agreement, the most likely one first.
 
@@ -274,11 +265,11 @@ def try_readings(
     return tuple(found)
 
 
-def add_readings(change: FloatArray, trials: Sequence[ReadingTrial]) -> FloatArray:
+def add_readings(change: FloatArray, trials: Sequence[OpenReading]) -> FloatArray:
     """Return T, (m, n), with terms added."""
     changed = np.array(change)
     for trial in trials:
-        changed[trial.group, trial.column] += trial.factor
+        changed[trial.group, trial.column] += float(trial.factor)
     return changed
 
 
@@ -646,10 +637,7 @@ def _try_all(
 ) -> tuple[list[tuple[OpenReading, TriedReading]], FloatArray]:
     """Return the effect of each reading, and the matrix with those that are decisive."""
     usable = [entry for entry in entries if entry.name in ours.names]
-    trials = [
-        ReadingTrial(group=entry.group, column=ours.names.index(entry.name), factor=float(entry.factor))
-        for entry in usable
-    ]
+    trials = [replace(entry, column=ours.names.index(entry.name)) for entry in usable]
     tried = try_readings(change, ours.values, theirs, trials)
     decisive = [trials[entry.trial] for entry in tried if entry.decisive]
     return [(usable[entry.trial], entry) for entry in tried], add_readings(change, decisive)

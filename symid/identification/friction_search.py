@@ -393,10 +393,7 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
     )
     grouped = [(entry.name, entry.expression) for entry in (*card.beta, *card.friction)]
     return replace(
-        estimate,
-        laws=laws,
-        parameters=parameters,
-        signature=compute_model_signature(robot, grouped),
+        estimate, laws=laws, parameters=parameters, signature=compute_model_signature(robot, grouped)
     )
 
 

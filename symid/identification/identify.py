@@ -431,11 +431,5 @@ def identify_robot_friction(
         "includes the losses of springs"
     )
     springs = () if described is robot else (Notice(code="friction.elastic", text=text),)
-    notices = (
-        *_list_log_notices(robot, recordings),
-        *springs,
-        *library.notices,
-        *found.notices,
-        *unused,
-    )
+    notices = (*_list_log_notices(robot, recordings), *springs, *library.notices, *found.notices, *unused)
     return Identification(estimate=found, notices=notices, backend=library.backend)

@@ -52,17 +52,12 @@ class DynamicLaw:
         parameters: in the order of the values that the functions take.
         level: (carrier, velocity, values) -> g > 0, N m or N: the largest torque of the bristles.
         damping: (carrier, values) -> sigma1 and fV.
-        formula: in ASCII; source, smoothness, passivity: sentences.
     """
 
     name: str
     parameters: tuple[LawParameter, ...]
     level: Callable[[Carrier[V], V, Sequence[V]], V]
     damping: Callable[[Carrier[V], Sequence[V]], tuple[V, V]]
-    formula: str
-    source: str
-    smoothness: str
-    passivity: str
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -194,10 +189,6 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
             parameters=(_STIFFNESS, _COULOMB),
             level=lambda _algebra, _velocity, values: values[1],
             damping=lambda algebra, _values: (algebra.zero, algebra.zero),
-            formula="dz/dt = v - sigma0 |v| / fC z, tau_f = sigma0 z",
-            source="Dahl 1968, exponent one",
-            smoothness="continuous in time; the slope of the torque over the position jumps at reversals",
-            passivity="passive for all positive parameters; it follows the path, not the speed",
         ),
         DynamicLaw(
             name="lugre",
@@ -217,13 +208,6 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
                 ),
             ),
             damping=lambda _algebra, values: (values[1], values[6]),
-            formula=(
-                "dz/dt = v - sigma0 |v| / g(v) z, g = fC + (fS - fC) exp(-|v / vs|^gamma), "
-                "tau_f = sigma0 z + sigma1 dz/dt + fV v"
-            ),
-            source="Canudas de Wit, Olsson, Astrom and Lischinsky 1995",
-            smoothness="torque continuous in time where the velocity is",
-            passivity="passive where fV >= sigma1 |fS - fC| / min(fC, fS); the state is bounded always",
         ),
     )
 }

@@ -344,7 +344,7 @@ def with_offset(law: FrictionLaw) -> FrictionLaw:
 _COULOMB_VISCOUS = build_law(
     "coulomb-viscous",
     "Fv Fc |  | fC fV",
-    columns=columns.compute_coulomb_viscous_columns,
+    columns=columns.compute_polynomial_columns,
     formula="fC sign(dq) + fV dq",
     source="Coulomb (1785), Reynolds (1886)",
 )

@@ -28,7 +28,7 @@ from symid.identification.elastic.methods import (
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import prepare_elastic_signals
 from symid.identification.elastic.validation import predict_elastic
-from symid.identification.stored import is_fit, read_fit, write_fit
+from symid.identification.stored import is_kind, read_fit, write_fit
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.logs.recording import cut_recording
 from symid.robot.toml_reader import read_robot
@@ -188,7 +188,7 @@ def test_the_bound_is_that_of_torque_rows_with_true_accelerations(arm, exact):
 
 def test_an_estimate_is_read_as_it_was_written(tmp_path, arm, estimate):
     path = write_fit(estimate, tmp_path / "estimate.json")
-    assert is_fit(path)
+    assert is_kind(path)
     assert read_fit(path, arm[1].card) == estimate
     fit = estimate.build_fit(arm[1].card)
     assert np.array_equal(fit.chi, values(estimate))

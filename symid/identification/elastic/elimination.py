@@ -180,12 +180,6 @@ def _integrate_equations(
     return design, windows.period * held.reshape(windows.count, windows.intervals, -1).sum(axis=1)
 
 
-def keep_band(count: int, period: float, edge: float) -> slice:
-    """Return the samples of rows in the band below `edge` Hz: twice the edge, without the filters' ends."""
-    cut = int(np.ceil(_CUT / (edge * period)))
-    return slice(cut, count - cut, max(1, round(0.5 / (edge * period))))
-
-
 def filter_band(
     library: Library, signals: ElasticSignals, edge: float
 ) -> tuple[slice, FloatArray, FloatArray]:
@@ -195,10 +189,10 @@ def filter_band(
     of friction stay in place. Noise of the rows is nearly independent.
     """
     period, torque = signals.period, signals.centred_torque
-    keep, low = (
-        keep_band(len(torque), period, edge),
-        partial(low_pass, period=period, cutoff=edge, order=_ORDER),
-    )
+    # Twice the edge, without the filters' ends.
+    cut = int(np.ceil(_CUT / (edge * period)))
+    keep = slice(cut, len(torque) - cut, max(1, round(0.5 / (edge * period))))
+    low = partial(low_pass, period=period, cutoff=edge, order=_ORDER)
     design = build_equations(
         library, signals, lambda values: differentiate_smooth(low(values), period), low, keep
     )

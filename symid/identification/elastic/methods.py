@@ -360,10 +360,8 @@ def compute_relative_deviations(work: ElasticEquations, fit: estimate.MethodFit)
 
 
 def _measure_sizes(work: ElasticEquations, chi: FloatArray) -> FloatArray:
-    """Return the sizes (p + n + pf,) of the dynamic parameters chi.
-
-    A parameter near zero is measured by what would matter: 5 % of a joint's torque through its column alone.
-    """
+    """Return the sizes (p + n + pf,) of the dynamic parameters chi."""
+    # One near zero is measured by what would matter: 5 % of a joint's torque through its column alone.
     size, matter = work.problem.sizes[1], np.full(len(chi), np.inf)
     for joint in range(size):
         own = work.rows.group % size == joint
@@ -484,10 +482,7 @@ _FAR, _NAMED = 3.0, 2
 def _measure_disagreement(
     work: ElasticEquations, fit: estimate.MethodFit, tolerated: float = 0.0
 ) -> tuple[float, int]:
-    """Return chi^2 of beta and IA of a fit about those of the weighted elimination, and their number.
-
-    Both are uncertain; a share `tolerated` of the parameters' sizes does not count.
-    """
+    """Return chi^2 of beta and IA about the weighted elimination's up to a share of sizes; their number."""
     plain = fit.covariance if fit.plain is None else fit.plain
     own = np.zeros_like(work.band.covariance) if plain is None else plain
     both = work.identifiable & np.isfinite(np.diag(own)) & np.isnan(work.problem.known)
@@ -506,13 +501,11 @@ def _widen(work: ElasticEquations, fit: estimate.MethodFit) -> estimate.MethodFi
 
 
 def _add_model_error(work: ElasticEquations, fit: estimate.MethodFit) -> estimate.MethodFit:
-    """Return a fit with variances that also count what no row shows: columns are made of measured states.
-
-    The torque of a joint may be off by a factor, and the direction of a link by an angle, which gives a part
-    of the largest of its kind to every parameter. Friction is what the rows show.
-    """
+    """Return a fit with variances that also count what no row shows: columns are made of measured states."""
     if fit.covariance is None:
         return fit
+    # The torque of a joint may be off by a factor, and the direction of a link by an angle, which gives a
+    # part of the largest of its kind to every parameter. Friction is what the rows show.
     card = work.problem.library.card
     kinds = [*((entry.joint, entry.unit) for entry in card.beta), *((joint.name,) for joint in card.joints)]
     values = np.abs(fit.chi[: len(kinds)])

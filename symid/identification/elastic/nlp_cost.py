@@ -320,10 +320,7 @@ def _join_blocks(
     rows: _TorqueRows,
     slides: NDArray[np.bool_] | None = None,
 ) -> Iterator[RowBlock]:
-    """Yield the blocks of motor and link equations, or their sum for rigid joints.
-
-    Motors that do not slide (M, n) have empty rows.
-    """
+    """Yield the blocks of motors, empty without `slides` (M, n), and links; of rigid joints one."""
     design, torque, drag, build, sums = rows
     count = problem.sizes[0]
     for joint, basis in enumerate(bases):

@@ -79,7 +79,22 @@ def list_refusals(
             end = f"it cannot be separated from {others}" if others else "it has no effect"
             refused.setdefault(name, f"{reason}: {end}")
     refused |= {k: v for k, v in _refuse_shapes(problem, search).items() if k not in refused}
-    refused |= _refuse_uncertain(problem, search, uncertainty, refused)
+    values = law.to_physical(search.linear, search.shape)
+    # Shape values, and what depends on a refused one, with deviations beyond half.
+    shapes = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if free}
+    # A value at its bound is known with the bound, and may well be zero.
+    known = {*refused, *(list_active_bounds(problem, search, uncertainty).keys() - shapes)}
+    uncertain: dict[str, str] = {}
+    # Values of the shape first: where one is refused, the terms that it bends are uncertain as well.
+    for bends in (True, False):
+        bent = bool(shapes & (refused.keys() | uncertain.keys()))
+        for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True):
+            other = entry.name.startswith("fS") or (bent and entry.lower == 0.0)
+            checked = entry.name in shapes if bends else other and entry.name not in shapes
+            if checked and entry.name not in known and std > 0.5 * abs(value):
+                unit = entry.unit_prismatic if problem.samples.prismatic else entry.unit
+                uncertain[entry.name] = f"its standard deviation, {std:.3g} {unit}, exceeds half its value"
+    refused |= uncertain
     place = next((k for k, entry in enumerate(law.shape) if entry.name == "dq0"), None)
     if place is not None and "dq0" in refused:
         # What acts only inside the zone about standstill is refused with the zone.
@@ -146,28 +161,6 @@ def _is_as_good(
     gain = float(residual @ residual) - search.objective
     rounding = 1e-20 * float(problem.target @ problem.target)
     return gain <= float(scipy.special.chdtri(freedom, 1e-4)) * variance + rounding
-
-
-def _refuse_uncertain(
-    problem: FrictionProblem, search: FrictionSearch, uncertainty: Uncertainty, refused: dict[str, str]
-) -> dict[str, str]:
-    """Return the reason for shape values, and what depends on a refused one, with deviations beyond half."""
-    law = problem.law
-    values = law.to_physical(search.linear, search.shape)
-    shapes = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if free}
-    # A value at its bound is known with the bound, and may well be zero.
-    known = {*refused, *(list_active_bounds(problem, search, uncertainty).keys() - shapes)}
-    uncertain: dict[str, str] = {}
-    # Values of the shape first: where one is refused, the terms that it bends are uncertain as well.
-    for bends in (True, False):
-        bent = bool(shapes & (refused.keys() | uncertain.keys()))
-        for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True):
-            other = entry.name.startswith("fS") or (bent and entry.lower == 0.0)
-            checked = entry.name in shapes if bends else other and entry.name not in shapes
-            if checked and entry.name not in known and std > 0.5 * abs(value):
-                unit = entry.unit_prismatic if problem.samples.prismatic else entry.unit
-                uncertain[entry.name] = f"its standard deviation, {std:.3g} {unit}, exceeds half its value"
-    return uncertain
 
 
 def list_fit_notices(

@@ -319,9 +319,7 @@ def _prepare_at_cutoffs(recording: Recording, processing: Processing, cutoffs: F
     most = len(recording.time) // 20
     first, last = (min(spoilt, most) for spoilt in regression.measure_moving_ends(lowest, [recording]))
     cut = replace(
-        processing,
-        drop_first=max(first, processing.drop_first),
-        drop_last=max(last, processing.drop_last),
+        processing, drop_first=max(first, processing.drop_first), drop_last=max(last, processing.drop_last)
     )
     found = {one: prepare_signals(recording, replace(cut, filter_cutoff=float(one))) for one in cutoffs}
 

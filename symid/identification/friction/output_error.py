@@ -107,26 +107,25 @@ def simulate_axis(
     period: float,
     start: tuple[float, float, float],
     *,
-    substeps: int = 1,
     rates: bool = False,
 ) -> FloatArray:
     """Return positions and velocities at the samples of a force, and their derivatives: (2, N) or more.
 
     `values` (p,) are the model's `parameters`; `force` (N,) N m or N is held over each `period` (s); `start`:
-    position, velocity and time at the first sample. One of `substeps` a period is exact for laws that are
-    linear by direction. `rates` adds exact derivatives: p rows of dx/dvalues, p of dv/dvalues.
+    position, velocity and time at the first sample. `rates` adds exact derivatives: p rows of dx/dvalues, p
+    of dv/dvalues.
     """
     state = np.zeros(2 * (1 + len(values)) if rates else 2)
     state[:2] = start[:2]
     if len(force) == 1:
         return state[:, None]
     inputs = np.vstack([force[:-1], start[2] + period * np.arange(len(force) - 1)])
-    run = _build_run(model, len(inputs[0]), period, substeps, rates=rates)
+    run = _build_run(model, len(inputs[0]), period, rates=rates)
     return np.column_stack([state, np.asarray(run(state, inputs, values))])
 
 
 @lru_cache(maxsize=64)
-def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
+def _build_run(model: AxisModel, steps: int, period: float, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
     count = len(model.parameters)
     state, inputs = casadi.SX.sym("z", 2), casadi.SX.sym("u", 2)
     values = casadi.SX.sym("p", count)
@@ -138,10 +137,7 @@ def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, ra
     total = sum((values[1 + k] * column for k, column in enumerate(columns)), casadi.SX(0.0))
     slope = casadi.jacobian(total, own["velocity"])
     friction = casadi.Function("friction", [*own.values(), values], [total, slope])
-    short = period / substeps
-    after = state
-    for k in range(substeps):
-        after = _move(friction, after, inputs[0], inputs[1] + k * short, values, short)
+    after = _move(friction, state, inputs[0], inputs[1], values, period)
     if not rates:
         step = casadi.Function("step", [state, inputs, values], [after], {"allow_free": False})
         return step.mapaccum("run", steps)
@@ -271,13 +267,6 @@ def split_windows(windows: Sequence[Window], samples: float) -> tuple[Window, ..
     return tuple(parts)
 
 
-def estimate_axis_start(run: AxisRun, first: int) -> tuple[float, float, float]:
-    """Return position, velocity and time at the last of the 20 samples from `first` on."""
-    moments = run.period * (np.arange(GIVEN) - (GIVEN - 1))
-    curve = np.polyfit(moments, run.position[first : first + GIVEN], 2)
-    return float(curve[2]), float(curve[1]), run.begin + run.period * (first + GIVEN - 1)
-
-
 def compute_output_error(
     model: AxisModel,
     values: FloatArray,
@@ -297,7 +286,9 @@ def compute_output_error(
         skipped = left_out or Window(0, 0)
         counted = (samples < skipped.first) | (samples >= skipped.last)
         force = run.force[window.first + GIVEN - 1 : window.last]
-        start = estimate_axis_start(run, window.first)
+        moments = run.period * (np.arange(GIVEN) - (GIVEN - 1))
+        curve = np.polyfit(moments, run.position[window.first : window.first + GIVEN], 2)
+        start = float(curve[2]), float(curve[1]), run.begin + run.period * (window.first + GIVEN - 1)
         states = simulate_axis(model, values, force, run.period, start, rates=rates)[:, 1:]
         part = states[2 : 2 + len(values)].T if rates else states[0] - run.position[samples]
         parts.append(part[counted])

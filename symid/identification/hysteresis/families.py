@@ -161,7 +161,6 @@ class Stops(ElementFamily):
     ratio: float = 1.0
 
     def describe(self) -> tuple[str, ...]:
-        """Return where the thresholds come from."""
         return (f"{self.count} thresholds {'from the data' if self.searched else 'on a grid'}",)
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
@@ -206,7 +205,6 @@ class NonlinearStops(ElementFamily):
         return [np.concatenate([chosen, tail]) for chosen in sets]
 
     def describe(self) -> tuple[str, ...]:
-        """Return the number of springs and of places, and whether they slip earlier when fast."""
         form = f"{'one' if self.count == 1 else 'two'} of {len(self.places)} places"
         return (form, "falling with the speed") if self.falling else (form,)
 
@@ -306,7 +304,6 @@ class RelayGrid(ElementFamily):
         return _SMOOTH * float(np.sqrt(self.count)) * penalties
 
     def describe(self) -> tuple[str, ...]:
-        """Return the number of places."""
         return (f"{self.count} places",)
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
@@ -339,7 +336,6 @@ class BoucWenFamily(ElementFamily):
         return [np.array([share * path.reach, power, 0.1, *skew]) for share, power in pairs]
 
     def describe(self) -> tuple[str, ...]:
-        """Return whether its sides differ."""
         return ("asymmetric",) if self.asymmetric else ()
 
     def _build_unit(self, shape: FloatArray, level: float = 1.0) -> BoucWen:
@@ -383,12 +379,10 @@ class BristleFamily(ElementFamily):
 
     @property
     def needs_time(self) -> bool:  # type: ignore[override]
-        """Return whether the velocity counts."""
         return self.stribeck
 
     @property
     def searched(self) -> bool:  # type: ignore[override]
-        """Return whether there are shape values to search."""
         return self.stribeck or not self.grid
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
@@ -398,7 +392,6 @@ class BristleFamily(ElementFamily):
         return [np.array([*bend, *fall]) for bend, fall in product(bends, falls)]
 
     def describe(self) -> tuple[str, ...]:
-        """Return whether the level falls with the speed, where there is a choice."""
         return ("falling with the speed",) if self.stribeck and self.grid else ()
 
     def _list_level(self, shape: FloatArray, force: float = 1.0) -> dict[str, float]:
@@ -454,7 +447,6 @@ class AttractedFamily(ElementFamily):
     brakes: bool = True
 
     def describe(self) -> tuple[str, ...]:
-        """Return what distinguishes it."""
         return ("attracted to its level",)
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
@@ -507,17 +499,14 @@ class _Extended(ElementFamily):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """Return the model of the base."""
         return self.base.name
 
     @property
     def has_offset(self) -> bool:  # type: ignore[override]
-        """Return whether the fit adds a constant."""
         return self.base.has_offset
 
     @property
     def falling(self) -> bool:  # type: ignore[override]
-        """Return whether slip springs of the base slip earlier when fast."""
         return self.base.falling
 
     def _own(self, shape: FloatArray) -> FloatArray:

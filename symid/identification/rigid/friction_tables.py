@@ -297,11 +297,7 @@ _TURNS = 10.0
 
 
 def prepare_motion(
-    library: Library,
-    recordings: Sequence[Recording],
-    processing: Processing,
-    *,
-    rotors: Sequence[Rotor] = (),
+    library: Library, recordings: Sequence[Recording], processing: Processing, *, rotors: Sequence[Rotor] = ()
 ) -> Motion:
     """Return the filtered motion, with torques of motors less loads where these were measured.
 

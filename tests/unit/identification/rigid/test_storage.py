@@ -7,7 +7,7 @@ import pytest
 from symid.environment import write_file
 from symid.errors import EstimateError, OutputError
 from symid.identification.rigid.fit import identify_parameters
-from symid.identification.stored import is_fit, read_fit, write_fit
+from symid.identification.stored import is_kind, read_fit, write_fit
 from symid.joint_models import rename_law
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
@@ -258,7 +258,7 @@ def build_elastic(folder):
 def test_a_fit_is_told_by_its_format(tmp_path, text, known):
     path = tmp_path / "a.json"
     path.write_text(text)
-    assert is_fit(path) is known
+    assert is_kind(path) is known
 
 
 @pytest.mark.parametrize("name", ["a\0b", "\ud800", "none/a.json"])
