@@ -27,15 +27,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
 from symid.identification.diagnostics import measure_behind
-from symid.identification.elastic import elimination, estimate, regression, together
-from symid.identification.elastic.effects import (
-    compute_link_torque,
-    measure_eccentricity,
-    measure_effects,
-    measure_gears,
-    measure_offsets,
-    refine_eccentricity,
-)
+from symid.identification.elastic import effects as drive_effects, elimination, estimate, regression, together
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.logs import Recording, differentiate_smooth
@@ -165,23 +157,23 @@ def build_elastic_equations(
     effects: tuple[regression.DriveEffect, ...] = ()
     if options.effects:
         broad = prepare(())
-        effects = measure_effects(
+        effects = drive_effects.measure_effects(
             library, broad, elimination.get_effect_edge(max(part.period for part in broad), band)
         )
     broad, rows, share, fit = free(effects)
     if options.effects:
         # What gears and encoders of the links add.
-        discs = measure_eccentricity(library, broad, fit.chi[:bases])
+        discs = drive_effects.measure_eccentricity(library, broad, fit.chi[:bases])
         for _ in range(_DISC_ROUNDS if discs else 0):
             broad, rows, share, fit = free((*effects, *discs))
             trial = regression.build_elastic_problem(
                 library, broad, options, share * elimination.compute_speeds(broad)
             )
-            discs = refine_eccentricity(trial, fit.chi, discs)
+            discs = drive_effects.refine_eccentricity(trial, fit.chi, discs)
         if discs:
             effects = (*effects, *discs)
             broad, rows, share, fit = free(effects)
-        for measure in (measure_offsets, measure_gears):
+        for measure in (drive_effects.measure_offsets, drive_effects.measure_gears):
             # They move the torsion alone, of which the rows in the band know nothing.
             if further := measure(library, broad, fit.chi[:bases]):
                 effects = (*effects, *further)
@@ -552,7 +544,7 @@ def choose_springs(
                 continue
             edge = 1 + int(np.ceil(_EDGE / (part.cutoff * part.period))) if part.cutoff else 1
             phi, index = part.phi[:, joint], np.arange(len(part.time))
-            torque = compute_link_torque(problem.library, part, beta)[:, joint]
+            torque = drive_effects.compute_link_torque(problem.library, part, beta)[:, joint]
             kept = (index >= max(edge, part.settled)) & (index < len(index) - edge)
             period = np.full(len(index), part.period)
             parts.append((phi, differentiate_smooth(phi, part.period), period, torque, kept))

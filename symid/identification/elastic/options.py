@@ -132,7 +132,7 @@ class ElasticOptions:
                     mistakes.append(f"{name} {grid}: must be {sign} and increase, each once")
         mistakes += [
             f"known {name} {value!r}: must be a finite number"
-            for name, value in self.known.items()
+            for name, value in dict[str, object](self.known).items()
             if not (isinstance(value, Real) and math.isfinite(value))
         ]
         _refuse("usage.elastic-option", mistakes)

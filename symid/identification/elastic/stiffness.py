@@ -25,13 +25,8 @@ import scipy
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
+from symid.identification.elastic import regression
 from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.regression import (
-    build_equations,
-    get_encoder_positions,
-    join_rigid_joints,
-    prepare_elastic_signals,
-)
 from symid.identification.regression import fill_load, list_measured_joints, solve_scaled
 from symid.joint_models import compute_plays, compute_stop_basis
 from symid.logs import (
@@ -258,7 +253,7 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
     # them apart: tau = [ddtheta, friction, spring and stops of the torsion] x, fitted with and without it.
     # Where motor and link move as one, no torque tells a delay from friction: the delay is the likelier.
     apart = moves = 0.0
-    for motor, link in map(get_encoder_positions, recordings):
+    for motor, link in map(regression.get_encoder_positions, recordings):
         apart += float(np.mean(np.diff(motor - link, axis=0) ** 2))
         moves += float(np.mean(np.diff(motor, axis=0) ** 2))
     if not any(library.card.yielding) or apart < _APART * moves:
@@ -268,9 +263,11 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
         # The mean square that motor and spring leave of the torque, relative, summed over joints and runs.
         total = 0.0
         for run, recording in enumerate(recordings):
-            signals = prepare_elastic_signals(shift_link_channel(recording, entry, run=run), ElasticOptions())
+            signals = regression.prepare_elastic_signals(
+                shift_link_channel(recording, entry, run=run), ElasticOptions()
+            )
             rate = partial(differentiate, period=signals.period)
-            design = build_equations(library, signals, rate, np.asarray)
+            design = regression.build_equations(library, signals, rate, np.asarray)
             for joint in range(library.card.size):
                 torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
                 if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
@@ -296,7 +293,7 @@ def prepare_aligned(
     Raises:
         LogError: see `estimate_alignment`.
     """
-    recordings, joined = join_rigid_joints(library.card, recordings)
+    recordings, joined = regression.join_rigid_joints(library.card, recordings)
     try:
         moved, found, kept, notices = _align(library, recordings)
     except LogError as error:

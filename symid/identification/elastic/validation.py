@@ -24,15 +24,9 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, build_spring_vector, prepare_library
 from symid.errors import EstimateError, Notice, UsageError
 from symid.excitation import Trajectory
+from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import ElasticEstimate, MethodFit
 from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.regression import (
-    DriveEffect,
-    build_filtered_rows,
-    compute_joint_torque,
-    fill_motor_loads,
-    prepare_elastic_signals,
-)
 from symid.identification.estimators import Residual
 from symid.identification.hysteresis import filter_smooth
 from symid.joint_models import Elasticity, Knee, Stop
@@ -146,7 +140,7 @@ def predict_elastic(
     initial: Sequence[Elasticity] = (),
     identifiable: Sequence[bool | None] = (),
     truth: Sequence[Elasticity | None] = (),
-    effects: Sequence[DriveEffect] = (),
+    effects: Sequence[regression.DriveEffect] = (),
     fitted: bool = False,
 ) -> ElasticTrial:
     """Return what the models predict of `recording`, with the filters of the options; nothing is fitted.
@@ -155,9 +149,9 @@ def predict_elastic(
     `final`, is empty where all are; `effects` of the drives belong to `final`. `fitted` marks a log of the
     fit.
     """
-    (recording,) = fill_motor_loads(library, [recording], final.beta)
-    signals = prepare_elastic_signals(recording, options, effects)
-    rows = build_filtered_rows(library, signals, options.rate)
+    (recording,) = regression.fill_motor_loads(library, [recording], final.beta)
+    signals = regression.prepare_elastic_signals(recording, options, effects)
+    rows = regression.build_filtered_rows(library, signals, options.rate)
     motor, link = rows.compute_motor_side(final.chi), rows.compute_link_side(final.chi)
     torsion = filter_smooth(signals.phi, options.rate, signals.period)[rows.keep]
 
@@ -165,7 +159,7 @@ def predict_elastic(
         spring = springs[joint] if springs else None
         if spring is None or spring.initial_stiffness is None:
             return None
-        torque = compute_joint_torque(spring, signals, joint)
+        torque = regression.compute_joint_torque(spring, signals, joint)
         return filter_smooth(torque, options.rate, signals.period)[rows.keep]
 
     told = identifiable or [True] * len(final.elasticity)

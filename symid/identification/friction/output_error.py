@@ -107,25 +107,26 @@ def simulate_axis(
     period: float,
     start: tuple[float, float, float],
     *,
+    substeps: int = 1,
     rates: bool = False,
 ) -> FloatArray:
     """Return positions and velocities at the samples of a force, and their derivatives: (2, N) or more.
 
     `values` (p,) are the model's `parameters`; `force` (N,) N m or N is held over each `period` (s); `start`:
-    position, velocity and time at the first sample. `rates` adds exact derivatives: p rows of dx/dvalues, p
-    of dv/dvalues.
+    position, velocity and time at the first sample. One of `substeps` a period is exact for laws that are
+    linear by direction. `rates` adds exact derivatives: p rows of dx/dvalues, p of dv/dvalues.
     """
     state = np.zeros(2 * (1 + len(values)) if rates else 2)
     state[:2] = start[:2]
     if len(force) == 1:
         return state[:, None]
     inputs = np.vstack([force[:-1], start[2] + period * np.arange(len(force) - 1)])
-    run = _build_run(model, len(inputs[0]), period, rates=rates)
+    run = _build_run(model, len(inputs[0]), period, substeps, rates=rates)
     return np.column_stack([state, np.asarray(run(state, inputs, values))])
 
 
 @lru_cache(maxsize=64)
-def _build_run(model: AxisModel, steps: int, period: float, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
+def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
     count = len(model.parameters)
     state, inputs = casadi.SX.sym("z", 2), casadi.SX.sym("u", 2)
     values = casadi.SX.sym("p", count)
@@ -137,7 +138,10 @@ def _build_run(model: AxisModel, steps: int, period: float, *, rates: bool) -> A
     total = sum((values[1 + k] * column for k, column in enumerate(columns)), casadi.SX(0.0))
     slope = casadi.jacobian(total, own["velocity"])
     friction = casadi.Function("friction", [*own.values(), values], [total, slope])
-    after = _move(friction, state, inputs[0], inputs[1], values, period)
+    short = period / substeps
+    after = state
+    for k in range(substeps):
+        after = _move(friction, after, inputs[0], inputs[1] + k * short, values, short)
     if not rates:
         step = casadi.Function("step", [state, inputs, values], [after], {"allow_free": False})
         return step.mapaccum("run", steps)
