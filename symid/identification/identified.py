@@ -174,8 +174,6 @@ _MOVED, _NAMED = 0.1, 6
 """Deviations that a value is said to have moved by, and how many of them are named."""
 _SURER = 1e-3
 """Of the least deviation: that of a value that was known."""
-
-
 _COST, _SHARE = 0.5, 0.45
 """Percent of a joint's torque that bodies may cost, and what they may cost of the held-out residual: the two
 together are 1.1 times the latter then."""

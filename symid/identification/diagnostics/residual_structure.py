@@ -122,8 +122,6 @@ FAMILIES: dict[str, Family] = {
     ),
 }
 """By name: functions of a joint's motion that its residual is tried on."""
-
-
 _BLOCKS = 8
 """Blocks of time that are held out in turn."""
 _LARGEST = 2e8

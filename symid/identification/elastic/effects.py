@@ -293,8 +293,6 @@ def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[Drive
 
 
 _LEAST_SLOPE = 0.02
-
-
 _STOPS = 12
 _SOFT = 0.1
 _GEAR_ROUNDS, _MOST_ORDERS, _GEAR_TURNS, _GEAR_GAIN = 3, 3, 30.0, 0.1

@@ -303,8 +303,6 @@ def _agree(fit: BandFit, other: BandFit) -> bool:
 
 
 _OPEN = 1e-3
-
-
 _MOVING = 0.1
 """Of the fastest joint's RMS speed; slower joints count as held."""
 _DRIVEN = 0.5

@@ -157,8 +157,6 @@ def list_independent(columns: FloatArray) -> list[int]:
 
 _CARRIED = 0.05
 """Peak speed relative to that of the fastest joint below which a joint is shaken by others."""
-
-
 _LEAST_CUTOFF = 5.0
 """Hz; robots move up to here."""
 

@@ -261,13 +261,9 @@ def _prepare(x: FloatArray, y: FloatArray, t: FloatArray | None) -> ElementData:
 
 
 _MORE, _MOST_STARTS = 0.9, 2
-
-
 _DENSE, _COARSE, _PLAIN = 20, 8, 1.2
 _LONGEST, _STRANGE = 0.25, 3.0
 """Largest share of a beginning that is skipped, and its mean square of the errors over that of the rest."""
-
-
 Parts = tuple[str, ...]
 _PARTS: tuple[Parts, ...] = ((), ("viscous",), ("cubic",), ("viscous", "cubic"))
 
@@ -1026,7 +1022,5 @@ def validate_element(
 
 
 _INVERTED = 1500
-
-
 _SLACK = 0.01
 """Of the range of the input; what is beyond it by less is no extrapolation."""

@@ -49,8 +49,6 @@ _NOISE = 3.0
 """Standard deviations of the velocity's noise below which a row does not count: its sign is not known."""
 _BLUR = 3.0
 """Times what a velocity changes in the time of the low-pass, below which a row does not count."""
-
-
 Inputs = Mapping[str, FloatArray]
 
 
