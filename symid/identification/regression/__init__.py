@@ -46,7 +46,6 @@ if TYPE_CHECKING:
         LONG_KINDS as LONG_KINDS,
         SAME_PERIOD as SAME_PERIOD,
         LoadGain as LoadGain,
-        LongRows as LongRows,
         Rotor as Rotor,
         RowBuilder as RowBuilder,
         StatesKeeper as StatesKeeper,

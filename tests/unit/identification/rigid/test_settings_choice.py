@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import firwin
 
 from symid.errors import UsageError
+from symid.identification import diagnostics
 from symid.identification.regression import mask_fast, prepare_rows
 from symid.identification.rigid import settings_choice
 from symid.identification.rigid.fit import identify_parameters
@@ -122,12 +123,12 @@ def test_the_cutoff_at_which_noise_is_a_quarter_of_the_slowest_velocity(density)
 
 def vary_scoring(monkeypatch, log, find):
     """Return what `find` gives where the scoring band is half, once, and twice what was measured."""
-    measure = settings_choice.measure_scoring_band
+    measure = diagnostics.measure_scoring_band
     found = []
     for factor in (0.5, 1.0, 2.0):
         with monkeypatch.context() as patch:
             patch.setattr(
-                settings_choice, "measure_scoring_band", lambda logs, factor=factor: factor * measure(logs)
+                diagnostics, "measure_scoring_band", lambda logs, factor=factor: factor * measure(logs)
             )
             found.append(find(log))
     return found
