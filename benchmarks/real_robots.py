@@ -19,7 +19,6 @@ from symid.dynamics.regrouping import (
     read_group,
 )
 from symid.identification.compare import (
-    ReadingTrial,
     add_readings,
     build_stated_values,
     compare_values,
@@ -86,9 +85,6 @@ def show_published(folder, robot, library, recording):
     theirs = build_stated_values([row.value for row in table.rows], [row.deviation for row in table.rows])
     change = evaluate_regrouping(found.rows, robot)
     readings = list_coupled_readings(robot, base, found.rows)
-    trials = [
-        ReadingTrial(group=entry.group, column=entry.column, factor=float(entry.factor)) for entry in readings
-    ]
     terms = ", ".join(f"{names[entry.group]} + {entry.name}" for entry in readings)
     for standstill in (0.0, None):
         processing = replace(robot.processing, standstill=standstill)
@@ -96,7 +92,7 @@ def show_published(folder, robot, library, recording):
         stds = [entry.std for entry in estimate.parameters]
         ours = build_stated_values(estimate.assemble(found.names), stds, estimate.covariance)
         print("  slow rows left out as chosen" if standstill is None else "  all rows")
-        for word, matrix in (("as it stands", change), (terms, add_readings(change, trials))):
+        for word, matrix in (("as it stands", change), (terms, add_readings(change, readings))):
             entry = compare_values(compute_grouped_values(matrix, ours), theirs)
             within = " and ".join(f"{entry.count_within(limit)}" for limit in (2.0, 3.0))
             print(

@@ -22,16 +22,8 @@ import numpy as np
 import scipy
 from sympy import Expr
 
+from symid import dynamics
 from symid.arrays import FloatArray, FrozenArrays, freeze
-from symid.dynamics import (
-    OpenReading,
-    build_regrouping,
-    evaluate_regrouping,
-    express_group,
-    list_coupled_readings,
-    list_kindred_readings,
-    read_group,
-)
 from symid.errors import EstimateError, Notice, UsageError
 from symid.identification.elastic import ElasticEstimate
 from symid.identification.estimators import Estimate
@@ -129,15 +121,6 @@ class ValueComparison:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ReadingTrial:
-    """A term to try: `factor` times parameter `column` of ours, in the group number `group`."""
-
-    group: int
-    column: int
-    factor: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class TriedReading:
     """The effect of a term in a group: z `before` and `after`, and by how much chi-square falls.
 
@@ -223,7 +206,7 @@ def compare_values(ours: StatedValues, theirs: StatedValues) -> ValueComparison:
 
 
 def try_readings(
-    change: FloatArray, ours: StatedValues, theirs: StatedValues, trials: Sequence[ReadingTrial]
+    change: FloatArray, ours: StatedValues, theirs: StatedValues, trials: Sequence[dynamics.OpenReading]
 ) -> tuple[TriedReading, ...]:
     """Return the effect of each term that a group may hold on the agreement, the most likely one first.
 
@@ -274,11 +257,11 @@ def try_readings(
     return tuple(found)
 
 
-def add_readings(change: FloatArray, trials: Sequence[ReadingTrial]) -> FloatArray:
+def add_readings(change: FloatArray, trials: Sequence[dynamics.OpenReading]) -> FloatArray:
     """Return T, (m, n), with terms added."""
     changed = np.array(change)
     for trial in trials:
-        changed[trial.group, trial.column] += trial.factor
+        changed[trial.group, trial.column] += float(trial.factor)
     return changed
 
 
@@ -427,7 +410,7 @@ class Compared:
     absent: tuple[str, ...]
     neither: tuple[str, ...]
     lacking: int
-    readings: tuple[tuple[OpenReading, TriedReading], ...] = ()
+    readings: tuple[tuple[dynamics.OpenReading, TriedReading], ...] = ()
 
     @property
     def values(self) -> tuple[ComparedValue, ...]:
@@ -512,7 +495,7 @@ def compare_with_estimate(ours: EstimateSide, theirs: EstimateSide) -> Compared:
     groups, places, strange = [], [], []
     for place, entry in enumerate(found.values):
         try:
-            row = express_group(ours.identified.base, terms[entry.name], entry.name)
+            row = dynamics.express_group(ours.identified.base, terms[entry.name], entry.name)
         except UsageError:
             strange.append(entry.name)
             continue
@@ -545,7 +528,9 @@ def compare_with_table(
     file = str(path)
 
     def read_row(text: str) -> tuple[Expr, ...]:
-        return express_group(base, read_group(text, ours.identified.robot, base), repr(text))
+        return dynamics.express_group(
+            base, dynamics.read_group(text, ours.identified.robot, base), repr(text)
+        )
 
     for text in read_as.values():
         read_row(text)
@@ -559,7 +544,7 @@ def compare_with_table(
         texts = (f"--read-as {text!r}: {remedy}" for text in unknown)
         raise UsageError(*(Notice(code=code, text=text, file=file) for text in texts))
     try:
-        build_regrouping(base, [row.name for row in rows], [repr(row.text) for row in rows])
+        dynamics.build_regrouping(base, [row.name for row in rows], [repr(row.text) for row in rows])
     except UsageError as error:
         # At the last line that a notice names.
         lines = [
@@ -614,20 +599,22 @@ def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> C
         raise EstimateError(Notice(code="compare.nothing-common", text=text, file=str(other.source)))
     groups = tuple(other.groups[k] for k in kept)
     theirs = other.values.pick(kept)
-    change = evaluate_regrouping([[group.row[k] for k in known] for group in groups], ours.identified.robot)
+    change = dynamics.evaluate_regrouping(
+        [[group.row[k] for k in known] for group in groups], ours.identified.robot
+    )
     absent = [name for k, name in enumerate(names) if not any(group.row[k] for group in other.groups)]
     comparison = compare_values(compute_grouped_values(change, ours.values), theirs)
-    readings: list[tuple[OpenReading, TriedReading]] = []
+    readings: list[tuple[dynamics.OpenReading, TriedReading]] = []
     if search:
         # Terms that the groups do not name: of coupled drives, then any. Where a coupled drive explains a
         # group, no other terms are tried on it; of those, only one that explains a group as no other does
         # counts.
         robot, rows = ours.identified.robot, [group.row for group in groups]
-        readings, changed = _try_all(ours, change, theirs, list_coupled_readings(robot, base, rows))
+        readings, changed = _try_all(ours, change, theirs, dynamics.list_coupled_readings(robot, base, rows))
         now = compare_values(compute_grouped_values(changed, ours.values), theirs)
         explained = {entry.group for entry, tried in readings if tried.decisive}
         far = [k for k in now.list_farthest(FAR * now.scale, len(rows)) if k not in explained]
-        kindred, _ = _try_all(ours, changed, theirs, list_kindred_readings(base, rows, far))
+        kindred, _ = _try_all(ours, changed, theirs, dynamics.list_kindred_readings(base, rows, far))
         readings += [entry for entry in kindred if entry[1].decisive and not entry[1].rivals]
     return Compared(
         other=other,
@@ -642,14 +629,11 @@ def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> C
 
 
 def _try_all(
-    ours: EstimateSide, change: FloatArray, theirs: StatedValues, entries: Sequence[OpenReading]
-) -> tuple[list[tuple[OpenReading, TriedReading]], FloatArray]:
+    ours: EstimateSide, change: FloatArray, theirs: StatedValues, entries: Sequence[dynamics.OpenReading]
+) -> tuple[list[tuple[dynamics.OpenReading, TriedReading]], FloatArray]:
     """Return the effect of each reading, and the matrix with those that are decisive."""
     usable = [entry for entry in entries if entry.name in ours.names]
-    trials = [
-        ReadingTrial(group=entry.group, column=ours.names.index(entry.name), factor=float(entry.factor))
-        for entry in usable
-    ]
+    trials = [replace(entry, column=ours.names.index(entry.name)) for entry in usable]
     tried = try_readings(change, ours.values, theirs, trials)
     decisive = [trials[entry.trial] for entry in tried if entry.decisive]
     return [(usable[entry.trial], entry) for entry in tried], add_readings(change, decisive)

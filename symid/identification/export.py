@@ -14,17 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
+from symid import robot as robots
 from symid.codegen import build_library_prefix, build_model_card, clean_text, prepare_library
 from symid.dynamics import StandardSet, build_grouping, derive_base_parameters
 from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
+from symid.identification import friction as frictions
 from symid.identification.elastic import build_rigid_variant
 from symid.identification.estimators import check_model
-from symid.identification.friction import (
-    FrictionIdentification,
-    build_robot_friction,
-    set_identified_friction,
-)
 from symid.identification.identified import (
     Identified,
     JointCost,
@@ -36,30 +33,6 @@ from symid.identification.identified import (
     move_link,
 )
 from symid.joint_models import FrictionValues, get_friction_law
-from symid.robot import (
-    PRECISIONS,
-    Robot,
-    RobotValues,
-    SourceFile,
-    ValueRow,
-    ValueVector,
-    build_json_values,
-    explain_impossible_inertia,
-    is_mjcf,
-    list_mjcf_omissions,
-    list_urdf_omissions,
-    list_usd_omissions,
-    parse_robot,
-    parse_xml_robot,
-    read_urdf_text,
-    rewrite_mjcf,
-    rewrite_urdf,
-    write_c_values,
-    write_mjcf,
-    write_robot,
-    write_urdf,
-    write_usd,
-)
 from symid.serialization import write_json
 
 KINDS = {
@@ -105,7 +78,7 @@ class FileExport:
     """
 
     file: Path
-    robot: Robot
+    robot: robots.Robot
     format: str
     outcome: str
     left_out: tuple[str, ...] = ()
@@ -134,8 +107,8 @@ def check_format(path: Path, precision: str = "double", *, friction: bool = Fals
                 "export a .urdf, which keeps names, frames and shapes, and copy its values by hand"
             )
         raise UsageError(Notice(code="usage.suffix", text=text))
-    if precision not in PRECISIONS:
-        text = f"precision: expected one of {', '.join(PRECISIONS)}, got {precision!r}"
+    if precision not in robots.PRECISIONS:
+        text = f"precision: expected one of {', '.join(robots.PRECISIONS)}, got {precision!r}"
         raise UsageError(Notice(code="usage.export-precision", text=text))
     if precision != "double" and suffix != ".h":
         text = f"--precision {precision} applies to C headers only; leave it out"
@@ -149,7 +122,7 @@ def check_format(path: Path, precision: str = "double", *, friction: bool = Fals
     return suffix
 
 
-def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> FileExport:
+def write_stated(robot: robots.Robot, path: Path, *, precision: str = "double") -> FileExport:
     """Write the values of the robot file itself.
 
     Raises:
@@ -169,7 +142,9 @@ def write_stated(robot: Robot, path: Path, *, precision: str = "double") -> File
                 "them and export the estimate"
             )
             raise RobotError(Notice(code="export.no-values", text=text, file=robot.path))
-        reasons = [(joint.name, explain_impossible_inertia(joint.inertial or ())) for joint in robot.joints]
+        reasons = [
+            (joint.name, robots.explain_impossible_inertia(joint.inertial or ())) for joint in robot.joints
+        ]
         wrong = [f"the link of {name}: {reason}" for name, reason in reasons if reason]
         if wrong and suffix in _SIMULATED:
             text = (
@@ -225,7 +200,7 @@ def write_identified(
     return replace(stored, missing=found.missing, standard=identified.standard, costs=costs)
 
 
-def locate_source(robot: Robot) -> Path:
+def locate_source(robot: robots.Robot) -> Path:
     """Return the URDF or MJCF that a robot was made from.
 
     Raises:
@@ -240,12 +215,19 @@ def locate_source(robot: Robot) -> Path:
     raise UsageError(Notice(code="usage.no-source", text=text, file=robot.path))
 
 
-def _read_back(text: str, suffix: str, source: Path, made: SourceFile | None = None) -> tuple[Notice, ...]:
+def _read_back(
+    text: str, suffix: str, source: Path, made: robots.SourceFile | None = None
+) -> tuple[Notice, ...]:
     """Return the notices of reading a new file's text, as `made` was; an EstimateError for such values."""
-    readers: dict[str, Callable[[str], Robot]] = {".toml": parse_robot, ".urdf": parse_xml_robot}
+    readers: dict[str, Callable[[str], robots.Robot]] = {
+        ".toml": robots.parse_robot,
+        ".urdf": robots.parse_xml_robot,
+    }
     try:
         if made is not None:
-            return parse_xml_robot(text, made.file, base=made.base, tip=made.tip, snap=made.snap).notices
+            return robots.parse_xml_robot(
+                text, made.file, base=made.base, tip=made.tip, snap=made.snap
+            ).notices
         return readers[suffix](text).notices if suffix in readers else ()
     except RobotError as error:
         reasons = "; ".join(notice.text for notice in error.notices)
@@ -255,7 +237,7 @@ def _read_back(text: str, suffix: str, source: Path, made: SourceFile | None = N
         raise EstimateError(Notice(code="export.impossible", text=text, file=str(source))) from error
 
 
-def _choose_kind(robot: Robot, path: Path) -> str:
+def _choose_kind(robot: robots.Robot, path: Path) -> str:
     """Return what the file at `path` is to be: in place, what it is."""
     made = robot.made_from
     if made is None or path.resolve() != Path(made.file).resolve():
@@ -263,11 +245,11 @@ def _choose_kind(robot: Robot, path: Path) -> str:
     return _name_source(made)
 
 
-def _name_source(made: SourceFile) -> str:
+def _name_source(made: robots.SourceFile) -> str:
     """Return what a robot was made from, by its content, or by its name where it is gone."""
     file = Path(made.file)
     if file.exists():
-        return KINDS[".xml" if is_mjcf(file) else ".urdf"]
+        return KINDS[".xml" if robots.is_mjcf(file) else ".urdf"]
     return KINDS.get(file.suffix.lower(), KINDS[".urdf"])
 
 
@@ -286,7 +268,7 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
         in_place = path.resolve() == Path(made.file).resolve()
         try:
             old, placed, further = place_in_source(robot, made, in_place=in_place)
-            new = (rewrite_mjcf if placed.convention == "mjcf" else rewrite_urdf)(old, placed)
+            new = (robots.rewrite_mjcf if placed.convention == "mjcf" else robots.rewrite_urdf)(old, placed)
         except RobotError as error:
             if in_place:
                 raise
@@ -312,11 +294,11 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
     left_out: tuple[str, ...] = ()
     if kind == "URDF":
         # A file that was kept has its own gravity, and may have been cut at a tilted link.
-        left_out = tuple(list_urdf_omissions(robot, gravity=not rewritten))
+        left_out = tuple(robots.list_urdf_omissions(robot, gravity=not rewritten))
     elif kind == "MJCF model":
-        left_out = tuple(list_mjcf_omissions(robot, rewritten=bool(rewritten)))
+        left_out = tuple(robots.list_mjcf_omissions(robot, rewritten=bool(rewritten)))
     elif kind == "USD stage":
-        left_out = tuple(list_usd_omissions(robot))
+        left_out = tuple(robots.list_usd_omissions(robot))
     if left_out:
         more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
         where = "" if rewritten else ", which is in comments"
@@ -333,15 +315,17 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
     )
 
 
-def place_in_source(robot: Robot, made: SourceFile, *, in_place: bool) -> tuple[str, Robot, list[Notice]]:
+def place_in_source(
+    robot: robots.Robot, made: robots.SourceFile, *, in_place: bool
+) -> tuple[str, robots.Robot, list[Notice]]:
     """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it.
 
     Raises:
         RobotError: the file cannot be read, its joints are others, or it is xacro and to be written in place.
     """
     file = Path(made.file)
-    source = read_urdf_text(file, keep_ends=True)
-    before = parse_xml_robot(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
+    source = robots.read_urdf_text(file, keep_ends=True)
+    before = robots.parse_xml_robot(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
     if in_place and source.file != made.file:
         told = "this is a xacro file, a program that writes a URDF; give a name that ends in .urdf (-o FILE)"
         raise RobotError(Notice(code="export.xacro", text=told, file=made.file))
@@ -378,17 +362,21 @@ def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, preci
     comment = f"{robot.name} with {whence if found.sources else 'the values of its robot file'}."
     match suffix:
         case ".toml":
-            return write_robot(robot, comment=comment, folder=folder)
+            return robots.write_robot(robot, comment=comment, folder=folder)
         case ".h":
-            return write_c_values(_build_values(found), comments=(clean_text(comment),), precision=precision)
+            return robots.write_c_values(
+                _build_values(found), comments=(clean_text(comment),), precision=precision
+            )
         case ".json":
-            values = build_json_values(robot, _build_values(found), outcome=outcome, sources=found.sources)
+            values = robots.build_json_values(
+                robot, _build_values(found), outcome=outcome, sources=found.sources
+            )
             return write_json(values) + "\n"
-    write = {".urdf": write_urdf, ".usda": write_usd}.get(suffix, write_mjcf)
+    write = {".urdf": robots.write_urdf, ".usda": robots.write_usd}.get(suffix, robots.write_mjcf)
     return write(robot, comments=(comment,))
 
 
-def _build_values(found: Identified) -> RobotValues:
+def _build_values(found: Identified) -> robots.RobotValues:
     """Return the robot's values as the vectors of its generated functions."""
     card = build_model_card(found.robot, found.base, ())
     known = {entry.name: entry for entry in found.values}
@@ -406,7 +394,7 @@ def _build_values(found: Identified) -> RobotValues:
             # A joint whose friction is known in part has none in robot files; here it has that part.
             value = own.value if entry.value is None and own is not None else entry.value
             rows.append(
-                ValueRow(
+                robots.ValueRow(
                     name=clean_text(entry.name),
                     value=value,
                     unit=entry.unit,
@@ -416,12 +404,16 @@ def _build_values(found: Identified) -> RobotValues:
                     std=own.std if own is not None and 0.0 < own.std < math.inf else None,
                 )
             )
-        vectors.append(ValueVector(name=name, title=title, rows=tuple(rows)))
+        vectors.append(robots.ValueVector(name=name, title=title, rows=tuple(rows)))
     prefix = build_library_prefix(card.robot)
-    return RobotValues(robot=card.robot, prefix=prefix, signature=card.signature, vectors=tuple(vectors))
+    return robots.RobotValues(
+        robot=card.robot, prefix=prefix, signature=card.signature, vectors=tuple(vectors)
+    )
 
 
-def write_friction(robot: Robot, found: FrictionIdentification, source: Path, path: Path) -> FileExport:
+def write_friction(
+    robot: robots.Robot, found: frictions.FrictionIdentification, source: Path, path: Path
+) -> FileExport:
     """Write the robot file with the friction that was identified.
 
     Friction that robot files have no model for stays as it is, with a notice.
@@ -432,13 +424,13 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
         OutputError: the file cannot be written.
     """
     check_format(path, friction=True)
-    variant = set_identified_friction(build_rigid_variant(robot), found)
+    variant = frictions.set_identified_friction(build_rigid_variant(robot), found)
     check_model(found, build_model_card(variant, derive_base_parameters(variant), ()), str(source))
     logs = ", ".join(Path(entry).name for entry in found.sources)
     before = f"; before: {robot.source}" if robot.source else ""
     written, reasons = dict[str, FrictionValues](), dict(found.refused)
     for entry in found.joints:
-        friction = build_robot_friction(entry)
+        friction = frictions.build_robot_friction(entry)
         if isinstance(friction, str):
             reasons[entry.joint] = friction
         else:
@@ -452,7 +444,7 @@ def write_friction(robot: Robot, found: FrictionIdentification, source: Path, pa
         source=f"Friction identified from {logs}{before}",
     )
     comment = f"{robot.name} with friction identified from {logs}."
-    text = write_robot(changed, comment=comment, folder=path.parent)
+    text = robots.write_robot(changed, comment=comment, folder=path.parent)
     notices = [replace(notice, file=str(path)) for notice in _read_back(text, ".toml", source)]
     write_file(path, text)
     for name, reason in kept.items():

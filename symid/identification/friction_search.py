@@ -38,8 +38,6 @@ _STILL, _SMALL = 1.0, 0.03
 """Standard deviations, and part of a shape value, within which columns that are linear about it are exact."""
 _SAME_LOAD = 3e-3
 """Relative change of the loads that is none."""
-
-
 _NEXT = re.compile(r",(?=[^,=]*=)")
 """Before a joint's name: commas stand in names of laws as well."""
 
@@ -393,10 +391,7 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
     )
     grouped = [(entry.name, entry.expression) for entry in (*card.beta, *card.friction)]
     return replace(
-        estimate,
-        laws=laws,
-        parameters=parameters,
-        signature=compute_model_signature(robot, grouped),
+        estimate, laws=laws, parameters=parameters, signature=compute_model_signature(robot, grouped)
     )
 
 

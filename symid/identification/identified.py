@@ -16,17 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
+from symid import dynamics
 from symid.arrays import FloatArray
 from symid.codegen import Library, build_model_card
-from symid.dynamics import (
-    BaseParameters,
-    IdentifiedRobot,
-    StandardSet,
-    build_identified_robot,
-    choose_reading,
-    compute_parameter_values,
-    derive_base_parameters,
-)
 from symid.errors import EstimateError, Notice
 from symid.identification.elastic import ElasticEstimate, build_rigid_estimate, build_rigid_variant
 from symid.identification.estimators import Estimate, ParameterEstimate, check_model
@@ -47,7 +39,7 @@ class Identified:
     """
 
     robot: Robot
-    base: BaseParameters
+    base: dynamics.BaseParameters
     sources: tuple[str, ...]
     values: tuple[ParameterEstimate, ...]
     rotors: Mapping[str, float] = field(default_factory=dict)
@@ -82,7 +74,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
     """
     described = restore_robot(robot, estimate)
     if isinstance(estimate, ElasticEstimate):
-        base = derive_base_parameters(described)
+        base = dynamics.derive_base_parameters(described)
         check_model(estimate, build_model_card(described, base, ()), str(source))
         refused = {entry for entry, _ in estimate.refused}
         known = [entry for entry in estimate.parameters if entry.name not in refused]
@@ -126,7 +118,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         )
     found = build_rigid_estimate(estimate, described)
     robot = build_rigid_variant(described)
-    base = derive_base_parameters(robot)
+    base = dynamics.derive_base_parameters(robot)
     check_model(found, build_model_card(robot, base, ()), str(source))
     text = (
         "the joints were identified as rigid, and are written as rigid: rotors turn with their links, and "
@@ -151,12 +143,12 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
     )
 
 
-def _list_missing(base: BaseParameters, values: Sequence[ParameterEstimate]) -> tuple[str, ...]:
+def _list_missing(base: dynamics.BaseParameters, values: Sequence[ParameterEstimate]) -> tuple[str, ...]:
     known = {entry.name for entry in values}
     return tuple(entry.name for entry in (*base.parameters, *base.friction) if entry.name not in known)
 
 
-def build_robot(found: Identified, *, grouped: bool = True) -> IdentifiedRobot:
+def build_robot(found: Identified, *, grouped: bool = True) -> dynamics.IdentifiedRobot:
     """Return the robot with the estimate's values, in bodies that exist.
 
     `grouped`: whether rotors within groups have inertias of their own, see `compute_standard_set`.
@@ -167,7 +159,7 @@ def build_robot(found: Identified, *, grouped: bool = True) -> IdentifiedRobot:
         covariance = np.array(found.covariance) if found.covariance else np.diag(deviations**2)
         least = _SURER * float(deviations[deviations > 0.0].min())
         covariance = np.asarray(covariance + np.diag(np.where(deviations > 0.0, 0.0, least**2)))
-    return build_identified_robot(
+    return dynamics.build_identified_robot(
         found.robot,
         found.base,
         {entry.name: entry.value for entry in found.values},
@@ -182,15 +174,13 @@ _MOVED, _NAMED = 0.1, 6
 """Deviations that a value is said to have moved by, and how many of them are named."""
 _SURER = 1e-3
 """Of the least deviation: that of a value that was known."""
-
-
 _COST, _SHARE = 0.5, 0.45
 """Percent of a joint's torque that bodies may cost, and what they may cost of the held-out residual: the two
 together are 1.1 times the latter then."""
 
 
 def measure_costs(
-    standard: StandardSet, found: Identified, library: Library, limit: float | None = None
+    standard: dynamics.StandardSet, found: Identified, library: Library, limit: float | None = None
 ) -> tuple[JointCost, ...]:
     """Return what bodies cost joint by joint in the states of the logs; nothing where there are none.
 
@@ -221,7 +211,9 @@ def measure_costs(
     )
 
 
-def list_warnings(identified: IdentifiedRobot, found: Identified, source: Path) -> tuple[Notice, ...]:
+def list_warnings(
+    identified: dynamics.IdentifiedRobot, found: Identified, source: Path
+) -> tuple[Notice, ...]:
     """Return the notices on the robot built from the estimate of `source`."""
     standard, notices = identified.standard, [*found.robot.notices, *found.notices]
     if standard.reason:
@@ -268,7 +260,7 @@ def name_known_dynamics(
     known = take_given(given)
     gives = library.card.yielding
     if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
-        known = choose_reading(partial(load_robot, str(known)))
+        known = dynamics.choose_reading(partial(load_robot, str(known)))
     if isinstance(known, Robot):
         # Rotors of rigid joints are parts of the base parameters.
         numbers = [joint.number for joint, own in zip(library.card.joints, gives, strict=True) if own]
@@ -281,13 +273,13 @@ def name_known_dynamics(
         text = "known dynamics of elastic joints: expected a fit of elastic joints, or a robot with values"
         raise EstimateError(Notice(code="estimate.kind", text=text, file=file))
     check_model(found, library.card, file)
-    dynamics = {entry.name for entry in library.card.beta}
-    dynamics |= {f"IA{joint.number}" for joint, own in zip(library.card.joints, gives, strict=True) if own}
-    dynamics -= {name for name, _ in found.refused}
+    wanted = {entry.name for entry in library.card.beta}
+    wanted |= {f"IA{joint.number}" for joint, own in zip(library.card.joints, gives, strict=True) if own}
+    wanted -= {name for name, _ in found.refused}
     return {
         entry.name: entry.value
         for entry in found.parameters
-        if entry.name in dynamics and np.isfinite(entry.std)
+        if entry.name in wanted and np.isfinite(entry.std)
     }
 
 
@@ -298,7 +290,7 @@ def read_known_values(
     known = take_given(given)
     name = str(known) if isinstance(known, Path) else "an estimate in memory"
     if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
-        known = choose_reading(partial(load_robot, str(known)))
+        known = dynamics.choose_reading(partial(load_robot, str(known)))
     names = [entry.name for entry in library.card.beta]
     if not isinstance(known, Robot):
         return read_rigid(known, library.card).assemble(names), name
@@ -338,8 +330,8 @@ def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -
         )
         drives = zip(robot.couplings, known.couplings, strict=True)
         couplings = tuple(replace(one, rotor_inertia=other.rotor_inertia) for one, other in drives)
-        base = derive_base_parameters(robot)
-        values = compute_parameter_values(replace(robot, joints=joints, couplings=couplings), base)
+        base = dynamics.derive_base_parameters(robot)
+        values = dynamics.compute_parameter_values(replace(robot, joints=joints, couplings=couplings), base)
         lost = [entry.name for entry in base.parameters if entry.name not in values]
         if not lost or (partly and values):
             return values

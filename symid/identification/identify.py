@@ -12,42 +12,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from symid import logs as log_files
 from symid.codegen import Library
 from symid.environment import report_count, show_path
 from symid.errors import Notice, UsageError
-from symid.identification import friction as frictions, friction_search, regression
-from symid.identification.elastic import (
-    ElasticEstimate,
-    ElasticOptions,
-    build_motor_recording,
-    build_rigid_variant,
-    check_settings,
-    choose_route,
-    cut_logs,
-    get_stated_cutoff,
-    has_both_encoders,
-    list_unused_settings,
-    refuse_elasticity,
-    warn_of_rotors,
+from symid.identification import (
+    elastic as elastics,
+    friction as frictions,
+    friction_search,
+    regression,
+    rigid as rigids,
 )
 from symid.identification.estimators import Estimate, FitRecord
 from symid.identification.options import IdentifyOptions, LawOptions
-from symid.identification.rigid import (
-    PRIOR_OF_ROBOT,
-    SIMULATING,
-    build_estimator_options,
-    check_rigid_options,
-    identify_parameters,
-)
 from symid.identification.stored import read_rigid
 from symid.robot import Robot, describe_settings
-
-if TYPE_CHECKING:
-    from symid.identification.elastic import NlpGraph, StiffnessEstimate
-
 
 Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
 
@@ -83,7 +64,7 @@ def identify_robot(
     options: IdentifyOptions,
     context: TaskContext,
     pairs: Sequence[tuple[str, str]] = (),
-) -> Identification[Estimate | ElasticEstimate]:
+) -> Identification[Estimate | elastics.ElasticEstimate]:
     """Return the parameters of a robot, with the settings of the call, that explain its recordings best.
 
     `pairs` are these settings, keys and values, which the robot has already; `options.friction` is a law that
@@ -99,15 +80,15 @@ def identify_robot(
     estimator = options.estimator
     if any(robot.elastic):
         log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
-    elif estimator in SIMULATING:
+    elif estimator in rigids.SIMULATING:
         log_files.refuse_known_payloads(recordings, f"--estimator {estimator}")
-    route = choose_route(
+    route = elastics.choose_route(
         robot, recordings, method=options.method, elastic=options.list_elastic(), rigid=options.list_given()
     )
-    if options.friction is not None and (route.kind == "elastic" or estimator in SIMULATING):
+    if options.friction is not None and (route.kind == "elastic" or estimator in rigids.SIMULATING):
         where = "elastic joints are" if route.kind == "elastic" else f"--estimator {estimator} is"
         raise friction_search.refuse_search(options.friction, f"is not done where {where} identified")
-    if estimator in SIMULATING:
+    if estimator in rigids.SIMULATING:
         friction_search.refuse_states(robot, f"--estimator {estimator}")
     if route.kind == "elastic":
         return prepare_elastic_methods(robot, recordings, options, context, pairs)(route.method)
@@ -139,16 +120,14 @@ def _identify_rigid(
 ) -> Identification[Estimate]:
     rows, estimator, overlap = options.rows or "torque", options.estimator, options.overlap or 0.0
     friction = options.friction
-    check_rigid_options(rows, estimator, options)
+    rigids.check_rigid_options(rows, estimator, options)
     warnings = (*_list_log_notices(robot, recordings), *friction_search.describe_states(robot, friction))
-    both = has_both_encoders(recordings)
-    recordings = [build_motor_recording(recording, robot) for recording in recordings]
-    rigid = build_rigid_variant(robot) if motor_side else robot
-    if estimator in SIMULATING:
-        from symid.identification.rigid import check_closed_loop, identify_closed_loop
-
+    both = elastics.has_both_encoders(recordings)
+    recordings = [elastics.build_motor_recording(recording, robot) for recording in recordings]
+    rigid = elastics.build_rigid_variant(robot) if motor_side else robot
+    if estimator in rigids.SIMULATING:
         # What cannot be simulated is refused before anything is compiled.
-        check_closed_loop(robot, recordings)
+        rigids.check_closed_loop(robot, recordings)
     context.progress(f"identifying {robot.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
     rule = regression.RankRule(least=0.0 if options.partial else regression.WHOLE_MODEL)
     weights = log_files.get_run_weights(recordings)
@@ -177,13 +156,13 @@ def _identify_rigid(
             start_name = f"an estimate by {start.estimator}"
             if isinstance(options.start, str | PathLike):
                 start_name = show_path(Path(options.start))
-        if options.prior not in (None, PRIOR_OF_ROBOT):
+        if options.prior not in (None, rigids.PRIOR_OF_ROBOT):
             prior = read_rigid(options.prior, library.card)
 
         def fit(logs: Sequence[log_files.Recording]) -> Estimate:
             echo = log_files.describe_logs(rigid, logs)
-            if estimator in SIMULATING:
-                return identify_closed_loop(
+            if estimator in rigids.SIMULATING:
+                return rigids.identify_closed_loop(
                     estimator,
                     rigid,
                     library,
@@ -195,13 +174,13 @@ def _identify_rigid(
                     echo=echo,
                     progress=context.progress,
                 )
-            return identify_parameters(
+            return rigids.identify_parameters(
                 library,
                 logs,
                 rigid.processing,
                 rows=rows,
                 estimator=estimator,
-                options=build_estimator_options(rigid, library, logs, estimator, options, prior=prior),
+                options=rigids.build_estimator_options(rigid, library, logs, estimator, options, prior=prior),
                 window=options.window,
                 overlap=overlap,
                 rule=rule,
@@ -214,7 +193,7 @@ def _identify_rigid(
     motion = regression.outline_motion(library, recordings, rigid.processing)
     estimate = replace(estimate, motion=motion, drawn=robot.made_from is not None)
     if motor_side:
-        estimate = refuse_elasticity(estimate, robot, both=both)
+        estimate = elastics.refuse_elasticity(estimate, robot, both=both)
         warnings += tuple(
             note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
         )
@@ -234,14 +213,12 @@ def prepare_elastic_methods(
     options: IdentifyOptions,
     context: TaskContext,
     pairs: Sequence[tuple[str, str]] = (),
-) -> Callable[[str], Identification[ElasticEstimate]]:
+) -> Callable[[str], Identification[elastics.ElasticEstimate]]:
     """Return what identifies by a method of a name; logs are aligned and equations built once for all.
 
     The robot has elastic joints and its logs have both positions; the method of the options does not count.
     `pairs` and errors are those of `identify_robot`.
     """
-    from symid.identification.elastic import prepare_methods
-
     ready = _prepare_elastic(robot, recordings, options.build_elastic(), pairs, context)
     elastic = ready.options
     if options.known is not None:
@@ -250,12 +227,12 @@ def prepare_elastic_methods(
 
         elastic = replace(elastic, known=name_known_dynamics(options.known, robot, ready.library))
     echo = {**describe_settings(robot), **log_files.describe_runs(ready.cut)}
-    by_method = prepare_methods(ready.library, ready.moved, elastic, echo=echo)
+    by_method = elastics.prepare_methods(ready.library, ready.moved, elastic, echo=echo)
 
-    def identify(method: str) -> Identification[ElasticEstimate]:
+    def identify(method: str) -> Identification[elastics.ElasticEstimate]:
         context.progress(f"identifying {robot.name} from {ready.counted} by the method {method!r}")
         found = by_method(method)
-        estimate = replace(found, notices=(*found.notices, *warn_of_rotors(found.parameters)))
+        estimate = replace(found, notices=(*found.notices, *elastics.warn_of_rotors(found.parameters)))
         estimate = replace(estimate, drawn=robot.made_from is not None)
         return Identification(
             estimate=estimate,
@@ -271,7 +248,7 @@ class _ElasticInput(NamedTuple):
     """What elastic joints are identified from: recordings cut, and those with encoders aligned."""
 
     library: Library
-    options: ElasticOptions
+    options: elastics.ElasticOptions
     cut: Sequence[log_files.Recording]
     moved: Sequence[log_files.Recording]
     alignment: log_files.Alignment | None
@@ -285,25 +262,24 @@ class _ElasticInput(NamedTuple):
 def _prepare_elastic(
     robot: Robot,
     recordings: Sequence[log_files.Recording],
-    options: ElasticOptions,
+    options: elastics.ElasticOptions,
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
 ) -> _ElasticInput:
-    from symid.identification.elastic import join_rigid_joints, prepare_aligned
 
-    check_settings(pairs, "elastic")
-    cut = cut_logs(recordings, robot.processing)
-    cutoff = get_stated_cutoff(robot, pairs)
+    elastics.check_settings(pairs, "elastic")
+    cut = elastics.cut_logs(recordings, robot.processing)
+    cutoff = elastics.get_stated_cutoff(robot, pairs)
     if cutoff is not None:
         options = replace(options, cutoff=cutoff)
     library = context.prepare(robot)
     # What a log says of the unused position of a rigid joint is no news.
     warnings = (
-        *_list_log_notices(robot, join_rigid_joints(library.card, cut)[0]),
+        *_list_log_notices(robot, elastics.join_rigid_joints(library.card, cut)[0]),
         *friction_search.describe_states(robot, None),
     )
-    moved, alignment, aligned = prepare_aligned(library, cut)
-    unused = list_unused_settings(robot, "elastic")
+    moved, alignment, aligned = elastics.prepare_aligned(library, cut)
+    unused = elastics.list_unused_settings(robot, "elastic")
     notices = (*unused, *warnings, *library.notices, *aligned)
     return _ElasticInput(library, options, cut, moved, alignment, notices)
 
@@ -314,20 +290,18 @@ def build_elastic_graph(
     options: IdentifyOptions,
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
-) -> "tuple[NlpGraph, tuple[Notice, ...]]":
+) -> "tuple[elastics.NlpGraph, tuple[Notice, ...]]":
     """Return the one-shot problem of elastic joints as expressions, with notices.
 
     `pairs` are the settings of the call, keys and values, which the robot has already. Errors are those of
     `identify_robot`.
     """
-    from symid.identification.elastic import build_one_shot
-
     log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
-    choose_route(robot, recordings, method="nlp", elastic={}, rigid=options.list_given())
+    elastics.choose_route(robot, recordings, method="nlp", elastic={}, rigid=options.list_given())
     elastic = replace(options.build_elastic(), method="nlp")
     ready = _prepare_elastic(robot, recordings, elastic, pairs, context)
     context.progress(f"identifying {robot.name} from {ready.counted} by the method 'nlp'")
-    return build_one_shot(ready.library, ready.moved, ready.options), ready.notices
+    return elastics.build_one_shot(ready.library, ready.moved, ready.options), ready.notices
 
 
 def identify_stiffness(
@@ -335,7 +309,7 @@ def identify_stiffness(
     recordings: Sequence[log_files.Recording],
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
-) -> "tuple[StiffnessEstimate, tuple[Notice, ...]]":
+) -> "tuple[elastics.StiffnessEstimate, tuple[Notice, ...]]":
     """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
 
     `pairs` are the settings of the call, keys and values, which the robot has already.
@@ -344,17 +318,15 @@ def identify_stiffness(
         UsageError: a setting does not apply to a stiffness.
         LogError: a recording lacks an encoder, or is too short.
     """
-    from symid.identification.elastic import estimate_stiffness
-
     if any(robot.elastic):
         log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
-    check_settings(pairs, "stiffness")
-    recordings = cut_logs(recordings, robot.processing)
+    elastics.check_settings(pairs, "stiffness")
+    recordings = elastics.cut_logs(recordings, robot.processing)
     warnings = _list_log_notices(robot, recordings)
     library = context.prepare(robot)
     context.progress(f"estimating the stiffness of {robot.name}")
-    found = estimate_stiffness(library, recordings)
-    unused = list_unused_settings(robot, "stiffness")
+    found = elastics.estimate_stiffness(library, recordings)
+    unused = elastics.list_unused_settings(robot, "stiffness")
     return found, (*unused, *warnings, *library.notices, *found.notices)
 
 
@@ -373,8 +345,8 @@ def identify_robot_friction(
     model = friction_search.read_joint_laws(options.model, robot, (frictions.AUTO,)) or frictions.AUTO
     if not all(regression.list_measured_joints(recordings)) or options.known is not None:
         log_files.refuse_known_payloads(recordings, "--rows friction")
-    described = build_rigid_variant(robot) if any(robot.elastic) else robot
-    measured = [build_motor_recording(recording, robot) for recording in recordings]
+    described = elastics.build_rigid_variant(robot) if any(robot.elastic) else robot
+    measured = [elastics.build_motor_recording(recording, robot) for recording in recordings]
     library = context.prepare(described)
     what = "choosing and fitting friction laws"
     if isinstance(model, str) and model != frictions.AUTO:
@@ -431,11 +403,5 @@ def identify_robot_friction(
         "includes the losses of springs"
     )
     springs = () if described is robot else (Notice(code="friction.elastic", text=text),)
-    notices = (
-        *_list_log_notices(robot, recordings),
-        *springs,
-        *library.notices,
-        *found.notices,
-        *unused,
-    )
+    notices = (*_list_log_notices(robot, recordings), *springs, *library.notices, *found.notices, *unused)
     return Identification(estimate=found, notices=notices, backend=library.backend)

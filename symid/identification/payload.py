@@ -38,7 +38,7 @@ from symid.identification.friction_search import identify_loaded
 from symid.identification.identified import Identified, build_frame, build_identified
 from symid.identification.identify import TaskContext
 from symid.identification.rigid import identify_parameters
-from symid.identification.stored import GivenResult, is_fit, read_dynamics, read_result_file
+from symid.identification.stored import GivenResult, is_kind, read_dynamics, read_result_file
 from symid.logs import Recording, check_distinct, check_distinct_samples, read_recordings
 from symid.options import PayloadOptions
 from symid.robot import Robot, describe_settings, suggest_names
@@ -116,7 +116,7 @@ def _read_side(
     for entry in given:
         if isinstance(entry, Recording):
             logs.append(entry)
-        elif isinstance(entry, str | PathLike) and not is_fit(Path(entry)):
+        elif isinstance(entry, str | PathLike) and not is_kind(Path(entry)):
             logs.append(Path(entry))
         else:
             estimates.append(entry)

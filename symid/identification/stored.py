@@ -153,10 +153,7 @@ def _build_record(
 
 
 def read_result_file(
-    kind: type[Record],
-    what: str,
-    path: Path,
-    list_mistakes: Callable[[Record], list[str]] = lambda _: [],
+    kind: type[Record], what: str, path: Path, list_mistakes: Callable[[Record], list[str]] = lambda _: []
 ) -> Record:
     """Return the record of a file of one kind: a "stiffness", a "payload" or an "element".
 
@@ -200,23 +197,14 @@ _LARGEST_FILE = 500 * 10**6
 """Bytes of a result: the covariance of a hundred joints has a hundredth."""
 
 
-def name_format(path: Path) -> object:
-    """Return what a file says of its format, None where it says nothing."""
+def is_kind(path: Path, what: str = "fit") -> bool:
+    """Return whether `path` holds a result of a kind that symid wrote, with mistakes or without."""
     try:
         data = json.loads(read_file(path, _LARGEST_FILE).decode())
     except (OSError, ValueError, RecursionError):
-        return None
-    return data.get("format") if isinstance(data, dict) else None
-
-
-def is_kind(path: Path, what: str) -> bool:
-    """Return whether `path` holds a result of a kind that symid wrote, with mistakes or without."""
-    return name_format(path) == f"symid {what}"
-
-
-def is_fit(path: Path) -> bool:
-    """Return whether `path` holds a fit that symid wrote, with mistakes or without."""
-    return _is_format(name_format(path))
+        return False
+    name = data.get("format") if isinstance(data, dict) else None
+    return _is_format(name) if what == "fit" else name == f"symid {what}"
 
 
 def read_result(given: GivenResult) -> tuple[StoredResult, Path]:

@@ -16,17 +16,10 @@ import numpy as np
 from symid import logs as log_files
 from symid.errors import LogError, Notice, UsageError
 from symid.excitation import Trajectory, build_trajectory
-from symid.identification import diagnostics, elastic, estimators
+from symid.identification import diagnostics, elastic, estimators, rigid as rigids
 from symid.identification.friction import FrictionIdentification, set_identified_friction, validate_friction
 from symid.identification.identify import TaskContext
 from symid.identification.regression import fill_loads, list_coupled_rotors
-from symid.identification.rigid import (
-    Diagnosis,
-    diagnose_estimate,
-    resolve_processing,
-    restore_robot,
-    validate_estimate,
-)
 from symid.identification.stored import StoredResult
 from symid.robot import Robot
 from symid.serialization import compute_file_digest
@@ -204,7 +197,7 @@ def validate_fit(
             )
             source = str(log.source if isinstance(log, log_files.Recording) else log)
             notices = (Notice(code="validate.not-folded", text=text, file=source),)
-    described = restore_robot(robot, fit, pairs)
+    described = rigids.restore_robot(robot, fit, pairs)
     rigid = elastic.build_rigid_variant(described)
     if isinstance(found, estimators.Estimate):
         found = elastic.build_rigid_estimate(found, described)
@@ -226,10 +219,10 @@ def validate_fit(
             validation=validation,
             laws={entry.joint: entry.estimate.law for entry in found.joints},
         )
-    card, settled = library.card, resolve_processing(found, described.processing, recording)
+    card, settled = library.card, rigids.resolve_processing(found, described.processing, recording)
     beta = found.assemble([entry.name for entry in card.beta])
     (recording,) = fill_loads(library, [recording], settled.processing, beta)
-    validation = validate_estimate(found, library, recording, described.processing)
+    validation = rigids.validate_estimate(found, library, recording, described.processing)
     within = None
     if band is not None:
         values = found.assemble([entry.name for entry in (*card.beta, *card.friction)])
@@ -258,7 +251,7 @@ def _validate_elastic(
     file: str,
 ) -> ElasticValidation:
     elastic.check_settings(pairs, "elastic")
-    described = restore_robot(robot, estimate, pairs)
+    described = rigids.restore_robot(robot, estimate, pairs)
     read = log_files.take_parts((log_files.read_one_log(log, described, "an elastic robot"),), test, "--test")
     (recording,) = elastic.cut_logs(read, described.processing)
     # A log with one position is refused before minutes go into a library.
@@ -350,7 +343,7 @@ def build_tracking_task(
     return TrackingTask(trajectory=trajectory, seed=chosen, against=against)
 
 
-def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskContext) -> Diagnosis:
+def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskContext) -> rigids.Diagnosis:
     """Return the diagnosis of a fit by its own logs, which are where they were when it was made.
 
     Raises:
@@ -374,7 +367,7 @@ def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskConte
         for source, digest in pairs
         if compute_file_digest(source) != digest
     ]
-    fitted = restore_robot(robot, estimate)
+    fitted = rigids.restore_robot(robot, estimate)
     tried = elastic.build_rigid_estimate(estimate, fitted)
     library = context.prepare(elastic.build_rigid_variant(fitted))
     read = log_files.read_recorded_runs(estimate.sources, estimate.settings.get("runs"), fitted)
@@ -382,5 +375,5 @@ def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskConte
     context.progress(f"diagnosing the fit to {len(recordings)} log{'s'[: len(recordings) > 1]}")
     beta = tried.assemble([entry.name for entry in library.card.beta])
     recordings = fill_loads(library, recordings, fitted.processing, beta)
-    found = diagnose_estimate(tried, library, recordings, fitted.processing)
+    found = rigids.diagnose_estimate(tried, library, recordings, fitted.processing)
     return replace(found, notices=(*notices, *found.notices))

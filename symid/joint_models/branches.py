@@ -419,10 +419,8 @@ class BoucWen:
 
 
 def _relax(algebra: Carrier[V], side: float, value: V, given: tuple[V, V, V]) -> V:
-    """Return u after du/dx = 1 - factor |u|^n on one side of zero, one beyond: way, factor, n are given.
-
-    Exponential Rosenbrock-Euler steps: exact for n = 1 while u keeps its sign, stable for any way.
-    """
+    """Return u after du/dx = 1 - factor |u|^n on one side of zero, one beyond: way, factor, n are given."""
+    # Exponential Rosenbrock-Euler steps: exact for n = 1 while u keeps its sign, stable for any way.
     way, factor, power = given
     step = algebra.scale(1.0 / _SUBSTEPS, way)
     least = algebra.scale(_SMALLEST, algebra.one)

@@ -32,12 +32,7 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze, freeze_fields
 from symid.errors import Notice, UsageError
-from symid.joint_models.carriers import (
-    Carrier,
-    build_complex_carrier,
-    build_symbol_carrier,
-    list_complex_steps,
-)
+from symid.joint_models import carriers
 from symid.joint_models.friction_law import FrictionLaw, FrictionValues, LawParameter, build_parameter
 
 V = TypeVar("V")
@@ -52,17 +47,14 @@ class DynamicLaw:
         parameters: in the order of the values that the functions take.
         level: (carrier, velocity, values) -> g > 0, N m or N: the largest torque of the bristles.
         damping: (carrier, values) -> sigma1 and fV.
-        formula: in ASCII; source, smoothness, passivity: sentences.
+        formula: in ASCII.
     """
 
     name: str
     parameters: tuple[LawParameter, ...]
-    level: Callable[[Carrier[V], V, Sequence[V]], V]
-    damping: Callable[[Carrier[V], Sequence[V]], tuple[V, V]]
+    level: Callable[[carriers.Carrier[V], V, Sequence[V]], V]
+    damping: Callable[[carriers.Carrier[V], Sequence[V]], tuple[V, V]]
     formula: str
-    source: str
-    smoothness: str
-    passivity: str
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -71,7 +63,7 @@ class DynamicLaw:
 
 
 def compute_bristle_rate(
-    algebra: Carrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
+    algebra: carriers.Carrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
 ) -> V:
     """Return dz/dt = v - sigma0 |v| / g(v) z, rad/s or m/s, at v in rad/s or m/s and z in rad or m.
 
@@ -83,7 +75,7 @@ def compute_bristle_rate(
 
 
 def compute_dynamic_torque(
-    algebra: Carrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
+    algebra: carriers.Carrier[V], law: DynamicLaw, velocity: V, state: V, values: Sequence[V]
 ) -> V:
     """Return tau_f = sigma0 z + sigma1 dz/dt + fV v, N m or N; arguments as in `compute_bristle_rate`."""
     damping, viscous = law.damping(algebra, values)
@@ -93,7 +85,7 @@ def compute_dynamic_torque(
 
 
 def compute_step_parts(
-    algebra: Carrier[V], law: DynamicLaw, velocity: V, period: V, values: Sequence[V]
+    algebra: carriers.Carrier[V], law: DynamicLaw, velocity: V, period: V, values: Sequence[V]
 ) -> tuple[V, V]:
     """Return exp(-sigma0 |v| h / g) and z_e = g sign(v) / sigma0: z(h) = z_e + (z - z_e) exp(...)."""
     level = law.level(algebra, velocity, values)
@@ -103,7 +95,7 @@ def compute_step_parts(
 
 
 def compute_bristle_step(
-    algebra: Carrier[V], law: DynamicLaw, held: tuple[V, V], state: V, values: Sequence[V]
+    algebra: carriers.Carrier[V], law: DynamicLaw, held: tuple[V, V], state: V, values: Sequence[V]
 ) -> tuple[V, V]:
     """Return z after a step, exact for a held velocity, and the torque at its end.
 
@@ -115,7 +107,9 @@ def compute_bristle_step(
     return after, compute_dynamic_torque(algebra, law, velocity, after, values)
 
 
-def compute_steady_torque(algebra: Carrier[V], law: DynamicLaw, velocity: V, values: Sequence[V]) -> V:
+def compute_steady_torque(
+    algebra: carriers.Carrier[V], law: DynamicLaw, velocity: V, values: Sequence[V]
+) -> V:
     """Return g(v) sign(v) + fV v, N m or N: the torque after a long time at `velocity`."""
     _, viscous = law.damping(algebra, values)
     dry = algebra.mul(law.level(algebra, velocity, values), algebra.sign(velocity))
@@ -168,7 +162,7 @@ def get_dynamic_law(name: str) -> DynamicLaw:
     raise UsageError(Notice(code="joint.no-dynamic-friction", text=text))
 
 
-def _compute_fall(algebra: Carrier[V], velocity: V, speed: V, exponent: V) -> V:
+def _compute_fall(algebra: carriers.Carrier[V], velocity: V, speed: V, exponent: V) -> V:
     ratio = algebra.div(algebra.absolute(velocity), speed)
     return algebra.exp(algebra.sub(algebra.zero, algebra.power(ratio, exponent)))
 
@@ -195,9 +189,6 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
             level=lambda _algebra, _velocity, values: values[1],
             damping=lambda algebra, _values: (algebra.zero, algebra.zero),
             formula="dz/dt = v - sigma0 |v| / fC z, tau_f = sigma0 z",
-            source="Dahl 1968, exponent one",
-            smoothness="continuous in time; the slope of the torque over the position jumps at reversals",
-            passivity="passive for all positive parameters; it follows the path, not the speed",
         ),
         DynamicLaw(
             name="lugre",
@@ -221,9 +212,6 @@ DYNAMIC_LAWS: dict[str, DynamicLaw] = {
                 "dz/dt = v - sigma0 |v| / g(v) z, g = fC + (fS - fC) exp(-|v / vs|^gamma), "
                 "tau_f = sigma0 z + sigma1 dz/dt + fV v"
             ),
-            source="Canudas de Wit, Olsson, Astrom and Lischinsky 1995",
-            smoothness="torque continuous in time where the velocity is",
-            passivity="passive where fV >= sigma1 |fS - fC| / min(fC, fS); the state is bounded always",
         ),
     )
 }
@@ -255,7 +243,7 @@ _LEAST_LEVEL = 1e-9
 
 
 def advance_memory(
-    algebra: Carrier[V], values: Mapping[str, V], velocity: V, way: V, states: Sequence[V]
+    algebra: carriers.Carrier[V], values: Mapping[str, V], velocity: V, way: V, states: Sequence[V]
 ) -> tuple[V, tuple[V, ...]]:
     """Return the friction of a joint after a way on which it does not turn back, and its deflections there.
 
@@ -345,7 +333,7 @@ def build_held_path(velocity: FloatArray, period: float) -> FrictionPath:
 
 
 def _compute_run(law: DynamicLaw, values: Sequence[Numbers], path: FrictionPath, state: float) -> Numbers:
-    algebra = build_complex_carrier()
+    algebra = carriers.build_complex_carrier()
     decay, rest = compute_step_parts(algebra, law, path.held, path.period, values)
     # z of the linear recursion, from `state` at the first sample and from zero at later starts.
     steps = np.broadcast_arrays(decay, rest, path.start, path.held)[:3]
@@ -373,7 +361,7 @@ def compute_torque_derivatives(
     law: DynamicLaw, values: Sequence[float], path: FrictionPath, which: Sequence[int]
 ) -> FloatArray:
     """Return the derivatives (N, p) of the torque by the values numbered `which`; bristles begin straight."""
-    steps = list_complex_steps(values, which)
+    steps = carriers.list_complex_steps(values, which)
     columns = [np.imag(_compute_run(law, moved, path, 0.0)[0]) / step for moved, step in steps]
     return np.reshape(columns, (len(which), len(path.held))).T
 
@@ -408,7 +396,7 @@ def derive_equations(law: DynamicLaw) -> DynamicEquations:
     """Return the law over real symbols; those of the parameters are positive."""
     import sympy
 
-    algebra = build_symbol_carrier()
+    algebra = carriers.build_symbol_carrier()
     velocity, state = sympy.symbols("v z", real=True)
     period = sympy.Symbol("h", positive=True)
     values = tuple(sympy.Symbol(name, positive=True) for name in law.names)
@@ -434,7 +422,7 @@ def write_dynamic_latex(law: DynamicLaw) -> tuple[str, ...]:
     """
     import sympy
 
-    algebra = build_symbol_carrier()
+    algebra = carriers.build_symbol_carrier()
     equations = derive_equations(law)
     v, z, h, values = equations.velocity, equations.state, equations.period, equations.values
     g, rate, after, torque = sympy.symbols("g z_rate z_after tau", positive=True)

@@ -27,13 +27,7 @@ import numpy as np
 
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, RobotError
-from symid.joint_models import branches, hysteresis as elements, prandtl_ishlinskii
-from symid.joint_models.carriers import (
-    Carrier,
-    build_casadi_carrier,
-    build_float_carrier,
-    build_numpy_carrier,
-)
+from symid.joint_models import branches, carriers, hysteresis as elements, prandtl_ishlinskii as operators
 
 V = TypeVar("V")
 Start = Literal["zero", "fresh", "below", "above"]
@@ -67,7 +61,7 @@ def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:
     Numbers of branches follow; what is zero for want of a part is left out. A RobotError where a stiffness is
     unknown.
     """
-    terms = prandtl_ishlinskii.read_spring_terms(elasticity)
+    terms = operators.read_spring_terms(elasticity)
     named = {"backlash": elasticity.backlash, "k0": terms.stiffness, "kc": elasticity.cubic}
     named |= {"D": elasticity.damping, "offset": elasticity.offset}
     named = {name: value for name, value in named.items() if value or name == "k0"}
@@ -77,22 +71,20 @@ def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:
         named |= {f"R{k}": place, f"s{k}": slope}
     if elasticity.knees and not elasticity.cubic:
         # The least value of the formula of its energy, J.
-        inverse, _, _ = elements.invert_spring(build_float_carrier(), terms)
+        inverse, _, _ = elements.invert_spring(carriers.build_float_carrier(), terms)
         weights, radii = np.array(inverse.weights[1:]), np.array(inverse.thresholds)
         # S(p + r) + S(p - r) rises with p, and is zero between -r and r.
         low, high = -radii, radii
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
             below = (
-                prandtl_ishlinskii.compute_outer_torque(terms, middle + radii)
-                + prandtl_ishlinskii.compute_outer_torque(terms, middle - radii)
+                operators.compute_outer_torque(terms, middle + radii)
+                + operators.compute_outer_torque(terms, middle - radii)
                 < 0.0
             )
             low, high = np.where(below, middle, low), np.where(below, high, middle)
-        ends = prandtl_ishlinskii.compute_outer_integral(
-            terms, low + radii
-        ) + prandtl_ishlinskii.compute_outer_integral(terms, low - radii)
-        named["least"] = math.fsum((0.5 * weights * ends).tolist())
+        above, under = (operators.compute_outer_integral(terms, low + way) for way in (radii, -radii))
+        named["least"] = math.fsum((0.5 * weights * (above + under)).tolist())
     for head, branch in _name_branches(elasticity):
         named |= {head + name: value for name, value in branch.list_values().items()}
     return named
@@ -104,7 +96,7 @@ def needs_time(elasticity: elements.Elasticity) -> bool:
 
 
 def start_element(
-    algebra: Carrier[V], elasticity: elements.Elasticity, position: V, side: float = 0.0
+    algebra: carriers.Carrier[V], elasticity: elements.Elasticity, position: V, side: float = 0.0
 ) -> tuple[V, ...]:
     """Return the states where the input stands still at `position`, rad or m.
 
@@ -126,11 +118,11 @@ def start_element(
 
 def start_states(elasticity: elements.Elasticity, position: float, side: float = 0.0) -> tuple[float, ...]:
     """Return the states of `start_element` as numbers."""
-    return start_element(build_float_carrier(), elasticity, position, side)
+    return start_element(carriers.build_float_carrier(), elasticity, position, side)
 
 
 def advance_element(
-    algebra: Carrier[V],
+    algebra: carriers.Carrier[V],
     elasticity: elements.Elasticity,
     values: Mapping[str, V],
     held: tuple[V, V],
@@ -185,10 +177,10 @@ def advance_element(
 
 
 def _gather_spring(
-    elasticity: elements.Elasticity, values: Mapping[str, V], algebra: Carrier[V]
+    elasticity: elements.Elasticity, values: Mapping[str, V], algebra: carriers.Carrier[V]
 ) -> elements.SpringTerms[V]:
     """Return the numbers of the spring in a carrier; without stiffness, stops and knees it is zero."""
-    terms = prandtl_ishlinskii.read_spring_terms(elasticity)
+    terms = operators.read_spring_terms(elasticity)
     knees = [(values[f"R{k}"], values[f"s{k}"]) for k in range(1, len(elasticity.knees) + 1)]
     return elements.SpringTerms(
         stiffness=values["k0"] if terms.stiffness else algebra.zero,
@@ -200,7 +192,7 @@ def _gather_spring(
 
 
 def _compute_stored(
-    algebra: Carrier[V], terms: elements.SpringTerms[V], motion: tuple[V, Sequence[V]], least: V
+    algebra: carriers.Carrier[V], terms: elements.SpringTerms[V], motion: tuple[V, Sequence[V]], least: V
 ) -> V | None:
     """Return the energy that a spring stores at a position with its plays, J; None for a cubic with knees."""
     position, plays = motion
@@ -248,7 +240,7 @@ _HALVINGS = 60
 
 def is_passive_element(elasticity: elements.Elasticity) -> bool:
     """Return whether no motion gets work out of the element beyond what it stores, its offset left out."""
-    terms = prandtl_ishlinskii.read_spring_terms(elasticity)
+    terms = operators.read_spring_terms(elasticity)
     signs = (terms.stiffness, elasticity.cubic, elasticity.damping, *(k for _, k in terms.stops))
     kept = all(value >= 0.0 for value in signs) and not elasticity.backlash
     return kept and all(branch.passive for branch in elasticity.branches)
@@ -258,7 +250,7 @@ def find_least_slope(elasticity: elements.Elasticity) -> float:
     """Return a bound below of dy/dx on ways without reversal, N m/rad or N/m; it may be minus infinity."""
     if elasticity.cubic < 0.0:
         return -math.inf
-    terms = prandtl_ishlinskii.read_spring_terms(elasticity)
+    terms = operators.read_spring_terms(elasticity)
     least = min(accumulate((k for _, k in reversed(terms.stops)), initial=terms.stiffness))
     outer = [
         slope
@@ -300,7 +292,7 @@ def has_closed_inverse(elasticity: elements.Elasticity) -> bool:
 
 
 def invert_step(
-    algebra: Carrier[V],
+    algebra: carriers.Carrier[V],
     elasticity: elements.Elasticity,
     values: Mapping[str, V],
     output: V,
@@ -378,12 +370,12 @@ def run_element(
     traces, at = [np.concatenate([states[:1], position])], 1
     if elasticity.backlash:
         gap, memory = np.array([elasticity.backlash]), np.array(states[1:2])
-        traces.append(np.concatenate([memory, prandtl_ishlinskii.compute_plays(position, gap, memory)[:, 0]]))
+        traces.append(np.concatenate([memory, operators.compute_plays(position, gap, memory)[:, 0]]))
         at = 2
     middle = traces[-1]
     radii = np.array([stop.threshold for stop in elasticity.stops])
     memory = np.array(states[at : at + len(radii)])
-    traces += list(np.vstack([memory, prandtl_ishlinskii.compute_plays(middle[1:], radii, memory)]).T)
+    traces += list(np.vstack([memory, operators.compute_plays(middle[1:], radii, memory)]).T)
     at += len(radii)
     path, taken = (middle[1:], np.diff(middle), velocity, periods), []
     for branch in elasticity.branches:
@@ -393,7 +385,7 @@ def run_element(
         taken.append(steps)
         at += size
     step = advance_element(
-        build_numpy_carrier(),
+        carriers.build_numpy_carrier(),
         elasticity,
         {name: np.asarray(value) for name, value in list_element_values(elasticity).items()},
         (position, periods),
@@ -431,16 +423,12 @@ def trace_branch(
     if isinstance(branch, branches.SlipSpring):
         speed = np.abs(velocity)
         low, high = (-branch.threshold / (1.0 + fall * speed) for fall in branch.falls)
-        turns = None if any(branch.falls) else prandtl_ishlinskii.find_turns(position)
-        after = prandtl_ishlinskii.compute_clamps(
-            (position + high)[:, None], (position - low)[:, None], memory, turns
-        )
+        turns = None if any(branch.falls) else operators.find_turns(position)
+        after = operators.compute_clamps((position + high)[:, None], (position - low)[:, None], memory, turns)
     elif isinstance(branch, branches.Relays):
         places = branch.low + branch.step * np.array(branch.pairs, dtype=np.float64).reshape(-1, 2).T
         ramps = [np.clip((position[:, None] - edge) / branch.step, 0.0, 1.0) for edge in places]
-        after = prandtl_ishlinskii.compute_clamps(
-            ramps[0], ramps[1], memory, prandtl_ishlinskii.find_turns(position)
-        )
+        after = operators.compute_clamps(ramps[0], ramps[1], memory, operators.find_turns(position))
     else:
         found = (runner or run_branch)(branch, path, memory)
         after = found[:, :-2]
@@ -492,7 +480,7 @@ def build_branch_step(plain: SteppedBranch) -> Any:  # noqa: ANN401  casadi
     position, way, velocity, period = casadi.vertsplit(given)
     motion = branches.ElementMotion(position=position, way=way, velocity=velocity, period=period)
     values = dict(zip(names, casadi.vertsplit(numbers), strict=True))
-    step = plain.advance(build_casadi_carrier(), values, motion, casadi.vertsplit(states))
+    step = plain.advance(carriers.build_casadi_carrier(), values, motion, casadi.vertsplit(states))
     found = casadi.vertcat(*step.states), casadi.vertcat(step.force, step.stored)
     return casadi.Function("step", [states, given, numbers], found)
 
@@ -526,7 +514,7 @@ def invert_element(
         text = f"the element has no inverse: {reason}"
         raise RobotError(Notice(code="robot.no-inverse", text=text))
     output = np.asarray(output, dtype=np.float64)
-    algebra, values = build_float_carrier(), list_element_values(elasticity)
+    algebra, values = carriers.build_float_carrier(), list_element_values(elasticity)
     slope = find_least_slope(elasticity)
     if isinstance(start, str):
         side, first = _SIDES[start], 0.0
@@ -543,9 +531,7 @@ def invert_element(
         states = tuple(map(float, start))
     periods = _read_periods(elasticity, len(output), time)
     if has_closed_inverse(elasticity):
-        return prandtl_ishlinskii.invert_hysteresis(
-            elasticity, output - elasticity.offset, np.array(states[1:])
-        )
+        return operators.invert_hysteresis(elasticity, output - elasticity.offset, np.array(states[1:]))
     found = np.empty(len(output))
     for k, (goal, period) in enumerate(zip(output.tolist(), periods.tolist(), strict=True)):
 

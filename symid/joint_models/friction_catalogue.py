@@ -126,8 +126,6 @@ _WARM = f"{columns.REFERENCE_TEMPERATURE:g}"
 _LINEAR = {f"f{end}": f"F{end.lower()}" for end, *_ in _TWINS} | {"fE": "Fe"}
 # Static levels are printed whole; their linear parameters are what they have beyond Coulomb friction.
 _BEYOND = {"fS": ("Fc", "Fe"), "fSp": ("Fcp", "Fep"), "fSn": ("Fcn", "Fen"), "fLS": ("Fl", "Fle")}
-
-
 _PLAIN = ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "Fp", "offset")
 """Parameters whose columns most laws make of v, |v|, sign(v) and one."""
 
@@ -344,7 +342,7 @@ def with_offset(law: FrictionLaw) -> FrictionLaw:
 _COULOMB_VISCOUS = build_law(
     "coulomb-viscous",
     "Fv Fc |  | fC fV",
-    columns=columns.compute_coulomb_viscous_columns,
+    columns=columns.compute_polynomial_columns,
     formula="fC sign(dq) + fV dq",
     source="Coulomb (1785), Reynolds (1886)",
 )
@@ -485,8 +483,6 @@ _LARGEST_EXPONENT = 10.0
 _NUMBER = r"\d+(?:\.\d+)?(?:e-?\d+)?"
 _EXPONENT = rf"(?:-(?P<exponent>exponent|{_NUMBER}))?"
 _WAVES = rf"(?P<orders>[1-9]\d*(?:,[1-9]\d*)*)(?:x(?P<gear>{_NUMBER}))?"
-
-
 _PATTERNS: dict[str, Callable[[Mapping[str, Any]], FrictionLaw]] = {
     rf"stribeck{_EXPONENT}(?P<cubic>\+cubic)?": lambda part: build_stribeck(
         exponent=part["exponent"], orders=(2, 3) if part["cubic"] else ()
@@ -505,8 +501,6 @@ _PATTERNS: dict[str, Callable[[Mapping[str, Any]], FrictionLaw]] = {
     ),
     r"polynomial-(?P<orders>[2-9](?:,[2-9])*)": lambda part: build_polynomial(part["orders"]),
 }
-
-
 _OTHER_NAMES = {
     "viscous-coulomb": "coulomb-viscous",
     "viscous-coulomb-offset": "coulomb-viscous-offset",

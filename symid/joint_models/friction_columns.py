@@ -52,11 +52,6 @@ def compute_coulomb_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Valu
     return (carrier.sign(inputs["velocity"]),)
 
 
-def compute_coulomb_viscous_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V]) -> Columns[V]:
-    """Return v, sign(v)."""
-    return inputs["velocity"], carrier.sign(inputs["velocity"])
-
-
 def compute_asymmetric_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V]) -> Columns[V]:
     """Return velocity and sign of forward motion, then of backward motion; zero in the other one."""
     velocity = inputs["velocity"]
@@ -105,7 +100,7 @@ def compute_stribeck_columns(
 
 
 def compute_polynomial_columns(
-    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, orders: tuple[int, ...]
+    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, orders: tuple[int, ...] = ()
 ) -> Columns[V]:
     """Return v, sign(v), |v|^(k-1) v for further orders k."""
     velocity = inputs["velocity"]

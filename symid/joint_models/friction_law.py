@@ -19,13 +19,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.joint_models.carriers import (
-    Carrier,
-    OperatorCarrier,
-    build_complex_carrier,
-    build_numpy_carrier,
-    list_complex_steps,
-)
+from symid.joint_models import carriers
 
 V = TypeVar("V")
 
@@ -85,7 +79,7 @@ def _multiply(matrix: Sequence[Sequence[int]], values: Sequence[float]) -> tuple
     return tuple(math.fsum(factor * value for factor, value in row if factor) for row in rows)
 
 
-LawColumns = Callable[[Carrier[V], Mapping[str, V], Sequence[V]], tuple[V, ...]]
+LawColumns = Callable[[carriers.Carrier[V], Mapping[str, V], Sequence[V]], tuple[V, ...]]
 
 
 class Wave(NamedTuple):
@@ -198,7 +192,7 @@ class FrictionValues:
 def compute_columns(law: FrictionLaw, inputs: Mapping[str, FloatArray], shape: Sequence[float]) -> FloatArray:
     """Return the columns (N, p) at inputs (N,) each, for shape values (s,)."""
     lifted = [np.float64(value) for value in shape]
-    columns = law.columns(build_numpy_carrier(), inputs, lifted)
+    columns = law.columns(carriers.build_numpy_carrier(), inputs, lifted)
     result = np.empty((len(inputs[law.inputs[0]]), len(law.linear)))
     for k, column in enumerate(columns):
         result[:, k] = column
@@ -216,9 +210,9 @@ def compute_column_derivatives(
     law: FrictionLaw, inputs: Mapping[str, FloatArray], shape: Sequence[float]
 ) -> FloatArray:
     """Return the derivatives (N, p, s) of the columns by the shape values, exact."""
-    size, carrier = len(law.shape), build_complex_carrier()
+    size, carrier = len(law.shape), carriers.build_complex_carrier()
     result = np.zeros((len(inputs[law.inputs[0]]), len(law.linear), size))
-    for j, (moved, step) in enumerate(list_complex_steps(shape, range(size))):
+    for j, (moved, step) in enumerate(carriers.list_complex_steps(shape, range(size))):
         for k, column in enumerate(law.columns(carrier, inputs, moved)):
             result[:, k, j] = np.imag(column) / step
     return result
@@ -275,7 +269,7 @@ class Phrase:
         return Phrase(rf"{number} \, {self.wrap(_PRODUCT)}", _PRODUCT)
 
 
-def _build_latex_carrier() -> OperatorCarrier[Phrase]:
+def _build_latex_carrier() -> carriers.OperatorCarrier[Phrase]:
     def name(function: str) -> Callable[..., Phrase]:
         def apply(*values: Phrase) -> Phrase:
             inner = r",\, ".join(value.text for value in values)
@@ -283,7 +277,7 @@ def _build_latex_carrier() -> OperatorCarrier[Phrase]:
 
         return apply
 
-    return OperatorCarrier(
+    return carriers.OperatorCarrier(
         zero=Phrase("0"),
         one=Phrase("1"),
         scale=lambda factor, value: value.scale(factor),

@@ -10,7 +10,6 @@ from symid.excitation.trajectories import build_tc
 from symid.identification.elastic.estimate import MethodFit
 from symid.identification.elastic.validation import (
     RIGID,
-    SpringCounts,
     compute_elastic_reference,
     simulate_tracking,
     widen_springs,
@@ -47,7 +46,7 @@ def test_with_the_true_springs_the_links_follow_a_thousand_times_better(arm):
 def test_more_stops_and_knees_without_effect_change_nothing(arm):
     _, library = arm
     springs = library.card.elasticity
-    counts = (SpringCounts(stops=5, below=2, above=3), SpringCounts(stops=3, below=1, above=1))
+    counts = ((5, 2, 3), (3, 1, 1))
     wide = widen_springs(springs, counts)
     assert [len(spring.stops) for spring in wide] == [5, 3]
     assert wide[1] == springs[1]

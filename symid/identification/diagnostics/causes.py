@@ -458,21 +458,17 @@ def list_hypotheses(logs: QuickLogs) -> Iterator[Hypothesis]:
         for sign, side in ((1.0, "after"), (-1.0, "before")):
             said = f"torques are logged about {1e3 * delay:g} ms {side} the motion"
             remedy = "shift them in the log; `symid check` states the delay"
-            yield Hypothesis("log.torque-delay", said, remedy, _shift(logs, sign * delay))
+            # Rows without a torque so much later do not count.
+            tau, kept = logs.tau.copy(), logs.kept.copy()
+            for run in np.unique(logs.run):
+                own = np.flatnonzero(logs.run == run)
+                time = np.arange(len(own)) * logs.period
+                later = time + sign * delay
+                kept[own] &= ((later >= 0.0) & (later <= time[-1]))[:, None]
+                for joint in range(count):
+                    tau[own, joint] = np.interp(later, time, logs.tau[own, joint])
+            yield Hypothesis("log.torque-delay", said, remedy, replace(logs, tau=tau, kept=kept))
     remedy = "state it as offset of [log.position], or correct theta of the robot file"
     for joint, zero in product(range(count), _ZEROS):
         said = f"the zero of joint {names[joint]!r} is off by about {zero:.2g} rad"
         yield Hypothesis("log.joint-zero", said, remedy, replace(logs, q=logs.q - zero * units[joint]))
-
-
-def _shift(logs: QuickLogs, delay: float) -> QuickLogs:
-    """Return the logs with torques taken `delay` s later; rows without such a torque do not count."""
-    tau, kept = logs.tau.copy(), logs.kept.copy()
-    for run in np.unique(logs.run):
-        own = np.flatnonzero(logs.run == run)
-        time = np.arange(len(own)) * logs.period
-        there = (time + delay >= 0.0) & (time + delay <= time[-1])
-        kept[own] &= there[:, None]
-        for joint in range(tau.shape[1]):
-            tau[own, joint] = np.interp(time + delay, time, logs.tau[own, joint])
-    return replace(logs, tau=tau, kept=kept)

@@ -79,8 +79,7 @@ FIT_WARNINGS: Mapping[str, FitWarning] = {
         "leave {spoilt} samples out with {settings}",
     ),
     "identify.structure": FitWarning(
-        "{joint}: a term of {term} explains {gain:.0f} % of the squared residual of held-out rows",
-        "{advice}",
+        "{joint}: a term of {term} explains {gain:.0f} % of the squared residual of held-out rows", "{advice}"
     ),
     "identify.tracking": FitWarning(
         "simulated and measured positions differ by more than {limit:g} % of the tracking error (in "

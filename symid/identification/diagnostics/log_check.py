@@ -95,20 +95,13 @@ def build_quick_fit(library: Library, recording: log_files.Recording, processing
         LogError: the recording is uneven or too short for the settings.
     """
     processing = regression.choose_filters(replace(processing, automatic=True), [recording]).processing
+    signals = regression.prepare_states(library, recording, processing)
     resting = regression.list_resting_joints(recording)
-    moving = tuple(joint for joint in range(library.card.size) if joint not in resting)
-    if not moving:
-        text = (
-            "no joint moves in this log beyond the noise of its encoder: record a log in which every joint "
-            "accelerates and turns both ways"
-        )
-        raise IdentifiabilityError(Notice(code="identify.standstill", text=text, file=recording.source))
-    signals = regression.hold_resting_joints(log_files.prepare_signals(recording, processing), resting)
     load = regression.compute_payload_torque(library, signals, recording)
     if load is not None:
         torque, first = recording.torque.copy(), processing.drop_first
         torque[first : first + len(load)] -= load
-        recording, signals = replace(recording, torque=torque), replace(signals, tau=signals.tau - load)
+        recording = replace(recording, torque=torque)
     columns = np.hstack([signals.q, signals.dq, signals.ddq, signals.tau])
     thin, blocks = _sample_blocks(columns, processing)
     q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(thin, 4, axis=1))
@@ -137,7 +130,7 @@ def build_quick_fit(library: Library, recording: log_files.Recording, processing
         blocks=blocks,
         names=tuple(entry.name for entry in card.fitted),
         inertial=len(card.beta),
-        moving=moving,
+        moving=tuple(joint for joint in range(card.size) if joint not in resting),
         period=signals.period * processing.decimation.factor,
         recording=recording,
         processing=processing,

@@ -103,12 +103,10 @@ FAMILIES: dict[str, Family] = {
         "friction depends on the load of the gear: --friction auto tries such laws",
     ),
     "scale": Family(
-        lambda m: [m.load],
-        "the torque has a wrong factor: check torque constant and gear of this joint",
+        lambda m: [m.load], "the torque has a wrong factor: check torque constant and gear of this joint"
     ),
     "acceleration": Family(
-        lambda m: [m.ddq],
-        'an inertia is missing: a rotor ([joint.drive] rotor_inertia = "unknown")',
+        lambda m: [m.ddq], 'an inertia is missing: a rotor ([joint.drive] rotor_inertia = "unknown")'
     ),
     "delay": Family(
         lambda m: [np.gradient(m.load, m.period)],
@@ -124,8 +122,6 @@ FAMILIES: dict[str, Family] = {
     ),
 }
 """By name: functions of a joint's motion that its residual is tried on."""
-
-
 _BLOCKS = 8
 """Blocks of time that are held out in turn."""
 _LARGEST = 2e8
@@ -408,12 +404,7 @@ class BandResidual:
 
 
 def predict_torques(
-    values: FloatArray,
-    library: Library,
-    recording: Recording,
-    processing: Processing,
-    *,
-    band: float,
+    values: FloatArray, library: Library, recording: Recording, processing: Processing, *, band: float
 ) -> TorquePrediction:
     """Return measured and predicted torques of `recording`, both low-passed at `band` Hz.
 

@@ -24,15 +24,9 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.errors import IdentifiabilityError
+from symid.identification import regression
 from symid.identification.diagnostics.fit_warnings import compute_block_deviations
 from symid.identification.estimators import RegressionFit, fit_weighted
-from symid.identification.regression import (
-    Identifiability,
-    Rows,
-    analyse_identifiability,
-    count_freedom,
-    select_rows,
-)
 from symid.serialization import HIDDEN, name_key
 
 
@@ -108,7 +102,7 @@ class Bootstrap(FrozenArrays):
     replicates: int
 
 
-def cut_blocks(rows: Rows, blocks: int) -> tuple[NDArray[np.intp], int]:
+def cut_blocks(rows: regression.Rows, blocks: int) -> tuple[NDArray[np.intp], int]:
     """Return the block of time of each row (m,), and how many there are; longer logs have more of them."""
     runs = [rows.run == run for run in np.unique(rows.run)]
     spans = [(float(rows.time[part].min()), float(rows.time[part].max())) for part in runs]
@@ -124,9 +118,9 @@ def cut_blocks(rows: Rows, blocks: int) -> tuple[NDArray[np.intp], int]:
 
 
 def compute_bootstrap(
-    rows: Rows,
+    rows: regression.Rows,
     fit: RegressionFit,
-    identifiability: Identifiability,
+    identifiability: regression.Identifiability,
     generator: np.random.Generator,
     *,
     replicates: int = 200,
@@ -178,9 +172,9 @@ class Essential(FrozenArrays):
 
 
 def select_essential(
-    rows: Rows,
+    rows: regression.Rows,
     fit: RegressionFit,
-    identifiability: Identifiability,
+    identifiability: regression.Identifiability,
     *,
     level: float = 2.0,
     freedom: str = "band",
@@ -205,7 +199,7 @@ def select_essential(
     blocks = compute_block_deviations(rows, fit, identifiability)
     ratio: FloatArray = np.where(stated > 0.0, blocks / np.where(stated > 0.0, stated, 1.0), 1.0)
     inflation = np.maximum(ratio, 1.0)[candidates]
-    used, independent = count_freedom(freedom, mixing.shape[1], rows.independent)
+    used, independent = regression.count_freedom(freedom, mixing.shape[1], rows.independent)
     left = max(independent * len(rows.values) - used, 1.0)
     names = [rows.names[k] for k in candidates]
     matrix, target = factor[:, :-1], factor[:, -1]
@@ -278,7 +272,7 @@ class Drift:
     residual: tuple[tuple[int, str, float, float], ...] = field(metadata=HIDDEN)
 
 
-def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drift:
+def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "band") -> Drift:
     """Return the differences between the logs behind `rows`; none where there is only one.
 
     `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
@@ -298,10 +292,10 @@ def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drif
     # Parameters and deviations (p,) of each log alone, and which of them are identifiable.
     alone: dict[int, tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = {}
     for run in runs:
-        part = select_rows(rows, rows.run == run)
+        part = regression.select_rows(rows, rows.run == run)
         part = replace(part, weight=np.ones(len(part.values)))
         try:
-            identifiability = analyse_identifiability(part)
+            identifiability = regression.analyse_identifiability(part)
         except IdentifiabilityError:
             continue
         own = fit_weighted(part, identifiability, weights, freedom)
@@ -327,7 +321,7 @@ def measure_drift(rows: Rows, fit: RegressionFit, freedom: str = "band") -> Drif
     return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes), residual=tuple(residual))
 
 
-def compute_mean_weights(rows: Rows, fit: RegressionFit) -> FloatArray:
+def compute_mean_weights(rows: regression.Rows, fit: RegressionFit) -> FloatArray:
     """Return what the fit multiplied residuals of each group by (g,), on average, without weights of logs."""
     own = fit.weights / np.sqrt(rows.weight)
     parts = [own[rows.group == group] for group in range(len(rows.group_names))]

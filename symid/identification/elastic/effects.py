@@ -222,10 +222,7 @@ _LEAST_TURNS, _LARGEST_ORDER, _PEAK, _STEP = 10.0, 1000.0, 25.0, 0.25
 
 
 def _find_order(theta: FloatArray, errors: FloatArray, turns: float = _LEAST_TURNS) -> float:
-    """Return the order of the largest peak of errors (m,) over positions (m,), 0 for none that stands out.
-
-    It has at least `turns` periods within the range of the positions.
-    """
+    """Return the order of the largest peak of errors (m,) over positions (m,), 0 for none that stands out."""
     span = float(np.ptp(theta)) if len(theta) else 0.0
     if not span > 0.0:
         return 0.0
@@ -296,8 +293,6 @@ def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[Drive
 
 
 _LEAST_SLOPE = 0.02
-
-
 _STOPS = 12
 _SOFT = 0.1
 _GEAR_ROUNDS, _MOST_ORDERS, _GEAR_TURNS, _GEAR_GAIN = 3, 3, 30.0, 0.1
@@ -527,11 +522,8 @@ def _compute_gain(before: FloatArray, after: FloatArray) -> float:
 
 
 def _fit_disc(rows: Sequence[_GearRows], waves: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray, float]:
-    """Return a, b (2,) of a wave of one turn, their covariance (2, 2), and its gain.
-
-    It is as long as the motion, so that a spring answers it with all it has: springs are fitted again for
-    every trial (variable projection, Golub and Pereyra 1973).
-    """
+    """Return a, b (2,) of a wave of one turn, their covariance (2, 2), and its gain."""
+    # As long as the motion, so that springs answer with all they have: they are fitted again for every trial.
     size = max(float(np.std(part.phi)) for part in rows)
 
     def leave(values: FloatArray) -> FloatArray:
@@ -552,11 +544,7 @@ def _fit_disc(rows: Sequence[_GearRows], waves: Sequence[FloatArray]) -> tuple[F
 
 
 def _build_spring_basis(torsion: FloatArray, period: float | None = None) -> FloatArray:
-    """Return the columns (N, c) of a spring of many stops, with a cubic part and an offset.
-
-    Where the `period` (s) of its samples is given, it has stops whose stiffness changes with the torsion, as
-    behind knees, and springs behind dampers.
-    """
+    """Return columns (N, c) of a spring of many stops; with a `period` in s, as behind knees and dampers."""
     grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _STOPS + 1) / (_STOPS + 1)
     stops = compute_stop_basis(torsion, grid)
     further = [torsion**3, np.ones_like(torsion)]

@@ -29,25 +29,16 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
+from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import MethodFit, build_method_fit, compute_covariance
-from symid.identification.elastic.regression import (
-    ElasticProblem,
-    ElasticSignals,
-    build_equations,
-    build_filtered_rows,
-    build_spring_data,
-    filter_derivative,
-    mark_sliding,
-    solve_with_signs,
-)
 from symid.identification.hysteresis import filter_smooth
 from symid.identification.regression import choose_windows, integrate_windows
 from symid.logs import Recording, differentiate_smooth, low_pass
 
 
-def fit_elimination(problem: ElasticProblem) -> MethodFit:
+def fit_elimination(problem: regression.ElasticProblem) -> MethodFit:
     """Return dynamics by elimination of the joint torque, and the springs that it then shows."""
-    chi = solve_with_signs(problem.library.card, *problem.stack_filtered(), problem.known)
+    chi = regression.solve_with_signs(problem.library.card, *problem.stack_filtered(), problem.known)
     springs = problem.fit_springs(problem.compute_motor_side(chi))
     return build_method_fit("elimination", chi, problem.sizes, springs)
 
@@ -104,7 +95,7 @@ def fit_band(
     members = np.maximum(np.bincount(group), 1)
     weights = np.ones(len(torque))
     for _ in range(rounds):
-        chi = solve_with_signs(card, design * weights[:, None], torque * weights, known)
+        chi = regression.solve_with_signs(card, design * weights[:, None], torque * weights, known)
         errors = torque - design @ chi
         found = np.maximum(np.sqrt(np.bincount(group, errors**2) / members), floor)
         if scatter is not None:
@@ -116,7 +107,7 @@ def fit_band(
     return BandFit(chi=chi, covariance=covariance, scatter=found)
 
 
-def fit_momentum(problem: ElasticProblem) -> MethodFit:
+def fit_momentum(problem: regression.ElasticProblem) -> MethodFit:
     """Return dynamics from momenta, and the springs that remain; raise UsageError if windows do not fit."""
     length = problem.options.window
     parts = [_integrate_equations(problem.library, signals, length) for signals in problem.signals]
@@ -162,12 +153,12 @@ def get_wide_cutoff(period: float, band: float = 0.0) -> float:
 
 
 def _integrate_equations(
-    library: Library, signals: ElasticSignals, length: float
+    library: Library, signals: regression.ElasticSignals, length: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return design (m, n, p + n + pf) and impulses (m, n) in N m s or N s of windows of `length` s."""
     first = signals.settled
     windows = choose_windows(len(signals.time) - first, signals.period, length)
-    design = build_equations(
+    design = regression.build_equations(
         library,
         signals,
         lambda values: np.diff(values[first:][windows.ends], axis=0),
@@ -180,14 +171,8 @@ def _integrate_equations(
     return design, windows.period * held.reshape(windows.count, windows.intervals, -1).sum(axis=1)
 
 
-def keep_band(count: int, period: float, edge: float) -> slice:
-    """Return the samples of rows in the band below `edge` Hz: twice the edge, without the filters' ends."""
-    cut = int(np.ceil(_CUT / (edge * period)))
-    return slice(cut, count - cut, max(1, round(0.5 / (edge * period))))
-
-
 def filter_band(
-    library: Library, signals: ElasticSignals, edge: float
+    library: Library, signals: regression.ElasticSignals, edge: float
 ) -> tuple[slice, FloatArray, FloatArray]:
     """Return the samples of rows in the band below `edge` Hz, design (M, n, p + n + pf) and torque (M, n).
 
@@ -195,17 +180,19 @@ def filter_band(
     of friction stay in place. Noise of the rows is nearly independent.
     """
     period, torque = signals.period, signals.centred_torque
-    keep, low = (
-        keep_band(len(torque), period, edge),
-        partial(low_pass, period=period, cutoff=edge, order=_ORDER),
-    )
-    design = build_equations(
+    # Twice the edge, without the filters' ends.
+    cut = int(np.ceil(_CUT / (edge * period)))
+    keep = slice(cut, len(torque) - cut, max(1, round(0.5 / (edge * period))))
+    low = partial(low_pass, period=period, cutoff=edge, order=_ORDER)
+    design = regression.build_equations(
         library, signals, lambda values: differentiate_smooth(low(values), period), low, keep
     )
     return keep, design, low(torque - signals.link_drag)[keep]
 
 
-def build_band_rows(library: Library, signals: Sequence[ElasticSignals], band: float = 0.0) -> BandRows:
+def build_band_rows(
+    library: Library, signals: Sequence[regression.ElasticSignals], band: float = 0.0
+) -> BandRows:
     """Return the equations of all recordings; their signals should pass `get_wide_cutoff`, or no filter.
 
     The edge of their band lies above `band`, that of the motion in Hz.
@@ -216,7 +203,9 @@ def build_band_rows(library: Library, signals: Sequence[ElasticSignals], band: f
         edge = _choose_edge(part.period, band)
         keep, design, torque = filter_band(library, part, edge)
         time = np.repeat(np.arange(len(part.time))[keep] / len(part.time), joints)
-        slide = np.sum([mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in _SHARES], axis=0)
+        slide = np.sum(
+            [regression.mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in _SHARES], axis=0
+        )
         group = np.broadcast_to(number * joints + np.arange(joints), torque.shape)
         parts.append(
             (design.reshape(-1, design.shape[2]), torque.ravel(), group.ravel(), time, slide.ravel())
@@ -252,7 +241,7 @@ _BANDWIDTH = 0.875 * (np.pi / 8.0) / np.sin(np.pi / 8.0)
 """Of the low-pass of order four, forward and backward, over its edge: that of 1 / (1 + x^8)^2."""
 
 
-def compute_speeds(signals: Sequence[ElasticSignals]) -> FloatArray:
+def compute_speeds(signals: Sequence[regression.ElasticSignals]) -> FloatArray:
     """Return the RMS speeds (n,) of the motors over all recordings, rad/s or m/s."""
     return np.asarray(np.sqrt(np.mean(np.concatenate([part.dtheta for part in signals]) ** 2, axis=0)))
 
@@ -314,8 +303,6 @@ def _agree(fit: BandFit, other: BandFit) -> bool:
 
 
 _OPEN = 1e-3
-
-
 _MOVING = 0.1
 """Of the fastest joint's RMS speed; slower joints count as held."""
 _DRIVEN = 0.5
@@ -329,7 +316,7 @@ _STEEP = 0.5
 """Of the largest |G_jj| at which the torsion of joint j is trusted for its linear spring."""
 
 
-def split_recordings(signals: Sequence[ElasticSignals]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def split_recordings(signals: Sequence[regression.ElasticSignals]) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the recordings in which all joints move, and the others; all twice where a kind is missing."""
     speeds = [compute_speeds([part]) for part in signals]
     everything = tuple(range(len(signals)))
@@ -338,13 +325,13 @@ def split_recordings(signals: Sequence[ElasticSignals]) -> tuple[tuple[int, ...]
     return together or everything, apart or everything
 
 
-def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> MethodFit:
+def fit_independent(problem: regression.ElasticProblem, *, encoder: bool = False) -> MethodFit:
     """Return the dynamics of the first procedure and the hysteresis of the second.
 
     With `encoder` the torsion is taken from the link encoder too, in place of motor-side samples alone.
     """
     together, apart = split_recordings(problem.signals)
-    chi = solve_with_signs(problem.library.card, *problem.stack_filtered(together), problem.known)
+    chi = regression.solve_with_signs(problem.library.card, *problem.stack_filtered(together), problem.known)
     torsions = {
         number: problem.signals[number].phi if encoder else estimate_virtual_torsion(problem, number, chi)
         for number in apart
@@ -356,7 +343,7 @@ def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> Method
         used = [number for number in apart if speeds[number][joint] >= _DRIVEN * most]
         signals, rows = [problem.signals[i] for i in used], [problem.filtered[i] for i in used]
         parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]
-        data = build_spring_data(problem.options, joint, parts, signals, rows)
+        data = regression.build_spring_data(problem.options, joint, parts, signals, rows)
         target = np.concatenate([part.compute_motor_side(chi)[:, joint] for part in rows])
         springs.append(problem.fit_spring(joint, data, target))
     fit = build_method_fit("independent", chi, problem.sizes, tuple(springs))
@@ -369,14 +356,14 @@ def fit_independent(problem: ElasticProblem, *, encoder: bool = False) -> Method
     return replace(fit, notices=(Notice(code="elastic.one-kind", text=text),))
 
 
-def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArray) -> FloatArray:
+def estimate_virtual_torsion(problem: regression.ElasticProblem, number: int, chi: FloatArray) -> FloatArray:
     """Return the torsion (N, n) of recording `number` from motor-side samples and chi alone.
 
     First where gravity's gradient is large; the linear spring that this gives stands in elsewhere.
     """
     library, signals, rate = problem.library, problem.signals[number], problem.options.rate
     beta = chi[: problem.sizes[0]]
-    rows = build_filtered_rows(library, replace(signals, settled=0), rate)
+    rows = regression.build_filtered_rows(library, replace(signals, settled=0), rate)
     step = rows.keep.step
     theta, period, torque = signals.theta[::step], signals.period * step, rows.compute_motor_side(chi)
     # d g / dq (M, n, n) by central differences of the torque at rest.
@@ -402,7 +389,7 @@ def estimate_virtual_torsion(problem: ElasticProblem, number: int, chi: FloatArr
             dq = differentiate_smooth(q, period)
             (momentum,) = library.evaluate("momentum_regressor", q, dq)
             (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
-            link = filter_derivative(momentum @ beta, rate, period)
+            link = regression.filter_derivative(momentum @ beta, rate, period)
             link -= filter_smooth(lagrange @ beta, rate, period)
             # Above a pendulum's frequency inertia outweighs gravity, and the fixed point would run away.
             error = low_pass(link - torque, period=period, cutoff=_SLOW, order=2)

@@ -32,14 +32,7 @@ from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice, RobotError
 from symid.identification.diagnostics import sum_block_scores
-from symid.identification.elastic.regression import (
-    WAVES,
-    DriveEffect,
-    ElasticSignals,
-    build_equations,
-    list_parameter_cards,
-    mark_rigid_rotors,
-)
+from symid.identification.elastic import regression
 from symid.identification.estimators import DynamicsRecord, Residual
 from symid.identification.hysteresis import compute_slips, compute_spring_slopes, read_weights
 from symid.identification.regression import RankRule, compute_spectrum
@@ -190,13 +183,15 @@ class ElasticEstimate(DynamicsRecord):
     outcome: Ending
     history: tuple[HistoryEntry, ...]
     trials: tuple[MethodTrial, ...]
-    effects: tuple[DriveEffect, ...] = ()
+    effects: tuple[regression.DriveEffect, ...] = ()
     evidence: ElasticEvidence | None = None
 
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
         mistakes = DynamicsRecord.list_mistakes(self)
-        counts = dict.fromkeys(WAVES, 2) | dict.fromkeys(("torque-lag", "link-friction", "torsion-offset"), 1)
+        counts = dict.fromkeys(regression.WAVES, 2) | dict.fromkeys(
+            ("torque-lag", "link-friction", "torsion-offset"), 1
+        )
         for effect in self.effects:
             count, joints = counts.get(effect.kind), range(-1, len(self.residual))
             whole = len(effect.values) == len(effect.deviations) == count and effect.joint in joints
@@ -230,7 +225,7 @@ class ElasticEstimate(DynamicsRecord):
 
     def list_strangers(self, card: ModelCard) -> list[str]:
         """Return where parameters, springs or residuals are not those of the model, in its order."""
-        entries = zip(list_parameter_cards(card), mark_rigid_rotors(card), strict=True)
+        entries = zip(regression.list_parameter_cards(card), regression.mark_rigid_rotors(card), strict=True)
         expected = [entry.name for entry, merged in entries if not merged]
         joints = [joint.name for joint, gives in zip(card.joints, card.yielding, strict=True) if gives]
         found = [entry.name for entry in self.parameters]
@@ -241,7 +236,7 @@ class ElasticEstimate(DynamicsRecord):
 
     def build_fit(self, card: ModelCard) -> MethodFit:
         """Return the values as a fit of the model of `card`; rigid joints have no rotor and no spring."""
-        shown = ~mark_rigid_rotors(card)
+        shown = ~regression.mark_rigid_rotors(card)
         values, covariance = np.zeros(len(shown)), None
         values[shown] = [entry.value for entry in self.parameters]
         if self.covariance:
@@ -422,7 +417,7 @@ the slope."""
 
 
 def compute_elimination_bound(
-    library: Library, signals: Sequence[ElasticSignals], noise: Sequence[FloatArray]
+    library: Library, signals: Sequence[regression.ElasticSignals], noise: Sequence[FloatArray]
 ) -> FloatArray:
     """Return the least covariance (p + n + pf, p + n + pf) that an unbiased estimate of chi can have.
 
@@ -441,9 +436,9 @@ def compute_elimination_bound(
     return np.asarray(np.linalg.inv(information / sizes) / sizes)
 
 
-def _build_exact(library: Library, part: ElasticSignals) -> FloatArray:
+def _build_exact(library: Library, part: regression.ElasticSignals) -> FloatArray:
     """Return the columns (N, n, p + n + pf) at all samples of noise-free states."""
-    return build_equations(library, part, partial(differentiate, period=part.period), np.asarray)
+    return regression.build_equations(library, part, partial(differentiate, period=part.period), np.asarray)
 
 
 _WINDOW = 0.02
@@ -456,7 +451,7 @@ _BLIND = 1e-6
 
 
 def compute_spring_bound(
-    library: Library, signals: Sequence[ElasticSignals], noise: Sequence[FloatArray]
+    library: Library, signals: Sequence[regression.ElasticSignals], noise: Sequence[FloatArray]
 ) -> FloatArray:
     """Return the least covariance (p + n + pf, p + n + pf) of chi where the form of the springs is known.
 
@@ -479,7 +474,9 @@ def compute_spring_bound(
         motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
         # Of links and springs, integrated over windows.
         ends = slice(None, None, max(1, round(_WINDOW / part.period)))
-        links = build_equations(library, part, np.asarray, partial(_integrate, period=part.period), ends)
+        links = regression.build_equations(
+            library, part, np.asarray, partial(_integrate, period=part.period), ends
+        )
         link.append(np.concatenate([links[:, :, :beta], -_integrate(torques, part.period)[ends]], axis=2))
     motors, links = (
         np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side])

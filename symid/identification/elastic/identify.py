@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
@@ -35,41 +34,10 @@ _NOTHING = 0.9
 """Of the joint torque's scatter; a spring that leaves as much explains less than a fifth of its square."""
 
 
-def _refuse_springs(
-    work: methods.ElasticEquations,
-    fit: estimate.MethodFit,
-    shares: FloatArray,
-    hidden: Mapping[int, Notice],
-    warnings: Sequence[Notice],
-) -> Mapping[int, Notice]:
-    """Return, by joint, why its spring is refused; joints whose spring is identifiable are left out.
-
-    `shares` (2, n) are the deviations of F[tau_J] and of what springs leave of it, `hidden` the joints whose
-    torsion cannot be used. Where all are refused, IdentifiabilityError is raised with them and the
-    `warnings`, which may be the cause.
-    """
-    (whole, left), problem = shares, work.problem
-    refused = dict(hidden)
-    for joint, card in enumerate(problem.library.card.joints):
-        good = fit.elasticity[joint].initial_stiffness and left[joint] < _NOTHING * whole[joint]
-        if problem.gives[joint] and joint not in refused and not good:
-            share = 100.0 * left[joint] / max(whole[joint], 1e-300)
-            text = (
-                f"joint {card.name!r}: no spring explains its torque: the best one leaves {share:.0f} % of "
-                f"its standard deviation (limit {100 * _NOTHING:g} %). Check sign and factor of the torque "
-                "and whether the encoders of motor and link are swapped; else load the joint more, or try "
-                "another method"
-            )
-            refused[joint] = Notice(code="elastic.no-spring", text=text)
-    if len(refused) == sum(problem.gives):
-        raise IdentifiabilityError(*(refused[joint] for joint in sorted(refused)), *warnings)
-    return {joint: refused[joint] for joint in sorted(refused)}
-
-
 def _list_springs(
     work: methods.ElasticEquations, fit: estimate.MethodFit, refused: Mapping[int, Notice]
 ) -> Iterator[estimate.SpringEstimate]:
-    """Yield the spring of every elastic joint, and how far it was excited; see `_refuse_springs`."""
+    """Yield the spring of every elastic joint, and how far it was excited."""
     problem, count = work.problem, work.problem.sizes[0]
     card, signals = problem.library.card, problem.signals
     covariance = np.asarray(fit.covariance)[:count, :count] if fit.covariance is not None else np.zeros(0)
@@ -385,8 +353,22 @@ def _build_estimate(
     target = problem.compute_motor_side(fit.chi)
     left = target - np.concatenate(compute_spring_torques(problem, fit))
     errors = problem.supplied - problem.compute_work(fit.elasticity) - problem.design @ fit.chi
-    shares = np.array([np.std(target, axis=0), np.std(left, axis=0)])
-    springs = _refuse_springs(work, fit, shares, hidden, _warn_of_condition(work, fit, condition))
+    # Why springs are refused, by joint; those of `hidden` have a torsion that cannot be used.
+    whole, rest, springs = np.std(target, axis=0), np.std(left, axis=0), dict(hidden)
+    for joint, card in enumerate(joints):
+        good = fit.elasticity[joint].initial_stiffness and rest[joint] < _NOTHING * whole[joint]
+        if problem.gives[joint] and joint not in springs and not good:
+            share = 100.0 * rest[joint] / max(whole[joint], 1e-300)
+            text = (
+                f"joint {card.name!r}: no spring explains its torque: the best one leaves {share:.0f} % of "
+                f"its standard deviation (limit {100 * _NOTHING:g} %). Check sign and factor of the torque "
+                "and whether the encoders of motor and link are swapped; else load the joint more, or try "
+                "another method"
+            )
+            springs[joint] = Notice(code="elastic.no-spring", text=text)
+    springs = dict(sorted(springs.items()))
+    if len(springs) == sum(problem.gives):
+        raise IdentifiabilityError(*springs.values(), *_warn_of_condition(work, fit, condition))
     columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
     contradicted = methods.list_contradicted(work)
     warnings = warn_of_fit(work, fit, condition, springs)

@@ -27,15 +27,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
 from symid.identification.diagnostics import measure_behind
-from symid.identification.elastic import elimination, estimate, regression, together
-from symid.identification.elastic.effects import (
-    compute_link_torque,
-    measure_eccentricity,
-    measure_effects,
-    measure_gears,
-    measure_offsets,
-    refine_eccentricity,
-)
+from symid.identification.elastic import effects as drive_effects, elimination, estimate, regression, together
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.logs import Recording, differentiate_smooth
@@ -165,23 +157,23 @@ def build_elastic_equations(
     effects: tuple[regression.DriveEffect, ...] = ()
     if options.effects:
         broad = prepare(())
-        effects = measure_effects(
+        effects = drive_effects.measure_effects(
             library, broad, elimination.get_effect_edge(max(part.period for part in broad), band)
         )
     broad, rows, share, fit = free(effects)
     if options.effects:
         # What gears and encoders of the links add.
-        discs = measure_eccentricity(library, broad, fit.chi[:bases])
+        discs = drive_effects.measure_eccentricity(library, broad, fit.chi[:bases])
         for _ in range(_DISC_ROUNDS if discs else 0):
             broad, rows, share, fit = free((*effects, *discs))
             trial = regression.build_elastic_problem(
                 library, broad, options, share * elimination.compute_speeds(broad)
             )
-            discs = refine_eccentricity(trial, fit.chi, discs)
+            discs = drive_effects.refine_eccentricity(trial, fit.chi, discs)
         if discs:
             effects = (*effects, *discs)
             broad, rows, share, fit = free(effects)
-        for measure in (measure_offsets, measure_gears):
+        for measure in (drive_effects.measure_offsets, drive_effects.measure_gears):
             # They move the torsion alone, of which the rows in the band know nothing.
             if further := measure(library, broad, fit.chi[:bases]):
                 effects = (*effects, *further)
@@ -360,10 +352,8 @@ def compute_relative_deviations(work: ElasticEquations, fit: estimate.MethodFit)
 
 
 def _measure_sizes(work: ElasticEquations, chi: FloatArray) -> FloatArray:
-    """Return the sizes (p + n + pf,) of the dynamic parameters chi.
-
-    A parameter near zero is measured by what would matter: 5 % of a joint's torque through its column alone.
-    """
+    """Return the sizes (p + n + pf,) of the dynamic parameters chi."""
+    # One near zero is measured by what would matter: 5 % of a joint's torque through its column alone.
     size, matter = work.problem.sizes[1], np.full(len(chi), np.inf)
     for joint in range(size):
         own = work.rows.group % size == joint
@@ -484,10 +474,7 @@ _FAR, _NAMED = 3.0, 2
 def _measure_disagreement(
     work: ElasticEquations, fit: estimate.MethodFit, tolerated: float = 0.0
 ) -> tuple[float, int]:
-    """Return chi^2 of beta and IA of a fit about those of the weighted elimination, and their number.
-
-    Both are uncertain; a share `tolerated` of the parameters' sizes does not count.
-    """
+    """Return chi^2 of beta and IA about the weighted elimination's up to a share of sizes; their number."""
     plain = fit.covariance if fit.plain is None else fit.plain
     own = np.zeros_like(work.band.covariance) if plain is None else plain
     both = work.identifiable & np.isfinite(np.diag(own)) & np.isnan(work.problem.known)
@@ -506,13 +493,11 @@ def _widen(work: ElasticEquations, fit: estimate.MethodFit) -> estimate.MethodFi
 
 
 def _add_model_error(work: ElasticEquations, fit: estimate.MethodFit) -> estimate.MethodFit:
-    """Return a fit with variances that also count what no row shows: columns are made of measured states.
-
-    The torque of a joint may be off by a factor, and the direction of a link by an angle, which gives a part
-    of the largest of its kind to every parameter. Friction is what the rows show.
-    """
+    """Return a fit with variances that also count what no row shows: columns are made of measured states."""
     if fit.covariance is None:
         return fit
+    # The torque of a joint may be off by a factor, and the direction of a link by an angle, which gives a
+    # part of the largest of its kind to every parameter. Friction is what the rows show.
     card = work.problem.library.card
     kinds = [*((entry.joint, entry.unit) for entry in card.beta), *((joint.name,) for joint in card.joints)]
     values = np.abs(fit.chi[: len(kinds)])
@@ -559,7 +544,7 @@ def choose_springs(
                 continue
             edge = 1 + int(np.ceil(_EDGE / (part.cutoff * part.period))) if part.cutoff else 1
             phi, index = part.phi[:, joint], np.arange(len(part.time))
-            torque = compute_link_torque(problem.library, part, beta)[:, joint]
+            torque = drive_effects.compute_link_torque(problem.library, part, beta)[:, joint]
             kept = (index >= max(edge, part.settled)) & (index < len(index) - edge)
             period = np.full(len(index), part.period)
             parts.append((phi, differentiate_smooth(phi, part.period), period, torque, kept))

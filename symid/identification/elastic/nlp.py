@@ -49,7 +49,6 @@ from symid.identification.elastic.nlp_cost import (
     NlpRecording,
     RowBlock,
     SpringGrid,
-    SpringLayout,
     StepSums,
     build_nlp_recording,
     list_weights,
@@ -182,10 +181,7 @@ def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray)
 
 
 def _polish(problem: SmoothProblem, z: FloatArray) -> FloatArray:
-    """Return z (x,) after Newton steps in the unknowns that no bound holds; the others go onto their bounds.
-
-    An interior-point method stays off the bounds by its barrier over the multiplier.
-    """
+    """Return z (x,) after Newton steps in unknowns that no bound holds; the others go onto their bounds."""
     low, high, hessian_of = problem.lower, problem.upper, problem.hessian
     best = np.clip(z, low, high)
     if hessian_of is None:
@@ -575,8 +571,22 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
     residuals, motions, blocks = [], [], []
     sigmas, carrier = iter(cost.sigmas), build_casadi_carrier()
     for part, signals in zip(cost.recordings, problem.signals, strict=True):
-        pairs = zip(layout.springs, part.bases, strict=True)
-        knees = [_build_knee_steps(spring, basis, x) for spring, basis in pairs]
+        # Step means (N - 1, 1) of what all knees of a joint add to its torque; 0 for none.
+        knees = [0] * len(layout.springs)
+        for joint, (place, basis) in enumerate(zip(layout.springs, part.bases, strict=True)):
+            torque = casadi.DM(basis) @ x[place.weights]
+            changes = casadi.DM(place.changes) @ x[place.slopes] + casadi.DM(place.offset)
+            for knee, slot in zip(place.knees, place.slots, strict=True):
+                side = 1.0 if knee > 0 else -1.0
+                beyond = side * (torque - knee)
+                before, after = beyond[:-1], beyond[1:]
+                crosses = (before > 0.0) != (after > 0.0)
+                # Of the branch that is not taken too, derivatives must be finite.
+                width = casadi.if_else(crosses, casadi.fabs(after - before), 1.0)
+                across = casadi.fmax(before, after) ** 2 / width
+                alone = casadi.fmax(before, 0.0) + casadi.fmax(after, 0.0)
+                mean = casadi.if_else(crosses, across, alone) / 2.0
+                knees[joint] = knees[joint] + side * changes[slot] * mean
         # Step means (N - 1, 1) of the Stribeck friction of every joint that has some.
         excesses, scales = (casadi.vertsplit(x[place]) for place in (layout.excess, layout.speed))
         drags = []
@@ -609,24 +619,6 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
         layout=layout,
         options=options,
     )
-
-
-def _build_knee_steps(spring: SpringLayout, basis: FloatArray, x: Any) -> Any:  # noqa: ANN401
-    """Return the step means (N - 1, 1) of what all knees of a joint add to its torque; 0 for none."""
-    torque = casadi.DM(basis) @ x[spring.weights]
-    changes = casadi.DM(spring.changes) @ x[spring.slopes] + casadi.DM(spring.offset)
-    total = 0
-    for knee, slot in zip(spring.knees, spring.slots, strict=True):
-        side = 1.0 if knee > 0 else -1.0
-        excess = side * (torque - knee)
-        before, after = excess[:-1], excess[1:]
-        crosses = (before > 0.0) != (after > 0.0)
-        # Of the branch that is not taken too, derivatives must be finite.
-        width = casadi.if_else(crosses, casadi.fabs(after - before), 1.0)
-        across = casadi.fmax(before, after) ** 2 / width
-        mean = casadi.if_else(crosses, across, casadi.fmax(before, 0.0) + casadi.fmax(after, 0.0)) / 2.0
-        total = total + side * changes[slot] * mean
-    return total
 
 
 def _add_steps(sums: StepSums, steps: Any) -> Any:  # noqa: ANN401

@@ -40,26 +40,12 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
+from symid import joint_models
 from symid.arrays import FloatArray, freeze
 from symid.codegen import ModelCard
+from symid.identification.elastic import regression
 from symid.identification.elastic.options import NlpOptions
-from symid.identification.elastic.regression import (
-    ElasticProblem,
-    average_steps,
-    build_equations,
-    list_lower_bounds,
-    list_parameter_cards,
-    mark_sliding,
-)
 from symid.identification.hysteresis import build_stops, filter_smooth
-from symid.joint_models import (
-    Elasticity,
-    Knee,
-    build_numpy_carrier,
-    compute_stop_basis,
-    compute_stribeck_derivatives,
-    compute_work_columns,
-)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -240,17 +226,19 @@ class NlpRecording:
 
 
 def build_nlp_recording(
-    problem: ElasticProblem, index: int, thresholds: Sequence[FloatArray], kinds: Sequence[str]
+    problem: regression.ElasticProblem, index: int, thresholds: Sequence[FloatArray], kinds: Sequence[str]
 ) -> NlpRecording:
     """Return the rows of recording `index`: some of `NLP_ROWS`, for thresholds (m,) of each joint."""
     signals, energy, phi = problem.signals[index], problem.energy[index], problem.signals[index].phi
-    bases = tuple(compute_stop_basis(phi[:, joint], grid) for joint, grid in enumerate(thresholds))
+    bases = tuple(
+        joint_models.compute_stop_basis(phi[:, joint], grid) for joint, grid in enumerate(thresholds)
+    )
     ends, blocks = energy.ends, list[RowBlock]()
     if "energy" in kinds:
 
         def place(joint: int, torsion: FloatArray) -> SpringColumns:
             def build(grid: FloatArray, _: FloatArray) -> FloatArray:
-                return np.diff(compute_work_columns(torsion, grid)[ends], axis=0)
+                return np.diff(joint_models.compute_work_columns(torsion, grid)[ends], axis=0)
 
             sums, columns = build_window_sums(ends, np.diff(torsion)), build(thresholds[joint], torsion)
             return SpringColumns(joint=joint, build=build, columns=columns, sums=sums)
@@ -279,14 +267,16 @@ def build_nlp_recording(
         sums = build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
 
         def add(values: FloatArray) -> FloatArray:
-            return sums.add(average_steps(values))
+            return sums.add(regression.average_steps(values))
 
-        design = build_equations(problem.library, signals, lambda values: np.diff(values[ends], axis=0), add)
+        design = regression.build_equations(
+            problem.library, signals, lambda values: np.diff(values[ends], axis=0), add
+        )
         impulse, drag = sums.add(signals.step_torque), add(signals.link_drag)
         slides = None
         if np.any(problem.limits):
             # About the middle of a window in which a motor slides from end to end, all of it counts.
-            sliding = mark_sliding(signals, ends.step * signals.period, problem.limits)[ends]
+            sliding = regression.mark_sliding(signals, ends.step * signals.period, problem.limits)[ends]
             slides = sliding[:-1] & sliding[1:]
         momentum = design, impulse, drag, lambda _, basis: add(basis), sums
         blocks += _join_blocks(problem, bases, momentum, slides)
@@ -299,7 +289,7 @@ def move_stops(recording: NlpRecording, moves: Sequence[Mapping[int, float]]) ->
     for joint, places in enumerate(moves):
         if places:
             grid = np.array(list(places.values()))
-            fresh[joint] = grid, compute_stop_basis(recording.phi[:, joint], grid)
+            fresh[joint] = grid, joint_models.compute_stop_basis(recording.phi[:, joint], grid)
             bases[joint] = bases[joint].copy()
             bases[joint][:, [1 + place for place in places]] = fresh[joint][1][:, 1:]
 
@@ -315,15 +305,12 @@ def move_stops(recording: NlpRecording, moves: Sequence[Mapping[int, float]]) ->
 
 
 def _join_blocks(
-    problem: ElasticProblem,
+    problem: regression.ElasticProblem,
     bases: Sequence[FloatArray],
     rows: _TorqueRows,
     slides: NDArray[np.bool_] | None = None,
 ) -> Iterator[RowBlock]:
-    """Yield the blocks of motor and link equations, or their sum for rigid joints.
-
-    Motors that do not slide (M, n) have empty rows.
-    """
+    """Yield the blocks of motors, empty without `slides` (M, n), and links; of rigid joints one."""
     design, torque, drag, build, sums = rows
     count = problem.sizes[0]
     for joint, basis in enumerate(bases):
@@ -378,14 +365,14 @@ class SpringLayout:
         """Return the changes of slope (entries,) of the unknowns x (x,)."""
         return self.changes @ x[self.slopes] + self.offset
 
-    def build_spring(self, values: FloatArray, least: float) -> Elasticity:
+    def build_spring(self, values: FloatArray, least: float) -> joint_models.Elasticity:
         """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
         weights, changes = values[self.weights], self.compute_changes(values).tolist()
         knees = sorted(zip(self.knees, (changes[slot] for slot in self.slots), strict=True))
-        return Elasticity(
+        return joint_models.Elasticity(
             stiffness=float(weights[0]),
             stops=build_stops(self.thresholds, weights[1:], least),
-            knees=tuple(Knee(threshold=torque, slope=slope) for torque, slope in knees if slope),
+            knees=tuple(joint_models.Knee(threshold=torque, slope=slope) for torque, slope in knees if slope),
         )
 
 
@@ -437,9 +424,11 @@ class NlpLayout:
         Dynamic parameters that are `known` (p + n + pf,), NaN where not, have two equal bounds.
         """
         joints = range(1, card.size + 1)
-        names = [entry.name for entry in list_parameter_cards(card)]
+        names = [entry.name for entry in regression.list_parameter_cards(card)]
         free = np.full(len(names), True) if known is None else np.isnan(known)
-        lower: list[ArrayLike] = [np.where(free, list_lower_bounds(card), 0.0 if known is None else known)]
+        lower: list[ArrayLike] = [
+            np.where(free, regression.list_lower_bounds(card), 0.0 if known is None else known)
+        ]
         upper: list[ArrayLike] = [np.where(free, np.inf, lower[0])]
         dynamics = slice(0, len(names))
         size = card.size if options.stribeck else 0
@@ -489,7 +478,7 @@ class NlpLayout:
             springs=tuple(springs),
         )
 
-    def build_start(self, chi: FloatArray, springs: Sequence[Elasticity]) -> FloatArray:
+    def build_start(self, chi: FloatArray, springs: Sequence[joint_models.Elasticity]) -> FloatArray:
         """Return unknowns (x,) between their bounds: chi (p + n + pf,), springs, no Stribeck friction yet."""
         x = np.zeros(self.size)
         x[self.dynamics] = chi
@@ -518,7 +507,7 @@ class NlpLayout:
                     slopes[entry] = slopes[before[0]] if before.size else 1.0
         return flat
 
-    def read_springs(self, x: FloatArray, least: FloatArray) -> tuple[Elasticity, ...]:
+    def read_springs(self, x: FloatArray, least: FloatArray) -> tuple[joint_models.Elasticity, ...]:
         """Return the springs of the unknowns x (x,); weights up to `least` (n,) N m/rad are zero."""
         pairs = zip(self.springs, least.tolist(), strict=True)
         return tuple(spring.build_spring(x, limit) for spring, limit in pairs)
@@ -530,7 +519,7 @@ _LEAST_SHARE = 1e-9
 _STRETCHES = 100
 _NEAR = 1e-6
 Places = NDArray[np.intp]
-_NUMPY = build_numpy_carrier()
+_NUMPY = joint_models.build_numpy_carrier()
 
 
 class CostState(NamedTuple):
@@ -578,8 +567,10 @@ class ElasticNlpCost:
             )
             # Step means (N - 1, 3) of g, g' and g'' of every joint with Stribeck friction.
             speeds = zip(part.speed.T, x[layout.speed], strict=False)
-            rates = (compute_stribeck_derivatives(_NUMPY, *pair, self.smoothing) for pair in speeds)
-            means = tuple(average_steps(np.column_stack(derivatives)) for derivatives in rates)
+            rates = (
+                joint_models.compute_stribeck_derivatives(_NUMPY, *pair, self.smoothing) for pair in speeds
+            )
+            means = tuple(regression.average_steps(np.column_stack(derivatives)) for derivatives in rates)
             pairs = zip(steps, layout.springs, strict=True)
             slopes = [entry.compute_slopes(spring.compute_changes(x)) for entry, spring in pairs]
             # Rows of knees are added up once for all blocks that use them.
@@ -725,7 +716,7 @@ _FIRST_SHARE = 0.7
 """Of a linear spring, for k0; the stops begin with equal parts of the rest."""
 
 
-def list_weights(spring: Elasticity, thresholds: FloatArray) -> FloatArray:
+def list_weights(spring: joint_models.Elasticity, thresholds: FloatArray) -> FloatArray:
     """Return k0 .. km (m + 1,) on the thresholds (m,); a linear spring is shared between them."""
     if len(thresholds) and not spring.stops:
         shares = np.full(len(thresholds) + 1, (1.0 - _FIRST_SHARE) / len(thresholds))

@@ -132,8 +132,8 @@ class ElasticOptions:
                     mistakes.append(f"{name} {grid}: must be {sign} and increase, each once")
         mistakes += [
             f"known {name} {value!r}: must be a finite number"
-            for name, value in self.known.items()
-            if not _is_finite(value)
+            for name, value in dict[str, object](self.known).items()
+            if not (isinstance(value, Real) and math.isfinite(value))
         ]
         _refuse("usage.elastic-option", mistakes)
 
@@ -152,10 +152,6 @@ def check_grids(options: ElasticOptions, joints: int) -> None:
         if grid is not None and len(grid) != joints
     ]
     _refuse("usage.elastic-option", mistakes)
-
-
-def _is_finite(value: object) -> bool:
-    return isinstance(value, Real) and math.isfinite(value)
 
 
 def _refuse(code: str, mistakes: Sequence[str]) -> None:

@@ -25,13 +25,8 @@ import scipy
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
+from symid.identification.elastic import regression
 from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.regression import (
-    build_equations,
-    get_encoder_positions,
-    join_rigid_joints,
-    prepare_elastic_signals,
-)
 from symid.identification.regression import fill_load, list_measured_joints, solve_scaled
 from symid.joint_models import compute_plays, compute_stop_basis
 from symid.logs import (
@@ -162,10 +157,7 @@ _LOADS = 4
 def _build_loaded_rows(
     library: Library, recordings: Sequence[Recording]
 ) -> tuple[list[RigidRows], FloatArray]:
-    """Return the equations of all recordings, and the base parameters (p,) that explain their torque.
-
-    Loads that friction reads are measured, or those of the fit.
-    """
+    """Return the equations of all recordings, and the base parameters (p,) that explain their torque."""
     measured, loaded = list_measured_joints(recordings), tuple(recordings)
     sought = "load" in library.card.friction_inputs and not all(measured)
     loads = [np.zeros_like(recording.position) for recording in recordings]
@@ -256,14 +248,12 @@ _GRID = 6
 
 
 def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: Alignment) -> bool:
-    """Return whether the motors' torque speaks against a delay of the link encoders.
-
-    Viscous friction of the links gives the same torsion as a delay; the spring's torque on the motor tells
-    them apart: tau = [ddtheta, friction, spring and stops of the torsion] x, fitted with and without it.
-    """
+    """Return whether the motors' torque speaks against a delay of the link encoders."""
+    # Viscous friction of the links gives the same torsion as a delay; the spring's torque on the motor tells
+    # them apart: tau = [ddtheta, friction, spring and stops of the torsion] x, fitted with and without it.
     # Where motor and link move as one, no torque tells a delay from friction: the delay is the likelier.
     apart = moves = 0.0
-    for motor, link in map(get_encoder_positions, recordings):
+    for motor, link in map(regression.get_encoder_positions, recordings):
         apart += float(np.mean(np.diff(motor - link, axis=0) ** 2))
         moves += float(np.mean(np.diff(motor, axis=0) ** 2))
     if not any(library.card.yielding) or apart < _APART * moves:
@@ -273,9 +263,11 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
         # The mean square that motor and spring leave of the torque, relative, summed over joints and runs.
         total = 0.0
         for run, recording in enumerate(recordings):
-            signals = prepare_elastic_signals(shift_link_channel(recording, entry, run=run), ElasticOptions())
+            signals = regression.prepare_elastic_signals(
+                shift_link_channel(recording, entry, run=run), ElasticOptions()
+            )
             rate = partial(differentiate, period=signals.period)
-            design = build_equations(library, signals, rate, np.asarray)
+            design = regression.build_equations(library, signals, rate, np.asarray)
             for joint in range(library.card.size):
                 torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
                 if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
@@ -301,7 +293,7 @@ def prepare_aligned(
     Raises:
         LogError: see `estimate_alignment`.
     """
-    recordings, joined = join_rigid_joints(library.card, recordings)
+    recordings, joined = regression.join_rigid_joints(library.card, recordings)
     try:
         moved, found, kept, notices = _align(library, recordings)
     except LogError as error:
@@ -334,60 +326,9 @@ _FLAT = 1e-6
 _NUISANCES = 4
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ComplianceFits(FrozenArrays):
-    """What gravity bends.
-
-    Args:
-        compliances: (1 + blocks, runs, n) rad/(N m) or m/N; first with all blocks, then without each.
-        explained, left: (n,) root mean square of the torsion that gravity explains and leaves, rad or m.
-        loading, steady: (n,) deviation and size of mean of the gravity torque as parts of the whole torque.
-    """
-
-    compliances: FloatArray
-    explained: FloatArray
-    left: FloatArray
-    loading: FloatArray
-    steady: FloatArray
-
-
-def fit_compliances(runs: Sequence[RigidRows]) -> ComplianceFits:
-    """Return the compliance of every joint in every run, with and without each block."""
-    widths, count = _compute_reversal_widths(runs), runs[0].still.shape[2]
-    torsion = []
-    for rows in runs:
-        nuisances = (np.ones_like(rows.gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
-        parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, rows.gap[:, :, None]]
-        torsion.append(rows.compute_grams(np.concatenate(parts, axis=2)))
-    rigid = np.concatenate([rows.compute_grams() for rows in runs])
-    whole, norms = fit_rigid(rigid.sum(axis=0))
-    sums = np.array([grams.sum(axis=0) for grams in torsion])
-    first = _solve_runs(sums, whole[:count])
-    replicates = [first[0]]
-    owned = ((run, grams) for run, blocks in enumerate(torsion) for grams in blocks)
-    for left_out, (run, grams) in zip(rigid, owned, strict=True):
-        beta = fit_rigid(rigid.sum(axis=0) - left_out, norms**-2.0)[0][:count]
-        without = sums.copy()
-        without[run] -= grams
-        replicates.append(_solve_runs(without, beta)[0])
-    samples = sum(part.stop - part.start for rows in runs for part in rows.blocks)
-    still = np.concatenate([rows.still @ whole[:count] for rows in runs])
-    torque = np.concatenate([rows.torque for rows in runs])
-    size = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300)
-    return ComplianceFits(
-        compliances=np.array(replicates),
-        explained=np.sqrt(first[1].sum(axis=0) / samples),
-        left=np.sqrt(first[2].sum(axis=0) / samples),
-        loading=np.std(still, axis=0) / size,
-        steady=np.abs(np.mean(still, axis=0)) / size,
-    )
-
-
 def _solve_runs(sums: FloatArray, beta: FloatArray) -> FloatArray:
-    """Return compliances, and squares of the torsion that gravity explains and leaves: (3, runs, n).
-
-    Gravity and torsion are cleared of nuisances and of the torque of motion first (Frisch and Waugh).
-    """
+    """Return compliances, and squares of the torsion that gravity explains and leaves: (3, runs, n)."""
+    # Gravity and torsion are cleared of nuisances and of the torque of motion first (Frisch and Waugh).
     own = _NUISANCES
     change = scipy.linalg.block_diag(np.eye(own), beta[:, None], beta[:, None], 1.0)
     found = np.zeros((*sums.shape[:2], 3))
@@ -470,32 +411,57 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
         LogError: a recording has one encoder only, is uneven or too short, or no joint has both encoders.
     """
     moved, alignment, _, notices = _align(library, recordings)
-    fits = fit_compliances(_build_loaded_rows(library, moved)[0])
+    # The compliance of every joint in every run, (1 + blocks, runs, n): with all blocks, then without each.
+    runs, beta = _build_loaded_rows(library, moved)
+    widths, count, torsion = _compute_reversal_widths(runs), len(beta), []
+    for rows in runs:
+        nuisances = (np.ones_like(rows.gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
+        parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, rows.gap[:, :, None]]
+        torsion.append(rows.compute_grams(np.concatenate(parts, axis=2)))
+    rigid = np.concatenate([rows.compute_grams() for rows in runs])
+    whole, norms = fit_rigid(rigid.sum(axis=0))
+    sums = np.array([grams.sum(axis=0) for grams in torsion])
+    first = _solve_runs(sums, whole[:count])
+    compliances = [first[0]]
+    owned = ((run, grams) for run, blocks in enumerate(torsion) for grams in blocks)
+    for left_out, (run, grams) in zip(rigid, owned, strict=True):
+        part = fit_rigid(rigid.sum(axis=0) - left_out, norms**-2.0)[0][:count]
+        without = sums.copy()
+        without[run] -= grams
+        compliances.append(_solve_runs(without, part)[0])
+    # Root mean squares (n,) of the torsion that gravity explains and leaves, rad or m; deviation and size of
+    # mean (n,) of the gravity torque as parts of the whole torque.
+    samples = sum(part.stop - part.start for rows in runs for part in rows.blocks)
+    squares = np.sqrt(first[1:].sum(axis=1) / samples)
+    still = np.concatenate([rows.still @ whole[:count] for rows in runs])
+    torque = np.concatenate([rows.torque for rows in runs])
+    size = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300)
+    shares = np.array([np.std(still, axis=0), np.abs(np.mean(still, axis=0))]) / size
+    columns = np.array(compliances).transpose(2, 0, 1), squares.T, shares.T, alignment.present
     return StiffnessEstimate(
         robot=library.card.robot,
         alignment=alignment,
-        joints=tuple(
-            _judge(fits, index, card, present=bool(alignment.present[index]))
-            for index, card in enumerate(library.card.joints)
-        ),
-        blocks=len(fits.compliances) - 1,
+        joints=tuple(map(_judge, library.card.joints, *columns)),
+        blocks=len(compliances) - 1,
         notices=notices,
     )
 
 
-def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) -> JointStiffness:
-    """Return the spring of one joint; `present` says whether it has a link encoder."""
-    explained, left, unit = float(fits.explained[index]), float(fits.left[index]), card.position_unit
-    runs = run_stds = np.full(fits.compliances.shape[1], np.nan)
+def _judge(
+    card: JointCard, compliances: FloatArray, squares: FloatArray, shares: FloatArray, present: np.bool_
+) -> JointStiffness:
+    """Return the spring of a joint, with a link encoder where `present`; arrays as above, of this joint."""
+    (explained, left), (loading, steady), unit = squares.tolist(), shares.tolist(), card.position_unit
+    runs = run_stds = np.full(compliances.shape[1], np.nan)
     mean = std = low = high = float("nan")
     against: list[tuple[StiffnessVerdict, str]] = []
     if not present:
         explained = left = float("nan")
         text = "its link encoder's channel is constant or a copy: there is no link encoder"
         against.append((StiffnessVerdict.NO_ENCODER, text))
-    elif fits.loading[index] <= _FLAT:
+    elif loading <= _FLAT:
         explained, load = 0.0, "gravity does not load this joint"
-        if fits.steady[index] > _FLAT:
+        if steady > _FLAT:
             load = "the torque of gravity on this joint does not change"
         text = (
             f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; {left:.3g} "
@@ -504,7 +470,7 @@ def _judge(fits: ComplianceFits, index: int, card: JointCard, *, present: bool) 
         against.append((StiffnessVerdict.NO_GRAVITY, text))
     else:
         # Runs are averaged with the inverse of their variances.
-        runs, others = fits.compliances[0, :, index], fits.compliances[1:, :, index]
+        runs, others = compliances[0], compliances[1:]
         n, freedom, chance = len(others), len(runs) - 1, 1.0
         spread = others - others.mean(axis=0)
         covariance = (n - 1) / n * spread.T @ spread

@@ -259,10 +259,7 @@ class _Sides(NamedTuple):
 
 
 def _build_sides(problem: ElasticProblem, fit: estimate.MethodFit) -> list[_Sides]:
-    """Return motor and link equations with the springs' torques, each over its scatter about `fit`.
-
-    Motors that are not trusted to slide have empty rows, and so have the links of rigid joints.
-    """
+    """Return both equations, over their scatter; rows of rigid links and motors that stick are empty."""
     gives, sides = np.array(problem.gives), []
     ends = np.cumsum([len(rows.torque) for rows in problem.filtered])[:-1]
     torques, slides = compute_spring_torques(problem, fit), np.split(problem.slides, ends)
@@ -339,8 +336,27 @@ def fit_simultaneous(
     fit, problem = start, wide
     for _ in range(_ROUNDS):
         problem = calm_torsions(wide, narrow, fit)
-        fit, moved = _improve(problem, fit)
-        if moved < _SAME:
+        # Less error for the scatter of both sides as it is about the fit.
+        design, springs = _follow_springs(problem, fit)
+        free = np.isnan(problem.known)
+        base: FloatArray = np.linalg.qr(design[:, free], mode="reduced")[0]
+        given = design[:, ~free] @ problem.known[~free]
+
+        def project(values: FloatArray, base: FloatArray = base) -> FloatArray:
+            return np.asarray(values - base @ (base.T @ values))
+
+        found = scipy.optimize.least_squares(
+            lambda factors, own=springs, given=given: project(own.move(factors) - given),
+            np.ones(len(springs.numbers)),
+            lambda factors, own=springs: project(own.differentiate(factors)),
+            bounds=(_LEAST, _MOST),
+            max_nfev=_EVALUATIONS,
+            ftol=_SAME**2,
+            xtol=_SAME,
+        )
+        chi = solve_with_signs(problem.library.card, design, springs.move(found.x), problem.known)
+        fit = estimate.build_method_fit(fit.method, chi, problem.sizes, springs.build(found.x))
+        if float(np.max(np.abs(found.x - 1.0), initial=0.0)) < _SAME:
             break
     # The covariance of the dynamics, whatever the springs are.
     design, springs = _follow_springs(problem, fit)
@@ -426,30 +442,3 @@ def _follow_springs(problem: ElasticProblem, fit: estimate.MethodFit) -> tuple[F
         begun=[filter_spring(problem, spring, joint) for joint, spring in enumerate(fit.elasticity)],
     )
     return design, springs
-
-
-def _improve(problem: ElasticProblem, fit: estimate.MethodFit) -> tuple[estimate.MethodFit, float]:
-    """Return a fit with less error for the scatter of both sides as it is about `fit`, and how far it is.
-
-    The latter is the largest relative change of a number of the springs.
-    """
-    design, springs = _follow_springs(problem, fit)
-    free = np.isnan(problem.known)
-    base: FloatArray = np.linalg.qr(design[:, free], mode="reduced")[0]
-    given = design[:, ~free] @ problem.known[~free]
-
-    def project(values: FloatArray) -> FloatArray:
-        return np.asarray(values - base @ (base.T @ values))
-
-    found = scipy.optimize.least_squares(
-        lambda factors: project(springs.move(factors) - given),
-        np.ones(len(springs.numbers)),
-        lambda factors: project(springs.differentiate(factors)),
-        bounds=(_LEAST, _MOST),
-        max_nfev=_EVALUATIONS,
-        ftol=_SAME**2,
-        xtol=_SAME,
-    )
-    chi = solve_with_signs(problem.library.card, design, springs.move(found.x), problem.known)
-    moved = float(np.max(np.abs(found.x - 1.0), initial=0.0))
-    return estimate.build_method_fit(fit.method, chi, problem.sizes, springs.build(found.x)), moved

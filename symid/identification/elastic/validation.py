@@ -16,7 +16,7 @@ Not supported: one encoder only; noise in the loop; springs that the generated f
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,15 +24,9 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, build_spring_vector, prepare_library
 from symid.errors import EstimateError, Notice, UsageError
 from symid.excitation import Trajectory
+from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import ElasticEstimate, MethodFit
 from symid.identification.elastic.options import ElasticOptions
-from symid.identification.elastic.regression import (
-    DriveEffect,
-    build_filtered_rows,
-    compute_joint_torque,
-    fill_motor_loads,
-    prepare_elastic_signals,
-)
 from symid.identification.estimators import Residual
 from symid.identification.hysteresis import filter_smooth
 from symid.joint_models import Elasticity, Knee, Stop
@@ -146,7 +140,7 @@ def predict_elastic(
     initial: Sequence[Elasticity] = (),
     identifiable: Sequence[bool | None] = (),
     truth: Sequence[Elasticity | None] = (),
-    effects: Sequence[DriveEffect] = (),
+    effects: Sequence[regression.DriveEffect] = (),
     fitted: bool = False,
 ) -> ElasticTrial:
     """Return what the models predict of `recording`, with the filters of the options; nothing is fitted.
@@ -155,9 +149,9 @@ def predict_elastic(
     `final`, is empty where all are; `effects` of the drives belong to `final`. `fitted` marks a log of the
     fit.
     """
-    (recording,) = fill_motor_loads(library, [recording], final.beta)
-    signals = prepare_elastic_signals(recording, options, effects)
-    rows = build_filtered_rows(library, signals, options.rate)
+    (recording,) = regression.fill_motor_loads(library, [recording], final.beta)
+    signals = regression.prepare_elastic_signals(recording, options, effects)
+    rows = regression.build_filtered_rows(library, signals, options.rate)
     motor, link = rows.compute_motor_side(final.chi), rows.compute_link_side(final.chi)
     torsion = filter_smooth(signals.phi, options.rate, signals.period)[rows.keep]
 
@@ -165,7 +159,7 @@ def predict_elastic(
         spring = springs[joint] if springs else None
         if spring is None or spring.initial_stiffness is None:
             return None
-        torque = compute_joint_torque(spring, signals, joint)
+        torque = regression.compute_joint_torque(spring, signals, joint)
         return filter_smooth(torque, options.rate, signals.period)[rows.keep]
 
     told = identifiable or [True] * len(final.elasticity)
@@ -269,12 +263,8 @@ class TrackingRun(FrozenArrays):
         return np.asarray(np.max(np.abs(self.error), axis=0))
 
 
-class SpringCounts(NamedTuple):
-    """How many stops, and knees on either side, the springs of one joint have."""
-
-    stops: int
-    below: int
-    above: int
+SpringCounts = tuple[int, int, int]
+"""How many stops, and knees below and above zero torque, the springs of one joint have."""
 
 
 def simulate_tracking(
@@ -284,20 +274,19 @@ def simulate_tracking(
     trajectory: Trajectory,
     options: ExperimentOptions,
     *,
-    rigid: MethodFit | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[TrackingRun, ...]:
     """Return a run of the true robot for every model, and first one with rigid feed-forward.
 
-    `models` are what controllers believe, by name; `rigid` is the one whose inertias and friction the rigid
-    feed-forward takes, by default the first; `progress` is called before work that takes a while.
+    `models` are what controllers believe, by name, at least one: the rigid feed-forward takes inertias and
+    friction of the first; `progress` is called before work that takes a while.
 
     Raises:
         UsageError, SolverError: see `simulate_elastic` and `compute_elastic_reference`.
     """
     duration = trajectory.duration if options.duration is None else options.duration
     time: FloatArray = np.arange(round(duration / options.period) + 1) * np.float64(options.period)
-    first = rigid or next(iter(models.values()))
+    first = next(iter(models.values()))
     # Rigid feed-forward takes the motors to be where the links are.
     q, dq, ddq = trajectory.evaluate(time)
     torque = library.evaluate("inverse_dynamics", q, dq, ddq, first.beta)[0] + first.rotor * ddq
@@ -305,18 +294,17 @@ def simulate_tracking(
         given = library.card.gather_friction_inputs(dq, q=q, load=torque)
         torque = torque + library.evaluate("friction", *given, first.friction)[0]
     references = {RIGID: MotorReference(angle=q, speed=dq, torque=torque)}
-    if models:
-        counts = list(map(_count, zip(*(fit.elasticity for fit in models.values()), strict=True)))
-        # The numbers of the springs are arguments of the function.
-        plain = widen_springs([Elasticity(stiffness=1.0)] * len(counts), counts)
-        joints = list(robot.joints)
-        for index, spring in zip(robot.coordinates, plain, strict=True):
-            joints[index] = replace(joints[index], elasticity=spring)
-        shaped = replace(robot, joints=tuple(joints))
-        controller = prepare_library(shaped, names=(_FUNCTION,), progress=progress, backend=library.backend)
-        for name, fit in models.items():
-            wide = replace(fit, elasticity=widen_springs(fit.elasticity, counts))
-            references[name] = compute_elastic_reference(controller, wide, trajectory, time)
+    counts = list(map(_count, zip(*(fit.elasticity for fit in models.values()), strict=True)))
+    # The numbers of the springs are arguments of the function.
+    plain = widen_springs([Elasticity(stiffness=1.0)] * len(counts), counts)
+    joints = list(robot.joints)
+    for index, spring in zip(robot.coordinates, plain, strict=True):
+        joints[index] = replace(joints[index], elasticity=spring)
+    shaped = replace(robot, joints=tuple(joints))
+    controller = prepare_library(shaped, names=(_FUNCTION,), progress=progress, backend=library.backend)
+    for name, fit in models.items():
+        wide = replace(fit, elasticity=widen_springs(fit.elasticity, counts))
+        references[name] = compute_elastic_reference(controller, wide, trajectory, time)
     # No noise is drawn for the loop; the logs of these runs are not used.
     runs, rng = [], np.random.default_rng(0)
     for name, reference in references.items():
@@ -332,7 +320,8 @@ def _count(springs: Sequence[Elasticity]) -> SpringCounts:
         for spring in springs
         for below in [sum(knee.threshold < 0.0 for knee in spring.knees)]
     ]
-    return SpringCounts(*(-(-number // _MULTIPLE) * _MULTIPLE for number in np.max(numbers, axis=0).tolist()))
+    stops, below, above = (-(-most // _MULTIPLE) * _MULTIPLE for most in np.max(numbers, axis=0).tolist())
+    return stops, below, above
 
 
 def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCounts]) -> tuple[Elasticity, ...]:
@@ -343,11 +332,11 @@ def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCount
         return [last * _FURTHER**step for step in range(1, least - len(places) + 1)]
 
     wide = []
-    for spring, count in zip(elasticity, counts, strict=True):
-        radii = extend([stop.threshold for stop in spring.stops], count.stops, _FURTHER)
+    for spring, (count, below, above) in zip(elasticity, counts, strict=True):
+        radii = extend([stop.threshold for stop in spring.stops], count, _FURTHER)
         places = sorted(knee.threshold for knee in spring.knees)
-        further = extend([place for place in places[::-1] if place < 0.0], count.below, -1.0)
-        further += extend([place for place in places if place > 0.0], count.above, 1.0)
+        further = extend([place for place in places[::-1] if place < 0.0], below, -1.0)
+        further += extend([place for place in places if place > 0.0], above, 1.0)
         stops = (*spring.stops, *(Stop(threshold=place, stiffness=0.0) for place in radii))
         knees = [*spring.knees, *(Knee(threshold=place, slope=0.0) for place in further)]
         wide.append(replace(spring, stops=stops, knees=tuple(sorted(knees))))

@@ -23,18 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from symid import dynamics
 from symid.arrays import FloatArray, FrozenArrays, freeze
-from symid.dynamics import (
-    PSEUDO_INERTIA_FORMS,
-    BodyProblem,
-    NearestBodies,
-    build_expected_bodies,
-    build_prior,
-    compute_cost,
-    compute_errors,
-    compute_standard_parameters,
-    optimise_bodies,
-)
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators.least_squares import RegressionFit, estimate_group_weights, fit_weighted
 from symid.identification.regression import (
@@ -75,11 +65,10 @@ class Bodies(FrozenArrays):
 def build_bodies(robot: Robot) -> Bodies:
     """Return the bodies behind the base parameters; raise RobotError where a symbolic length has no value."""
     # These load SymPy, which other estimators do without.
-    from symid.dynamics import build_grouping, derive_base_parameters
 
-    base = derive_base_parameters(robot)
+    base = dynamics.derive_base_parameters(robot)
     names = tuple(entry.name for entry in (*base.parameters, *base.friction))
-    grouping = build_grouping(robot, base, names)
+    grouping = dynamics.build_grouping(robot, base, names)
     column = {label: index for index, label in enumerate(grouping.labels)}
     used = [label for label in grouping.labels if grouping.matrix[:, column[label]].any()]
     places = [[column[index, name] for name in INERTIAL] for index in range(robot.size)]
@@ -97,7 +86,7 @@ def build_bodies(robot: Robot) -> Bodies:
         positive=positive,
         bounded=bound,
         free=free,
-        stated=build_prior(robot, grouping.matrix[:, np.ravel(places)], np.zeros(len(names))),
+        stated=dynamics.build_prior(robot, grouping.matrix[:, np.ravel(places)], np.zeros(len(names))),
         unit=all(joint.inertial is None for joint in robot.joints),
     )
 
@@ -116,7 +105,7 @@ class ConsistentCost(NamedTuple):
     `roots` (n, 4, 4) L, `rotors` (a,) IA0, `loose` (p, b + c) effect of one unit of friction and the rest.
     """
 
-    problem: BodyProblem
+    problem: dynamics.BodyProblem
     roots: FloatArray
     rotors: FloatArray
     loose: FloatArray
@@ -139,7 +128,11 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
         mass = mass if mass > 0.0 else max(float(np.abs(wanted).max(initial=0.0)), _SMALL)
     expected = build_pseudo_inertias(bodies.stated * mass)
     roots = np.asarray(np.linalg.cholesky(expected), dtype=np.float64)
-    forms = roots.transpose(0, 2, 1) @ np.einsum("pnk,kab->pnab", bodies.links, PSEUDO_INERTIA_FORMS) @ roots
+    forms = (
+        roots.transpose(0, 2, 1)
+        @ np.einsum("pnk,kab->pnab", bodies.links, dynamics.PSEUDO_INERTIA_FORMS)
+        @ roots
+    )
     matrix = triangle[:, :-1]
     # Expected is half of the parameter that a rotor is part of.
     sizes = np.where(bodies.positive > 0.0, np.abs(centre)[:, None], 0.0).max(axis=0, initial=0.0)
@@ -157,7 +150,7 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
     left, singular, _ = np.linalg.svd(matrix / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False)
     basis = left[:, singular > _RANK * singular.max(initial=0.0)]
     explained = basis @ (basis.T @ (triangle[:, -1] - matrix @ centre))
-    problem = BodyProblem(
+    problem = dynamics.BodyProblem(
         blocks=np.tensordot(matrix, forms, axes=1),
         positive=matrix @ (bodies.positive * rotors),
         others=matrix @ (loose / lengths),
@@ -197,7 +190,7 @@ class ConsistentSolution:
     values: FloatArray
     pi: FloatArray
     eigenvalue: float
-    nearest: NearestBodies
+    nearest: dynamics.NearestBodies
     weight: float
 
 
@@ -261,24 +254,26 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
     # that agrees with itself; rows far from the bodies expected may have a second one, at which bodies hardly
     # follow them. Where the way to the first is too long, it falls, from that of the bodies expected.
     problem, square = cost.problem, max(square, float(len(centre)))
-    found = optimise_bodies(problem)
+    found = dynamics.optimise_bodies(problem)
     steps = found.iterations
     arrived = bool(np.isfinite(found.gap))
     known = problem.weight if arrived else np.inf
-    start = found if arrived else build_expected_bodies(problem)
+    start = found if arrived else dynamics.build_expected_bodies(problem)
     for _ in range(_PASSES):
-        errors = compute_errors(problem, start)
+        errors = dynamics.compute_errors(problem, start)
         wanted = _WEIGHT * (1.0 + float(errors @ errors) / square)
         if abs(wanted - known) <= _CONVERGED * min(known, wanted):
             break
         problem = replace(problem, weight=wanted)
         warm = wanted < _WARM * known < np.inf
-        found = start = optimise_bodies(problem, start, known) if warm else optimise_bodies(problem)
+        found = start = (
+            dynamics.optimise_bodies(problem, start, known) if warm else dynamics.optimise_bodies(problem)
+        )
         steps, known = steps + found.iterations, wanted
         if not np.isfinite(found.gap):
             break
     found = replace(found, iterations=steps)
-    if not found.gap <= _CERTAIN * (compute_cost(problem, found) + problem.weight):
+    if not found.gap <= _CERTAIN * (dynamics.compute_cost(problem, found) + problem.weight):
         text = (
             f"no optimum among bodies that exist: Newton's method did not converge in {found.iterations} "
             "steps; identify with wls, and export that"
@@ -293,7 +288,7 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
             "them too little; identify with wls, and look at the parameters it refuses"
         )
         raise SolverError(Notice(code="solver.singular-bodies", text=text))
-    pi = compute_standard_parameters(inertias)
+    pi = dynamics.compute_standard_parameters(inertias)
     values = np.einsum("pnk,nk->p", bodies.links, pi) + cost.loose @ found.others
     return ConsistentSolution(
         values=freeze(values + bodies.positive @ (cost.rotors * found.positive)),

@@ -30,16 +30,8 @@ import scipy
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import IdentifiabilityError, Notice
+from symid.identification import regression
 from symid.identification.estimators.least_squares import RegressionFit, fit_weighted, iterate_weights
-from symid.identification.regression import (
-    Identifiability,
-    RankRule,
-    Rows,
-    analyse_identifiability,
-    compute_spectrum,
-    condense_rows,
-    count_freedom,
-)
 
 _BLIND = "identify.blind-instruments"
 _BARELY = 1e-7
@@ -63,7 +55,7 @@ class InstrumentalSolution(FrozenArrays):
     """
 
     fit: RegressionFit
-    identifiability: Identifiability
+    identifiability: regression.Identifiability
     explained: FloatArray
     frame: FloatArray
     gain: FloatArray
@@ -72,9 +64,9 @@ class InstrumentalSolution(FrozenArrays):
 
 
 def fit_instruments(
-    rows: Rows,
-    instruments: Rows,
-    rule: RankRule | None = None,
+    rows: regression.Rows,
+    instruments: regression.Rows,
+    rule: regression.RankRule | None = None,
     freedom: str = "band",
     *,
     simulated: bool = True,
@@ -88,7 +80,7 @@ def fit_instruments(
     Raises:
         IdentifiabilityError: no parameter is identifiable from rows and instruments together.
     """
-    measured = analyse_identifiability(rows, rule)
+    measured = regression.analyse_identifiability(rows, rule)
     try:
         # What Z P identifies, P x = x in directions that Y observes and 0 in the others.
         seen, basis = instruments, measured.basis
@@ -96,7 +88,7 @@ def fit_instruments(
             projected, *_ = np.linalg.lstsq(rows.matrix @ basis, rows.matrix, rcond=None)
             seen = replace(instruments, matrix=instruments.matrix @ basis @ projected)
         try:
-            identifiability = analyse_identifiability(seen, rule)
+            identifiability = regression.analyse_identifiability(seen, rule)
         except IdentifiabilityError as error:
             text = (
                 "the simulated robot does not excite enough parameters: the reference of the log hardly "
@@ -105,9 +97,9 @@ def fit_instruments(
             raise IdentifiabilityError(Notice(code=_BLIND, text=text), *error.notices) from error
         basis = identifiability.basis
         columns, count = instruments.matrix @ basis, int(basis.shape[1])
-        used, independent = count_freedom(freedom, count, rows.independent)
+        used, independent = regression.count_freedom(freedom, count, rows.independent)
 
-        condensed = condense_rows(rows)
+        condensed = regression.condense_rows(rows)
         weights = iterate_weights(
             condensed, lambda guess: _solve_stages(rows, columns, basis, guess)[0], used
         )
@@ -121,7 +113,7 @@ def fit_instruments(
         left, strength = 1.0 - correlation**2, float("inf")
         if left >= _WHOLE:
             strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
-        singular = compute_spectrum(matrix).singular
+        singular = regression.compute_spectrum(matrix).singular
         notices = []
         hidden = np.flatnonzero(measured.identifiable & ~identifiability.identifiable)
         states = "simulated" if simulated else "smooth"
@@ -169,7 +161,7 @@ def fit_instruments(
 
 
 def _solve_stages(
-    rows: Rows, instruments: FloatArray, basis: FloatArray, weights: FloatArray
+    rows: regression.Rows, instruments: FloatArray, basis: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return x (p,), its gain (p, k), row factors (m,), Q (m, k) and Q' W^(1/2) Y (k, p)."""
     factors = weights[rows.group] * np.sqrt(rows.weight)
@@ -221,7 +213,9 @@ class Exogeneity:
         return tuple(sorted(far, key=lambda entry: -abs(entry[1])))
 
 
-def assess_exogeneity(rows: Rows, found: InstrumentalSolution, freedom: str = "band") -> Exogeneity:
+def assess_exogeneity(
+    rows: regression.Rows, found: InstrumentalSolution, freedom: str = "band"
+) -> Exogeneity:
     """Return whether least squares of measured rows, weighted as the instruments' fit, are biased.
 
     `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
@@ -241,7 +235,7 @@ def assess_exogeneity(rows: Rows, found: InstrumentalSolution, freedom: str = "b
     apart = left[:, singular > _RANK]
     errors = usual.residuals * factors
     gained = float(np.sum((apart.T @ errors) ** 2))
-    _, independent = count_freedom(freedom, basis.shape[1], rows.independent)
+    _, independent = regression.count_freedom(freedom, basis.shape[1], rows.independent)
     count = apart.shape[1]
     free = independent * len(errors) - basis.shape[1] - count
     rest = float(errors @ errors) - gained

@@ -33,6 +33,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen import ModelCard
 from symid.errors import Notice, UsageError
+from symid.identification import regression
 from symid.identification.estimators.consistent import Bodies, fit_consistent
 from symid.identification.estimators.estimate import Estimate
 from symid.identification.estimators.least_squares import (
@@ -41,18 +42,6 @@ from symid.identification.estimators.least_squares import (
     fit_gls,
     fit_ols,
     fit_wls,
-)
-from symid.identification.regression import (
-    SCALAR_KINDS,
-    Identifiability,
-    Rows,
-    compute_square_sums,
-    condense_rows,
-    condense_weighted,
-    count_freedom,
-    extend_triangle,
-    solve_condensed,
-    stack_condensed,
 )
 
 _SMALL = 0.1
@@ -115,8 +104,8 @@ _BLOCKS = 5
 
 
 def fit_ridge(
-    rows: Rows,
-    identifiability: Identifiability,
+    rows: regression.Rows,
+    identifiability: regression.Identifiability,
     freedom: str = "band",
     *,
     prior: Prior | None,
@@ -130,7 +119,7 @@ def fit_ridge(
         text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
         raise UsageError(Notice(code="usage.no-prior", text=text))
     first = fit_ols(rows, identifiability, freedom)
-    _, independent = count_freedom(freedom, first.spent, rows.independent)
+    _, independent = regression.count_freedom(freedom, first.spent, rows.independent)
     # Rows behind a filter count for as many as they are worth, next to the prior.
     inverse_scatter = estimate_group_weights(rows, identifiability, freedom) * np.sqrt(independent)
     centre, deviations = prior.arrange(rows.names)
@@ -147,18 +136,20 @@ def fit_ridge(
             time = rows.time[members]
             start, span = float(time.min()), float(np.ptp(time)) or 1.0
             block[members] = np.minimum((_BLOCKS * (time - start) / span).astype(np.intp), _BLOCKS - 1)
-        parts = [condense_weighted(rows, rows.weight * (block == k)) for k in range(_BLOCKS)]
-        triangles = [stack_condensed(part, inverse_scatter) for part in parts]
+        parts = [regression.condense_weighted(rows, rows.weight * (block == k)) for k in range(_BLOCKS)]
+        triangles = [regression.stack_condensed(part, inverse_scatter) for part in parts]
         scores = dict.fromkeys((0.0, *PRIOR_WEIGHTS), 0.0)
         for k, held_out in enumerate(parts):
             others = np.vstack([triangle for j, triangle in enumerate(triangles) if j != k])
-            train = extend_triangle(np.zeros((0, others.shape[1])), [others])
+            train = regression.extend_triangle(np.zeros((0, others.shape[1])), [others])
             for tried in scores:
                 values, _ = _solve_ridge(train, pull, tried)
-                scores[tried] += float(compute_square_sums(held_out, values) @ inverse_scatter**2)
+                scores[tried] += float(regression.compute_square_sums(held_out, values) @ inverse_scatter**2)
         weight = min(scores, key=lambda entry: scores[entry])
     whole = float(np.sum((rows.values * inverse_scatter[rows.group]) ** 2 * rows.weight))
-    values, root = _solve_ridge(stack_condensed(condense_rows(rows), inverse_scatter), pull, weight)
+    values, root = _solve_ridge(
+        regression.stack_condensed(regression.condense_rows(rows), inverse_scatter), pull, weight
+    )
     return replace(
         first,
         values=values,
@@ -179,7 +170,9 @@ def fit_ridge(
 
 def _solve_ridge(triangle: FloatArray, pull: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:
     """Return x (p,) and the root (p, p) of (A'A + w D^2)^+; unobservable directions stay at zero."""
-    whole = extend_triangle(np.zeros((0, triangle.shape[1])), [np.vstack([triangle, np.sqrt(weight) * pull])])
+    whole = regression.extend_triangle(
+        np.zeros((0, triangle.shape[1])), [np.vstack([triangle, np.sqrt(weight) * pull])]
+    )
     matrix, target = whole[:, :-1], whole[:, -1]
     lengths = np.linalg.norm(matrix, axis=0)
     scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
@@ -198,7 +191,9 @@ _CONVERGED = 1e-6
 """Change of the parameters, in standard deviations, below which the iteration ends."""
 
 
-def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+def fit_huber(
+    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
+) -> RegressionFit:
     """Return the robust fit; arguments as for `fit_ols`."""
     first = fit_ols(rows, identifiability, freedom)
     basis, values, residuals, spent = identifiability.basis, first.values, first.residuals, first.spent
@@ -206,14 +201,14 @@ def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band
     while steps < _LIMIT and change > _CONVERGED:
         scale = _estimate_scale(rows, residuals) if steps < _FOLLOWED else scale
         weight = _BEND / np.maximum(np.abs(residuals) / scale[rows.group], _BEND) * rows.weight
-        found = solve_condensed(condense_weighted(rows, weight), basis, 1.0 / scale)
+        found = regression.solve_condensed(regression.condense_weighted(rows, weight), basis, 1.0 / scale)
         size = np.sqrt(np.maximum(np.sum(found.root**2, axis=1), np.finfo(float).tiny))
         change = float(np.abs((found.values - values) / size).max())
         values, steps = found.values, steps + 1
         residuals = rows.values - rows.matrix @ values
-    plain = solve_condensed(condense_rows(rows), basis, 1.0 / scale)
+    plain = regression.solve_condensed(regression.condense_rows(rows), basis, 1.0 / scale)
     ratios, count = residuals / scale[rows.group], len(residuals)
-    _, independent = count_freedom(freedom, spent, rows.independent)
+    _, independent = regression.count_freedom(freedom, spent, rows.independent)
     inner = float(np.mean(np.abs(ratios) <= _BEND))
     stretch = 1.0 + spent * (1.0 - inner) / (independent * count * inner)
     square = float(np.clip(ratios, -_BEND, _BEND) ** 2 @ rows.weight)
@@ -234,7 +229,7 @@ def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band
     )
 
 
-def _estimate_scale(rows: Rows, residuals: FloatArray) -> FloatArray:
+def _estimate_scale(rows: regression.Rows, residuals: FloatArray) -> FloatArray:
     """Return the scatter (g,) of each group, insensitive to outliers; never quite zero."""
     floor = 1e-9 * float(np.linalg.norm(rows.values)) / np.sqrt(len(rows.values))
     scale = np.full(len(rows.group_names), floor)
@@ -247,15 +242,17 @@ def _estimate_scale(rows: Rows, residuals: FloatArray) -> FloatArray:
 _WELL_DETERMINED = 1e-3
 
 
-def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+def fit_sequential(
+    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
+) -> RegressionFit:
     """Return the fit joint by joint, as `fit_ols`; raise UsageError for rows that sum over the joints."""
-    if rows.kind in SCALAR_KINDS:
+    if rows.kind in regression.SCALAR_KINDS:
         text = (
             f"{rows.kind} rows sum over the joints; for joint by joint use torque, momentum or filtered rows"
         )
         raise UsageError(Notice(code="usage.sequential-rows", text=text))
-    condensed, together = condense_rows(rows), fit_wls(rows, identifiability, freedom)
-    _, independent = count_freedom(freedom, together.spent, condensed.independent)
+    condensed, together = regression.condense_rows(rows), fit_wls(rows, identifiability, freedom)
+    _, independent = regression.count_freedom(freedom, together.spent, condensed.independent)
     count = len(rows.names)
     # Joint by joint its triangle, how many independent rows it has, and what counts as well determined.
     stages = [
@@ -264,7 +261,7 @@ def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = 
         if condensed.counts[joint]
     ]
     # What no joint determines well on its own.
-    whole = stack_condensed(condensed, estimate_group_weights(rows, identifiability, freedom))
+    whole = regression.stack_condensed(condensed, estimate_group_weights(rows, identifiability, freedom))
     stages.append(("all together", whole, len(rows.values), 0.0))
     # x and its covariance so far, and the directions (p, k) that are still open.
     values, covariance, unknown = np.zeros(count), np.zeros((count, count)), identifiability.basis
@@ -323,8 +320,8 @@ _OWN = {"gls": ("noise",), "ridge": ("prior", "prior_weight"), "consistent": ("b
 
 def fit_rows(
     estimator: str,
-    rows: Rows,
-    identifiability: Identifiability,
+    rows: regression.Rows,
+    identifiability: regression.Identifiability,
     freedom: str = "band",
     options: EstimatorOptions | None = None,
 ) -> RegressionFit:

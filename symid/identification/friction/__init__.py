@@ -43,9 +43,7 @@ if TYPE_CHECKING:
         VariableProjectionOptions as VariableProjectionOptions,
         build_problem as build_problem,
     )
-    from symid.identification.friction.selection import (
-        compute_relative_residual as compute_relative_residual,
-    )
+    from symid.identification.friction.selection import compute_relative_residual as compute_relative_residual
 else:
     from symid.lazy import load_names
 

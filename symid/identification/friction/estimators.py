@@ -19,24 +19,8 @@ import scipy
 from symid.arrays import FloatArray
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.friction.joint_fit import (
-    FrictionEstimate,
-    FrictionSamples,
-    FrictionSearch,
-    Uncertainty,
-    compute_criteria,
-    compute_sensitivities,
-    compute_uncertainty,
-    is_one_sided,
-)
+from symid.identification.friction import joint_fit, searches
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
-from symid.identification.friction.searches import (
-    search_by_evolution,
-    search_by_nlp,
-    search_by_population,
-    search_by_projection,
-    search_by_roots,
-)
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
@@ -48,7 +32,7 @@ _NEAR = 0.01
 
 
 def list_refusals(
-    problem: FrictionProblem, search: FrictionSearch, uncertainty: Uncertainty
+    problem: FrictionProblem, search: joint_fit.FrictionSearch, uncertainty: joint_fit.Uncertainty
 ) -> dict[str, str]:
     """Return the reason for every parameter, of the law and beside it, that is refused."""
     law, samples = problem.law, problem.samples
@@ -57,7 +41,7 @@ def list_refusals(
     # What the motion lacks, and samples without the motion of noise.
     rows = samples.build_rows().velocity
     speeds, lacks, moved, cases = np.abs(rows[rows != 0.0]), list[str](), samples, [uncertainty]
-    if is_one_sided(rows):
+    if joint_fit.is_one_sided(rows):
         direction = 1.0 if np.sum(rows > 0.0) > np.sum(rows < 0.0) else -1.0
         moved, speeds = samples.take(samples.velocity * direction > 0.0), np.abs(rows[rows * direction > 0.0])
         lacks.append(f"in the {'positive' if direction > 0.0 else 'negative'} direction only")
@@ -68,8 +52,8 @@ def list_refusals(
             moved = replace(moved, velocity=np.sign(moved.velocity) * middle, reduce=None)
     lack = f"the joint moved {' and '.join(lacks)}" if len(speeds) and lacks else ""
     if lack:
-        design = compute_sensitivities(moved, law, search.linear, search.shape)
-        cases.append(compute_uncertainty(design, law, 1.0, list(~problem.is_free)))
+        design = joint_fit.compute_sensitivities(moved, law, search.linear, search.shape)
+        cases.append(joint_fit.compute_uncertainty(design, law, 1.0, list(~problem.is_free)))
     for case in cases:
         lost = np.isinf(np.concatenate([case.physical, case.other]))
         together = [name for name, gone in zip(names, lost, strict=True) if gone]
@@ -79,7 +63,22 @@ def list_refusals(
             end = f"it cannot be separated from {others}" if others else "it has no effect"
             refused.setdefault(name, f"{reason}: {end}")
     refused |= {k: v for k, v in _refuse_shapes(problem, search).items() if k not in refused}
-    refused |= _refuse_uncertain(problem, search, uncertainty, refused)
+    values = law.to_physical(search.linear, search.shape)
+    # Shape values, and what depends on a refused one, with deviations beyond half.
+    shapes = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if free}
+    # A value at its bound is known with the bound, and may well be zero.
+    known = {*refused, *(list_active_bounds(problem, search, uncertainty).keys() - shapes)}
+    uncertain: dict[str, str] = {}
+    # Values of the shape first: where one is refused, the terms that it bends are uncertain as well.
+    for bends in (True, False):
+        bent = bool(shapes & (refused.keys() | uncertain.keys()))
+        for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True):
+            other = entry.name.startswith("fS") or (bent and entry.lower == 0.0)
+            checked = entry.name in shapes if bends else other and entry.name not in shapes
+            if checked and entry.name not in known and std > 0.5 * abs(value):
+                unit = entry.unit_prismatic if problem.samples.prismatic else entry.unit
+                uncertain[entry.name] = f"its standard deviation, {std:.3g} {unit}, exceeds half its value"
+    refused |= uncertain
     place = next((k for k, entry in enumerate(law.shape) if entry.name == "dq0"), None)
     if place is not None and "dq0" in refused:
         # What acts only inside the zone about standstill is refused with the zone.
@@ -92,7 +91,7 @@ def list_refusals(
     return refused
 
 
-def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch) -> dict[str, str]:
+def _refuse_shapes(problem: FrictionProblem, search: joint_fit.FrictionSearch) -> dict[str, str]:
     """Return the reason for every shape value, and what depends on it, that the samples do not show."""
     law, samples = problem.law, problem.samples
     refused: dict[str, str] = {}
@@ -137,7 +136,11 @@ def _list_dependents(law: FrictionLaw, terms: list[int], places: list[int]) -> l
 
 
 def _is_as_good(
-    problem: FrictionProblem, search: FrictionSearch, columns: FloatArray, variance: float, freedom: int
+    problem: FrictionProblem,
+    search: joint_fit.FrictionSearch,
+    columns: FloatArray,
+    variance: float,
+    freedom: int,
 ) -> bool:
     """Return whether fewer columns leave J no greater than chance explains."""
     residual = problem.target
@@ -148,36 +151,14 @@ def _is_as_good(
     return gain <= float(scipy.special.chdtri(freedom, 1e-4)) * variance + rounding
 
 
-def _refuse_uncertain(
-    problem: FrictionProblem, search: FrictionSearch, uncertainty: Uncertainty, refused: dict[str, str]
-) -> dict[str, str]:
-    """Return the reason for shape values, and what depends on a refused one, with deviations beyond half."""
-    law = problem.law
-    values = law.to_physical(search.linear, search.shape)
-    shapes = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if free}
-    # A value at its bound is known with the bound, and may well be zero.
-    known = {*refused, *(list_active_bounds(problem, search, uncertainty).keys() - shapes)}
-    uncertain: dict[str, str] = {}
-    # Values of the shape first: where one is refused, the terms that it bends are uncertain as well.
-    for bends in (True, False):
-        bent = bool(shapes & (refused.keys() | uncertain.keys()))
-        for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True):
-            other = entry.name.startswith("fS") or (bent and entry.lower == 0.0)
-            checked = entry.name in shapes if bends else other and entry.name not in shapes
-            if checked and entry.name not in known and std > 0.5 * abs(value):
-                unit = entry.unit_prismatic if problem.samples.prismatic else entry.unit
-                uncertain[entry.name] = f"its standard deviation, {std:.3g} {unit}, exceeds half its value"
-    return uncertain
-
-
 def list_fit_notices(
-    problem: FrictionProblem, search: FrictionSearch, refused: dict[str, str], held: dict[str, str]
+    problem: FrictionProblem, search: joint_fit.FrictionSearch, refused: dict[str, str], held: dict[str, str]
 ) -> tuple[Notice, ...]:
     """Return the warnings of a fit; `held` is what `list_active_bounds` found."""
     law = problem.law
     found = [("refused", f"{name} is not identifiable: {reason}") for name, reason in refused.items()]
     rows = problem.samples.build_rows().velocity
-    if is_one_sided(rows):
+    if joint_fit.is_one_sided(rows):
         text = "the joint moves in one direction only: friction in the other direction is not identifiable"
         found.append(("one-direction", text))
     for entry, value in zip(law.shape, search.shape, strict=True):
@@ -210,7 +191,7 @@ def list_fit_notices(
 
 
 def list_active_bounds(
-    problem: FrictionProblem, search: FrictionSearch, uncertainty: Uncertainty
+    problem: FrictionProblem, search: joint_fit.FrictionSearch, uncertainty: joint_fit.Uncertainty
 ) -> dict[str, str]:
     """Return the physical parameters with an active bound, and which: "at its lower bound, 0: ...".
 
@@ -245,7 +226,7 @@ def list_active_bounds(
     return held
 
 
-def locate_edge(problem: FrictionProblem, search: FrictionSearch, place: int) -> str:
+def locate_edge(problem: FrictionProblem, search: joint_fit.FrictionSearch, place: int) -> str:
     """Return "lower" or "upper" where a shape value is at that bound of its search, else ""."""
     if not problem.is_free[place]:
         return ""
@@ -260,13 +241,13 @@ STOCHASTIC = frozenset({"genetic", "annealing", "differential-evolution"})
 
 
 def fit_friction(
-    samples: FrictionSamples,
+    samples: joint_fit.FrictionSamples,
     law: FrictionLaw,
     *,
     estimator: str = "varpro",
     options: FrictionOptions | None = None,
     generator: np.random.Generator | None = None,
-) -> FrictionEstimate:
+) -> joint_fit.FrictionEstimate:
     """Return the law's parameters and their uncertainty.
 
     `estimator` is one of `ESTIMATORS`; `generator` that of a stochastic search, by default a new one from
@@ -283,7 +264,7 @@ def fit_friction(
     return build_estimate(problem, search, estimator)
 
 
-def check_search(search: FrictionSearch, joint: str, estimator: str) -> None:
+def check_search(search: joint_fit.FrictionSearch, joint: str, estimator: str) -> None:
     """Raise SolverError for a search that ended without usable numbers."""
     if not search.outcome.usable:
         text = f"estimator {estimator!r}, joint {joint!r}: {search.ended} ({search.outcome.value})"
@@ -306,24 +287,26 @@ def search_friction(
     estimator: str,
     options: FrictionOptions,
     generator: np.random.Generator | None = None,
-) -> FrictionSearch:
+) -> joint_fit.FrictionSearch:
     """Return the end of the search; arguments and errors as for `fit_friction`."""
     check_estimator(estimator)
     generator = np.random.default_rng(options.seed) if generator is None else generator
     match estimator:
         case "varpro":
-            return search_by_projection(problem, options.variable_projection)
+            return searches.search_by_projection(problem, options.variable_projection)
         case "root-finding":
-            return search_by_roots(problem, options.root_finding)
+            return searches.search_by_roots(problem, options.root_finding)
         case "nlp":
-            return search_by_nlp(problem, options.nlp)
+            return searches.search_by_nlp(problem, options.nlp)
         case "differential-evolution":
-            return search_by_evolution(problem, options.evolution, generator)
+            return searches.search_by_evolution(problem, options.evolution, generator)
     population = options.genetic if estimator == "genetic" else options.annealing
-    return search_by_population(problem, population, generator)
+    return searches.search_by_population(problem, population, generator)
 
 
-def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: str) -> FrictionEstimate:
+def build_estimate(
+    problem: FrictionProblem, search: joint_fit.FrictionSearch, estimator: str
+) -> joint_fit.FrictionEstimate:
     """Return what the end of a search says; raise SolverError where that is nothing."""
     samples, law = problem.samples, problem.law
     check_search(search, samples.joint, estimator)
@@ -331,12 +314,12 @@ def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: 
     other = problem.solve_beside(search.linear, search.shape)
     rows, fixed = len(problem.target), (~problem.is_free).tolist()
     fitted = design.shape[1] - sum(fixed)
-    uncertainty = compute_uncertainty(design, law, search.objective / max(rows - fitted, 1), fixed)
+    uncertainty = joint_fit.compute_uncertainty(design, law, search.objective / max(rows - fitted, 1), fixed)
     refused = list_refusals(problem, search, uncertainty)
     held = list_active_bounds(problem, search, uncertainty)
     reasons = held | {entry.name: "fixed" for entry, known in zip(law.shape, fixed, strict=True) if known}
     floor = 1e-30 * float(problem.target @ problem.target)
-    aicc, bic = compute_criteria(search.objective, rows, uncertainty.rank, floor)
+    aicc, bic = joint_fit.compute_criteria(search.objective, rows, uncertainty.rank, floor)
     values = law.to_physical(search.linear, search.shape)
     own = [
         ParameterEstimate(
@@ -355,7 +338,7 @@ def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: 
     ended: dict[str, Any] = search._asdict()
     if refused and search.outcome in {Ending.CONVERGED, Ending.STAGNATED}:
         ended["outcome"] = Ending.SOME_REFUSED
-    return FrictionEstimate(
+    return joint_fit.FrictionEstimate(
         **ended,
         joint=samples.joint,
         law=law.name,

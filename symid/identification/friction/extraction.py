@@ -157,8 +157,6 @@ def list_independent(columns: FloatArray) -> list[int]:
 
 _CARRIED = 0.05
 """Peak speed relative to that of the fastest joint below which a joint is shaken by others."""
-
-
 _LEAST_CUTOFF = 5.0
 """Hz; robots move up to here."""
 
@@ -319,9 +317,7 @@ def _prepare_at_cutoffs(recording: Recording, processing: Processing, cutoffs: F
     most = len(recording.time) // 20
     first, last = (min(spoilt, most) for spoilt in regression.measure_moving_ends(lowest, [recording]))
     cut = replace(
-        processing,
-        drop_first=max(first, processing.drop_first),
-        drop_last=max(last, processing.drop_last),
+        processing, drop_first=max(first, processing.drop_first), drop_last=max(last, processing.drop_last)
     )
     found = {one: prepare_signals(recording, replace(cut, filter_cutoff=float(one))) for one in cutoffs}
 

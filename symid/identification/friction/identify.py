@@ -32,15 +32,8 @@ from symid.codegen import Library, ModelCard
 from symid.errors import EstimateError, IdentifiabilityError, LogError, Notice, UsageError
 from symid.identification import estimators, regression
 from symid.identification.diagnostics import build_warning
-from symid.identification.friction import extraction
+from symid.identification.friction import extraction, joint_fit
 from symid.identification.friction.estimators import check_estimator, fit_friction
-from symid.identification.friction.joint_fit import (
-    FrictionEstimate,
-    FrictionSamples,
-    VelocityMap,
-    compute_sensitivities,
-    compute_velocity_map,
-)
 from symid.identification.friction.poses import PoseTest, compare_poses, warn_of_friction_pattern
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.selection import CANDIDATE_LAWS, measure_motion, predict_rows, select_law
@@ -72,7 +65,7 @@ class JointFriction:
         sources: the logs in which the joint moves.
     """
 
-    estimate: FrictionEstimate = field(metadata=HIDDEN)
+    estimate: joint_fit.FrictionEstimate = field(metadata=HIDDEN)
     formula: str
     smoothing: float
     unit: str = field(metadata=HIDDEN)
@@ -81,7 +74,7 @@ class JointFriction:
     residual: estimators.Residual
     selection: estimators.LawSelection | None
     poses: PoseTest | None
-    velocity_map: VelocityMap = field(metadata=name_key("map"))
+    velocity_map: joint_fit.VelocityMap = field(metadata=name_key("map"))
     sources: tuple[str, ...]
     motion: estimators.MotionResidual | None = None
 
@@ -355,7 +348,7 @@ def _identify_joint(
     gain, rigid = None, extracted.rigid
     if logs.is_measured(joint) and samples.load is not None:
         # The factor on the measured load that the rows choose beside their law.
-        design = compute_sensitivities(samples, law, estimate.linear, estimate.shape)
+        design = joint_fit.compute_sensitivities(samples, law, estimate.linear, estimate.shape)
         table = np.column_stack([design, samples.pass_columns(samples.load[:, None]), left])
         stretches = np.array_split(table, _STRETCHES)
         gain = regression.measure_load_gain(np.stack([part.T @ part for part in stretches]))
@@ -377,7 +370,7 @@ def _identify_joint(
         motion=measure_motion(extracted.whole, law, estimate, unit=card.torque_unit, kept=extracted.kept),
         selection=selection,
         poses=poses,
-        velocity_map=compute_velocity_map(samples, estimate.other),
+        velocity_map=joint_fit.compute_velocity_map(samples, estimate.other),
         sources=tuple(logs.sources[run] for run in logs.list_moving(joint)),
     )
     skipped = (Notice(code="friction.pose-skipped", text=text) for text in texts)
@@ -394,7 +387,7 @@ _LACKING = {
 """Why an input of a law is not known, and what to do."""
 
 
-def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
+def check_inputs(samples: joint_fit.FrictionSamples, law: FrictionLaw) -> None:
     """Raise IdentifiabilityError for a law of a load or a temperature that is not known."""
     for name, reason in _LACKING.items():
         if name in law.inputs and getattr(samples, name) is None:
@@ -410,7 +403,7 @@ def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
     return (Notice(code="friction.smoothing-unused", text=text),)
 
 
-def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
+def warn_of_inertia(estimate: joint_fit.FrictionEstimate) -> tuple[Notice, ...]:
     """Return a warning where the rigid part has a negative inertia or mass."""
     pairs = (entry for entry in estimate.extra if entry.name in {"J", extraction.ROTOR} and entry.value < 0.0)
     found = next(pairs, None)
@@ -539,7 +532,7 @@ def _refuse(joint: str, reason: str) -> IdentifiabilityError:
 
 def _build_samples(
     entry: JointFriction, logs: extraction.JointLogs, joint: int, beta: FloatArray | None
-) -> tuple[FrictionSamples, tuple[Notice, ...]]:
+) -> tuple[joint_fit.FrictionSamples, tuple[Notice, ...]]:
     """Return a joint's samples with the columns of its fit; refuse a motion that needs more of them."""
     card, measured = logs.library.card, logs.is_measured(joint)
     rigid = logs.list_rotor_columns(joint, (0,)) if measured else logs.list_rigid_columns(joint, (0,))
@@ -596,7 +589,7 @@ def _build_samples(
 
 
 def _choose_rows(
-    samples: FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
+    samples: joint_fit.FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
 ) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
     """Return which rows are above standstill; of laws with refused parameters, within the speeds fitted."""
     rows = samples.build_rows()

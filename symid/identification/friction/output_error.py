@@ -271,13 +271,6 @@ def split_windows(windows: Sequence[Window], samples: float) -> tuple[Window, ..
     return tuple(parts)
 
 
-def estimate_axis_start(run: AxisRun, first: int) -> tuple[float, float, float]:
-    """Return position, velocity and time at the last of the 20 samples from `first` on."""
-    moments = run.period * (np.arange(GIVEN) - (GIVEN - 1))
-    curve = np.polyfit(moments, run.position[first : first + GIVEN], 2)
-    return float(curve[2]), float(curve[1]), run.begin + run.period * (first + GIVEN - 1)
-
-
 def compute_output_error(
     model: AxisModel,
     values: FloatArray,
@@ -297,7 +290,9 @@ def compute_output_error(
         skipped = left_out or Window(0, 0)
         counted = (samples < skipped.first) | (samples >= skipped.last)
         force = run.force[window.first + GIVEN - 1 : window.last]
-        start = estimate_axis_start(run, window.first)
+        moments = run.period * (np.arange(GIVEN) - (GIVEN - 1))
+        curve = np.polyfit(moments, run.position[window.first : window.first + GIVEN], 2)
+        start = float(curve[2]), float(curve[1]), run.begin + run.period * (window.first + GIVEN - 1)
         states = simulate_axis(model, values, force, run.period, start, rates=rates)[:, 1:]
         part = states[2 : 2 + len(values)].T if rates else states[0] - run.position[samples]
         parts.append(part[counted])

@@ -24,14 +24,9 @@ import scipy
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, SymidError
 from symid.identification.diagnostics import build_warning, sum_block_scores
+from symid.identification.friction import joint_fit
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.extraction import JointLogs, extract_joint
-from symid.identification.friction.joint_fit import (
-    FrictionEstimate,
-    FrictionSamples,
-    compute_law_sensitivities,
-    compute_sensitivities,
-)
 from symid.identification.friction.selection import predict_rows
 from symid.joint_models import FrictionLaw, compute_friction_torque
 from symid.serialization import name_key
@@ -64,10 +59,10 @@ class PatternCovariance(FrozenArrays):
 
 
 def estimate_pattern_covariance(
-    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
+    samples: joint_fit.FrictionSamples, law: FrictionLaw, estimate: joint_fit.FrictionEstimate
 ) -> PatternCovariance:
     """Return the covariances of a fit of `law` to `samples`."""
-    design = compute_sensitivities(samples, law, estimate.linear, estimate.shape)
+    design = joint_fit.compute_sensitivities(samples, law, estimate.linear, estimate.shape)
     rows = samples.build_rows()
     error = rows.torque - predict_rows(samples, law, estimate)
     lengths = np.linalg.norm(design, axis=0)
@@ -126,9 +121,9 @@ def _fit_autoregression(error: FloatArray) -> tuple[FloatArray, float]:
 
 
 def compute_robust_deviations(
-    samples: FrictionSamples,
+    samples: joint_fit.FrictionSamples,
     law: FrictionLaw,
-    estimate: FrictionEstimate,
+    estimate: joint_fit.FrictionEstimate,
     covariance: PatternCovariance | None = None,
 ) -> dict[str, tuple[float, float]]:
     """Return (deviation, degrees of freedom) of the law's identifiable parameters."""
@@ -142,7 +137,7 @@ def compute_robust_deviations(
 
 
 def warn_of_friction_pattern(
-    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
+    samples: joint_fit.FrictionSamples, law: FrictionLaw, estimate: joint_fit.FrictionEstimate
 ) -> tuple[Notice, ...]:
     """Return a warning where the residual is correlated, so that stated deviations are too small."""
     robust = compute_robust_deviations(samples, law, estimate)
@@ -219,7 +214,9 @@ class PoseTest:
     skipped: tuple[tuple[str, str], ...] = ()
 
 
-_PoseFit = tuple[FrictionEstimate, dict[str, tuple[float, float]], PatternCovariance, tuple[float, float]]
+_PoseFit = tuple[
+    joint_fit.FrictionEstimate, dict[str, tuple[float, float]], PatternCovariance, tuple[float, float]
+]
 """The fit at a pose, (deviation, degrees of freedom) of parameters, covariances, the range of speeds."""
 
 
@@ -324,7 +321,7 @@ def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[float, 
     curves, bands = [], []
     for estimate, _, covariance, _ in fits:
         linear, shape = estimate.linear, estimate.shape
-        own = compute_law_sensitivities(law, inputs, linear, shape)
+        own = joint_fit.compute_law_sensitivities(law, inputs, linear, shape)
         beside = np.zeros((len(own), len(estimate.other)))
         deviations, freedom = covariance.compute_deviations(np.hstack([own, beside]))
         bands.append(deviations * scipy.stats.t.ppf(0.975, freedom))

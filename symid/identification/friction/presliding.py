@@ -121,23 +121,6 @@ class PreslidingEstimate(LawFit):
     values: tuple[float, ...]
 
 
-def _build_grid(problem: PreslidingProblem) -> list[list[float]]:
-    """Return the grid: values of the law with fC = 1 and no damping, viscous friction."""
-    path, names = problem.path, problem.law.names
-    moved = np.abs(path.held) * path.period
-    shortest = float(np.quantile(moved[moved > 0], 0.05))
-    longest = float(np.ptp(problem.samples.position)) if problem.samples.position is not None else 1.0
-    slopes = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), 16)
-    stribeck = "vs" in names
-    speeds = np.quantile(np.abs(path.held)[moved > 0], (0.2, 0.6)) if stribeck else np.ones(1)
-    given = {"fC": 1.0, "sigma1": 0.0, "fV": 0.0, "gamma": 2.0}
-    rows = []
-    for stiffness, excess, speed in itertools.product(slopes, (1.0, 1.5) if stribeck else (1.0,), speeds):
-        values = {**given, "sigma0": stiffness, "fS": excess, "vs": speed, **problem.fixed}
-        rows.append([float(values[name]) for name in names])
-    return rows
-
-
 def _solve_start(problem: PreslidingProblem, values: list[float]) -> tuple[float, FloatArray]:
     """Return J and unknowns for the ratios of `values`: fC, sigma1, fV and c by linear least squares."""
     law, names = problem.law, problem.law.names
@@ -191,7 +174,19 @@ def fit_presliding(
         fixed={name: value for name, value in fixed.items() if name in law.names},
         rows=rows,
     )
-    grid = [_solve_start(problem, values) for values in _build_grid(problem)]
+    # The grid: values of the law with fC = 1 and no damping, viscous friction.
+    path, names = problem.path, problem.law.names
+    moved = np.abs(path.held) * path.period
+    shortest = float(np.quantile(moved[moved > 0], 0.05))
+    longest = float(np.ptp(problem.samples.position)) if problem.samples.position is not None else 1.0
+    slopes = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), 16)
+    stribeck = "vs" in names
+    speeds = np.quantile(np.abs(path.held)[moved > 0], (0.2, 0.6)) if stribeck else np.ones(1)
+    given = {"fC": 1.0, "sigma1": 0.0, "fV": 0.0, "gamma": 2.0}
+    grid = []
+    for stiffness, excess, speed in itertools.product(slopes, (1.0, 1.5) if stribeck else (1.0,), speeds):
+        named = {**given, "sigma0": stiffness, "fS": excess, "vs": speed, **problem.fixed}
+        grid.append(_solve_start(problem, [float(named[name]) for name in names]))
     grid.sort(key=lambda pair: pair[0])
     searches = []
     for _, start in grid[:2]:
@@ -221,10 +216,24 @@ def fit_presliding(
     return _build_estimate(problem, np.asarray(best.x), converged=best.status > 0, evaluations=evaluations)
 
 
-def _sort_entries(
-    problem: PreslidingProblem, values: list[float], other: FloatArray, covariance: FloatArray, damping: float
-) -> tuple[list[ParameterEstimate], list[tuple[str, str]]]:
-    """Return identified and refused parameters; zero damping counts as known relative to `damping`."""
+def _build_estimate(
+    problem: PreslidingProblem, unknowns: FloatArray, *, converged: bool, evaluations: int
+) -> PreslidingEstimate:
+    values, other = problem.split(unknowns)
+    residual = problem.compute_residual(unknowns)
+    objective = float(residual @ residual)
+    sigma = float(np.sqrt(objective / max(residual.size - unknowns.size, 1)))
+    columns = problem.compute_columns(values)
+    sizes = np.linalg.norm(columns, axis=0)
+    sizes[sizes == 0.0] = 1e-150
+    _, singular, directions = np.linalg.svd(columns / sizes, full_matrices=False)
+    # Huge where columns are dependent.
+    roots = directions.T / np.maximum(singular, 1e-13 * singular[0]) / sizes[:, None]
+    covariance = sigma**2 * roots @ roots.T
+    # The damping whose torque at the median speed would equal the torque explained.
+    held = problem.path.held
+    speed = np.median(np.abs(held[held != 0.0]))
+    damping = float(np.sqrt(np.mean((residual + problem.rows.torque) ** 2)) / speed)
     samples, law = problem.samples, problem.law
     units = samples.extra_units or ("",) * len(samples.extra_names)
     fitted = [law.parameters[k] for k in problem.free]
@@ -253,31 +262,9 @@ def _sort_entries(
             refused.append((name, f"joint {samples.joint!r}: {text}"))
         else:
             ends = [end for entry in fitted if entry.name == name for end in (entry.lower, entry.upper)]
-            held = any(abs(value - end) <= 1e-4 * abs(end) for end in ends if end)
-            reason = "at its bound, zero" if at_zero else f"at its bound, {value:.3g}" if held else ""
+            near = any(abs(value - end) <= 1e-4 * abs(end) for end in ends if end)
+            reason = "at its bound, zero" if at_zero else f"at its bound, {value:.3g}" if near else ""
             identified.append(ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason))
-    return identified, refused
-
-
-def _build_estimate(
-    problem: PreslidingProblem, unknowns: FloatArray, *, converged: bool, evaluations: int
-) -> PreslidingEstimate:
-    values, other = problem.split(unknowns)
-    residual = problem.compute_residual(unknowns)
-    objective = float(residual @ residual)
-    sigma = float(np.sqrt(objective / max(residual.size - unknowns.size, 1)))
-    columns = problem.compute_columns(values)
-    sizes = np.linalg.norm(columns, axis=0)
-    sizes[sizes == 0.0] = 1e-150
-    _, singular, directions = np.linalg.svd(columns / sizes, full_matrices=False)
-    # Huge where columns are dependent.
-    roots = directions.T / np.maximum(singular, 1e-13 * singular[0]) / sizes[:, None]
-    covariance = sigma**2 * roots @ roots.T
-    # The damping whose torque at the median speed would equal the torque explained.
-    held = problem.path.held
-    speed = np.median(np.abs(held[held != 0.0]))
-    damping = float(np.sqrt(np.mean((residual + problem.rows.torque) ** 2)) / speed)
-    identified, refused = _sort_entries(problem, values, other, covariance, damping)
     own = [entry for entry in identified if entry.name in problem.law.names]
     named, lost = dict(zip(problem.law.names, values, strict=True)), {name for name, _ in refused}
     joint, notices = problem.samples.joint, []

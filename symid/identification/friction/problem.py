@@ -150,8 +150,6 @@ _LIMITS: dict[str, tuple[int, float]] = {
     **dict.fromkeys(("width", "annealing.step", "reach"), (0, math.inf)),
 }
 """What options must lie between, ends left out."""
-
-
 SPEED_UNITS = frozenset({"rad/s", "m/s"})
 _BATCH = 10_000
 """Numbers in an array of torques of many candidates: what caches hold; up to five times faster."""

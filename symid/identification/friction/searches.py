@@ -172,8 +172,25 @@ def _scan_shapes(projector: Projector, options: VariableProjectionOptions, free:
     spacing, (low, high) = np.ones(len(problem.low)), problem.box
     spacing[free] = (high - low)[free] / np.array(options.grid[len(free) - 1])
     if any(problem.law.shape[place].name in JUMPING for place in free):
-        least = min(states, key=lambda state: state.objective)
-        states = [_visit_jumps(projector, least, free, spacing)]
+        # The intervals between jumps, ever closer around the best one.
+        best = min(states, key=lambda state: state.objective)
+        place = next(k for k in free if problem.law.shape[k].name in JUMPING)
+        others = free[free != place]
+        speeds = np.exp(_list_jumps(problem, int(place)))
+        middles = np.log(0.5 * (speeds[1:] + speeds[:-1]))
+        reach = float(spacing[place])
+        for _ in range(5):
+            near = np.flatnonzero(np.abs(middles - best.z[place]) <= reach)
+            if not len(near) or projector.solves + 2 * _CANDIDATES > projector.limit:
+                break
+            chosen = np.unique(np.linspace(0, len(near) - 1, _CANDIDATES).astype(int))
+            for middle in middles[near[chosen]]:
+                z = np.array(best.z)
+                z[place] = np.clip(middle, low[place], high[place])
+                best = min(best, projector.project(z), key=lambda state: state.objective)
+            best, _ = descend(projector, best, others, tolerance=1e-3, steps=3)
+            reach *= 0.4
+        states = [best]
     starts: list[Projection] = []
     for state in sorted(states, key=lambda state: state.objective):
         # None next to another one chosen.
@@ -200,29 +217,6 @@ def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOption
         return points
     # These may be exchanged; bounds around an earlier fit may hold the other order alone.
     return [point for point in points if point[names.index("g2")] > point[names.index("g3")]] or points
-
-
-def _visit_jumps(projector: Projector, best: Projection, free: IntArray, spacing: FloatArray) -> Projection:
-    """Return the end of a search over the intervals between jumps, ever closer around the best one."""
-    problem = projector.problem
-    place = next(k for k in free if problem.law.shape[k].name in JUMPING)
-    others = free[free != place]
-    speeds = np.exp(_list_jumps(problem, int(place)))
-    middles = np.log(0.5 * (speeds[1:] + speeds[:-1]))
-    low, high = problem.box
-    reach = float(spacing[place])
-    for _ in range(5):
-        near = np.flatnonzero(np.abs(middles - best.z[place]) <= reach)
-        if not len(near) or projector.solves + 2 * _CANDIDATES > projector.limit:
-            break
-        chosen = np.unique(np.linspace(0, len(near) - 1, _CANDIDATES).astype(int))
-        for middle in middles[near[chosen]]:
-            z = np.array(best.z)
-            z[place] = np.clip(middle, low[place], high[place])
-            best = min(best, projector.project(z), key=lambda state: state.objective)
-        best, _ = descend(projector, best, others, tolerance=1e-3, steps=3)
-        reach *= 0.4
-    return best
 
 
 def _list_jumps(problem: FrictionProblem, place: int) -> FloatArray:
@@ -274,7 +268,30 @@ def _visit_kinks(
     for _ in range(2):
         if projector.solves + 2 * _CANDIDATES + projector.reserve > projector.limit:
             break
-        tried = [projector.project(z) for z in _list_kinks(projector, best, edge, others)]
+        # Kinks some deviations about the edge, the other coordinates moved along the valley.
+        jacobian = projector.compute_jacobian(best)
+        normal = jacobian.T @ jacobian
+        slide = np.zeros(len(best.z))
+        slide[edge] = 1.0
+        left = normal[edge, edge]
+        if len(others):
+            inner = normal[np.ix_(others, others)]
+            slide[others] = -np.linalg.lstsq(inner, normal[others, edge], rcond=None)[0]
+            left = left + normal[edge, others] @ slide[others]
+        spread = np.sqrt(best.objective / len(best.residual) / max(float(left), 1e-300))
+        low, high = problem.box
+        speeds = np.unique(np.abs(problem.samples.velocity))
+        kinks = np.log(speeds[speeds > problem.low[edge]])
+        near = np.flatnonzero(np.abs(kinks - best.z[edge]) <= 4.0 * spread)
+        nearest = int(np.searchsorted(kinks, best.z[edge]))
+        near = np.union1d(near, [k for k in (nearest - 1, nearest) if 0 <= k < len(kinks)]).astype(int)
+        if len(near) > _CANDIDATES:
+            near = near[np.argsort(np.abs(kinks[near] - best.z[edge]), kind="stable")]
+            close, far = near[: _CANDIDATES // 2], near[_CANDIDATES // 2 :]
+            thinned = np.linspace(0, len(far) - 1, _CANDIDATES - len(close)).astype(int)
+            near = np.concatenate([close, far[thinned]])
+        moves = [slide * (kinks[k] - best.z[edge]) for k in near]
+        tried = [projector.project(np.clip(best.z + move, low, high)) for move in moves]
         tried.sort(key=lambda state: state.objective)
         before = best.objective
         for state in tried[:2]:
@@ -294,33 +311,6 @@ def _visit_kinks(
             break
     projector.record(best)
     return best, done
-
-
-def _list_kinks(projector: Projector, state: Projection, edge: int, others: IntArray) -> list[FloatArray]:
-    """Return coordinates at kinks some deviations about the edge, the other ones moved along the valley."""
-    problem = projector.problem
-    jacobian = projector.compute_jacobian(state)
-    normal = jacobian.T @ jacobian
-    slide = np.zeros(len(state.z))
-    slide[edge] = 1.0
-    left = normal[edge, edge]
-    if len(others):
-        slide[others] = -np.linalg.lstsq(normal[np.ix_(others, others)], normal[others, edge], rcond=None)[0]
-        left = left + normal[edge, others] @ slide[others]
-    spread = np.sqrt(state.objective / len(state.residual) / max(float(left), 1e-300))
-    low, high = problem.box
-    speeds = np.unique(np.abs(problem.samples.velocity))
-    kinks = np.log(speeds[speeds > problem.low[edge]])
-    near = np.flatnonzero(np.abs(kinks - state.z[edge]) <= 4.0 * spread)
-    place = int(np.searchsorted(kinks, state.z[edge]))
-    near = np.union1d(near, [k for k in (place - 1, place) if 0 <= k < len(kinks)]).astype(int)
-    if len(near) > _CANDIDATES:
-        near = near[np.argsort(np.abs(kinks[near] - state.z[edge]), kind="stable")]
-        close, far = near[: _CANDIDATES // 2], near[_CANDIDATES // 2 :]
-        thinned = np.linspace(0, len(far) - 1, _CANDIDATES - len(close)).astype(int)
-        near = np.concatenate([close, far[thinned]])
-    moves = [slide * (kinks[k] - state.z[edge]) for k in near]
-    return [np.clip(state.z + move, low, high) for move in moves]
 
 
 def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> FrictionSearch:

@@ -32,22 +32,8 @@ from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SymidError
 from symid.identification.diagnostics import choose_held_out, measure_behind
 from symid.identification.estimators import LawSelection, LawTrial, MotionResidual, find_phases
+from symid.identification.friction import joint_fit, problem as problems
 from symid.identification.friction.estimators import build_estimate, check_search, fit_friction
-from symid.identification.friction.joint_fit import (
-    FrictionEstimate,
-    FrictionRows,
-    FrictionSamples,
-    FrictionSearch,
-)
-from symid.identification.friction.problem import (
-    FrictionOptions,
-    FrictionProblem,
-    Projector,
-    VariableProjectionOptions,
-    build_problem,
-    find_slowest,
-    select_problem,
-)
 from symid.identification.friction.searches import JUMPING, KINKED, search_by_projection
 from symid.identification.regression import BLOCK, extend_triangle
 from symid.joint_models import FrictionLaw, get_law
@@ -76,8 +62,8 @@ _LEAST_ROWS = 10
 """Of a block."""
 _NARROW = 4.0
 """Factor about the shape of the whole fit within which that of a part is searched."""
-_WHOLE = VariableProjectionOptions(grid=((12,), (5, 4), (4, 3, 3)), starts=2, solves=80)
-_PART = VariableProjectionOptions(grid=((3,), (3, 2), (2, 2, 2)), starts=1, solves=30)
+_WHOLE = problems.VariableProjectionOptions(grid=((12,), (5, 4), (4, 3, 3)), starts=2, solves=80)
+_PART = problems.VariableProjectionOptions(grid=((3,), (3, 2), (2, 2, 2)), starts=1, solves=30)
 """Less effort than in a final fit: laws differ by far more than the last digits of an optimum."""
 _SPEEDS, _POINTS, _PIECE = 96, 6, 8
 """Of a sketch: speeds in each direction, those that a sample is interpolated from, columns at a time."""
@@ -95,7 +81,7 @@ class _Score:
     """A law: its fit to all rows, `final` if of full effort, squared errors of the held-out blocks (B,)."""
 
     law: FrictionLaw
-    estimate: FrictionEstimate
+    estimate: joint_fit.FrictionEstimate
     errors: FloatArray
     final: bool = False
 
@@ -114,7 +100,7 @@ class _Score:
         return float(self.errors.sum())
 
 
-def assign_blocks(rows: FrictionRows, blocks: int = BLOCKS) -> NDArray[np.intp]:
+def assign_blocks(rows: joint_fit.FrictionRows, blocks: int = BLOCKS) -> NDArray[np.intp]:
     """Return the block of each row (M,): block k is the k-th part of every recording, -1 of one too short.
 
     Raises IdentifiabilityError where there are not rows enough for two blocks.
@@ -136,16 +122,18 @@ def assign_blocks(rows: FrictionRows, blocks: int = BLOCKS) -> NDArray[np.intp]:
     return number
 
 
-def predict_rows(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate) -> FloatArray:
+def predict_rows(
+    samples: joint_fit.FrictionSamples, law: FrictionLaw, estimate: joint_fit.FrictionEstimate
+) -> FloatArray:
     """Return the torques (M,) in N m or N that an estimate predicts of the rows of `samples`."""
     friction = samples.pass_law(law, estimate.shape) @ np.asarray(estimate.linear)
     return np.asarray(friction + samples.build_rows().extra @ np.asarray(estimate.other))
 
 
 def measure_motion(
-    samples: FrictionSamples,
+    samples: joint_fit.FrictionSamples,
     law: FrictionLaw,
-    estimate: FrictionEstimate,
+    estimate: joint_fit.FrictionEstimate,
     *,
     unit: str,
     kept: NDArray[np.bool_],
@@ -158,7 +146,7 @@ def measure_motion(
 
 
 def compute_relative_residual(
-    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
+    samples: joint_fit.FrictionSamples, law: FrictionLaw, estimate: joint_fit.FrictionEstimate
 ) -> float:
     """Return the residual of an estimate on the rows of `samples`, in percent of their norm."""
     torque = samples.build_rows().torque
@@ -167,20 +155,20 @@ def compute_relative_residual(
 
 
 def select_law(
-    samples: FrictionSamples,
+    samples: joint_fit.FrictionSamples,
     names: Sequence[str] = CANDIDATE_LAWS,
     *,
     smoothing: float = 0.0,
-    options: FrictionOptions | None = None,
+    options: problems.FrictionOptions | None = None,
     blocks: int = BLOCKS,
-) -> tuple[LawSelection, FrictionEstimate | None]:
+) -> tuple[LawSelection, joint_fit.FrictionEstimate | None]:
     """Return the choice among laws by their names, fitted by variable projection.
 
     With the fit of full effort to all rows that the law chosen has, where it needed one. `smoothing` is v0 in
     rad/s or m/s of all laws. Raises UsageError for an unknown law, IdentifiabilityError where no law can be
     fitted or there are too few rows to hold some out.
     """
-    options = options or FrictionOptions()
+    options = options or problems.FrictionOptions()
     rows = samples.build_rows()
     number = assign_blocks(rows, blocks)
     masks = [np.ones(len(number), dtype=np.bool_)]
@@ -240,7 +228,9 @@ def select_law(
     return selection, chosen.estimate if chosen.final else None
 
 
-def _try_in_rows(parts: "_Parts", scores: Sequence[_Score], options: FrictionOptions) -> list[_Score]:
+def _try_in_rows(
+    parts: "_Parts", scores: Sequence[_Score], options: problems.FrictionOptions
+) -> list[_Score]:
     """Return the scores, those of laws that a sketch blurs from all rows where they may decide the choice."""
     found, tried = list(scores), set[int]()
     while parts.sketches:
@@ -263,7 +253,7 @@ def _try_in_rows(parts: "_Parts", scores: Sequence[_Score], options: FrictionOpt
 
 
 def _choose(
-    samples: FrictionSamples, scores: Sequence[_Score], options: FrictionOptions
+    samples: joint_fit.FrictionSamples, scores: Sequence[_Score], options: problems.FrictionOptions
 ) -> tuple[list[_Score], _Score, _Score]:
     """Return the scores, the best among laws identifiable in a fit of full effort, and the one taken."""
     tried, checked = list(scores), set[str]()
@@ -285,8 +275,8 @@ def _choose(
                 tried[place] = replace(score, estimate=estimate, final=True)
 
 
-def _try_law(parts: "_Parts", law: FrictionLaw, options: FrictionOptions) -> _Score:
-    problem = build_problem(parts.whole, law, options)
+def _try_law(parts: "_Parts", law: FrictionLaw, options: problems.FrictionOptions) -> _Score:
+    problem = problems.build_problem(parts.whole, law, options)
     whole = build_estimate(problem, parts.search(problem, 0, _WHOLE), "varpro")
     if law.shape:
         bounds = {
@@ -298,7 +288,7 @@ def _try_law(parts: "_Parts", law: FrictionLaw, options: FrictionOptions) -> _Sc
         options = replace(options, bounds=tuple(bounds.items()))
     errors, rows = [], parts.whole.build_rows()
     for block, samples in enumerate(parts.fitted):
-        part = select_problem(problem, samples, options)
+        part = problems.select_problem(problem, samples, options)
         found = parts.search(part, block + 1, _PART)
         check_search(found, samples.joint, "varpro")
         held = parts.number == block
@@ -315,14 +305,14 @@ class _Parts:
     A sketch is a few speeds as samples, whose R is the table (K, J) of a triangle; the torque behind it (K,).
     """
 
-    whole: FrictionSamples
+    whole: joint_fit.FrictionSamples
     number: NDArray[np.intp]
-    fitted: tuple[FrictionSamples, ...]
-    sketches: tuple[tuple[FrictionSamples, FloatArray], ...]
+    fitted: tuple[joint_fit.FrictionSamples, ...]
+    sketches: tuple[tuple[joint_fit.FrictionSamples, FloatArray], ...]
 
     def search(
-        self, problem: FrictionProblem, place: int, effort: VariableProjectionOptions
-    ) -> FrictionSearch:
+        self, problem: problems.FrictionProblem, place: int, effort: problems.VariableProjectionOptions
+    ) -> joint_fit.FrictionSearch:
         """Return the optimum of a problem; its shape is that of the sketch at `place`, where there is one."""
         names, law = {entry.name for entry in problem.law.shape}, problem.law
         if not self.sketches or not problem.is_free.any() or names & JUMPING or law.inputs != ("velocity",):
@@ -331,14 +321,14 @@ class _Parts:
         basis = np.zeros((len(torque), 0))
         sketch = replace(problem, samples=samples, target=torque, basis=basis)
         found = search_by_projection(sketch, effort)
-        exact = Projector(problem, 1).project(problem.encode(found.shape))
+        exact = problems.Projector(problem, 1).project(problem.encode(found.shape))
         linear, shape = tuple(exact.linear.tolist()), tuple(exact.shape.tolist())
         return found._replace(linear=linear, shape=shape, objective=exact.objective)
 
 
 def _draw_sketches(
-    samples: FrictionSamples, masks: Sequence[NDArray[np.bool_]]
-) -> tuple[tuple[FrictionSamples, FloatArray], ...]:
+    samples: joint_fit.FrictionSamples, masks: Sequence[NDArray[np.bool_]]
+) -> tuple[tuple[joint_fit.FrictionSamples, FloatArray], ...]:
     """Return a sketch of the rows in each of `masks` (M,); none where there are few."""
     rows = samples.build_rows()
     if not samples.velocity.any():
@@ -346,7 +336,7 @@ def _draw_sketches(
     # Speeds (J,) in each direction even in asinh(|v| / v0), fine near standstill, which is one of its own;
     # the interpolation (N, J) from them is by polynomials through neighbours.
     velocity, sizes = samples.velocity, np.abs(samples.velocity)
-    fastest, finest = float(sizes.max()), find_slowest(samples)
+    fastest, finest = float(sizes.max()), problems.find_slowest(samples)
     step = np.arcsinh(fastest / finest) / (_SPEEDS - 1)
     places = np.arcsinh(sizes / finest) / step
     first = np.clip(places.astype(np.intp) - _POINTS // 2 + 1, 0, _SPEEDS - _POINTS)
@@ -391,7 +381,7 @@ def _draw_sketches(
         basis = left[:, singular > _DEPENDENT * singular.max(initial=0.0)]
         rows_left[:count] -= basis @ (basis.T @ rows_left[:count])
         left_over = rows_left[count if basis.shape[1] == count else 0 :]
-        points = FrictionSamples(
+        points = joint_fit.FrictionSamples(
             joint=samples.joint,
             time=np.zeros(len(speeds)),
             velocity=speeds,

@@ -21,25 +21,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import run_compiled_branch
-from symid.joint_models import (
-    AttractedSlip,
-    BoucWen,
-    BristleBranch,
-    Elasticity,
-    Relaxation,
-    Relays,
-    SlipSpring,
-    Start,
-    SteppedBranch,
-    Stop,
-    build_float_carrier,
-    compute_clamps,
-    compute_plays,
-    find_turns,
-    trace_branch,
-)
 
 _LEAST = 1e-9
 
@@ -57,7 +41,7 @@ class ElementPath(FrozenArrays):
     position: FloatArray
     velocity: FloatArray
     period: FloatArray
-    start: Start = "zero"
+    start: joint_models.Start = "zero"
     begins: tuple[int, ...] = (0,)
 
     def split(self) -> "list[ElementPath]":
@@ -88,16 +72,16 @@ class ElementPath(FrozenArrays):
         begin, side = self.origin
         if self.begins[1:]:
             return np.concatenate([part.compute_plays(radii) for part in self.split()])
-        return compute_plays(self.position, radii, begin - side * radii)
+        return joint_models.compute_plays(self.position, radii, begin - side * radii)
 
-    def trace(self, branch: SteppedBranch) -> FloatArray:
+    def trace(self, branch: joint_models.SteppedBranch) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
         if self.begins[1:]:
             return np.concatenate([part.trace(branch) for part in self.split()])
         begin, side = self.origin
-        states = branch.start(build_float_carrier(), begin, side)
+        states = branch.start(joint_models.build_float_carrier(), begin, side)
         path = (self.position, np.diff(self.position, prepend=begin), self.velocity, self.period)
-        return trace_branch(branch, path, states, run_compiled_branch)[0][1:]
+        return joint_models.trace_branch(branch, path, states, run_compiled_branch)[0][1:]
 
 
 Limits = tuple[FloatArray, FloatArray]
@@ -135,7 +119,7 @@ class ElementFamily(ABC):
         return low, np.full(count, np.inf)
 
     @abstractmethod
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         """Return the element, without the columns that the fit adds."""
 
     def list_penalties(self, count: int) -> FloatArray:
@@ -161,7 +145,6 @@ class Stops(ElementFamily):
     ratio: float = 1.0
 
     def describe(self) -> tuple[str, ...]:
-        """Return where the thresholds come from."""
         return (f"{self.count} thresholds {'from the data' if self.searched else 'on a grid'}",)
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
@@ -178,12 +161,12 @@ class Stops(ElementFamily):
         x = path.position[:, None]
         return np.hstack([x, x - path.compute_plays(shape)])
 
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         joined: dict[float, float] = {}
         for threshold, stiffness in sorted(zip(shape.tolist(), coefficients[1:].tolist(), strict=True)):
             joined[threshold] = joined.get(threshold, 0.0) + stiffness
-        stops = tuple(Stop(threshold=r, stiffness=k) for r, k in joined.items() if k != 0.0)
-        return Elasticity(stiffness=float(coefficients[0]), stops=stops)
+        stops = tuple(joint_models.Stop(threshold=r, stiffness=k) for r, k in joined.items() if k != 0.0)
+        return joint_models.Elasticity(stiffness=float(coefficients[0]), stops=stops)
 
 
 @final
@@ -206,7 +189,6 @@ class NonlinearStops(ElementFamily):
         return [np.concatenate([chosen, tail]) for chosen in sets]
 
     def describe(self) -> tuple[str, ...]:
-        """Return the number of springs and of places, and whether they slip earlier when fast."""
         form = f"{'one' if self.count == 1 else 'two'} of {len(self.places)} places"
         return (form, "falling with the speed") if self.falling else (form,)
 
@@ -227,11 +209,11 @@ class NonlinearStops(ElementFamily):
         x, (begin, side), places = path.position[:, None], path.origin, np.array(self.places)
         columns = [x]
         # Bounds that move with the speed do not follow the position up and down.
-        turns = None if any(falls) else find_turns(path.position)
+        turns = None if any(falls) else joint_models.find_turns(path.position)
         for radius, free in zip(radii, self._free, strict=True):
             low, high = (float(radius) / (1.0 + fall * np.abs(path.velocity[:, None])) for fall in falls)
             memory = np.array([begin - float(radius) * side])
-            deflection = (x - compute_clamps(x - high, x + low, memory, turns))[:, 0] / radius
+            deflection = (x - joint_models.compute_clamps(x - high, x + low, memory, turns))[:, 0] / radius
             hats = [np.interp(deflection, places, unit) for unit in np.eye(len(places))[free]]
             columns.append(np.stack(hats, axis=1))
         return np.hstack(columns)
@@ -245,16 +227,18 @@ class NonlinearStops(ElementFamily):
             low[0], low[1:][bound & (places >= 0.0)], high[1:][bound & (places <= 0.0)] = 0.0, 0.0, 0.0
         return np.where(low == high, -_LEAST, low), np.where(low == high, _LEAST, high)
 
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         radii, falls = self._split(shape)
         forces = np.zeros(self._free.shape)
         forces[self._free] = coefficients[1:]
         deflections: FloatArray = np.outer(radii, self.places)
         branches = [
-            SlipSpring(deflections=tuple(bends.tolist()), forces=tuple(own.tolist()), falls=falls)
+            joint_models.SlipSpring(
+                deflections=tuple(bends.tolist()), forces=tuple(own.tolist()), falls=falls
+            )
             for bends, own in zip(deflections, forces, strict=True)
         ]
-        return Elasticity(stiffness=float(coefficients[0]), branches=tuple(branches))
+        return joint_models.Elasticity(stiffness=float(coefficients[0]), branches=tuple(branches))
 
 
 @final
@@ -280,8 +264,8 @@ class RelayGrid(ElementFamily):
         begin, side = path.origin
         pairs = np.array(relays.pairs)
         rising, falling = (np.clip(z - pairs[:, k], 0.0, 1.0) for k in (0, 1))
-        state = np.array(relays.start(build_float_carrier(), begin, side))
-        states = compute_clamps(rising, falling, state, find_turns(path.position))
+        state = np.array(relays.start(joint_models.build_float_carrier(), begin, side))
+        states = joint_models.compute_clamps(rising, falling, state, joint_models.find_turns(path.position))
         middles = np.clip(z - 0.5 * pairs.sum(axis=1), 0.0, 1.0)
         return np.hstack([np.clip(z - np.arange(self.count), 0.0, 1.0), middles - states])
 
@@ -306,16 +290,15 @@ class RelayGrid(ElementFamily):
         return _SMOOTH * float(np.sqrt(self.count)) * penalties
 
     def describe(self) -> tuple[str, ...]:
-        """Return the number of places."""
         return (f"{self.count} places",)
 
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         del shape
-        return Elasticity(stiffness=0.0, branches=(self._build(coefficients),))
+        return joint_models.Elasticity(stiffness=0.0, branches=(self._build(coefficients),))
 
-    def _build(self, coefficients: FloatArray) -> Relays:
+    def _build(self, coefficients: FloatArray) -> joint_models.Relays:
         ramps, weights = np.split(np.asarray(coefficients, dtype=np.float64), [self.count])
-        return Relays(
+        return joint_models.Relays(
             low=self.low, step=self.step, ramps=tuple(ramps.tolist()), weights=tuple(weights.tolist())
         )
 
@@ -339,12 +322,11 @@ class BoucWenFamily(ElementFamily):
         return [np.array([share * path.reach, power, 0.1, *skew]) for share, power in pairs]
 
     def describe(self) -> tuple[str, ...]:
-        """Return whether its sides differ."""
         return ("asymmetric",) if self.asymmetric else ()
 
-    def _build_unit(self, shape: FloatArray, level: float = 1.0) -> BoucWen:
+    def _build_unit(self, shape: FloatArray, level: float = 1.0) -> joint_models.BoucWen:
         skew, lean = np.tanh(shape[3:5]).tolist() if self.asymmetric else (0.0, 0.0)
-        return BoucWen(
+        return joint_models.BoucWen(
             level=level,
             length=float(shape[0]),
             sharpness=1.0 + min(float(shape[1]), _SHARPEST),
@@ -357,9 +339,9 @@ class BoucWenFamily(ElementFamily):
         """Return x and u."""
         return np.column_stack([path.position, path.trace(self._build_unit(shape))])
 
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         branch = self._build_unit(shape, float(coefficients[1]))
-        return Elasticity(stiffness=float(coefficients[0]), branches=(branch,))
+        return joint_models.Elasticity(stiffness=float(coefficients[0]), branches=(branch,))
 
 
 _SHARPEST = 50.0
@@ -383,12 +365,10 @@ class BristleFamily(ElementFamily):
 
     @property
     def needs_time(self) -> bool:  # type: ignore[override]
-        """Return whether the velocity counts."""
         return self.stribeck
 
     @property
     def searched(self) -> bool:  # type: ignore[override]
-        """Return whether there are shape values to search."""
         return self.stribeck or not self.grid
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
@@ -398,7 +378,6 @@ class BristleFamily(ElementFamily):
         return [np.array([*bend, *fall]) for bend, fall in product(bends, falls)]
 
     def describe(self) -> tuple[str, ...]:
-        """Return whether the level falls with the speed, where there is a choice."""
         return ("falling with the speed",) if self.stribeck and self.grid else ()
 
     def _list_level(self, shape: FloatArray, force: float = 1.0) -> dict[str, float]:
@@ -413,7 +392,7 @@ class BristleFamily(ElementFamily):
             height += float(shape[-2]) * np.exp(-((path.velocity / shape[-1]) ** 2))
         if not self.grid:
             values = {**self._list_level(shape), "sigma0": 1.0 / float(shape[0])}
-            states = path.trace(BristleBranch(law=self.law, values=tuple(values.items())))[:, 0]
+            states = path.trace(joint_models.BristleBranch(law=self.law, values=tuple(values.items())))[:, 0]
             columns = [path.position, states / shape[0]]
             if self.law == "lugre":
                 columns.append(path.velocity - np.abs(path.velocity) * columns[1] / height)
@@ -421,11 +400,13 @@ class BristleFamily(ElementFamily):
         (begin, side), x, grid = path.origin, path.position[:, None], np.array(self.grid)
         radii = grid * height[:, None]
         # Bounds that move with the speed: elements are held within them, as generated code does.
-        turns = None if self.stribeck else find_turns(path.position)
-        return np.hstack([x, x - compute_clamps(x - radii, x + radii, begin - grid * side, turns)])
+        turns = None if self.stribeck else joint_models.find_turns(path.position)
+        return np.hstack(
+            [x, x - joint_models.compute_clamps(x - radii, x + radii, begin - grid * side, turns)]
+        )
 
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
-        spring, elements = Elasticity(stiffness=float(coefficients[0])), {}
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
+        spring, elements = joint_models.Elasticity(stiffness=float(coefficients[0])), {}
         force = max(float(coefficients[1]), _LEAST)
         if self.grid:
             kept = [(r, float(k)) for r, k in zip(self.grid, coefficients[1:], strict=True) if k > 0.0]
@@ -440,7 +421,7 @@ class BristleFamily(ElementFamily):
             if self.law == "lugre":
                 elements["sigma1"] = float(coefficients[2])
         values = tuple((self._list_level(shape, force) | elements).items())
-        return replace(spring, branches=(BristleBranch(law=self.law, values=values),))
+        return replace(spring, branches=(joint_models.BristleBranch(law=self.law, values=values),))
 
 
 @final
@@ -454,7 +435,6 @@ class AttractedFamily(ElementFamily):
     brakes: bool = True
 
     def describe(self) -> tuple[str, ...]:
-        """Return what distinguishes it."""
         return ("attracted to its level",)
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
@@ -464,9 +444,9 @@ class AttractedFamily(ElementFamily):
             np.array([1.4, share * path.speed, times * path.speed / path.reach]) for share, times in pairs
         ]
 
-    def _build_branch(self, shape: FloatArray, stiffnesses: FloatArray) -> AttractedSlip:
+    def _build_branch(self, shape: FloatArray, stiffnesses: FloatArray) -> joint_models.AttractedSlip:
         kept = stiffnesses > 0.0
-        return AttractedSlip(
+        return joint_models.AttractedSlip(
             thresholds=tuple(np.array(self.grid)[kept].tolist()),
             stiffnesses=tuple(stiffnesses[kept].tolist()),
             excess=float(shape[0]) - 1.0,
@@ -479,10 +459,10 @@ class AttractedFamily(ElementFamily):
         states = path.trace(self._build_branch(shape, np.ones(len(self.grid))))
         return np.column_stack([path.position, states[:, : len(self.grid)]])
 
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         kept = np.any(coefficients[1:] > 0.0)
         branches = (self._build_branch(shape, coefficients[1:]),) if kept else ()
-        return Elasticity(stiffness=float(coefficients[0]), branches=branches)
+        return joint_models.Elasticity(stiffness=float(coefficients[0]), branches=branches)
 
 
 _UNIFORM = tuple((np.arange(-4, 5) / 4.0).tolist())
@@ -507,17 +487,14 @@ class _Extended(ElementFamily):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """Return the model of the base."""
         return self.base.name
 
     @property
     def has_offset(self) -> bool:  # type: ignore[override]
-        """Return whether the fit adds a constant."""
         return self.base.has_offset
 
     @property
     def falling(self) -> bool:  # type: ignore[override]
-        """Return whether slip springs of the base slip earlier when fast."""
         return self.base.falling
 
     def _own(self, shape: FloatArray) -> FloatArray:
@@ -552,7 +529,7 @@ class WithBacklash(_Extended):
         behind = path.compute_plays(shape[:1])[:, 0]
         return self.base.compute_columns(replace(path, position=behind), self._own(shape))
 
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         return replace(self.base.build(self._own(shape), coefficients), backlash=float(shape[0]))
 
 
@@ -571,7 +548,7 @@ class WithRelaxation(_Extended):
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return the columns of the base, then the force of a spring of stiffness one."""
-        spring = Relaxation(stiffness=1.0, time=float(shape[0]))
+        spring = joint_models.Relaxation(stiffness=1.0, time=float(shape[0]))
         return np.hstack([self.base.compute_columns(path, self._own(shape)), path.trace(spring)])
 
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
@@ -582,11 +559,11 @@ class WithRelaxation(_Extended):
     def list_penalties(self, count: int) -> FloatArray:
         return np.pad(self.base.list_penalties(count - 1), ((0, 0), (0, 1)))
 
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> Elasticity:
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         found = self.base.build(self._own(shape), coefficients[:-1])
         if not coefficients[-1] > 0.0:
             return found
-        spring = Relaxation(stiffness=float(coefficients[-1]), time=float(shape[0]))
+        spring = joint_models.Relaxation(stiffness=float(coefficients[-1]), time=float(shape[0]))
         return replace(found, branches=(*found.branches, spring))
 
 

@@ -229,12 +229,10 @@ def build_path(x: FloatArray, t: FloatArray | None, start: joint_models.Start = 
 
 
 def _prepare(x: FloatArray, y: FloatArray, t: FloatArray | None) -> ElementData:
-    """Return a recording with what the element remembered first: that which explains the beginning best.
-
-    By stops or relays of any sign, whichever explain the whole better. The beginning lasts until the input
-    has covered half its range: then most of the memory is another one. It is skipped where no start
-    explains it as the rest is explained.
-    """
+    """Return a recording with what the element remembered first: that which explains the beginning best."""
+    # By stops or relays of any sign, whichever explain the whole better. The beginning lasts until the input
+    # has covered half its range: then most of the memory is another one. It is skipped where no start
+    # explains it as the rest is explained.
     check_recording(x, y, t)
     data = ElementData(path=build_path(x, t), output=y, kept=np.ones(len(y), dtype=bool))
     thinned = data.thin(_SEARCHED)
@@ -263,13 +261,9 @@ def _prepare(x: FloatArray, y: FloatArray, t: FloatArray | None) -> ElementData:
 
 
 _MORE, _MOST_STARTS = 0.9, 2
-
-
 _DENSE, _COARSE, _PLAIN = 20, 8, 1.2
 _LONGEST, _STRANGE = 0.25, 3.0
 """Largest share of a beginning that is skipped, and its mean square of the errors over that of the rest."""
-
-
 Parts = tuple[str, ...]
 _PARTS: tuple[Parts, ...] = ((), ("viscous",), ("cubic",), ("viscous", "cubic"))
 
@@ -688,11 +682,8 @@ _CLEARLY = 2.0
 
 
 def _choose(trials: list[_ElementTrial], folds: _Folds) -> list[_ElementTrial]:
-    """Return the models, the chosen one first, then by what they predict.
-
-    Within half a standard error of the best, models are equal: that with the fewest parameters counts. One
-    with half as many parameters may be worse by a whole one.
-    """
+    """Return the models, the chosen one first, then by what they predict."""
+    # Within half a standard error of the best models are equal; half as many parameters may cost a whole one.
     ranked = sorted(trials, key=folds.score)
     best = ranked[0]
     equal = [trial for trial in ranked if not folds.is_better(best, trial, sure=0.5)]
@@ -1031,7 +1022,5 @@ def validate_element(
 
 
 _INVERTED = 1500
-
-
 _SLACK = 0.01
 """Of the range of the input; what is beyond it by less is no extrapolation."""

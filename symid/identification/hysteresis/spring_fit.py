@@ -96,13 +96,6 @@ def compute_outer(basis: FloatArray, weights: SpringWeights) -> FloatArray:
     return inner + compute_ramps(inner, weights) @ (weights.slopes - 1.0)
 
 
-def compute_local_slopes(inner: FloatArray, weights: SpringWeights) -> FloatArray:
-    """Return S'(v) (N,)."""
-    order = np.argsort(weights.knees)
-    slopes = np.insert(weights.slopes[order], weights.below, 1.0)
-    return slopes[np.searchsorted(weights.knees[order], inner)]
-
-
 def hold_knees(knees: FloatArray, lowest: float, highest: float) -> FloatArray:
     """Return knee torques (l,) as those of `SpringWeights`, none nearer to zero than is allowed.
 
@@ -383,7 +376,9 @@ def compute_spring_slopes(
     `basis` (N, m + 1) are torsion and stops; `slips` (N, m) only where thresholds and knees have columns.
     """
     inner = basis @ weights.stiffness
-    local = compute_local_slopes(inner, weights)[:, None]
+    order = np.argsort(weights.knees)
+    slopes = np.insert(weights.slopes[order], weights.below, 1.0)
+    local = slopes[np.searchsorted(weights.knees[order], inner)][:, None]
     ramps = compute_ramps(inner, weights)
     columns = [basis * local, ramps]
     if slips is not None:

@@ -41,19 +41,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
-from symid.identification.regression.equations import (
-    SCALAR_KINDS,
-    WINDOW,
-    Rows,
-    assemble_rows,
-    build_rows,
-    count_pieces,
-    cut_matrix,
-    evaluate_torques,
-    outline_part,
-    select_rows,
-    stack_rows,
-)
+from symid.identification.regression import equations
 from symid.identification.regression.identifiability import (
     BLOCK,
     JOINT_AT_REST,
@@ -189,7 +177,7 @@ def choose_window(kind: str, processing: Processing, period: float, *, chosen: b
     """
     factor = processing.decimation.factor
     # Longer windows would damp what torque rows keep: heavy and light joints of a fast motion differ there.
-    return max(factor, 2) * period if kind == "momentum" and (chosen or factor > 1) else WINDOW
+    return max(factor, 2) * period if kind == "momentum" and (chosen or factor > 1) else equations.WINDOW
 
 
 def fill_loads(
@@ -334,7 +322,7 @@ def compute_payload_torque(library: Library, signals: Signals, recording: Record
     """Return the torque (N, n) of a known payload in N m or N; else as `get_payload`."""
     load = get_payload(library, recording)
     # A payload has no friction.
-    return None if load is None else evaluate_torques(library, signals, load)
+    return None if load is None else equations.evaluate_torques(library, signals, load)
 
 
 def get_payload(library: Library, recording: Recording) -> FloatArray | None:
@@ -360,7 +348,7 @@ def prepare_rows(
     window: float,
     overlap: float = 0.0,
     every: bool = False,
-) -> Rows:
+) -> equations.Rows:
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
     What the processing leaves open is chosen from this recording; other arguments as for `build_rows`. With
@@ -373,7 +361,7 @@ def prepare_rows(
     """
     processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
     signals = prepare_states(library, recording, processing)
-    rows = build_rows(kind, library, signals, processing, window=window, overlap=overlap)
+    rows = equations.build_rows(kind, library, signals, processing, window=window, overlap=overlap)
     return rows if every else leave_out_rows(rows, library, recording, processing)
 
 
@@ -415,14 +403,14 @@ def outline_motion(
 
 
 def mask_fast(
-    rows: Rows, speed: FloatArray, processing: Processing, file: str = "", *, margin: float = 0.0
+    rows: equations.Rows, speed: FloatArray, processing: Processing, file: str = "", *, margin: float = 0.0
 ) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
     """Return the rows (m,) whose joint is not slow, and a notice for each joint that loses some.
 
     `speed` (m,) in rad/s or m/s is what is compared with the standstill speeds; rows within `margin` s of a
     slow one count as slow, unless they are most of the joint's.
     """
-    if rows.kind in SCALAR_KINDS or not processing.standstill:
+    if rows.kind in equations.SCALAR_KINDS or not processing.standstill:
         return np.ones(len(speed), dtype=np.bool_), ()
     limits = np.array([processing.get_standstill(joint) for joint in range(len(rows.group_names))])
     slow = np.abs(speed) < limits[rows.group]
@@ -455,9 +443,11 @@ def mask_fast(
     return ~slow, tuple(Notice(code="identify.slow-rows", text=text, file=file) for text in texts)
 
 
-def leave_out_rows(rows: Rows, library: Library, recording: Recording, processing: Processing) -> Rows:
+def leave_out_rows(
+    rows: equations.Rows, library: Library, recording: Recording, processing: Processing
+) -> equations.Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
-    if rows.kind in SCALAR_KINDS:
+    if rows.kind in equations.SCALAR_KINDS:
         return rows
     fast, slow = mask_fast(rows, rows.velocity, processing, recording.source)
     joints = library.card.joints
@@ -470,7 +460,7 @@ def leave_out_rows(rows: Rows, library: Library, recording: Recording, processin
         for joint in held
     )
     notices = (Notice(code=JOINT_AT_REST, text=text, file=recording.source) for text in texts)
-    kept = select_rows(rows, fast & ~np.isin(rows.group, held))
+    kept = equations.select_rows(rows, fast & ~np.isin(rows.group, held))
     return replace(kept, notices=(*rows.notices, *slow, *notices))
 
 
@@ -526,24 +516,28 @@ class RowBuilder(NamedTuple):
         prepare = prepare_states if self.keeper is None else self.keeper.prepare
         return prepare(self.library, recording, self.processing)
 
-    def prepare(self, recording: Recording) -> Rows:
+    def prepare(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording, see `prepare_rows`."""
         return prepare_rows(
             self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
         )
 
-    def outline(self, recording: Recording) -> Rows:
+    def outline(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
         card, signals = self.library.card, self.prepare_states(recording)
-        part = outline_part(self.kind, signals, self.processing, self.window, count_pieces(self.overlap))
+        part = equations.outline_part(
+            self.kind, signals, self.processing, self.window, equations.count_pieces(self.overlap)
+        )
         places = np.arange(len(part.values), dtype=np.float64)
         part = part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1)))
-        return leave_out_rows(assemble_rows(self.kind, card, part), self.library, recording, self.processing)
+        return leave_out_rows(
+            equations.assemble_rows(self.kind, card, part), self.library, recording, self.processing
+        )
 
     def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
         """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
-        signals, pieces = self.prepare_states(recording), count_pieces(self.overlap)
-        return cut_matrix(
+        signals, pieces = self.prepare_states(recording), equations.count_pieces(self.overlap)
+        return equations.cut_matrix(
             self.kind, self.library, signals, self.processing, window=self.window, pieces=pieces
         )
 
@@ -557,7 +551,7 @@ class LongRows:
         triangles: (s, p + 1, p + 1) of [A y] of segments, not weighed; starts: (s + 1,) their first rows.
     """
 
-    outline: Rows
+    outline: equations.Rows
     triangles: FloatArray
     starts: NDArray[np.intp]
 
@@ -570,7 +564,7 @@ class LongRows:
         counts = np.bincount(self.outline.group, minlength=groups).astype(np.intp)
         return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
 
-    def sketch(self) -> Rows:
+    def sketch(self) -> equations.Rows:
         """Return p + 1 equations for each of 100 blocks of time of every joint, with the block's squares.
 
         A'A and A'y of every block are those of its equations, so `compute_block_deviations` gives the same.
@@ -610,7 +604,7 @@ def condense_recordings(
 
     `weights` as for `stack_rows`; errors as for `prepare_rows`.
     """
-    outline = stack_rows([maker.outline(entry) for entry in recordings], weights)
+    outline = equations.stack_rows([maker.outline(entry) for entry in recordings], weights)
     # Where segments begin, and the end.
     begins = {len(outline.values)}
     for group in np.unique(outline.group):
@@ -645,13 +639,13 @@ def condense_recordings(
 
 
 def predict_outlines(
-    maker: RowBuilder, recordings: Sequence[Recording], outlines: Sequence[Rows], values: FloatArray
+    maker: RowBuilder, recordings: Sequence[Recording], outlines: Sequence[equations.Rows], values: FloatArray
 ) -> list[FloatArray]:
     """Return what parameters (p,) predict of the equations (m,) of each outline, by another pass for all."""
     predicted = [np.empty(len(outline.values)) for outline in outlines]
     for run, recording in enumerate(recordings):
         if maker.kind == "torque":
-            torques = evaluate_torques(maker.library, maker.prepare_states(recording), values)
+            torques = equations.evaluate_torques(maker.library, maker.prepare_states(recording), values)
             whole = decimate(torques, maker.processing.decimation)
         else:
             whole = np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])

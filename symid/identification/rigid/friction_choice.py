@@ -490,12 +490,7 @@ def _describe_choice(state: _State, table: JointTable, joint: int, *, measured: 
         )
     if own.ratio is not None and own.law != PLAIN:
         text += f"; {PLAIN} leaves {own.held_percent / np.sqrt(own.ratio):.3g} %"
-    return LawSelection(
-        trials=tuple(listed),
-        chosen=own.law,
-        verdict=f"{text}.",
-        blocks=len(table.rows),
-    )
+    return LawSelection(trials=tuple(listed), chosen=own.law, verdict=f"{text}.", blocks=len(table.rows))
 
 
 _COMPARED = 4

@@ -23,21 +23,8 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
+from symid.identification import regression
 from symid.identification.diagnostics import measure_scoring_band
-from symid.identification.regression import (
-    LoadGain,
-    Rotor,
-    compute_payload_torque,
-    compute_rotor_columns,
-    evaluate_torques,
-    fill_load,
-    get_payload,
-    list_measured_joints,
-    measure_bands,
-    measure_load_gain,
-    prepare_states,
-    subtract_loads,
-)
 from symid.joint_models import (
     FrictionLaw,
     build_numpy_carrier,
@@ -62,8 +49,6 @@ _NOISE = 3.0
 """Standard deviations of the velocity's noise below which a row does not count: its sign is not known."""
 _BLUR = 3.0
 """Times what a velocity changes in the time of the low-pass, below which a row does not count."""
-
-
 Inputs = Mapping[str, FloatArray]
 
 
@@ -231,7 +216,7 @@ class Motion:
     slowest: FloatArray
     extra: NDArray[np.intp]
     measured: tuple[bool, ...]
-    rotors: tuple[Rotor, ...]
+    rotors: tuple[regression.Rotor, ...]
     payloads: tuple[FloatArray | None, ...]
 
     def share_columns(self, run: int, part: slice) -> FloatArray:
@@ -245,7 +230,7 @@ class Motion:
         if any(self.measured):
             own = np.array(self.measured)[:, None]
             columns[0] = np.where(own, 0.0, rigid)
-            columns.append(np.where(own, compute_rotor_columns(ddq, self.rotors), 0.0))
+            columns.append(np.where(own, regression.compute_rotor_columns(ddq, self.rotors), 0.0))
         return np.concatenate(columns, axis=2)
 
     def speeds(self, joint: int) -> FloatArray:
@@ -271,7 +256,7 @@ def balance_cutoff(recordings: Sequence[Recording]) -> float:
         smooth = low_pass(recording.position, period=recording.period, cutoff=_TURNS, order=2)
         bend = differentiate(differentiate(smooth, recording.period), recording.period)
         turning = np.sqrt(np.mean(bend**2, axis=0))
-        for band, rate in zip(measure_bands(recording), turning.tolist(), strict=False):
+        for band, rate in zip(regression.measure_bands(recording), turning.tolist(), strict=False):
             if band.clean > 0.0:
                 power = _BLUR * rate * np.sqrt(3.0) / (_NOISE * (2.0 * np.pi) ** 2 * max(band.floor, 1e-300))
                 found.append(power**0.4)
@@ -286,7 +271,7 @@ def limit_cutoff(recordings: Sequence[Recording], slowest: Sequence[float]) -> f
     found = [
         (np.sqrt(3.0) * speed / (8.0 * np.pi * band.floor)) ** (2.0 / 3.0)
         for recording in recordings
-        for band, speed in zip(measure_bands(recording), slowest, strict=False)
+        for band, speed in zip(regression.measure_bands(recording), slowest, strict=False)
         if band.floor > 0.0 and speed > 0.0
     ]
     return float(min(found, default=0.0))
@@ -301,13 +286,13 @@ def prepare_motion(
     recordings: Sequence[Recording],
     processing: Processing,
     *,
-    rotors: Sequence[Rotor] = (),
+    rotors: Sequence[regression.Rotor] = (),
 ) -> Motion:
     """Return the filtered motion, with torques of motors less loads where these were measured.
 
     The velocity's noise follows from the floor of the position's spectrum.
     """
-    measured = list_measured_joints(recordings)
+    measured = regression.list_measured_joints(recordings)
     rate, band = 1.0 / recordings[0].period, measure_scoring_band(recordings)
     smooth, sharp = (min(cutoff, 0.4 * rate) for cutoff in (_SHARP * band, balance_cutoff(recordings)))
     sharp = max(smooth, sharp)
@@ -316,8 +301,8 @@ def prepare_motion(
         settings = replace(processing, filter_cutoff=cutoff, standstill=None, automatic=False)
         found = []
         for entry in recordings:
-            signals = prepare_states(library, subtract_loads(entry, measured), settings)
-            payload = compute_payload_torque(library, signals, entry)
+            signals = regression.prepare_states(library, regression.subtract_loads(entry, measured), settings)
+            payload = regression.compute_payload_torque(library, signals, entry)
             if payload is not None and any(measured):
                 # The sensor bears the payload, whose torque was subtracted a second time.
                 tau = signals.tau + np.where(np.array(measured), payload, 0.0)
@@ -327,7 +312,7 @@ def prepare_motion(
 
     signals, slowest = filter_states(sharp), np.zeros(library.card.size)
     for recording, entry in zip(recordings, signals, strict=True):
-        floors = np.array([one.floor for one in measure_bands(recording)])
+        floors = np.array([one.floor for one in regression.measure_bands(recording)])
         noise = 2.0 * np.pi * floors * np.sqrt(sharp**3 / 3.0)
         # What the low-pass makes of a velocity that turns, or stops.
         blur = np.sqrt(np.mean(entry.ddq**2, axis=0)) / (2.0 * np.pi * sharp)
@@ -344,7 +329,7 @@ def prepare_motion(
         extra=np.array(extra, dtype=np.intp),
         measured=measured,
         rotors=tuple(rotors),
-        payloads=tuple(get_payload(library, entry) for entry in recordings),
+        payloads=tuple(regression.get_payload(library, entry) for entry in recordings),
     )
 
 
@@ -414,12 +399,16 @@ def load_joints(motion: Motion, shared: FloatArray) -> Motion:
     beta = shared[: len(motion.library.card.beta)]
     found = []
     for smooth, sharp, payload in zip(motion.smooth, motion.signals, motion.payloads, strict=True):
-        computed = evaluate_torques(motion.library, smooth, beta if payload is None else beta + payload)
-        found.append(replace(sharp, load=fill_load(sharp.load, computed, motion.measured)))
+        computed = regression.evaluate_torques(
+            motion.library, smooth, beta if payload is None else beta + payload
+        )
+        found.append(replace(sharp, load=regression.fill_load(sharp.load, computed, motion.measured)))
     return replace(motion, signals=tuple(found))
 
 
-def measure_gain(motion: Motion, joint: int, law: FrictionLaw, shape: tuple[float, ...]) -> LoadGain | None:
+def measure_gain(
+    motion: Motion, joint: int, law: FrictionLaw, shape: tuple[float, ...]
+) -> regression.LoadGain | None:
     """Return the factor on a measured load that a joint's windows choose beside a law and rotors."""
     load = replace(
         get_law("load-dependent"), linear=(), columns=lambda _carrier, inputs, _shape: (inputs["load"],)
@@ -432,4 +421,4 @@ def measure_gain(motion: Motion, joint: int, law: FrictionLaw, shape: tuple[floa
     shared = np.arange(grams.shared)
     shared = shared[grams.grams.sum(axis=0)[shared, shared] > 0.0]
     places = [*shared, *(grams.shared + k for k in (*node.places, *other.places)), -1]
-    return measure_load_gain(grams.grams[:, places][:, :, places])
+    return regression.measure_load_gain(grams.grams[:, places][:, :, places])

@@ -570,10 +570,7 @@ def diagnose_estimate(
         drift=diagnostics.measure_drift(rows, fit, processing.noise_freedom),
         structure=diagnostics.analyse_structure(values, library, recordings, processing, weights=weights),
         profiles=diagnostics.compute_profiles(values, library, recordings, processing),
-        prices=(
-            *price,
-            *measure_decimation_price(builder, recordings, identifiability, weighed, weights),
-        ),
+        prices=(*price, *measure_decimation_price(builder, recordings, identifiability, weighed, weights)),
         refit=refit,
         notices=(*settled.notices, *warnings),
     )

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from symid.dynamics import OpenReading
 from symid.identification.compare import (
-    ReadingTrial,
     build_stated_values,
     compare_values,
     compute_grouped_values,
@@ -114,7 +114,7 @@ def build_case(rng, planted, count=12):
 
 def list_trials(count=12):
     places = [(i, j) for i in range(4) for j in range(count) if i != j]
-    return [ReadingTrial(group=i, column=j, factor=s) for i, j in places for s in (1.0, -1.0)]
+    return [OpenReading(name="", group=i, column=j, factor=s) for i, j in places for s in (1.0, -1.0)]
 
 
 def test_terms_that_are_there_are_found_and_no_other():
@@ -136,10 +136,10 @@ def test_terms_that_are_there_are_found_and_no_other():
 def test_a_term_that_another_could_replace_has_a_rival():
     ours = build_stated_values([1.0, 1.05, 7.0], [0.01, 0.1, 0.01])
     theirs = build_stated_values([1.0, 1.05, 8.02], [0.01, 0.1, 0.01])
-    trials = [ReadingTrial(group=2, column=column, factor=1.0) for column in (0, 1)]
+    trials = [OpenReading(name="", group=2, column=column, factor=1.0) for column in (0, 1)]
     (first, second) = try_readings(np.eye(3), ours, theirs, trials)
     assert (first.decisive, first.rivals, second.decisive) == (True, 1, False)
-    trials[1] = ReadingTrial(group=2, column=1, factor=-1)
+    trials[1] = OpenReading(name="", group=2, column=1, factor=-1)
     (alone, _) = try_readings(np.eye(3), ours, theirs, trials)
     assert (alone.trial, alone.decisive, alone.rivals) == (0, True, 0)
 
@@ -151,7 +151,7 @@ def test_the_ratio_is_that_of_normal_densities():
     ours = state(rng.normal(size=5), covariance)
     theirs = state(rng.normal(size=4), spread)
     change = rng.normal(size=(4, 5))
-    (found,) = try_readings(change, ours, theirs, [ReadingTrial(group=1, column=3, factor=0.7)])
+    (found,) = try_readings(change, ours, theirs, [OpenReading(name="", group=1, column=3, factor=0.7)])
     held = change.copy()
     held[1, 3] += 0.7
     with_term, without = (
@@ -166,7 +166,7 @@ def test_a_term_that_only_widens_explains_nothing():
     """A value of 0 +- 100 brings a group that is 3.5 deviations away near, whatever it is."""
     ours = build_stated_values([1.0, 5.0, 7.0, 0.0], [0.1, 0.1, 0.1, 100.0])
     theirs = build_stated_values([1.35, 5.0, 7.0], [1e-9, 1e-9, 1e-9])
-    (found,) = try_readings(np.eye(3, 4), ours, theirs, [ReadingTrial(group=0, column=3, factor=1.0)])
+    (found,) = try_readings(np.eye(3, 4), ours, theirs, [OpenReading(name="", group=0, column=3, factor=1.0)])
     assert found.before == pytest.approx(-3.5)
     assert found.gain == pytest.approx(3.5**2, rel=1e-4)
     assert found.gain / 2.0 > np.log(20.0)
