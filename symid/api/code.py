@@ -55,14 +55,14 @@ class WrittenCode(RecordResult, codegen.GeneratedFolder):
 
     def summarise(self) -> str:
         """Return the folder, what was written, and the result of its self-test."""
-        return report.summarise_code(self)
+        return report.robot_text.summarise_code(self)
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and the operations and sizes of every function."""
-        return report.show_code(self)
+        return report.robot_text.show_code(self)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_code("" if self.robot is None else self.robot.name, self)
+        return report.robot_text.describe_code("" if self.robot is None else self.robot.name, self)
 
 
 @final

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, final
+from typing import TYPE_CHECKING, Literal, Self, TypedDict, Unpack, final
 
 import numpy as np
 
@@ -127,17 +127,17 @@ class BaseSet(Result):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and every parameter with its grouping and reason."""
-        return report.show_base(self.robot, self.product)
+        return report.robot_text.show_base(self.robot, self.product)
 
     def _tabulate(self) -> "tuple[report.Block, ...]":
-        return report.tabulate_base(self.robot, self.product)
+        return report.robot_text.tabulate_base(self.robot, self.product)
 
     def _describe(self) -> dict[str, object]:
-        return {**report.describe_base(self.robot, self.product), "of": self.form}
+        return {**report.robot_text.describe_base(self.robot, self.product), "of": self.form}
 
     def _repr_latex_(self) -> str:
         """Return names and groupings as formulas for a notebook."""
-        return report.write_base_latex(self.robot, self.product)
+        return report.robot_text.write_base_latex(self.robot, self.product)
 
 
 Notation = Literal["symid", "siciliano", "craig", "khalil"]
@@ -214,54 +214,6 @@ class WrittenLesson(Result):
             "exercises": None if self.sheet is None else str(self.sheet),
             "answers": None if self.answers is None else str(self.answers),
         }
-
-
-def write_lesson(
-    robot: "robots.Robot",
-    path: str | PathLike[str],
-    notation: Notation = "symid",
-    parameters: LessonParameters | None = None,
-    angle: Literal["q", "theta"] | None = None,
-    *,
-    long_sines: bool = False,
-    exercises: int = 0,
-    seed: int = 0,
-    log: LogLike | None = None,
-) -> WrittenLesson:
-    """Write the lesson on `robot`; see `RobotModel.write_lesson`."""
-    file = Path(fspath(path))
-    suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
-    book = lessons.get_book(notation, angle=angle, long=long_sines)
-    if suffix in (".tex", ".ipynb") and (exercises or log is not None):
-        given = f"exercises={exercises}: they are" if exercises else "log: its motion is"
-        what = f"{given} part of a page; write a .html for that"
-        raise UsageError(Notice(code="usage.lesson-option", text=what))
-    answers = sheet = executed = None
-    if suffix == ".tex":
-        text = lessons.write_lesson_tex(robot, book, parameters)
-    elif suffix == ".ipynb":
-        text, executed = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
-    else:
-        sheet_file = file.with_suffix(".exercises.txt")
-        if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
-            said = "has answers that were typed; move it, or name the page otherwise"
-            raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
-        moved = None if log is None else _sample_log(robot, log)
-        page = lessons.write_lesson_page(
-            robot, book, parameters, exercises=exercises, seed=seed, logged=moved
-        )
-        answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
-        sheet = write_file(sheet_file, page.sheet) if page.sheet else None
-        text = page.html
-    return WrittenLesson(
-        robot=robot,
-        path=write_file(file, text),
-        size=len(text.encode()),
-        notation=notation,
-        answers=answers,
-        sheet=sheet,
-        executed=executed,
-    )
 
 
 _LONGEST_MOTION = 30.0
@@ -403,12 +355,12 @@ class Derivation(Result):
             OutputError: the page cannot be written.
         """
         check_suffix(Path(path), "such a lesson", (".html",))
-        return write_lesson(self.robot, path, **letters).path
+        return RobotDynamics(description=self.robot).write_lesson(path, **letters).path
 
     def tex(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a document for pdflatex at `path`, .tex; `letters` are those of `html`."""
         check_suffix(Path(path), "such a lesson", (".tex",))
-        return write_lesson(self.robot, path, **letters).path
+        return RobotDynamics(description=self.robot).write_lesson(path, **letters).path
 
     def ipynb(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a notebook at `path`, .ipynb, executed where that is possible, as `html`.
@@ -416,7 +368,7 @@ class Derivation(Result):
         The `letters` are those of `html`.
         """
         check_suffix(Path(path), "such a lesson", (".ipynb",))
-        return write_lesson(self.robot, path, **letters).path
+        return RobotDynamics(description=self.robot).write_lesson(path, **letters).path
 
     def summarise(self) -> str:
         """Return robot and steps."""
@@ -424,18 +376,18 @@ class Derivation(Result):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the steps, and the operations of generated functions."""
-        return report.show_derivation(self.steps, self.operations, latex=self.latex)
+        return report.robot_text.show_derivation(self.steps, self.operations, latex=self.latex)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_derivation(self.robot.name, self.steps, self.operations)
+        return report.robot_text.describe_derivation(self.robot.name, self.steps, self.operations)
 
     def _repr_html_(self) -> str:
         """Return the derivation for a notebook, with formulas."""
-        return report.write_derivation_html(self.steps, self.operations)
+        return report.robot_text.write_derivation_html(self.steps, self.operations)
 
     def _repr_latex_(self) -> str:
         """Return the formulas of all steps."""
-        return report.write_derivation_latex(self.steps)
+        return report.robot_text.write_derivation_latex(self.steps)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -599,8 +551,41 @@ class RobotDynamics:
             OutputError: the page cannot be written.
         """
         self.progress(f"deriving the lesson on {self.name}")
-        options: dict[str, Any] = {"long_sines": long_sines, "exercises": exercises, "seed": seed, "log": log}
-        return write_lesson(self.description, path, notation, parameters, angle, **options)
+        file = Path(fspath(path))
+        suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
+        book = lessons.get_book(notation, angle=angle, long=long_sines)
+        if suffix in (".tex", ".ipynb") and (exercises or log is not None):
+            given = f"exercises={exercises}: they are" if exercises else "log: its motion is"
+            what = f"{given} part of a page; write a .html for that"
+            raise UsageError(Notice(code="usage.lesson-option", text=what))
+        answers = sheet = executed = None
+        if suffix == ".tex":
+            text = lessons.write_lesson_tex(self.description, book, parameters)
+        elif suffix == ".ipynb":
+            text, executed = lessons.write_lesson_notebook(
+                self.description, book, parameters, file.resolve().parent
+            )
+        else:
+            sheet_file = file.with_suffix(".exercises.txt")
+            if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
+                said = "has answers that were typed; move it, or name the page otherwise"
+                raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
+            moved = None if log is None else _sample_log(self.description, log)
+            page = lessons.write_lesson_page(
+                self.description, book, parameters, exercises=exercises, seed=seed, logged=moved
+            )
+            answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
+            sheet = write_file(sheet_file, page.sheet) if page.sheet else None
+            text = page.html
+        return WrittenLesson(
+            robot=self.description,
+            path=write_file(file, text),
+            size=len(text.encode()),
+            notation=notation,
+            answers=answers,
+            sheet=sheet,
+            executed=executed,
+        )
 
     def check_answers(self, path: str | PathLike[str]) -> MarkedSheet:
         """Mark the answers that were typed into the sheet of a lesson's exercises.

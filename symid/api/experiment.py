@@ -66,7 +66,7 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         Raises:
             OutputError: the suffix is not .csv, or the file cannot be written.
         """
-        remarks = report.list_remarks(self.robot, self, self.seed)
+        remarks = report.robot_text.list_remarks(self.robot, self, self.seed)
         file = Path(path)
         excitation.write_trajectory(
             self.trajectory, file, self.robot, rate=rate, periods=periods, remarks=remarks
@@ -78,11 +78,11 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         return round(self.trajectory.duration * rate) * periods + 1
 
     def _write_page(self, file: Path) -> Path:
-        return report.write_excitation_page(file, self.robot, self)
+        return report.result_pages.write_excitation_page(file, self.robot, self)
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and velocities over time, and the used part of each limit."""
-        return report.draw_excitation(self, self.robot)
+        return report.drawings.draw_excitation(self, self.robot)
 
     def summarise(self) -> str:
         """Return the robot, the series and its condition number."""
@@ -90,10 +90,10 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return its condition number beside those of random series, and the used part of each limit."""
-        return report.show_excitation(self)
+        return report.robot_text.show_excitation(self)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_excitation(self.robot, self, self.seed)
+        return report.robot_text.describe_excitation(self.robot, self, self.seed)
 
 
 @final
@@ -228,7 +228,7 @@ class FrictionTables(Study["studies.FrictionStudy"]):
         Raises:
             OutputError: the file cannot be written.
         """
-        return report.write_page(Path(path), report.build_friction_study_page(self.product))
+        return report.write_page(Path(path), report.study_text.build_friction_study_page(self.product))
 
 
 def study_friction_tables(
@@ -259,7 +259,7 @@ def study_friction_tables(
     found = studies.study_friction(numbers, jobs=jobs, timed=timed, progress=report_count(progress))
     met = [check.met for check in found.checks if check.met is not None]
     title = f"friction tables: {sum(met)} of {len(met)} claims met"
-    tables = report.show_friction_tables(found)
+    tables = report.study_text.show_friction_tables(found)
     return FrictionTables(title=title, product=found, tables=tables, described=asdict(found))
 
 
@@ -307,6 +307,6 @@ def study_foreign(
     return Study(
         title=f"hidden models of {found.arm}",
         product=found,
-        tables=report.show_foreign(found),
+        tables=report.study_text.show_foreign(found),
         described={**describe_record(found), "seeds": list(numbers)},
     )

@@ -267,8 +267,8 @@ class DemoResult(JudgedResult):
         return (
             _WHAT,
             f"{self.robot.name}: dynamics, friction and hysteresis identified from {logs}\n{best.reason}",
-            report.show_elastic_parameters(best),
-            report.show_springs(best),
+            report.fit_text.show_elastic_parameters(best),
+            report.fit_text.show_springs(best),
             (
                 "errors in percent: largest error of a dynamic parameter; hysteresis of the worse joint on "
                 f"the held-out motion {_LOGS[_HELD_OUT]}"
@@ -284,7 +284,7 @@ class DemoResult(JudgedResult):
 
     def _describe(self) -> dict[str, object]:
         return {
-            "estimate": report.describe_elastic(self.fit.estimate),
+            "estimate": report.fit_text.describe_elastic(self.fit.estimate),
             "errors": {
                 name: {"parameter_percent": pair[0], "hysteresis_percent": pair[1]}
                 for name, pair in self.deviations.items()

@@ -451,10 +451,10 @@ class RigidFit(_DynamicsFit):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and tables of parameters and residuals."""
-        return report.show_estimate(self.estimate)
+        return report.fit_text.show_estimate(self.estimate)
 
     def _describe(self) -> dict[str, object]:
-        return {**report.describe_estimate(self.estimate), **self.extra}
+        return {**report.fit_text.describe_estimate(self.estimate), **self.extra}
 
 
 @final
@@ -506,12 +506,14 @@ class ElasticFit(_DynamicsFit):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, the reason for the method, parameters, springs and residuals."""
-        return report.show_elastic(self.estimate)
+        return report.fit_text.show_elastic(self.estimate)
 
     def _describe(self) -> dict[str, object]:
         joints = [entry.joint for entry in self.estimate.residual]
-        aligned = None if self.alignment is None else report.describe_alignment(self.alignment, joints)
-        return {**report.describe_elastic(self.estimate), "alignment": aligned, **self.extra}
+        aligned = (
+            None if self.alignment is None else report.fit_text.describe_alignment(self.alignment, joints)
+        )
+        return {**report.fit_text.describe_elastic(self.estimate), "alignment": aligned, **self.extra}
 
 
 @final
@@ -570,10 +572,10 @@ class FrictionFit(Fit):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return choice, law, parameters and residual of every joint."""
-        return report.show_friction(self.estimate)
+        return report.fit_text.show_friction(self.estimate)
 
     def _describe(self) -> dict[str, object]:
-        return {**report.describe_friction(self.estimate), **self.extra}
+        return {**report.fit_text.describe_friction(self.estimate), **self.extra}
 
 
 def build_dynamics_fit(

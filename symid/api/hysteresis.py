@@ -102,7 +102,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
     @property
     def verdict(self) -> "report.FitVerdict":
         """Return what the element is worth."""
-        return report.judge_element(self.record)
+        return report.result_pages.judge_element(self.record)
 
     @property
     def element(self) -> "joint_models.Elasticity":
@@ -124,10 +124,10 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return parameters, models that were tried, inverse and passivity."""
-        return report.show_element(self.record)
+        return report.result_pages.show_element(self.record)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_element(self.record)
+        return report.result_pages.describe_element(self.record)
 
     def predict(self, x: ArrayLike, t: ArrayLike | None = None, *, start: str | None = None) -> FloatArray:
         """Return the output (N,) for an input `x` (N,), at times `t` (N,) in s where it needs them.
@@ -162,10 +162,10 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
 
     def plot(self, ax: object = None) -> Figures:
         """Return figures: loops, time, residuals, energy of cycles, branches; in axes `ax` of matplotlib."""
-        return Figures(drawings=report.draw_element(self.record)).draw(ax)
+        return Figures(drawings=report.result_pages.draw_element(self.record)).draw(ax)
 
     def _write_page(self, file: Path) -> Path:
-        return report.write_element_page(file, self.record, source=self.source)
+        return report.result_pages.write_element_page(file, self.record, source=self.source)
 
     def write(
         self,
@@ -237,7 +237,7 @@ class ElementValidation(JudgedResult):
     @property
     def verdict(self) -> "report.FitVerdict":
         """Return what the prediction is worth."""
-        return report.judge_element_trial(self.trial)
+        return report.result_pages.judge_element_trial(self.trial)
 
     def summarise(self) -> str:
         """Return the error."""

@@ -52,7 +52,7 @@ class Stiffness(PagedResult, SavedResult):
         return identification.write_result("stiffness", self.estimate, file, {**self.to_dict(), "file": file})
 
     def _write_page(self, file: Path) -> Path:
-        return report.write_stiffness_page(file, self.estimate, self.notices)
+        return report.result_pages.write_stiffness_page(file, self.estimate, self.notices)
 
     def summarise(self) -> str:
         """Return the joints with a stiffness."""
@@ -61,10 +61,10 @@ class Stiffness(PagedResult, SavedResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return delay, offsets and stiffness."""
-        return report.show_stiffness(self.estimate)
+        return report.fit_text.show_stiffness(self.estimate)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_stiffness(self.estimate)
+        return report.fit_text.describe_stiffness(self.estimate)
 
 
 def load_stiffness(path: str | PathLike[str]) -> Stiffness:
@@ -166,10 +166,10 @@ class PayloadResult(PagedResult, SavedResult):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return warnings: quantities that are not identifiable, other changes between both sides."""
-        return tuple(dict.fromkeys((*self.product.notices, *report.warn_payload(self.payload))))
+        return tuple(dict.fromkeys((*self.product.notices, *report.robot_text.warn_payload(self.payload))))
 
     def _write_page(self, file: Path) -> Path:
-        return report.write_payload_page(file, self.product.robot, self.payload, self.notices)
+        return report.result_pages.write_payload_page(file, self.product.robot, self.payload, self.notices)
 
     def summarise(self) -> str:
         """Return the mass and the link."""
@@ -177,10 +177,10 @@ class PayloadResult(PagedResult, SavedResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the tables of identified and of refused quantities, with the reasons."""
-        return report.show_payload(self.product.robot, self.payload)
+        return report.robot_text.show_payload(self.product.robot, self.payload)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_payload(self.product.robot, self.payload)
+        return report.robot_text.describe_payload(self.product.robot, self.payload)
 
     def for_controller(
         self, controller: str, frame: "identification.FlangeFrame" = None

@@ -70,7 +70,7 @@ class Measurements(DrawnResult):
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and torques over time."""
-        return report.draw_log(self.recording, self.robot)
+        return report.drawings.draw_log(self.recording, self.robot)
 
     @property
     def time(self) -> FloatArray:
@@ -170,11 +170,11 @@ class Log(Measurements):
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the table of joints: range, speed, torque."""
         summary = log_files.summarise_joints(self.recording, self.robot)
-        return (self.summarise(), report.show_joints(self.source, summary))
+        return (self.summarise(), report.robot_text.show_joints(self.source, summary))
 
     def _describe(self) -> dict[str, object]:
         summary = log_files.summarise_joints(self.recording, self.robot)
-        return report.describe_log(self.recording, log_files.measure_timing(self.time), summary)
+        return report.robot_text.describe_log(self.recording, log_files.measure_timing(self.time), summary)
 
 
 @runtime_checkable
@@ -465,19 +465,20 @@ class RobotCheck(DrawnResult, PagedResult):
         return self.product.errors
 
     def _write_page(self, file: Path) -> Path:
-        return report.write_check_page(file, self.robot, self.product)
+        return report.result_pages.write_check_page(file, self.robot, self.product)
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and torques of every log, with what was found marked; else the robot."""
-        return report.draw_check(self.robot, self.product)
+        return report.result_pages.draw_check(self.robot, self.product)
 
     def summarise(self) -> str:
         """Return the robot and the number of logs."""
-        return f"{report.summarise_robot(self.robot)}: {len(self.logs)} log{'s'[: len(self.logs) != 1]}"
+        robot, count = report.robot_text.summarise_robot(self.robot), len(self.logs)
+        return f"{robot}: {count} log{'s'[: count != 1]}"
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the robot, the joints of every log, and the identifiability of the parameters."""
-        return report.show_robot_check(self.robot, self.product)
+        return report.robot_text.show_robot_check(self.robot, self.product)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_robot_check(self.robot, self.product)
+        return report.robot_text.describe_robot_check(self.robot, self.product)

@@ -277,7 +277,7 @@ class Figures:
             UsageError: other axes; the message says what to install.
         """
         if ax is not None:
-            report.draw_into(ax, self.drawings)
+            report.drawings.draw_into(ax, self.drawings)
         return self
 
     def save(self, path: str | PathLike[str]) -> Path:

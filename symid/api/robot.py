@@ -113,7 +113,7 @@ class RobotModel(RobotDynamics):
         """
         robot = self.description
         if what is None:
-            return Figures(drawings=(report.draw_robot(robot, pose),))
+            return Figures(drawings=(report.drawings.draw_robot(robot, pose),))
         if pose is not None:
             text = "pose is of the robot, and here a file is drawn; leave one of them out"
             raise UsageError(Notice(code="usage.pose", text=text))
@@ -122,11 +122,15 @@ class RobotModel(RobotDynamics):
             if path.suffix.lower() == ".json":
                 return load_fit(path, self).plot()
             if excitation.is_trajectory(path):
-                return Figures(drawings=report.draw_motion(excitation.read_trajectory(path, robot), robot))
+                return Figures(
+                    drawings=report.drawings.draw_motion(excitation.read_trajectory(path, robot), robot)
+                )
         read = log_files.read_recordings(api_logs.list_logs((what,)), robot, uneven=True)
         logs = [diagnostics.summarise_log(recording, robot) for recording in read]
         return Figures(
-            drawings=tuple(drawing for log in logs for drawing in report.draw_log(log.recording, robot, log))
+            drawings=tuple(
+                drawing for log in logs for drawing in report.drawings.draw_log(log.recording, robot, log)
+            )
         )
 
     # Identification.
@@ -442,7 +446,11 @@ class RobotModel(RobotDynamics):
                 == "__main__":`.
         """
         found = self._study(
-            studies.study_precision, "precision of", report.show_precision, list_seeds(seeds, seed), jobs=jobs
+            studies.study_precision,
+            "precision of",
+            report.study_text.show_precision,
+            list_seeds(seeds, seed),
+            jobs=jobs,
         )
         return replace(found, notices=self.notices)
 
@@ -483,7 +491,7 @@ class RobotModel(RobotDynamics):
         return Study(
             title=f"cut-off of {robot.name}",
             product=found,
-            tables=report.show_cutoff(found),
+            tables=report.study_text.show_cutoff(found),
             described=asdict(found),
             notices=(*robot.notices, *recording.notices, *library.notices),
         )
@@ -500,7 +508,7 @@ class RobotModel(RobotDynamics):
             UsageError: the robot has not two joints, or its file states no truth.
         """
         numbers, title = list_seeds(seeds, seed), "methods for the elastic joints of"
-        show = report.show_elastic_study
+        show = report.study_text.show_elastic_study
         found = self._study(studies.study_elastic, title, show, numbers, jobs=jobs, timed=timed)
         return replace(found, described={**describe_record(found.product), "seeds": list(numbers)})
 
@@ -516,7 +524,9 @@ class RobotModel(RobotDynamics):
             UsageError: the robot has not two joints, or its file states no truth.
         """
         numbers = list_seeds(seeds, seed)
-        return self._study(studies.study_tracking, "tracking of", report.show_tracking, numbers, jobs=jobs)
+        return self._study(
+            studies.study_tracking, "tracking of", report.study_text.show_tracking, numbers, jobs=jobs
+        )
 
     def study_six_joints(
         self, *, seeds: int = 1, seed: int = 1
@@ -539,7 +549,7 @@ class RobotModel(RobotDynamics):
         return Study(
             title=f"dynamics of the elastic arm {self.name}",
             product=found,
-            tables=tuple(map(report.show_many_joints, found)),
+            tables=tuple(map(report.study_text.show_many_joints, found)),
             described={"runs": [describe_record(result) for result in found]},
             notices=tuple(dict.fromkeys(notice for result in found for notice in result.notices)),
         )

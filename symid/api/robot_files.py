@@ -67,14 +67,14 @@ class RobotDraft(Result):
 
     def summarise(self) -> str:
         """Return the name and the number of joints."""
-        return report.summarise_draft(self.robot)
+        return report.robot_text.summarise_draft(self.robot)
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the robot, and the columns and units of its log."""
-        return report.show_draft(self.product)
+        return report.robot_text.show_draft(self.product)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_draft(self.product)
+        return report.robot_text.describe_draft(self.product)
 
 
 def new_robot(
@@ -181,10 +181,10 @@ class ExportedFile(Result):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the format and the path, and the accuracy of bodies or the laws of joints."""
-        return report.show_export(self.product)
+        return report.robot_text.show_export(self.product)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_export(self.product)
+        return report.robot_text.describe_export(self.product)
 
 
 def export_fit(

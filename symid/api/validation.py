@@ -88,14 +88,18 @@ class LogValidation(JudgedResult, DrawnResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the headline and the tables of residuals."""
-        return report.show_trial(self.product)
+        return report.validation_text.show_trial(self.product)
 
     def _describe(self) -> dict[str, object]:
-        return {**report.describe_trial(self.product), "gate": self.gate, "accepted": self.accepted}
+        return {
+            **report.validation_text.describe_trial(self.product),
+            "gate": self.gate,
+            "accepted": self.accepted,
+        }
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return measured and predicted torques; for elastic joints hysteresis loops."""
-        return report.draw_trial(self.product)
+        return report.validation_text.draw_trial(self.product)
 
 
 @final
@@ -124,10 +128,10 @@ class FitDiagnosis(Result):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the findings, and a table of residual structure."""
-        return report.show_diagnosis(self.product)
+        return report.validation_text.show_diagnosis(self.product)
 
     def _describe(self) -> dict[str, object]:
-        return report.describe_diagnosis(self.product)
+        return report.validation_text.describe_diagnosis(self.product)
 
 
 @final
@@ -177,7 +181,10 @@ class FitPage(JudgedResult):
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the path of the page, the processing of the logs, and the diagnosis."""
         head = "\n".join((f"report: {show_path(self.file)}", *self.page.lines))
-        return (head, *(() if self.diagnosis is None else report.show_diagnosis(self.diagnosis)))
+        return (
+            head,
+            *(() if self.diagnosis is None else report.validation_text.show_diagnosis(self.diagnosis)),
+        )
 
     def _describe(self) -> dict[str, object]:
         page = self.page
@@ -185,7 +192,7 @@ class FitPage(JudgedResult):
         if page.processing is not None:
             found["processing"] = page.processing
         if page.diagnosis is not None:
-            found["diagnosis"] = report.describe_diagnosis(page.diagnosis)
+            found["diagnosis"] = report.validation_text.describe_diagnosis(page.diagnosis)
         return found
 
 
@@ -255,7 +262,7 @@ class Comparison(PagedResult):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return warnings: doubtful deviations, parameters left out, possible readings of groups."""
-        return report.warn_comparison(self.ours, self.found)
+        return report.validation_text.warn_comparison(self.ours, self.found)
 
     @property
     def errors(self) -> tuple[Notice, ...]:
@@ -267,7 +274,7 @@ class Comparison(PagedResult):
         )
 
     def _write_page(self, file: Path) -> Path:
-        return report.write_comparison_page(file, self.ours, self.found, self.notices)
+        return report.result_pages.write_comparison_page(file, self.ours, self.found, self.notices)
 
     def summarise(self) -> str:
         """Return the number of groups within two standard deviations."""
@@ -277,10 +284,10 @@ class Comparison(PagedResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return values of both sides, counts, chi-square and largest differences, for every other."""
-        return report.show_comparison(self.ours, self.found)
+        return report.validation_text.show_comparison(self.ours, self.found)
 
     def _describe(self) -> dict[str, object]:
-        found = report.describe_comparison(self.ours, self.found)
+        found = report.validation_text.describe_comparison(self.ours, self.found)
         return {**found, "gate": self.gate, "accepted": self.accepted}
 
 
