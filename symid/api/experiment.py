@@ -273,7 +273,7 @@ def study_foreign(
     jobs: int | None = None,
     share: float = 1.0,
     progress: Progress = ignore,
-) -> "Study[studies.ForeignStudy]":
+) -> "Study[studies.foreign_truths.ForeignStudy]":
     """Compare the methods for elastic joints on arms with hidden models that are not those of symid.
 
     The arms are simulated by code of their own, with Bouc-Wen springs, LuGre friction, torque ripple and
@@ -294,11 +294,11 @@ def study_foreign(
         symid.errors.UsageError: unknown truth 'rust': choose from family, bouc-wen, asymmetric-bouc-wen, ...
     """
     numbers = list_seeds(seeds, seed)
-    found = studies.study_foreign(
+    found = studies.foreign_truths.study_foreign(
         numbers,
         report.judge_fit,
         arm=arm,
-        truths=tuple(truths) or tuple(studies.TRUTHS),
+        truths=tuple(truths) or tuple(studies.foreign_truths.TRUTHS),
         sizes=sizes,
         share=share,
         jobs=jobs,

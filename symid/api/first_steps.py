@@ -211,7 +211,7 @@ class DemoResult(JudgedResult):
     fits: Mapping[str, ElasticFit]
     deviations: Mapping[str, DemoErrors]
     tracking: "tuple[elastic.TrackingRun, ...]"
-    foreign: "studies.ForeignRun"
+    foreign: "studies.foreign_truths.ForeignRun"
     seed: int
     folder: Path
     files: tuple[Path, ...]
@@ -331,11 +331,11 @@ def demo(
     code = robot.write("c", place / "code", force=True)
     library, card = robot.library, robot.library.card
     progress("simulating five experiments with noisy sensors")
-    noisy = studies.SensorCondition.NOISY
-    runs, logs = studies.simulate_runs(robot.description, library, noisy), dict[str, Log]()
+    noisy = studies.elastic_methods.SensorCondition.NOISY
+    runs, logs = studies.elastic_methods.simulate_runs(robot.description, library, noisy), dict[str, Log]()
     for name, file in _LOGS.items():
         # Written and read again, like those of a real robot.
-        (recording,) = studies.observe_runs(runs, (name,), noisy, seed)
+        (recording,) = studies.elastic_methods.observe_runs(runs, (name,), noisy, seed)
         logs[name] = read_log(log_files.write_recording(recording, place / file, robot.description), robot)
     training = [logs[name].recording for name in _TRAINING]
     # What `robot.identify` gives by each method; the equations are built once.
@@ -344,11 +344,13 @@ def demo(
     )
     fits = {method: cast("ElasticFit", build_dynamics_fit(identify(method), robot)) for method in _METHODS}
     models = {method: fit.estimate.build_fit(card) for method, fit in fits.items()}
-    truth, last = studies.get_true_parameters(card), runs[_HELD_OUT]
+    truth, last = studies.elastic_methods.get_true_parameters(card), runs[_HELD_OUT]
     deviations = {
         method: (
-            studies.compute_parameter_error(model, truth),
-            float(studies.compute_hysteresis_errors(model, last.phi, last.joint_torque).max()),
+            studies.elastic_methods.compute_parameter_error(model, truth),
+            float(
+                studies.elastic_methods.compute_hysteresis_errors(model, last.phi, last.joint_torque).max()
+            ),
         )
         for method, model in models.items()
     }
@@ -367,7 +369,7 @@ def demo(
         progress=progress,
     )
     progress("simulating and identifying an arm with friction of another kind")
-    foreign = studies.try_foreign(_FOREIGN, seed, report.judge_fit, share=_SHARE)
+    foreign = studies.foreign_truths.try_foreign(_FOREIGN, seed, report.judge_fit, share=_SHARE)
     progress("writing the report")
     best = fits[_AUTOMATIC].estimate
     initial = [spring.elasticity for spring in fits["linear-spring"].estimate.springs]

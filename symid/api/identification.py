@@ -260,7 +260,7 @@ class OneShotProblem(Result):
     """
 
     robot: RobotDynamics
-    graph: "elastic.NlpGraph"
+    graph: "elastic.nlp.NlpGraph"
     remarks: tuple[Notice, ...] = ()
 
     @property
@@ -294,7 +294,7 @@ class OneShotProblem(Result):
         Raises:
             UsageError: there is none; the message gives the nearest names.
         """
-        return elastic.get_variable(self.graph, name)
+        return elastic.nlp.get_variable(self.graph, name)
 
     def add_variable(
         self, name: str, *, start: float = 0.0, lower: float = -inf, upper: float = inf
@@ -310,10 +310,10 @@ class OneShotProblem(Result):
         Raises:
             UsageError: the name is taken, or the start is not between the bounds.
         """
-        return replace(self, graph=elastic.add_variable(self.graph, name, start, lower, upper))
+        return replace(self, graph=elastic.nlp.add_variable(self.graph, name, start, lower, upper))
 
     def add_torque(
-        self, joint: str, torque: "Callable[[elastic.ElasticMotion], Any]", *, side: str = "spring"
+        self, joint: str, torque: "Callable[[elastic.nlp.ElasticMotion], Any]", *, side: str = "spring"
     ) -> "OneShotProblem":
         """Return the problem with a further torque in a joint, parallel to its spring or to motor friction.
 
@@ -326,7 +326,7 @@ class OneShotProblem(Result):
         Raises:
             UsageError: no such joint or side; not one number a sample; symbols that are no variables.
         """
-        return replace(self, graph=elastic.add_torque(self.graph, joint, torque, side))
+        return replace(self, graph=elastic.nlp.add_torque(self.graph, joint, torque, side))
 
     def add_term(self, term: Any) -> "OneShotProblem":  # noqa: ANN401  # an expression of casadi
         """Return the problem with `term`, a scalar expression of its variables, added to the cost.
@@ -334,7 +334,7 @@ class OneShotProblem(Result):
         Raises:
             UsageError: not a scalar, or with symbols that are no variables.
         """
-        return replace(self, graph=elastic.add_term(self.graph, term))
+        return replace(self, graph=elastic.nlp.add_term(self.graph, term))
 
     def add_constraint(
         self,
@@ -353,7 +353,7 @@ class OneShotProblem(Result):
         Raises:
             UsageError: no limit, not a scalar, or with symbols that are no variables.
         """
-        return replace(self, graph=elastic.add_constraint(self.graph, expression, lower, upper))
+        return replace(self, graph=elastic.nlp.add_constraint(self.graph, expression, lower, upper))
 
     def solve(self) -> "OneShotSolution":
         """Return the optimum next to where the variables start.
@@ -361,7 +361,7 @@ class OneShotProblem(Result):
         Raises:
             SolverError: the constraints contradict each other, or Ipopt gives no usable numbers.
         """
-        return OneShotSolution(problem=self, answer=elastic.solve_nlp_graph(self.graph))
+        return OneShotSolution(problem=self, answer=elastic.nlp.solve_nlp_graph(self.graph))
 
     def summarise(self) -> str:
         """Return robot and sizes."""
@@ -401,7 +401,7 @@ class OneShotSolution(Result):
     """
 
     problem: OneShotProblem
-    answer: "elastic.NlpAnswer"
+    answer: "elastic.nlp.NlpAnswer"
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -444,7 +444,7 @@ class OneShotSolution(Result):
         Raises:
             UsageError: there is none; the message gives the nearest names.
         """
-        elastic.get_variable(self.problem.graph, name)
+        elastic.nlp.get_variable(self.problem.graph, name)
         return self.answer.values[name]
 
     def summarise(self) -> str:

@@ -498,7 +498,7 @@ class RobotModel(RobotDynamics):
 
     def study_elastic(
         self, *, seeds: int = 100, seed: int = 1, jobs: int | None = None, timed: bool = False
-    ) -> "Study[studies.ElasticStudy]":
+    ) -> "Study[studies.elastic_methods.ElasticStudy]":
         """Compare the methods for elastic joints on four sets of simulated logs, clean and noisy.
 
         Each of `seeds` draws of the noise takes half a minute; with `timed` the time of each method is
@@ -509,12 +509,14 @@ class RobotModel(RobotDynamics):
         """
         numbers, title = list_seeds(seeds, seed), "methods for the elastic joints of"
         show = report.study_text.show_elastic_study
-        found = self._study(studies.study_elastic, title, show, numbers, jobs=jobs, timed=timed)
+        found = self._study(
+            studies.elastic_methods.study_elastic, title, show, numbers, jobs=jobs, timed=timed
+        )
         return replace(found, described={**describe_record(found.product), "seeds": list(numbers)})
 
     def study_tracking(
         self, *, seeds: int = 20, seed: int = 1, jobs: int | None = None
-    ) -> "Study[studies.TrackingStudy]":
+    ) -> "Study[studies.elastic_methods.TrackingStudy]":
         """Compare tracking errors of links with feed-forward of the identified model, another one, or none.
 
         `seeds` are draws of the noise of the logs that models are identified from; `seed` and `jobs` are
@@ -525,12 +527,16 @@ class RobotModel(RobotDynamics):
         """
         numbers = list_seeds(seeds, seed)
         return self._study(
-            studies.study_tracking, "tracking of", report.study_text.show_tracking, numbers, jobs=jobs
+            studies.elastic_methods.study_tracking,
+            "tracking of",
+            report.study_text.show_tracking,
+            numbers,
+            jobs=jobs,
         )
 
     def study_six_joints(
         self, *, seeds: int = 1, seed: int = 1
-    ) -> "Study[tuple[studies.ManyJointsResult, ...]]":
+    ) -> "Study[tuple[studies.elastic_methods.ManyJointsResult, ...]]":
         """Validate the identified dynamics of an elastic arm with any number of joints on a held-out motion.
 
         Args:
@@ -542,9 +548,9 @@ class RobotModel(RobotDynamics):
         """
         numbers, library = list_seeds(seeds, seed), self.library
         found = tuple(
-            studies.study_many_joints(self.description, library, condition, number)
+            studies.elastic_methods.study_many_joints(self.description, library, condition, number)
             for number in numbers
-            for condition in studies.SensorCondition
+            for condition in studies.elastic_methods.SensorCondition
         )
         return Study(
             title=f"dynamics of the elastic arm {self.name}",

@@ -290,7 +290,7 @@ def build_elastic_graph(
     options: IdentifyOptions,
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
-) -> "tuple[elastics.NlpGraph, tuple[Notice, ...]]":
+) -> "tuple[elastics.nlp.NlpGraph, tuple[Notice, ...]]":
     """Return the one-shot problem of elastic joints as expressions, with notices.
 
     `pairs` are the settings of the call, keys and values, which the robot has already. Errors are those of

@@ -275,7 +275,7 @@ def show_cutoff(study: "studies.CutoffStudy") -> tuple[Block, ...]:
     return (Table(header, rows, title=title),)
 
 
-def show_elastic_study(study: "studies.ElasticStudy") -> tuple[Block, ...]:
+def show_elastic_study(study: "studies.elastic_methods.ElasticStudy") -> tuple[Block, ...]:
     """Return the errors of every method, a table for each set of logs."""
     head = (
         f"{study.robot}: errors in percent, median and 90th percentile. param: largest of all dynamic "
@@ -285,7 +285,7 @@ def show_elastic_study(study: "studies.ElasticStudy") -> tuple[Block, ...]:
     return (head, *map(_show_dataset, study.studies))
 
 
-def _show_dataset(entry: "studies.DatasetStudy") -> Table:
+def _show_dataset(entry: "studies.elastic_methods.DatasetStudy") -> Table:
     plural = "s" if entry.seeds > 1 else ""
     title = f"{entry.dataset}, {entry.condition.value}, {entry.seeds} run{plural}"
     if entry.bound == entry.bound:
@@ -310,7 +310,7 @@ def _join_counts(counts: Sequence[tuple[str, int]]) -> str:
     return ", ".join(word if len(counts) == 1 else f"{word} {count}" for word, count in counts)
 
 
-def show_foreign(study: "studies.ForeignStudy") -> tuple[Block, ...]:
+def show_foreign(study: "studies.foreign_truths.ForeignStudy") -> tuple[Block, ...]:
     """Return the automatic choice on every truth, then the errors of all methods."""
 
     def write(value: float) -> str:
@@ -350,7 +350,7 @@ def show_foreign(study: "studies.ForeignStudy") -> tuple[Block, ...]:
     return (Table(header, chosen, left=(0, 4, 5, 6), title=title, note=note), *tables)
 
 
-def show_tracking(study: "studies.TrackingStudy") -> tuple[Block, ...]:
+def show_tracking(study: "studies.elastic_methods.TrackingStudy") -> tuple[Block, ...]:
     """Return the tracking errors with every model, and which differences are significant."""
     heading = ["case", *(f"{name} rms/mrad" for name in study.joints)]
     rows = [[case, *(f"{1e3 * spread.median:.4g}" for spread in spreads)] for case, spreads in study.rms]
@@ -372,7 +372,7 @@ def show_tracking(study: "studies.TrackingStudy") -> tuple[Block, ...]:
     )
 
 
-def show_many_joints(result: "studies.ManyJointsResult") -> Table:
+def show_many_joints(result: "studies.elastic_methods.ManyJointsResult") -> Table:
     """Return the residuals of each method on a held-out motion, next to those of the true parameters."""
     rows = [
         [f"{entry.method}{suffix}", *(f"{value:.4f}" for value in values)]

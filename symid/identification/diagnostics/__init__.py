@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.identification.diagnostics import uncertainty as uncertainty
     from symid.identification.diagnostics.causes import (
         build_quick_logs as build_quick_logs,
         find_cause as find_cause,
@@ -57,18 +58,6 @@ if TYPE_CHECKING:
         measure_scoring_band as measure_scoring_band,
         smooth_rows as smooth_rows,
         solve_sums as solve_sums,
-    )
-    from symid.identification.diagnostics.uncertainty import (
-        Bootstrap as Bootstrap,
-        Drift as Drift,
-        Ellipse as Ellipse,
-        Essential as Essential,
-        compute_bootstrap as compute_bootstrap,
-        compute_ellipse as compute_ellipse,
-        compute_mean_weights as compute_mean_weights,
-        list_correlated as list_correlated,
-        measure_drift as measure_drift,
-        select_essential as select_essential,
     )
 else:
     from symid.lazy import load_names

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.identification.elastic import nlp as nlp
     from symid.identification.elastic.elimination import (
         fit_elimination as fit_elimination,
         fit_independent as fit_independent,
@@ -26,17 +27,6 @@ if TYPE_CHECKING:
         build_elastic_equations as build_elastic_equations,
         choose_fit as choose_fit,
         fit_method as fit_method,
-    )
-    from symid.identification.elastic.nlp import (
-        ElasticMotion as ElasticMotion,
-        NlpAnswer as NlpAnswer,
-        NlpGraph as NlpGraph,
-        add_constraint as add_constraint,
-        add_term as add_term,
-        add_torque as add_torque,
-        add_variable as add_variable,
-        get_variable as get_variable,
-        solve_nlp_graph as solve_nlp_graph,
     )
     from symid.identification.elastic.options import (
         METHODS as METHODS,

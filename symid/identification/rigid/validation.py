@@ -36,6 +36,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import EstimateError, Notice, UsageError
 from symid.identification import diagnostics, estimators, regression
+from symid.identification.diagnostics import uncertainty
 from symid.identification.rigid.fit import LARGEST, fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.joint_models import FrictionValues, rename_law
@@ -474,10 +475,10 @@ class Diagnosis:
     singular: tuple[float, ...] = field(metadata=name_key("singular_values"))
     rank: int
     correlated: tuple[tuple[str, str, float], ...]
-    ellipse: diagnostics.Ellipse | None = field(metadata=HIDDEN)
-    essential: diagnostics.Essential
-    bootstrap: diagnostics.Bootstrap
-    drift: diagnostics.Drift
+    ellipse: uncertainty.Ellipse | None = field(metadata=HIDDEN)
+    essential: uncertainty.Essential
+    bootstrap: uncertainty.Bootstrap
+    drift: uncertainty.Drift
     structure: tuple[diagnostics.ResidualFinding, ...]
     profiles: tuple[diagnostics.JointProfiles, ...] = field(metadata=HIDDEN)
     prices: tuple[Price, ...]
@@ -536,11 +537,11 @@ def diagnose_estimate(
         condition=estimate.condition,
         weights=groups[rows.group] * np.sqrt(rows.weight),
     )
-    correlated, ellipse = diagnostics.list_correlated(stated, names), None
+    correlated, ellipse = uncertainty.list_correlated(stated, names), None
     if correlated:
         pair = [names.index(name) for name in correlated[0][:2]]
         chosen = [estimate.parameters[k].value for k in pair]
-        ellipse = diagnostics.compute_ellipse(chosen, stated[np.ix_(pair, pair)])
+        ellipse = uncertainty.compute_ellipse(chosen, stated[np.ix_(pair, pair)])
     refit: float | None = None
     if alone:
         # The largest difference between the estimate and the same fit made again, in its deviations.
@@ -552,7 +553,7 @@ def diagnose_estimate(
         ]
         refit = max(away, default=0.0)
     # By how much the residual is larger than that of plain least squares of the same weights.
-    weighed = diagnostics.compute_mean_weights(rows, fit)
+    weighed = uncertainty.compute_mean_weights(rows, fit)
     least = estimators.fit_weighted(rows, identifiability, weighed)
     own, best = (float(np.linalg.norm(entry.residuals * fit.weights)) for entry in (fit, least))
     percent = 100.0 * (own / best - 1.0) if best else 0.0
@@ -565,9 +566,9 @@ def diagnose_estimate(
         rank=rank,
         correlated=correlated,
         ellipse=ellipse,
-        essential=diagnostics.select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
-        bootstrap=diagnostics.compute_bootstrap(rows, fit, identifiability, np.random.default_rng(0)),
-        drift=diagnostics.measure_drift(rows, fit, processing.noise_freedom),
+        essential=uncertainty.select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
+        bootstrap=uncertainty.compute_bootstrap(rows, fit, identifiability, np.random.default_rng(0)),
+        drift=uncertainty.measure_drift(rows, fit, processing.noise_freedom),
         structure=diagnostics.analyse_structure(values, library, recordings, processing, weights=weights),
         profiles=diagnostics.compute_profiles(values, library, recordings, processing),
         prices=(*price, *measure_decimation_price(builder, recordings, identifiability, weighed, weights)),
