@@ -94,7 +94,7 @@ class RobotChange:
         return (self.after - self.before) / self.std
 
 
-class _Key(NamedTuple):
+class _SeriesKey(NamedTuple):
     """One quantity of one robot, of fits of one kind."""
 
     name: str
@@ -108,7 +108,7 @@ class _Key(NamedTuple):
 class _Series:
     """A quantity over its nights: values and deviations (n,)."""
 
-    of: _Key
+    of: _SeriesKey
     nights: tuple[str, ...]
     values: FloatArray
     stds: FloatArray
@@ -119,7 +119,7 @@ _FEWEST_ROBOTS = 20
 
 
 def _collect_series(rows: Iterable[FleetRow]) -> list[_Series]:
-    found: dict[_Key, list[tuple[str, float, float]]] = defaultdict(list)
+    found: dict[_SeriesKey, list[tuple[str, float, float]]] = defaultdict(list)
     for row in rows:
         kind: tuple[str | None, ...] = (row.job.robot, row.job.rows, row.job.estimator, row.job.friction)
         for entry in row.values:
@@ -128,7 +128,7 @@ def _collect_series(rows: Iterable[FleetRow]) -> list[_Series]:
             if entry.residual or 0.0 < entry.std < math.inf:
                 point = (row.job.night, value, 1.0 if entry.residual else entry.std)
                 unit = "" if entry.residual else entry.unit
-                found[_Key(row.job.name, entry.name, entry.residual, unit, kind)].append(point)
+                found[_SeriesKey(row.job.name, entry.name, entry.residual, unit, kind)].append(point)
     series = []
     for key, points in found.items():
         nights, values, stds = zip(*sorted(points), strict=True)

@@ -47,6 +47,10 @@ def list_uses(module: Module, nodes: tuple[ast.AST, ...], known: dict[str, Name]
                 yield known[name]
             case ast.Attribute(value=ast.Name(id=alias), attr=name) if aliases.get(alias) in BY_NAME:
                 yield locate(aliases[alias], name)
+            case ast.Attribute(value=ast.Attribute(value=ast.Name(id=alias), attr=part), attr=name) if (
+                f"{aliases.get(alias)}.{part}" in BY_NAME
+            ):
+                yield locate(f"{aliases[alias]}.{part}", name)
             case ast.Constant(value=str(text)) if text.isidentifier() and text in known:
                 # A name in quotes, as annotations have it.
                 yield known[text]

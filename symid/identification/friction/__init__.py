@@ -3,7 +3,6 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.identification.friction import output_error as output_error
     from symid.identification.friction.estimators import (
         ESTIMATORS as ESTIMATORS,
         STOCHASTIC as STOCHASTIC,
@@ -25,6 +24,17 @@ if TYPE_CHECKING:
         FrictionSamples as FrictionSamples,
         compute_cramer_rao as compute_cramer_rao,
         compute_law_sensitivities as compute_law_sensitivities,
+    )
+    from symid.identification.friction.output_error import (
+        AxisModel as AxisModel,
+        SearchPlan as SearchPlan,
+        build_axis_run as build_axis_run,
+        build_axis_samples as build_axis_samples,
+        choose_axis_trial as choose_axis_trial,
+        compute_window_rmse as compute_window_rmse,
+        fit_whole_run as fit_whole_run,
+        simulate_axis as simulate_axis,
+        try_axis_model as try_axis_model,
     )
     from symid.identification.friction.poses import CONFIDENCE as CONFIDENCE, PoseTest as PoseTest
     from symid.identification.friction.presliding import fit_presliding as fit_presliding
