@@ -47,7 +47,7 @@ def test_every_method_is_scored_against_the_truth(study):
 
 
 def test_a_study_is_printed_and_written(study, monkeypatch, capsys):
-    monkeypatch.setattr(symid.study, "study_foreign", lambda *_, **__: study)
+    monkeypatch.setattr(symid.study.foreign_truths, "study_foreign", lambda *_, **__: study)
     found = symid.study_foreign(truths=["lugre"], seeds=1)
     assert found.tables == show_foreign(study)
     table, worst, spring = map(str, found.tables)
