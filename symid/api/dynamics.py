@@ -223,11 +223,7 @@ _STILL = 1e-3
 
 
 def _sample_log(robot: "robots.Robot", log: LogLike) -> "lessons.LoggedMotion":
-    """Return the motion of a log, filtered as for an identification.
-
-    Raises:
-        LogError: the log cannot be read or used; the message lists all mistakes.
-    """
+    """Return the motion of a log, filtered as for an identification; a LogError lists all its mistakes."""
     described = adopt_log_map(robot, log)
     (recording,) = log_files.read_recordings((take_one_log(log),), described)
     processing = regression.choose_filters(described.processing, [recording]).processing
@@ -243,11 +239,7 @@ def _sample_log(robot: "robots.Robot", log: LogLike) -> "lessons.LoggedMotion":
 
 
 def _read_sheet(path: Path) -> "lessons.AnswerSheet":
-    """Return what stands in a sheet of exercises.
-
-    Raises:
-        InputError: the file cannot be read, or is no such sheet.
-    """
+    """Return what stands in a sheet of exercises; an InputError for a file that is none."""
     try:
         text = read_file(path, _LARGEST_SHEET).decode("utf-8-sig")
     except (OSError, ValueError) as error:

@@ -14,7 +14,7 @@ from dataclasses import field, replace
 from functools import cached_property
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 
@@ -56,6 +56,8 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
     model: RobotDynamics | Callable[[], RobotDynamics]
     remarks: tuple[Notice, ...] = ()
     extra: Mapping[str, object] = field(default_factory=dict)
+    _of: ClassVar[str] = ""
+    """What was identified, where torques cannot be compared in a band."""
 
     @property
     def product(self) -> "estimators.Estimate | elastic.ElasticEstimate | friction.FrictionIdentification":
@@ -200,9 +202,8 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
             True
         """
-        if band is not None and not isinstance(self, RigidFit):
-            kind = "elastic joints" if isinstance(self, ElasticFit) else "a law of friction"
-            text = f"--band needs an estimate of base parameters, and this one is of {kind}; leave it out"
+        if band is not None and self._of:
+            text = f"--band needs an estimate of base parameters, and this one is of {self._of}; leave it out"
             raise UsageError(Notice(code="usage.no-band", text=text, file=self._name_file()))
         return self._try(log, test, gate, settings, band=band)
 
@@ -475,6 +476,7 @@ class ElasticFit(_DynamicsFit):
 
     estimate: "elastic.ElasticEstimate"
     alignment: "log_files.Alignment | None" = None
+    _of = "elastic joints"
 
     @property
     def springs(self) -> "tuple[elastic.SpringEstimate, ...]":
@@ -535,6 +537,7 @@ class FrictionFit(Fit):
     """
 
     estimate: "friction.FrictionIdentification"
+    _of = "a law of friction"
 
     @property
     def joints(self) -> "Mapping[str, friction.JointFriction]":
