@@ -23,6 +23,7 @@ ROOMS = (
     "logs",
     "excitation",
     "simulation",
+    "identification.judge",
     "identification.regression",
     "identification.estimators",
     "identification.diagnostics",

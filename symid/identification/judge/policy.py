@@ -1,0 +1,141 @@
+"""The policy: every number that decides what is believed of a log, a model or a parameter, in one table.
+
+Settings, laws, causes and verdicts are claims of two forms, "predicts better" and "says the same"; the two
+statistics of `statistics` test them, at the levels that stand here. No other number reaches a decision:
+what stands elsewhere in the rooms of identification is numerics (tolerances, limits of iterations, grids).
+
+Each entry says what it means, where it is from, and what happens when it is halved or doubled. The alarm
+rates of the tests are measured by `benchmarks/judge.py`.
+"""
+
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple
+
+
+class PolicyEntry(NamedTuple):
+    """A number that decides: name, value, meaning, source, and what halving or doubling it does."""
+
+    name: str
+    value: float
+    meaning: str
+    source: str
+    changed: str
+
+
+def _number(value: float, meaning: str, source: str, changed: str) -> float:
+    found: float = field(default=value, metadata={"meaning": meaning, "source": source, "changed": changed})
+    return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Policy:
+    """The numbers that decide; `POLICY` has those in use."""
+
+    alarm: float = _number(
+        0.01,
+        "probability of a false alarm of a test: two estimates differ, or a candidate predicts better; over "
+        "all candidates of a family together (Holm 1979)",
+        "usual for an accusation",
+        "halved: faults must be a little clearer; doubled: one clean log in fifty is warned of",
+    )
+    caution: float = _number(
+        0.1,
+        "probability below which a choice stays on the safe side: the estimator that needs fewer assumptions, "
+        "or the candidate that predicts best",
+        "a false alarm costs little here: leaving out slow rows makes deviations 1 to 12 % larger",
+        "halved: bias up to two deviations may stay; doubled: one joint in five loses slow rows for nothing",
+    )
+    confidence: float = _number(
+        0.95,
+        "of the one-sided bound on a difference that must be small before two estimates are called the same",
+        "usual",
+        "higher: more logs are too short to test; lower: short and noisy logs are called consistent",
+    )
+    relevance: float = _number(
+        0.02,
+        "part of a torque, a value or a loss below which a difference does no harm",
+        "torque sensors and constants are right to one or two percent",
+        "halved: few logs are long enough to be called consistent; doubled: friction may be off by 4 %",
+    )
+    good: float = _number(
+        10.0,
+        "percent of a torque left unexplained up to which a model is good",
+        "sensors and simple friction laws leave 2 to 10 % of an arm that is modelled right",
+        "a class earlier or later",
+    )
+    usable: float = _number(
+        30.0,
+        "the same up to which it is usable",
+        "industrial arms with heavy gears and counterbalances reach 15 to 25 %",
+        "a class earlier or later",
+    )
+    lost: float = _number(
+        60.0,
+        "the same beyond which it is wrong",
+        "less than two thirds of the squared torque is explained",
+        "a class earlier or later",
+    )
+    folds: int = _number(
+        6,
+        "stretches that are left out in turn",
+        "a sixth less data hardly changes a fit",
+        "more time, or poorer fits",
+    )
+    parts: int = _number(
+        4,
+        "parts of each stretch whose losses are compared: with few of them a test of many hypotheses has no power",
+        "measured: with 6 parts t must exceed 10 for 136 hypotheses, with 24 parts 5",
+        "halved: causes are not named; doubled: parts are shorter than the motion's memory",
+    )
+    periods: float = _number(
+        2.0,
+        "least length of a part, in periods of the scoring band: shorter ones depend on each other",
+        "the autocorrelation of a band-limited residual falls within one period",
+        "halved: tests give too many alarms; doubled: 10 s of a slow motion cannot be tested",
+    )
+    fall: float = _number(
+        2.0,
+        "times by which undoing a cause must lower the squares of the joints it touches, and by which any other "
+        "explanation must leave more squares",
+        "measured: on clean logs false candidates reach 1.6; mistakes that no parameter absorbs leave 2.6 to 187 times less",
+        "halved: false accusations; doubled: half of the plain mistakes are not named",
+    )
+    fall_of_all: float = _number(
+        1.5,
+        "the same of all joints together",
+        "measured with `fall`",
+        "lower: a joint is mended at the cost of others",
+    )
+    row_band: float = _number(
+        0.1,
+        "part of the sample rate up to which rows of a fit may reach",
+        "differences of positions are right within 1 % there; noise of encoders grows with the fourth power beyond",
+        "halved: half of the information of coarse logs; doubled: inertias of coarse logs are biased",
+    )
+    printed: float = _number(
+        3.0,
+        "deviations by which a printed value may move when it is estimated from other data, or miss what is known",
+        "one in 370 by chance",
+        "halved: chance limits verdicts; doubled: wrong deviations go unnoticed",
+    )
+    uncertain: float = _number(
+        30.0,
+        "percent of a value from which its deviation makes it poorly identifiable",
+        "a value known to a third separates heavy from light",
+        "a word in a table earlier or later",
+    )
+
+
+POLICY = Policy()
+
+
+def list_policy() -> tuple[PolicyEntry, ...]:
+    """Return the table."""
+    return tuple(
+        PolicyEntry(
+            entry.name,
+            getattr(POLICY, entry.name),
+            *(entry.metadata[key] for key in ("meaning", "source", "changed")),
+        )
+        for entry in fields(Policy)
+    )

@@ -1,0 +1,182 @@
+"""The two statistics that decide: `compare` (predicts better) and `agree` (says the same).
+
+    compare   parts of held-out stretches with losses l_A, l_B of every joint, relative to its torque
+              d = ln((l_A + f) / (l_B + f)),  f = 2 % of the mean loss;  t = mean d / (std d / sqrt(parts))
+    agree     two estimates with difference D and its jackknife replicates r_s (a block left out of both):
+              V = (S - 1)/S sum (r_s - mean)(r_s - mean)',  W_j = D'G_j D,  G_j = (L Y_j)'(L Y_j)
+              W_j / tr(G_j V) ~ F(nu, nu S),  nu = tr(G_j V)^2 / tr((G_j V)^2)
+
+The jackknife of the difference (Quenouille 1956) needs neither white noise nor that one of the estimates is
+efficient, as the test of Hausman (1978, Econometrica 46) does. The distribution is that of a quadratic form
+(Satterthwaite 1946); tr((GV)^2) is estimated without the bias of few blocks (Bai and Saranadasa 1996). Of
+several hypotheses the probabilities are those of Holm (1979).
+
+Supported: any number of joints, parts without motion (they say nothing); jackknives of several independent
+groups of blocks, such as two logs.
+Not supported: parts that depend on each other; fewer than two blocks.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import scipy
+
+from symid.arrays import FloatArray, FrozenArrays
+from symid.identification.judge.policy import POLICY
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Comparison(FrozenArrays):
+    """Whether one candidate predicts better than another.
+
+    Args:
+        fall: (n,) squares of each joint before over those after, infinite where none are left; 1 at rest.
+        p: (n,) probability of so clear a fall of each joint by chance, one-sided.
+        fall_of_all, p_of_all: the same of the sum of relative squares over joints.
+    """
+
+    fall: FloatArray
+    p: FloatArray
+    fall_of_all: float
+    p_of_all: float
+
+
+def compare(before: FloatArray, after: FloatArray) -> Comparison:
+    """Return how much better `after` predicts than `before`: losses (parts, n) relative to each torque.
+
+    A part in which a joint rests has the loss NaN, or zero in both.
+    """
+    table = np.stack([before, after])
+    table = np.where(np.isfinite(table), np.maximum(table, 0.0), 0.0)
+    whole = np.concatenate([table, table.sum(axis=2, keepdims=True)], axis=2)
+    floor = POLICY.relevance * whole.mean(axis=(0, 1))
+    there = whole.max(axis=0) > 0.0
+    logs = np.log(
+        (whole[0] + floor) / np.where(whole[1] + floor > 0.0, whole[1] + floor, 1.0),
+        where=there,
+        out=np.zeros(there.shape),
+    )
+    totals = whole.sum(axis=1)
+    falls, chances = np.ones(totals.shape[1]), np.ones(totals.shape[1])
+    for place in range(totals.shape[1]):
+        falls[place] = (
+            totals[0, place] / totals[1, place]
+            if totals[1, place] > 0.0
+            else np.inf
+            if totals[0, place] > 0.0
+            else 1.0
+        )
+        chances[place] = compute_chance(logs[there[:, place], place])
+    return Comparison(
+        fall=falls[:-1], p=chances[:-1], fall_of_all=float(falls[-1]), p_of_all=float(chances[-1])
+    )
+
+
+def compute_chance(values: FloatArray) -> float:
+    """Return the probability of a mean of `values` (k,) as large as theirs if it is zero: Student's t."""
+    count = len(values)
+    if count < 2:
+        return 1.0
+    mean, error = float(values.mean()), float(values.std(ddof=1)) / math.sqrt(count)
+    if error <= 0.0:
+        return 0.0 if mean > 0.0 else 1.0
+    return float(scipy.special.stdtr(count - 1, -mean / error))
+
+
+def adjust_chances(chances: Sequence[float]) -> list[float]:
+    """Return the probabilities of a family of tests as Holm (1979, Scand. J. Statist. 6) adjusts them."""
+    order = sorted(range(len(chances)), key=lambda place: chances[place])
+    found, largest = [1.0] * len(chances), 0.0
+    for rank, place in enumerate(order):
+        largest = max(largest, min(1.0, (len(chances) - rank) * chances[place]))
+        found[place] = largest
+    return found
+
+
+class Agreement(Enum):
+    """What two estimates say of each other."""
+
+    SAME = "same"
+    DIFFERENT = "different"
+    OPEN = "cannot be said"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """The difference of two estimates in one quantity, relative to that quantity.
+
+    `size` is the difference itself, `bound` what it is at most, `p` the probability of one so large by chance.
+    """
+
+    size: float
+    bound: float
+    p: float
+
+    @property
+    def verdict(self) -> Agreement:
+        """Return whether it is shown to be small, shown to be there, or neither."""
+        if self.bound < POLICY.relevance:
+            return Agreement.SAME
+        # What differs by less than matters is no contradiction, however sure it is.
+        differs = self.p < POLICY.alarm and self.size > POLICY.relevance
+        return Agreement.DIFFERENT if differs else Agreement.OPEN
+
+
+def compute_changes(replicates: FloatArray) -> FloatArray:
+    """Return R (S, ...), whose R'R is the covariance of a quantity, from its values without each block.
+
+    The jackknife of Quenouille (1956): sqrt((S - 1) / S) (r_s - mean).
+    """
+    count = len(replicates)
+    return np.asarray(np.sqrt((count - 1) / count) * (replicates - replicates.mean(axis=0)))
+
+
+def agree(
+    difference: FloatArray, changes: FloatArray, grams: FloatArray, sizes: FloatArray
+) -> list[Difference]:
+    """Return how two estimates differ in the torque of every joint.
+
+    Args:
+        difference: (p,) of the parameters.
+        changes: (S, p) what each block changes the difference by, R'R is its covariance.
+        grams: (n, p, p) products of the columns of each joint within the scoring band.
+        sizes: (n,) squares of each joint's torque there; 0 for a joint at rest, which differs by nothing.
+    """
+    return [
+        _measure(
+            float(size),
+            difference @ gram @ difference,
+            changes @ gram @ changes.T,
+            changes @ (gram @ difference),
+        )
+        for gram, size in zip(grams, sizes, strict=True)
+    ]
+
+
+def agree_in_value(difference: float, changes: FloatArray, size: float) -> Difference:
+    """Return how two estimates differ in one value of size `size`; `changes` (S,) as for `agree`."""
+    return _measure(size**2, difference**2, np.outer(changes, changes), changes * difference)
+
+
+def _measure(size: float, square: float, products: FloatArray, along: FloatArray) -> Difference:
+    """Return the difference of a `square` D'GD; products R G R' (S, S), along R G D (S,)."""
+    noise = float(np.trace(products))
+    if size <= 0.0 or noise <= 0.0:
+        differs = size > 0.0 and square > 0.0
+        value = math.sqrt(square / size) if differs else 0.0
+        return Difference(size=value, bound=value, p=0.0 if differs else 1.0)
+    raw, freedom = float(np.sum(products**2)), len(products) - 1
+    # Of few blocks the plain sum is too large by noise^2 / freedom.
+    spread = (
+        freedom**2 / ((freedom - 1.0) * (freedom + 2.0)) * (raw - noise**2 / freedom) if freedom > 1 else raw
+    )
+    spread = min(max(spread, 1e-6 * raw), noise**2)
+    count = noise**2 / spread
+    p = float(scipy.special.fdtrc(count, count * freedom, square / noise))
+    excess = max(0.0, square - noise)
+    quantile = float(scipy.special.ndtri(POLICY.confidence))
+    bound = excess + quantile * math.sqrt(2.0 * spread + 4.0 * float(along @ along))
+    return Difference(size=math.sqrt(excess / size), bound=math.sqrt(bound / size), p=p)
