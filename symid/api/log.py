@@ -19,7 +19,7 @@ from symid import identification, logs as log_files, report, robot as robots
 from symid.api.result import DrawnResult, PagedResult
 from symid.arrays import FloatArray
 from symid.errors import LogError, Notice, UsageError
-from symid.identification import IdentifyOptions, LawOptions, diagnostics
+from symid.identification import IdentifyOptions, LawOptions, rigid
 
 Settings = str | Mapping[str, object]
 """Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
@@ -437,10 +437,10 @@ class RobotCheck(DrawnResult, PagedResult):
     """
 
     robot: "robots.Robot"
-    product: "diagnostics.LogsCheck"
+    product: "rigid.LogsCheck"
 
     @property
-    def logs(self) -> "tuple[diagnostics.CheckedLog, ...]":
+    def logs(self) -> "tuple[rigid.CheckedLog, ...]":
         """Return for every log its evenly sampled recording, its sampling, and the range of its joints."""
         return self.product.logs
 
@@ -450,12 +450,12 @@ class RobotCheck(DrawnResult, PagedResult):
         return tuple(entry.recording.source for entry in self.logs)
 
     @property
-    def dynamics(self) -> "tuple[diagnostics.LogCheck, ...]":
+    def dynamics(self) -> "tuple[rigid.LogCheck, ...]":
         """Return signs, exchanged joints and torque delay of every log; for rigid robots."""
         return self.product.dynamics
 
     @property
-    def excitation(self) -> "diagnostics.LogExcitation | None":
+    def excitation(self) -> "rigid.LogExcitation | None":
         """Return identifiability of every parameter, singular values, rank, condition; for rigid robots."""
         return self.product.excitation
 

@@ -40,7 +40,7 @@ from symid.api.robot_files import ExportedFile
 from symid.codegen import BACKENDS
 from symid.environment import report_count
 from symid.errors import Notice, UsageError
-from symid.identification import diagnostics, elastic, friction as friction_fits, rigid as rigid_fits
+from symid.identification import elastic, friction as friction_fits, rigid as rigid_fits
 from symid.options import ExciteOptions, PayloadOptions, Precision, SimulateOptions, check_value, merge, words
 from symid.serialization import describe_record
 
@@ -83,9 +83,9 @@ class RobotModel(RobotDynamics):
         if resample is not None and len(logs) != 1:
             text = f"resample (--resample): a copy is made of one log at a time, got {len(logs)}"
             raise UsageError(Notice(code="usage.one-log", text=text))
-        found = diagnostics.LogsCheck()
+        found = rigid_fits.LogsCheck()
         if logs:
-            found = diagnostics.check_robot_logs(
+            found = rigid_fits.check_robot_logs(
                 self.description,
                 api_logs.list_logs(logs),
                 prepare=lambda: self.library,
@@ -126,7 +126,7 @@ class RobotModel(RobotDynamics):
                     drawings=report.drawings.draw_motion(excitation.read_trajectory(path, robot), robot)
                 )
         read = log_files.read_recordings(api_logs.list_logs((what,)), robot, uneven=True)
-        logs = [diagnostics.summarise_log(recording, robot) for recording in read]
+        logs = [rigid_fits.summarise_log(recording, robot) for recording in read]
         return Figures(
             drawings=tuple(
                 drawing for log in logs for drawing in report.drawings.draw_log(log.recording, robot, log)

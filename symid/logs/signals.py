@@ -404,10 +404,11 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
         tau = _smooth(recording, "torque", processing) if processing.filter_torque else recording.torque
     except LogError as error:
         raise LogError(*(replace(notice, file=recording.source) for notice in error.notices)) from error
-    dq = differentiate(q, period)
+    derive = differentiate if processing.differences == "central" else differentiate_smooth
+    dq = derive(q, period)
     if processing.states != "position" and recording.velocity is not None:
         dq = _smooth(recording, "velocity", processing)
-    ddq = differentiate(dq, period)
+    ddq = derive(dq, period)
     if processing.states == "acceleration" and recording.acceleration is not None:
         ddq = _smooth(recording, "acceleration", processing)
     dq = np.where(np.abs(dq) < _RESTING * np.abs(dq).max(axis=0), 0.0, dq)

@@ -32,7 +32,7 @@ from symid.robot import Placement, Robot
 
 if TYPE_CHECKING:
     from symid.excitation import Margin, OptimisedExcitation, ReferenceMotion
-    from symid.identification.diagnostics import CheckedLog
+    from symid.identification.rigid import CheckedLog
     from symid.logs import Recording
 
 

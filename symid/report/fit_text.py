@@ -163,14 +163,28 @@ def show_evidence(evidence: "estimators.Evidence") -> Table:
         (
             entry.joint,
             *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}"),
-            *map(write, (entry.moving, entry.reversing, entry.resting)),
+            *map(write, (entry.moving, entry.slow)),
             *(f"{100.0 * entry.share:.3g}", f"{entry.torque:.3g}"),
         )
         for entry in evidence.joints
     ]
-    header = ("joint", "fit/%", "held out/%", "in motion/%", "at reversal/%", "at rest/%", "rows left out/%")
+    header = ("joint", "fit/%", "held out/%", "fast/%", "slow/%", "rows left out/%")
     title = f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; {parts} held out in turn."
     return Table((*header, "torque rms"), rows, title=title)
+
+
+def show_tests(evidence: "estimators.Evidence") -> Table:
+    """Return the table of what estimates from different rows say of each other."""
+    rows = [
+        (
+            *(entry.what, entry.part, entry.joint, entry.verdict),
+            *(f"{entry.size:.2g}", f"{entry.bound:.2g}", f"{entry.p:.2g}"),
+        )
+        for entry in evidence.tests
+    ]
+    header = ("rows", "log", "joint", "they say", "differ by/%", "at most/%", "p")
+    title = "Estimates from different rows, by the torque that they predict, in percent of it."
+    return Table(header, rows, (0, 1, 2, 3), title)
 
 
 def show_motion(motion: Sequence["estimators.MotionResidual"]) -> tuple[Table, ...]:

@@ -198,22 +198,27 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
     if evidence is not None:
         yield "== Held-out stretches =="
         yield fit_text.show_evidence(evidence)
+        if evidence.tests:
+            yield fit_text.show_tests(evidence)
     if choice is not None:
         yield "== Choice of the settings =="
-        order = sorted(choice.candidates, key=lambda entry: (entry.behind, entry.held_out[-1]))
+        order = sorted(choice.candidates, key=lambda entry: entry.held_out)
         first = [choice.chosen, *(entry for entry in order if entry is not choice.chosen)]
         rows = [
             (
                 *(fit_text.write_number(value, ".3g") for value in (entry.band, entry.instruments)),
-                *(f"{100.0 * entry.standstill:.3g}", entry.states, f"{entry.held_out[-1]:.3g}"),
-                *(fit_text.write_number(value, ".2g") for value in (entry.behind, entry.movement)),
-                "taken" if entry is choice.chosen else "" if entry.still else "moves",
+                *(entry.states, f"{entry.held_out:.3g}", f"{entry.fall:.3g}", f"{entry.p:.2g}"),
+                *(f"{entry.risk:.3g}", "taken" if entry is choice.chosen else ""),
             )
             for entry in first[:_CANDIDATES]
         ]
-        title = f"The best of {len(first)} settings that were compared, with the one taken."
-        header = ("rows up to/Hz", "instruments/Hz", "slow rows/%", "states", "held out/%", "behind/se")
-        yield Table((*header, "movement", "choice"), rows, (3, 7), title)
+        title = (
+            f"The best of {len(first)} settings that were compared, with the one taken: of those that predict as "
+            "well as the best (squares left, over those of the best; p of chance) the one of least risk (bias and "
+            "variance of the parameters, over the variance of the consistent one)."
+        )
+        header = ("rows up to/Hz", "instruments/Hz", "states", "held out/%", "squares", "p", "risk", "choice")
+        yield Table(header, rows, (2, 7), title)
 
 
 def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from symid.dynamics import Payload
     from symid.excitation import OptimisedExcitation
     from symid.identification import Compared, EstimateSide
-    from symid.identification.diagnostics import LogsCheck
+    from symid.identification.rigid import LogsCheck
     from symid.identification.elastic import StiffnessEstimate
 
 _WELL, _ENOUGH = 100.0, 1000.0

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from symid.dynamics import BaseParameters, ParameterChange, Payload
     from symid.excitation import OptimisedExcitation
     from symid.identification import FileExport
-    from symid.identification.diagnostics import LogExcitation, LogsCheck
+    from symid.identification.rigid import LogExcitation, LogsCheck
     from symid.lessons import Step
     from symid.logs import Draft, JointSummary, LogTiming, Recording
 
@@ -400,7 +400,7 @@ def describe_robot_check(robot: Robot, checked: "LogsCheck") -> dict[str, object
             {
                 "file": check.source,
                 "signs": [{**describe_record(entry), "joint": names[entry.joint]} for entry in check.signs],
-                "mistake": check.mistake and describe_record(check.mistake),
+                "causes": [describe_record(cause) for cause in check.causes],
                 "torque_delay": check.delay and {**describe_record(check.delay), "late": check.delay.late},
             }
             for check in checked.dynamics

@@ -31,7 +31,6 @@ from symid.identification import AnyValidation, ElasticValidation, FrictionValid
 from symid.identification.elastic import ElasticEstimate, ElasticEvidence, ElasticTrial, JointTrial
 from symid.identification.estimators import (
     SIGNIFICANT,
-    STILL,
     Estimate,
     Evidence,
     ParameterEstimate,
@@ -39,22 +38,9 @@ from symid.identification.estimators import (
     Validation,
 )
 from symid.identification.friction import FrictionIdentification
+from symid.identification.judge import POLICY
 from symid.ipopt import Ending
 
-_SAME, _WORSE = 1.2, 2.0
-_SHARP, _UNCERTAIN = 10.0, 30.0
-_CONDITION = 1000.0
-_LARGE, _HUGE = 10.0, 30.0
-"""Percent of a torque left unexplained beyond which a model is not good, and doubtful."""
-_LOST = 100.0 * math.sqrt(0.5)
-"""The same beyond which it is wrong: more than half of the squared torque is left."""
-_UNCERTAIN_SHARE = 1.0 / 3.0
-_CHANCE = 0.01
-"""A deviation less likely than this is no chance."""
-_BETTER = 0.9
-"""Part of the linear springs' residual that springs with memory must stay below to be called better."""
-_NEAR = 1.0
-"""Percent of its true value within which a parameter of elastic joints counts as met."""
 LEVELS = ("wrong", "doubtful", "usable", "good")
 """Of a verdict, the worst first."""
 QUANTITIES = {
@@ -131,22 +117,28 @@ def _limit(level: str, headline: str, details: Sequence[str], caps: Caps) -> Fit
 
 
 def _rate(percent: float) -> str:
-    """Return the level of what is left unexplained."""
-    return "good" if percent <= _LARGE else "usable" if percent <= _HUGE else "doubtful"
+    """Return the level of what is left unexplained, in percent."""
+    limits = (("good", POLICY.good), ("usable", POLICY.usable), ("doubtful", POLICY.lost))
+    return next((level for level, limit in limits if percent <= limit), "wrong")
 
 
 def rate_output(percent: float) -> str:
     """Return the level of an element that leaves so much of its output unexplained."""
-    return "wrong" if percent > _LOST else _rate(percent)
+    return _rate(percent)
+
+
+def _relax(level: str) -> str:
+    """Return the level one class milder."""
+    return LEVELS[min(LEVELS.index(level) + 1, len(LEVELS) - 1)]
 
 
 def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
-    """Return the limit where less than half of the squared torque of the `logs` is explained.
+    """Return the limit where most of the torque of the `logs` is not explained.
 
     A joint counts 100 % at most: one whose torque is all noise makes no fit of many joints wrong.
     """
     shares = [entry.relative_percent for entry in residual]
-    if not shares or not sum(min(100.0, share) for share in shares) > _LOST * len(shares):
+    if not shares or not sum(min(100.0, share) for share in shares) > POLICY.lost * len(shares):
         return []
     mean = sum(shares) / len(shares)
     text = f"{mean:.3g} % of the torque" if math.isfinite(mean) else "more torque than there is"
@@ -154,57 +146,91 @@ def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
 
 
 _OWN = "the logs of the fit"
-_FOREIGN = 60.0
-"""Percent of held-out torque left unexplained beyond which the model is not that of the log."""
-_PLAIN = frozenset(("log.torque-sign", "log.position-sign", "log.swapped-joints", "log.wrong-unit"))
-"""Mistakes that are plain where undoing them helps; others are where they leave a third."""
-_CLEARLY, _CURED = 0.7, 1.0 / 3.0
-_LACKING = 10.0
-"""Percent of a joint's held-out squares that a missing term explains, from which a model is not good."""
-_SLOWER, _LEAST_SLOW = 3.0, 5.0
-"""Times the residual in motion, and percent of the torque: more when slow says that friction differs."""
+_TERM = "identify.structure"
+"""Code of a cause that is a term which the model lacks: no mistake of the log."""
+_SAME, _DIFFERENT = "same", "different"
 
 
 def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
-    """Return level, headline and limits by the evidence of held-out stretches."""
+    """Return level, headline and limits: prediction, consistency, physics, data and causes."""
     percent = evidence.unexplained
     parts = f"{evidence.logs} logs held out in turn" if evidence.logs else f"{evidence.stretches} stretches"
     headline = (
         f"Below {evidence.scoring:.3g} Hz {percent:.3g} % of the torque is left unexplained in {parts}, "
         "predicted by fits to the others."
     )
-    caps: Caps = [("wrong", entry) for entry in evidence.impossible]
-    if percent > _FOREIGN:
-        text = f"the model is not that of these logs: {percent:.3g} % of held-out torque is left"
-        caps.append(("wrong", text))
-    elif evidence.cured < float("inf"):
-        text = f"with one mistake undone {evidence.effect}"
-        plain = evidence.code in _PLAIN and evidence.cured < _CLEARLY * percent
-        plain = plain or evidence.cured < _CURED * percent
-        caps.append(("wrong" if plain and percent > _HUGE else "doubtful", text))
-    if evidence.movement > STILL:
-        text = (
-            f"the estimates move with the band, by {evidence.movement:.2g} of their deviations: noise of the "
-            "positions is in them"
+    level, caps = _rate(percent), _list_causes(evidence, percent)
+    if level == "wrong":
+        caps.append(
+            ("wrong", f"the model is not that of these logs: {percent:.3g} % of held-out torque is left")
         )
-        caps.append(("doubtful", text))
+    for entry in sorted(evidence.joints, key=lambda entry: -entry.held_out):
+        # One class milder: a joint alone.
+        own = _relax(_rate(entry.held_out))
+        if LEVELS.index(own) < LEVELS.index(level):
+            caps.append((own, f"{entry.held_out:.3g} % of the torque of {entry.joint} is left unexplained"))
+    caps += _list_contradictions(evidence)
+    if evidence.impossible:
+        bounded = min(_rate(evidence.bounded), "usable", key=LEVELS.index)
+        caps.append(
+            (
+                "doubtful" if bounded == "wrong" else bounded,
+                f"{'; '.join(evidence.impossible)}; bodies that exist leave {evidence.bounded:.3g} %",
+            )
+        )
     caps += [
         ("usable", f"{first} and {second} move in proportion: what belongs to which cannot be seen")
         for first, second in evidence.in_proportion
     ]
-    caps += [
-        ("usable", f"{term.joint} lacks a term of {term.term} ({term.gain:.0f} % of its squared residual)")
-        for term in evidence.missing
-        if term.gain > _LACKING
-    ][:3]
-    slow = [
-        entry.joint
-        for entry in evidence.joints
-        if entry.share > 0.0 and max(_SLOWER * entry.moving, _LEAST_SLOW) < entry.reversing < float("inf")
-    ]
-    if slow:
-        caps.append(("usable", f"friction at low speed is not that of the model ({', '.join(slow)})"))
-    return _rate(percent), headline, caps
+    if evidence.period:
+        caps.append(
+            ("usable", f"the motion repeats every {evidence.period:.3g} s: no other one has tested the fit")
+        )
+    return level, headline, caps
+
+
+def _list_causes(evidence: Evidence, percent: float) -> Caps:
+    """Return the limit that the causes set: a single mistake that leaves much makes a fit wrong."""
+    if not evidence.causes:
+        return []
+    worst = max(entry.before for entry in evidence.causes)
+    if len(evidence.causes) > 1 or evidence.causes[0].code == _TERM:
+        level = min("usable", _rate(min(worst, POLICY.lost)), key=LEVELS.index)
+        said = "; or ".join(entry.cause for entry in evidence.causes)
+        return [
+            (level, f"one of these would explain what is left: {said}" if len(evidence.causes) > 1 else said)
+        ]
+    only = evidence.causes[0]
+    text = f"{only.cause}: undone, {only.after:.3g} % is left of held-out torque, not {only.before:.3g} %"
+    return [("wrong" if worst > POLICY.good else "usable", text)]
+
+
+_WHAT = {
+    "halves": "both halves of the log",
+    "logs": "the logs",
+    "slow rows": "slow and fast motion",
+    "band": "the band and half of it",
+}
+"""What two estimates are from, by the name of their test."""
+
+
+def _list_contradictions(evidence: Evidence) -> Caps:
+    """Return what estimates from different rows contradict, or what cannot be tested."""
+    caps: Caps = []
+    for what, words in _WHAT.items():
+        tests = [entry for entry in evidence.tests if entry.what == what]
+        differ = [entry for entry in tests if entry.verdict == _DIFFERENT]
+        if differ:
+            worst = max(entry.size for entry in differ)
+            names = ", ".join(dict.fromkeys(entry.joint for entry in differ))
+            text = f"{words} contradict each other, by up to {worst:.3g} % of a torque ({names})"
+            caps.append(("usable" if worst <= POLICY.good else "doubtful", text))
+        elif any(entry.verdict != _SAME for entry in tests):
+            worst = max(entry.bound for entry in tests)
+            caps.append(
+                ("usable", f"too short to test whether {words} agree (within {worst:.2g} % of a torque)")
+            )
+    return caps
 
 
 def _list_validation_caps(held_out: Sequence[Validation]) -> Caps:
@@ -212,9 +238,10 @@ def _list_validation_caps(held_out: Sequence[Validation]) -> Caps:
     for validation in held_out:
         caps += _find_lost(validation.residual, f"the held-out log {validation.source}")
     percent = max((validation.mean_relative_percent for validation in held_out), default=0.0)
-    if not percent <= _LARGE:
-        cap, limit = ("usable", _LARGE) if percent <= _HUGE else ("doubtful", _HUGE)
-        caps.append((cap, f"more than {limit:g} % of a held-out log is left unexplained"))
+    level = "doubtful" if _rate(percent) == "wrong" else _rate(percent)
+    if level != "good":
+        limit = POLICY.good if level == "usable" else POLICY.usable
+        caps.append((level, f"more than {limit:g} % of a held-out log is left unexplained"))
     return caps
 
 
@@ -238,35 +265,38 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     else:
         level, headline, caps = _judge_evidence(evidence)
         caps += more
-        least = max(evidence.joints, key=lambda entry: entry.held_out)
-        details.append(
-            f"The least predictable joint is {least.joint}: {least.held_out:.3g} % of its held-out torque is "
-            f"left ({least.fitted:.3g} % in the fit, {least.moving:.3g} % in motion)."
-        )
-        slow = max(entry.share for entry in evidence.joints)
+        least = max(evidence.joints, key=lambda entry: entry.held_out, default=None)
+        if least is not None:
+            details.append(
+                f"The least predictable joint is {least.joint}: {least.held_out:.3g} % of its held-out torque "
+                f"is left ({least.fitted:.3g} % in the fit, {least.moving:.3g} % in motion)."
+            )
+        slow = max((entry.share for entry in evidence.joints), default=0.0)
         if slow > 0.0:
             details.append(
                 f"Up to {100.0 * slow:.3g} % of the rows of a joint are slow and were left out of the fit; "
                 "the residuals above count them."
             )
+        if evidence.covered:
+            ranges = "; ".join(
+                f"{entry.joint} {entry.low:.3g} to {entry.high:.3g}, speed {entry.speed:.3g}, acceleration "
+                f"{entry.acceleration:.3g}"
+                for entry in evidence.covered
+            )
+            details.append(f"The fit covers these positions, speeds and accelerations (SI): {ranges}.")
         if held_out:
             tried, sentence = _judge_prediction(estimate, held_out)
             level, headline = min(level, tried, key=LEVELS.index), f"{sentence} {headline}"
     caps += _list_validation_caps(held_out)
     details += words
-    if not estimate.condition <= _CONDITION:
-        if evidence is None:
-            caps.append(("usable", f"the condition number is {estimate.condition:.3g}"))
-        details.append(
-            f"The condition number of the column-scaled regressor is {estimate.condition:.3g}: some "
-            "parameters are hardly separated. Use a more exciting motion."
-        )
     verdict = _limit(level, headline, details, caps)
-    helps = evidence is not None and (verdict.level == "wrong" or evidence.cured < float("inf"))
-    if evidence is None or not evidence.cause or not helps or verdict.level not in {"wrong", "doubtful"}:
-        return verdict
-    cause = f"{evidence.cause[:1].upper()}{evidence.cause[1:]}."
-    return replace(verdict, cause=cause, remedy=f"{evidence.remedy[:1].upper()}{evidence.remedy[1:]}.")
+    causes = () if evidence is None else evidence.causes
+    if len(causes) != 1 or causes[0].code == _TERM:
+        return verdict if not causes else replace(verdict, cause="", remedy="")
+    cause, remedy = causes[0].cause, causes[0].remedy
+    return replace(
+        verdict, cause=f"{cause[:1].upper()}{cause[1:]}.", remedy=f"{remedy[:1].upper()}{remedy[1:]}."
+    )
 
 
 def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> tuple[str, str]:
@@ -298,12 +328,12 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
         ratio, source = max((ratio, source), (max(ratios), entry.source))
     percent = max(validation.mean_relative_percent for validation in same)
     left = f"{percent:.3g} % of the {QUANTITIES[estimate.rows]}{_name_band(same[0])} is left unexplained"
-    if ratio <= _SAME:
+    if ratio**2 <= POLICY.fall_of_all:
         return "good", f"The model predicts held-out motions as well as those of the fit: {left}."
     larger = f"{left}, a residual {ratio:.2g} times as large ({source})"
-    if ratio <= _WORSE and percent <= _LARGE:
+    if ratio <= POLICY.fall and percent <= POLICY.good:
         return "good", f"The model predicts held-out motions nearly as well as those of the fit: {larger}."
-    if ratio <= _WORSE or percent <= _LARGE:
+    if ratio <= POLICY.fall or percent <= POLICY.good:
         return "usable", f"The model predicts held-out motions less well than those of the fit: {larger}."
     return "doubtful", (
         f"The model does not predict held-out motions: on {source} the residual is {ratio:.2g} times that of "
@@ -331,12 +361,12 @@ def _judge_parameters(
     details, caps = [], []
     uncertain, zero = _find_uncertain(parameters)
     if parameters:
-        sharp = sum(entry.relative_std_percent <= _SHARP for entry in parameters)
+        sharp = sum(entry.relative_std_percent <= POLICY.good for entry in parameters)
         details.append(
-            f"{sharp} of {len(parameters)} parameters have a standard deviation of at most {_SHARP:g} %."
+            f"{sharp} of {len(parameters)} parameters have a standard deviation of at most {POLICY.good:g} %."
         )
         if uncertain:
-            details.append(f"Uncertain by more than {_UNCERTAIN:g} %: {', '.join(uncertain)}.")
+            details.append(f"Uncertain by more than {POLICY.uncertain:g} %: {', '.join(uncertain)}.")
         if zero:
             details.append(f"Near zero, within {SIGNIFICANT:g} standard deviations: {', '.join(zero)}.")
     known = [entry for entry in parameters if entry.truth is not None]
@@ -351,8 +381,8 @@ def _judge_parameters(
     if missed:
         level = "doubtful" if 2 * len(missed) > len(known) else "usable"
         caps.append((level, f"true values are missed beyond chance: {', '.join(missed)}"))
-    if not small and len(uncertain) > _UNCERTAIN_SHARE * len(parameters):
-        text = f"{len(uncertain)} of {len(parameters)} parameters are uncertain by more than {_UNCERTAIN:g} %"
+    if not small and 2 * len(uncertain) > len(parameters):
+        text = f"{len(uncertain)} of {len(parameters)} parameters are uncertain by more than {POLICY.uncertain:g} %"
         caps.append(("usable", text))
     if refused:
         names = ", ".join(name for name, _ in refused)
@@ -377,7 +407,7 @@ def _find_uncertain(parameters: Sequence[ParameterEstimate]) -> tuple[list[str],
     uncertain, zero = [], []
     for entry, place in zip(parameters, places, strict=True):
         scale = abs(entry.value) if entry.significant else largest[place]
-        if not entry.std <= 0.01 * _UNCERTAIN * scale:
+        if not entry.std <= 0.01 * POLICY.uncertain * scale:
             uncertain.append(entry.name)
         elif not entry.significant:
             zero.append(entry.name)
@@ -392,11 +422,11 @@ def _list_missed(known: Sequence[ParameterEstimate], tolerance: float) -> list[s
     if not far:
         return []
     whole = len(known)
-    bound = max(3.0, NormalDist().inv_cdf(1.0 - 0.5 * _CHANCE / whole))
+    bound = max(POLICY.printed, NormalDist().inv_cdf(1.0 - 0.5 * POLICY.alarm / whole))
     beyond = any(not abs(entry.value - (entry.truth or 0.0)) <= bound * entry.std for entry in off)
-    share = 2.0 * NormalDist().cdf(-3.0)
+    share = 2.0 * NormalDist().cdf(-POLICY.printed)
     fewer = sum(math.comb(whole, k) * share**k * (1.0 - share) ** (whole - k) for k in range(len(far)))
-    return far if beyond or 1.0 - fewer < _CHANCE else []
+    return far if beyond or 1.0 - fewer < POLICY.alarm else []
 
 
 def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> FitVerdict:
@@ -427,7 +457,9 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         details.append(text)
     # Without standard deviations nothing can be said of chance.
     parameters = estimate.parameters if estimate.covariance else ()
-    words, more = _judge_parameters(parameters, estimate.refused, _NEAR, drawn=estimate.drawn)
+    words, more = _judge_parameters(
+        parameters, estimate.refused, 100.0 * POLICY.relevance, drawn=estimate.drawn
+    )
     details += words
     errors = [(abs(entry.error_percent or 0.0), entry.name) for entry in estimate.parameters if entry.truth]
     if errors:
@@ -489,7 +521,7 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
         f"On held-out motions the springs leave at most {spring:.3g} % of a joint's torque unexplained, the "
         f"dynamics {whole}."
     )
-    verb = "more" if spring <= _BETTER * linear else "no more"
+    verb = "more" if spring <= (1.0 - POLICY.relevance) * linear else "no more"
     text = f"The best linear springs leave {linear:.3g} %: springs with memory explain {verb}."
     return _rate(max(dynamics, spring)), headline, text
 
@@ -562,7 +594,7 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
     if len(ratios) < len(texts) or not texts:
         level = _rate(percent) if held_out else "usable"
         headline += "" if held_out else " No held-out data have tested them."
-    elif max(ratios) <= _SAME:
+    elif max(ratios) ** 2 <= POLICY.fall_of_all:
         level = "good"
     else:
         level = "usable"
@@ -572,7 +604,7 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
         headline = f"{headline} {text}."
     caps: Caps = _find_lost([entry.residual for entry in found.joints], _OWN)
     worst = max(entry.residual.relative_percent for entry in found.joints)
-    if worst > _LARGE:
+    if worst > POLICY.good:
         where = " in the logs of the fit" if held_out else ""
         caps.append((_rate(worst), f"{worst:.3g} % of a torque is left unexplained{where}"))
     caps += _list_validation_caps(held_out)

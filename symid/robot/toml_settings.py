@@ -263,6 +263,7 @@ def read_processing(root: Section) -> Processing:
         "standstill": speeds,
         "instrument_cutoff": table.read_float("instrument_cutoff", "Hz", POSITIVE, word=_NONE),
         "states": table.read_choice("states", ("position", "velocity", "acceleration")),
+        "differences": table.read_choice("differences", ("central", "fourth-order")),
         "automatic": table.read_flag("automatic"),
         "noise_freedom": table.read_choice("noise_freedom", ("band", "parameters", "one")),
     }

@@ -5,13 +5,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.identification.diagnostics import uncertainty as uncertainty
     from symid.identification.diagnostics.causes import (
-        build_quick_logs as build_quick_logs,
-        find_cause as find_cause,
-        fit_quick as fit_quick,
-        list_proportions as list_proportions,
+        find_causes as find_causes,
+        list_gravity as list_gravity,
+        list_mistakes as list_mistakes,
+        list_terms as list_terms,
     )
     from symid.identification.diagnostics.fit_warnings import (
         build_warning as build_warning,
+        describe_proportion as describe_proportion,
         evaluate_inertia_columns as evaluate_inertia_columns,
         sum_block_scores as sum_block_scores,
         warn_of_correlated_residuals as warn_of_correlated_residuals,
@@ -19,15 +20,6 @@ if TYPE_CHECKING:
         warn_of_moving_ends as warn_of_moving_ends,
         warn_of_poorly_identifiable as warn_of_poorly_identifiable,
         warn_of_processing as warn_of_processing,
-    )
-    from symid.identification.diagnostics.log_check import (
-        CheckedLog as CheckedLog,
-        LogCheck as LogCheck,
-        LogExcitation as LogExcitation,
-        LogsCheck as LogsCheck,
-        check_robot_logs as check_robot_logs,
-        describe_proportion as describe_proportion,
-        summarise_log as summarise_log,
     )
     from symid.identification.diagnostics.residual_structure import (
         FAMILIES as FAMILIES,
@@ -43,21 +35,8 @@ if TYPE_CHECKING:
         predict_torques as predict_torques,
     )
     from symid.identification.diagnostics.stretches import (
-        ENDS as ENDS,
-        PART as PART,
-        STRETCHES as STRETCHES,
-        Stretches as Stretches,
         choose_held_out as choose_held_out,
-        compute_jackknife as compute_jackknife,
-        count_stretches as count_stretches,
-        determine_each_other as determine_each_other,
-        fit_stretches as fit_stretches,
-        mask_inner as mask_inner,
         measure_behind as measure_behind,
-        measure_gain as measure_gain,
-        measure_scoring_band as measure_scoring_band,
-        smooth_rows as smooth_rows,
-        solve_sums as solve_sums,
     )
 else:
     from symid.lazy import load_names

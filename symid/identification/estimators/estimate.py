@@ -79,46 +79,35 @@ class MotionResidual:
         return cls(joint, unit, rms, tuple(map(len, parts)), left_out, whole)
 
 
-STILL = 1.5
-"""Movement up to which an estimate counts as standing still."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
     """One setting that was tried.
 
     Args:
         band: Hz, of the rows; instruments: Hz, band of the instruments, 0 for least squares.
-        standstill: part of the top speed below which rows are left out.
-        held_out: percent of the torque within B/2 and B left unexplained, mean over joints.
-        behind: standard errors of the held-out loss behind the best that stands still; infinite for others.
-        movement: largest rms over parameters of the difference to an estimate of a lower band, in standard
-            deviations of that one.
+        held_out: percent of the torque of stretches left unexplained by fits to the others, mean over joints.
+        fall: squares left over those of the best candidate; p: probability of so large a difference by chance.
+        risk: mean over parameters of bias^2 + variance, over the variance of the consistent candidate.
         states: up to which columns of the log they are used, "position", "velocity" or "acceleration".
     """
 
     band: float
     instruments: float
-    standstill: float
-    held_out: tuple[float, ...]
-    behind: float
-    movement: float
+    held_out: float
+    fall: float = 1.0
+    p: float = 1.0
+    risk: float = 1.0
     states: str = "position"
-
-    @property
-    def still(self) -> bool:
-        """Return whether the estimate does not move with the band."""
-        return self.movement <= STILL
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingsChoice:
-    """What was chosen: scoring band B in Hz, all candidates, the place of the one taken; top speeds (n,)."""
+    """What was chosen: scoring band in Hz, all candidates, the place of the one taken, standstill speeds (n,)."""
 
     scoring: float
     candidates: tuple[Candidate, ...]
     taken: int
-    top: tuple[float, ...]
+    standstill: tuple[float, ...]
 
     @property
     def chosen(self) -> Candidate:
@@ -130,34 +119,71 @@ class SettingsChoice:
 class JointEvidence:
     """What is left unexplained of one joint within the scoring band: rms, in percent of that of the torque.
 
-    `fitted` on the rows of the fit by the fit itself; `held_out` by fits without the stretch of the row, of
-    all rows, slow ones too; `moving`, `reversing` and `resting` the same of the rows of each phase (infinite
-    where there are none), the latter two along the states of the instruments where there are any. `share` is
-    the part of the rows that the fit left out as slow, `torque` the rms of the torque in N m or N.
+    `fitted` by the fit itself, `held_out` by fits to other stretches, of all rows; `moving` and `slow` of rows
+    above and below a tenth of the top speed (infinite where there are none). `share` is the part of the rows
+    that the fit left out as slow, `torque` the rms of the torque in N m or N; the larger one of log and fit
+    counts, and the noise of the sensor is taken off.
     """
 
     joint: str
     fitted: float
     held_out: float
-    moving: float
-    reversing: float = float("inf")
-    resting: float
+    moving: float = float("inf")
+    slow: float = float("inf")
     share: float
     torque: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ModelTerm:
-    """A term that the model lacks.
+class ConsistencyTest:
+    """Whether two estimates from the same logs say the same of a joint's torque.
 
-    `gain` in percent, by which it lowers the held-out squares of a joint; `errors` is how sure that is, in
-    standard errors over stretches.
+    Args:
+        what: "halves", "logs", "slow rows" or "band".
+        joint: its name; part: which log, where it is one of several.
+        verdict: "same", "different" or "cannot be said"; size: percent of the torque by which they differ
+            beyond noise; bound: percent, at most; p: probability of so large a difference by chance.
     """
 
+    what: str
     joint: str
-    term: str
-    gain: float
-    errors: float
+    part: str = ""
+    verdict: str
+    size: float
+    bound: float
+    p: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """A single mistake in the log or the robot file that explains a fit, or a term that the model lacks.
+
+    Args:
+        code, cause, remedy: its code, what is wrong and what to do, in words; family: what else is of its kind.
+        joints: those whose torque it touches, none for all.
+        before, after: percent of their held-out torque left with it and without it; p: of chance, adjusted
+            for all that were tried.
+    """
+
+    code: str
+    family: str
+    cause: str
+    remedy: str
+    joints: tuple[str, ...] = ()
+    before: float
+    after: float
+    p: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointRange:
+    """What a fit covers of a joint: positions from `low` to `high`, `speed` and `acceleration` at most (SI)."""
+
+    joint: str
+    low: float
+    high: float
+    speed: float
+    acceleration: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,49 +191,44 @@ class Evidence:
     """What speaks for and against an estimate.
 
     Args:
-        joints: what is left unexplained of each joint that has rows.
+        joints: what is left unexplained of each joint that moves and has a torque.
         scoring: Hz, within which that was measured.
         stretches: number of held-out stretches; logs: whole logs that were held out, 0 for stretches.
-        movement: of the settings chosen, see `Candidate`; 0 where nothing was chosen.
-        impossible: what no robot can have, in words.
-        missing: terms that would help on held-out rows, the largest first.
+        tests: whether halves, logs, slow and fast rows, and bands say the same.
+        impossible: what no robot can have, in words; bounded: percent that a fit without that leaves of the
+            held-out torque, 0 where nothing is impossible.
+        causes: one, or several that explain the logs equally well; none where nothing does.
         in_proportion: pairs of joints that move in proportion throughout all logs.
-        resampled: percent that a quick fit leaves unexplained at even times, and with samples of uneven logs
-            as they come; empty where no log was moved to even times.
-        code, cause, remedy: the likeliest single mistake in the logs, and what to do; empty for none.
-        cured: percent that a quick fit leaves unexplained with the cause undone, infinite where none helps;
-            effect: what undoing it does to that fit, in words.
+        period: s, of a motion that repeats, 0 for one that does not.
+        covered: what positions, speeds and accelerations the logs have.
     """
 
     joints: tuple[JointEvidence, ...]
     scoring: float
     stretches: int
     logs: int = 0
-    movement: float = 0.0
+    tests: tuple[ConsistencyTest, ...] = ()
     impossible: tuple[str, ...] = ()
-    missing: tuple[ModelTerm, ...] = ()
+    bounded: float = 0.0
+    causes: tuple[Cause, ...] = ()
     in_proportion: tuple[tuple[str, str], ...] = ()
-    resampled: tuple[float, ...] = ()
-    code: str = ""
-    cause: str = ""
-    remedy: str = ""
-    cured: float = float("inf")
-    effect: str = ""
+    period: float = 0.0
+    covered: tuple[JointRange, ...] = ()
 
     @property
     def held_out(self) -> float:
         """Return the mean over joints of what is left unexplained of held-out rows, in percent."""
-        return sum(entry.held_out for entry in self.joints) / len(self.joints)
+        return sum(entry.held_out for entry in self.joints) / max(1, len(self.joints))
 
     @property
     def unexplained(self) -> float:
         """Return the same, each joint counted for 100 % at most: one that needs little torque is noise."""
-        return sum(min(100.0, entry.held_out) for entry in self.joints) / len(self.joints)
+        return sum(min(100.0, entry.held_out) for entry in self.joints) / max(1, len(self.joints))
 
     @property
     def fitted(self) -> float:
-        """Return the mean over joints of what is left unexplained of the rows of the fit, in percent."""
-        return sum(entry.fitted for entry in self.joints) / len(self.joints)
+        """Return the mean over joints of what is left unexplained by the fit itself, in percent."""
+        return sum(entry.fitted for entry in self.joints) / max(1, len(self.joints))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,10 @@ rates of the tests are measured by `benchmarks/judge.py`.
 """
 
 from dataclasses import dataclass, field, fields
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
+
+Number = TypeVar("Number", int, float)
+"""A count, or a number."""
 
 
 class PolicyEntry(NamedTuple):
@@ -22,8 +25,8 @@ class PolicyEntry(NamedTuple):
     changed: str
 
 
-def _number(value: float, meaning: str, source: str, changed: str) -> float:
-    found: float = field(default=value, metadata={"meaning": meaning, "source": source, "changed": changed})
+def _number(value: Number, meaning: str, source: str, changed: str) -> Number:
+    found: Number = field(default=value, metadata={"meaning": meaning, "source": source, "changed": changed})
     return found
 
 

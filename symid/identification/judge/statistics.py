@@ -25,6 +25,7 @@ import numpy as np
 import scipy
 
 from symid.arrays import FloatArray, FrozenArrays
+from symid.identification.judge import numerics
 from symid.identification.judge.policy import POLICY
 
 
@@ -164,7 +165,7 @@ def agree_in_value(difference: float, changes: FloatArray, size: float) -> Diffe
 def _measure(size: float, square: float, products: FloatArray, along: FloatArray) -> Difference:
     """Return the difference of a `square` D'GD; products R G R' (S, S), along R G D (S,)."""
     noise = float(np.trace(products))
-    if size <= 0.0 or noise <= 0.0:
+    if size <= 0.0 or noise <= numerics.TINY * size:
         differs = size > 0.0 and square > 0.0
         value = math.sqrt(square / size) if differs else 0.0
         return Difference(size=value, bound=value, p=0.0 if differs else 1.0)
@@ -173,7 +174,7 @@ def _measure(size: float, square: float, products: FloatArray, along: FloatArray
     spread = (
         freedom**2 / ((freedom - 1.0) * (freedom + 2.0)) * (raw - noise**2 / freedom) if freedom > 1 else raw
     )
-    spread = min(max(spread, 1e-6 * raw), noise**2)
+    spread = min(max(spread, numerics.CONVERGED * raw), noise**2)
     count = noise**2 / spread
     p = float(scipy.special.fdtrc(count, count * freedom, square / noise))
     excess = max(0.0, square - noise)

@@ -3,6 +3,20 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.identification.regression import condensing as condensing
+    from symid.identification.regression.condensing import (
+        BandSums as BandSums,
+        BlockFit as BlockFit,
+        CondensedLogs as CondensedLogs,
+        ThinMotion as ThinMotion,
+        balance_cutoff as balance_cutoff,
+        fit_sums as fit_sums,
+        measure_left as measure_left,
+        measure_scoring_band as measure_scoring_band,
+        scale_products as scale_products,
+        solve_products as solve_products,
+        sum_motion as sum_motion,
+    )
     from symid.identification.regression.equations import (
         ROW_KINDS as ROW_KINDS,
         SCALAR_KINDS as SCALAR_KINDS,

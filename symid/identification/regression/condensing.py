@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library
-from symid.identification.judge import POLICY
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression.equations import evaluate_columns
 from symid.identification.regression.identifiability import list_resting_joints
 from symid.identification.regression.preparation import measure_bands, prepare_states
@@ -43,14 +43,12 @@ SHARES = (0.0, 0.02, 0.05, 0.1)
 """Classes of speed, in parts of the top speed."""
 SCORING = 2
 """The level of the scoring band: there are two lower ones, an octave apart."""
-_RIDGE = 1e-11
-"""Of the squared length of columns: keeps what the rows do not identify at zero."""
 _PIECE = 20.0
 """s, of a long log at a time."""
 _RATE, _TAPS, _TOGETHER = 2.5, 2.0, 64
 """Times the cut-off of the positions: rate at which columns are evaluated. Periods of the band on either side of a
 filter's middle; places that are filtered by one product of matrices."""
-_ENDS, _PART = 0.5, 0.05
+ENDS, PART = 0.5, 0.05
 """s, and part of a log, that do not count at either end, where filters extrapolate."""
 
 
@@ -97,6 +95,34 @@ def _measure_bands(values: FloatArray, rate: float, power: int) -> FloatArray:
             total = np.cumsum(share[: last + 1])
             found[k] = frequency[np.argmax(total >= 0.99 * total[-1])]
     return found
+
+
+def measure_repetition(recordings: Sequence[Recording]) -> float:
+    """Return the period in s of a motion that repeats in one log, 0 where it does not, twice at least.
+
+    The least lag at which positions differ by less than matters: |q(t + P) - q(t)| in root mean squares over
+    that of lags at which they are unrelated.
+    """
+    (recording,) = recordings
+    step = max(1, math.floor(1.0 / (10.0 * max(measure_scoring_band(recordings), 1e-9) * recording.period)))
+    position = recording.position[::step] - recording.position.mean(axis=0)
+    count = len(position)
+    moved = 2.0 * float(np.sum(np.mean(position**2, axis=0)))
+    if count < 8 or not moved:
+        return 0.0
+    size = 2 * count
+    waves = np.fft.rfft(position, n=size, axis=0)
+    products = np.fft.irfft(np.sum(np.abs(waves) ** 2, axis=1), n=size)[:count]
+    squares = np.concatenate([[0.0], np.cumsum(np.sum(position**2, axis=1))])
+    lags = np.arange(count // 2 + 1)
+    # Sums over the overlap of both.
+    both = squares[count - lags] + squares[-1] - squares[lags] - 2.0 * products[lags]
+    apart = both / (count - lags) / moved
+    far = np.flatnonzero(apart > 0.5)
+    if not len(far):
+        return 0.0
+    near = np.flatnonzero(apart[far[0] :] < POLICY.relevance**2)
+    return float((far[0] + near[0]) * step * recording.period) if len(near) else 0.0
 
 
 def balance_cutoff(recordings: Sequence[Recording]) -> float:
@@ -170,33 +196,160 @@ class BlockFit(FrozenArrays):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ThinMotion:
+    """Samples of all logs within the scoring band, one after the other, four times its rate.
+
+    Args:
+        q, dq, ddq, tau: (t, n); kept: (t, n) whether a joint's row counts.
+        block: (t,) number of its block; run: (t,) of its log; period: s, between samples of a log.
+    """
+
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    tau: FloatArray
+    kept: NDArray[np.bool_]
+    block: NDArray[np.intp]
+    run: NDArray[np.intp]
+    period: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Piece:
     """Rows of a piece of a log: of each level [A y] (t, n, p + 1) at one place in some, [Z y] (T, n, p + 1).
 
-    `strides` of the levels' rows, `speed` (T, n) at the scoring band, `out` (n,) joints that are left out.
+    `strides` of the levels' rows; `states` (3, T, n) q, dq and ddq within the scoring band, `tau` (T, n);
+    `out` (n,) joints that are left out; `resting` (n,).
     """
 
     run: int
     matrices: tuple[FloatArray, ...]
     smooths: tuple[FloatArray, ...]
     strides: tuple[int, ...]
-    speed: FloatArray
+    states: FloatArray
+    tau: FloatArray
     out: NDArray[np.bool_]
+    resting: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BandSums:
-    """Sums of products of a pair of bands: of each joint, its live columns and the torque last.
+    """Sums of products of rows: of each joint, its live columns and the torque last.
 
     Args:
         products: (b, c, l, l) of Z'[Y y] of each joint, from a class of speed c upwards.
         squares: (b, c, l, l) of [Y y]'[Y y], the same where there are no instruments.
-        counts: (n, b, c) rows that are worth an independent one.
+        counts: (n, b, c) rows; worth: of a row, as an independent one.
+        live: of each joint the places of its columns among `width` parameters.
     """
 
     products: tuple[FloatArray, ...]
     squares: tuple[FloatArray, ...]
     counts: FloatArray
+    worth: float
+    live: tuple[NDArray[np.intp], ...]
+    width: int
+
+    def join(self, tables: Sequence[FloatArray], weights: FloatArray) -> FloatArray:
+        """Return the weighted sum (..., p + 1, p + 1) of the tables (..., l, l) of all joints."""
+        found = np.zeros((*tables[0].shape[:-2], self.width + 1, self.width + 1))
+        for table, live, weight in zip(tables, self.live, weights, strict=True):
+            columns = np.append(live, self.width)
+            found[..., columns[:, None], columns] += weight * table
+        return found
+
+
+def add_products(into: FloatArray, left: FloatArray, right: FloatArray, cell: NDArray[np.intp]) -> FloatArray:
+    """Add left'right of the rows of each cell (t,) to `into` (cells, l, l), and return their counts (cells,)."""
+    order = np.argsort(cell, kind="stable")
+    bounds = np.searchsorted(cell[order], np.arange(len(into) + 1))
+    for place, (low, high) in enumerate(pairwise(bounds.tolist())):
+        if high > low:
+            chosen = order[low:high]
+            into[place] += left[chosen].T @ right[chosen]
+    return np.diff(bounds)
+
+
+def sum_motion(columns: FloatArray, motion: ThinMotion, blocks: int) -> BandSums:
+    """Return the sums of rows with `columns` (t, n, p) along a motion and its torques."""
+    products, live = [], []
+    counts = np.zeros((columns.shape[1], blocks, 1))
+    for joint in range(columns.shape[1]):
+        places = np.flatnonzero(columns[:, joint].any(axis=0))
+        kept = np.flatnonzero(motion.kept[:, joint])
+        rows = np.column_stack([columns[kept, joint][:, places], motion.tau[kept, joint]])
+        table = np.zeros((blocks, rows.shape[1], rows.shape[1]))
+        counts[joint, :, 0] = add_products(table, rows, rows, motion.block[kept])
+        products.append(table[:, None])
+        live.append(places)
+    return BandSums(
+        products=tuple(products),
+        squares=tuple(products),
+        counts=counts,
+        worth=2.0 / _KEPT,
+        live=tuple(live),
+        width=columns.shape[2],
+    )
+
+
+def fit_sums(
+    sums: BandSums,
+    classes: Sequence[int],
+    fold: NDArray[np.intp],
+    chosen: NDArray[np.bool_] | None = None,
+    weights: FloatArray | None = None,
+) -> BlockFit:
+    """Return the fit to rows of each joint from a class (n,) of speed on; of some blocks (b,) if `chosen`.
+
+    `fold` (b,) is the number of each block's fold; `weights` (n,) are found if None. Blocks that are not
+    chosen count a little, so that in directions that the others do not determine the fit is that of all.
+    """
+    kept = np.ones(len(fold), dtype=np.bool_) if chosen is None else chosen
+    pairs = list(enumerate(classes))
+    parts = [sums.products[joint][:, share] * kept[:, None, None] for joint, share in pairs]
+    own = [np.tensordot(kept, sums.squares[joint][:, share], 1) for joint, share in pairs]
+    wholes = [part.sum(axis=0) for part in parts]
+    rows = sums.worth * np.array([kept @ sums.counts[joint, :, share] for joint, share in pairs])
+    size = np.array([table[-1, -1] for table in own])
+    given = weights is not None
+    weights = (
+        np.where(size > 0.0, rows / np.where(size > 0.0, size, 1.0), 0.0) if weights is None else weights
+    )
+    for _ in range(0 if given else numerics.ROUNDS):
+        whole = sums.join(wholes, weights)
+        scaled, scales = scale_products(whole[:-1, :-1])
+        inverse = np.linalg.inv(scaled) * scales[:, None] * scales
+        values, before = inverse @ whole[:-1, -1], weights.copy()
+        for joint, live in enumerate(sums.live):
+            error = np.append(values[live], -1.0)
+            left = max(float(error @ own[joint] @ error), numerics.EXACT * float(size.max()))
+            leverage = np.sum(inverse[np.ix_(live, live)] * wholes[joint][:-1, :-1].T)
+            spare = max(rows[joint] - weights[joint] * float(leverage), numerics.EXACT * rows[joint])
+            weights[joint] = spare / left if left > 0.0 else 0.0
+        if np.all(np.abs(weights - before) <= _CONVERGED * weights):
+            break
+    whole, tables = sums.join(wholes, weights), sums.join(parts, weights)
+    values = solve_products(whole)
+    folds = [whole - tables[fold == place].sum(axis=0) for place in range(int(fold.max()) + 1)]
+    scores = tables[:, :-1, -1] - tables[:, :-1, :-1] @ values
+    # What a block changes, once without it in the matrix, once with it.
+    pair = np.stack([whole - tables, np.broadcast_to(whole, tables.shape)])
+    pair[..., :-1, -1] = scores
+    return BlockFit(
+        values=values,
+        folds=solve_products(np.stack(folds)),
+        changes=-0.5 * solve_products(pair).sum(axis=0),
+        weights=weights,
+    )
+
+
+def measure_left(sums: BandSums, values: FloatArray) -> FloatArray:
+    """Return squares (n, b, c) that values of each block (b, p) leave of rows from a class of speed on."""
+    found = []
+    for live, table in zip(sums.live, sums.squares, strict=True):
+        errors = np.column_stack([values[:, live], np.full(len(values), -1.0)])
+        found.append(np.einsum("bk,bckl,bl->bc", errors, table, errors, optimize=True))
+    return np.asarray(np.maximum(np.stack(found), 0.0))
 
 
 class CondensedLogs:
@@ -204,11 +357,11 @@ class CondensedLogs:
 
     Attributes:
         bands: Hz, rising, at place `SCORING` the scoring band.
-        top: (n,) top speeds; torque: (n,) squares within the scoring band, 0 where a joint has no rows.
+        limits: (n, c) speeds in rad/s or m/s from which classes of speed begin, the first is zero.
+        torque: (n,) squares within the scoring band, 0 where a joint rests or has no torque.
         log: (b,) number of the log of every block; fold: (b,) of its fold.
-        logwise: whether folds are whole logs.
-        live: of each joint the columns that act on it.
-        scores: sums of the scoring band and the one below it, where losses are measured.
+        scores: sums of the band below the scoring band, and of that one, where losses are measured.
+        motion: thinned; repeats: s, the period of a motion that repeats, 0 for one that does not.
     """
 
     def __init__(
@@ -217,165 +370,138 @@ class CondensedLogs:
         recordings: Sequence[Recording],
         processing: Processing,
         bands: Sequence[float],
-        cutoff: float,
+        cutoff: float | None,
     ) -> None:
         """Build the rows of all bands, and cut them into blocks."""
-        self.bands, self.width = tuple(bands), len(library.card.fitted)
+        self.bands, self._width = tuple(bands), len(library.card.fitted)
         self.period = recordings[0].period * max(1, round(1.0 / (recordings[0].period * ROW_RATE)))
         self._pieces = [
             _build_piece(library, run, recording, processing, bands, cutoff)
             for run, recording in pick_pieces(recordings)
         ]
-        self.top: FloatArray = np.max(
-            [np.quantile(np.abs(entry.speed), 0.99, axis=0) for entry in self._pieces], axis=0
-        )
+        if "standstill" in processing.left_open:
+            speeds = [np.quantile(np.abs(entry.states[1]), 0.99, axis=0) for entry in self._pieces]
+            self.limits: FloatArray = np.max(speeds, axis=0)[:, None] * SHARES
+        else:
+            stated = [processing.get_standstill(joint) for joint in range(library.card.size)]
+            self.limits = np.column_stack([np.zeros(len(stated)), stated])
         tables = [table for piece in self._pieces for table in (*piece.matrices, *piece.smooths)]
         acts = np.any([table.any(axis=0) for table in tables], axis=0)
-        self.live = [np.flatnonzero(row[:-1]) for row in acts]
-        log, fold = [], []
-        self._blocks: list[range] = []
+        self._live = tuple(np.flatnonzero(row[:-1]) for row in acts)
+        self.repeats = measure_repetition(recordings) if len(recordings) == 1 else 0.0
+        log: list[int] = []
+        fold: list[int] = []
+        self._blocks: list[NDArray[np.intp]] = []
         runs = [piece.run for piece in self._pieces]
         each = max(2, math.ceil(POLICY.folds / (runs[-1] + 1)))
         for piece in self._pieces:
-            # Parts of two periods of the scoring band or more.
+            # Parts of two periods of the scoring band or more; equal phases of a motion that repeats are in one.
             stretches = 1 if runs.count(piece.run) > 1 else each
-            span = len(piece.speed) * self.period / stretches
-            parts = int(np.clip(span * self.bands[SCORING] / POLICY.periods, 1, POLICY.parts))
-            first = fold[-1] + 1 if fold else 0
-            self._blocks.append(range(len(log), len(log) + stretches * parts))
-            log += [piece.run] * (stretches * parts)
-            fold += [first + place // parts for place in range(stretches * parts)]
+            time = np.arange(len(piece.tau)) * self.period
+            span = time[-1] + self.period
+            if self.repeats and stretches > 1:
+                span = min(span, self.repeats)
+            parts = int(np.clip(span / stretches * self.bands[SCORING] / POLICY.periods, 1, POLICY.parts))
+            count, first = stretches * parts, fold[-1] + 1 if fold else 0
+            place = (time % span if stretches > 1 else time) / span * count
+            self._blocks.append(len(log) + np.minimum(place.astype(np.intp), count - 1))
+            log += [piece.run] * count
+            fold += [first + place // parts for place in range(count)]
         self.log, self.fold = np.array(log), np.array(fold)
         self.scores = [self.sum_products(level, level) for level in (SCORING - 1, SCORING)]
         self.torque = np.array([entry[:, 0, -1, -1].sum() for entry in self.scores[1].squares])
-        self.logwise = runs[-1] > 0 and self._determine_each_other()
-        if self.logwise:
-            self.fold = self.log
+        self.torque[np.all([piece.resting for piece in self._pieces], axis=0)] = 0.0
+
+    @property
+    def motion(self) -> ThinMotion:
+        """Return the thinned motion."""
+        stride, parts = self._pieces[0].strides[SCORING], []
+        for piece, block in zip(self._pieces, self._blocks, strict=True):
+            states = (*piece.states[:, ::stride], piece.tau[::stride])
+            kept = (np.abs(states[1]) >= self.limits[:, -1]) & ~piece.out
+            parts.append((*states, kept, block[::stride], np.full(len(kept), piece.run)))
+        q, dq, ddq, tau, kept, block, run = map(np.concatenate, zip(*parts, strict=True))
+        return ThinMotion(
+            q=q, dq=dq, ddq=ddq, tau=tau, kept=kept, block=block, run=run, period=self.period * stride
+        )
 
     def sum_products(self, level: int, smooth: int) -> BandSums:
         """Return the sums of rows of a level, with instruments of a lower one, or of least squares."""
-        alike, blocks, classes = level == smooth, len(self.log), len(SHARES)
-        products, squares = [], []
-        counts = np.zeros((len(self.live), blocks, classes))
-        for joint, live in enumerate(self.live):
-            columns = np.append(live, self.width)
-            size = (blocks, classes, len(columns), len(columns))
-            crossed, own = np.zeros(size), np.zeros(size)
-            for piece, places in zip(self._pieces, self._blocks, strict=True):
+        blocks, classes = len(self.log), self.limits.shape[1]
+        products: list[FloatArray] = []
+        squares: list[FloatArray] = []
+        counts = np.zeros((len(self._live), blocks, classes))
+        for joint, live in enumerate(self._live):
+            columns = np.append(live, self._width)
+            crossed, own = np.zeros((2, blocks * classes, len(columns), len(columns)))
+            for piece, block in zip(self._pieces, self._blocks, strict=True):
                 if piece.out[joint]:
                     continue
                 stride, right = piece.strides[level], piece.matrices[level][:, joint][:, columns]
-                left = right if alike else piece.smooths[smooth][::stride, joint][:, columns]
-                speed = np.abs(piece.speed[::stride, joint]) / (self.top[joint] or 1.0)
-                kind = np.searchsorted(SHARES, speed, side="right") - 1
-                worth = min(1.0, 2.0 * self.bands[level] * self.period * stride)
-                edges = np.linspace(0, len(right), len(places) + 1).astype(int)
-                for block, (low, high) in zip(places, pairwise(edges.tolist()), strict=True):
-                    for share in range(classes):
-                        chosen = low + np.flatnonzero(kind[low:high] == share)
-                        rows = right[chosen]
-                        counts[joint, block, share] = worth * len(chosen)
-                        crossed[block, share] = left[chosen].T @ rows
-                        own[block, share] = crossed[block, share] if alike else rows.T @ rows
-            # From a speed upwards.
-            crossed, own = (np.cumsum(part[:, ::-1], axis=1)[:, ::-1] for part in (crossed, own))
-            products.append(crossed)
-            squares.append(own)
-        counts = np.cumsum(counts[..., ::-1], axis=2)[..., ::-1]
-        return BandSums(products=tuple(products), squares=tuple(squares), counts=counts)
-
-    def fit(self, sums: BandSums, shares: Sequence[int], blocks: NDArray[np.bool_] | None = None) -> BlockFit:
-        """Return the fit to rows of each joint (n,) from a class of speed on; of some `blocks` (b,) if given."""
-        p, count = self.width, len(self.log)
-        chosen = np.ones(count, dtype=np.bool_) if blocks is None else blocks
-        parts = [
-            table[:, share] * chosen[:, None, None]
-            for table, share in zip(sums.products, shares, strict=True)
-        ]
-        own = [
-            np.sum(table[chosen, share], axis=0) for table, share in zip(sums.squares, shares, strict=True)
-        ]
-        wholes = [part.sum(axis=0) for part in parts]
-        rows = np.array([np.sum(sums.counts[joint, chosen, share]) for joint, share in enumerate(shares)])
-        size = np.array([table[-1, -1] for table in own])
-
-        def join(tables: Sequence[FloatArray], weights: FloatArray) -> FloatArray:
-            """Return the weighted sum (..., p + 1, p + 1) over joints."""
-            found = np.zeros((*tables[0].shape[:-2], p + 1, p + 1))
-            for table, live, weight in zip(tables, self.live, weights, strict=True):
-                columns = np.append(live, p)
-                found[..., columns[:, None], columns] += weight * table
-            return found
-
-        weights = np.where(size > 0.0, rows / np.where(size > 0.0, size, 1.0), 0.0)
-        for _ in range(_ROUNDS):
-            whole = join(wholes, weights)
-            scaled, scales = scale_products(whole[:-1, :-1])
-            inverse = np.linalg.inv(scaled) * scales[:, None] * scales
-            values = inverse @ whole[:-1, -1]
-            before = weights.copy()
-            for joint, live in enumerate(self.live):
-                error = np.append(values[live], -1.0)
-                left = max(float(error @ own[joint] @ error), _EXACT * size[joint])
-                leverage = weights[joint] * float(
-                    np.sum(inverse[np.ix_(live, live)] * wholes[joint][:-1, :-1].T)
-                )
-                spare = max(rows[joint] - leverage, _EXACT * rows[joint])
-                weights[joint] = spare / left if left > 0.0 else 0.0
-            if np.all(np.abs(weights - before) <= _CONVERGED * weights):
-                break
-        whole, tables = join(wholes, weights), join(parts, weights)
-        values = solve_products(whole)
-        folds = solve_products(
-            np.stack(
-                [whole - tables[self.fold == fold].sum(axis=0) for fold in range(int(self.fold.max()) + 1)]
-            )
+                speed = np.abs(piece.states[1][::stride, joint])
+                kind = np.searchsorted(self.limits[joint], speed, side="right") - 1
+                cell = block[::stride] * classes + kind
+                counts[joint] += add_products(own, right, right, cell).reshape(blocks, classes)
+                if smooth != level:
+                    add_products(crossed, piece.smooths[smooth][::stride, joint][:, columns], right, cell)
+            for into, part in ((squares, own), (products, own if smooth == level else crossed)):
+                # From a speed upwards.
+                whole = part.reshape(blocks, classes, *part.shape[1:])[:, ::-1]
+                into.append(np.cumsum(whole, axis=1)[:, ::-1])
+        stride = self._pieces[0].strides[level]
+        return BandSums(
+            products=tuple(products),
+            squares=tuple(squares),
+            counts=np.cumsum(counts[..., ::-1], axis=2)[..., ::-1],
+            worth=min(1.0, 2.0 * self.bands[level] * self.period * stride),
+            live=self._live,
+            width=self._width,
         )
-        scores = tables[:, :-1, -1] - tables[:, :-1, :-1] @ values
-        without = whole - tables
-        without[:, :-1, -1] = scores
-        with_all = np.broadcast_to(whole, tables.shape).copy()
-        with_all[:, :-1, -1] = scores
-        changes = -0.5 * (solve_products(without) + solve_products(with_all))
-        return BlockFit(values=values, folds=folds, changes=changes, weights=weights)
+
+    def fit(
+        self,
+        sums: BandSums,
+        classes: Sequence[int],
+        blocks: NDArray[np.bool_] | None = None,
+        weights: FloatArray | None = None,
+    ) -> BlockFit:
+        """Return the fit to rows from a class (n,) of speed on, of some `blocks` (b,) if given; `fit_sums`."""
+        return fit_sums(sums, classes, self.fold, blocks, weights)
 
     def measure_losses(self, fit: BlockFit) -> FloatArray:
         """Return squares (b, n) that folds leave of what they leave out, relative to the torque, both bands."""
-        found = np.zeros((len(self.log), len(self.live)))
+        found = np.zeros((len(self.log), len(self._live)))
         for sums in self.scores:
-            for joint, live in enumerate(self.live):
-                table = sums.squares[joint][:, 0]
-                errors = np.column_stack([fit.folds[self.fold][:, live], np.full(len(self.log), -1.0)])
-                left = np.maximum(np.einsum("bk,bkl,bl->b", errors, table, errors), 0.0)
-                whole = table[:, -1, -1].sum()
-                found[:, joint] += left / (whole or np.inf)
+            sizes = np.array([table[:, 0, -1, -1].sum() for table in sums.squares])
+            left = measure_left(sums, fit.folds[self.fold])[:, :, 0]
+            moving = self.torque > 0.0
+            found[:, moving] += (left[moving] / np.where(sizes > 0.0, sizes, np.inf)[moving, None]).T
         return found
 
-    def list_grams(self) -> list[FloatArray]:
-        """Return the products (l, l) of each joint's columns within the scoring band, of all rows."""
-        return [table[:, 0, :-1, :-1].sum(axis=0) for table in self.scores[1].squares]
+    def list_proportions(self) -> list[tuple[int, int]]:
+        """Return the pairs of moving joints whose velocities are in proportion throughout."""
+        speed = self.motion.dq
+        speed = speed - speed.mean(axis=0)
+        lengths = np.linalg.norm(speed, axis=0)
+        turning = np.flatnonzero((self.torque > 0.0) & (lengths > 0.0)).tolist()
+        pairs = [(j, k) for place, j in enumerate(turning) for k in turning[place + 1 :]]
+        # Apart by less than rounding of the positions.
+        return [
+            (j, k)
+            for j, k in pairs
+            if 1.0 - abs(float(speed[:, j] @ speed[:, k]) / (lengths[j] * lengths[k])) < numerics.CONVERGED
+        ]
 
-    def _determine_each_other(self) -> bool:
-        """Return whether of several logs the others determine all that acts in each."""
-        width = self.width
-        parts = np.zeros((int(self.log.max()) + 1, width, width))
-        for live, table, size in zip(self.live, self.scores[1].squares, self.torque, strict=True):
-            for log in range(len(parts)):
-                own = table[self.log == log, 0, :-1, :-1].sum(axis=0)
-                parts[log][np.ix_(live, live)] += own / (size or 1.0)
-        whole = parts.sum(axis=0)
-        _, scales = scale_products(whole)
-        for own in parts:
-            others = (whole - own) * scales[:, None] * scales + _RIDGE * np.eye(width)
-            ratios = np.linalg.eigvals(np.linalg.solve(others, own * scales[:, None] * scales))
-            if np.abs(ratios).max() > _UNKNOWN:
-                return False
-        return True
+    def list_grams(self) -> FloatArray:
+        """Return the products (n, p, p) of each joint's columns within the scoring band, of all rows."""
+        found = np.zeros((len(self._live), self._width, self._width))
+        for gram, live, table in zip(found, self._live, self.scores[1].squares, strict=True):
+            gram[np.ix_(live, live)] = table[:, 0, :-1, :-1].sum(axis=0)
+        return found
 
 
-_ROUNDS, _CONVERGED, _EXACT = 10, 1e-3, 1e-12
-_UNKNOWN = 1e5
-"""Squares of a log's columns over those of the others, in a direction that these do not determine."""
+_CONVERGED = 1e-3
+"""Relative change of weights at which they are settled."""
 
 
 def _choose_stride(band: float, period: float) -> int:
@@ -393,30 +519,33 @@ def _build_piece(
     recording: Recording,
     processing: Processing,
     bands: Sequence[float],
-    cutoff: float,
+    cutoff: float | None,
 ) -> _Piece:
     """Return the rows of a piece of a log within all bands."""
     rate, samples = 1.0 / recording.period, len(recording.time) - processing.drop_first - processing.drop_last
     step = max(1, round(rate / ROW_RATE))
-    ends = round(min(_ENDS * rate, _PART * samples) / step) * step
+    ends = round(min(ENDS * rate, PART * samples) / step) * step
     places = np.arange(ends, samples - ends, step)
     settings = replace(processing, automatic=False)
     signals = prepare_states(library, recording, replace(settings, filter_cutoff=cutoff))
-    thin = max(k for k in range(1, step + 1) if step % k == 0 and k <= max(1.0, rate / (_RATE * cutoff)))
+    most = max(1.0, rate / (_RATE * cutoff)) if cutoff else 1.0
+    thin = max(k for k in range(1, step + 1) if step % k == 0 and k <= most)
     columns = evaluate_columns(library, *signals.pick_states(slice(None, None, thin)))
     count, joints, width = columns.shape
     columns = columns.reshape(count, -1)
-    matrices, smooths, strides, speeds = [], [], [], []
+    matrices, smooths, strides, states, taus = [], [], [], [], []
     for band in bands:
         slow = prepare_states(library, recording, replace(settings, filter_cutoff=min(band, 0.4 * rate)))
         stride = _choose_stride(band, step / rate)
         matrix = _filter_rows(columns, band / rate * thin, places[::stride] // thin)
-        torque = _filter_rows(signals.tau, band / rate, places)[:, :, None]
+        torque = _filter_rows(signals.tau, band / rate, places)
         smooth = evaluate_columns(library, *slow.pick_states(places))
-        matrices.append(np.concatenate([matrix.reshape(-1, joints, width), torque[::stride]], axis=2))
-        smooths.append(np.concatenate([smooth, torque], axis=2))
+        matrix = matrix.reshape(-1, joints, width)
+        matrices.append(np.concatenate([matrix, torque[::stride, :, None]], axis=2))
+        smooths.append(np.concatenate([smooth, torque[:, :, None]], axis=2))
         strides.append(stride)
-        speeds.append(slow.dq[places])
+        states.append(np.stack([slow.q[places], slow.dq[places], slow.ddq[places]]))
+        taus.append(torque)
     friction = np.array([joint.friction != "none" for joint in library.card.joints])
     resting = np.isin(np.arange(len(friction)), list_resting_joints(recording))
     return _Piece(
@@ -424,8 +553,10 @@ def _build_piece(
         matrices=tuple(matrices),
         smooths=tuple(smooths),
         strides=tuple(strides),
-        speed=speeds[min(SCORING, len(speeds) - 1)],
+        states=states[SCORING],
+        tau=taus[SCORING],
         out=resting & friction,
+        resting=resting,
     )
 
 
@@ -434,7 +565,7 @@ def scale_products(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
     lengths = np.sqrt(np.abs(np.diagonal(matrix, axis1=-2, axis2=-1)))
     alive = lengths > 1e-9 * lengths.max(axis=-1, keepdims=True, initial=np.finfo(float).tiny)
     scales = np.where(alive, 1.0 / np.where(alive, lengths, 1.0), 0.0)
-    ridge = _RIDGE * np.eye(scales.shape[-1])
+    ridge = numerics.RIDGE * np.eye(scales.shape[-1])
     return matrix * scales[..., :, None] * scales[..., None, :] + ridge, scales
 
 

@@ -16,6 +16,14 @@ if TYPE_CHECKING:
         choose_laws as choose_laws,
         compare_friction as compare_friction,
     )
+    from symid.identification.rigid.log_check import (
+        CheckedLog as CheckedLog,
+        LogCheck as LogCheck,
+        LogExcitation as LogExcitation,
+        LogsCheck as LogsCheck,
+        check_robot_logs as check_robot_logs,
+        summarise_log as summarise_log,
+    )
     from symid.identification.rigid.plan import (
         PRIOR_OF_ROBOT as PRIOR_OF_ROBOT,
         SIMULATING as SIMULATING,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification import regression
-from symid.identification.diagnostics import measure_scoring_band
+from symid.identification.regression import measure_scoring_band
 from symid.joint_models import (
     FrictionLaw,
     build_numpy_carrier,

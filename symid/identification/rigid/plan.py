@@ -3,11 +3,12 @@
 Options, robot -> checked options, `EstimatorOptions`. Library, recordings, Processing, options -> `FitPlan`.
 
     rows        one sample in r = 0.4 rate / band, so that decimation passes what lies within the band
-    cut-off     min(5 band, 0.4 rate): high enough that it damps nothing that the rows keep
+    cut-off     at which noise and blur of the velocities are equal
     ends        two periods of the cut-off, where a log begins or ends in motion
 
 Supported: any settings stated, the others chosen around them.
-Not supported: a choice for power and energy rows and for short logs (`choose_filters` takes its place).
+Not supported: a choice for power and energy rows, and for logs with fewer rows than parameters
+(`choose_filters` takes its place).
 """
 
 import math
@@ -18,38 +19,31 @@ import numpy as np
 
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
-from symid.identification import estimators
-from symid.identification.diagnostics import PART
-from symid.identification.regression import SCALAR_KINDS, choose_filters, measure_moving_ends
-from symid.identification.rigid.friction_tables import balance_cutoff, limit_cutoff
-from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
+from symid.identification import estimators, judge
+from symid.identification.regression import SCALAR_KINDS, choose_filters, condensing, measure_moving_ends
+from symid.identification.rigid.settings_choice import PASSED, Study, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
-from symid.logs import Recording, choose_cutoff
+from symid.logs import Recording
 from symid.options import RigidOptions, list_options
 from symid.robot import Processing, Robot, suggest_names
 
 FILTERED_INSTRUMENTAL = "filtered-instrumental"
 """The estimator with instruments along positions that pass a low-pass."""
-_PASSED = 0.4
-"""Of the rate of rows: what decimation passes."""
-_LEAST_FACTOR = 2.5
-"""Times the band: cut-off below which a stated one damps the rows."""
-_FEWEST = 4
-"""Rows a parameter, at least, for held-out stretches to mean something."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitPlan:
-    """Settings with nothing open, the estimator, the choice behind them (None for none), notices on it.
+    """Settings with nothing open, the estimator, the study behind them (None for none), notices on it.
 
-    `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried. Rows
+    `scoring` in Hz: slow rows are told by positions that pass it, by those of the fit where 0. `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried. Rows
     within `margin` s of slow ones are left out with them.
     """
 
     processing: Processing
     estimator: str
-    choice: estimators.SettingsChoice | None = None
+    study: Study | None = None
     notices: tuple[Notice, ...] = ()
+    scoring: float = 0.0
     laws_chosen: bool = False
     margin: float = 0.0
 
@@ -75,24 +69,20 @@ def plan_fit(
     usual = "wls" if library.card.size > 1 else "ols"
     if processing.instrument_cutoff and not long:
         usual = FILTERED_INSTRUMENTAL
-    plan: FitPlan | None = None
-    if not processing.left_open:
-        plan = FitPlan(processing=replace(processing, automatic=False), estimator=estimator or usual)
-    else:
+    wanted = estimator or usual
+    if not processing.left_open and wanted == FILTERED_INSTRUMENTAL and processing.instrument_cutoff is None:
+        text = (
+            f"--estimator {FILTERED_INSTRUMENTAL} needs the cut-off of its instruments where it is not "
+            "chosen from the log; state it in Hz, as --set processing.instrument_cutoff=3"
+        )
+        raise UsageError(Notice(code="usage.no-instruments", text=text))
+    spans = [entry.time[-1] - entry.time[0] for entry in recordings]
+    count = 2.0 * judge.POLICY.row_band / recordings[0].period * library.card.size * sum(spans)
+    if rows in SCALAR_KINDS or count < len(library.card.fitted):
         filters = choose_filters(processing, recordings)
-        spans = [entry.time[-1] - entry.time[0] for entry in recordings]
-        count = library.card.size * sum(span * ROW_RATE for span in spans)
-        if rows in SCALAR_KINDS or count < _FEWEST * len(library.card.fitted):
-            settled = cut_moving_ends(filters.processing, recordings)
-            plan = FitPlan(processing=settled, estimator=estimator or usual, notices=filters.notices)
-    if plan is not None:
-        if plan.estimator == FILTERED_INSTRUMENTAL and plan.processing.instrument_cutoff is None:
-            text = (
-                f"--estimator {FILTERED_INSTRUMENTAL} needs the cut-off of its instruments where it is not "
-                "chosen from the log; state it in Hz, as --set processing.instrument_cutoff=3"
-            )
-            raise UsageError(Notice(code="usage.no-instruments", text=text))
-        return plan
+        settled = cut_moving_ends(filters.processing, recordings) if processing.left_open else processing
+        settled = replace(settled, automatic=False)
+        return FitPlan(processing=settled, estimator=wanted, notices=filters.notices)
     rate = 1.0 / recordings[0].period
     bends = any(get_law(joint.friction).own for joint in library.card.joints if joint.friction != NO_FRICTION)
     rests = bends and "standstill" in processing.left_open and _find_rests(recordings)
@@ -100,32 +90,34 @@ def plan_fit(
     instruments: tuple[bool, ...] = (False,)
     if estimator == FILTERED_INSTRUMENTAL and processing.instrument_cutoff is None:
         instruments = (True,)
-    elif estimator is None and rows == "torque" and not long:
+    elif estimator is None and rows == "torque" and not long and processing.left_open:
         instruments = (False, True)
-    choice = choose_settings(
-        library,
-        recordings,
-        processing,
-        band=None if processing.decimation.factor == 1 else _PASSED * rate / processing.decimation.factor,
-        widest=None if processing.filter_cutoff is None else processing.filter_cutoff / _LEAST_FACTOR,
-        instruments=instruments,
-        moving=rests,
-    )
-    taken, decimation = choice.chosen, processing.decimation
-    if decimation.factor == 1:
-        decimation = replace(decimation, factor=max(1, math.floor(_PASSED * rate / taken.band + 1e-6)))
-    kept = _PASSED * rate / decimation.factor
+    study = choose_settings(library, recordings, processing, instruments=instruments, moving=rests)
+    if not processing.left_open:
+        return FitPlan(
+            processing=replace(processing, automatic=False),
+            estimator=wanted,
+            study=study,
+            scoring=study.choice.scoring,
+        )
+    taken, decimation = study.choice.chosen, processing.decimation
+    if "decimation.factor" in processing.left_open:
+        decimation = replace(decimation, factor=max(1, math.floor(PASSED * rate / taken.band + 1e-6)))
     standstill = processing.standstill
-    if standstill is None:
-        standstill = tuple(float(f"{taken.standstill * speed:.3g}") for speed in choice.top)
+    if "standstill" in processing.left_open:
+        standstill = tuple(float(f"{speed:.3g}") for speed in study.choice.standstill)
         standstill = standstill if any(standstill) else None
+    cutoff = processing.filter_cutoff
+    if "filter_cutoff" in processing.left_open:
+        cutoff = float(f"{study.cutoff:.3g}") if study.cutoff else None
     settled = cut_moving_ends(
         replace(
             processing,
-            filter_cutoff=processing.filter_cutoff or choose_cutoff(kept, rate),
+            filter_cutoff=cutoff,
             decimation=decimation,
             standstill=standstill,
             states=taken.states,
+            differences=study.differences,
             instrument_cutoff=processing.instrument_cutoff or float(f"{taken.instruments:.3g}") or None,
             automatic=False,
         ),
@@ -133,9 +125,8 @@ def plan_fit(
     )
     if estimator is None:
         estimator = FILTERED_INSTRUMENTAL if settled.instrument_cutoff else usual
-    widest = max(choice.candidates, key=lambda entry: (-entry.instruments, entry.band, -entry.standstill))
     text = (
-        f"chosen from the logs among {len(choice.candidates)} settings: one row in "
+        f"chosen from the logs among {len(study.choice.candidates)} settings: one row in "
         f"{settled.decimation.factor}, positions pass a low-pass at {settled.filter_cutoff:g} Hz, estimator "
         f"{estimator}"
     )
@@ -143,17 +134,21 @@ def plan_fit(
         text += f" with instruments along positions that pass {settled.instrument_cutoff:g} Hz"
     if taken.states != "position":
         text += f", states with the logged {taken.states}"
-    if taken.standstill:
-        text += f", rows slower than {100.0 * taken.standstill:g} % of each joint's top speed left out"
+    slow = [
+        f"{joint.name} {speed:.3g}"
+        for joint, speed in zip(library.card.joints, study.choice.standstill, strict=True)
+        if speed
+    ]
+    if slow and "standstill" in processing.left_open:
+        text += f", rows slower than these speeds left out: {', '.join(slow)}"
     text += (
-        f". Fits without a stretch leave {taken.held_out[-1]:.3g} % of its torque below "
-        f"{choice.scoring:.3g} Hz unexplained, those with all rows of the widest band and least squares "
-        f"{widest.held_out[-1]:.3g} %. To set them, state them under [processing]"
+        f". Fits without a stretch leave {taken.held_out:.3g} % of its torque below {study.choice.scoring:.3g} "
+        "Hz unexplained. To set them, state them under [processing]"
     )
     note = Notice(code="identify.automatic", text=text)
-    plan = FitPlan(processing=settled, estimator=estimator, choice=choice, notices=(note,))
-    if bends:
-        plan = _limit_cutoff(plan, processing, recordings)
+    plan = FitPlan(
+        processing=settled, estimator=estimator, study=study, scoring=study.choice.scoring, notices=(note,)
+    )
     if rests:
         # At rest dry friction is any torque below its level, which a law that bends near standstill would
         # follow. The filters spread it: rows within three periods of what rows pass go with slow ones.
@@ -162,41 +157,9 @@ def plan_fit(
             "settings that leave out slow rows were tried"
         )
         note = Notice(code="identify.automatic", text=text)
-        margin = 3.0 * plan.processing.decimation.factor * recordings[0].period / _PASSED
+        margin = 3.0 * plan.processing.decimation.factor * recordings[0].period / PASSED
         plan = replace(plan, margin=margin, notices=(*plan.notices, note))
     return plan
-
-
-def _limit_cutoff(plan: FitPlan, processing: Processing, recordings: Sequence[Recording]) -> FitPlan:
-    """Return the plan with a cut-off at which noise and blur of the velocity are equal, or a lower one."""
-    # Where a friction law bends with the velocity, noise biases it, and no instrument takes that out. Where
-    # slow rows are left out, noise well below the slowest does no harm.
-    used, rate = plan.processing, 1.0 / recordings[0].period
-    if "filter_cutoff" not in processing.left_open:
-        return plan
-    slowest = [used.get_standstill(joint) for joint in range(recordings[0].position.shape[1])]
-    limits = balance_cutoff(recordings), limit_cutoff(recordings, slowest), _LEAST_CUTOFF * rate
-    cutoff = max(limits)
-    if (used.filter_cutoff or 0.0) <= cutoff:
-        return plan
-    factor = used.decimation.factor
-    if "decimation.factor" in processing.left_open:
-        factor = max(factor, math.floor(_PASSED * rate * _LEAST_FACTOR / cutoff + 1e-6))
-    settled = replace(
-        used, filter_cutoff=float(f"{cutoff:.3g}"), decimation=replace(used.decimation, factor=factor)
-    )
-    text = (
-        f"with these friction laws, positions pass a low-pass at {settled.filter_cutoff:g} Hz instead, and "
-        f"one row in {factor} is kept: noise of the velocity would bias what bends with it"
-    )
-    note = Notice(code="identify.automatic", text=text)
-    return replace(plan, processing=settled, notices=(*plan.notices, note))
-
-
-_LEAST_CUTOFF = 0.02
-"""Of the sample rate."""
-_RESTING = 0.005
-"""Of the samples of a joint."""
 
 
 def _find_rests(recordings: Sequence[Recording]) -> bool:
@@ -206,7 +169,8 @@ def _find_rests(recordings: Sequence[Recording]) -> bool:
     speeds = np.vstack([np.gradient(entry.position, entry.period, axis=0) for entry in recordings])
     return any(
         bool(column.any())
-        and np.mean(estimators.find_phases(time, column, run) == estimators.PHASES.index("rest")) >= _RESTING
+        and np.mean(estimators.find_phases(time, column, run) == estimators.PHASES.index("rest"))
+        > judge.POLICY.relevance
         for column in speeds.T
     )
 
@@ -219,7 +183,7 @@ def cut_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> 
     cutoff = processing.instrument_cutoff or processing.filter_cutoff
     ends = measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)
     if processing.instrument_cutoff:
-        most = round(PART * min(len(entry.time) for entry in recordings))
+        most = round(condensing.PART * min(len(entry.time) for entry in recordings))
         usual = measure_moving_ends(processing, recordings)
         ends = max(usual[0], min(ends[0], most)), max(usual[1], min(ends[1], most))
     first, last = ends

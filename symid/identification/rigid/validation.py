@@ -37,11 +37,42 @@ from symid.codegen import Library
 from symid.errors import EstimateError, Notice, UsageError
 from symid.identification import diagnostics, estimators, regression
 from symid.identification.diagnostics import uncertainty
-from symid.identification.rigid.fit import LARGEST, fit_in_memory, is_long
+from symid.identification.judge import numerics
+from symid.identification.regression import Rows, condensing
+from symid.identification.rigid.fit import fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
+from symid.identification.rigid.settings_choice import PASSED
 from symid.joint_models import FrictionValues, rename_law
-from symid.logs import Recording, describe_overlap, has_states, measure_overlap
+from symid.logs import Recording, describe_overlap, has_states, low_pass, measure_overlap
 from symid.serialization import HIDDEN, name_key
+
+
+_ORDER = 4
+
+
+def smooth_rows(rows: Rows, values: FloatArray, band: float) -> FloatArray:
+    """Return `values` (m, k) of rows low-passed at `band` in Hz, joint by joint, as they are if short."""
+    found = values.copy()
+    for run in np.unique(rows.run):
+        for group in np.unique(rows.group):
+            own = np.flatnonzero((rows.run == run) & (rows.group == group))
+            if len(own) <= 3 * _ORDER + 1:
+                continue
+            period = float(np.median(np.diff(rows.time[own])))
+            if band < PASSED / period:
+                found[own] = low_pass(values[own], period=period, cutoff=band, order=_ORDER)
+    return found
+
+
+def mask_inner(rows: Rows) -> NDArray[np.bool_]:
+    """Return the rows (m,) that are not near an end of their log."""
+    inner = np.zeros(len(rows.time), dtype=np.bool_)
+    for run in np.unique(rows.run):
+        own = rows.run == run
+        first, last = float(rows.time[own].min()), float(rows.time[own].max())
+        left = min(condensing.ENDS, condensing.PART * (last - first))
+        inner |= own & (rows.time >= first + left) & (rows.time <= last - left)
+    return inner
 
 
 def resolve_processing(
@@ -343,10 +374,8 @@ def validate_estimate(
         and rows not in regression.SCALAR_KINDS
     ):
         # Rows and what is predicted of them, both low-passed.
-        scoring, inner = choice.scoring, diagnostics.mask_inner(built)
-        table = diagnostics.smooth_rows(
-            built, np.column_stack([built.values, built.values - predicted]), scoring
-        )
+        scoring, inner = choice.scoring, mask_inner(built)
+        table = smooth_rows(built, np.column_stack([built.values, built.values - predicted]), scoring)
         inner = inner if inner.any() else np.ones_like(inner)
         smooth = replace(regression.select_rows(built, inner), values=table[inner, 0])
         scored = estimators.compute_residuals(smooth, table[inner, 1], 0)
@@ -358,8 +387,8 @@ def validate_estimate(
         inner = np.ones(len(errors), dtype=np.bool_)
         if scoring:
             errors, inner = (
-                diagnostics.smooth_rows(whole, errors[:, None], scoring)[:, 0],
-                diagnostics.mask_inner(whole),
+                smooth_rows(whole, errors[:, None], scoring)[:, 0],
+                mask_inner(whole),
             )
             inner = inner if inner.any() else np.ones_like(inner)
         names = {built.group_names[group] for group in np.unique(built.group)}
@@ -510,11 +539,11 @@ def diagnose_estimate(
     builder = regression.RowBuilder(estimate.rows, library, processing, window, overlap)
     alone = estimate.estimator in _ALONE
     # The choice says by which speed a row is slow, but not to fits of logs that are too long for memory.
-    long = is_long(builder, recordings, estimate.estimator, LARGEST)
+    long = is_long(builder, recordings, estimate.estimator, numerics.LARGEST)
     plan = FitPlan(
         processing=processing,
         estimator=estimate.estimator if alone else "wls",
-        choice=None if long else estimate.choice,
+        scoring=0.0 if long or estimate.choice is None else estimate.choice.scoring,
     )
     fitted = fit_in_memory(builder, recordings, plan, rule=regression.RankRule(), weights=weights)
     rows, identifiability = fitted.rows, fitted.identifiability

@@ -32,10 +32,10 @@ from symid import logs as log_files
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice, UsageError
-from symid.identification import regression
-from symid.identification.diagnostics import causes
-from symid.identification.diagnostics.fit_warnings import evaluate_inertia_columns
-from symid.identification.diagnostics.stretches import compute_jackknife, measure_scoring_band
+from symid.identification import diagnostics, estimators, judge, regression
+from symid.identification.diagnostics import evaluate_inertia_columns
+from symid.identification.rigid.evidence import collect_evidence
+from symid.identification.rigid.plan import plan_fit
 from symid.joint_models import REFERENCE_TEMPERATURE
 from symid.robot import JointKind, Processing, Robot
 from symid.serialization import name_key
@@ -204,7 +204,7 @@ def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[Joint
     found = []
     for joint in fit.moving:
         values = np.array([compute_shares(joint, samples) for samples in subsets])
-        stds = np.sqrt(compute_jackknife(values[1:])).tolist()
+        stds = np.sqrt(np.sum(judge.compute_changes(values[1:]) ** 2, axis=0)).tolist()
         inertia, friction, mean = values[0].tolist()
         mass = mean if robot.axes[joint].kind is JointKind.PRISMATIC else mean / reach**2
         found.append(JointSigns(joint, inertia, stds[0], friction, stds[1], mass))
@@ -305,7 +305,7 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
         whole = grams.sum(axis=0)
         replicates = np.array([solve(whole - gram) for gram in grams]) * back
         values = solve(whole) * back
-        stds = np.sqrt(compute_jackknife(replicates))
+        stds = np.sqrt(np.sum(judge.compute_changes(replicates) ** 2, axis=0))
         shares = 1.0 / np.maximum(stds, 1e-9) ** 2
         shares /= shares.sum()
         step = float(shares @ values)
@@ -317,7 +317,7 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
         tau, _ = _sample_blocks(signals.tau, fit.processing)
     # Where joints disagree by more than their own deviations, these are too small (Birge 1932).
     excess = float(np.sum(((values - step) / np.maximum(stds, 1e-9)) ** 2)) / max(1, len(values) - 1)
-    common = float(np.sqrt(compute_jackknife(replicates @ shares[:, None])[0]))
+    common = float(np.linalg.norm(judge.compute_changes(replicates @ shares)))
     return TorqueDelay(
         delay=delay,
         std=common * max(1.0, excess) ** 0.5,
@@ -329,48 +329,52 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogCheck:
-    """The check of one log: signs of moving joints, the likeliest single mistake, delay of the torque."""
+    """The check of one log: signs of moving joints, what explains it better, delay of the torque."""
 
     source: str
     signs: tuple[JointSigns, ...]
-    mistake: causes.LikelyCause | None
+    causes: tuple[estimators.Cause, ...]
     delay: TorqueDelay | None
     notices: tuple[Notice, ...]
 
 
-_SUSPICIOUS = 30.0
-"""Percent of held-out torque left unexplained, from which causes are looked for."""
-
-
-def describe_proportion(first: str, second: str, file: str = "") -> Notice:
-    """Return a notice on two joints that move in proportion."""
-    text = (
-        f"joints {first!r} and {second!r} move in proportion throughout, so that their parameters "
-        "cannot be separated: move each joint on its own as well"
+def judge_log(library: Library, recording: log_files.Recording, robot: Robot) -> estimators.Evidence | None:
+    """Return the evidence of a fit to one log with chosen settings, as an identification has it."""
+    settings = replace(robot.processing, automatic=True)
+    study = plan_fit(library, [recording], settings, rows="torque", estimator=None).study
+    if study is None:
+        return None
+    fit = estimators.RegressionFit(
+        values=study.fit.values,
+        covariance=study.fit.changes.T @ study.fit.changes,
+        residuals=np.empty(0),
+        spent=0,
+        condition=0.0,
+        weights=study.fit.weights,
     )
-    return Notice(code="log.in-proportion", text=text, file=file)
+    return collect_evidence(library, study, fit, robot=robot, transmission=recording.transmission)
 
 
 def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     """Return what is odd in the channels of the log behind `fit`."""
     file = fit.recording.source
-    notices = tuple(
-        describe_proportion(robot.axes[first].name, robot.axes[second].name, file)
-        for first, second in causes.list_proportions(fit.dq, fit.moving)
-    )
     signs = estimate_signs(fit, library, robot)
-    mistake: causes.LikelyCause | None = None
-    if not notices:
-        usual = regression.choose_filters(replace(fit.processing, automatic=True), [fit.recording]).processing
-        logs = causes.build_quick_logs(library, [fit.recording], usual, measure_scoring_band([fit.recording]))
-        before = causes.fit_quick(logs)
-        if before.percent > _SUSPICIOUS or causes.mask_impossible(logs, before).any():
-            # A log that fits badly has negative values by chance, too.
-            likeliest = causes.find_cause(logs, before, cures=before.percent <= _SUSPICIOUS)
-            mistake = likeliest if np.isfinite(likeliest.percent) else None
-    if mistake is not None:
-        text = f"{mistake.cause}: undone, {mistake.effect}; {mistake.remedy}"
-        notices += (Notice(code=mistake.code, text=text, file=file),)
+    evidence = judge_log(library, fit.recording, robot)
+    notices: tuple[Notice, ...] = ()
+    found: tuple[estimators.Cause, ...] = ()
+    if evidence is not None:
+        pairs, found = evidence.in_proportion, evidence.causes
+        notices = tuple(diagnostics.describe_proportion(*pair, file) for pair in pairs)
+    if len(found) == 1:
+        (cause,) = found
+        text = (
+            f"{cause.cause}: undone, {cause.after:.3g} % is left of held-out torque, not {cause.before:.3g} %; "
+            f"{cause.remedy}"
+        )
+        notices += (Notice(code=cause.code, text=text, file=file),)
+    elif found:
+        text = f"one of these would explain what is left: {'; or '.join(entry.cause for entry in found)}"
+        notices += (Notice(code="log.several-causes", text=text, file=file),)
     odd = [
         entry
         for entry in signs
@@ -405,7 +409,7 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
                 "delay"
             )
             notices = (Notice(code="log.torque-delay", text=text, file=file),)
-    return LogCheck(source=file, signs=signs, mistake=mistake, delay=delay, notices=notices)
+    return LogCheck(source=file, signs=signs, causes=found, delay=delay, notices=notices)
 
 
 IDENTIFIABLE, POORLY, NOT_IDENTIFIABLE = "identifiable", "poorly identifiable", "not identifiable"

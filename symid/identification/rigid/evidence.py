@@ -1,0 +1,299 @@
+"""What speaks for a fit of a rigid robot: prediction, consistency, physics; all from its condensed logs.
+
+Study, values of the fit -> `Evidence`.
+
+    prediction    100 |y - Y x_(-f)| / max(|y|, |Y x|) of every joint within the scoring band, f the fold of the row
+    consistency   two estimates from different rows: halves of a log, a log and the others, slow and fast rows, the
+                  band taken and half of it; `agree` says same, different, or cannot be said
+    physics       rotor inertias, friction and mass matrices that no robot has, surely (p below the alarm level)
+                  and not small; then the fit is bounded, and what that leaves counts
+
+Joints at rest and joints without a torque count nowhere. Of several logs, whole logs are held out where each
+of them determines the parameters well enough to be compared with the others.
+
+Supported: torque, momentum and filtered rows with any estimator; it is judged by least squares, or
+instruments, of torque rows within the same band.
+Not supported: evidence for power and energy rows.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from symid.arrays import FloatArray
+from symid.codegen import Library
+from symid.errors import Notice
+from symid.identification import diagnostics, estimators, judge, regression
+from symid.identification.judge import POLICY, Agreement
+from symid.identification.regression import BlockFit, ThinMotion
+from symid.identification.rigid.settings_choice import Study
+from symid.joint_models import is_braking
+from symid.robot import Robot
+
+_POSES = 60
+"""Of the logs, at which mass matrices are looked at."""
+
+
+def collect_evidence(
+    library: Library,
+    study: Study,
+    fit: estimators.RegressionFit,
+    *,
+    whole: bool = True,
+    robot: Robot | None = None,
+    transmission: FloatArray | None = None,
+) -> estimators.Evidence:
+    """Return the evidence for a fit; `whole` whether all its parameters are identifiable.
+
+    Without the `robot` no bodies that exist are tried, nor is gravity as a cause. `transmission` (n, n) as in
+    `Recording`.
+    """
+    names, logs = [joint.name for joint in library.card.joints], study.logs
+    tests, logwise = list_tests(library, study, names)
+    folds = study.fit.folds[logs.fold]
+    if logwise:
+        runs = np.unique(logs.log).tolist()
+        others = [logs.fit(study.sums, study.classes, logs.log != run, study.fit.weights) for run in runs]
+        folds = np.stack([entry.values for entry in others])[logs.log]
+    motion = logs.motion
+    impossible = list_impossible(library, study, motion, fit, whole=whole)
+    found = estimators.Evidence(
+        joints=list_joints(study, fit.values, folds, names),
+        scoring=study.choice.scoring,
+        stretches=int(logs.fold.max()) + 1,
+        logs=int(logs.log.max()) + 1 if logwise else 0,
+        tests=tests,
+        impossible=impossible,
+        bounded=measure_bounded(study, robot, library) if impossible else 0.0,
+        in_proportion=tuple((names[j], names[k]) for j, k in logs.list_proportions()),
+        period=logs.repeats,
+        covered=tuple(
+            estimators.JointRange(
+                joint=name,
+                low=float(motion.q[:, joint].min()),
+                high=float(motion.q[:, joint].max()),
+                speed=float(np.abs(motion.dq[:, joint]).max()),
+                acceleration=float(np.abs(motion.ddq[:, joint]).max()),
+            )
+            for joint, name in enumerate(names)
+        ),
+    )
+    return replace(found, causes=list_causes(library, study, motion, found, robot, transmission))
+
+
+def list_causes(
+    library: Library,
+    study: Study,
+    motion: ThinMotion,
+    evidence: estimators.Evidence,
+    robot: Robot | None,
+    transmission: FloatArray | None,
+) -> tuple[estimators.Cause, ...]:
+    """Return what explains the logs better: all is tried where something is odd, gravity always."""
+    odd = bool(evidence.impossible) or evidence.unexplained > POLICY.good
+    odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
+    odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in evidence.tests)
+    turned = [] if robot is None else list(diagnostics.list_gravity(library, motion, robot, study.logs.fold))
+    call = library, motion, study.logs.fold
+    found = diagnostics.find_causes(*call, turned)
+    if odd or found:
+        mistakes = diagnostics.list_mistakes(library, motion, transmission)
+        terms = diagnostics.list_terms(library, motion, study.fit.values)
+        every = [*turned, *mistakes, *terms]
+        found = diagnostics.find_causes(*call, every, impossible=bool(evidence.impossible))
+    differ = [
+        test for test in evidence.tests if test.what == "logs" and test.verdict == Agreement.DIFFERENT.value
+    ]
+    if differ and not found:
+        worst = max(differ, key=lambda test: test.size)
+        before = max(entry.held_out for entry in evidence.joints)
+        found = (
+            estimators.Cause(
+                code="log.contradiction",
+                family="logs",
+                cause=f"the logs contradict each other, log {worst.part} the others most",
+                remedy="identify each log alone and compare them: a payload, another robot, other friction or units",
+                before=before,
+                after=before,
+                p=worst.p,
+            ),
+        )
+    return found
+
+
+def list_joints(
+    study: Study, values: FloatArray, folds: FloatArray, names: Sequence[str]
+) -> tuple[estimators.JointEvidence, ...]:
+    """Return what is left of every joint by the fit, and by the fits without each block (b, p)."""
+    logs, sums = study.logs, study.logs.scores[1]
+    fitted = regression.measure_left(sums, np.broadcast_to(values, folds.shape)).sum(axis=1)
+    held = regression.measure_left(sums, folds).sum(axis=1)
+    found = []
+    for joint, (name, live, table) in enumerate(zip(names, sums.live, sums.squares, strict=True)):
+        torque = float(logs.torque[joint])
+        if torque <= 0.0:
+            continue
+        own = values[live]
+        model = float(np.einsum("k,bkl,l->", own, table[:, 0, :-1, :-1], own))
+        # The larger torque counts: a log almost without one explains nothing.
+        size, rows = max(torque, model), sums.counts[joint].sum(axis=0)
+        parts = held[joint, -1], held[joint, 0] - held[joint, -1]
+        counts = rows[-1], rows[0] - rows[-1]
+        moving, slow = (
+            100.0 * float(np.sqrt(max(left, 0.0) / count * rows[0] / size)) if count else float("inf")
+            for left, count in zip(parts, counts, strict=True)
+        )
+        used = study.sums.counts[joint].sum(axis=0)
+        found.append(
+            estimators.JointEvidence(
+                joint=name,
+                fitted=100.0 * float(np.sqrt(fitted[joint, 0] / size)),
+                held_out=100.0 * float(np.sqrt(held[joint, 0] / size)),
+                moving=moving,
+                slow=slow,
+                share=1.0 - float(used[study.classes[joint]] / used[0]),
+                torque=float(np.sqrt(torque / rows[0])),
+            )
+        )
+    return tuple(found)
+
+
+def list_tests(
+    library: Library, study: Study, names: Sequence[str]
+) -> tuple[tuple[estimators.ConsistencyTest, ...], bool]:
+    """Return what estimates from different rows say of each other, and whether whole logs can be held out."""
+    logs, count, grams = study.logs, len(names), study.logs.list_grams()
+    friction = grams.copy()
+    inertial = len(library.card.beta)
+    friction[:, :inertial] = friction[:, :, :inertial] = 0.0
+    found: list[tuple[str, str, int, judge.Difference]] = []
+
+    def compare(
+        what: str, part: str, one: BlockFit, other: BlockFit, tables: FloatArray
+    ) -> list[judge.Difference]:
+        differences = judge.agree(one.values - other.values, one.changes - other.changes, tables, logs.torque)
+        found.extend(
+            (what, part, joint, entry) for joint, entry in enumerate(differences) if logs.torque[joint]
+        )
+        return [entry for joint, entry in enumerate(differences) if logs.torque[joint]]
+
+    def fit(blocks: NDArray[np.bool_]) -> BlockFit:
+        return logs.fit(study.sums, study.classes, blocks, study.fit.weights)
+
+    runs = np.unique(logs.log).tolist()
+    logwise = len(runs) > 1
+    for run in runs if logwise else ():
+        told = compare("logs", str(run + 1), fit(logs.log == run), fit(logs.log != run), grams)
+        logwise = logwise and all(entry.verdict is not Agreement.OPEN for entry in told)
+        if len(runs) == 2:
+            # The second one with the first says the same.
+            break
+    if len(runs) == 1:
+        half = logs.fold < 0.5 * (logs.fold.max() + 1)
+        compare("halves", "", fit(half), fit(~half), grams)
+    level = int(np.argmin(np.abs(np.array(logs.bands) - study.choice.chosen.band)))
+    if level > 1:
+        smooth = study.choice.chosen.instruments or study.choice.chosen.band
+        lower = min(int(np.argmin(np.abs(np.array(logs.bands) - smooth))), level - 1)
+        compare("band", "", study.fit, logs.fit(logs.sum_products(level - 1, lower), study.classes), grams)
+    last = logs.limits.shape[1] - 1
+    if last:
+        every, fast = (logs.fit(study.sums, [share] * count, None, study.fit.weights) for share in (0, last))
+        compare("slow rows", "", every, fast, friction)
+    chances = judge.adjust_chances([entry.p for *_, entry in found])
+    tests = []
+    for (what, part, joint, entry), p in zip(found, chances, strict=True):
+        sure = replace(entry, p=p)
+        tests.append(
+            estimators.ConsistencyTest(
+                what=what,
+                joint=names[joint],
+                part=part,
+                verdict=sure.verdict.value,
+                size=100.0 * sure.size,
+                bound=100.0 * sure.bound,
+                p=p,
+            )
+        )
+    return tuple(tests), logwise
+
+
+def list_impossible(
+    library: Library, study: Study, motion: ThinMotion, fit: estimators.RegressionFit, *, whole: bool
+) -> tuple[str, ...]:
+    """Return in words what no robot can have, where it is sure and matters for a joint's torque."""
+    card, sums, values = library.card, study.logs.scores[1], fit.values
+    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    sizes = np.zeros(len(values))
+    for live, table, torque in zip(sums.live, sums.squares, study.logs.torque, strict=True):
+        if torque > 0.0:
+            squares = np.diagonal(table[:, 0, :-1, :-1].sum(axis=0)) / torque
+            sizes[live] = np.maximum(sizes[live], np.sqrt(squares) * np.abs(values[live]))
+    # Deviations that none of so many values falls below by chance.
+    limit = -float(scipy.special.ndtri(POLICY.alarm / len(values)))
+    found = []
+    for place, entry in enumerate((*card.beta, *card.friction)):
+        friction = place >= len(card.beta) and is_braking(entry.name)
+        rotor = place < len(card.beta) and entry.name.startswith("IA")
+        surely = deviations[place] > 0.0 and values[place] < -limit * deviations[place]
+        if (friction or rotor) and surely and sizes[place] > POLICY.relevance:
+            what = "friction drives the joint" if friction else "a rotor has a negative inertia"
+            found.append(f"{entry.name} = {values[place]:.3g} {entry.unit}: {what}")
+    if not whole:
+        return tuple(found)
+    count = len(card.beta)
+    places = np.linspace(0, len(motion.q) - 1, _POSES).astype(int)
+    # (t, i, j, k): row i of column j of M at pose t, of each base parameter.
+    columns = diagnostics.evaluate_inertia_columns(library, np.ascontiguousarray(motion.q[places]))
+    mass = np.stack(list(columns), axis=2)
+    matrices = mass @ values[:count]
+    least, vectors = np.linalg.eigh((matrices + matrices.swapaxes(1, 2)) / 2.0)
+    weakest = vectors[:, :, 0]
+    row = np.einsum("ti,tijk,tj->tk", weakest, mass, weakest)
+    spreads = np.sqrt(np.maximum(np.einsum("tk,kl,tl->t", row, fit.covariance[:count, :count], row), 0.0))
+    bad = int(np.sum(least[:, 0] < -limit * spreads))
+    # The largest part of a joint's torque, in root mean squares, that negative inertia takes.
+    negative = np.minimum(least, 0.0)
+    torques = np.einsum("tij,tj,tkj,tk->ti", vectors, negative, vectors, motion.ddq[places])
+    part, torque = (np.sqrt(np.mean(entry**2, axis=0)) for entry in (torques, motion.tau[places]))
+    if bad and np.max(part / np.where(torque > 0.0, torque, np.inf)) > POLICY.relevance:
+        found.append(f"the mass matrix is not positive definite at {bad} of {_POSES} poses of the logs")
+    return tuple(found)
+
+
+def measure_bounded(study: Study, robot: Robot | None, library: Library) -> float:
+    """Return the percent of held-out torque that a fit of bodies that exist leaves, mean over joints.
+
+    The fit to all rows is bounded; it is scored as the free fit is, and what that loses when held out is added.
+    Without a robot rotors and friction alone are bounded.
+    """
+    logs, sums = study.logs, study.sums
+    pairs = [table[:, share].sum(axis=0) for table, share in zip(sums.squares, study.classes, strict=True)]
+    whole = sums.join(pairs, study.fit.weights)
+    scaled, scales = regression.scale_products(whole)
+    triangle = np.linalg.cholesky(scaled).T / np.where(scales > 0.0, scales, np.inf)
+    centre = regression.solve_products(whole)
+    if robot is not None:
+        bounded = estimators.solve_consistent(triangle, centre, estimators.build_bodies(robot)).values
+    else:
+        names = [entry.name for entry in (*library.card.beta, *library.card.friction)]
+        low = [0.0 if is_braking(name) or name.startswith("IA") else -np.inf for name in names]
+        bounded = scipy.optimize.lsq_linear(triangle[:, :-1], triangle[:, -1], (low, np.inf)).x
+    moving = logs.torque > 0.0
+    left, free, held = (
+        regression.measure_left(logs.scores[1], values)[:, :, 0].sum(axis=1)[moving] / logs.torque[moving]
+        for values in (
+            np.broadcast_to(bounded, (len(logs.log), len(bounded))),
+            np.broadcast_to(centre, (len(logs.log), len(centre))),
+            study.fit.folds[logs.fold],
+        )
+    )
+    return 100.0 * float(np.mean(np.minimum(1.0, np.sqrt(left + np.maximum(held - free, 0.0)))))
+
+
+def warn_of_evidence(evidence: estimators.Evidence) -> tuple[Notice, ...]:
+    """Return warnings of joints that move in proportion."""
+    return tuple(diagnostics.describe_proportion(*pair) for pair in evidence.in_proportion)
