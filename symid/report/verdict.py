@@ -146,8 +146,8 @@ def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
 
 
 _OWN = "the logs of the fit"
-_TERM = "identify.structure"
-"""Code of a cause that is a term which the model lacks: no mistake of the log."""
+_LACKING = ("identify.structure", "robot.no-friction")
+"""Codes of causes that are terms which the model lacks: no mistakes."""
 _SAME, _DIFFERENT = "same", "different"
 
 
@@ -194,7 +194,7 @@ def _list_causes(evidence: Evidence, percent: float) -> Caps:
     if not evidence.causes:
         return []
     worst = max(entry.before for entry in evidence.causes)
-    if len(evidence.causes) > 1 or evidence.causes[0].code == _TERM:
+    if len(evidence.causes) > 1 or evidence.causes[0].code in _LACKING:
         level = min("usable", _rate(min(worst, POLICY.lost)), key=LEVELS.index)
         said = "; or ".join(entry.cause for entry in evidence.causes)
         return [
@@ -218,12 +218,16 @@ def _list_contradictions(evidence: Evidence) -> Caps:
     """Return what estimates from different rows contradict, or what cannot be tested."""
     caps: Caps = []
     for what, words in _WHAT.items():
-        tests = [entry for entry in evidence.tests if entry.what == what]
+        # Of a joint that is not explained nothing else needs to be tested.
+        known = {entry.joint for entry in evidence.joints if entry.held_out <= POLICY.usable}
+        tests = [entry for entry in evidence.tests if entry.what == what and entry.joint in known]
         differ = [entry for entry in tests if entry.verdict == _DIFFERENT]
         if differ:
             worst = max(entry.size for entry in differ)
             names = ", ".join(dict.fromkeys(entry.joint for entry in differ))
             text = f"{words} contradict each other, by up to {worst:.3g} % of a torque ({names})"
+            if what == "logs":
+                text += ": a payload, another robot, other friction or units; compare fits to each log alone"
             caps.append(("usable" if worst <= POLICY.good else "doubtful", text))
         elif any(entry.verdict != _SAME for entry in tests):
             worst = max(entry.bound for entry in tests)
@@ -291,7 +295,7 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     details += words
     verdict = _limit(level, headline, details, caps)
     causes = () if evidence is None else evidence.causes
-    if len(causes) != 1 or causes[0].code == _TERM:
+    if len(causes) != 1:
         return verdict if not causes else replace(verdict, cause="", remedy="")
     cause, remedy = causes[0].cause, causes[0].remedy
     return replace(

@@ -104,23 +104,6 @@ def list_causes(
         terms = diagnostics.list_terms(library, motion, study.fit.values)
         every = [*turned, *mistakes, *terms]
         found = diagnostics.find_causes(*call, every, impossible=bool(evidence.impossible))
-    differ = [
-        test for test in evidence.tests if test.what == "logs" and test.verdict == Agreement.DIFFERENT.value
-    ]
-    if differ and not found:
-        worst = max(differ, key=lambda test: test.size)
-        before = max(entry.held_out for entry in evidence.joints)
-        found = (
-            estimators.Cause(
-                code="log.contradiction",
-                family="logs",
-                cause=f"the logs contradict each other, log {worst.part} the others most",
-                remedy="identify each log alone and compare them: a payload, another robot, other friction or units",
-                before=before,
-                after=before,
-                p=worst.p,
-            ),
-        )
     return found
 
 
