@@ -78,6 +78,7 @@ if TYPE_CHECKING:
         mask_fast as mask_fast,
         measure_bands as measure_bands,
         measure_load_gain as measure_load_gain,
+        count_spoilt as count_spoilt,
         measure_moving_ends as measure_moving_ends,
         outline_motion as outline_motion,
         predict_outlines as predict_outlines,

@@ -33,7 +33,12 @@ from symid.codegen import Library
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression.equations import evaluate_columns
 from symid.identification.regression.identifiability import list_resting_joints
-from symid.identification.regression.preparation import measure_bands, prepare_states
+from symid.identification.regression.preparation import (
+    count_spoilt,
+    measure_bands,
+    measure_moving_ends,
+    prepare_states,
+)
 from symid.logs import Recording, cut_recording, differentiate, estimate_density, low_pass
 from symid.robot import Processing
 
@@ -522,11 +527,15 @@ def _build_piece(
     cutoff: float | None,
 ) -> _Piece:
     """Return the rows of a piece of a log within all bands."""
-    rate, samples = 1.0 / recording.period, len(recording.time) - processing.drop_first - processing.drop_last
-    step = max(1, round(rate / ROW_RATE))
-    ends = round(min(ENDS * rate, PART * samples) / step) * step
-    places = np.arange(ends, samples - ends, step)
-    settings = replace(processing, automatic=False)
+    rate, settings = 1.0 / recording.period, replace(processing, automatic=False)
+    # Where filters extrapolate: of the positions at any end, of the scoring band where joints move there.
+    spoilt = count_spoilt(cutoff, recording.period)
+    drop = max(spoilt, settings.drop_first), max(spoilt, settings.drop_last)
+    settings = replace(settings, drop_first=drop[0], drop_last=drop[1])
+    ends = measure_moving_ends(replace(settings, filter_cutoff=bands[SCORING]), [recording])
+    samples, step = len(recording.time) - sum(drop), max(1, round(rate / ROW_RATE))
+    first, last = (round(min(count, PART * samples) / step) * step for count in ends)
+    places = np.arange(first, samples - last, step)
     signals = prepare_states(library, recording, replace(settings, filter_cutoff=cutoff))
     most = max(1.0, rate / (_RATE * cutoff)) if cutoff else 1.0
     thin = max(k for k in range(1, step + 1) if step % k == 0 and k <= most)

@@ -153,6 +153,11 @@ _MOVING = 0.05
 """Of the top speed, beyond which a joint moves."""
 
 
+def count_spoilt(cutoff: float | None, period: float) -> int:
+    """Return how many samples, `period` s apart, a low-pass at `cutoff` Hz extrapolates at an end."""
+    return math.ceil(_PERIODS / cutoff / period) if cutoff else 0
+
+
 def measure_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[int, int]:
     """Return how many samples are wrong at start and end of the logs, 0 where all of them rest there.
 
@@ -161,7 +166,7 @@ def measure_moving_ends(processing: Processing, recordings: Sequence[Recording])
     """
     cutoff, found = processing.filter_cutoff, [0, 0]
     for recording in recordings if cutoff is not None else ():
-        spoilt = math.ceil(_PERIODS / (cutoff or 1.0) / recording.period)
+        spoilt = count_spoilt(cutoff, recording.period)
         span = max(1, round(spoilt / _PERIODS))
         speed = np.abs(recording.position[span:] - recording.position[:-span])
         if len(speed):

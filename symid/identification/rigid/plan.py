@@ -4,7 +4,7 @@ Options, robot -> checked options, `EstimatorOptions`. Library, recordings, Proc
 
     rows        one sample in r = 0.4 rate / band, so that decimation passes what lies within the band
     cut-off     at which noise and blur of the velocities are equal
-    ends        two periods of the cut-off, where a log begins or ends in motion
+    ends        two periods of the cut-off; of that of instruments, where a log begins or ends in motion
 
 Supported: any settings stated, the others chosen around them.
 Not supported: a choice for power and energy rows, and for logs with fewer rows than parameters
@@ -20,7 +20,13 @@ import numpy as np
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
 from symid.identification import estimators, judge
-from symid.identification.regression import SCALAR_KINDS, choose_filters, condensing, measure_moving_ends
+from symid.identification.regression import (
+    SCALAR_KINDS,
+    choose_filters,
+    condensing,
+    count_spoilt,
+    measure_moving_ends,
+)
 from symid.identification.rigid.settings_choice import PASSED, Study, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording
@@ -176,17 +182,15 @@ def _find_rests(recordings: Sequence[Recording]) -> bool:
 
 
 def cut_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> Processing:
-    """Return the settings with ends cut off where a log moves there, by the lowest cut-off that is used.
+    """Return the settings with ends cut off where filters extrapolate: of instruments where a log moves there.
 
     Instruments lose a twentieth of the shortest log at most; what is stated is never cut less.
     """
     cutoff = processing.instrument_cutoff or processing.filter_cutoff
     ends = measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)
-    if processing.instrument_cutoff:
-        most = round(condensing.PART * min(len(entry.time) for entry in recordings))
-        usual = measure_moving_ends(processing, recordings)
-        ends = max(usual[0], min(ends[0], most)), max(usual[1], min(ends[1], most))
-    first, last = ends
+    most = round(condensing.PART * min(len(entry.time) for entry in recordings))
+    spoilt = max(count_spoilt(processing.filter_cutoff, entry.period) for entry in recordings)
+    first, last = (max(spoilt, min(end, most)) for end in ends)
     return replace(
         processing,
         drop_first=max(first, processing.drop_first or 0),
