@@ -42,7 +42,7 @@ class GravityEstimate:
 
     Args:
         direction: (3,) gravity in the base frame in m/s^2, of the length that the file states.
-        turn: rad, from the file's direction.
+        turn: rad, from the file's direction, 0 where it states none.
         deviation: rad, of what the log shows of the direction, by the jackknife over stretches.
         left, left_before: (n,) squares of torque that are left with it, and with the file's.
         tau: (T, n) torques as they would be under the file's gravity: those of a stretch changed by the
@@ -88,26 +88,31 @@ class _Model(NamedTuple):
         none = np.zeros(len(left))
         return np.divide(self.counts, left + _ROUNDING * self.size, out=none, where=self.size > 0.0)
 
+    def build_equations(
+        self, direction: FloatArray, weights: FloatArray, *more: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the columns of the unknowns, with `more` behind them, and their normal equations."""
+        design = np.column_stack([np.tensordot((1.0, *direction), self.lift, 1), *more])
+        whole = np.tensordot(weights, self.sums, 1)
+        square = design.T @ whole[:-1, :-1] @ design + np.eye(design.shape[1])
+        return design, square, design.T @ whole[:-1, -1]
+
     def fit(self, direction: FloatArray, weights: FloatArray) -> _Fit:
         """Return the fit at a direction."""
-        design = np.tensordot((1.0, *direction), self.lift, 1)
-        whole = np.tensordot(weights, self.sums, 1)
-        square = design.T @ whole[:-1, :-1] @ design + np.eye(design.shape[1])
-        values = np.linalg.solve(square, design.T @ whole[:-1, -1])
+        design, square, right = self.build_equations(direction, weights)
+        values = np.asarray(np.linalg.solve(square, right))
         errors = np.append(design @ values, -1.0)
-        left = np.maximum(self.sums @ errors @ errors, 0.0)
+        left: FloatArray = np.maximum(self.sums @ errors @ errors, 0.0)
         there = self.size > 0.0
-        loss = self.counts[there] @ np.log(left / np.where(there, self.size, 1.0) + _ROUNDING)[there]
-        return _Fit(direction, values, left, loss + values @ values + np.sum((direction - self.before) ** 2))
+        loss = float(self.counts[there] @ np.log(left[there] / self.size[there] + _ROUNDING))
+        loss += float(values @ values + np.sum((direction - self.before) ** 2))
+        return _Fit(direction, values, left, loss)
 
     def turn(self, fit: _Fit, weights: FloatArray) -> tuple[FloatArray, float]:
-        """Return the direction after a step, and log det of the information on the two angles."""
+        """Return the direction after a step, and log det of the information on its two angles."""
         across = np.linalg.svd(fit.direction[None])[2][1:].T
-        design = np.tensordot((1.0, *fit.direction), self.lift, 1)
-        design = np.hstack([design, (self.lift[1:] @ fit.values).T @ across])
-        whole = np.tensordot(weights, self.sums, 1)
-        square = design.T @ whole[:-1, :-1] @ design + np.eye(design.shape[1])
-        right = design.T @ whole[:-1, -1]
+        slopes = (self.lift[1:] @ fit.values).T @ across
+        _, square, right = self.build_equations(fit.direction, weights, slopes)
         right[-2:] += across.T @ self.before
         found = np.linalg.solve(square, np.column_stack([right, np.eye(len(right))[:, -2:]]))[-2:]
         moved = fit.direction + across @ found[:, 0]
