@@ -18,7 +18,7 @@ from symid.codegen.functions import list_robot_specs
 from symid.codegen.programs import count_operations
 from symid.codegen.routes import choose_route
 from symid.dynamics.base_parameters import derive_base_parameters
-from symid.dynamics.regressors import derive_energy
+from symid.dynamics.lagrange import derive_energy
 from symid.robot.description import Joint, Robot
 from symid.robot.loading import locate_robot_file
 from symid.robot.toml_reader import read_robot

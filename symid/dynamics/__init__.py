@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         compute_drive_energy as compute_drive_energy,
         compute_mass_matrix as compute_mass_matrix,
         gather_body as gather_body,
+        list_drive_parameters as list_drive_parameters,
         transform_body as transform_body,
     )
     from symid.dynamics.exact_algebra import (
@@ -60,6 +61,12 @@ if TYPE_CHECKING:
     from symid.dynamics.friction_effects import (
         compute_friction_columns as compute_friction_columns,
         get_friction as get_friction,
+    )
+    from symid.dynamics.lagrange import (
+        ExactEnergy as ExactEnergy,
+        derive_energy as derive_energy,
+        derive_torque_columns as derive_torque_columns,
+        evaluate_torque_columns as evaluate_torque_columns,
     )
     from symid.dynamics.nearest_bodies import (
         PSEUDO_INERTIA_FORMS as PSEUDO_INERTIA_FORMS,
@@ -105,16 +112,15 @@ if TYPE_CHECKING:
         transform_wrench as transform_wrench,
     )
     from symid.dynamics.regressors import (
+        WEIGHED as WEIGHED,
         Columns as Columns,
-        ExactEnergy as ExactEnergy,
         compute_body_energy as compute_body_energy,
         compute_energy_regressor as compute_energy_regressor,
         compute_lagrange_columns as compute_lagrange_columns,
         compute_momentum_columns as compute_momentum_columns,
         compute_torque_columns as compute_torque_columns,
-        derive_energy as derive_energy,
-        derive_torque_columns as derive_torque_columns,
-        evaluate_torque_columns as evaluate_torque_columns,
+        evaluate_torque_regressor as evaluate_torque_regressor,
+        evaluate_weight_columns as evaluate_weight_columns,
     )
     from symid.dynamics.regrouping import (
         OpenReading as OpenReading,

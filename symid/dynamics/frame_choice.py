@@ -17,11 +17,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from symid.arrays import FloatArray
-from symid.dynamics.algebra import Algebra, FloatAlgebra, RobotState, T, spread_coordinates
+from symid.dynamics.algebra import Algebra, T
 from symid.dynamics.bodies import Parameters, gather_body, rotate_tensor_about_z
-from symid.dynamics.recursion import Recursion, build_recursion, compute_motions, fold_vector
-from symid.dynamics.regressors import compute_torque_columns
+from symid.dynamics.recursion import Recursion, compute_motions
+from symid.dynamics.regressors import evaluate_torque_regressor
 from symid.errors import Notice
 from symid.notation import INERTIAL
 from symid.robot import ONE, ZERO, Exact, Joint, JointKind, Robot
@@ -139,20 +138,6 @@ _SEED = 20240
 _SMALLEST_SINGULAR = 1e-9
 
 
-def _compute_torque_regressor(robot: Robot, motion: tuple[FloatArray, ...]) -> FloatArray:
-    """Return the columns of all standard parameters (links, 10, joints, states) from q, dq, ddq."""
-    algebra, count = FloatAlgebra(dict(robot.symbols)), motion[0].shape[1]
-    q, dq, ddq = (spread_coordinates(robot, algebra, list(rows))[: robot.size] for rows in motion)
-    sine, cosine = (tuple(map(wave, q)) for wave in (np.sin, np.cos))
-    state = RobotState(sine=sine, cosine=cosine, position=q, velocity=dq, acceleration=ddq)
-    keys = [(link, name) for link in range(robot.size) for name in INERTIAL]
-    recursion = replace(build_recursion(robot, algebra, state), meet=lambda link: link)
-    found = compute_torque_columns(recursion, keys)
-    columns = [fold_vector(robot, algebra, found[key]) for key in keys]
-    rows = [[np.broadcast_to(entry, (count,)) for entry in column] for column in columns]
-    return np.array(rows).reshape(robot.size, len(INERTIAL), robot.freedom, count)
-
-
 def choose_reading(read: Callable[..., Robot]) -> Robot:
     """Return a robot with its angles rounded or, where that hides base parameters, as they are written.
 
@@ -166,25 +151,28 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
     exact = read(snap=0.0)
     # The same draws anywhere, for the ranks, and within the limits, for the torques: q, dq, ddq.
     motions = []
-    for limited in (False, True):
+    for bounded in (False, True):
         rng, usual = np.random.default_rng(_SEED), (-math.pi, math.pi)
-        ranges = [(axis.limits.position if limited else None) or usual for axis in exact.axes]
+        ranges = [(axis.limits.position if bounded else None) or usual for axis in exact.axes]
         low, high = np.array(ranges).T[..., None]
         q = low + (high - low) * rng.uniform(size=(exact.freedom, _STATES))
         motions.append((q, *(rng.uniform(-size, size, q.shape) for size in (2.0, 5.0))))
     ranks, torques = [], []
+    keys = [(link, name) for link in range(exact.size) for name in INERTIAL]
     for robot in (exact, rounded):
-        columns = _compute_torque_regressor(robot, motions[0])
-        matrix = columns.reshape(columns.shape[0] * columns.shape[1], -1)
-        lengths = np.linalg.norm(matrix, axis=1)
+        free, limited = (
+            evaluate_torque_regressor(robot, keys, *(part.T for part in motion)) for motion in motions
+        )
+        matrix = free.reshape(-1, len(keys))
+        lengths = np.linalg.norm(matrix, axis=0)
         kept = lengths > _SMALLEST_SINGULAR * lengths.max(initial=0.0)
-        singular = np.linalg.svd(matrix[kept] / lengths[kept, None], compute_uv=False)
+        singular = np.linalg.svd(matrix[:, kept] / lengths[kept], compute_uv=False)
         ranks.append(int((singular > _SMALLEST_SINGULAR * singular.max(initial=0.0)).sum()))
         values = np.array([joint.inertial or (0.0,) * len(INERTIAL) for joint in robot.joints])
-        torques.append(np.einsum("lpjs,lp->js", _compute_torque_regressor(robot, motions[1]), values))
+        torques.append(limited @ values.ravel())
     whole, left = ranks
-    largest = np.abs(torques[0]).max(axis=1)
-    differences = np.abs(torques[0] - torques[1]).max(axis=1)
+    largest = np.abs(torques[0]).max(axis=0)
+    differences = np.abs(torques[0] - torques[1]).max(axis=0)
     change = float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
     price = f"torques by at most {change:.1e} of each joint's largest"
     if whole == left:

@@ -1,4 +1,4 @@
-"""Regressors of energy, momentum, dL/dq, torque and Slotine-Li control, by the recursion and by Lagrange.
+"""Regressors of energy, momentum, dL/dq, torque and Slotine-Li control, by the recursion; in doubles too.
 
 Motion of a link -> its energy per standard parameter, T = hT pi and V = hV pi, in the order of
 `notation.INERTIAL`. Recursion, the parameters wanted as (link, name) -> a column over the joints for each.
@@ -12,23 +12,20 @@ frame, and u_j = -g' P_j:
 Where the recursion names no meeting, wrenches go down to every joint (column recursion); where it names the
 link itself, all screws come up to it (axis projection).
 
-Code comes from the recursion, in any algebra. The Lagrangian forms come from the energy alone, exactly, by
-differentiation; tests prove both to be the same. Robot -> `ExactEnergy`, polynomials of kinetic and
-potential energy per standard parameter, and
-    p = dT/ddq,    tau = dp/dt - dT/dq + dV/dq    (Lagrange).
+Code comes from the recursion, in any algebra; tests prove it to be the same as `lagrange`. Robot, arrays of
+states -> columns of torque and of weight in doubles, many states at once, without code and without SymPy.
 
-Supported: the ten standard parameters of each link, rotor inertias and springs; Lagrangian forms of all that
-the exact algebra supports, for long chains torques at exact rational points.
+Supported: the ten standard parameters of each link, rotor inertias and springs.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
-from sympy.polys.rings import PolyElement
+import numpy as np
 
+from symid.arrays import FloatArray
 from symid.dynamics import bodies
-from symid.dynamics.algebra import Algebra, Label, T, build_state
-from symid.dynamics.exact_algebra import ExactAlgebra, Number, build_exact_algebra, differentiate
+from symid.dynamics.algebra import Algebra, FloatAlgebra, Label, RobotState, T, spread_coordinates
 from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors, compute_link_wrench
 from symid.dynamics.recursion import (
     LinkMotion,
@@ -38,11 +35,11 @@ from symid.dynamics.recursion import (
     build_axis_screws,
     build_recursion,
     compute_screw_rates,
+    fold_vector,
     project_wrench,
     transform_screws,
 )
-from symid.notation import INERTIAL
-from symid.robot import JointKind, Robot
+from symid.robot import ONE, ZERO, Robot
 
 
 def compute_energy_regressor(
@@ -165,115 +162,38 @@ def compute_lagrange_columns(recursion: Recursion[T], keys: Sequence[Label]) -> 
     return {key: columns.get(key) or bodies.compute_drive_column(recursion, key, None, -1) for key in keys}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExactEnergy:
-    """Kinetic and potential energy per unit of each standard parameter, as polynomials."""
+def evaluate_torque_regressor(
+    robot: Robot, keys: Sequence[Label], q: FloatArray, dq: FloatArray, ddq: FloatArray
+) -> FloatArray:
+    """Return torques (N, n, keys) in N m or N per unit of each of `keys`, in the file's parameters.
 
-    robot: Robot
-    algebra: ExactAlgebra
-    kinetic: Mapping[Label, PolyElement]
-    potential: Mapping[Label, PolyElement]
-
-
-def derive_energy(robot: Robot) -> ExactEnergy:
-    """Return the exact energy regressors of all standard parameters (Gautier and Khalil 1988)."""
-    algebra = build_exact_algebra(robot)
-    state = build_state(robot, algebra, algebra.generators)
-    recursion = build_recursion(robot, algebra, state)
-    kinetic: dict[Label, PolyElement] = {}
-    potential: dict[Label, PolyElement] = {}
-    for link, motion in enumerate(recursion.motions):
-        for name, moving, resting in zip(INERTIAL, *compute_energy_regressor(algebra, motion), strict=True):
-            kinetic[link, name], potential[link, name] = moving, resting
-    for key in bodies.list_drive_parameters(robot):
-        kinetic[key], potential[key] = bodies.compute_drive_energy(recursion, key)
-    return ExactEnergy(robot=robot, algebra=algebra, kinetic=kinetic, potential=potential)
-
-
-def derive_momentum_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:
-    """Return p = dT/ddq per unit of each parameter."""
-    rates = [energy.algebra.generators[f"dq{k + 1}"] for k in energy.robot.coordinates]
-    return {key: [energy.kinetic[key].diff(rate) for rate in rates] for key in keys}
-
-
-def derive_lagrange_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:
-    """Return dL/dq = dT/dq - dV/dq per unit of each parameter."""
-    robot, algebra = energy.robot, energy.algebra
-    forms = {key: energy.kinetic[key] - energy.potential[key] for key in keys}
-    return {
-        key: [differentiate(robot, algebra, form, k) for k in robot.coordinates]
-        for key, form in forms.items()
-    }
-
-
-def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:
-    """Return tau = dp/dt - dL/dq per unit of each parameter."""
-    algebra, robot = energy.algebra, energy.robot
-    momenta = derive_momentum_columns(energy, keys)
-    forces = derive_lagrange_columns(energy, keys)
-    rates = {k: algebra.generators[f"dq{k + 1}"] for k in robot.coordinates}
-    accelerations = {k: algebra.generators[f"ddq{k + 1}"] for k in robot.coordinates}
-
-    def time_derivative(value: PolyElement) -> PolyElement:
-        parts = [differentiate(robot, algebra, value, j) * rates[j] for j in robot.coordinates]
-        parts += [value.diff(rates[j]) * accelerations[j] for j in robot.coordinates]
-        return algebra.reduce(sum(parts, algebra.zero))
-
-    return {
-        key: [time_derivative(p) - force for p, force in zip(momenta[key], forces[key], strict=True)]
-        for key in keys
-    }
-
-
-def _compute_gradient(polynomial: PolyElement, point: Sequence[Number]) -> dict[int, Number]:
-    """Return all first derivatives by generators at a point, in one pass over the terms."""
-    result: dict[int, Number] = {}
-    for monomial, coefficient in polynomial.items():
-        for index, exponent in enumerate(monomial):
-            if exponent:
-                value = coefficient * exponent * point[index] ** (exponent - 1)
-                for other, power in enumerate(monomial):
-                    if power and other != index:
-                        value *= point[other] ** power
-                result[index] = result.get(index, 0) + value
-    return result
-
-
-def evaluate_torque_columns(
-    energy: ExactEnergy, keys: Sequence[Label], values: Mapping[str, Number]
-) -> Columns[Number]:
-    """Return tau = dp/dt - dL/dq per unit of each parameter at one exact point.
-
-    `values` has a number of the ring's field for each generator; s^2 + c^2 = 1 must hold.
+    q (N, n) in rad or m, dq and ddq (N, n) or (n,), in the order of the coordinates.
     """
-    # Point, the time derivative of each generator, and d(generator)/dq as sparse columns.
-    names = [str(symbol) for symbol in energy.algebra.ring.symbols]
-    point = [values[name] for name in names]
-    rates = [0 * point[0]] * len(names)
-    robot, convert = energy.robot, energy.algebra.ring.domain.convert
-    by_coordinate: list[list[tuple[int, Number]]] = [[] for _ in robot.coordinates]
-    for k, joint in enumerate(robot.joints):
-        number = str(k + 1)
-        ((position, multiplier),) = robot.transmission[k]
-        factor = convert(multiplier.numerator) / convert(multiplier.denominator)
-        slopes = {"q" + number: factor} if "q" + number in names else {}
-        if joint.kind is JointKind.REVOLUTE:
-            slopes["s" + number] = factor * values["c" + number]
-            slopes["c" + number] = -factor * values["s" + number]
-        by_coordinate[position] += [(names.index(name), slope) for name, slope in slopes.items()]
-    for k, column in zip(robot.coordinates, by_coordinate, strict=True):
-        rates[names.index(f"dq{k + 1}")] = values[f"ddq{k + 1}"]
-        for index, slope in column:
-            rates[index] = slope * values[f"dq{k + 1}"]
-    momenta = derive_momentum_columns(energy, keys)
-    result: Columns[Number] = {}
-    for key in keys:
-        slope = _compute_gradient(energy.kinetic[key] - energy.potential[key], point)
-        entries = []
-        for k, column in enumerate(by_coordinate):
-            change = _compute_gradient(momenta[key][k], point)
-            entry = sum((part * rates[index] for index, part in change.items()), 0 * point[0])
-            pull = (slope[index] * factor for index, factor in column if index in slope)
-            entries.append(entry - sum(pull, 0 * point[0]))
-        result[key] = entries
+    algebra = FloatAlgebra(dict(robot.symbols))
+    position, velocity, acceleration = (
+        spread_coordinates(robot, algebra, list(rows.T))[: robot.size] for rows in (q, dq, ddq)
+    )
+    sine, cosine = (tuple(map(wave, position)) for wave in (np.sin, np.cos))
+    state = RobotState(sine, cosine, position, velocity, acceleration)
+    recursion = replace(build_recursion(robot, algebra, state), meet=lambda link: link)
+    result = np.empty((*q.shape, len(keys)))
+    for place, column in enumerate(compute_torque_columns(recursion, keys).values()):
+        for coordinate, entry in enumerate(fold_vector(robot, algebra, column)):
+            result[:, coordinate, place] = entry
     return result
+
+
+WEIGHED = ("MX", "MY", "MZ", "M")
+"""The parameters of a link that have a weight, in their order."""
+
+
+def evaluate_weight_columns(robot: Robot, q: FloatArray) -> FloatArray:
+    """Return what holds the robot at rest at q (N, n) in rad or m: (3, N, n, 4 links), in N m or N.
+
+    Per 1 m/s^2 of gravity along x, y and z of the base and per unit of each link's `WEIGHED` parameters;
+    springs apart. Gravity g makes sum_k g_k W_k pi.
+    """
+    keys = [(link, name) for link in range(robot.size) for name in WEIGHED]
+    axes, still = ((ONE, ZERO, ZERO), (ZERO, ONE, ZERO), (ZERO, ZERO, ONE)), np.zeros(robot.freedom)
+    robots = (replace(robot, gravity=axis) for axis in axes)
+    return np.stack([evaluate_torque_regressor(turned, keys, q, still, still) for turned in robots])

@@ -17,8 +17,9 @@ from symid.dynamics import compute_friction_columns
 from symid.dynamics.algebra import FloatAlgebra
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.exact_algebra import reduce_rows
+from symid.dynamics.lagrange import derive_energy
 from symid.dynamics.recursion import build_recursion
-from symid.dynamics.regressors import compute_torque_columns, derive_energy
+from symid.dynamics.regressors import compute_torque_columns
 from symid.joint_models import FrictionValues, list_value_names
 from symid.joint_models.carriers import build_numpy_carrier
 from symid.notation import INERTIAL

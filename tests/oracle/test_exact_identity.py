@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from symid.codegen.casadi_functions import build_functions
-from symid.dynamics import regressors
+from symid.dynamics import lagrange, regressors
 from symid.dynamics.algebra import build_state
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.dynamics.exact_algebra import PointAlgebra, choose_domain
@@ -28,20 +28,20 @@ def fold_columns(robot, algebra, columns):
 
 def assert_identical(robot):
     """All four regressors as polynomials in normal form: equal functions are equal objects."""
-    energy = regressors.derive_energy(robot)
+    energy = lagrange.derive_energy(robot)
     algebra, keys = energy.algebra, tuple(energy.kinetic)
     state = build_state(robot, algebra, algebra.generators)
     recursion = build_recursion(robot, algebra, state)
-    torque = regressors.derive_torque_columns(energy, keys)
+    torque = lagrange.derive_torque_columns(energy, keys)
     assert torque == fold_columns(robot, algebra, regressors.compute_torque_columns(recursion, keys))
     reference = (state.velocity, state.acceleration)
     assert torque == fold_columns(
         robot, algebra, regressors.compute_torque_columns(recursion, keys, reference)
     )
     momentum = fold_columns(robot, algebra, regressors.compute_momentum_columns(recursion, keys))
-    assert regressors.derive_momentum_columns(energy, keys) == momentum
-    lagrange = fold_columns(robot, algebra, regressors.compute_lagrange_columns(recursion, keys))
-    assert regressors.derive_lagrange_columns(energy, keys) == lagrange
+    assert lagrange.derive_momentum_columns(energy, keys) == momentum
+    forces = fold_columns(robot, algebra, regressors.compute_lagrange_columns(recursion, keys))
+    assert lagrange.derive_lagrange_columns(energy, keys) == forces
 
 
 @chains.each_robot(
@@ -57,12 +57,12 @@ def test_lagrange_equals_newton_euler_as_polynomials(robot):
 def assert_identical_at_a_point(robot, seed):
     """Return the columns, which are equal, at rational sines, cosines, lengths and rates."""
     values, _ = chains.draw_rational_state(robot, seed)
-    energy = regressors.derive_energy(robot)
+    energy = lagrange.derive_energy(robot)
     domain = energy.algebra.ring.domain
     values = {name: domain.convert(value) for name, value in values.items()}
     algebra = PointAlgebra(domain, values)
     recursion = build_recursion(robot, algebra, build_state(robot, algebra, values))
-    columns = regressors.evaluate_torque_columns(energy, tuple(energy.kinetic), values)
+    columns = lagrange.evaluate_torque_columns(energy, tuple(energy.kinetic), values)
     by_recursion = regressors.compute_torque_columns(recursion, tuple(energy.kinetic))
     assert columns == fold_columns(robot, algebra, by_recursion)
     return columns
@@ -75,8 +75,8 @@ def assert_identical_at_a_point(robot, seed):
 @example(chains.STANFORD)
 def test_functions_equal_the_exact_polynomials(robot):
     values, (q, dq, ddq) = chains.draw_rational_state(robot, 5)
-    energy, keys = regressors.derive_energy(robot), derive_base_parameters(robot).keys
-    torque = regressors.evaluate_torque_columns(energy, keys, values)
+    energy, keys = lagrange.derive_energy(robot), derive_base_parameters(robot).keys
+    torque = lagrange.evaluate_torque_columns(energy, keys, values)
     points = [values[str(symbol)] for symbol in energy.algebra.ring.symbols]
     rows = [[float(part[key](*points)) for key in keys] for part in (energy.kinetic, energy.potential)]
     algebra = PointAlgebra(choose_domain(robot), values)
@@ -133,8 +133,8 @@ def test_a_spring_of_a_follower_acts_on_its_master():
         arm.joints[1], mimic=Mimic(master=0, multiplier=Fraction(-2)), spring=Spring()
     )
     robot = dataclasses.replace(arm, joints=(arm.joints[0], follower))
-    energy = regressors.derive_energy(robot)
-    torque = regressors.derive_torque_columns(energy, [(1, "KS"), (1, "KR")])
+    energy = lagrange.derive_energy(robot)
+    torque = lagrange.derive_torque_columns(energy, [(1, "KS"), (1, "KR")])
     assert torque[1, "KS"] == [-2 * energy.algebra.generators["q2"]]
     assert torque[1, "KR"] == [-2 * energy.algebra.one]
     assert_identical(robot)
@@ -144,8 +144,8 @@ def test_a_coupled_rotor_turns_with_the_sum_of_its_joints():
     """T = IA (2 dq1 - dq2)^2 / 2: torques 2 IA (2 ddq1 - ddq2) and -IA (2 ddq1 - ddq2)."""
     coupling = Coupling(name="m", terms=((0, Fraction(2)), (1, Fraction(-1))), has_rotor=True)
     robot = dataclasses.replace(chains.TWO_LINK, couplings=(coupling,))
-    energy = regressors.derive_energy(robot)
-    torque = regressors.derive_torque_columns(energy, [(2, "IA")])[2, "IA"]
+    energy = lagrange.derive_energy(robot)
+    torque = lagrange.derive_torque_columns(energy, [(2, "IA")])[2, "IA"]
     first, second = (energy.algebra.generators[name] for name in ("ddq1", "ddq2"))
     assert torque == [2 * (2 * first - second), -(2 * first - second)]
     assert_identical(robot)

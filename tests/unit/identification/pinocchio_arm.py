@@ -1,6 +1,6 @@
 """Logs of an arm with three joints whose torques are Pinocchio's, of motions known in closed form."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -58,10 +58,12 @@ def record_arm(
     encoder: float = 1e-5,
     seconds: float = 20.0,
     friction: Callable[[np.ndarray], np.ndarray] = follow_coulomb,
+    gravity: Sequence[float] = (0.0, 0.0, -9.81),
 ) -> Recording:
-    """Return a log with white noise of the torques (N m) and positions (rad)."""
+    """Return a log with white noise of the torques (N m) and positions (rad), under `gravity` in m/s^2."""
     time, q, dq, ddq = draw_motion(seed, seconds)
     model = build_pinocchio(ARM, BODIES)
+    model.gravity.linear = np.array(gravity)
     data = model.createData()
     tau = np.array([pin.rnea(model, data, *state) for state in zip(q, dq, ddq, strict=True)]) + friction(dq)
     rng = np.random.default_rng(seed + 1000)
