@@ -186,6 +186,7 @@ def _identify_rigid(
                 rule=rule,
                 weights=weights,
                 echo=echo,
+                robot=rigid,
             )
 
         # Loads that friction reads, and that were not measured, follow from the estimate.

@@ -170,6 +170,11 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         if LEVELS.index(own) < LEVELS.index(level):
             caps.append((own, f"{entry.held_out:.3g} % of the torque of {entry.joint} is left unexplained"))
     caps += _list_contradictions(evidence)
+    caps += [
+        ("usable", f"gravity is turned by {entry.part} from the robot file's, or the zero of a joint is off")
+        for entry in evidence.tests
+        if entry.what == "gravity" and entry.verdict == _DIFFERENT
+    ]
     if evidence.impossible:
         bounded = min(_rate(evidence.bounded), "usable", key=LEVELS.index)
         caps.append(

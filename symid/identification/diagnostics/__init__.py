@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.identification.diagnostics import uncertainty as uncertainty
     from symid.identification.diagnostics.causes import (
+        estimate_gravity as estimate_gravity,
         find_causes as find_causes,
-        list_gravity as list_gravity,
         list_mistakes as list_mistakes,
         list_terms as list_terms,
+        suspect_gravity as suspect_gravity,
     )
     from symid.identification.diagnostics.fit_warnings import (
         build_warning as build_warning,
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
         warn_of_poorly_identifiable as warn_of_poorly_identifiable,
         warn_of_processing as warn_of_processing,
     )
+    from symid.identification.diagnostics.gravity import GravityEstimate as GravityEstimate
     from symid.identification.diagnostics.residual_structure import (
         FAMILIES as FAMILIES,
         OTHER_VALUES as OTHER_VALUES,

@@ -33,6 +33,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification import judge, regression
 from symid.identification.diagnostics.fit_warnings import evaluate_inertia_columns
+from symid.identification.diagnostics.gravity import GravityEstimate, find_gravity
 from symid.identification.diagnostics.residual_structure import FAMILIES, OTHER_VALUES, pick_motion
 from symid.identification.estimators import Cause
 from symid.identification.judge import POLICY
@@ -443,8 +444,30 @@ def list_mistakes(
         )
 
 
-def list_gravity(
+def estimate_gravity(
     library: Library, motion: ThinMotion, robot: Robot, fold: NDArray[np.intp]
-) -> Iterator[Hypothesis]:
-    """Yield gravity of another direction than in the robot file."""
-    yield from ()
+) -> GravityEstimate:
+    """Return the direction of gravity that logs show; `fold` (b,) is that of every block."""
+    return find_gravity(
+        robot,
+        q=motion.q,
+        dq=motion.dq,
+        ddq=motion.ddq,
+        tau=motion.tau,
+        kept=motion.kept,
+        stretch=fold[motion.block],
+        friction=evaluate_motion(library, motion)[:, :, len(library.card.beta) :],
+    )
+
+
+def suspect_gravity(found: GravityEstimate, motion: ThinMotion) -> Hypothesis:
+    """Return the hypothesis that gravity has the direction that was found."""
+    vector = ", ".join(f"{value:.3g}" for value in found.direction)
+    turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
+    return Hypothesis(
+        code=GRAVITY,
+        family="gravity",
+        cause=f"gravity differs from the robot file's by {turn:.3g} degrees +- {deviation:.2g}",
+        remedy=f"state gravity = [{vector}] in the robot file, if the robot is mounted so",
+        motion=replace(motion, tau=found.tau),
+    )

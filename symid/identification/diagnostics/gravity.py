@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from symid import dynamics
 from symid.arrays import FloatArray
-from symid.identification.diagnostics.stretches import compute_jackknife
+from symid.identification import judge
 from symid.notation import INERTIAL
 from symid.robot import ZERO, Robot
 
@@ -44,6 +44,7 @@ class GravityEstimate:
         direction: (3,) gravity in the base frame in m/s^2, of the length that the file states.
         turn: rad, from the file's direction, 0 where it states none.
         deviation: rad, of what the log shows of the direction, by the jackknife over stretches.
+        difference: how the direction differs from the file's, in rad.
         left, left_before: (n,) squares of torque that are left with it, and with the file's.
         tau: (T, n) torques as they would be under the file's gravity: those of a stretch changed by the
             parameters of the others.
@@ -52,6 +53,7 @@ class GravityEstimate:
     direction: FloatArray
     turn: float
     deviation: float
+    difference: judge.Difference
     left: FloatArray
     left_before: FloatArray
     tau: FloatArray
@@ -191,10 +193,13 @@ def find_gravity(
     change = np.array([back @ fold.values for fold in folds])
     across, along = np.linalg.norm(np.cross(model.before, best.direction)), model.before @ best.direction
     before = model.fit(model.before, model.weigh(model.size))
+    changes = judge.compute_changes(np.array(ends))
+    (difference,) = judge.agree(best.direction - model.before, changes, np.eye(3)[None], np.ones(1))
     return GravityEstimate(
         direction=size * best.direction,
         turn=float(np.arctan2(across, along)),
-        deviation=float(np.sqrt(compute_jackknife(np.array(ends)).sum())),
+        deviation=float(np.linalg.norm(changes)),
+        difference=difference,
         left=best.left,
         left_before=model.fit(model.before, model.weigh(before.left)).left,
         tau=tau + np.einsum("tjp,tp->tj", columns, change[stretch]),

@@ -130,6 +130,19 @@ def measure_repetition(recordings: Sequence[Recording]) -> float:
     return float((far[0] + near[0]) * step * recording.period) if len(near) else 0.0
 
 
+def mask_rest(speed: FloatArray, top: float, length: int) -> NDArray[np.bool_]:
+    """Return where a joint rests (N,): its speed is below 2 % of the `top` speed for `length` samples or more.
+
+    Dry friction holds any torque there, and a law of friction has nothing to say.
+    """
+    slow = np.abs(speed) <= POLICY.relevance * top
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))
+    for first, last in edges.reshape(-1, 2):
+        if last - first < length:
+            slow[first:last] = False
+    return slow
+
+
 def balance_cutoff(recordings: Sequence[Recording]) -> float:
     """Return the cut-off in Hz at which noise and blur of the velocities are equal, the mean of joints.
 
@@ -390,6 +403,19 @@ class CondensedLogs:
         else:
             stated = [processing.get_standstill(joint) for joint in range(library.card.size)]
             self.limits = np.column_stack([np.zeros(len(stated)), stated])
+        top = np.max([np.abs(entry.states[1]).max(axis=0) for entry in self._pieces], axis=0)
+        length = max(2, round(1.0 / (self.bands[SCORING] * self.period)))
+        friction = [joint.friction != "none" for joint in library.card.joints]
+        # (T, n) rows at rest of joints with friction.
+        self._rest = [
+            np.column_stack(
+                [
+                    mask_rest(piece.states[1][:, k], float(top[k]), length) & dry
+                    for k, dry in enumerate(friction)
+                ]
+            )
+            for piece in self._pieces
+        ]
         tables = [table for piece in self._pieces for table in (*piece.matrices, *piece.smooths)]
         acts = np.any([table.any(axis=0) for table in tables], axis=0)
         self._live = tuple(np.flatnonzero(row[:-1]) for row in acts)
@@ -421,9 +447,9 @@ class CondensedLogs:
     def motion(self) -> ThinMotion:
         """Return the thinned motion."""
         stride, parts = self._pieces[0].strides[SCORING], []
-        for piece, block in zip(self._pieces, self._blocks, strict=True):
+        for piece, block, rest in zip(self._pieces, self._blocks, self._rest, strict=True):
             states = (*piece.states[:, ::stride], piece.tau[::stride])
-            kept = (np.abs(states[1]) >= self.limits[:, -1]) & ~piece.out
+            kept = (np.abs(states[1]) >= self.limits[:, -1]) & ~piece.out & ~rest[::stride]
             parts.append((*states, kept, block[::stride], np.full(len(kept), piece.run)))
         q, dq, ddq, tau, kept, block, run = map(np.concatenate, zip(*parts, strict=True))
         return ThinMotion(
@@ -439,13 +465,13 @@ class CondensedLogs:
         for joint, live in enumerate(self._live):
             columns = np.append(live, self._width)
             crossed, own = np.zeros((2, blocks * classes, len(columns), len(columns)))
-            for piece, block in zip(self._pieces, self._blocks, strict=True):
+            for piece, block, rest in zip(self._pieces, self._blocks, self._rest, strict=True):
                 if piece.out[joint]:
                     continue
                 stride, right = piece.strides[level], piece.matrices[level][:, joint][:, columns]
                 speed = np.abs(piece.states[1][::stride, joint])
                 kind = np.searchsorted(self.limits[joint], speed, side="right") - 1
-                cell = block[::stride] * classes + kind
+                cell = np.where(rest[::stride, joint], -1, block[::stride] * classes + kind)
                 counts[joint] += add_products(own, right, right, cell).reshape(blocks, classes)
                 if smooth != level:
                     add_products(crossed, piece.smooths[smooth][::stride, joint][:, columns], right, cell)

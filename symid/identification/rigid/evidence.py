@@ -59,6 +59,10 @@ def collect_evidence(
         others = [logs.fit(study.sums, study.classes, logs.log != run, study.fit.weights) for run in runs]
         folds = np.stack([entry.values for entry in others])[logs.log]
     motion = logs.motion
+    gravity = None
+    if robot is not None:
+        gravity = diagnostics.estimate_gravity(library, motion, robot, logs.fold)
+        tests += (build_gravity_test(gravity),)
     impossible = list_impossible(library, study, motion, fit, whole=whole)
     found = estimators.Evidence(
         joints=list_joints(study, fit.values, folds, names),
@@ -81,7 +85,21 @@ def collect_evidence(
             for joint, name in enumerate(names)
         ),
     )
-    return replace(found, causes=list_causes(library, study, motion, found, robot, transmission))
+    return replace(found, causes=list_causes(library, study, motion, found, gravity, transmission))
+
+
+def build_gravity_test(found: diagnostics.GravityEstimate) -> estimators.ConsistencyTest:
+    """Return what logs say of the direction of gravity, against the robot file; sizes in percent of a radian."""
+    turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
+    return estimators.ConsistencyTest(
+        what="gravity",
+        joint="",
+        part=f"{turn:.3g} degrees +- {deviation:.2g}",
+        verdict=found.difference.verdict.value,
+        size=100.0 * found.difference.size,
+        bound=100.0 * found.difference.bound,
+        p=found.difference.p,
+    )
 
 
 def list_causes(
@@ -89,14 +107,14 @@ def list_causes(
     study: Study,
     motion: ThinMotion,
     evidence: estimators.Evidence,
-    robot: Robot | None,
+    gravity: diagnostics.GravityEstimate | None,
     transmission: FloatArray | None,
 ) -> tuple[estimators.Cause, ...]:
     """Return what explains the logs better: all is tried where something is odd, gravity always."""
     odd = bool(evidence.impossible) or evidence.unexplained > POLICY.good
     odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
     odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in evidence.tests)
-    turned = [] if robot is None else list(diagnostics.list_gravity(library, motion, robot, study.logs.fold))
+    turned = [] if gravity is None else [diagnostics.suspect_gravity(gravity, motion)]
     call = library, motion, study.logs.fold
     found = diagnostics.find_causes(*call, turned)
     if odd or found:

@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
@@ -25,6 +26,7 @@ from symid.identification import diagnostics, estimators, regression
 from symid.identification.judge import numerics
 from symid.identification.rigid.evidence import collect_evidence, warn_of_evidence
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan, list_unknown, plan_fit
+from symid.joint_models import NO_FRICTION
 from symid.logs import Recording, choose_processing
 from symid.robot import Processing, Robot
 
@@ -195,6 +197,9 @@ def fit_in_memory(
         smooth = moving._replace(processing=replace(moving.processing, filter_cutoff=cutoff))
         speed = regression.stack_rows(list(map(smooth.outline, recordings))).velocity
     kept, slow = regression.mask_fast(whole, speed, used, margin=plan.margin)
+    if plan.scoring and builder.kind not in regression.SCALAR_KINDS:
+        rest, told = mask_resting_rows(builder.library.card, whole, speed, plan.scoring)
+        kept, slow = kept & ~rest, (*slow, *told)
     built = replace(regression.select_rows(whole, kept), notices=(*whole.notices, *slow))
     freedom = used.noise_freedom
     if instruments is None:
@@ -246,6 +251,29 @@ def fit_in_memory(
         whole=whole,
         residuals=whole.values - whole.matrix @ fit.values,
     )
+
+
+def mask_resting_rows(
+    card: ModelCard, rows: regression.Rows, speed: FloatArray, scoring: float
+) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
+    """Return the rows (m,) at which a joint with friction rests, by its smooth speed (m,), and notices."""
+    rest, notices = np.zeros(len(speed), dtype=np.bool_), []
+    for group in np.unique(rows.group).tolist():
+        own = rows.group == group
+        if card.joints[group].friction == NO_FRICTION:
+            continue
+        for run in np.unique(rows.run[own]).tolist():
+            part = np.flatnonzero(own & (rows.run == run))
+            period = float(np.median(np.diff(rows.time[part]))) if len(part) > 1 else 1.0
+            length = max(2, round(1.0 / (scoring * period)))
+            rest[part] = regression.mask_rest(speed[part], float(np.abs(speed[own]).max()), length)
+        if rest[own].any():
+            text = (
+                f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} rows it rests, "
+                "where friction holds any torque; they were left out of the fit"
+            )
+            notices.append(Notice(code="identify.slow-rows", text=text))
+    return rest, tuple(notices)
 
 
 def is_long(
