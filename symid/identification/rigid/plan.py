@@ -104,7 +104,6 @@ def plan_fit(
             processing=replace(processing, automatic=False),
             estimator=wanted,
             study=study,
-            scoring=study.choice.scoring,
         )
     taken, decimation = study.choice.chosen, processing.decimation
     if "decimation.factor" in processing.left_open:
