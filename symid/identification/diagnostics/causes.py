@@ -171,7 +171,7 @@ def find_causes(
     alike: dict[str, int] = {family: best}
     for place, trial in enumerate(trials):
         kind = trial.hypothesis.family
-        rival = left(place, joints) < most and (trial.fall >= POLICY.fall or trial.hypothesis.turned)
+        rival = left(place, joints) < most and (chances[place] < POLICY.alarm or place in passed)
         if (
             kind != family
             and rival

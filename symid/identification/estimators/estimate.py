@@ -87,7 +87,8 @@ class Candidate:
         band: Hz, of the rows; instruments: Hz, band of the instruments, 0 for least squares.
         held_out: percent of the torque of stretches left unexplained by fits to the others, mean over joints.
         fall: squares left over those of the best candidate; p: probability of so large a difference by chance.
-        risk: mean over parameters of bias^2 + variance, over the variance of the consistent candidate.
+        consistent: probability of so large a difference, by chance, from the same rows with the lowest
+            instruments; variance: mean over parameters, over that of the candidate that predicts best.
         states: up to which columns of the log they are used, "position", "velocity" or "acceleration".
     """
 
@@ -96,7 +97,8 @@ class Candidate:
     held_out: float
     fall: float = 1.0
     p: float = 1.0
-    risk: float = 1.0
+    consistent: float = 1.0
+    variance: float = 1.0
     states: str = "position"
 
 

@@ -219,14 +219,13 @@ def fit_in_memory(
         pattern = diagnostics.warn_of_correlated_residuals(built, fit, identifiability)
     elif plan.estimator in {"ols", "wls", FILTERED_INSTRUMENTAL}:
         # The jackknife holds for errors of the model, which follow the motion, but from some blocks it is
-        # uncertain: the mean of both variances, where it is larger. What moves with the band, beyond noise, is
-        # in the deviations too.
+        # uncertain: the mean of both variances, where it is larger.
         covariance = estimators.compute_coloured_covariance(built, influence)
         if plan.study is not None:
             variances = np.diag(covariance)
             safe = np.where(variances > 0.0, variances, 1.0)
             blocks = np.sum(plan.study.fit.changes**2, axis=0)
-            wider = np.maximum(variances, 0.5 * (variances + blocks)) + plan.study.drift**2
+            wider = np.maximum(variances, 0.5 * (variances + blocks))
             factor = np.sqrt(np.where(variances > 0.0, wider / safe, 1.0))
             covariance = np.asarray(covariance * factor * factor[:, None])
         fit = replace(fit, covariance=covariance)

@@ -3,15 +3,14 @@
 Library, recordings, Processing -> `Study`: condensed logs, the fit of the settings taken, `SettingsChoice`.
 
     candidates   rows within bands B 2^k, least squares, or instruments along positions of a lower band
-    reference    instruments of the lowest band, slow rows left out: consistent whatever noise is in the positions
     as good      no candidate predicts held-out stretches better, by more than matters and more than chance
-    taken        of those as good the least risk, the mean over parameters of (bias^2 + variance) / variance of the
-                 reference, bias^2 = max(0, D^2 - var D) with D the difference from the reference
+    consistent   torques that the candidate predicts agree with those of the same rows and the lowest instruments
+    taken        of those as good and consistent the one of least variance, in the mean over parameters
     slow rows    of a joint are used where friction, with them and without, agrees
 
-A candidate may be biased where positions are noisy, the reference may be uncertain: the risk is the
-focused criterion of Claeskens and Hjort (2003, JASA 98). Rows reach up to a tenth of the sample rate and half
-of the positions' cut-off, at which noise and blur of the velocities are equal.
+Noise of the positions biases least squares, and instruments of a wide band; instruments of a low band are
+consistent, whatever noise there is (Hausman 1978, Econometrica 46). Rows reach up to a tenth of the sample rate
+and half of the positions' cut-off, at which noise and blur of the velocities are equal.
 
 Supported: settings that are stated, the others are chosen around them.
 Not supported: a band for each joint; logs of different sample rates.
@@ -49,7 +48,7 @@ class Study:
 
     Args:
         logs: condensed; sums: of the pair of bands taken; classes: (n,) of speed from which rows are used.
-        fit: with these; reference: the consistent fit that others are compared with.
+        fit: with these.
         choice: what was tried; cutoff: Hz, of the positions; differences: as in `Processing`.
     """
 
@@ -57,18 +56,9 @@ class Study:
     sums: BandSums
     classes: tuple[int, ...]
     fit: BlockFit
-    reference: BlockFit
     choice: SettingsChoice
     cutoff: float | None
     differences: str
-
-    @property
-    def drift(self) -> FloatArray:
-        """Return what the values (p,) surely differ from the reference by, 0 where that is chance or small."""
-        change = np.abs(self.fit.values - self.reference.values)
-        noise = np.sqrt(np.sum((self.fit.changes - self.reference.changes) ** 2, axis=0))
-        small = np.maximum(judge.POLICY.printed * noise, judge.POLICY.relevance * np.abs(self.fit.values))
-        return np.asarray(np.where(change > small, change, 0.0))
 
 
 class _Trial(NamedTuple):
@@ -132,22 +122,22 @@ def choose_settings(
         alike = len({recording.velocity is None for recording in recordings}) == 1
         everywhere = (name for name in STATES if all(has_states(recording, name) for recording in recordings))
         usable = [name for name in everywhere if alike or name == "position"]
-    best: tuple[CondensedLogs, _Trial, BlockFit, str] | None = None
+    best: tuple[CondensedLogs, _Trial, str] | None = None
     candidates: list[Candidate] = []
     place = 0
     for states in usable:
         logs = CondensedLogs(library, recordings, replace(processing, states=states), bands, cutoff)
         trials = _fit_trials(logs, instruments, stated=stated is not None)
-        taken, reference, found = _choose_trial(logs, trials, states)
+        taken, found = _choose_trial(logs, trials, states)
         chance = None if best is None else judge.compare(best[1].losses, trials[taken].losses)
         if chance is None or (
             chance.p_of_all < judge.POLICY.caution
             and chance.fall_of_all > (1.0 + judge.POLICY.relevance) ** 2
         ):
-            best, place = (logs, trials[taken], reference, states), len(candidates) + taken
+            best, place = (logs, trials[taken], states), len(candidates) + taken
         candidates += found
     assert best is not None
-    logs, trial, reference, states = best
+    logs, trial, states = best
     classes = _choose_classes(library, logs, trial, moving=moving)
     fit = logs.fit(trial.sums, classes)
     speeds = tuple(float(logs.limits[joint, share]) for joint, share in enumerate(classes))
@@ -159,7 +149,6 @@ def choose_settings(
         sums=trial.sums,
         classes=classes,
         fit=fit,
-        reference=reference,
         choice=choice,
         cutoff=cutoff,
         differences=processing.differences,
@@ -186,21 +175,24 @@ def _is_worse(losses: FloatArray, best: FloatArray) -> bool:
     return found.fall_of_all > (1.0 + judge.POLICY.relevance) ** 2 and found.p_of_all < judge.POLICY.caution
 
 
-def _choose_trial(
-    logs: CondensedLogs, trials: Sequence[_Trial], states: str
-) -> tuple[int, BlockFit, list[Candidate]]:
-    """Return the place of the trial taken, the reference, and all as candidates."""
-    reference = min(trials, key=lambda trial: (trial.smooth, abs(trial.level - condensing.SCORING))).fit
+def _choose_trial(logs: CondensedLogs, trials: Sequence[_Trial], states: str) -> tuple[int, list[Candidate]]:
+    """Return the place of the trial taken, and all as candidates."""
     best = min(trials, key=lambda trial: float(trial.losses.sum()))
-    spread = np.sum(reference.changes**2, axis=0)
-    known = spread > 0.0
+    lowest: dict[int, _Trial] = {}
+    for trial in trials:
+        lowest.setdefault(trial.level, trial)
+    grams, moving = logs.list_grams(), logs.torque > 0.0
+    usual = np.sum(best.fit.changes**2, axis=0)
     found = []
     for trial in trials:
-        compared = judge.compare(trial.losses, best.losses)
-        change = trial.fit.values - reference.values
-        noise = np.sum((trial.fit.changes - reference.changes) ** 2, axis=0)
-        biased = np.maximum(0.0, change**2 - noise) + np.sum(trial.fit.changes**2, axis=0)
-        risk = float(np.mean(biased[known] / spread[known])) if known.any() else 1.0
+        compared, first = judge.compare(trial.losses, best.losses), lowest[trial.level]
+        told = judge.agree(
+            trial.fit.values - first.fit.values,
+            trial.fit.changes - first.fit.changes,
+            grams[moving],
+            logs.torque[moving],
+        )
+        variances = np.sum(trial.fit.changes**2, axis=0)
         found.append(
             Candidate(
                 states=states,
@@ -209,11 +201,14 @@ def _choose_trial(
                 held_out=100.0 * float(np.mean(np.sqrt(0.5 * trial.losses.sum(axis=0)))),
                 fall=compared.fall_of_all,
                 p=compared.p_of_all,
-                risk=risk,
+                consistent=1.0 if trial is first else min(judge.adjust_chances([entry.p for entry in told])),
+                variance=float(np.mean(variances[usual > 0.0] / usual[usual > 0.0])) if usual.any() else 1.0,
             )
         )
-    alike = [place for place, trial in enumerate(trials) if not _is_worse(trial.losses, best.losses)]
-    return min(alike, key=lambda place: found[place].risk), reference, found
+    # The best of all is as good as itself, and its lowest instruments are consistent.
+    good = [place for place, trial in enumerate(trials) if not _is_worse(trial.losses, best.losses)]
+    pool = [place for place in good if found[place].consistent > judge.POLICY.caution] or good
+    return min(pool, key=lambda place: found[place].variance), found
 
 
 def _choose_classes(library: Library, logs: CondensedLogs, trial: _Trial, *, moving: bool) -> tuple[int, ...]:
