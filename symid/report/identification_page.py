@@ -210,7 +210,6 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
                 *(entry.states, f"{entry.held_out:.3g}", f"{entry.fall:.3g}", f"{entry.p:.2g}"),
                 *(
                     f"{entry.consistent:.2g}",
-                    f"{entry.variance:.3g}",
                     "taken" if entry is choice.chosen else "",
                 ),
             )
@@ -219,7 +218,7 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
         title = (
             f"The best of {len(first)} settings that were compared, with the one taken: of those that predict as "
             "well as the best (squares left, over those of the best; p of chance) and agree with the lowest "
-            "instruments (p of chance) the one of least variance, in the mean over parameters."
+            "instruments (p of chance) the one of the widest rows."
         )
         header = (
             "rows up to/Hz",
@@ -232,7 +231,7 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
             "variance",
             "choice",
         )
-        yield Table(header, rows, (2, 8), title)
+        yield Table(header, rows, (2, 7), title)
 
 
 def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:

@@ -88,7 +88,7 @@ class Candidate:
         held_out: percent of the torque of stretches left unexplained by fits to the others, mean over joints.
         fall: squares left over those of the best candidate; p: probability of so large a difference by chance.
         consistent: probability of so large a difference, by chance, from the same rows with the lowest
-            instruments; variance: mean over parameters, over that of the candidate that predicts best.
+            instruments.
         states: up to which columns of the log they are used, "position", "velocity" or "acceleration".
     """
 
@@ -98,7 +98,6 @@ class Candidate:
     fall: float = 1.0
     p: float = 1.0
     consistent: float = 1.0
-    variance: float = 1.0
     states: str = "position"
 
 

@@ -44,7 +44,7 @@ from symid.robot import Processing
 
 ROW_RATE = 200.0
 """Hz, the highest rate of rows."""
-SHARES = (0.0, 0.02, 0.05, 0.1)
+SHARES = (0.0, 0.1)
 """Classes of speed, in parts of the top speed."""
 SCORING = 2
 """The level of the scoring band: there are two lower ones, an octave apart."""
@@ -501,12 +501,15 @@ class CondensedLogs:
         """Return the fit to rows from a class (n,) of speed on, of some `blocks` (b,) if given; `fit_sums`."""
         return fit_sums(sums, classes, self.fold, blocks, weights)
 
-    def measure_losses(self, fit: BlockFit) -> FloatArray:
-        """Return squares (b, n) that folds leave of what they leave out, relative to the torque, both bands."""
+    def measure_losses(self, fit: BlockFit, share: int = 0) -> FloatArray:
+        """Return squares (b, n) that folds leave of what they leave out, relative to the torque, both bands.
+
+        Rows count from the class of speed `share` on.
+        """
         found = np.zeros((len(self.log), len(self._live)))
         for sums in self.scores:
-            sizes = np.array([table[:, 0, -1, -1].sum() for table in sums.squares])
-            left = measure_left(sums, fit.folds[self.fold])[:, :, 0]
+            sizes = np.array([table[:, share, -1, -1].sum() for table in sums.squares])
+            left = measure_left(sums, fit.folds[self.fold])[:, :, share]
             moving = self.torque > 0.0
             found[:, moving] += (left[moving] / np.where(sizes > 0.0, sizes, np.inf)[moving, None]).T
         return found

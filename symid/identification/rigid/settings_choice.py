@@ -5,8 +5,8 @@ Library, recordings, Processing -> `Study`: condensed logs, the fit of the setti
     candidates   rows within bands B 2^k, least squares, or instruments along positions of a lower band
     as good      no candidate predicts held-out stretches better, by more than matters and more than chance
     consistent   torques that the candidate predicts agree with those of the same rows and the lowest instruments
-    taken        of those as good and consistent the one of least variance, in the mean over parameters
-    slow rows    of a joint are used where friction, with them and without, agrees
+    taken        of those as good and consistent the widest rows, then the widest instruments
+    slow rows    below a tenth of the top speed, of a joint, are used where friction, with and without, agrees
 
 Noise of the positions biases least squares, and instruments of a wide band; instruments of a low band are
 consistent, whatever noise there is (Hausman 1978, Econometrica 46). Rows reach up to a tenth of the sample rate
@@ -160,20 +160,26 @@ def _fit_trials(logs: CondensedLogs, instruments: tuple[bool, ...], *, stated: b
     """Return the fits of all pairs of bands, slow rows left out; a stated band is the last one."""
     last, found = len(logs.bands) - 1, []
     for level in range(last if stated else 1, last + 1):
-        # More than two octaves below, instruments add noise only.
-        for smooth in range(max(1, level - 2), level + 1):
+        for smooth in range(1, level + 1):
             if (smooth < level) in instruments or (level, smooth) == (last, last):
                 sums = logs.sum_products(level, smooth)
-                fit = logs.fit(sums, [logs.limits.shape[1] - 1] * len(logs.limits))
-                found.append(_Trial(level, smooth, sums, fit, logs.measure_losses(fit)))
+                # Slow rows neither fit nor count: friction there may be another.
+                share = logs.limits.shape[1] - 1
+                fit = logs.fit(sums, [share] * len(logs.limits))
+                found.append(_Trial(level, smooth, sums, fit, logs.measure_losses(fit, share)))
     wanted = [trial for trial in found if (trial.smooth < trial.level) in instruments]
     return wanted or found
 
 
+def _measure_share(losses: FloatArray) -> float:
+    """Return the part of the torque that losses (b, n) in two bands leave, in root mean squares, mean of joints."""
+    return float(np.mean(np.sqrt(0.5 * losses.sum(axis=0))))
+
+
 def _is_worse(losses: FloatArray, best: FloatArray) -> bool:
-    """Return whether losses exceed the best ones by more than matters, and more than chance."""
-    found = judge.compare(losses, best)
-    return found.fall_of_all > (1.0 + judge.POLICY.relevance) ** 2 and found.p_of_all < judge.POLICY.caution
+    """Return whether losses exceed the best ones by more than chance, and by a part of the torque that matters."""
+    more = _measure_share(losses) - _measure_share(best)
+    return more > judge.POLICY.relevance and judge.compare(losses, best).p_of_all < judge.POLICY.caution
 
 
 def _choose_trial(logs: CondensedLogs, trials: Sequence[_Trial], states: str) -> tuple[int, list[Candidate]]:
@@ -183,7 +189,6 @@ def _choose_trial(logs: CondensedLogs, trials: Sequence[_Trial], states: str) ->
     for trial in trials:
         lowest.setdefault(trial.level, trial)
     grams, moving = logs.list_grams(), logs.torque > 0.0
-    usual = np.sum(best.fit.changes**2, axis=0)
     found = []
     for trial in trials:
         compared, first = judge.compare(trial.losses, best.losses), lowest[trial.level]
@@ -193,42 +198,44 @@ def _choose_trial(logs: CondensedLogs, trials: Sequence[_Trial], states: str) ->
             grams[moving],
             logs.torque[moving],
         )
-        variances = np.sum(trial.fit.changes**2, axis=0)
         found.append(
             Candidate(
                 states=states,
                 band=logs.bands[trial.level],
                 instruments=logs.bands[trial.smooth] if trial.smooth < trial.level else 0.0,
-                held_out=100.0 * float(np.mean(np.sqrt(0.5 * trial.losses.sum(axis=0)))),
+                held_out=100.0 * _measure_share(trial.losses),
                 fall=compared.fall_of_all,
                 p=compared.p_of_all,
                 consistent=1.0 if trial is first else min(judge.adjust_chances([entry.p for entry in told])),
-                variance=float(np.mean(variances[usual > 0.0] / usual[usual > 0.0])) if usual.any() else 1.0,
             )
         )
-    # The best of all is as good as itself, and its lowest instruments are consistent.
+    # The best of all is as good as itself. Wide rows have most information, and mix slow ones in least.
     good = [place for place, trial in enumerate(trials) if not _is_worse(trial.losses, best.losses)]
     pool = [place for place in good if found[place].consistent > judge.POLICY.caution] or good
-    return min(pool, key=lambda place: found[place].variance), found
+    return max(pool, key=lambda place: (trials[place].level, trials[place].smooth)), found
 
 
 def _choose_classes(library: Library, logs: CondensedLogs, trial: _Trial, *, moving: bool) -> tuple[int, ...]:
-    """Return from which class of speed on rows of each joint are used: all where friction agrees."""
+    """Return from which class of speed on rows of each joint are used: from the first where friction agrees.
+
+    Where it differs by a part of the torque that matters, no choice of rows makes the law right: all rows
+    count, as long as that predicts as well.
+    """
     last, inertial = logs.limits.shape[1] - 1, len(library.card.beta)
     classes, grams = [last] * len(logs.limits), logs.list_grams()[:, inertial:, inertial:]
+    losses, policy = logs.measure_losses(trial.fit), judge.POLICY
     for joint, gram in enumerate(grams):
         if moving or not last:
             continue
-        for share in range(last):
-            tried = [share if place == joint else last for place in range(len(classes))]
-            other = logs.fit(trial.sums, tried)
-            (found,) = judge.agree(
-                (other.values - trial.fit.values)[inertial:],
-                (other.changes - trial.fit.changes)[:, inertial:],
-                gram[None],
-                logs.torque[joint : joint + 1],
-            )
-            if found.p > judge.POLICY.caution and not _is_worse(logs.measure_losses(other), trial.losses):
-                classes[joint] = share
-                break
+        tried = [0 if place == joint else last for place in range(len(classes))]
+        other = logs.fit(trial.sums, tried)
+        (found,) = judge.agree(
+            (other.values - trial.fit.values)[inertial:],
+            (other.changes - trial.fit.changes)[:, inertial:],
+            gram[None],
+            logs.torque[joint : joint + 1],
+        )
+        alike = found.p > policy.caution or found.size > policy.relevance
+        if alike and not _is_worse(logs.measure_losses(other), losses):
+            classes[joint] = 0
     return tuple(classes)
