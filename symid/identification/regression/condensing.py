@@ -85,8 +85,9 @@ def _measure_bands(values: FloatArray, rate: float, power: int) -> FloatArray:
     found = np.full(values.shape[1], np.nan)
     for k in range(values.shape[1]):
         there = density[:, k] > 10.0 * floor[k]
-        places = np.flatnonzero(there & (frequency > 0.0))
-        # The upper end is where the next two octaves are empty.
+        peak = 1 + np.argmax(np.where(there, density[:, k], 0.0)[1:])
+        places = np.flatnonzero(there & (frequency >= frequency[peak]))
+        # The upper end is where the next two octaves are empty, above the strongest motion.
         last = next(
             (
                 a
@@ -109,7 +110,8 @@ def measure_repetition(recordings: Sequence[Recording]) -> float:
     that of lags at which they are unrelated.
     """
     (recording,) = recordings
-    step = max(1, math.floor(1.0 / (10.0 * max(measure_scoring_band(recordings), 1e-9) * recording.period)))
+    # So fine that half a step differs by less than matters, too.
+    step = max(1, math.floor(1.0 / (100.0 * max(measure_scoring_band(recordings), 1e-9) * recording.period)))
     position = recording.position[::step] - recording.position.mean(axis=0)
     count = len(position)
     moved = 2.0 * float(np.sum(np.mean(position**2, axis=0)))

@@ -32,9 +32,9 @@ from symid.identification.regression import (
     BlockFit,
     CondensedLogs,
     balance_cutoff,
+    condensing,
     measure_scoring_band,
 )
-from symid.identification.regression import condensing
 from symid.logs import STATES, Recording, has_states
 from symid.robot import Processing
 
@@ -138,6 +138,7 @@ def choose_settings(
         candidates += found
     assert best is not None
     logs, trial, states = best
+    moving |= "standstill" not in processing.left_open
     classes = _choose_classes(library, logs, trial, moving=moving)
     fit = logs.fit(trial.sums, classes)
     speeds = tuple(float(logs.limits[joint, share]) for joint, share in enumerate(classes))

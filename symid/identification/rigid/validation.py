@@ -46,7 +46,6 @@ from symid.joint_models import FrictionValues, rename_law
 from symid.logs import Recording, describe_overlap, has_states, low_pass, measure_overlap
 from symid.serialization import HIDDEN, name_key
 
-
 _ORDER = 4
 
 
@@ -103,6 +102,7 @@ def resolve_processing(
             standstill=(fitted if "standstill" in left else processing).standstill,
             instrument_cutoff=processing.instrument_cutoff or fitted.instrument_cutoff,
             states=fitted.states if has_states(recording, fitted.states) else processing.states,
+            differences=(fitted if "filter_cutoff" in left else processing).differences,
             automatic=False,
         )
         return estimators.ResolvedProcessing(processing=settled, origin=stated | dict.fromkeys(told, "fit"))
@@ -294,7 +294,9 @@ def _make_exact(value: object) -> object:
     return value
 
 
-_CHOSEN_TOO = {f"processing.{name}" for name in ("drop_first", "drop_last", "instrument_cutoff", "states")}
+_CHOSEN_TOO = {
+    f"processing.{name}" for name in ("drop_first", "drop_last", "instrument_cutoff", "states", "differences")
+}
 
 
 def _flatten(value: object, prefix: str = "") -> dict[str, object]:

@@ -13,10 +13,10 @@ from symid.identification.diagnostics.fit_warnings import (
     warn_of_moving_ends,
     warn_of_processing,
 )
-from symid.identification.diagnostics.log_check import LogExcitation, ParameterVerdict, describe_excitation
 from symid.identification.estimators.least_squares import fit_ols, fit_wls
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.log_check import LogExcitation, ParameterVerdict, describe_excitation
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording

@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.identification.diagnostics.causes import build_quick_logs, fit_quick
+from symid.identification.diagnostics.causes import evaluate_motion, fit_motion
 from symid.identification.diagnostics.gravity import find_gravity
-from symid.identification.diagnostics.stretches import measure_scoring_band
-from symid.identification.regression.equations import evaluate_columns
-from symid.identification.rigid.plan import cut_moving_ends
-from symid.robot.description import Processing
 from symid.robot.geometry import ZERO
 from tests.chains import build_chain
 from tests.recovery.closed_form import L, find_friction
+from tests.unit.identification.diagnostics.thin_logs import thin
 from tests.unit.identification.pinocchio_arm import ARM, draw_motion, record_arm
 
-STATES = ("q", "dq", "ddq", "tau", "kept", "stretch")
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -27,16 +23,15 @@ def library():
 
 
 def sample(library, seed, gravity, **options):
-    """Return the quick samples of a log of the arm under gravity (3,), in m/s^2."""
-    log = record_arm(seed, gravity=gravity, **options)
-    scoring = measure_scoring_band([log])
-    settings = cut_moving_ends(Processing(filter_cutoff=scoring), [log])
-    return build_quick_logs(library, [log], settings, scoring)
+    """Return the thinned motion of a log of the arm under gravity (3,), in m/s^2, and folds of its blocks."""
+    logs = thin(library, record_arm(seed, gravity=gravity, **options))
+    return logs.motion, logs.fold
 
 
-def find(library, logs, robot=ARM):
-    columns = evaluate_columns(library, logs.q, logs.dq, logs.ddq)[:, :, len(library.card.beta) :]
-    return find_gravity(robot, **{name: getattr(logs, name) for name in STATES}, friction=columns)
+def find(library, motion, fold, robot=ARM):
+    columns = evaluate_motion(library, motion)[:, :, len(library.card.beta) :]
+    states = {name: getattr(motion, name) for name in ("q", "dq", "ddq", "tau", "kept")}
+    return find_gravity(robot, **states, stretch=fold[motion.block], friction=columns)
 
 
 def measure_angle(first, second):
@@ -50,8 +45,7 @@ def test_the_direction_is_found_within_its_deviation(library, direction):
     truth = 9.81 * np.array(direction)
     ratios = []
     for seed in range(6):
-        logs = sample(library, seed, truth)
-        found = find(library, logs)
+        found = find(library, *sample(library, seed, truth))
         assert np.linalg.norm(found.direction) == pytest.approx(9.81)
         assert found.turn == pytest.approx(measure_angle(found.direction, DOWN), abs=1e-12)
         assert found.deviation < np.radians(2.0)
@@ -61,25 +55,30 @@ def test_the_direction_is_found_within_its_deviation(library, direction):
 
 
 def test_torques_become_those_under_the_gravity_of_the_file(library):
-    turned = sample(library, 1, (9.81, 0.0, 0.0))
-    found, fit = find(library, turned), fit_quick(turned)
-    upright = sample(library, 1, 9.81 * DOWN)
+    turned, fold = sample(library, 1, (9.81, 0.0, 0.0))
+    upright, _ = sample(library, 1, 9.81 * DOWN)
+    found, columns = find(library, turned, fold), evaluate_motion(library, turned)
     inner, size = turned.kept.all(axis=1), np.linalg.norm(upright.tau, axis=0)
     # Pinocchio's torques of the same motion.
     assert np.all(np.linalg.norm((found.tau - upright.tau)[inner], axis=0) < 0.03 * size)
-    after, wanted = fit_quick(replace(turned, tau=found.tau)), fit_quick(upright)
-    assert fit.percent > 30.0
-    assert after.percent < 5.0
+    fit, after, wanted = (
+        fit_motion(columns, replace(turned, tau=tau), fold) for tau in (turned.tau, found.tau, upright.tau)
+    )
+    assert np.sqrt(fit.losses.sum(axis=0)).mean() > 0.3
+    assert np.sqrt(after.losses.sum(axis=0)).mean() < 0.05
     inertial = slice(0, len(library.card.beta))
-    np.testing.assert_allclose(after.values[inertial], wanted.values[inertial], atol=0.05)
+    away = np.abs(after.fit.values - wanted.fit.values)[inertial]
+    deviations = np.sqrt(np.sum(after.fit.changes**2 + wanted.fit.changes**2, axis=0))[inertial]
+    assert np.all(away < 4.0 * deviations)
+    assert np.all(away < 0.1)
     # What is left of all samples: as much as of a log that the file is right for, and as by its library.
-    for left, quick, logs in ((found.left, wanted, upright), (found.left_before, fit, turned)):
-        size = np.linalg.norm(np.where(logs.kept, logs.tau, 0.0), axis=0)
-        np.testing.assert_allclose(np.sqrt(left), 0.01 * quick.fitted * size, rtol=0.15)
+    for left, one, motion in ((found.left, wanted, upright), (found.left_before, fit, turned)):
+        whole = np.sum(np.where(motion.kept, motion.tau, 0.0) ** 2, axis=0)
+        np.testing.assert_allclose(np.sqrt(left), np.sqrt(one.squares * whole), rtol=0.15)
 
 
 def test_a_file_without_gravity_gets_one(library):
-    found = find(library, sample(library, 2, 9.81 * DOWN), replace(ARM, gravity=(ZERO, ZERO, ZERO)))
+    found = find(library, *sample(library, 2, 9.81 * DOWN), replace(ARM, gravity=(ZERO, ZERO, ZERO)))
     assert measure_angle(found.direction, DOWN) < 3.0 * found.deviation
     assert found.turn == 0.0
     # The first axis is upright.

