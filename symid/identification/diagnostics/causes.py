@@ -1,19 +1,20 @@
 """Why a log does not fit: single mistakes undone one after the other, and terms that a model may lack.
 
-Library, thinned logs -> hypotheses -> `Cause`s: the one that explains the log, or several that explain it alike.
+Library, thinned logs -> hypotheses -> `Cause`s: the one that explains the log, or several that explain it
+alike.
 
-Every hypothesis is tried in fact, by a fit of the logs within the scoring band: as if the mistake were undone,
-or with the columns of the term at one joint. It is accepted where
+Every hypothesis is tried in fact, by a fit of the logs within the scoring band: as if the mistake were
+undone, or with the columns of the term at one joint. It is accepted where
 
     held-out losses of the joints it touches fall, by more than chance over all hypotheses (Holm 1979),
     their squares fall at least 2 times, those of all joints together at least 1.5 times
 
-Of those accepted the one that leaves least is named alone if every hypothesis of another family leaves at least
-2 times as much of these joints; else all that leave less are named together, and no remedy is given. Where a
-fit has values that no robot has, a wrong sign that cures them and predicts as well is accepted, too.
+Of those accepted the one that leaves least is named alone if every hypothesis of another family leaves at
+least 2 times as much of these joints; else all that leave less are named together, and no remedy is given.
+Where a fit has values that no robot has, a wrong sign that cures them and predicts as well is accepted, too.
 
-Torque columns that change linearly (signs, order, units) are algebra on sums of products; zeros, signs and order
-of positions, units, times and delays evaluate the regressor anew, along thinned logs.
+Torque columns that change linearly (signs, order, units) are algebra on sums of products; zeros, signs and
+order of positions, units, times and delays evaluate the regressor anew, along thinned logs.
 
 Supported: several logs, known payloads, joints at rest; signs, order and units of columns, a delay of all
 torques, times scaled, a wrong zero of a joint, no friction in the robot file; terms of one joint.
@@ -74,7 +75,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TriedFit:
-    """A fit of thinned logs: losses (b, n) of held-out blocks, squares (n,) of all, relative to the torque."""
+    """A fit: losses (b, n) of held-out blocks, squares (n,) of all; relative to the torque."""
 
     fit: BlockFit
     losses: FloatArray
@@ -215,7 +216,8 @@ def _cures(library: Library, trial: _Trial, base: TriedFit) -> bool:
 def mask_impossible(library: Library, motion: ThinMotion, fit: BlockFit) -> NDArray[np.bool_]:
     """Return the joints (n,) that a fit has surely driven by friction, or with a negative inertia.
 
-    Friction of joint j drives it where mean(tau_f dq) < 0, its inertia is negative where mean(M_jj ddq^2) < 0.
+    Friction of joint j drives it where mean(tau_f dq) < 0, its inertia is negative where mean(M_jj ddq^2) <
+    0.
     """
     columns, inertial = evaluate_motion(library, motion), len(library.card.beta)
     found = np.zeros(columns.shape[1], dtype=np.bool_)
@@ -303,7 +305,7 @@ def list_mistakes(
             code=NO_FRICTION,
             family="friction",
             cause="the robot file states no friction, and the joints have some",
-            remedy="give each joint a friction model ([joint.friction], or --friction coulomb-viscous-offset)",
+            remedy="state friction of each joint (--friction coulomb-viscous-offset, or [joint.friction])",
             motion=motion,
             columns=np.concatenate([evaluate_motion(library, motion), added], axis=2),
         )
@@ -400,7 +402,7 @@ def list_mistakes(
             yield Hypothesis(
                 code="log.wrong-unit",
                 family=f"unit of torque {names[joint]}",
-                cause=f"the torque of joint {names[joint]!r} is about {1.0 / factor:g} times what it should be",
+                cause=f"the torque of joint {names[joint]!r} is {1.0 / factor:g} times what it should be",
                 remedy="state its unit, factor or gear in [log.torque]",
                 joints=(joint,),
                 motion=scale_torque(np.where(units[joint], factor, 1.0)),

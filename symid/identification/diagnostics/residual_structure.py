@@ -36,8 +36,8 @@ from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
 from symid.identification import regression
-from symid.identification.regression.condensing import ENDS
 from symid.identification.estimators import Residual, compute_mean_relative
+from symid.identification.regression.condensing import ENDS
 from symid.logs import Recording, Signals, decimate, decimate_blocks, low_pass, prepare_signals
 from symid.robot import Decimation, Processing
 from symid.serialization import name_key

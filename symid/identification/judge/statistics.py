@@ -109,7 +109,8 @@ class Agreement(Enum):
 class Difference:
     """The difference of two estimates in one quantity, relative to that quantity.
 
-    `size` is the difference itself, `bound` what it is at most, `p` the probability of one so large by chance.
+    `size` is the difference itself, `bound` what it is at most, `p` the probability of one so large by
+    chance.
     """
 
     size: float

@@ -2,10 +2,12 @@
 
 Study, values of the fit -> `Evidence`.
 
-    prediction    100 |y - Y x_(-f)| / max(|y|, |Y x|) of every joint within the scoring band, f the fold of the row
-    consistency   two estimates from different rows: halves of a log, a log and the others, slow and fast rows, the
+    prediction    100 |y - Y x_(-f)| / max(|y|, |Y x|) of every joint within the scoring band, f the fold of
+    the row consistency   two estimates from different rows: halves of a log, a log and the others, slow and
+    fast rows, the
                   band taken and half of it; `agree` says same, different, or cannot be said
-    physics       rotor inertias, friction and mass matrices that no robot has, surely (p below the alarm level)
+    physics       rotor inertias, friction and mass matrices that no robot has, surely (p below the alarm
+    level)
                   and not small; then the fit is bounded, and what that leaves counts
 
 Joints at rest and joints without a torque count nowhere. Of several logs, whole logs are held out where each
@@ -89,7 +91,7 @@ def collect_evidence(
 
 
 def build_gravity_test(found: diagnostics.GravityEstimate) -> estimators.ConsistencyTest:
-    """Return what logs say of the direction of gravity, against the robot file; sizes in percent of a radian."""
+    """Return what logs say of gravity's direction, against the robot file; sizes in percent of a radian."""
     turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
     return estimators.ConsistencyTest(
         what="gravity",
@@ -102,7 +104,7 @@ def build_gravity_test(found: diagnostics.GravityEstimate) -> estimators.Consist
     )
 
 
-def list_causes(
+def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
     library: Library,
     study: Study,
     motion: ThinMotion,
@@ -268,8 +270,8 @@ def list_impossible(
 def measure_bounded(study: Study, robot: Robot | None, library: Library) -> float:
     """Return the percent of held-out torque that a fit of bodies that exist leaves, mean over joints.
 
-    The fit to all rows is bounded; it is scored as the free fit is, and what that loses when held out is added.
-    Without a robot rotors and friction alone are bounded.
+    The fit to all rows is bounded; it is scored as the free fit is, and what that loses when held out is
+    added. Without a robot rotors and friction alone are bounded.
     """
     logs, sums = study.logs, study.sums
     pairs = [table[:, share].sum(axis=0) for table, share in zip(sums.squares, study.classes, strict=True)]

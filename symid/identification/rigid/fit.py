@@ -268,7 +268,8 @@ def mask_resting_rows(
             rest[part] = regression.mask_rest(speed[part], float(np.abs(speed[own]).max()), length)
         if rest[own].any():
             text = (
-                f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} rows it rests, "
+                f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} rows it "
+                f"rests, "
                 "where friction holds any torque; they were left out of the fit"
             )
             notices.append(Notice(code="identify.slow-rows", text=text))
@@ -313,7 +314,7 @@ def fit_long(
         return None
     every = builder._replace(processing=replace(builder.processing, standstill=None))
     whole = regression.stack_rows(list(map(every.outline, recordings)), weights)
-    kept, slow = regression.mask_fast(whole, whole.velocity, builder.processing)
+    _, slow = regression.mask_fast(whole, whole.velocity, builder.processing)
     rows = replace(long.outline, notices=(*whole.notices, *slow))
     condensed, freedom = long.condense(), builder.processing.noise_freedom
     identifiability = regression.analyse_condensed(condensed, rows.kind, rows.names, rule)

@@ -1,16 +1,16 @@
-"""Band, instruments, slow rows and source of states chosen from the logs: `Study`, which all evidence is from.
+"""Band, instruments, slow rows and source of states chosen from the logs, and what they are judged by.
 
 Library, recordings, Processing -> `Study`: condensed logs, the fit of the settings taken, `SettingsChoice`.
 
     candidates   rows within bands B 2^k, least squares, or instruments along positions of a lower band
     as good      no candidate predicts held-out stretches better, by more than matters and more than chance
-    consistent   torques that the candidate predicts agree with those of the same rows and the lowest instruments
-    taken        of those as good and consistent the widest rows, then the widest instruments
+    consistent   torques that the candidate predicts agree with those of the same rows and the lowest
+    instruments taken        of those as good and consistent the widest rows, then the widest instruments
     slow rows    below a tenth of the top speed, of a joint, are used where friction, with and without, agrees
 
 Noise of the positions biases least squares, and instruments of a wide band; instruments of a low band are
-consistent, whatever noise there is (Hausman 1978, Econometrica 46). Rows reach up to a tenth of the sample rate
-and half of the positions' cut-off, at which noise and blur of the velocities are equal.
+consistent, whatever noise there is (Hausman 1978, Econometrica 46). Rows reach up to a tenth of the sample
+rate and half of the positions' cut-off, at which noise and blur of the velocities are equal.
 
 Supported: settings that are stated, the others are chosen around them.
 Not supported: a band for each joint; logs of different sample rates.
@@ -25,6 +25,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
+from symid.errors import IdentifiabilityError, Notice
 from symid.identification import judge
 from symid.identification.estimators import Candidate, SettingsChoice
 from symid.identification.regression import (
@@ -122,7 +123,7 @@ def choose_settings(
         alike = len({recording.velocity is None for recording in recordings}) == 1
         everywhere = (name for name in STATES if all(has_states(recording, name) for recording in recordings))
         usable = [name for name in everywhere if alike or name == "position"]
-    best: tuple[CondensedLogs, _Trial, str] | None = None
+    best: tuple[CondensedLogs, _Trial] | None = None
     candidates: list[Candidate] = []
     place = 0
     for states in usable:
@@ -134,10 +135,11 @@ def choose_settings(
             chance.p_of_all < judge.POLICY.caution
             and chance.fall_of_all > (1.0 + judge.POLICY.relevance) ** 2
         ):
-            best, place = (logs, trials[taken], states), len(candidates) + taken
+            best, place = (logs, trials[taken]), len(candidates) + taken
         candidates += found
-    assert best is not None
-    logs, trial, states = best
+    if best is None:
+        raise IdentifiabilityError(Notice(code="identify.nothing", text="the logs have no states to fit"))
+    logs, trial = best
     moving |= "standstill" not in processing.left_open
     classes = _choose_classes(library, logs, trial, moving=moving)
     fit = logs.fit(trial.sums, classes)
@@ -172,12 +174,12 @@ def _fit_trials(logs: CondensedLogs, instruments: tuple[bool, ...], *, stated: b
 
 
 def _measure_share(losses: FloatArray) -> float:
-    """Return the part of the torque that losses (b, n) in two bands leave, in root mean squares, mean of joints."""
+    """Return the part of the torque that losses (b, n) in two bands leave: rms, mean of joints."""
     return float(np.mean(np.sqrt(0.5 * losses.sum(axis=0))))
 
 
 def _is_worse(losses: FloatArray, best: FloatArray) -> bool:
-    """Return whether losses exceed the best ones by more than chance, and by a part of the torque that matters."""
+    """Return whether losses exceed the best ones by more than chance and more than matters."""
     more = _measure_share(losses) - _measure_share(best)
     return more > judge.POLICY.relevance and judge.compare(losses, best).p_of_all < judge.POLICY.caution
 
