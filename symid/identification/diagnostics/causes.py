@@ -49,7 +49,7 @@ _TORQUES = (1e-3, 1e3, 1e-2, 1e2)
 _ZEROS = (-0.3, 0.3, -0.8, 0.8, -_TURN, _TURN, 2.0 * _TURN)
 
 
-NO_FRICTION, GRAVITY = "robot.no-friction", "robot.gravity"
+NO_FRICTION, GRAVITY, TERM = "robot.no-friction", "robot.gravity", "identify.structure"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -162,25 +162,40 @@ def find_causes(
     if not passed:
         return ()
 
+    def is_sound(place: int) -> bool:
+        """Return whether a robot can have what a hypothesis leads to."""
+        trial = trials[place]
+        return not mask_impossible(library, trial.hypothesis.motion, trial.found.fit).any()
+
+    # What turns inertia negative may leave as much: signs of torques do by algebra.
+    passed = [place for place in passed if is_sound(place)] or passed
+
     def left(place: int, joints: Sequence[int]) -> float:
         return float(trials[place].found.losses[:, list(joints)].sum())
 
     best = min(passed, key=lambda place: left(place, moving.tolist()))
-    joints = trials[best].hypothesis.joints or tuple(moving.tolist())
-    family = trials[best].hypothesis.family
-    most = POLICY.fall * left(best, joints)
-    alike: dict[str, int] = {family: best}
+    # A term has values of its own: it explains less than a mistake that leaves as much.
+    mistakes = [place for place in passed if trials[place].hypothesis.code != TERM]
+    if mistakes:
+        plain = min(mistakes, key=lambda place: left(place, moving.tolist()))
+        if left(plain, moving.tolist()) < POLICY.fall * left(best, moving.tolist()):
+            best = plain
+    first = trials[best].hypothesis
+    alike: dict[str, int] = {first.family: best}
     for place, trial in enumerate(trials):
-        kind = trial.hypothesis.family
-        rival = left(place, joints) < most and (chances[place] < POLICY.alarm or place in passed)
-        if (
-            kind != family
-            and rival
-            and (kind not in alike or left(place, joints) < left(alike[kind], joints))
-        ):
-            alike[kind] = place
+        other = trial.hypothesis
+        own = sorted(
+            {*(first.joints or moving.tolist()), *(other.joints or moving.tolist())} & {*moving.tolist()}
+        )
+        surely = chances[place] < POLICY.alarm or place in passed
+        rival = surely and left(place, own) < POLICY.fall * left(best, own)
+        if other.family == first.family or not rival or (other.code == TERM and first.code != TERM):
+            continue
+        better = other.family not in alike or left(place, own) < left(alike[other.family], own)
+        if better and is_sound(place) >= is_sound(best):
+            alike[other.family] = place
     causes = []
-    for place in sorted(alike.values(), key=lambda place: left(place, joints)):
+    for place in sorted(alike.values(), key=lambda place: left(place, moving.tolist())):
         hypothesis = trials[place].hypothesis
         own = list(hypothesis.joints or moving.tolist())
         before, after = (
@@ -270,7 +285,7 @@ def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iter
             whole = np.zeros((*columns.shape[:2], added.shape[1]))
             whole[:, joint] = added
             yield Hypothesis(
-                code="identify.structure",
+                code=TERM,
                 family=f"{name} of {entry.name}",
                 cause=f"joint {entry.name!r} lacks a term of {name}",
                 remedy=family.advice,

@@ -185,7 +185,8 @@ def _find_rests(recordings: Sequence[Recording]) -> bool:
 def cut_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> Processing:
     """Return the settings with ends cut off where filters extrapolate.
 
-    Of instruments only where a log moves there. These lose a twentieth of the shortest log at most; what is stated is never cut less.
+    Of instruments only where a log moves there: they lose a twentieth of the shortest log at most. What is
+    stated is never cut less.
     """
     cutoff = processing.instrument_cutoff or processing.filter_cutoff
     ends = measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)
