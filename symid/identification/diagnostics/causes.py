@@ -6,7 +6,7 @@ alike.
 Every hypothesis is tried in fact, by a fit of the logs within the scoring band: as if the mistake were
 undone, or with the columns of the term at one joint. It is accepted where
 
-    held-out losses of the joints it touches fall, by more than chance over all hypotheses (Holm 1979),
+    held-out losses of its joint, or of all, fall by more than chance over all hypotheses (Holm 1979),
     their squares fall at least 2 times, those of all joints together at least 1.5 times
 
 Of those accepted the one that leaves least is named alone if every hypothesis of another family leaves at
@@ -104,7 +104,7 @@ def evaluate_motion(library: Library, motion: ThinMotion) -> FloatArray:
     )
 
 
-class _Trial(NamedTuple):
+class TriedHypothesis(NamedTuple):
     """A hypothesis that was tried: chance and falls of the squares of its joints, and of all."""
 
     hypothesis: Hypothesis
@@ -134,17 +134,16 @@ def find_causes(
     for hypothesis in hypotheses:
         along = hypothesis.columns
         if along is None:
-            other = hypothesis.motion
-            still = other.q is motion.q and other.dq is motion.dq
-            along = columns if still else evaluate_motion(library, other)
+            still = hypothesis.motion.q is motion.q and hypothesis.motion.dq is motion.dq
+            along = columns if still else evaluate_motion(library, hypothesis.motion)
         found = fit_motion(along, hypothesis.motion, fold)
         own = [joint for joint in (hypothesis.joints or moving.tolist()) if joint in moving]
         if own:
-            touched = judge.compare(base.losses[:, own], found.losses[:, own])
-            pooled = judge.compare(base.losses[:, moving], found.losses[:, moving])
-            # The fit to all rows must be better, too: with few rows those to stretches are poor by chance.
-            fall = min(touched.fall_of_all, _divide(base.squares[own].sum(), found.squares[own].sum()))
-            trials.append(_Trial(hypothesis, found, touched.p_of_all, fall, pooled.fall_of_all))
+            pooled = _compare(base, found, moving.tolist())
+            # What a mistake at one joint spoils may be left at others: both are tried, which counts twice.
+            touched = min(pooled, _compare(base, found, own)) if hypothesis.joints else pooled
+            p = min(1.0, touched[0] * (2.0 if hypothesis.joints else 1.0))
+            trials.append(TriedHypothesis(hypothesis, found, p, touched[1], pooled[1]))
     chances = judge.adjust_chances([trial.p for trial in trials])
     passed = [
         place
@@ -217,11 +216,15 @@ def find_causes(
     return tuple(causes)
 
 
-def _divide(before: float, after: float) -> float:
-    return before / after if after > 0.0 else np.inf
+def _compare(base: TriedFit, found: TriedFit, joints: list[int]) -> tuple[float, float]:
+    """Return the chance and the fall of the losses of joints; the fit to all rows must fall, too."""
+    compared = judge.compare(base.losses[:, joints], found.losses[:, joints])
+    left = float(found.squares[joints].sum())
+    fall = float(base.squares[joints].sum()) / left if left > 0.0 else np.inf
+    return compared.p_of_all, min(compared.fall_of_all, fall)
 
 
-def _cures(library: Library, trial: _Trial, base: TriedFit) -> bool:
+def _cures(library: Library, trial: TriedHypothesis, base: TriedFit) -> bool:
     """Return whether a hypothesis predicts as well as the logs as they are, and has nothing impossible."""
     worse = judge.compare(trial.found.losses, base.losses)
     same = worse.fall_of_all < (1.0 + POLICY.relevance) ** 2 or worse.p_of_all > POLICY.caution
@@ -295,6 +298,14 @@ def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iter
             )
 
 
+def _scale_torque(motion: ThinMotion, factors: FloatArray | float) -> ThinMotion:
+    return replace(motion, tau=motion.tau * factors)
+
+
+def _scale_position(motion: ThinMotion, factors: FloatArray | float) -> ThinMotion:
+    return replace(motion, q=motion.q * factors, dq=motion.dq * factors, ddq=motion.ddq * factors)
+
+
 def list_mistakes(
     library: Library, motion: ThinMotion, transmission: FloatArray | None = None
 ) -> Iterator[Hypothesis]:
@@ -305,12 +316,6 @@ def list_mistakes(
     names = [joint.name for joint in library.card.joints]
     count = len(names)
     units = np.eye(count)
-
-    def scale_torque(factors: FloatArray | float) -> ThinMotion:
-        return replace(motion, tau=motion.tau * factors)
-
-    def scale_position(factors: FloatArray | float) -> ThinMotion:
-        return replace(motion, q=motion.q * factors, dq=motion.dq * factors, ddq=motion.ddq * factors)
 
     if not library.card.friction:
         each, dq = np.arange(count), motion.dq
@@ -329,7 +334,7 @@ def list_mistakes(
         family="sign of all torques",
         cause="all torques have the wrong sign",
         remedy="state a factor of -1 in [log.torque]",
-        motion=scale_torque(-1.0),
+        motion=_scale_torque(motion, -1.0),
         turned=True,
     )
     for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
@@ -339,7 +344,7 @@ def list_mistakes(
             cause=f"the torque of joint {name!r} has the wrong sign",
             remedy="state its factor -1 in [log.torque], or turn its gear",
             joints=(joint,),
-            motion=scale_torque(1.0 - 2.0 * unit),
+            motion=_scale_torque(motion, 1.0 - 2.0 * unit),
             turned=True,
         )
         yield Hypothesis(
@@ -348,7 +353,7 @@ def list_mistakes(
             cause=f"the position of joint {name!r} has the wrong sign",
             remedy="state its factor -1 in [log.position]",
             joints=(joint,),
-            motion=scale_position(1.0 - 2.0 * unit),
+            motion=_scale_position(motion, 1.0 - 2.0 * unit),
             turned=True,
         )
     matrix = np.zeros((0, count)) if transmission is None else transmission
@@ -365,6 +370,7 @@ def list_mistakes(
                 remedy="state its factor -1 in [log.torque]",
                 joints=tuple(driven),
                 motion=replace(motion, tau=motion.tau @ turn),
+                turned=True,
             )
     for first, second in combinations(range(count), 2):
         order = list(range(count))
@@ -392,13 +398,19 @@ def list_mistakes(
                 joints=(first, second),
                 motion=other,
             )
+    yield from _list_sizes(names, motion)
+
+
+def _list_sizes(names: Sequence[str], motion: ThinMotion) -> Iterator[Hypothesis]:
+    """Yield what the logs would be with other units, times, delays and zeros."""
+    count, units = len(names), np.eye(len(names))
     for factor, what in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
         yield Hypothesis(
             code="log.wrong-unit",
             family="unit of positions",
             cause=f"positions are in {what}",
             remedy=f'state unit = "{what[:3]}" in [log.position]',
-            motion=scale_position(factor),
+            motion=_scale_position(motion, factor),
         )
         for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
             yield Hypothesis(
@@ -407,7 +419,7 @@ def list_mistakes(
                 cause=f"positions of joint {name!r} are in {what}",
                 remedy="state its factor in [log.position]",
                 joints=(joint,),
-                motion=scale_position(np.where(unit, factor, 1.0)),
+                motion=_scale_position(motion, np.where(unit, factor, 1.0)),
             )
     # A joint whose torque is made tiny is cut off from the others, which may help any wrong model.
     size = np.log(np.maximum(np.sqrt(np.mean(motion.tau**2, axis=0)), np.finfo(float).tiny))
@@ -420,7 +432,7 @@ def list_mistakes(
                 cause=f"the torque of joint {names[joint]!r} is {1.0 / factor:g} times what it should be",
                 remedy="state its unit, factor or gear in [log.torque]",
                 joints=(joint,),
-                motion=scale_torque(np.where(units[joint], factor, 1.0)),
+                motion=_scale_torque(motion, np.where(units[joint], factor, 1.0)),
             )
     for times in _TIMES:
         for factor in (times, 1.0 / times):

@@ -8,21 +8,11 @@ Each entry says what it means, where it is from, and what happens when it is hal
 rates of the tests are measured by `benchmarks/judge.py`.
 """
 
-from dataclasses import dataclass, field, fields
-from typing import NamedTuple, TypeVar
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 Number = TypeVar("Number", int, float)
 """A count, or a number."""
-
-
-class PolicyEntry(NamedTuple):
-    """A number that decides: name, value, meaning, source, and what halving or doubling it does."""
-
-    name: str
-    value: float
-    meaning: str
-    source: str
-    changed: str
 
 
 def _number(value: Number, meaning: str, source: str, changed: str) -> Number:
@@ -136,15 +126,3 @@ class Policy:
 
 
 POLICY = Policy()
-
-
-def list_policy() -> tuple[PolicyEntry, ...]:
-    """Return the table."""
-    return tuple(
-        PolicyEntry(
-            entry.name,
-            getattr(POLICY, entry.name),
-            *(entry.metadata[key] for key in ("meaning", "source", "changed")),
-        )
-        for entry in fields(Policy)
-    )

@@ -1,6 +1,6 @@
 """What speaks for a fit of a rigid robot: prediction, consistency, physics; all from its condensed logs.
 
-Study, values of the fit -> `Evidence`.
+SettingsStudy, values of the fit -> `Evidence`.
 
     prediction    100 |y - Y x_(-f)| / max(|y|, |Y x|) of every joint within the scoring band, f the fold of
     the row consistency   two estimates from different rows: halves of a log, a log and the others, slow and
@@ -31,7 +31,7 @@ from symid.errors import Notice
 from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import POLICY, Agreement
 from symid.identification.regression import BlockFit, ThinMotion
-from symid.identification.rigid.settings_choice import Study
+from symid.identification.rigid.settings_choice import SettingsStudy
 from symid.joint_models import is_braking
 from symid.robot import Robot
 
@@ -41,7 +41,7 @@ _POSES = 60
 
 def collect_evidence(
     library: Library,
-    study: Study,
+    study: SettingsStudy,
     fit: estimators.RegressionFit,
     *,
     whole: bool = True,
@@ -106,7 +106,7 @@ def build_gravity_test(found: diagnostics.GravityEstimate) -> estimators.Consist
 
 def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
     library: Library,
-    study: Study,
+    study: SettingsStudy,
     motion: ThinMotion,
     evidence: estimators.Evidence,
     gravity: diagnostics.GravityEstimate | None,
@@ -128,7 +128,7 @@ def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
 
 
 def list_joints(
-    study: Study, values: FloatArray, folds: FloatArray, names: Sequence[str]
+    study: SettingsStudy, values: FloatArray, folds: FloatArray, names: Sequence[str]
 ) -> tuple[estimators.JointEvidence, ...]:
     """Return what is left of every joint by the fit, and by the fits without each block (b, p)."""
     logs, sums = study.logs, study.logs.scores[1]
@@ -165,7 +165,7 @@ def list_joints(
 
 
 def list_tests(
-    library: Library, study: Study, names: Sequence[str]
+    library: Library, study: SettingsStudy, names: Sequence[str]
 ) -> tuple[tuple[estimators.ConsistencyTest, ...], bool]:
     """Return what estimates from different rows say of each other, and whether whole logs can be held out."""
     logs, count, grams = study.logs, len(names), study.logs.list_grams()
@@ -225,7 +225,7 @@ def list_tests(
 
 
 def list_impossible(
-    library: Library, study: Study, motion: ThinMotion, fit: estimators.RegressionFit, *, whole: bool
+    library: Library, study: SettingsStudy, motion: ThinMotion, fit: estimators.RegressionFit, *, whole: bool
 ) -> tuple[str, ...]:
     """Return in words what no robot can have, where it is sure and matters for a joint's torque."""
     card, sums, values = library.card, study.logs.scores[1], fit.values
@@ -267,7 +267,7 @@ def list_impossible(
     return tuple(found)
 
 
-def measure_bounded(study: Study, robot: Robot | None, library: Library) -> float:
+def measure_bounded(study: SettingsStudy, robot: Robot | None, library: Library) -> float:
     """Return the percent of held-out torque that a fit of bodies that exist leaves, mean over joints.
 
     The fit to all rows is bounded; it is scored as the free fit is, and what that loses when held out is

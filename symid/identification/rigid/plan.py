@@ -27,7 +27,7 @@ from symid.identification.regression import (
     count_spoilt,
     measure_moving_ends,
 )
-from symid.identification.rigid.settings_choice import PASSED, Study, choose_settings
+from symid.identification.rigid.settings_choice import PASSED, SettingsStudy, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording
 from symid.options import RigidOptions, list_options
@@ -48,7 +48,7 @@ class FitPlan:
 
     processing: Processing
     estimator: str
-    study: Study | None = None
+    study: SettingsStudy | None = None
     notices: tuple[Notice, ...] = ()
     scoring: float = 0.0
     laws_chosen: bool = False
