@@ -208,31 +208,17 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
             (
                 *(fit_text.write_number(value, ".3g") for value in (entry.band, entry.instruments)),
                 *(entry.states, f"{entry.held_out:.3g}", f"{entry.fall:.3g}", f"{entry.p:.2g}"),
-                *(
-                    f"{entry.consistent:.2g}",
-                    "taken" if entry is choice.chosen else "",
-                ),
+                *(f"{entry.consistent:.2g}", "taken" if entry is choice.chosen else ""),
             )
             for entry in first[:_CANDIDATES]
         ]
         title = (
-            f"The best of {len(first)} settings that were compared, with the one taken: of those that "
-            f"predict as "
+            f"The best of {len(first)} settings that were compared, with the one taken: of those that predict as "
             "well as the best (squares left, over those of the best; p of chance) and agree with the lowest "
             "instruments (p of chance) the one of the widest rows."
         )
-        header = (
-            "rows up to/Hz",
-            "instruments/Hz",
-            "states",
-            "held out/%",
-            "squares",
-            "p",
-            "agrees, p",
-            "variance",
-            "choice",
-        )
-        yield Table(header, rows, (2, 7), title)
+        header = ("rows up to/Hz", "instruments/Hz", "states", "held out/%", "squares", "p", "agrees, p")
+        yield Table((*header, "choice"), rows, (2, 7), title)
 
 
 def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:

@@ -135,11 +135,16 @@ def _relax(level: str) -> str:
 def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
     """Return the limit where most of the torque of the `logs` is not explained.
 
-    A joint counts 100 % at most: one whose torque is all noise makes no fit of many joints wrong.
+    A joint counts 100 % at most: one whose torque is all noise makes no fit of many joints wrong, nor does
+    one with little torque beside others of the same unit.
     """
     shares = [entry.relative_percent for entry in residual]
     if not shares or not sum(min(100.0, share) for share in shares) > POLICY.lost * len(shares):
         return []
+    if len({entry.unit for entry in residual}) == 1 and all(0.0 < share < math.inf for share in shares):
+        whole = math.hypot(*(100.0 * entry.norm / entry.relative_percent for entry in residual))
+        if not 100.0 * math.hypot(*(entry.norm for entry in residual)) > POLICY.lost * whole:
+            return []
     mean = sum(shares) / len(shares)
     text = f"{mean:.3g} % of the torque" if math.isfinite(mean) else "more torque than there is"
     return [("wrong", f"the model does not explain {logs}: {text} is left, on the mean of the joints")]
