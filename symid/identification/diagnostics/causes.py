@@ -137,7 +137,9 @@ def find_causes(
             still = other.q is motion.q and other.dq is motion.dq
             along = columns if still else evaluate_motion(library, other)
         found = fit_motion(along, hypothesis.motion, fold)
-        own = [joint for joint in (hypothesis.joints or moving.tolist()) if joint in moving]
+        # The sign of one joint is that of all others, but for the sign of the parameters.
+        touches = hypothesis.joints if not hypothesis.turned else ()
+        own = [joint for joint in (touches or moving.tolist()) if joint in moving]
         if own:
             touched = judge.compare(base.losses[:, own], found.losses[:, own])
             pooled = judge.compare(base.losses[:, moving], found.losses[:, moving])
@@ -160,6 +162,9 @@ def find_causes(
         ]
     if not passed:
         return ()
+    # Where one of them has nothing impossible, no other counts.
+    cured = [place for place in passed if impossible and not _mask(library, trials[place]).any()]
+    passed = cured or passed
 
     def left(place: int, joints: Sequence[int]) -> float:
         return float(trials[place].found.losses[:, list(joints)].sum())
@@ -172,6 +177,7 @@ def find_causes(
     for place, trial in enumerate(trials):
         kind = trial.hypothesis.family
         rival = left(place, joints) < most and (chances[place] < POLICY.alarm or place in passed)
+        rival = rival and not (cured and _mask(library, trial).any())
         if (
             kind != family
             and rival
@@ -209,7 +215,11 @@ def _cures(library: Library, trial: _Trial, base: TriedFit) -> bool:
     """Return whether a hypothesis predicts as well as the logs as they are, and has nothing impossible."""
     worse = judge.compare(trial.found.losses, base.losses)
     same = worse.fall_of_all < (1.0 + POLICY.relevance) ** 2 or worse.p_of_all > POLICY.caution
-    return same and not mask_impossible(library, trial.hypothesis.motion, trial.found.fit).any()
+    return same and not _mask(library, trial).any()
+
+
+def _mask(library: Library, trial: _Trial) -> NDArray[np.bool_]:
+    return mask_impossible(library, trial.hypothesis.motion, trial.found.fit)
 
 
 def mask_impossible(library: Library, motion: ThinMotion, fit: BlockFit) -> NDArray[np.bool_]:
