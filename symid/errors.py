@@ -26,7 +26,7 @@ NOTES = frozenset(
         "export.source-edited",
         "estimate.settings-differ",
         *("identify.automatic", "identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
-        *("identify.measured-load", "identify.plain-friction", "identify.resampled"),
+        *("identify.measured-load", "identify.plain-friction"),
         "identify.unused-processing",
         "lesson.not-executed",
         *(

@@ -64,7 +64,6 @@ if TYPE_CHECKING:
         measure_timing as measure_timing,
         resample_if_uneven as resample_if_uneven,
         resample_log as resample_log,
-        undo_resampling as undo_resampling,
     )
     from symid.logs.signals import (
         choose_cutoff as choose_cutoff,

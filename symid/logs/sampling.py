@@ -208,16 +208,6 @@ def resample_recording(recording: Recording, plan: Resampling) -> Recording:
     return replace(moved, notices=notices)
 
 
-def undo_resampling(recording: Recording) -> Recording:
-    """Return a resampled recording as it would be if its samples were taken to be at even times."""
-    if recording.stamps is None:
-        return recording
-    time = recording.time
-    places = np.clip(recording.stamps, time[0], time[-1])
-    found = change_channels(recording, lambda values: _interpolate(time, values, places))
-    return replace(found, time=time, stamps=None)
-
-
 def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Notice]:
     """Return the columns of a log at even times, and a notice; a LogError if the time cannot be read."""
     findings = Findings(file=file)

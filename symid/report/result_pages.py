@@ -48,8 +48,8 @@ if TYPE_CHECKING:
     from symid.dynamics import Payload
     from symid.excitation import OptimisedExcitation
     from symid.identification import Compared, EstimateSide
-    from symid.identification.rigid import LogsCheck
     from symid.identification.elastic import StiffnessEstimate
+    from symid.identification.rigid import LogsCheck
 
 _WELL, _ENOUGH = 100.0, 1000.0
 """Condition numbers of a column-scaled regressor up to which a trajectory is good, and usable."""

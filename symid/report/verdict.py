@@ -159,7 +159,7 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         f"Below {evidence.scoring:.3g} Hz {percent:.3g} % of the torque is left unexplained in {parts}, "
         "predicted by fits to the others."
     )
-    level, caps = _rate(percent), _list_causes(evidence, percent)
+    level, caps = _rate(percent), _list_causes(evidence)
     if level == "wrong":
         caps.append(
             ("wrong", f"the model is not that of these logs: {percent:.3g} % of held-out torque is left")
@@ -194,7 +194,7 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
     return level, headline, caps
 
 
-def _list_causes(evidence: Evidence, percent: float) -> Caps:
+def _list_causes(evidence: Evidence) -> Caps:
     """Return the limit that the causes set: a single mistake that leaves much makes a fit wrong."""
     if not evidence.causes:
         return []
@@ -277,7 +277,8 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
         least = max(evidence.joints, key=lambda entry: entry.held_out, default=None)
         if least is not None:
             details.append(
-                f"The least predictable joint is {least.joint}: {least.held_out:.3g} % of its held-out torque "
+                f"The least predictable joint is {least.joint}: {least.held_out:.3g} % of its held-out "
+                f"torque "
                 f"is left ({least.fitted:.3g} % in the fit, {least.moving:.3g} % in motion)."
             )
         slow = max((entry.share for entry in evidence.joints), default=0.0)
@@ -391,7 +392,9 @@ def _judge_parameters(
         level = "doubtful" if 2 * len(missed) > len(known) else "usable"
         caps.append((level, f"true values are missed beyond chance: {', '.join(missed)}"))
     if not small and 2 * len(uncertain) > len(parameters):
-        text = f"{len(uncertain)} of {len(parameters)} parameters are uncertain by more than {POLICY.uncertain:g} %"
+        text = (
+            f"{len(uncertain)} of {len(parameters)} parameters are uncertain by over {POLICY.uncertain:g} %"
+        )
         caps.append(("usable", text))
     if refused:
         names = ", ".join(name for name, _ in refused)

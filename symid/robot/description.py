@@ -104,8 +104,8 @@ class Processing:
     one for all joints or one a joint, None for none) below which a joint's rows are left out, because dry
     friction there is not a function of velocity; `instrument_cutoff` in Hz of the positions along which
     instruments are computed; `states` up to which columns of the log the states are used, "position",
-    "velocity" or "acceleration": the others are differences, "central" or "fourth-order" ones, which are right
-    within 1 % up to a tenth of the sample rate. `noise_freedom` says how deviations follow
+    "velocity" or "acceleration": the others are differences, "central" or "fourth-order" ones, which are
+    right within 1 % up to a tenth of the sample rate. `noise_freedom` says how deviations follow
     from the residuals of m rows and k parameters: "band" from their spectrum, with m b - k degrees of
     freedom, b the part of the band that decimation lets pass, "parameters" as of white noise with m - k,
     "one" with m - 1, as some publications do. `automatic` that what is not stated is chosen from the logs.

@@ -1,10 +1,11 @@
 """Numbers that decide stand in one table, each with its meaning, and all numbers together become fewer."""
 
 import ast
+from dataclasses import fields
 
 import pytest
 
-from symid.identification.judge import POLICY, list_policy
+from symid.identification.judge import POLICY
 from tests.architecture.source import PACKAGE
 
 MOST = 672
@@ -78,8 +79,8 @@ def test_no_number_of_the_policy_is_without_its_meaning():
     tree = ast.parse(POLICY_FILE.read_text(encoding="utf-8"))
     bare = [ast.unparse(value) for value in list_stated(tree) if count_numbers(value) and not is_entry(value)]
     assert not bare
-    entries = list_policy()
+    entries = fields(POLICY)
     assert len(entries) == sum(is_entry(value) for value in list_stated(tree)) > 0
     for entry in entries:
-        assert entry.value == getattr(POLICY, entry.name)
-        assert min(map(len, (entry.meaning, entry.source, entry.changed))) > 3
+        assert set(entry.metadata) == {"meaning", "source", "changed"}
+        assert min(map(len, entry.metadata.values())) > 3

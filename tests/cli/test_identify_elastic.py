@@ -11,7 +11,7 @@ import symid
 from symid.cli.main import run
 from symid.robot.loading import locate_robot_file
 from symid.serialization import write_json
-from tests.calls import ask, do, find_codes, find_texts, hear, list_codes, refuse
+from tests.calls import ask, do, find_codes, find_texts, hear, refuse
 
 KR300 = Path(__file__).parents[3] / "shared" / "data" / "kr300"
 MISSING = pytest.mark.skipif(not KR300.exists(), reason=f"the KR300's recordings are not at {KR300}")
@@ -294,9 +294,10 @@ def test_positions_of_links_alone_are_no_motor_side(link_side):
     plain, named = link_side
     # A wide band: within a narrow one the rotors are met in spite of it.
     wide = ("--cutoff", 100, "--decimate", 5, "--estimator", "wls")
-    code, answer = ask("identify", "two_link_elastic", plain, *wide)
-    assert code == 1
-    assert list_codes(answer, "errors") == ["identify.wrong"]
+    # What no robot has limits a fit, which may predict these logs all the same.
+    answer = do("identify", "two_link_elastic", plain, *wide)
+    assert answer["verdict"]["level"] in {"usable", "doubtful"}
+    assert "negative inertia" in answer["verdict"]["headline"]
     assert "IA2" in find_texts(answer, "elastic.negative-rotor")
     answer = do("identify", "two_link_elastic", plain)
     rotor = next(entry for entry in answer["result"]["parameters"] if entry["name"] == "IA2")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symid.identification.regression import balance_cutoff
 from symid.identification.rigid.fit import identify_parameters
 from symid.robot.description import Processing
 from symid.simulation.experiment import SensorOptions
@@ -58,8 +59,9 @@ def test_a_file_without_processing_still_gives_sound_results(two_link, recording
     assert np.median(errors[0] / errors[2]) < 3.0
     estimate = identify_parameters(library, runs[:1], Processing(automatic=True))
     assert estimate.notices[0].code == "identify.automatic"
-    assert "one row in 5, positions pass a low-pass at 400 Hz" in estimate.notices[0].text
-    assert estimate.settings["processing"]["filter_cutoff"] == 400.0
+    cutoff = estimate.settings["processing"]["filter_cutoff"]
+    assert cutoff == pytest.approx(balance_cutoff(runs[:1]), rel=5e-3)
+    assert f"one row in 5, positions pass a low-pass at {cutoff:g} Hz" in estimate.notices[0].text
     assert estimate.settings["chosen"] == ["filter_cutoff", "decimation.factor", "standstill"]
     low = replace(two_link.processing, filter_cutoff=50.0)
     codes = [notice.code for notice in identify_parameters(library, runs[:1], low).notices]

@@ -24,16 +24,13 @@ if TYPE_CHECKING:
     )
     from symid.identification.diagnostics.gravity import GravityEstimate as GravityEstimate
     from symid.identification.diagnostics.residual_structure import (
-        FAMILIES as FAMILIES,
         OTHER_VALUES as OTHER_VALUES,
         BandResidual as BandResidual,
-        JointMotion as JointMotion,
         JointProfiles as JointProfiles,
         ResidualFinding as ResidualFinding,
         analyse_structure as analyse_structure,
         compute_band_residual as compute_band_residual,
         compute_profiles as compute_profiles,
-        pick_motion as pick_motion,
         predict_torques as predict_torques,
     )
     from symid.identification.diagnostics.stretches import (

@@ -1,19 +1,20 @@
 """Why a log does not fit: single mistakes undone one after the other, and terms that a model may lack.
 
-Library, thinned logs -> hypotheses -> `Cause`s: the one that explains the log, or several that explain it alike.
+Library, thinned logs -> hypotheses -> `Cause`s: the one that explains the log, or several that explain it
+alike.
 
-Every hypothesis is tried in fact, by a fit of the logs within the scoring band: as if the mistake were undone,
-or with the columns of the term at one joint. It is accepted where
+Every hypothesis is tried in fact, by a fit of the logs within the scoring band: as if the mistake were
+undone, or with the columns of the term at one joint. It is accepted where
 
-    held-out losses of the joints it touches fall, by more than chance over all hypotheses (Holm 1979),
+    held-out losses of its joint, or of all, fall by more than chance over all hypotheses (Holm 1979),
     their squares fall at least 2 times, those of all joints together at least 1.5 times
 
-Of those accepted the one that leaves least is named alone if every hypothesis of another family leaves at least
-2 times as much of these joints; else all that leave less are named together, and no remedy is given. Where a
-fit has values that no robot has, a wrong sign that cures them and predicts as well is accepted, too.
+Of those accepted the one that leaves least is named alone if every hypothesis of another family leaves at
+least 2 times as much of these joints; else all that leave less are named together, and no remedy is given.
+Where a fit has values that no robot has, a wrong sign that cures them and predicts as well is accepted, too.
 
-Torque columns that change linearly (signs, order, units) are algebra on sums of products; zeros, signs and order
-of positions, units, times and delays evaluate the regressor anew, along thinned logs.
+Torque columns that change linearly (signs, order, units) are algebra on sums of products; zeros, signs and
+order of positions, units, times and delays evaluate the regressor anew, along thinned logs.
 
 Supported: several logs, known payloads, joints at rest; signs, order and units of columns, a delay of all
 torques, times scaled, a wrong zero of a joint, no friction in the robot file; terms of one joint.
@@ -48,7 +49,7 @@ _TORQUES = (1e-3, 1e3, 1e-2, 1e2)
 _ZEROS = (-0.3, 0.3, -0.8, 0.8, -_TURN, _TURN, 2.0 * _TURN)
 
 
-NO_FRICTION, GRAVITY = "robot.no-friction", "robot.gravity"
+NO_FRICTION, GRAVITY, TERM = "robot.no-friction", "robot.gravity", "identify.structure"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,7 +75,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TriedFit:
-    """A fit of thinned logs: losses (b, n) of held-out blocks, squares (n,) of all, relative to the torque."""
+    """A fit: losses (b, n) of held-out blocks, squares (n,) of all; relative to the torque."""
 
     fit: BlockFit
     losses: FloatArray
@@ -103,7 +104,7 @@ def evaluate_motion(library: Library, motion: ThinMotion) -> FloatArray:
     )
 
 
-class _Trial(NamedTuple):
+class TriedHypothesis(NamedTuple):
     """A hypothesis that was tried: chance and falls of the squares of its joints, and of all."""
 
     hypothesis: Hypothesis
@@ -133,19 +134,16 @@ def find_causes(
     for hypothesis in hypotheses:
         along = hypothesis.columns
         if along is None:
-            other = hypothesis.motion
-            still = other.q is motion.q and other.dq is motion.dq
-            along = columns if still else evaluate_motion(library, other)
+            still = hypothesis.motion.q is motion.q and hypothesis.motion.dq is motion.dq
+            along = columns if still else evaluate_motion(library, hypothesis.motion)
         found = fit_motion(along, hypothesis.motion, fold)
-        # The sign of one joint is that of all others, but for the sign of the parameters.
-        touches = hypothesis.joints if not hypothesis.turned else ()
-        own = [joint for joint in (touches or moving.tolist()) if joint in moving]
+        own = [joint for joint in (hypothesis.joints or moving.tolist()) if joint in moving]
         if own:
-            touched = judge.compare(base.losses[:, own], found.losses[:, own])
-            pooled = judge.compare(base.losses[:, moving], found.losses[:, moving])
-            # The fit to all rows must be better, too: with few rows those to stretches are poor by chance.
-            fall = min(touched.fall_of_all, _divide(base.squares[own].sum(), found.squares[own].sum()))
-            trials.append(_Trial(hypothesis, found, touched.p_of_all, fall, pooled.fall_of_all))
+            pooled = _compare(base, found, moving.tolist())
+            # What a mistake at one joint spoils may be left at others: both are tried, which counts twice.
+            touched = min(pooled, _compare(base, found, own)) if hypothesis.joints else pooled
+            p = min(1.0, touched[0] * (2.0 if hypothesis.joints else 1.0))
+            trials.append(TriedHypothesis(hypothesis, found, p, touched[1], pooled[1]))
     chances = judge.adjust_chances([trial.p for trial in trials])
     passed = [
         place
@@ -162,30 +160,41 @@ def find_causes(
         ]
     if not passed:
         return ()
-    # Where one of them has nothing impossible, no other counts.
-    cured = [place for place in passed if impossible and not _mask(library, trials[place]).any()]
-    passed = cured or passed
+
+    def is_sound(place: int) -> bool:
+        """Return whether a robot can have what a hypothesis leads to."""
+        trial = trials[place]
+        return not mask_impossible(library, trial.hypothesis.motion, trial.found.fit).any()
+
+    # What turns inertia negative may leave as much: signs of torques do by algebra.
+    passed = [place for place in passed if is_sound(place)] or passed
 
     def left(place: int, joints: Sequence[int]) -> float:
         return float(trials[place].found.losses[:, list(joints)].sum())
 
     best = min(passed, key=lambda place: left(place, moving.tolist()))
-    joints = trials[best].hypothesis.joints or tuple(moving.tolist())
-    family = trials[best].hypothesis.family
-    most = POLICY.fall * left(best, joints)
-    alike: dict[str, int] = {family: best}
+    # A term has values of its own: it explains less than a mistake that leaves as much.
+    mistakes = [place for place in passed if trials[place].hypothesis.code != TERM]
+    if mistakes:
+        plain = min(mistakes, key=lambda place: left(place, moving.tolist()))
+        if left(plain, moving.tolist()) < POLICY.fall * left(best, moving.tolist()):
+            best = plain
+    first = trials[best].hypothesis
+    alike: dict[str, int] = {first.family: best}
     for place, trial in enumerate(trials):
-        kind = trial.hypothesis.family
-        rival = left(place, joints) < most and (chances[place] < POLICY.alarm or place in passed)
-        rival = rival and not (cured and _mask(library, trial).any())
-        if (
-            kind != family
-            and rival
-            and (kind not in alike or left(place, joints) < left(alike[kind], joints))
-        ):
-            alike[kind] = place
+        other = trial.hypothesis
+        own = sorted(
+            {*(first.joints or moving.tolist()), *(other.joints or moving.tolist())} & {*moving.tolist()}
+        )
+        surely = chances[place] < POLICY.alarm or place in passed
+        rival = surely and left(place, own) < POLICY.fall * left(best, own)
+        if other.family == first.family or not rival or (other.code == TERM and first.code != TERM):
+            continue
+        better = other.family not in alike or left(place, own) < left(alike[other.family], own)
+        if better and is_sound(place) >= is_sound(best):
+            alike[other.family] = place
     causes = []
-    for place in sorted(alike.values(), key=lambda place: left(place, joints)):
+    for place in sorted(alike.values(), key=lambda place: left(place, moving.tolist())):
         hypothesis = trials[place].hypothesis
         own = list(hypothesis.joints or moving.tolist())
         before, after = (
@@ -207,25 +216,26 @@ def find_causes(
     return tuple(causes)
 
 
-def _divide(before: float, after: float) -> float:
-    return before / after if after > 0.0 else np.inf
+def _compare(base: TriedFit, found: TriedFit, joints: list[int]) -> tuple[float, float]:
+    """Return the chance and the fall of the losses of joints; the fit to all rows must fall, too."""
+    compared = judge.compare(base.losses[:, joints], found.losses[:, joints])
+    left = float(found.squares[joints].sum())
+    fall = float(base.squares[joints].sum()) / left if left > 0.0 else np.inf
+    return compared.p_of_all, min(compared.fall_of_all, fall)
 
 
-def _cures(library: Library, trial: _Trial, base: TriedFit) -> bool:
+def _cures(library: Library, trial: TriedHypothesis, base: TriedFit) -> bool:
     """Return whether a hypothesis predicts as well as the logs as they are, and has nothing impossible."""
     worse = judge.compare(trial.found.losses, base.losses)
     same = worse.fall_of_all < (1.0 + POLICY.relevance) ** 2 or worse.p_of_all > POLICY.caution
-    return same and not _mask(library, trial).any()
-
-
-def _mask(library: Library, trial: _Trial) -> NDArray[np.bool_]:
-    return mask_impossible(library, trial.hypothesis.motion, trial.found.fit)
+    return same and not mask_impossible(library, trial.hypothesis.motion, trial.found.fit).any()
 
 
 def mask_impossible(library: Library, motion: ThinMotion, fit: BlockFit) -> NDArray[np.bool_]:
     """Return the joints (n,) that a fit has surely driven by friction, or with a negative inertia.
 
-    Friction of joint j drives it where mean(tau_f dq) < 0, its inertia is negative where mean(M_jj ddq^2) < 0.
+    Friction of joint j drives it where mean(tau_f dq) < 0, its inertia is negative where mean(M_jj ddq^2) <
+    0.
     """
     columns, inertial = evaluate_motion(library, motion), len(library.card.beta)
     found = np.zeros(columns.shape[1], dtype=np.bool_)
@@ -278,7 +288,7 @@ def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iter
             whole = np.zeros((*columns.shape[:2], added.shape[1]))
             whole[:, joint] = added
             yield Hypothesis(
-                code="identify.structure",
+                code=TERM,
                 family=f"{name} of {entry.name}",
                 cause=f"joint {entry.name!r} lacks a term of {name}",
                 remedy=family.advice,
@@ -286,6 +296,14 @@ def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iter
                 motion=motion,
                 columns=np.concatenate([columns, whole], axis=2),
             )
+
+
+def _scale_torque(motion: ThinMotion, factors: FloatArray | float) -> ThinMotion:
+    return replace(motion, tau=motion.tau * factors)
+
+
+def _scale_position(motion: ThinMotion, factors: FloatArray | float) -> ThinMotion:
+    return replace(motion, q=motion.q * factors, dq=motion.dq * factors, ddq=motion.ddq * factors)
 
 
 def list_mistakes(
@@ -299,12 +317,6 @@ def list_mistakes(
     count = len(names)
     units = np.eye(count)
 
-    def scale_torque(factors: FloatArray | float) -> ThinMotion:
-        return replace(motion, tau=motion.tau * factors)
-
-    def scale_position(factors: FloatArray | float) -> ThinMotion:
-        return replace(motion, q=motion.q * factors, dq=motion.dq * factors, ddq=motion.ddq * factors)
-
     if not library.card.friction:
         each, dq = np.arange(count), motion.dq
         added = np.zeros((*dq.shape, 2 * count))
@@ -313,7 +325,7 @@ def list_mistakes(
             code=NO_FRICTION,
             family="friction",
             cause="the robot file states no friction, and the joints have some",
-            remedy="give each joint a friction model ([joint.friction], or --friction coulomb-viscous-offset)",
+            remedy="state friction of each joint (--friction coulomb-viscous-offset, or [joint.friction])",
             motion=motion,
             columns=np.concatenate([evaluate_motion(library, motion), added], axis=2),
         )
@@ -322,7 +334,7 @@ def list_mistakes(
         family="sign of all torques",
         cause="all torques have the wrong sign",
         remedy="state a factor of -1 in [log.torque]",
-        motion=scale_torque(-1.0),
+        motion=_scale_torque(motion, -1.0),
         turned=True,
     )
     for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
@@ -332,7 +344,7 @@ def list_mistakes(
             cause=f"the torque of joint {name!r} has the wrong sign",
             remedy="state its factor -1 in [log.torque], or turn its gear",
             joints=(joint,),
-            motion=scale_torque(1.0 - 2.0 * unit),
+            motion=_scale_torque(motion, 1.0 - 2.0 * unit),
             turned=True,
         )
         yield Hypothesis(
@@ -341,7 +353,7 @@ def list_mistakes(
             cause=f"the position of joint {name!r} has the wrong sign",
             remedy="state its factor -1 in [log.position]",
             joints=(joint,),
-            motion=scale_position(1.0 - 2.0 * unit),
+            motion=_scale_position(motion, 1.0 - 2.0 * unit),
             turned=True,
         )
     matrix = np.zeros((0, count)) if transmission is None else transmission
@@ -358,6 +370,7 @@ def list_mistakes(
                 remedy="state its factor -1 in [log.torque]",
                 joints=tuple(driven),
                 motion=replace(motion, tau=motion.tau @ turn),
+                turned=True,
             )
     for first, second in combinations(range(count), 2):
         order = list(range(count))
@@ -385,13 +398,19 @@ def list_mistakes(
                 joints=(first, second),
                 motion=other,
             )
+    yield from _list_sizes(names, motion)
+
+
+def _list_sizes(names: Sequence[str], motion: ThinMotion) -> Iterator[Hypothesis]:
+    """Yield what the logs would be with other units, times, delays and zeros."""
+    count, units = len(names), np.eye(len(names))
     for factor, what in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
         yield Hypothesis(
             code="log.wrong-unit",
             family="unit of positions",
             cause=f"positions are in {what}",
             remedy=f'state unit = "{what[:3]}" in [log.position]',
-            motion=scale_position(factor),
+            motion=_scale_position(motion, factor),
         )
         for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
             yield Hypothesis(
@@ -400,7 +419,7 @@ def list_mistakes(
                 cause=f"positions of joint {name!r} are in {what}",
                 remedy="state its factor in [log.position]",
                 joints=(joint,),
-                motion=scale_position(np.where(unit, factor, 1.0)),
+                motion=_scale_position(motion, np.where(unit, factor, 1.0)),
             )
     # A joint whose torque is made tiny is cut off from the others, which may help any wrong model.
     size = np.log(np.maximum(np.sqrt(np.mean(motion.tau**2, axis=0)), np.finfo(float).tiny))
@@ -410,10 +429,10 @@ def list_mistakes(
             yield Hypothesis(
                 code="log.wrong-unit",
                 family=f"unit of torque {names[joint]}",
-                cause=f"the torque of joint {names[joint]!r} is about {1.0 / factor:g} times what it should be",
+                cause=f"the torque of joint {names[joint]!r} is {1.0 / factor:g} times what it should be",
                 remedy="state its unit, factor or gear in [log.torque]",
                 joints=(joint,),
-                motion=scale_torque(np.where(units[joint], factor, 1.0)),
+                motion=_scale_torque(motion, np.where(units[joint], factor, 1.0)),
             )
     for times in _TIMES:
         for factor in (times, 1.0 / times):

@@ -36,8 +36,8 @@ from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
 from symid.identification import regression
-from symid.identification.regression.condensing import ENDS
 from symid.identification.estimators import Residual, compute_mean_relative
+from symid.identification.regression import condensing
 from symid.logs import Recording, Signals, decimate, decimate_blocks, low_pass, prepare_signals
 from symid.robot import Decimation, Processing
 from symid.serialization import name_key
@@ -418,11 +418,11 @@ def predict_torques(
     processing = regression.choose_filters(processing, [recording]).processing
     resting = regression.list_resting_joints(recording)
     signals = regression.hold_resting_joints(prepare_signals(recording, processing), resting)
-    left = round(ENDS / signals.period)
+    left = round(condensing.ENDS / signals.period)
     if len(signals.time) < 2 * left + _FEWEST:
         text = (
             f"{len(signals.time) * signals.period:.3g} s are left of the log, too few for a comparison "
-            f"within a band that leaves out {ENDS:g} s at either end; cut off less, or use a longer log"
+            f"within a band that leaves out {condensing.ENDS:g} s at either end; cut off less, or log longer"
         )
         raise LogError(Notice(code="validate.short-log", text=text, file=recording.source))
     kept, joints = slice(left, len(signals.time) - left), library.card.joints

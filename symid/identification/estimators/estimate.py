@@ -86,8 +86,9 @@ class Candidate:
     Args:
         band: Hz, of the rows; instruments: Hz, band of the instruments, 0 for least squares.
         held_out: percent of the torque of stretches left unexplained by fits to the others, mean over joints.
-        fall: squares left over those of the best candidate; p: probability of so large a difference by chance.
-        consistent: probability of so large a difference, by chance, from the same rows with the lowest
+        fall: squares left over those of the best candidate; p: probability of so large a difference by
+        chance. consistent: probability of so large a difference, by chance, from the same rows with the
+        lowest
             instruments.
         states: up to which columns of the log they are used, "position", "velocity" or "acceleration".
     """
@@ -103,7 +104,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingsChoice:
-    """What was chosen: scoring band in Hz, all candidates, the place of the one taken, standstill speeds (n,)."""
+    """What was chosen: scoring band (Hz), all candidates, the place of the one taken, standstill speeds."""
 
     scoring: float
     candidates: tuple[Candidate, ...]
@@ -120,10 +121,10 @@ class SettingsChoice:
 class JointEvidence:
     """What is left unexplained of one joint within the scoring band: rms, in percent of that of the torque.
 
-    `fitted` by the fit itself, `held_out` by fits to other stretches, of all rows; `moving` and `slow` of rows
-    above and below a tenth of the top speed (infinite where there are none). `share` is the part of the rows
-    that the fit left out as slow, `torque` the rms of the torque in N m or N; the larger one of log and fit
-    counts, and the noise of the sensor is taken off.
+    `fitted` by the fit itself, `held_out` by fits to other stretches, of all rows; `moving` and `slow` of
+    rows above and below a tenth of the top speed (infinite where there are none). `share` is the part of the
+    rows that the fit left out as slow, `torque` the rms of the torque in N m or N; the larger one of log and
+    fit counts, and the noise of the sensor is taken off.
     """
 
     joint: str
@@ -160,8 +161,8 @@ class Cause:
     """A single mistake in the log or the robot file that explains a fit, or a term that the model lacks.
 
     Args:
-        code, cause, remedy: its code, what is wrong and what to do, in words; family: what else is of its kind.
-        joints: those whose torque it touches, none for all.
+        code, cause, remedy: its code, what is wrong and what to do, in words; family: what else is of its
+        kind. joints: those whose torque it touches, none for all.
         before, after: percent of their held-out torque left with it and without it; p: of chance, adjusted
             for all that were tried.
     """
@@ -178,7 +179,7 @@ class Cause:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointRange:
-    """What a fit covers of a joint: positions from `low` to `high`, `speed` and `acceleration` at most (SI)."""
+    """What a fit covers of a joint: positions `low` to `high`, `speed` and `acceleration` at most (SI)."""
 
     joint: str
     low: float

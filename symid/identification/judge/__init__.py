@@ -6,14 +6,11 @@ if TYPE_CHECKING:
     from symid.identification.judge import numerics as numerics
     from symid.identification.judge.policy import (
         POLICY as POLICY,
-        Policy as Policy,
-        PolicyEntry as PolicyEntry,
-        list_policy as list_policy,
     )
     from symid.identification.judge.statistics import (
         Agreement as Agreement,
-        Comparison as Comparison,
         Difference as Difference,
+        Gain as Gain,
         adjust_chances as adjust_chances,
         agree as agree,
         agree_in_value as agree_in_value,

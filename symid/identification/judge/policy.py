@@ -8,21 +8,11 @@ Each entry says what it means, where it is from, and what happens when it is hal
 rates of the tests are measured by `benchmarks/judge.py`.
 """
 
-from dataclasses import dataclass, field, fields
-from typing import NamedTuple, TypeVar
+from dataclasses import dataclass, field
+from typing import TypeVar
 
 Number = TypeVar("Number", int, float)
 """A count, or a number."""
-
-
-class PolicyEntry(NamedTuple):
-    """A number that decides: name, value, meaning, source, and what halving or doubling it does."""
-
-    name: str
-    value: float
-    meaning: str
-    source: str
-    changed: str
 
 
 def _number(value: Number, meaning: str, source: str, changed: str) -> Number:
@@ -43,7 +33,8 @@ class Policy:
     )
     caution: float = _number(
         0.1,
-        "probability below which a choice stays on the safe side: the estimator that needs fewer assumptions, "
+        "probability below which a choice stays on the safe side: the estimator that needs fewer "
+        "assumptions, "
         "or the candidate that predicts best",
         "a false alarm costs little here: leaving out slow rows makes deviations 1 to 12 % larger",
         "halved: bias up to two deviations may stay; doubled: one joint in five loses slow rows for nothing",
@@ -86,7 +77,8 @@ class Policy:
     )
     parts: int = _number(
         4,
-        "parts of each stretch whose losses are compared: with few of them a test of many hypotheses has no power",
+        "parts of each stretch whose losses are compared: with few of them a test of many hypotheses has "
+        "no power",
         "measured: with 6 parts t must exceed 10 for 136 hypotheses, with 24 parts 5",
         "halved: causes are not named; doubled: parts are shorter than the motion's memory",
     )
@@ -98,9 +90,11 @@ class Policy:
     )
     fall: float = _number(
         2.0,
-        "times by which undoing a cause must lower the squares of the joints it touches, and by which any other "
+        "times by which undoing a cause must lower the squares of the joints it touches, and by which any "
+        "other "
         "explanation must leave more squares",
-        "measured: on clean logs false candidates reach 1.6; mistakes that no parameter absorbs leave 2.6 to 187 times less",
+        "measured: on clean logs false candidates reach 1.6; mistakes that no parameter absorbs leave 2.6 "
+        "to 187 times less",
         "halved: false accusations; doubled: half of the plain mistakes are not named",
     )
     fall_of_all: float = _number(
@@ -112,12 +106,14 @@ class Policy:
     row_band: float = _number(
         0.1,
         "part of the sample rate up to which rows of a fit may reach",
-        "differences of positions are right within 1 % there; noise of encoders grows with the fourth power beyond",
+        "differences of positions are right within 1 % there; noise of encoders grows with the fourth "
+        "power beyond",
         "halved: half of the information of coarse logs; doubled: inertias of coarse logs are biased",
     )
     printed: float = _number(
         3.0,
-        "deviations by which a printed value may move when it is estimated from other data, or miss what is known",
+        "deviations by which a printed value may move when it is estimated from other data, or miss what "
+        "is known",
         "one in 370 by chance",
         "halved: chance limits verdicts; doubled: wrong deviations go unnoticed",
     )
@@ -130,15 +126,3 @@ class Policy:
 
 
 POLICY = Policy()
-
-
-def list_policy() -> tuple[PolicyEntry, ...]:
-    """Return the table."""
-    return tuple(
-        PolicyEntry(
-            entry.name,
-            getattr(POLICY, entry.name),
-            *(entry.metadata[key] for key in ("meaning", "source", "changed")),
-        )
-        for entry in fields(Policy)
-    )

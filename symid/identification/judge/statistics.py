@@ -30,7 +30,7 @@ from symid.identification.judge.policy import POLICY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Comparison(FrozenArrays):
+class Gain(FrozenArrays):
     """Whether one candidate predicts better than another.
 
     Args:
@@ -45,7 +45,7 @@ class Comparison(FrozenArrays):
     p_of_all: float
 
 
-def compare(before: FloatArray, after: FloatArray) -> Comparison:
+def compare(before: FloatArray, after: FloatArray) -> Gain:
     """Return how much better `after` predicts than `before`: losses (parts, n) relative to each torque.
 
     A part in which a joint rests has the loss NaN, or zero in both.
@@ -71,9 +71,7 @@ def compare(before: FloatArray, after: FloatArray) -> Comparison:
             else 1.0
         )
         chances[place] = compute_chance(logs[there[:, place], place])
-    return Comparison(
-        fall=falls[:-1], p=chances[:-1], fall_of_all=float(falls[-1]), p_of_all=float(chances[-1])
-    )
+    return Gain(fall=falls[:-1], p=chances[:-1], fall_of_all=float(falls[-1]), p_of_all=float(chances[-1]))
 
 
 def compute_chance(values: FloatArray) -> float:
@@ -109,7 +107,8 @@ class Agreement(Enum):
 class Difference:
     """The difference of two estimates in one quantity, relative to that quantity.
 
-    `size` is the difference itself, `bound` what it is at most, `p` the probability of one so large by chance.
+    `size` is the difference itself, `bound` what it is at most, `p` the probability of one so large by
+    chance.
     """
 
     size: float

@@ -1,23 +1,24 @@
-"""Logs as sums of products, by block of time, joint, speed and band: what every choice and verdict is computed from.
+"""Logs as sums of products, by block of time, joint, speed and band: of these all choices are computed.
 
 Library, recordings, Processing, bands -> `CondensedLogs` -> fits, what fits without a stretch leave of it,
 and what every block changes, by algebra alone: as fast for an hour as for ten seconds.
 
-    level k      rows of [Y | Yf] and torque within the band b_k: both through the same linear-phase low-pass
+    level k      rows of [Y | Yf] and torque within the band b_k: both through the same linear low-pass
     smooth k     the columns along positions that pass a low-pass at b_k: instruments
-    sums         Z'[Y y] of each block, joint and class of speed; Z smooth (instruments) or the rows (least squares)
+    sums         Z'[Y y] of each block, joint and class of speed; Z smooth, or the rows (least squares)
     weights      w_j = (m_j - r_j) / |e_j|^2,  m_j = 2 b T_j,  r_j = tr(A^-1 w_j S_j) the leverage of joint j
-    x_(-f)       parameters without fold f, a sixth of the logs, or a whole log
+    x_(-f)       parameters without fold f, a sixth of the logs
     changes      c_b = -(A^-1 s_b + (A - A_b)^-1 s_b) / 2,  s_b = Z_b'W (y_b - Y_b x)
 
 The weights are those of restricted maximum likelihood (Patterson and Thompson 1971, Biometrika 58): a joint
 with as many parameters of its own as rows gets no weight from a residual that is zero for that reason. The
 sum of c_b c_b' is the covariance of x for residuals that are correlated within blocks, without the bias of
-few blocks to first order (the mean of the infinitesimal and the delete-one jackknife; Bell and McCaffrey 2002).
+few blocks to first order (the mean of the infinitesimal and the delete-one jackknife; Bell and McCaffrey
+2002, Survey Methodology 28).
 
-Supported: several logs, then whole logs are folds, unless one moves what the others do not; known payloads;
-joints at rest; logs of any length (of long ones six pieces of twenty seconds at even distances).
-Not supported: logs of different sample rates; rows of windows.
+Supported: several logs; known payloads; joints at rest; logs of any length (of long ones six pieces of twenty
+seconds at even distances).
+Not supported: logs of different sample rates; rows of windows; weights of recordings.
 """
 
 import math
@@ -51,8 +52,8 @@ SCORING = 2
 _PIECE = 20.0
 """s, of a long log at a time."""
 _RATE, _TAPS, _TOGETHER = 2.5, 2.0, 64
-"""Times the cut-off of the positions: rate at which columns are evaluated. Periods of the band on either side of a
-filter's middle; places that are filtered by one product of matrices."""
+"""Times the cut-off of the positions: rate at which columns are evaluated. Periods of the band on either
+side of a filter's middle; places that are filtered by one product of matrices."""
 ENDS, PART = 0.5, 0.05
 """s, and part of a log, that do not count at either end, where filters extrapolate."""
 
@@ -78,7 +79,7 @@ def measure_scoring_band(recordings: Sequence[Recording]) -> float:
 
 
 def _measure_bands(values: FloatArray, rate: float, power: int) -> FloatArray:
-    """Return the band (n,) in Hz that holds 99 % of f^power density of each column, NaN where there is none."""
+    """Return the band (n,) in Hz that holds 99 % of f^power density of each column, NaN for none."""
     length = min(len(values), max(64, round(4.0 * rate)))
     frequency, density = estimate_density(values, rate, length)
     floor = np.median(density[frequency > 0.25 * rate], axis=0)
@@ -133,7 +134,7 @@ def measure_repetition(recordings: Sequence[Recording]) -> float:
 
 
 def mask_rest(speed: FloatArray, top: float, length: int) -> NDArray[np.bool_]:
-    """Return where a joint rests (N,): its speed is below 2 % of the `top` speed for `length` samples or more.
+    """Return where a joint rests (N,): slower than 2 % of the `top` speed for `length` samples or more.
 
     Dry friction holds any torque there, and a law of friction has nothing to say.
     """
@@ -209,7 +210,7 @@ def pick_pieces(recordings: Sequence[Recording]) -> list[tuple[int, Recording]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BlockFit(FrozenArrays):
-    """A fit: parameters (p,), those without each fold (f, p), what each block changes (b, p); weights (n,)."""
+    """A fit: parameters (p,), those without each fold (f, p), what blocks change (b, p); weights (n,)."""
 
     values: FloatArray
     folds: FloatArray
@@ -282,7 +283,7 @@ class BandSums:
 
 
 def add_products(into: FloatArray, left: FloatArray, right: FloatArray, cell: NDArray[np.intp]) -> FloatArray:
-    """Add left'right of the rows of each cell (t,) to `into` (cells, l, l), and return their counts (cells,)."""
+    """Add left'right of the rows of each cell (t,) to `into` (cells, l, l), and return their counts."""
     order = np.argsort(cell, kind="stable")
     bounds = np.searchsorted(cell[order], np.arange(len(into) + 1))
     for place, (low, high) in enumerate(pairwise(bounds.tolist())):
@@ -430,7 +431,8 @@ class CondensedLogs:
         runs = [piece.run for piece in self._pieces]
         each = max(2, math.ceil(POLICY.folds / (runs[-1] + 1)))
         for piece in self._pieces:
-            # Parts of two periods of the scoring band or more; equal phases of a motion that repeats are in one.
+            # Parts of two periods of the scoring band or more; equal phases of a motion that repeats are
+            # in one.
             stretches = 1 if runs.count(piece.run) > 1 else each
             time = np.arange(len(piece.tau)) * self.period
             span = time[-1] + self.period
@@ -500,7 +502,7 @@ class CondensedLogs:
         blocks: NDArray[np.bool_] | None = None,
         weights: FloatArray | None = None,
     ) -> BlockFit:
-        """Return the fit to rows from a class (n,) of speed on, of some `blocks` (b,) if given; `fit_sums`."""
+        """Return the fit to rows from a class (n,) of speed on, of some `blocks` (b,) if given."""
         return fit_sums(sums, classes, self.fold, blocks, weights)
 
     def measure_losses(self, fit: BlockFit, share: int = 0) -> FloatArray:
@@ -551,7 +553,7 @@ _KEPT = 4.0
 """Times the band: rate of the rows that are kept."""
 
 
-def _build_piece(
+def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
     library: Library,
     run: int,
     recording: Recording,

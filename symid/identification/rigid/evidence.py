@@ -1,11 +1,13 @@
 """What speaks for a fit of a rigid robot: prediction, consistency, physics; all from its condensed logs.
 
-Study, values of the fit -> `Evidence`.
+SettingsStudy, values of the fit -> `Evidence`.
 
-    prediction    100 |y - Y x_(-f)| / max(|y|, |Y x|) of every joint within the scoring band, f the fold of the row
-    consistency   two estimates from different rows: halves of a log, a log and the others, slow and fast rows, the
+    prediction    100 |y - Y x_(-f)| / max(|y|, |Y x|) of every joint within the scoring band, f the fold of
+    the row consistency   two estimates from different rows: halves of a log, a log and the others, slow and
+    fast rows, the
                   band taken and half of it; `agree` says same, different, or cannot be said
-    physics       rotor inertias, friction and mass matrices that no robot has, surely (p below the alarm level)
+    physics       rotor inertias, friction and mass matrices that no robot has, surely (p below the alarm
+    level)
                   and not small; then the fit is bounded, and what that leaves counts
 
 Joints at rest and joints without a torque count nowhere. Of several logs, whole logs are held out where each
@@ -29,7 +31,7 @@ from symid.errors import Notice
 from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import POLICY, Agreement
 from symid.identification.regression import BlockFit, ThinMotion
-from symid.identification.rigid.settings_choice import Study
+from symid.identification.rigid.settings_choice import SettingsStudy
 from symid.joint_models import is_braking
 from symid.robot import Robot
 
@@ -39,7 +41,7 @@ _POSES = 60
 
 def collect_evidence(
     library: Library,
-    study: Study,
+    study: SettingsStudy,
     fit: estimators.RegressionFit,
     *,
     whole: bool = True,
@@ -89,7 +91,7 @@ def collect_evidence(
 
 
 def build_gravity_test(found: diagnostics.GravityEstimate) -> estimators.ConsistencyTest:
-    """Return what logs say of the direction of gravity, against the robot file; sizes in percent of a radian."""
+    """Return what logs say of gravity's direction, against the robot file; sizes in percent of a radian."""
     turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
     return estimators.ConsistencyTest(
         what="gravity",
@@ -102,9 +104,9 @@ def build_gravity_test(found: diagnostics.GravityEstimate) -> estimators.Consist
     )
 
 
-def list_causes(
+def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
     library: Library,
-    study: Study,
+    study: SettingsStudy,
     motion: ThinMotion,
     evidence: estimators.Evidence,
     gravity: diagnostics.GravityEstimate | None,
@@ -126,7 +128,7 @@ def list_causes(
 
 
 def list_joints(
-    study: Study, values: FloatArray, folds: FloatArray, names: Sequence[str]
+    study: SettingsStudy, values: FloatArray, folds: FloatArray, names: Sequence[str]
 ) -> tuple[estimators.JointEvidence, ...]:
     """Return what is left of every joint by the fit, and by the fits without each block (b, p)."""
     logs, sums = study.logs, study.logs.scores[1]
@@ -163,7 +165,7 @@ def list_joints(
 
 
 def list_tests(
-    library: Library, study: Study, names: Sequence[str]
+    library: Library, study: SettingsStudy, names: Sequence[str]
 ) -> tuple[tuple[estimators.ConsistencyTest, ...], bool]:
     """Return what estimates from different rows say of each other, and whether whole logs can be held out."""
     logs, count, grams = study.logs, len(names), study.logs.list_grams()
@@ -223,7 +225,7 @@ def list_tests(
 
 
 def list_impossible(
-    library: Library, study: Study, motion: ThinMotion, fit: estimators.RegressionFit, *, whole: bool
+    library: Library, study: SettingsStudy, motion: ThinMotion, fit: estimators.RegressionFit, *, whole: bool
 ) -> tuple[str, ...]:
     """Return in words what no robot can have, where it is sure and matters for a joint's torque."""
     card, sums, values = library.card, study.logs.scores[1], fit.values
@@ -265,11 +267,11 @@ def list_impossible(
     return tuple(found)
 
 
-def measure_bounded(study: Study, robot: Robot | None, library: Library) -> float:
+def measure_bounded(study: SettingsStudy, robot: Robot | None, library: Library) -> float:
     """Return the percent of held-out torque that a fit of bodies that exist leaves, mean over joints.
 
-    The fit to all rows is bounded; it is scored as the free fit is, and what that loses when held out is added.
-    Without a robot rotors and friction alone are bounded.
+    The fit to all rows is bounded; it is scored as the free fit is, and what that loses when held out is
+    added. Without a robot rotors and friction alone are bounded.
     """
     logs, sums = study.logs, study.sums
     pairs = [table[:, share].sum(axis=0) for table, share in zip(sums.squares, study.classes, strict=True)]

@@ -218,14 +218,14 @@ def fit_in_memory(
     if builder.kind in regression.SCALAR_KINDS or freedom != "band":
         pattern = diagnostics.warn_of_correlated_residuals(built, fit, identifiability)
     elif plan.estimator in {"ols", "wls", FILTERED_INSTRUMENTAL}:
-        # The jackknife holds for errors of the model, which follow the motion, but from some blocks it is
-        # uncertain: the mean of both variances, where it is larger.
+        # The jackknife holds for errors of the model, which follow the motion; from some blocks it is
+        # uncertain, so that the larger one counts.
         covariance = estimators.compute_coloured_covariance(built, influence)
         if plan.study is not None:
             variances = np.diag(covariance)
             safe = np.where(variances > 0.0, variances, 1.0)
             blocks = np.sum(plan.study.fit.changes**2, axis=0)
-            wider = np.maximum(variances, 0.5 * (variances + blocks))
+            wider = np.maximum(variances, blocks)
             factor = np.sqrt(np.where(variances > 0.0, wider / safe, 1.0))
             covariance = np.asarray(covariance * factor * factor[:, None])
         fit = replace(fit, covariance=covariance)
@@ -268,7 +268,8 @@ def mask_resting_rows(
             rest[part] = regression.mask_rest(speed[part], float(np.abs(speed[own]).max()), length)
         if rest[own].any():
             text = (
-                f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} rows it rests, "
+                f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} rows it "
+                f"rests, "
                 "where friction holds any torque; they were left out of the fit"
             )
             notices.append(Notice(code="identify.slow-rows", text=text))
@@ -313,7 +314,7 @@ def fit_long(
         return None
     every = builder._replace(processing=replace(builder.processing, standstill=None))
     whole = regression.stack_rows(list(map(every.outline, recordings)), weights)
-    kept, slow = regression.mask_fast(whole, whole.velocity, builder.processing)
+    _, slow = regression.mask_fast(whole, whole.velocity, builder.processing)
     rows = replace(long.outline, notices=(*whole.notices, *slow))
     condensed, freedom = long.condense(), builder.processing.noise_freedom
     identifiability = regression.analyse_condensed(condensed, rows.kind, rows.names, rule)

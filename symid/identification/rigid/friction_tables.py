@@ -263,20 +263,6 @@ def balance_cutoff(recordings: Sequence[Recording]) -> float:
     return float(np.median(found)) if found else 0.0
 
 
-def limit_cutoff(recordings: Sequence[Recording], slowest: Sequence[float]) -> float:
-    """Return the cut-off in Hz below which noise is a quarter of the `slowest` velocities (n,), the least.
-
-    White noise of density N (rad over root Hz) below f has a derivative of rms 2 pi N sqrt(f^3 / 3).
-    """
-    found = [
-        (np.sqrt(3.0) * speed / (8.0 * np.pi * band.floor)) ** (2.0 / 3.0)
-        for recording in recordings
-        for band, speed in zip(regression.measure_bands(recording), slowest, strict=False)
-        if band.floor > 0.0 and speed > 0.0
-    ]
-    return float(min(found, default=0.0))
-
-
 _TURNS = 10.0
 """Hz, within which joints turn."""
 

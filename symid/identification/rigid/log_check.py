@@ -368,7 +368,8 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     if len(found) == 1:
         (cause,) = found
         text = (
-            f"{cause.cause}: undone, {cause.after:.3g} % is left of held-out torque, not {cause.before:.3g} %; "
+            f"{cause.cause}: undone, {cause.after:.3g} % is left of held-out torque, not "
+            f"{cause.before:.3g} %; "
             f"{cause.remedy}"
         )
         notices += (Notice(code=cause.code, text=text, file=file),)

@@ -27,7 +27,7 @@ from symid.identification.regression import (
     count_spoilt,
     measure_moving_ends,
 )
-from symid.identification.rigid.settings_choice import PASSED, Study, choose_settings
+from symid.identification.rigid.settings_choice import PASSED, SettingsStudy, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording
 from symid.options import RigidOptions, list_options
@@ -41,13 +41,14 @@ FILTERED_INSTRUMENTAL = "filtered-instrumental"
 class FitPlan:
     """Settings with nothing open, the estimator, the study behind them (None for none), notices on it.
 
-    `scoring` in Hz: slow rows are told by positions that pass it, by those of the fit where 0. `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried. Rows
+    `scoring` in Hz: slow rows are told by positions that pass it, by those of the fit where 0.
+    `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried. Rows
     within `margin` s of slow ones are left out with them.
     """
 
     processing: Processing
     estimator: str
-    study: Study | None = None
+    study: SettingsStudy | None = None
     notices: tuple[Notice, ...] = ()
     scoring: float = 0.0
     laws_chosen: bool = False
@@ -147,7 +148,8 @@ def plan_fit(
     if slow and "standstill" in processing.left_open:
         text += f", rows slower than these speeds left out: {', '.join(slow)}"
     text += (
-        f". Fits without a stretch leave {taken.held_out:.3g} % of its torque below {study.choice.scoring:.3g} "
+        f". Fits without a stretch leave {taken.held_out:.3g} % of its torque below "
+        f"{study.choice.scoring:.3g} "
         "Hz unexplained. To set them, state them under [processing]"
     )
     note = Notice(code="identify.automatic", text=text)
@@ -181,9 +183,10 @@ def _find_rests(recordings: Sequence[Recording]) -> bool:
 
 
 def cut_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> Processing:
-    """Return the settings with ends cut off where filters extrapolate: of instruments where a log moves there.
+    """Return the settings with ends cut off where filters extrapolate.
 
-    Instruments lose a twentieth of the shortest log at most; what is stated is never cut less.
+    Of instruments only where a log moves there: they lose a twentieth of the shortest log at most. What is
+    stated is never cut less.
     """
     cutoff = processing.instrument_cutoff or processing.filter_cutoff
     ends = measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)

@@ -1,16 +1,17 @@
-"""Band, instruments, slow rows and source of states chosen from the logs: `Study`, which all evidence is from.
+"""Band, instruments, slow rows and source of states chosen from the logs, and what they are judged by.
 
-Library, recordings, Processing -> `Study`: condensed logs, the fit of the settings taken, `SettingsChoice`.
+Library, recordings, Processing -> `SettingsStudy`: condensed logs, `SettingsChoice`, the fit of the settings
+taken.
 
     candidates   rows within bands B 2^k, least squares, or instruments along positions of a lower band
     as good      no candidate predicts held-out stretches better, by more than matters and more than chance
-    consistent   torques that the candidate predicts agree with those of the same rows and the lowest instruments
-    taken        of those as good and consistent the widest rows, then the widest instruments
+    consistent   torques that the candidate predicts agree with those of the same rows and the lowest
+    instruments taken        of those as good and consistent the widest rows, then the widest instruments
     slow rows    below a tenth of the top speed, of a joint, are used where friction, with and without, agrees
 
 Noise of the positions biases least squares, and instruments of a wide band; instruments of a low band are
-consistent, whatever noise there is (Hausman 1978, Econometrica 46). Rows reach up to a tenth of the sample rate
-and half of the positions' cut-off, at which noise and blur of the velocities are equal.
+consistent, whatever noise there is (Hausman 1978, Econometrica 46). Rows reach up to a tenth of the sample
+rate and half of the positions' cut-off, at which noise and blur of the velocities are equal.
 
 Supported: settings that are stated, the others are chosen around them.
 Not supported: a band for each joint; logs of different sample rates.
@@ -25,6 +26,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
+from symid.errors import IdentifiabilityError, Notice
 from symid.identification import judge
 from symid.identification.estimators import Candidate, SettingsChoice
 from symid.identification.regression import (
@@ -43,7 +45,7 @@ PASSED = 0.4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Study:
+class SettingsStudy:
     """Settings taken, and what they are judged by.
 
     Args:
@@ -61,7 +63,7 @@ class Study:
     differences: str
 
 
-class _Trial(NamedTuple):
+class BandTrial(NamedTuple):
     """A pair of levels, its sums and its fit, and losses (b, n) on held-out blocks."""
 
     level: int
@@ -89,7 +91,7 @@ def choose_settings(
     *,
     instruments: tuple[bool, ...] = (False, True),
     moving: bool = False,
-) -> Study:
+) -> SettingsStudy:
     """Return the settings that predict held-out stretches and are consistent.
 
     Args:
@@ -122,7 +124,7 @@ def choose_settings(
         alike = len({recording.velocity is None for recording in recordings}) == 1
         everywhere = (name for name in STATES if all(has_states(recording, name) for recording in recordings))
         usable = [name for name in everywhere if alike or name == "position"]
-    best: tuple[CondensedLogs, _Trial, str] | None = None
+    best: tuple[CondensedLogs, BandTrial] | None = None
     candidates: list[Candidate] = []
     place = 0
     for states in usable:
@@ -134,10 +136,11 @@ def choose_settings(
             chance.p_of_all < judge.POLICY.caution
             and chance.fall_of_all > (1.0 + judge.POLICY.relevance) ** 2
         ):
-            best, place = (logs, trials[taken], states), len(candidates) + taken
+            best, place = (logs, trials[taken]), len(candidates) + taken
         candidates += found
-    assert best is not None
-    logs, trial, states = best
+    if best is None:
+        raise IdentifiabilityError(Notice(code="identify.nothing", text="the logs have no states to fit"))
+    logs, trial = best
     moving |= "standstill" not in processing.left_open
     classes = _choose_classes(library, logs, trial, moving=moving)
     fit = logs.fit(trial.sums, classes)
@@ -145,7 +148,7 @@ def choose_settings(
     choice = SettingsChoice(
         scoring=bands[condensing.SCORING], candidates=tuple(candidates), taken=place, standstill=speeds
     )
-    return Study(
+    return SettingsStudy(
         logs=logs,
         sums=trial.sums,
         classes=classes,
@@ -156,7 +159,7 @@ def choose_settings(
     )
 
 
-def _fit_trials(logs: CondensedLogs, instruments: tuple[bool, ...], *, stated: bool) -> list[_Trial]:
+def _fit_trials(logs: CondensedLogs, instruments: tuple[bool, ...], *, stated: bool) -> list[BandTrial]:
     """Return the fits of all pairs of bands, slow rows left out; a stated band is the last one."""
     last, found = len(logs.bands) - 1, []
     for level in range(last if stated else 1, last + 1):
@@ -166,26 +169,28 @@ def _fit_trials(logs: CondensedLogs, instruments: tuple[bool, ...], *, stated: b
                 # Slow rows neither fit nor count: friction there may be another.
                 share = logs.limits.shape[1] - 1
                 fit = logs.fit(sums, [share] * len(logs.limits))
-                found.append(_Trial(level, smooth, sums, fit, logs.measure_losses(fit, share)))
+                found.append(BandTrial(level, smooth, sums, fit, logs.measure_losses(fit, share)))
     wanted = [trial for trial in found if (trial.smooth < trial.level) in instruments]
     return wanted or found
 
 
 def _measure_share(losses: FloatArray) -> float:
-    """Return the part of the torque that losses (b, n) in two bands leave, in root mean squares, mean of joints."""
+    """Return the part of the torque that losses (b, n) in two bands leave: rms, mean of joints."""
     return float(np.mean(np.sqrt(0.5 * losses.sum(axis=0))))
 
 
 def _is_worse(losses: FloatArray, best: FloatArray) -> bool:
-    """Return whether losses exceed the best ones by more than chance, and by a part of the torque that matters."""
+    """Return whether losses exceed the best ones by more than chance and more than matters."""
     more = _measure_share(losses) - _measure_share(best)
     return more > judge.POLICY.relevance and judge.compare(losses, best).p_of_all < judge.POLICY.caution
 
 
-def _choose_trial(logs: CondensedLogs, trials: Sequence[_Trial], states: str) -> tuple[int, list[Candidate]]:
+def _choose_trial(
+    logs: CondensedLogs, trials: Sequence[BandTrial], states: str
+) -> tuple[int, list[Candidate]]:
     """Return the place of the trial taken, and all as candidates."""
     best = min(trials, key=lambda trial: float(trial.losses.sum()))
-    lowest: dict[int, _Trial] = {}
+    lowest: dict[int, BandTrial] = {}
     for trial in trials:
         lowest.setdefault(trial.level, trial)
     grams, moving = logs.list_grams(), logs.torque > 0.0
@@ -215,7 +220,9 @@ def _choose_trial(logs: CondensedLogs, trials: Sequence[_Trial], states: str) ->
     return max(pool, key=lambda place: (trials[place].level, trials[place].smooth)), found
 
 
-def _choose_classes(library: Library, logs: CondensedLogs, trial: _Trial, *, moving: bool) -> tuple[int, ...]:
+def _choose_classes(
+    library: Library, logs: CondensedLogs, trial: BandTrial, *, moving: bool
+) -> tuple[int, ...]:
     """Return from which class of speed on rows of each joint are used: from the first where friction agrees.
 
     Where it differs by a part of the torque that matters, no choice of rows makes the law right: all rows

@@ -167,7 +167,7 @@ def test_a_notebook_sees_tables_and_notices(fit):
     page = fit._repr_html_()
     assert page.count("<table>") == 3
     assert "ZZR1" in page
-    assert "at reversal/%" in page
+    assert "slow/%" in page
     assert repr(fit) == f"<RigidFit {fit.summarise()}>"
 
 

@@ -10,6 +10,7 @@ import pytest
 import symid
 from symid.identification import RigidValidation, write_fit
 from symid.identification.estimators import Residual, Validation
+from symid.identification.judge import POLICY
 from symid.report import verdict as verdicts
 from symid.report.blocks import Table
 from symid.serialization import describe_record
@@ -81,8 +82,8 @@ def test_wrong_and_doubtful_have_a_notice(level, code):
     assert all(entry.file == "fit.json" and not entry.is_note for entry in notices)
 
 
-def test_a_fit_that_leaves_half_of_the_squared_torque_is_wrong(estimate):
-    limit = 100.0 * math.sqrt(0.5)
+def test_a_fit_that_leaves_most_of_the_torque_is_wrong(estimate):
+    limit = POLICY.lost
     verdict = verdicts.judge_identification(set_residual(estimate, limit + 1.0, limit + 1.0), ())
     assert verdict.level == "wrong"
     assert f"{limit + 1.0:.3g} %" in verdict.headline
