@@ -63,8 +63,8 @@ def measure_scoring_band(recordings: Sequence[Recording]) -> float:
 
     The power is the integral of (2 pi f)^2 (density - floor) over frequencies at which the density of the
     position is ten times its floor (the median of the upper half of all frequencies) or more, up to the first
-    two octaves without any above the strongest. Where velocities were logged, their band counts if it is lower: it has no noise
-    of stamps in it.
+    two octaves without any above the strongest. Where velocities were logged, their band counts if it is
+    lower: it has no noise of stamps in it.
     """
     found, length = [], 0.0
     for recording in recordings:
