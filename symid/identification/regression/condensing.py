@@ -63,8 +63,8 @@ def measure_scoring_band(recordings: Sequence[Recording]) -> float:
 
     The power is the integral of (2 pi f)^2 (density - floor) over frequencies at which the density of the
     position is ten times its floor (the median of the upper half of all frequencies) or more, up to the first
-    two octaves without any. Where velocities were logged, their band counts if it is lower: it has no noise
-    of stamps in it.
+    two octaves without any above the strongest. Where velocities were logged, their band counts if it is
+    lower: it has no noise of stamps in it.
     """
     found, length = [], 0.0
     for recording in recordings:
@@ -197,7 +197,9 @@ def pick_pieces(recordings: Sequence[Recording]) -> list[tuple[int, Recording]]:
     """Return each log with its number, of long ones six pieces of twenty seconds at even distances."""
     pieces = []
     for run, recording in enumerate(recordings):
-        count, most = len(recording.time), round(_PIECE / recording.period)
+        # Of stamps in milliseconds that pass as seconds, more than twenty seconds.
+        rate = max(1.0 / recording.period, 0.25 * ROW_RATE)
+        count, most = len(recording.time), round(_PIECE * rate)
         if count <= POLICY.folds * most:
             pieces.append((run, recording))
             continue

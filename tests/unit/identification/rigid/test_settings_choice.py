@@ -9,9 +9,7 @@ from symid.errors import UsageError
 from symid.identification.regression import mask_fast, prepare_rows
 from symid.identification.rigid import settings_choice
 from symid.identification.rigid.fit import identify_parameters
-from symid.identification.rigid.friction_tables import limit_cutoff
 from symid.identification.rigid.settings_choice import choose_settings
-from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH
 from tests.refusals import raises
@@ -87,20 +85,6 @@ def test_rows_at_which_joints_stick_are_left_out(seed):
     assert {notice.code for notice in estimate.notices} >= {"identify.automatic", "identify.slow-rows"}
     lost = 1.0 - estimate.samples / sum(entry.samples for entry in estimate.residual)
     assert resting.mean() - 0.05 < lost < 1.5 * resting.mean()
-
-
-@pytest.mark.parametrize("density", [4e-7, 4e-6])
-def test_the_cutoff_at_which_noise_is_a_quarter_of_the_slowest_velocity(density):
-    """Against white noise that an ideal low-pass and an ideal derivative have passed."""
-    rate, slowest = 1000.0, (0.04, 0.03)
-    time = np.arange(60_000) / rate
-    noise = density * np.sqrt(rate / 2.0) * np.random.default_rng(4).normal(size=(len(time), 2))
-    log = Recording(time=time, position=np.sin(time)[:, None] + noise, torque=np.zeros_like(noise), source="")
-    cutoff = limit_cutoff([log, log], slowest)
-    frequency = np.fft.rfftfreq(len(time), 1.0 / rate)
-    spectrum = np.fft.rfft(noise[:, 1]) * 2j * np.pi * frequency * (frequency < cutoff)
-    assert np.std(np.fft.irfft(spectrum)) == pytest.approx(slowest[1] / 4.0, rel=0.1)
-    assert limit_cutoff([log], (0.0, 0.0)) == 0.0
 
 
 @pytest.mark.parametrize(("seed", "encoder"), [(0, 1e-6), (3, 3e-5)])
