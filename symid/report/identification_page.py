@@ -213,9 +213,9 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
             for entry in first[:_CANDIDATES]
         ]
         title = (
-            f"The best of {len(first)} settings that were compared, with the one taken: of those that predict as "
-            "well as the best (squares left, over those of the best; p of chance) and agree with the lowest "
-            "instruments (p of chance) the one of the widest rows."
+            f"The best of {len(first)} settings that were compared, with the one taken: of those that "
+            "predict as well as the best (squares left, over those of the best; p of chance) and agree with "
+            "the lowest instruments (p of chance) the one of the widest rows."
         )
         header = ("rows up to/Hz", "instruments/Hz", "states", "held out/%", "squares", "p", "agrees, p")
         yield Table((*header, "choice"), rows, (2, 7), title)

@@ -93,7 +93,7 @@ MISTAKES = {
     "millinewton": (
         change("torque", 2, lambda x: 1e3 * x),
         UNIT,
-        "torque of joint 'joint3' is about 1000 times",
+        "torque of joint 'joint3' is 1000 times",
     ),
     "late": (delay, "log.torque-delay", "about 100 ms after"),
     "early": (advance, "log.torque-delay", "about 100 ms before"),
