@@ -89,6 +89,7 @@ class Notice:
 
 SEVERE = (
     *("identify.wrong", "validate.wrong", "identify.doubtful", "validate.doubtful"),
+    *("log.several-causes", "robot.gravity", "robot.no-friction"),
     *("log.swapped-joints", "log.torque-sign", "log.position-sign", "log.looks-like-degrees"),
     *("log.wrong-unit", "log.time-scale", "log.joint-zero", "log.in-proportion"),
     *("log.torque-size", "log.torque-beyond-limit", "log.beyond-limits", "log.torque-delay"),

@@ -4,15 +4,15 @@ Estimate of rigid or elastic joints and what it predicts of held-out logs, or fr
 held-out blocks -> `FitVerdict`; what was predicted of a log -> `FitVerdict`; verdict -> text, JSON, notices.
 
 The level starts from the prediction: of rigid joints what fits without a stretch of the logs leave of its
-torque, within the band of the motion; of elastic joints what springs and dynamics leave unexplained there. A
-held-out log that is predicted worse, a missed true value, a term that the model lacks, estimates that move
-with the band, or an iteration that did not converge then limit it.
+torque, within the band of the motion; of elastic joints what springs and dynamics leave unexplained there.
+Estimates from different rows that contradict each other, values that no robot has, a motion that repeats, a
+held-out log that is predicted worse, a missed true value, or an iteration that did not converge limit it.
 
     good      at most 10 %: what sensors and simple friction laws leave of an arm that is modelled right
     usable    at most 30 %: industrial arms with heavy gears and counterbalances reach 15 to 25 %
     doubtful  at most 60 %
     wrong     more, less than two thirds of the squared torque explained: columns, signs, units or the robot
-              are not what they seem; or a value that no robot has; or a single mistake that explains it
+              are not what they seem; or a single mistake explains what is left
 
 Not supported: tests of the residual's whiteness; comparison between rows of different kinds.
 """

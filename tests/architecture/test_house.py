@@ -7,15 +7,15 @@ import pytest
 from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
-    "files of symid/": 219,
-    "lines": 85_000,
+    "files of symid/": 227,
+    "lines": 86_050,
     "imports inside functions": 74,
     "strings read as a language": 0,
-    "lines of tests": 55_800,
+    "lines of tests": 56_300,
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
-"""A change lowers them, or says why not."""
+"""A change lowers them, or says why not: friction and elastic rooms have thresholds beside the judge still."""
 
 
 @pytest.fixture(scope="module")

@@ -243,6 +243,6 @@ def _choose_classes(
             logs.torque[joint : joint + 1],
         )
         alike = found.p > policy.caution or found.size > policy.relevance
-        if alike and not _is_worse(logs.measure_losses(other), losses):
+        if alike and judge.compare(logs.measure_losses(other), losses).p_of_all > policy.caution:
             classes[joint] = 0
     return tuple(classes)
