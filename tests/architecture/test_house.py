@@ -15,7 +15,7 @@ MOST = {
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
-"""A change lowers them, or says why not: friction and elastic rooms have thresholds beside the judge still."""
+"""A change lowers them, or says why not: friction and elastic rooms have thresholds beside the judge."""
 
 
 @pytest.fixture(scope="module")
