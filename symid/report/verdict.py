@@ -117,14 +117,13 @@ def _limit(level: str, headline: str, details: Sequence[str], caps: Caps) -> Fit
 
 
 def _rate(percent: float) -> str:
-    """Return the level of what is left unexplained, in percent."""
-    limits = (("good", POLICY.good), ("usable", POLICY.usable), ("doubtful", POLICY.lost))
-    return next((level for level, limit in limits if percent <= limit), "wrong")
+    """Return the level of what is left unexplained, in percent, doubtful at least."""
+    return "good" if percent <= POLICY.good else "usable" if percent <= POLICY.usable else "doubtful"
 
 
 def rate_output(percent: float) -> str:
-    """Return the level of an element that leaves so much of its output unexplained."""
-    return _rate(percent)
+    """Return the level of what leaves so much of its output unexplained."""
+    return "wrong" if percent > POLICY.lost else _rate(percent)
 
 
 def _relax(level: str) -> str:
@@ -164,14 +163,14 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         f"Below {evidence.scoring:.3g} Hz {percent:.3g} % of the torque is left unexplained in {parts}, "
         "predicted by fits to the others."
     )
-    level, caps = _rate(percent), _list_causes(evidence)
+    level, caps = rate_output(percent), _list_causes(evidence)
     if level == "wrong":
         caps.append(
             ("wrong", f"the model is not that of these logs: {percent:.3g} % of held-out torque is left")
         )
     for entry in sorted(evidence.joints, key=lambda entry: -entry.held_out):
         # One class milder: a joint alone.
-        own = _relax(_rate(entry.held_out))
+        own = _relax(rate_output(entry.held_out))
         if LEVELS.index(own) < LEVELS.index(level):
             caps.append((own, f"{entry.held_out:.3g} % of the torque of {entry.joint} is left unexplained"))
     caps += _list_contradictions(evidence)
@@ -184,7 +183,7 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         bounded = min(_rate(evidence.bounded), "usable", key=LEVELS.index)
         caps.append(
             (
-                "doubtful" if bounded == "wrong" else bounded,
+                bounded,
                 f"{'; '.join(evidence.impossible)}; bodies that exist leave {evidence.bounded:.3g} %",
             )
         )
@@ -205,7 +204,7 @@ def _list_causes(evidence: Evidence) -> Caps:
         return []
     worst = max(entry.before for entry in evidence.causes)
     if len(evidence.causes) > 1 or evidence.causes[0].code in _LACKING:
-        level = min("usable", _rate(min(worst, POLICY.lost)), key=LEVELS.index)
+        level = min("usable", _rate(worst), key=LEVELS.index)
         said = "; or ".join(entry.cause for entry in evidence.causes)
         return [
             (level, f"one of these would explain what is left: {said}" if len(evidence.causes) > 1 else said)
@@ -252,7 +251,7 @@ def _list_validation_caps(held_out: Sequence[Validation]) -> Caps:
     for validation in held_out:
         caps += _find_lost(validation.residual, f"the held-out log {validation.source}")
     percent = max((validation.mean_relative_percent for validation in held_out), default=0.0)
-    level = "doubtful" if _rate(percent) == "wrong" else _rate(percent)
+    level = _rate(percent)
     if level != "good":
         limit = POLICY.good if level == "usable" else POLICY.usable
         caps.append((level, f"more than {limit:g} % of a held-out log is left unexplained"))
