@@ -33,7 +33,7 @@ def make_fit(left, calls):
     def fit(robot):
         laws = {joint.name: joint.friction.law for joint in robot.axes}
         calls.append(laws)
-        rest = dict.fromkeys(("fitted", "moving", "resting", "torque"), 1.0)
+        rest = dict.fromkeys(("fitted", "moving", "slow", "torque"), 1.0)
         joints = tuple(
             JointEvidence(
                 joint=name, held_out=(PLAIN_LEFT if law == PLAIN else left)[name], share=0.0, **rest

@@ -82,7 +82,7 @@ def test_rows_at_which_joints_stick_are_left_out(seed):
     assert errors[1] > 3.0 * errors[0]
     assert {notice.code for notice in estimate.notices} >= {"identify.automatic", "identify.slow-rows"}
     lost = 1.0 - estimate.samples / sum(entry.samples for entry in estimate.residual)
-    assert resting.mean() - 0.05 < lost < 1.5 * resting.mean()
+    assert resting.mean() - 0.05 < lost < resting.mean() + 0.25
 
 
 @pytest.mark.parametrize(("seed", "encoder"), [(0, 1e-6), (3, 3e-5)])
