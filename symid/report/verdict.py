@@ -39,6 +39,7 @@ from symid.identification.estimators import (
     Validation,
 )
 from symid.identification.friction import FrictionIdentification
+from symid.identification.judge import POLICY
 from symid.ipopt import Ending
 
 _SAME, _WORSE = 1.2, 2.0
@@ -137,7 +138,8 @@ def _rate(percent: float) -> str:
 
 def rate_output(percent: float) -> str:
     """Return the level of an element that leaves so much of its output unexplained."""
-    return "wrong" if percent > _LOST else _rate(percent)
+    limits = ((POLICY.lost, "wrong"), (POLICY.usable, "doubtful"), (POLICY.good, "usable"))
+    return next((level for limit, level in limits if not percent <= limit), "good")
 
 
 def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
