@@ -367,37 +367,35 @@ class BristleFamily(ElementFamily):
 
     law: str
     name: str
-    stribeck: bool = False
+    needs_time: bool = False
     grid: tuple[float, ...] = ()
     brakes: bool = True
 
     @property
-    def needs_time(self) -> bool:  # type: ignore[override]
-        return self.stribeck
-
-    @property
     def searched(self) -> bool:  # type: ignore[override]
-        return self.stribeck or not self.grid
+        return self.needs_time or not self.grid
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return bendings up to the reach, with Stribeck velocities up to the largest speed."""
         lengths = path.list_lengths(STARTS).tolist()
         bends = [[]] if self.grid else [[length] for length in lengths]
-        falls = [[0.5, path.speed * length / path.reach] for length in lengths] if self.stribeck else [[]]
+        falls = [[0.5, path.speed * length / path.reach] for length in lengths] if self.needs_time else [[]]
         return [np.array([*bend, *fall]) for bend, fall in product(bends, falls)]
 
     def describe(self) -> tuple[str, ...]:
-        return ("falling with the speed",) if self.stribeck and self.grid else ()
+        return ("falling with the speed",) if self.needs_time and self.grid else ()
 
     def _list_level(self, shape: FloatArray, force: float) -> dict[str, float]:
-        fall = {"Fe": float(shape[-2]) * force, "vs": float(shape[-1]), "gamma": 2.0} if self.stribeck else {}
+        fall = (
+            {"Fe": float(shape[-2]) * force, "vs": float(shape[-1]), "gamma": 2.0} if self.needs_time else {}
+        )
         return {"Fc": force, **fall}
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x and the forces of bristles of unit level; of LuGre also those of their damping."""
         # The level (N,) of unit dry friction.
         height = np.ones(len(path.position))
-        if self.stribeck:
+        if self.needs_time:
             height += float(shape[-2]) * np.exp(-((path.velocity / shape[-1]) ** 2))
         if not self.grid:
             values = {**self._list_level(shape, 1.0), "sigma0": 1.0 / float(shape[0])}
@@ -409,7 +407,7 @@ class BristleFamily(ElementFamily):
         (begin, side), x, grid = path.origin, path.position[:, None], np.array(self.grid)
         radii = grid * height[:, None]
         # Bounds that move with the speed: elements are held within them, as generated code does.
-        turns = None if self.stribeck else joint_models.find_turns(path.position)
+        turns = None if self.needs_time else joint_models.find_turns(path.position)
         return np.hstack(
             [x, x - joint_models.compute_clamps(x - radii, x + radii, begin - grid * side, turns)]
         )
@@ -578,11 +576,11 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
         "krasnoselskii-pokrovskii": (RelayGrid(count=GRID, low=low, step=step),),
         "bouc-wen": (BoucWenFamily(), BoucWenFamily(asymmetric=True)),
         "dahl": (BristleFamily(law="dahl", name="dahl"),),
-        "lugre": (BristleFamily(law="lugre", name="lugre", stribeck=True),),
+        "lugre": (BristleFamily(law="lugre", name="lugre", needs_time=True),),
         "maxwell-slip": (
             BristleFamily(law="maxwell-slip", name="maxwell-slip", grid=grid),
-            BristleFamily(law="generalised-maxwell-slip", name="maxwell-slip", stribeck=True, grid=grid),
+            BristleFamily(law="generalised-maxwell-slip", name="maxwell-slip", needs_time=True, grid=grid),
             AttractedFamily(grid=grid),
         ),
     }
-    return tuple(family for family in forms[name] if timed or not family.needs_time)
+    return tuple(family for family in forms.get(name, ()) if timed or not family.needs_time)

@@ -332,7 +332,7 @@ class _ElementTrial:
         model, form: its name, and what it has beside.
         optimum: around its best point; rebuild: from a point to the element.
         losses: (parts, 1) of errors left out, as of `_measure`.
-        refit: from another task to the same model; None where it has no such.
+        refit: from another task to the same model.
         source, shape: what it is of; None where further parts may not be added.
     """
 
@@ -341,7 +341,7 @@ class _ElementTrial:
     optimum: _Optimum
     rebuild: Callable[[FloatArray], joint_models.Elasticity]
     losses: FloatArray
-    refit: "Callable[[_Task], _ElementTrial | None]"
+    refit: "Callable[[_Task], _ElementTrial]"
     source: ElementForm | None = None
     shape: FloatArray | None = None
 
@@ -393,35 +393,33 @@ def _fit_linear(
     return matrix, np.asarray(scipy.optimize.lsq_linear(square, right, bounds, method="bvls").x / lengths)
 
 
+def _compute_errors(form: ElementForm, task: _Task, shape: FloatArray) -> FloatArray:
+    """Return the errors (M,) of the best coefficients at a shape."""
+    matrix, found = _fit_linear(form, task.data, shape, passive=task.passive)
+    return np.asarray(task.data.counted - matrix @ found)
+
+
 def _search(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> FloatArray:
     """Return the shape of least error, from the best of several starts."""
     count = form.count_searched(starts[0])
     if not count:
         return starts[0]
 
-    def errors(shape: FloatArray) -> FloatArray:
-        matrix, found = _fit_linear(form, task.data, shape, passive=task.passive)
-        return np.asarray(task.data.counted - matrix @ found)
-
     def search(start: FloatArray) -> tuple[float, FloatArray]:
-        def slopes(moves: FloatArray) -> FloatArray:
-            steps, here = _DIFFERENCE * np.eye(len(moves)), errors(form.move(start, moves))
-            columns = [errors(form.move(start, moves + step)) - here for step in steps]
-            return np.stack(columns, axis=1) / _DIFFERENCE
+        def errors(moves: FloatArray) -> FloatArray:
+            return _compute_errors(form, task, form.move(start, moves))
 
-        far = -math.log(POLICY.relevance)
+        def slopes(moves: FloatArray) -> FloatArray:
+            here, steps = errors(moves), _DIFFERENCE * np.eye(count)
+            return np.stack([errors(moves + step) - here for step in steps], axis=1) / _DIFFERENCE
+
+        far, least = -math.log(POLICY.relevance), numerics.CONVERGED
         run = scipy.optimize.least_squares(
-            lambda moves: errors(form.move(start, moves)),
-            np.zeros(count),
-            slopes,
-            (-far, far),
-            ftol=numerics.CONVERGED,
-            xtol=numerics.CONVERGED,
-            max_nfev=numerics.ROUNDS,
+            errors, np.zeros(count), slopes, (-far, far), ftol=least, xtol=least, max_nfev=numerics.ROUNDS
         )
         return float(run.cost), form.move(start, run.x)
 
-    ranked = sorted(starts, key=lambda start: float(np.sum(errors(start) ** 2)))
+    ranked = sorted(starts, key=lambda start: float(np.sum(_compute_errors(form, task, start) ** 2)))
     return min(map(search, ranked[:STARTS]), key=lambda run: run[0])[1]
 
 
@@ -475,8 +473,7 @@ def _fit_form(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> _
     sets = itertools.chain.from_iterable(itertools.combinations(names, count) for count in range(3))
     trials = [_try(replace(form, parts=form.parts + parts), task, shape) for parts in sets]
     chosen = _choose(trials)[0]
-    again = trials[0] if chosen is trials[0] else chosen.refit(task)
-    return _choose([*trials, *([] if again is None else [again])])[0]
+    return chosen if chosen is trials[0] else _choose([chosen.refit(task), *trials])[0]
 
 
 def _refine_places(family: NonlinearStops, task: _Task) -> ElementForm:
@@ -496,70 +493,62 @@ def _refine_places(family: NonlinearStops, task: _Task) -> ElementForm:
         )
         return float(np.sum((right - square @ np.linalg.lstsq(square, right, rcond=None)[0]) ** 2))
 
-    kept, forms = fine, [ElementForm(family=replace(family, places=tuple(fine.tolist())))]
+    kept, forms = fine, list[ElementForm]()
     while len(kept) > 2:
         place = min(range(1, len(kept) - 1), key=lambda k: measure(np.delete(kept, k)))
         kept = np.delete(kept, place)
         forms.append(ElementForm(family=replace(family, places=tuple(kept.tolist()))))
+    forms = forms[-len(family.places) :]
     trials = [_try(form, task, shape) for form in forms]
     return forms[trials.index(_choose(trials)[0])]
 
 
-def _fit_spring(task: _Task, *, knees: bool) -> _ElementTrial | None:
-    """Return a passive spring with stops and knees where the data put them; None where there is no such."""
-    data = task.data
-    x, output, start = data.path.position, data.counted, data.path.start
+def _fit_spring(task: _Task, *, knees: bool) -> _ElementTrial:
+    """Return a passive spring with stops, and knees where they help, where the data put them."""
+    path, output = task.data.path, task.data.counted
     # Virgin at the first sample is fitted as virgin at zero, and tried as it is.
-    side = {"below": -1.0, "above": 1.0}.get(start, 0.0)
-    ahead = [x[0] + side * 4.0 * data.path.reach, x[0]] if side else []
-    torsion: FloatArray = np.concatenate([np.array(ahead, dtype=np.float64), x])
-    first = len(ahead) + int(np.argmax(data.kept))
-    grid = data.path.list_lengths(GRID)
+    side = {"below": -1.0, "above": 1.0}.get(path.start, 0.0)
+    ahead = [path.position[0] + side * 4.0 * path.reach, path.position[0]] if side else []
+    torsion: FloatArray = np.append(ahead, path.position)
+    first = len(ahead) + int(np.argmax(task.data.kept))
     spring = spring_fit.SpringData(
         torsions=(torsion,), periods=(1.0,), keeps=(slice(first, None, 1),), rate=np.inf
-    )
-    spring = spring.rebuild(grid)
-    begun = spring.fit_stops(output)
+    ).rebuild(path.list_lengths(GRID))
+    found = spring.fit_stops(output)
     if knees:
-        places = spring_fit.build_knee_grid(
-            [joint_models.compute_stop_basis(torsion, grid) @ begun.stiffness], STARTS
-        )
-        begun = spring_fit.fit_spring(
-            spring, output, replace(begun, knees=places, slopes=np.ones(len(places)))
-        )
-    elasticity = spring_fit.build_elasticity(spring_fit.refine_spring(spring, output, begun))
-    if knees and not elasticity.knees:
-        return None
+        places = spring_fit.build_knee_grid([part @ found.stiffness for part in spring.basis], STARTS)
+        begun = replace(found, knees=places, slopes=np.ones(len(places)))
+        found = spring_fit.fit_spring(spring, output, begun)
+    elasticity = spring_fit.build_elasticity(spring_fit.refine_spring(spring, output, found))
     found = spring_fit.read_weights(elasticity)
     basis = joint_models.compute_stop_basis(torsion, found.thresholds)
-    slopes = spring_fit.compute_spring_slopes(
-        basis, found, spring_fit.compute_slips(basis, found.thresholds)
-    )[first:]
-    stops = Stops(count=len(found.thresholds), searched=True)
+    slips = spring_fit.compute_slips(basis, found.thresholds)
+    jacobian = spring_fit.compute_spring_slopes(basis, found, slips)[first:, :-1]
     names = ("stiffness", "slopes", "thresholds", "knees")
     numbers = [getattr(found, name) for name in names]
     ends = np.cumsum([len(part) for part in numbers])[:-1]
 
     def rebuild(point: FloatArray) -> joint_models.Elasticity:
-        return spring_fit.build_elasticity(
-            spring_fit.SpringWeights(**dict(zip(names, np.split(point, ends), strict=True)))
-        )
+        parts = dict(zip(names, np.split(point, ends), strict=True))
+        return spring_fit.build_elasticity(spring_fit.SpringWeights(**parts))
 
+    error = output - predict_output(elasticity, path)[task.data.kept]
     optimum = _Optimum(
         point=np.concatenate(numbers),
-        jacobian=slopes[:, :-1],
-        error=output - predict_output(elasticity, data.path)[data.kept],
-        held=np.empty((0, slopes.shape[1] - 1)),
+        jacobian=jacobian,
+        error=error,
+        held=np.empty((0, jacobian.shape[1])),
     )
+    stops = ElementForm(family=Stops(count=len(found.thresholds), searched=True))
     return _ElementTrial(
-        model=("modified-" if knees else "") + "prandtl-ishlinskii",
+        model=("modified-" if elasticity.knees else "") + "prandtl-ishlinskii",
         form="passive, thresholds from the data",
         optimum=optimum,
         rebuild=rebuild,
         losses=optimum.measure(task),
-        source=None if elasticity.knees else ElementForm(family=stops),
-        shape=found.thresholds,
         refit=lambda task: _fit_spring(task, knees=knees),
+        source=None if elasticity.knees else stops,
+        shape=found.thresholds,
     )
 
 
@@ -592,22 +581,19 @@ def find_strokes(x: FloatArray, share: float = POLICY.relevance) -> list[tuple[i
 def _list_trials(task: _Task, model: str) -> list[_ElementTrial]:
     """Return every form of a model, or of all of them, with the parts that help."""
     wanted = HYSTERESIS_MODELS if model == "auto" else (model,)
-    trials: list[_ElementTrial | None] = []
+    found: list[_ElementTrial] = []
     for name in wanted:
         if name == "modified-prandtl-ishlinskii":
-            trial = _fit_spring(task, knees=True)
+            spring = _fit_spring(task, knees=True)
             # Without knees it is the plain model.
-            alone = trial is None and model == name
-            trials.append(_fit_spring(task, knees=False) if alone else trial)
-            continue
+            found += [spring] if name in {spring.model, model} else []
         if name == "prandtl-ishlinskii":
-            trials.append(_fit_spring(task, knees=False))
+            found.append(_fit_spring(task, knees=False))
         for family in list_families(name, task.data.path, timed=task.timed):
             form = ElementForm(family=family)
             if isinstance(family, NonlinearStops):
                 form = _refine_places(family, task)
-            trials.append(_fit_form(form, task, family.list_starts(task.data.path)))
-    found = [trial for trial in trials if trial is not None]
+            found.append(_fit_form(form, task, family.list_starts(task.data.path)))
     if task.passive:
         found = [trial for trial in found if joint_models.is_passive_element(trial.elasticity)]
     if not found:
@@ -618,7 +604,7 @@ def _list_trials(task: _Task, model: str) -> list[_ElementTrial]:
 
 
 def _extend(trial: _ElementTrial, task: _Task) -> list[_ElementTrial]:
-    """Return the model behind a gap, and beside a spring that relaxes, where a start predicts better so."""
+    """Return the model behind a gap, and beside a spring that relaxes, where a start predicts better."""
     source, shape, path = trial.source, trial.shape, task.data.path
     if source is None or shape is None:
         return []
@@ -630,8 +616,9 @@ def _extend(trial: _ElementTrial, task: _Task) -> list[_ElementTrial]:
         starts = [np.append(shape, value) for value in list_added(part, path)]
         added, others = (*source.added, part), [name for name in source.parts if name not in source.added]
         whole = replace(source, parts=(*added, *others))
-        if any(_is_better(trial.losses, _try(whole, task, start).losses) for start in starts):
-            found.append(_fit_form(replace(source, parts=added), task, starts))
+        begun = min(starts, key=lambda start: float(np.sum(_compute_errors(whole, task, start) ** 2)))
+        if _is_better(trial.losses, _try(whole, task, begun).losses):
+            found.append(_fit_form(replace(source, parts=added), task, [begun]))
     return found
 
 
@@ -678,13 +665,9 @@ def fit_hysteresis(
         runs[key] = task, ranked
         # Perhaps the model that was found explains more with another start, or is not of this one.
         others = {start: ranked[0].refit(task.restart(start)) for start in _STARTS}
-        better = {
-            trial.score: start
-            for start, trial in others.items()
-            if trial is not None and _is_better(ranked[0].losses, trial.losses)
-        }
-        if better:
-            whole = replace(whole, path=replace(whole.path, start=better[min(better)]))
+        best = min(others, key=lambda start: others[start].score)
+        if _is_better(ranked[0].losses, others[best].losses):
+            whole = replace(whole, path=replace(whole.path, start=best))
         else:
             whole = _find_memory(ranked[0].elasticity, whole)
     task, ranked = runs[key]
