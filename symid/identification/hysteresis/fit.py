@@ -618,7 +618,7 @@ def _extend(trial: _ElementTrial, task: _Task) -> list[_ElementTrial]:
         whole = replace(source, parts=(*added, *others))
         begun = min(starts, key=lambda start: float(np.sum(_compute_errors(whole, task, start) ** 2)))
         if _is_better(trial.losses, _try(whole, task, begun).losses):
-            found.append(_fit_form(replace(source, parts=added), task, [begun]))
+            found.append(_fit_form(replace(source, parts=added), task, starts))
     return found
 
 
