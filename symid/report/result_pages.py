@@ -366,9 +366,9 @@ def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
     What it does not show after reversals is not tested; it counts one class milder than what is left.
     """
     back = 100.0 * hysteresis.measure_return(record.trace.position)
+    left = rate_output(record.held_out)
     unseen = {"wrong": "doubtful", "doubtful": "usable"}.get(rate_output(100.0 - back), "good")
-    level = min(rate_output(record.held_out), unseen, key=LEVELS.index)
-    untimed = "No time was given: models that depend on the speed were not tried."
+    level = min(left, unseen, key=LEVELS.index)
     headline = (
         f"{record.model} with {record.candidates[0].count} parameters leaves {record.fitted:.3g} % of the "
         f"output unexplained, {record.held_out:.3g} % held out."
@@ -376,6 +376,10 @@ def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
     if unseen != "good":
         way = f"goes back over only {back:.3g} % of its range" if back else "never turns back"
         headline += f" But the input {way}: what follows a reversal is not tested."
+    untimed = "No time was given: models that depend on the speed were not tried."
+    remedy = "Record a motion that goes back and forth over the whole range."
+    if left in {"doubtful", "wrong"}:
+        remedy = "Plot output against input, and check columns, signs and units."
     return FitVerdict(
         level=level,
         headline=headline,
@@ -384,9 +388,7 @@ def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
             *([_SKIPPED.format(record.skipped)] if record.skipped else []),
             *([] if record.timed else [untimed]),
         ),
-        remedy=""
-        if level in {"good", "usable"}
-        else "Plot output against input, and check columns, signs and units.",
+        remedy="" if level in {"good", "usable"} else remedy,
     )
 
 

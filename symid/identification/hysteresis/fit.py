@@ -67,8 +67,8 @@ class HysteresisCandidate:
     Args:
         model: its name; form: what it has beside, in words.
         count: of parameters; passive: whether no motion gets work out of it.
-        fitted: rms of the error over rms of the output about its mean, percent, of all samples; held_out: the
-            same of samples left out; spread: standard error of the latter.
+        fitted: rms of the error over rms of the output, both about their means, percent, of all samples;
+            held_out: of samples left out; spread: standard error of the latter.
     """
 
     model: str
@@ -686,7 +686,7 @@ def fit_hysteresis(
                 form=trial.form,
                 count=len(trial.optimum.point),
                 passive=joint_models.is_passive_element(trial.elasticity),
-                fitted=100.0 * float(np.sqrt(np.mean(trial.optimum.error**2))) / scale,
+                fitted=100.0 * float(np.std(trial.optimum.error)) / scale,
                 held_out=held,
                 spread=0.5 * held * error / max(trial.score, numerics.TINY),
             )
@@ -715,7 +715,7 @@ def fit_hysteresis(
         ),
         candidates=tuple(candidates),
         passive=joint_models.is_passive_element(elasticity),
-        fitted=100.0 * float(np.sqrt(np.mean((y - predicted)[whole.kept] ** 2))) / spread,
+        fitted=100.0 * float(np.std((y - predicted)[whole.kept])) / spread,
         held_out=candidates[0].held_out,
         samples=len(x),
         skipped=int(np.count_nonzero(~whole.kept)),
