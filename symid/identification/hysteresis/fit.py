@@ -431,11 +431,12 @@ def _try(form: ElementForm, task: _Task, shape: FloatArray) -> _ElementTrial:
     data = task.data
     matrix, found = _fit_linear(form, data, shape, passive=task.passive)
     low, high = form.list_limits(shape, len(found), passive=task.passive)
-    # What moves the output by no more than a search leaves open is at its bound.
+    # What moves the output by no more than a search leaves open is at its bound, zero.
     effects = np.minimum(found - low, high - found) * np.maximum(
         np.linalg.norm(matrix, axis=0), numerics.TINY
     )
     free = effects > numerics.CONVERGED * np.linalg.norm(data.counted)
+    found = np.where(free, found, 0.0)
     jacobian, known, count = [matrix[:, free]], np.count_nonzero(free), form.count_searched(shape)
     for step in _DIFFERENCE * np.eye(count):
         further = form.compute_columns(data.path, form.move(shape, step))[data.kept] - matrix
