@@ -296,7 +296,7 @@ def optimise_spring(
         high = np.concatenate([np.full(len(low) - len(up), np.inf), up])
         # Columns without effect get no step, not a huge one.
         lengths = np.linalg.norm(jacobian, axis=0)
-        idle = lengths <= 1e-9 * np.linalg.norm(value)
+        idle = lengths <= numerics.TINY
         low, high, lengths = np.where(idle, 0.0, low), np.where(idle, 0.0, high), np.where(idle, 1.0, lengths)
         scaled, fall = compute_triangle(np.column_stack([jacobian / lengths, target - value])), 0.0
         square, right = scaled[: len(lengths), :-1], scaled[: len(lengths), -1]
@@ -359,7 +359,7 @@ def compute_spring_slopes(
 def compute_slips(basis: FloatArray, thresholds: FloatArray) -> FloatArray:
     """Return d E_i / d r_i (N, m): the side on which each stop slipped last, 0 before it ever did."""
     stops = basis[:, 1:]
-    slack = 1e-9 * thresholds
+    slack = numerics.RANK * thresholds
     side = np.where(stops >= thresholds - slack, 1.0, np.where(stops <= slack - thresholds, -1.0, 0.0))
     last = np.maximum.accumulate(np.where(side != 0.0, np.arange(len(stops))[:, None], 0), axis=0)
     return np.take_along_axis(side, last, axis=0)
