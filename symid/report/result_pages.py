@@ -40,7 +40,7 @@ from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_sh
 from symid.report.figures import Line, Mark, build_curve_figure, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
 from symid.report.validation_text import show_comparison
-from symid.report.verdict import FitVerdict, rate_output
+from symid.report.verdict import LEVELS, FitVerdict, rate_output
 from symid.robot import Robot, name_for_commands
 from symid.serialization import describe_record
 
@@ -361,23 +361,34 @@ _NORMAL = 1.96
 
 
 def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
-    """Return what an element is worth, from what it predicts of samples that were left out."""
-    level = rate_output(record.held_out)
+    """Return what an element is worth, from what it predicts of samples that were left out.
+
+    What it does not show after reversals is not tested; it counts one class milder than what is left.
+    """
+    back = 100.0 * hysteresis.measure_return(record.trace.position)
+    left = rate_output(record.held_out)
+    unseen = {"wrong": "doubtful", "doubtful": "usable"}.get(rate_output(100.0 - back), "good")
+    level = min(left, unseen, key=LEVELS.index)
+    headline = (
+        f"{record.model} with {record.candidates[0].count} parameters leaves {record.fitted:.3g} % of the "
+        f"output unexplained, {record.held_out:.3g} % held out."
+    )
+    if unseen != "good":
+        way = f"goes back over only {back:.3g} % of its range" if back else "never turns back"
+        headline += f" But the input {way}: what follows a reversal is not tested."
     untimed = "No time was given: models that depend on the speed were not tried."
+    remedy = "Record a motion that goes back and forth over the whole range."
+    if left in {"doubtful", "wrong"}:
+        remedy = "Plot output against input, and check columns, signs and units."
     return FitVerdict(
         level=level,
-        headline=(
-            f"{record.model} with {record.candidates[0].count} parameters leaves {record.held_out:.3g} % of "
-            "the output unexplained, held out."
-        ),
+        headline=headline,
         details=(
-            f"Held out: every eighth of the recording in turn; the fit itself leaves {record.fitted:.3g} %.",
+            "Held out: every sixth part of the recording in turn.",
             *([_SKIPPED.format(record.skipped)] if record.skipped else []),
             *([] if record.timed else [untimed]),
         ),
-        remedy=""
-        if level in {"good", "usable"}
-        else "Plot output against input, and check columns, signs and units.",
+        remedy="" if level in {"good", "usable"} else remedy,
     )
 
 

@@ -1,12 +1,13 @@
 """Bare elements are recovered from recordings of other integrators, and predict other amplitudes."""
 
 from dataclasses import astuple
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import symid
-from tests.hysteresis_truths import FURTHER, TRUTHS, make_input, make_stops, measure
+from tests.hysteresis_truths import FURTHER, TRUTHS, make_input, make_stops, measure, slide, solve_path
 from tests.recovery.elastic_runs import run_arm
 
 OWN = {
@@ -114,3 +115,70 @@ def test_a_friction_damper_by_halves(shared_data, passive):
     for train, test in (halves, halves[::-1]):
         fit = symid.hysteresis.fit(*train, model="nonlinear-stops", passive=passive)
         assert fit.validate(*test).trial.error < (11.0 if passive else 8.5)
+
+
+def make_loop(turns, count=300):
+    """Return a way between turning points, and a spring of 1 beside one of 10 behind a slider of 0.05."""
+    x = np.concatenate([np.linspace(a, b, count, endpoint=False) for a, b in pairwise(turns)])
+    y = x + slide(x - x[0], [10.0], [0.05])
+    return x, y + 0.01 * np.random.default_rng(4).normal(size=len(x))
+
+
+@pytest.mark.parametrize("model", ["auto", "prandtl-ishlinskii"])
+def test_a_stroke_that_never_turns_tells_nothing_of_reversals(model):
+    x, y = make_loop([-1.0, 1.0])
+    verdict = symid.hysteresis.fit(x, y, model=model).verdict
+    assert verdict.level == "doubtful"
+    assert "the input never turns back" in verdict.headline
+    # Noise of the input does not turn it.
+    shaken = x + 0.02 * np.random.default_rng(5).normal(size=len(x))
+    assert symid.hysteresis.fit(shaken, y, model=model).verdict.level == "doubtful"
+
+
+@pytest.mark.parametrize(("turns", "level"), [([-1, 1, -1, 1], "good"), ([0, 1, -1, 0], "usable")])
+def test_an_element_is_as_good_as_the_way_back_is_wide(turns, level):
+    assert symid.hysteresis.fit(*make_loop(turns), model="prandtl-ishlinskii").verdict.level == level
+
+
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_rest_neither_hides_nor_makes_an_error(moves):
+    rng, rest = np.random.default_rng(3), np.zeros(1500)
+    x = np.sin(np.arange(400) / 6.0) * np.linspace(0.5, 1.0, 400)
+    y = x + slide(x, [10.0], [0.05]) if moves else rng.normal(size=400)
+    fit = symid.hysteresis.fit(np.append(rest, x), np.append(rest, y) + 5e-3 * rng.normal(size=1900))
+    assert fit.verdict.level == ("good" if moves else "wrong")
+    if moves:
+        assert fit["r1"].value == pytest.approx(0.05, rel=0.02)
+        assert fit["k1"].value == pytest.approx(10.0, rel=0.02)
+
+
+def make_ladder():
+    """Cycles that grow; unloading points at the origin, the curve falls beyond its top: no model does so."""
+    x = np.concatenate([a * np.sin(np.linspace(0.0, 2.0 * np.pi, 150)) for a in 0.01 * 1.6 ** np.arange(8)])
+    reach = np.maximum.accumulate(np.abs(x))
+    return x, 1e5 * x * np.exp(-reach / 0.05) + 5.0 * np.random.default_rng(6).normal(size=len(x))
+
+
+def test_fit_and_validation_print_the_same_error_of_the_same_recording():
+    for recording in (make_ladder(), make_loop([-1.0, 1.0, -1.0, 1.0])):
+        fit = symid.hysteresis.fit(*recording)
+        assert fit.validate(*recording).trial.error == pytest.approx(fit.record.fitted, rel=1e-6)
+        assert fit.record.fitted < fit.record.held_out < 2.0 * fit.record.fitted
+
+
+UNITS = {"rad": (1.0, 1.0), "mrad": (1e3, 1.0), "degrees, kN m": (180.0 / np.pi, 1e-3), "um, mN": (1e6, 1e3)}
+
+
+@pytest.mark.long
+def test_any_unit_gives_the_same_model():
+    rng, t = np.random.default_rng(7), np.arange(4000) / 200.0
+    x = 0.004 * (np.sin(2.3 * t) + 0.7 * np.sin(3.7 * t + 1.0)) * (0.3 + 0.7 * np.sin(0.15 * t) ** 2)
+    bent = solve_path(t, x, lambda z, sign: 1.0 - np.abs(z / 0.001) ** 1.4 * (0.5 + 0.5 * np.sign(z * sign)))
+    y = 9e3 * x + 2e8 * x**3 + 4e3 * bent + 60.0 * np.gradient(x, t)
+    y += 0.01 * np.std(y) * rng.normal(size=len(y))
+    found = {}
+    for unit, (of_input, of_output) in UNITS.items():
+        fit = symid.hysteresis.fit(of_input * x, of_output * y, t)
+        found[unit] = (fit.record.model, fit.record.form, fit.record.candidates[0].count)
+        assert fit["k0"].value * of_input / of_output == pytest.approx(9e3, rel=0.02)
+    assert set(found.values()) == {("bouc-wen", "viscous, cubic", 8)}

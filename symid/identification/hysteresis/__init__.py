@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         find_strokes as find_strokes,
         fit_hysteresis as fit_hysteresis,
         invert_fit as invert_fit,
+        measure_return as measure_return,
         predict_element as predict_element,
         validate_element as validate_element,
     )

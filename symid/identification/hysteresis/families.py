@@ -5,8 +5,8 @@
     y = sum_j c_j Phi_j(x; s)       s: thresholds, lengths, exponents;  c: stiffnesses and forces
 
 Path, shape values -> columns Phi (N, m), bounds of c for a passive element, and the `Elasticity` that they
-make. Each family says where a search of its shape may begin. Further columns (viscous, cubic, offset) are
-added by the fit; a family may stand behind a gap or beside a spring that relaxes.
+make. Each family says where a search of its shape may begin. The fit adds what any element may have: a gap
+before it, a spring that relaxes beside it, viscous and cubic parts, an offset.
 
 Supported: thresholds on a grid that the search does not move (Prandtl-Ishlinskii, relays); up to five shape
 values that it does.
@@ -15,7 +15,7 @@ Not supported: several branches of one kind.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import combinations, product
 from typing import final
 
 import numpy as np
@@ -24,8 +24,21 @@ from numpy.typing import NDArray
 from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import run_compiled_branch
+from symid.identification.judge import POLICY, numerics
 
-_LEAST = 1e-9
+GRID = 16
+"""Thresholds, relays and places of a grid."""
+STARTS = 4
+"""Values of a kind where a search may begin; and searches, from the best of all."""
+SAMPLES = 2000
+"""Of a search; more would only slow it down."""
+EXACT = 1e-3
+"""Of an output: elements are not followed more exactly between samples, so that less proves nothing."""
+
+
+def list_lengths(x: FloatArray, reach: float, count: int) -> FloatArray:
+    """Return lengths (count,), even in their logarithm: from the mean step of samples (N,) to a reach."""
+    return np.asarray(np.geomspace(np.mean(np.abs(np.diff(x))), reach, count, endpoint=False))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,6 +73,10 @@ class ElementPath(FrozenArrays):
     def speed(self) -> float:
         """Return the largest speed of the input; one where it stands still."""
         return float(np.max(np.abs(self.velocity))) or 1.0
+
+    def list_lengths(self, count: int) -> FloatArray:
+        """Return lengths (count,), even in their logarithm, from the mean step to below the reach."""
+        return list_lengths(self.position, self.reach, count)
 
     @property
     def origin(self) -> tuple[float, float]:
@@ -99,12 +116,14 @@ class ElementFamily(ABC):
     """Whether the shape is improved by a search."""
     falling: bool = False
     """Whether slip springs have a level that falls with the speed."""
+    signed: tuple[int, ...] = ()
+    """Values of the shape that may be negative."""
     brakes: bool = False
     """Whether all coefficients but the first, a spring, must brake even where the element may be active."""
 
     @abstractmethod
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return shapes where a search may begin; positive values are searched in their logarithm."""
+        """Return shapes where a search may begin."""
 
     @abstractmethod
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
@@ -134,27 +153,21 @@ class ElementFamily(ABC):
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stops(ElementFamily):
-    """Prandtl-Ishlinskii, stops of either sign: on a grid, or where the search puts them.
-
-    The grid is uniform; or geometric, of a ratio below one.
-    """
+    """Prandtl-Ishlinskii, stops of either sign: on a grid, or where a search puts them; none is a spring."""
 
     count: int
     name: str = "prandtl-ishlinskii"
     searched: bool = False
-    ratio: float = 1.0
 
     def describe(self) -> tuple[str, ...]:
-        return (f"{self.count} thresholds {'from the data' if self.searched else 'on a grid'}",)
+        place = "from the data" if self.searched else "on a grid"
+        return (f"{self.count} thresholds {place}" if self.count else "no memory",)
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return the grid, or geometric ones of several ratios."""
-        powers = np.arange(self.count, 0, -1)
-        if self.searched:
-            return [0.7 * path.reach * np.power(ratio, powers - 1) for ratio in (0.2, 0.4, 0.6)]
-        if self.ratio < 1.0:
-            return [path.reach * np.power(self.ratio, powers)]
-        return [path.reach * powers[::-1] / (self.count + 1)]
+        """Return the grid, or all choices from a coarse one."""
+        if not self.searched:
+            return [path.list_lengths(self.count)]
+        return [np.array(some) for some in combinations(path.list_lengths(2 * STARTS).tolist(), self.count)]
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x and the stops."""
@@ -175,18 +188,16 @@ class NonlinearStops(ElementFamily):
     """Slip springs of thresholds r_i and piecewise linear forces at relative places; falls with the speed."""
 
     places: tuple[float, ...]
-    count: int = 1
+    count: int
     falling: bool = False
     needs_time: bool = False
     name: str = "nonlinear-stops"
     has_offset: bool = False
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return thresholds over two decades, and small falls."""
-        radii = path.reach * np.array([0.02, 0.05, 0.1, 0.2, 0.4])
-        tail = [0.05 / path.speed] * 2 if self.falling else []
-        sets = [radii[k : k + 1] for k in range(5)] if self.count == 1 else [radii[[0, 2]], radii[[1, 3]]]
-        return [np.concatenate([chosen, tail]) for chosen in sets]
+        """Return thresholds, and falls that hardly matter at the largest speed."""
+        tail = [POLICY.relevance / path.speed] * 2 if self.falling else []
+        return [np.append(some, tail) for some in Stops(count=self.count, searched=True).list_starts(path)]
 
     def describe(self) -> tuple[str, ...]:
         form = f"{'one' if self.count == 1 else 'two'} of {len(self.places)} places"
@@ -225,7 +236,8 @@ class NonlinearStops(ElementFamily):
             places = np.broadcast_to(self.places, self._free.shape)[self._free]
             bound = (np.abs(places) == 1.0) | self.falling
             low[0], low[1:][bound & (places >= 0.0)], high[1:][bound & (places <= 0.0)] = 0.0, 0.0, 0.0
-        return np.where(low == high, -_LEAST, low), np.where(low == high, _LEAST, high)
+        # What must be zero has bounds as narrow as the solver takes them.
+        return low, np.where(low == high, numerics.TINY, high)
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         radii, falls = self._split(shape)
@@ -314,22 +326,22 @@ class BoucWenFamily(ElementFamily):
 
     asymmetric: bool = False
     name: str = "bouc-wen"
+    signed: tuple[int, ...] = (3, 4)
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return lengths over two decades."""
+        """Return lengths up to the reach, of loops as round and as wide as those of Dahl."""
         skew = [0.0, 0.0] if self.asymmetric else []
-        pairs = product((0.03, 0.1, 0.3, 1.0), (0.1, 1.0))
-        return [np.array([share * path.reach, power, 0.1, *skew]) for share, power in pairs]
+        return [np.array([length, 0.5, 0.5, *skew]) for length in path.list_lengths(STARTS)]
 
     def describe(self) -> tuple[str, ...]:
         return ("asymmetric",) if self.asymmetric else ()
 
-    def _build_unit(self, shape: FloatArray, level: float = 1.0) -> joint_models.BoucWen:
+    def _build_unit(self, shape: FloatArray, level: float) -> joint_models.BoucWen:
         skew, lean = np.tanh(shape[3:5]).tolist() if self.asymmetric else (0.0, 0.0)
         return joint_models.BoucWen(
             level=level,
             length=float(shape[0]),
-            sharpness=1.0 + min(float(shape[1]), _SHARPEST),
+            sharpness=1.0 + float(shape[1]),
             loop=0.5 + float(shape[2]),
             skew=0.99 * skew,
             lean=0.99 * lean * 2.0 * float(shape[2]),
@@ -337,15 +349,11 @@ class BoucWenFamily(ElementFamily):
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x and u."""
-        return np.column_stack([path.position, path.trace(self._build_unit(shape))])
+        return np.column_stack([path.position, path.trace(self._build_unit(shape, 1.0))])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         branch = self._build_unit(shape, float(coefficients[1]))
         return joint_models.Elasticity(stiffness=float(coefficients[0]), branches=(branch,))
-
-
-_SHARPEST = 50.0
-"""Of Bouc-Wen: a corner as good as that of a stop."""
 
 
 @final
@@ -359,39 +367,38 @@ class BristleFamily(ElementFamily):
 
     law: str
     name: str
-    stribeck: bool = False
+    needs_time: bool = False
     grid: tuple[float, ...] = ()
     brakes: bool = True
 
     @property
-    def needs_time(self) -> bool:  # type: ignore[override]
-        return self.stribeck
-
-    @property
     def searched(self) -> bool:  # type: ignore[override]
-        return self.stribeck or not self.grid
+        return self.needs_time or not self.grid
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return bendings over two decades, with two Stribeck velocities."""
-        bends = [[]] if self.grid else [[share * path.reach] for share in (0.003, 0.01, 0.03, 0.1, 0.3)]
-        falls = [[0.3, share * path.speed] for share in (0.05, 0.3)] if self.stribeck else [[]]
+        """Return bendings up to the reach, with Stribeck velocities up to the largest speed."""
+        lengths = path.list_lengths(STARTS).tolist()
+        bends = [[]] if self.grid else [[length] for length in lengths]
+        falls = [[0.5, path.speed * length / path.reach] for length in lengths] if self.needs_time else [[]]
         return [np.array([*bend, *fall]) for bend, fall in product(bends, falls)]
 
     def describe(self) -> tuple[str, ...]:
-        return ("falling with the speed",) if self.stribeck and self.grid else ()
+        return ("falling with the speed",) if self.needs_time and self.grid else ()
 
-    def _list_level(self, shape: FloatArray, force: float = 1.0) -> dict[str, float]:
-        fall = {"Fe": float(shape[-2]) * force, "vs": float(shape[-1]), "gamma": 2.0} if self.stribeck else {}
+    def _list_level(self, shape: FloatArray, force: float) -> dict[str, float]:
+        fall = (
+            {"Fe": float(shape[-2]) * force, "vs": float(shape[-1]), "gamma": 2.0} if self.needs_time else {}
+        )
         return {"Fc": force, **fall}
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x and the forces of bristles of unit level; of LuGre also those of their damping."""
         # The level (N,) of unit dry friction.
         height = np.ones(len(path.position))
-        if self.stribeck:
+        if self.needs_time:
             height += float(shape[-2]) * np.exp(-((path.velocity / shape[-1]) ** 2))
         if not self.grid:
-            values = {**self._list_level(shape), "sigma0": 1.0 / float(shape[0])}
+            values = {**self._list_level(shape, 1.0), "sigma0": 1.0 / float(shape[0])}
             states = path.trace(joint_models.BristleBranch(law=self.law, values=tuple(values.items())))[:, 0]
             columns = [path.position, states / shape[0]]
             if self.law == "lugre":
@@ -400,14 +407,14 @@ class BristleFamily(ElementFamily):
         (begin, side), x, grid = path.origin, path.position[:, None], np.array(self.grid)
         radii = grid * height[:, None]
         # Bounds that move with the speed: elements are held within them, as generated code does.
-        turns = None if self.stribeck else joint_models.find_turns(path.position)
+        turns = None if self.needs_time else joint_models.find_turns(path.position)
         return np.hstack(
             [x, x - joint_models.compute_clamps(x - radii, x + radii, begin - grid * side, turns)]
         )
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         spring, elements = joint_models.Elasticity(stiffness=float(coefficients[0])), {}
-        force = max(float(coefficients[1]), _LEAST)
+        force = max(float(coefficients[1]), numerics.TINY)
         if self.grid:
             kept = [(r, float(k)) for r, k in zip(self.grid, coefficients[1:], strict=True) if k > 0.0]
             force = sum(r * k for r, k in kept)
@@ -438,11 +445,9 @@ class AttractedFamily(ElementFamily):
         return ("attracted to its level",)
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return speeds and attractions over two decades."""
-        pairs = product((0.1, 0.4), (1.0, 10.0, 100.0))
-        return [
-            np.array([1.4, share * path.speed, times * path.speed / path.reach]) for share, times in pairs
-        ]
+        """Return speeds up to the largest, and attractions over ways up to the reach."""
+        pairs = product(path.list_lengths(STARTS).tolist(), repeat=2)
+        return [np.array([1.5, path.speed * length / path.reach, path.speed / way]) for length, way in pairs]
 
     def _build_branch(self, shape: FloatArray, stiffnesses: FloatArray) -> joint_models.AttractedSlip:
         kept = stiffnesses > 0.0
@@ -465,129 +470,117 @@ class AttractedFamily(ElementFamily):
         return joint_models.Elasticity(stiffness=float(coefficients[0]), branches=branches)
 
 
-_UNIFORM = tuple((np.arange(-4, 5) / 4.0).tolist())
-_GRID = 10
-_LEVELS = (8, 16)
-
-
+@final
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Extended(ElementFamily):
-    """A family with a further part, whose own value leads the shape; a shape that is not searched stays.
+class ElementForm:
+    """A family with what any element may have: an offset, and parts by name.
 
-    Args:
-        base: the family; begin: its shape, where the search begins; part: its name.
+    Half a gap and a time (`ADDED`) are values of the shape, behind those of the family. What is behind a gap
+    sees its play alone.
     """
 
-    base: ElementFamily
-    begin: tuple[float, ...]
-    part: str = ""
-
-    def describe(self) -> tuple[str, ...]:
-        return (*self.base.describe(), self.part)
+    family: ElementFamily
+    parts: tuple[str, ...] = ()
 
     @property
-    def name(self) -> str:  # type: ignore[override]
-        return self.base.name
+    def added(self) -> tuple[str, ...]:
+        """Return the parts that have a value in the shape."""
+        return tuple(part for part in self.parts if part in ADDED)
 
     @property
-    def has_offset(self) -> bool:  # type: ignore[override]
-        return self.base.has_offset
+    def _columns(self) -> tuple[str, ...]:
+        """Return what has a column behind those of the family."""
+        return (*(part for part in self.parts if part != "backlash"), *["offset"] * self.family.has_offset)
 
-    @property
-    def falling(self) -> bool:  # type: ignore[override]
-        return self.base.falling
+    def describe(self) -> str:
+        """Return what distinguishes the form, in words."""
+        return ", ".join((*self.family.describe(), *self.parts))
 
-    def _own(self, shape: FloatArray) -> FloatArray:
-        """Return the shape of the base."""
-        return shape[1:] if self.base.searched else np.array(self.begin)
+    def _split(self, shape: FloatArray) -> tuple[FloatArray, dict[str, float]]:
+        own, values = np.split(shape, [len(shape) - len(self.added)])
+        return own, dict(zip(self.added, values.tolist(), strict=True))
 
-    def _lead(self, firsts: FloatArray) -> list[FloatArray]:
-        """Return shapes that begin with these values."""
-        rest = self.begin if self.base.searched else ()
-        return [np.array([first, *rest]) for first in firsts]
+    def count_searched(self, shape: FloatArray) -> int:
+        """Return how many values of a shape, the last ones, a search moves."""
+        return len(shape) if self.family.searched else len(self.added)
 
-    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
-        return self.base.list_limits(self._own(shape), count, passive=passive)
-
-    def list_penalties(self, count: int) -> FloatArray:
-        return self.base.list_penalties(count)
-
-
-@final
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WithBacklash(_Extended):
-    """A family behind a gap: it sees the play of the input, of half width g."""
-
-    part: str = "backlash"
-
-    def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return gaps over a decade and a half."""
-        return self._lead(path.reach * np.array([0.01, 0.05, 0.25]))
+    def move(self, shape: FloatArray, moves: FloatArray) -> FloatArray:
+        """Return a shape whose searched values were moved: in their logarithm, but for those of any sign."""
+        moves, places = np.append(np.zeros(len(shape) - len(moves)), moves), np.arange(len(shape))
+        signed = np.isin(places, self.family.signed) & (places < len(shape) - len(self.added))
+        return np.where(signed, shape + moves, shape * np.exp(moves))
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
-        """Return the columns of the base along the play."""
-        behind = path.compute_plays(shape[:1])[:, 0]
-        return self.base.compute_columns(replace(path, position=behind), self._own(shape))
-
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
-        return replace(self.base.build(self._own(shape), coefficients), backlash=float(shape[0]))
-
-
-@final
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WithRelaxation(_Extended):
-    """A family beside a spring behind a damper, of relaxation time T."""
-
-    part: str = "relaxation"
-    needs_time: bool = True
-
-    def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return times between those of the samples and of the whole."""
-        step, whole = float(np.median(path.period)), float(np.sum(path.period))
-        return self._lead(np.geomspace(10.0 * step, 0.1 * whole, 3))
-
-    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
-        """Return the columns of the base, then the force of a spring of stiffness one."""
-        spring = joint_models.Relaxation(stiffness=1.0, time=float(shape[0]))
-        return np.hstack([self.base.compute_columns(path, self._own(shape)), path.trace(spring)])
+        """Return the columns (N, m)."""
+        own, values = self._split(shape)
+        if "backlash" in values:
+            path = replace(path, position=path.compute_plays(np.array([values["backlash"]]))[:, 0])
+        further = {"viscous": path.velocity, "cubic": path.position**3, "offset": np.ones(len(path.position))}
+        if "relaxation" in values:
+            spring = joint_models.Relaxation(stiffness=1.0, time=values["relaxation"])
+            further["relaxation"] = path.trace(spring)[:, 0]
+        columns = [further[name] for name in self._columns]
+        return np.column_stack([self.family.compute_columns(path, own), *columns])
 
     def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
-        """Return those of the base; what relaxes is a spring."""
-        low, high = self.base.list_limits(self._own(shape), count - 1, passive=passive)
-        return np.append(low, 0.0), np.append(high, np.inf)
-
-    def list_penalties(self, count: int) -> FloatArray:
-        return np.pad(self.base.list_penalties(count - 1), ((0, 0), (0, 1)))
+        """Return the bounds of the coefficients (m,); what relaxes is a spring."""
+        further = self._columns
+        low, high = self.family.list_limits(self._split(shape)[0], count - len(further), passive=passive)
+        bound = [name == "relaxation" or (passive and name != "offset") for name in further]
+        return np.append(low, np.where(bound, 0.0, -np.inf)), np.append(high, np.full(len(further), np.inf))
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
-        found = self.base.build(self._own(shape), coefficients[:-1])
-        if not coefficients[-1] > 0.0:
-            return found
-        spring = joint_models.Relaxation(stiffness=float(coefficients[-1]), time=float(shape[0]))
-        return replace(found, branches=(*found.branches, spring))
+        """Return the element."""
+        (own, values), count = self._split(shape), len(coefficients) - len(self._columns)
+        further = dict(zip(self._columns, coefficients[count:].tolist(), strict=True))
+        found, spring = self.family.build(own, coefficients[:count]), further.get("relaxation", 0.0)
+        branches = found.branches
+        if spring > 0.0:
+            branches += (joint_models.Relaxation(stiffness=spring, time=values["relaxation"]),)
+        return replace(
+            found,
+            branches=branches,
+            backlash=values.get("backlash", 0.0),
+            damping=further.get("viscous", 0.0),
+            cubic=further.get("cubic", 0.0),
+            offset=further.get("offset", 0.0),
+        )
+
+
+ADDED = ("backlash", "relaxation")
+
+
+def list_added(part: str, path: ElementPath) -> FloatArray:
+    """Return where a search of the value of a part may begin: lengths to the reach, times to the whole."""
+    whole = float(np.sum(path.period))
+    return (
+        path.list_lengths(STARTS) if part == "backlash" else np.geomspace(np.min(path.period), whole, STARTS)
+    )
 
 
 def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[ElementFamily, ...]:
     """Return the forms of a model to try on a path; those that need time only where it is known."""
-    grid = tuple((path.reach * 0.7 ** np.arange(_GRID, 0, -1)).tolist())
-    low, high = float(path.position.min()), float(path.position.max())
+    grid = tuple(path.list_lengths(GRID).tolist())
+    places = tuple(np.linspace(-1.0, 1.0, GRID + 1).tolist())
+    low, step = float(path.position.min()), 2.0 * path.reach / GRID
     forms: dict[str, tuple[ElementFamily, ...]] = {
-        "prandtl-ishlinskii": (*(Stops(count=count, searched=True) for count in (2, 3)), Stops(count=_GRID)),
+        "prandtl-ishlinskii": (
+            *(Stops(count=count, searched=True) for count in (0, 2, 3)),
+            Stops(count=GRID),
+        ),
         "nonlinear-stops": (
-            NonlinearStops(places=_UNIFORM),
-            NonlinearStops(places=_UNIFORM, falling=True, needs_time=True),
-            NonlinearStops(places=_UNIFORM, count=2),
+            NonlinearStops(places=places, count=1),
+            NonlinearStops(places=places, count=1, falling=True, needs_time=True),
+            NonlinearStops(places=places, count=2),
         ),
-        "krasnoselskii-pokrovskii": tuple(
-            RelayGrid(count=count, low=low, step=(high - low) / count) for count in _LEVELS
-        ),
+        "krasnoselskii-pokrovskii": (RelayGrid(count=GRID, low=low, step=step),),
         "bouc-wen": (BoucWenFamily(), BoucWenFamily(asymmetric=True)),
         "dahl": (BristleFamily(law="dahl", name="dahl"),),
-        "lugre": (BristleFamily(law="lugre", name="lugre", stribeck=True),),
+        "lugre": (BristleFamily(law="lugre", name="lugre", needs_time=True),),
         "maxwell-slip": (
             BristleFamily(law="maxwell-slip", name="maxwell-slip", grid=grid),
-            BristleFamily(law="generalised-maxwell-slip", name="maxwell-slip", stribeck=True, grid=grid),
-            AttractedFamily(grid=tuple((path.reach * 0.6 ** np.arange(_GRID, 0, -1)).tolist())),
+            BristleFamily(law="generalised-maxwell-slip", name="maxwell-slip", needs_time=True, grid=grid),
+            AttractedFamily(grid=grid),
         ),
     }
-    return tuple(family for family in forms[name] if timed or not family.needs_time)
+    return tuple(family for family in forms.get(name, ()) if timed or not family.needs_time)

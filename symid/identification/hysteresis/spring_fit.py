@@ -6,8 +6,8 @@
     d tau_J / d R_j = (c_j-1 - c_j) where v is beyond R_j
 
 ramp_j is the part of v between two knees and c_j the slope there; the outer function has slope one at zero,
-which fixes the scale of the weights. Non-negative least squares and Gauss-Newton
-on a grid, then projected Levenberg-Marquardt with places, then fewer by the Bayesian information criterion.
+which fixes the scale of the weights. Non-negative least squares or projected Levenberg-Marquardt on a grid,
+the latter then with places, then fewer of them while that costs less than matters.
 
 Supported: several recordings; a plain Prandtl-Ishlinskii spring (no knees), which is a convex problem.
 Not supported: cubic springs, damping, an offset of the torsion; adding stops or knees to those of the start.
@@ -21,18 +21,9 @@ import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, compute_triangle
+from symid.identification.hysteresis.families import EXACT, GRID, SAMPLES, STARTS, list_lengths
+from symid.identification.judge import POLICY, numerics
 from symid.joint_models import Elasticity, Knee, Stop, compute_stop_basis
-
-LEAST_KNEE = 0.03
-"""Of the largest torque on its side: a knee nearer to zero would undo the slope of one there, which fixes the
-scale of the weights: stops and slopes could then be scaled against each other at will."""
-_LEAST_GAP = 0.1
-"""Of that place, between knees that are held there."""
-
-LEAST_SLOPE = 0.05
-"""Of the outer function, so that it can be inverted."""
-_NEAR = 1e-9
-_RISE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -97,13 +88,14 @@ def compute_outer(basis: FloatArray, weights: SpringWeights) -> FloatArray:
 
 
 def hold_knees(knees: FloatArray, lowest: float, highest: float) -> FloatArray:
-    """Return knee torques (l,) as those of `SpringWeights`, none nearer to zero than is allowed.
+    """Return knee torques (l,) as those of `SpringWeights`, none so near to zero that it does not matter.
 
-    `lowest` is the largest -v, `highest` the largest v, N m or N.
+    It would undo the slope of one there, which fixes the scale of the weights: stops and slopes could then be
+    scaled against each other at will. `lowest` is the largest -v, `highest` the largest v, N m or N.
     """
     rank, largest = np.arange(len(knees)), np.where(knees < 0.0, lowest, highest)
     rank = np.where(knees < 0.0, rank, rank - np.count_nonzero(knees < 0.0))
-    least = LEAST_KNEE * largest * (1.0 + _LEAST_GAP * rank)
+    least = POLICY.relevance * largest * (1 + rank)
     return np.sign(knees) * np.maximum(np.abs(knees), least)
 
 
@@ -150,11 +142,11 @@ def build_elasticity(weights: SpringWeights) -> Elasticity:
     whole = float(np.sum(weights.stiffness))
     changes = zip(weights.knees.tolist(), (weights.slopes - weights.before).tolist(), strict=True)
     # Without any stiffness there is no torque, and knees have no effect.
-    kept = sorted(pair for pair in changes if whole and abs(pair[1]) > _NEAR)
+    kept = sorted(pair for pair in changes if whole and abs(pair[1]) > numerics.CONVERGED)
     return Elasticity(
         # A spring that does not rise once all stops slip has no inverse.
-        stiffness=max(float(weights.stiffness[0]), _RISE * whole),
-        stops=build_stops(weights.thresholds, weights.stiffness[1:], _NEAR * whole),
+        stiffness=max(float(weights.stiffness[0]), numerics.CONVERGED * whole),
+        stops=build_stops(weights.thresholds, weights.stiffness[1:], numerics.CONVERGED * whole),
         knees=tuple(Knee(threshold=torque, slope=change) for torque, change in kept),
     )
 
@@ -206,7 +198,12 @@ class SpringData:
 
     def fit_stops(self, target: FloatArray) -> SpringWeights:
         """Return non-negative stiffnesses of spring and stops (no knees) for `target` = F[tau_J] (M,)."""
-        stiffness, none = solve_non_negative(self.filtered, target), np.zeros(0)
+        matrix, lengths = self.filtered, np.linalg.norm(self.filtered, axis=0)
+        triangle = compute_triangle(np.column_stack([matrix, target]))
+        # Columns without effect get nothing.
+        scales = np.where(lengths > numerics.EXACT * max(lengths.max(), numerics.TINY), lengths, np.inf)
+        stiffness = scipy.optimize.nnls(triangle[:, :-1] / scales, triangle[:, -1])[0] / scales
+        none = np.zeros(0)
         return SpringWeights(thresholds=self.thresholds, stiffness=stiffness, knees=none, slopes=none)
 
 
@@ -220,6 +217,8 @@ def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
 
     y_k = a y_k-1 + g x_k + (1 - a - g) x_k-1, g = 1 - (1 - a) / (rate period), a = exp(-rate period).
     """
+    if np.isinf(rate):
+        return values
     decay = np.exp(-rate * period)
     ahead = 1.0 - (1.0 - decay) / (rate * period)
     gains, start = [ahead, 1.0 - decay - ahead], -ahead * values[:1]
@@ -235,60 +234,27 @@ def filter_parts(data: SpringData, parts: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate(rows)
 
 
-_HALVINGS = 6
-
-
 def fit_spring(
-    data: SpringData, target: FloatArray, start: SpringWeights, tolerance: float = 1e-6, iterations: int = 12
+    data: SpringData, target: FloatArray, start: SpringWeights, tolerance: float = numerics.CONVERGED
 ) -> SpringWeights:
-    """Return stiffnesses and slopes by a projected Gauss-Newton method from `start`; places stay.
-
-    A step is halved while the cost rises; the last one makes it fall by less than `tolerance`, relative.
-    """
+    """Return the best stiffnesses and slopes from `start`; places stay."""
     if not len(start.knees) and start.thresholds is data.thresholds:
         return data.fit_stops(target)
-    best, cost = start, data.compute_cost(target, start)
-    floor = np.append(np.zeros(len(best.stiffness)), np.full(len(best.knees), LEAST_SLOPE))
-    for _ in range(iterations):
-        slopes = [compute_spring_slopes(basis, best) for basis in data.compute_basis(best.thresholds)]
-        filtered = filter_parts(data, slopes)
-        jacobian, packed = filtered[:, :-1], np.append(best.stiffness, best.slopes)
-        right = target - filtered[:, -1] + jacobian @ (packed - floor)
-        goal = floor + solve_non_negative(jacobian, right)
-        for halving in range(_HALVINGS):
-            trial = best.move((goal - packed) / 2.0**halving)
-            if (reached := data.compute_cost(target, trial)) <= cost:
-                break
-        else:
-            return best
-        fall = (cost - reached) / max(cost, 1e-300)
-        best, cost = trial, reached
-        if fall < tolerance:
-            break
-    return best
+    return optimise_spring(data, target, start, tolerance, moves=False)[0]
 
 
-def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Return argmin |matrix x - right|, x >= 0, with columns scaled to length one; empty columns get zero."""
-    triangle, lengths = compute_triangle(np.column_stack([matrix, right])), np.linalg.norm(matrix, axis=0)
-    scales = np.where(lengths > 1e-12 * max(float(lengths.max(initial=0.0)), 1e-300), lengths, np.inf)
-    return np.asarray(scipy.optimize.nnls(triangle[:, :-1] / scales, triangle[:, -1])[0] / scales)
-
-
-_STEPS = 20
-_TRIES = 5
-_PATIENCE = 4
-_FAR = 2.0
-_STEP = 0.4
-"""Of the gap to its neighbour that a place may move at once."""
 _FALL = 1e-3
+"""Relative, of squares in a step: while springs are compared, less is no reason to go on."""
 
 
 def _evaluate_spring(
-    data: SpringData, target: FloatArray, weights: SpringWeights
+    data: SpringData, target: FloatArray, weights: SpringWeights, bases: tuple[FloatArray, ...] = ()
 ) -> tuple[SpringWeights, tuple[FloatArray, ...], float]:
-    """Return a spring, its knees held away from zero, its full stop bases, and cost |target - F[tau_J]|^2."""
-    bases = tuple(compute_stop_basis(phi, weights.thresholds) for phi in data.torsions)
+    """Return a spring, its knees held away from zero, its full stop bases, and cost |target - F[tau_J]|^2.
+
+    Bases that are given stay.
+    """
+    bases = bases or tuple(compute_stop_basis(phi, weights.thresholds) for phi in data.torsions)
     weights = replace(weights, knees=hold_knees(weights.knees, *measure_reach(bases, weights)[1:]))
     thin = map(thin_samples, bases, data.keeps)
     errors = target - filter_parts(data, [compute_outer(basis, weights) for basis in thin])
@@ -307,43 +273,46 @@ def optimise_spring(
     target: FloatArray,
     start: SpringWeights,
     tolerance: float = _FALL,
-    goal: float | None = None,
+    goal: float = 0.0,
+    *,
+    moves: bool = True,
 ) -> tuple[SpringWeights, float]:
     """Return the best spring from `start` with as many stops and knees, and its cost.
 
-    With a `goal` for the cost the first spring that reaches it is enough, and one far from it is given up.
+    The first spring whose cost is that of the `goal` is enough; places move where `moves`.
     """
     (best, bases, cost), damping = _evaluate_spring(data, target, start), 1e-4
-    for count in range(_STEPS):
-        if goal is not None and (cost <= goal or (count >= _PATIENCE and cost > _FAR * goal)):
+    for _ in range(numerics.ROUNDS):
+        if cost <= goal:
             break
         parts = []
         for whole, keep in zip(bases, data.keeps, strict=True):
-            slips = thin_samples(compute_slips(whole, best.thresholds), keep)
+            slips = thin_samples(compute_slips(whole, best.thresholds), keep) if moves else None
             parts.append(compute_spring_slopes(thin_samples(whole, keep), best, slips))
         filtered = filter_parts(data, parts)
         jacobian, value = filtered[:, :-1], filtered[:, -1]
-        down, up = compute_place_limits(bases, best)
-        low = np.concatenate([-best.stiffness, LEAST_SLOPE - best.slopes, down])
+        down, up = compute_place_limits(bases, best) if moves else (np.zeros(0), np.zeros(0))
+        low = np.concatenate([-best.stiffness, POLICY.relevance - best.slopes, down])
         high = np.concatenate([np.full(len(low) - len(up), np.inf), up])
         # Columns without effect get no step, not a huge one.
         lengths = np.linalg.norm(jacobian, axis=0)
-        idle = lengths <= 1e-9 * np.linalg.norm(value)
+        idle = lengths <= numerics.TINY
         low, high, lengths = np.where(idle, 0.0, low), np.where(idle, 0.0, high), np.where(idle, 1.0, lengths)
         scaled, fall = compute_triangle(np.column_stack([jacobian / lengths, target - value])), 0.0
         square, right = scaled[: len(lengths), :-1], scaled[: len(lengths), -1]
         # Bounds that meet are held a hair apart, as the solver asks.
-        low, high = np.minimum(low * lengths, 0.0), np.maximum(high * lengths, 0.0)
-        low -= 1e-9 * (1.0 + np.abs(low))
-        high = np.where(np.isfinite(high), high + 1e-9 * (1.0 + np.abs(high)), high)
+        hair = numerics.EXACT * max(float(np.linalg.norm(target)), numerics.TINY)
+        low, high = np.minimum(low * lengths, 0.0) - hair, np.maximum(high * lengths, 0.0) + hair
         whole = np.append(right, np.zeros(len(lengths)))
-        for _ in range(_TRIES):
+        # Beyond it steps are hardly longer than those of steepest descent.
+        while damping <= 1.0:
             matrix = np.vstack([square, np.sqrt(damping) * np.eye(len(lengths))])
             move = scipy.optimize.lsq_linear(matrix, whole, bounds=(low, high), method="bvls").x / lengths
-            trial, trial_bases, reached = _evaluate_spring(data, target, best.move(move))
+            known = () if moves else bases
+            trial, further, reached = _evaluate_spring(data, target, best.move(move), known)
             if reached < cost:
                 fall = (cost - reached) / cost
-                best, bases, cost, damping = trial, trial_bases, reached, damping / 10.0
+                best, bases, cost, damping = trial, further, reached, damping / 10.0
                 break
             damping *= 10.0
         if fall < tolerance:
@@ -357,15 +326,15 @@ def compute_place_limits(
     """Return how far thresholds and knees may each move down and up at once: (m + l,)."""
     torsion, lowest, highest = measure_reach(bases, weights)
     stops = _compute_room(weights.thresholds, 0.0, torsion)
-    below = _compute_room(-weights.knees[: weights.below], LEAST_KNEE * lowest, lowest)
-    above = _compute_room(weights.knees[weights.below :], LEAST_KNEE * highest, highest)
+    below = _compute_room(-weights.knees[: weights.below], POLICY.relevance * lowest, lowest)
+    above = _compute_room(weights.knees[weights.below :], POLICY.relevance * highest, highest)
     return np.concatenate([stops[0], -below[1], above[0]]), np.concatenate([stops[1], -below[0], above[1]])
 
 
 def _compute_room(places: FloatArray, least: float, edge: float) -> tuple[FloatArray, FloatArray]:
     """Return how far each of the increasing places (k,) may move down and up between `least` and `edge`."""
     gaps = np.diff(np.concatenate([[min([least, *places[:1]])], places, [max([edge, *places[-1:]])]]))
-    return -_STEP * gaps[:-1], _STEP * gaps[1:]
+    return -gaps[:-1] / 3.0, gaps[1:] / 3.0
 
 
 def compute_spring_slopes(
@@ -390,25 +359,10 @@ def compute_spring_slopes(
 def compute_slips(basis: FloatArray, thresholds: FloatArray) -> FloatArray:
     """Return d E_i / d r_i (N, m): the side on which each stop slipped last, 0 before it ever did."""
     stops = basis[:, 1:]
-    slack = 1e-9 * thresholds
+    slack = numerics.RANK * thresholds
     side = np.where(stops >= thresholds - slack, 1.0, np.where(stops <= slack - thresholds, -1.0, 0.0))
     last = np.maximum.accumulate(np.where(side != 0.0, np.arange(len(stops))[:, None], 0), axis=0)
     return np.take_along_axis(side, last, axis=0)
-
-
-_NEAR = 1e-6
-_ROW_RATE = 125.0
-"""Hz, while stops and knees are left out one by one."""
-_FINE_RATE = 500.0
-_EXACT = 1e-3
-"""Of the torque; a residual below it is no reason for another stop or knee."""
-_EDGE = 0.95
-"""Of the torques reached; a knee further out shapes a few samples only."""
-_CLOSE = 0.1
-"""Of the torques reached; a pair of knees within may be no more than the scale of the weights."""
-_DENSE = 12
-_RATIO = 0.7
-"""Of a threshold of the dense grid to the next one."""
 
 
 def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) -> SpringWeights:
@@ -417,55 +371,46 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
     `start` is a spring on the grid, and is returned where that is no worse.
     """
     grid_cost = data.compute_cost(target, start)
-    thinned, coarse = _thin_data(data, target, _ROW_RATE)
+    thinned, coarse = _thin_data(data, target)
     dense = start
     if len(start.thresholds):
         # Stops on a geometric grid, as many small as large.
-        grid = max(float(np.abs(phi).max()) for phi in thinned.torsions) * _RATIO ** np.arange(
-            _DENSE, 0, -1.0
-        )
-        spread = replace(start, thresholds=grid, stiffness=np.append(start.stiffness[:1], np.zeros(_DENSE)))
-        dense = fit_spring(thinned.rebuild(grid), coarse, spread, iterations=4)
+        phi = np.concatenate(thinned.torsions)
+        grid = list_lengths(phi, float(np.abs(phi).max()), GRID)
+        spread = replace(start, thresholds=grid, stiffness=np.append(start.stiffness[:1], np.zeros(GRID)))
+        dense = fit_spring(thinned.rebuild(grid), coarse, spread)
     # Without stops of no stiffness and knees that change nothing.
-    busy = dense.stiffness[1:] > _NEAR * np.sum(dense.stiffness)
-    kept = dense.keep_knees(np.abs(dense.slopes - dense.before) > _NEAR)
+    busy = dense.stiffness[1:] > numerics.CONVERGED * np.sum(dense.stiffness)
+    kept = dense.keep_knees(np.abs(dense.slopes - dense.before) > numerics.CONVERGED)
     stiffness = dense.stiffness[np.concatenate([[True], busy])]
     lean = replace(kept, thresholds=dense.thresholds[busy], stiffness=stiffness)
     best, cost = optimise_spring(thinned, coarse, lean)
-    # Independent rows: the filter passes noise up to rate / 2.
-    span = len(target) * float(np.mean([p * k.step for p, k in zip(data.periods, data.keeps, strict=True)]))
-    independent = max(20.0, min(float(len(target)), span * data.rate / 2.0))
-    allowed = 1.0 + 2.0 * np.log(independent) / independent
-    enough = (_EXACT * float(np.linalg.norm(coarse))) ** 2
-    simpler = _list_simpler(thinned, best)
+    enough = (EXACT * float(np.linalg.norm(coarse))) ** 2
+    simpler = _list_simpler(thinned, coarse, best)
     while simpler:
-        goal = max(cost * allowed, enough)
+        goal = max(cost * (1.0 + POLICY.relevance), enough)
         trial, reached = optimise_spring(thinned, coarse, simpler.pop(0), goal=goal)
         if reached <= goal:
             best, cost = trial, min(reached, cost)
-            simpler = _list_simpler(thinned, best)
-    # Knees at the edge of the torques reached are not identifiable, and extrapolate.
-    bases = [compute_stop_basis(phi, best.thresholds) for phi in data.torsions]
-    _, lowest, highest = measure_reach(bases, best)
-    edges = np.where(best.knees < 0.0, lowest, highest)
-    best = follow_spring(data, target, best.keep_knees(np.abs(best.knees) < _EDGE * edges))
-    reached = data.compute_cost(target, best)
-    return best if reached <= max(grid_cost * allowed, (_EXACT * np.linalg.norm(target)) ** 2) else start
+            simpler = _list_simpler(thinned, coarse, best)
+    best = follow_spring(data, target, best)
+    allowed = max(grid_cost * (1.0 + POLICY.relevance), (EXACT * float(np.linalg.norm(target))) ** 2)
+    return best if data.compute_cost(target, best) <= allowed else start
 
 
 def follow_spring(
-    data: SpringData, target: FloatArray, start: SpringWeights, *, tolerance: float = 1e-4
+    data: SpringData, target: FloatArray, start: SpringWeights, *, tolerance: float = numerics.CONVERGED
 ) -> SpringWeights:
     """Return the best spring near `start`, with as many stops and knees, places included."""
-    return optimise_spring(*_thin_data(data, target, _FINE_RATE), start, tolerance)[0]
+    return optimise_spring(data, target, start, tolerance)[0]
 
 
-def _thin_data(data: SpringData, target: FloatArray, rate: float) -> tuple[SpringData, FloatArray]:
-    """Return about `rate` rows a second, with plays at twice as many samples: enough to locate places."""
+def _thin_data(data: SpringData, target: FloatArray) -> tuple[SpringData, FloatArray]:
+    """Return about `SAMPLES` rows, with plays at twice as many samples: enough to locate places."""
     torsions, keeps, periods, parts, at = [], [], [], [], 0
+    every = max(1, len(target) // SAMPLES)
     for phi, keep, period in zip(data.torsions, data.keeps, data.periods, strict=True):
         rows = len(thin_samples(phi, keep)) - keep.start // keep.step
-        every = max(1, int(1.0 / (rate * period * keep.step) + 1e-9))
         stride = keep.step * (every // 2 if every % 2 == 0 else 1)
         first = keep.start % stride
         torsions.append(np.ascontiguousarray(phi[first::stride]))
@@ -477,40 +422,30 @@ def _thin_data(data: SpringData, target: FloatArray, rate: float) -> tuple[Sprin
     return thinned, np.concatenate(parts)
 
 
-def _list_simpler(data: SpringData, weights: SpringWeights) -> list[SpringWeights]:
-    """Return springs with one stop or knee less, the least effective first."""
-    options: list[tuple[float, SpringWeights]] = []
-    reach = max(float(np.abs(phi).max()) for phi in data.torsions)
-    for place, threshold in enumerate(weights.thresholds):
+def _list_simpler(data: SpringData, target: FloatArray, weights: SpringWeights) -> list[SpringWeights]:
+    """Return springs with one stop or knee less, those of the least cost."""
+    options, knees, above = list[SpringWeights](), weights.knees, weights.below
+    for place in range(len(weights.thresholds)):
         stiffness = np.delete(weights.stiffness, 1 + place)
         thresholds = np.delete(weights.thresholds, place)
+        options.append(replace(weights, thresholds=thresholds, stiffness=stiffness))
         if place:
             # Merged with its lower neighbour, at the mean of both.
             pair, ends = weights.stiffness[place : 2 + place], weights.thresholds[place - 1 : place + 1]
-            stiff, moved = stiffness.copy(), thresholds.copy()
-            stiff[place] = np.sum(pair)
-            moved[place - 1] = float(pair @ ends / max(np.sum(pair), 1e-300))
-            loss = float(np.min(pair)) * (ends[1] - ends[0])
-            options.append((loss, replace(weights, thresholds=moved, stiffness=stiff)))
-        loss = weights.stiffness[1 + place] * min(threshold, reach)
-        options.append((loss, replace(weights, thresholds=thresholds, stiffness=stiffness)))
-    changes = np.abs(weights.slopes - weights.before)
-    for place, torque in enumerate(weights.knees):
-        loss = changes[place] * abs(torque) * 0.1
-        options.append((loss, weights.keep_knees(np.arange(len(changes)) != place)))
-    knees, above = weights.knees, weights.below
+            stiffness, thresholds = stiffness.copy(), thresholds.copy()
+            stiffness[place] = np.sum(pair)
+            thresholds[place - 1] = float(pair @ ends / max(np.sum(pair), numerics.TINY))
+            options.append(replace(weights, thresholds=thresholds, stiffness=stiffness))
+    options += [weights.keep_knees(np.arange(len(knees)) != place) for place in range(len(knees))]
     if 0 < above < len(knees):
-        # Without the innermost knees of both sides, where they lie near zero torque: the slope beyond them is
-        # then the one at zero, and scales all weights. Left out one by one, the other would stand in the way.
-        _, lowest, highest = measure_reach(data.compute_basis(weights.thresholds), weights)
-        if -knees[0] <= _CLOSE * lowest and knees[above] <= _CLOSE * highest:
-            slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
-            scaled = SpringWeights(
-                thresholds=weights.thresholds,
-                stiffness=weights.stiffness * slope,
-                knees=np.delete(knees, (0, above)) * slope,
-                slopes=np.delete(weights.slopes, (0, above)) / slope,
-            )
-            options.append((abs(slope - 1.0) * max(-knees[0], knees[above]) * 0.1, scaled))
-    options.sort(key=lambda option: option[0])
-    return [simpler for _, simpler in options[:3]]
+        # Without the innermost knees of both sides: the slope beyond them is then the one at zero, and scales
+        # all weights. Left out one by one, the other would stand in the way.
+        slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
+        scaled = SpringWeights(
+            thresholds=weights.thresholds,
+            stiffness=weights.stiffness * slope,
+            knees=np.delete(knees, (0, above)) * slope,
+            slopes=np.delete(weights.slopes, (0, above)) / slope,
+        )
+        options.append(scaled)
+    return sorted(options, key=lambda option: data.compute_cost(target, option))[:STARTS]

@@ -9,7 +9,6 @@ from hypothesis import given, settings, strategies as st
 from symid.identification.hysteresis.families import BoucWenFamily, ElementPath, Stops
 from symid.identification.hysteresis.fit import ElementData, choose_spring, predict_output
 from symid.identification.hysteresis.spring_fit import (
-    LEAST_KNEE,
     SpringData,
     SpringWeights,
     build_elasticity,
@@ -22,6 +21,7 @@ from symid.identification.hysteresis.spring_fit import (
     refine_spring,
     thin_samples,
 )
+from symid.identification.judge import POLICY
 from symid.joint_models import Elasticity, Stop, run_element
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
 
@@ -71,7 +71,7 @@ def test_stops_and_knees_at_their_places_are_found(data, phi, target):
     plain = replace(TRUE, thresholds=data.thresholds, knees=np.zeros(0), slopes=np.zeros(0))
     assert np.allclose(data.fit_stops(data.compute_torque(plain)).stiffness, TRUE.stiffness, rtol=1e-9)
     start = replace(data.fit_stops(target), knees=TRUE.knees, slopes=np.ones(3))
-    found = fit_spring(data, target, start, tolerance=1e-14, iterations=40)
+    found = fit_spring(data, target, start, tolerance=1e-14)
     assert np.allclose(found.stiffness, TRUE.stiffness, rtol=1e-4)
     assert np.allclose(found.slopes, TRUE.slopes, rtol=1e-4)
 
@@ -106,7 +106,7 @@ def test_a_knee_at_hardly_any_torque_does_not_set_the_scale(phi, data, torque):
     found, reached = refine(phi, target)
     assert np.linalg.norm(reached - target) < 1e-3 * np.linalg.norm(target)
     places = np.abs(found.knees)
-    assert np.all(places > 0.9 * LEAST_KNEE * np.abs(target).max() / 1.5)
+    assert np.all(places > 0.9 * POLICY.relevance * np.abs(target).max() / 1.5)
     assert build_elasticity(found).initial_stiffness > 800.0
     assert len(found.thresholds) <= 4
 
@@ -157,7 +157,7 @@ def draw_waves(seed, count=2, length=3000):
 def test_a_path_of_two_logs_is_followed_as_each_by_itself(seed):
     waves = draw_waves(seed)
     path, parts = build_path(*waves), [build_path(wave) for wave in waves]
-    for family in (Stops(count=4, ratio=0.7), BoucWenFamily()):
+    for family in (Stops(count=4), BoucWenFamily()):
         shape = family.list_starts(path)[0]
         joined = family.compute_columns(path, shape)
         apart = np.concatenate([family.compute_columns(part, shape) for part in parts])
@@ -194,7 +194,7 @@ def test_stops_with_a_cubic_part_are_found():
 def test_thinning_keeps_beginnings_and_turning_points():
     def thin(path):
         kept = np.ones(len(path.position), dtype=bool)
-        return ElementData(path=path, output=path.position.copy(), kept=kept).thin(400, turns=True)
+        return ElementData(path=path, output=path.position.copy(), kept=kept).thin(400)
 
     waves = draw_waves(8, length=20000)
     path = build_path(*waves)
