@@ -15,7 +15,7 @@ CONVERGED = 1e-6
 """Relative change at which an iteration ends."""
 ROUNDS = 30
 """Of an iteration, at most."""
-BLOCK = 8192
-"""Samples whose columns are in memory at a time."""
+BLOCK = 1024
+"""Samples whose columns are computed or condensed at a time: they stay in the cache of a core."""
 LARGEST = 2e8
 """Bytes of equations that are held in memory."""

@@ -11,7 +11,7 @@ Filter and decimation of a validation are
 
 The equations of a diagnosis are those of the fit: its processing, windows, weights of runs, rule for the
 noise. Where the estimator needs nothing else, the fit is repeated and compared with the estimate. The price
-of decimation: fits to the rows that decimation keeps, and to every sample, predict held-out fifths of the
+of decimation: fits to the rows that decimation keeps, and to every sample, predict held-out stretches of the
 time, and the residuals of both on the decimated rows are compared.
 
 Supported: estimates of any rows, their windows, weights and runs; torque (the default), momentum and energy
@@ -37,6 +37,7 @@ from symid.codegen import Library
 from symid.errors import EstimateError, Notice, UsageError
 from symid.identification import diagnostics, estimators, regression
 from symid.identification.diagnostics import uncertainty
+from symid.identification.judge import POLICY, numerics
 from symid.identification.rigid.fit import LARGEST, fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.joint_models import FrictionValues, rename_law
@@ -60,7 +61,7 @@ def resolve_processing(
     if not left:
         return estimators.ResolvedProcessing(processing=replace(processing, automatic=False), origin=stated)
     period = estimate.settings.get("sample_period")
-    if _is_positive(period) and math.isclose(period, recording.period, rel_tol=regression.SAME_PERIOD):
+    if _is_positive(period) and math.isclose(period, recording.period, rel_tol=POLICY.relevance):
         fitted = read_fit_processing(estimate.settings)
         factor = (fitted if "decimation.factor" in left else processing).decimation.factor
         settled = replace(
@@ -280,13 +281,12 @@ def validate_estimate(
     processing: robots.Processing,
     *,
     rows: str = "torque",
-    window: float = regression.WINDOW,
-    overlap: float = 0.0,
+    **windows: float,
 ) -> estimators.Validation:
     """Return residuals and series of `recording` under the estimate; nothing is fitted.
 
     What `processing` leaves open is as in the fit, see `resolve_processing`. `rows` is one of `ROW_KINDS`,
-    `window` the length of windows in s, `overlap` the part of one that the next one shares. Where the fit
+    `windows` are `window` and `overlap` of `build_rows`. Where the fit
     chose its settings and `processing` leaves a filter or a decimation open, residuals of torque, momentum
     and filtered rows count within the band that they were chosen by.
 
@@ -303,9 +303,7 @@ def validate_estimate(
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
-    whole = regression.prepare_rows(
-        rows, library, recording, counted, window=window, overlap=overlap, every=True
-    )
+    whole = regression.prepare_rows(rows, library, recording, counted, every=True, **windows)
     built = regression.leave_out_rows(whole, library, recording, counted)
     shared = measure_overlap(recording, estimate.sources, estimate.settings, cut=cut, fitted_cut=fitted_cut)
     predicted = built.matrix @ estimate.assemble(built.names)
@@ -387,11 +385,6 @@ def validate_estimate(
     )
 
 
-_FOLDS = 5
-_RANK = 1e-10
-"""Singular value relative to the largest below which the other folds do not identify a direction."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Price:
     """The price of a choice: `what` in words, `percent` more of `of`."""
@@ -423,10 +416,10 @@ def measure_decimation_price(
         condensed, sketch = long.condense(), long.sketch()
         basis = regression.analyse_condensed(condensed, long.outline.kind, long.outline.names).basis
         own = estimators.fit_condensed(condensed, basis, groups, builder.processing.noise_freedom)
-        # Weighted rows [A B, y] with the squares of all equations, and the fifth of time of each.
+        # Weighted rows [A B, y] with the squares of all equations, and the stretch of time of each.
         table = np.column_stack([sketch.matrix @ identifiability.basis, sketch.values])
         counts = [int(np.sum(sketch.group == group)) for group in np.unique(sketch.group)]
-        fold = np.concatenate([np.arange(count) * _FOLDS // count for count in counts])
+        fold = np.concatenate([np.arange(count) * POLICY.folds // count for count in counts])
         deviations = np.sqrt(np.maximum(np.diag(own.covariance), 0.0))
         found.append((table * groups[sketch.group][:, None], fold, deviations))
     (judged, number, ours), (others, place, theirs) = found
@@ -434,10 +427,10 @@ def measure_decimation_price(
     if not both.any():
         return ()
     left = np.zeros(2)
-    for part in range(_FOLDS):
+    for part in range(POLICY.folds):
         held = judged[number == part]
         for index, table in enumerate((judged[number != part], others[place != part])):
-            values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RANK)[0]
+            values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=numerics.RANK)[0]
             left[index] += float(np.sum((held[:, -1] - held[:, :-1] @ values) ** 2))
     held_out = 100.0 * (float(np.sqrt(left[0] / left[1])) - 1.0) if left[1] else 0.0
     what = f"decimation by {builder.processing.decimation.factor}"
@@ -449,12 +442,8 @@ def measure_decimation_price(
 
 
 _KINDS = ("torque", "momentum")
-_FREE = 1e-6
-"""Percent below which a price is rounding."""
 _ALONE = ("ols", "wls", "huber", "sequential", FILTERED_INSTRUMENTAL)
 """Estimators that need nothing but rows."""
-_CHANGED = 1e-6
-"""Deviations by which a fit made again may differ from the estimate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -528,15 +517,9 @@ def diagnose_estimate(
     groups = np.ones(len(rows.group_names))
     if estimate.estimator != "ols":
         groups = estimators.estimate_group_weights(rows, identifiability, processing.noise_freedom)
-    rank = int(identifiability.basis.shape[1])
-    fit = estimators.RegressionFit(
-        values=values,
-        covariance=covariance,
-        residuals=rows.values - rows.matrix @ values,
-        spent=regression.count_freedom(processing.noise_freedom, rank, rows.independent)[0],
-        condition=estimate.condition,
-        weights=groups[rows.group] * np.sqrt(rows.weight),
-    )
+    least = estimators.fit_weighted(rows, identifiability, groups, processing.noise_freedom)
+    residuals = rows.values - rows.matrix @ values
+    fit = replace(least, values=values, covariance=covariance, residuals=residuals)
     correlated, ellipse = uncertainty.list_correlated(stated, names), None
     if correlated:
         pair = [names.index(name) for name in correlated[0][:2]]
@@ -553,17 +536,15 @@ def diagnose_estimate(
         ]
         refit = max(away, default=0.0)
     # By how much the residual is larger than that of plain least squares of the same weights.
-    weighed = uncertainty.compute_mean_weights(rows, fit)
-    least = estimators.fit_weighted(rows, identifiability, weighed)
     own, best = (float(np.linalg.norm(entry.residuals * fit.weights)) for entry in (fit, least))
     percent = 100.0 * (own / best - 1.0) if best else 0.0
     what = f"estimator {estimate.estimator} instead of least squares"
-    price = (Price(what=what, of="residual", percent=percent),) if percent >= _FREE else ()
-    changed = refit is not None and refit > _CHANGED
+    price = (Price(what=what, of="residual", percent=percent),) if percent >= numerics.CONVERGED else ()
+    changed = refit is not None and refit > numerics.CONVERGED
     warnings = (diagnostics.build_warning("diagnosis.other-values", refit=refit),) if changed else ()
     return Diagnosis(
         singular=tuple(map(float, regression.compute_spectrum(rows.matrix * fit.weights[:, None]).singular)),
-        rank=rank,
+        rank=int(identifiability.basis.shape[1]),
         correlated=correlated,
         ellipse=ellipse,
         essential=uncertainty.select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
@@ -571,7 +552,7 @@ def diagnose_estimate(
         drift=uncertainty.measure_drift(rows, fit, processing.noise_freedom),
         structure=diagnostics.analyse_structure(values, library, recordings, processing, weights=weights),
         profiles=diagnostics.compute_profiles(values, library, recordings, processing),
-        prices=(*price, *measure_decimation_price(builder, recordings, identifiability, weighed, weights)),
+        prices=(*price, *measure_decimation_price(builder, recordings, identifiability, groups, weights)),
         refit=refit,
         notices=(*settled.notices, *warnings),
     )

@@ -75,8 +75,11 @@ def test_weights_are_the_scatter_that_their_own_fit_leaves():
     rows = make_rows(matrix, values, group)
     seen = analyse_identifiability(rows)
     fit = fit_wls(rows, seen)
-    e = fit.residuals
-    w = 1 / np.array([np.linalg.norm(e[group == j]) / np.sqrt(26) for j in (0, 1)])[group]
+    e, design = fit.residuals, matrix * fit.weights[:, None]
+    # Parameters take four rows of both together, from each what its leverage is.
+    spent = np.bincount(group, np.diag(design @ np.linalg.pinv(design)))
+    assert spent.sum() == pytest.approx(4.0)
+    w = np.sqrt((30.0 - spent) / np.bincount(group, e**2))[group]
     expected = np.linalg.lstsq(matrix * w[:, None], values * w, rcond=None)[0]
     np.testing.assert_allclose(fit.values, expected, rtol=1e-5)
     np.testing.assert_allclose(fit.weights, w, rtol=1e-5)
