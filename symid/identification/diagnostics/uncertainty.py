@@ -16,7 +16,6 @@ than a block; constraints; changes within a log.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
 import scipy
@@ -257,14 +256,12 @@ class Drift:
     """Differences between logs, by their numbers, from zero.
 
     `changed` are parameters that differ beyond chance and by a part of themselves that matters, the least
-    likely first, of those `compared`, which at least two logs identify alone; `residual` is (log, joint, mean
-    residual, its deviation) of the whole fit.
+    likely first, of those `compared`, which at least two logs identify alone.
     """
 
     runs: tuple[int, ...] = field(metadata=HIDDEN)
     changed: tuple[ParameterDrift, ...]
     compared: int
-    residual: tuple[tuple[int, str, float, float], ...] = field(metadata=HIDDEN)
 
 
 def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "band") -> Drift:
@@ -273,17 +270,8 @@ def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "ban
     `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
     runs = tuple(int(run) for run in np.unique(rows.run))
-    residual: list[tuple[int, str, float, float]] = []
-    for run, (group, name) in product(runs, enumerate(rows.group_names)):
-        members = np.flatnonzero((rows.group == group) & (rows.run == run))
-        if len(members) >= 2 * regression.BLOCKS:
-            blocks = np.array_split(members, regression.BLOCKS)
-            means = np.array([fit.residuals[block].mean() for block in blocks])
-            deviation = float(means.std(ddof=1) / np.sqrt(len(means)))
-            residual.append((run, name, float(means.mean()), deviation))
     if len(runs) < 2:
-        return Drift(runs=runs, changed=(), compared=0, residual=tuple(residual))
-
+        return Drift(runs=runs, changed=(), compared=0)
     weights = compute_mean_weights(rows, fit)
     # Parameters and deviations (p,) of each log alone, and which of them are identifiable.
     alone: dict[int, tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = {}
@@ -321,7 +309,7 @@ def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "ban
         ),
         key=lambda entry: entry.chance,
     )
-    return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes), residual=tuple(residual))
+    return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes))
 
 
 def compute_mean_weights(rows: regression.Rows, fit: RegressionFit) -> FloatArray:

@@ -168,7 +168,7 @@ def _solve_stages(
     weighted = rows.matrix * factors[:, None]
     matrix = frame.T @ weighted
     left, singular, right = np.linalg.svd(matrix @ basis, full_matrices=False)
-    if singular[-1] <= numerics.RANK * singular[0]:
+    if singular[-1] <= regression.RankRule().singular * singular[0]:
         text = (
             "simulated and measured states are uncorrelated in some direction: the reference belongs to "
             "another run, or the controller is not that of the log"
@@ -228,7 +228,7 @@ def assess_exogeneity(
     for _ in range(2):  # a second time for what rounding left
         hidden = hidden - columns @ (columns.T @ hidden)
     left, singular, _ = np.linalg.svd(hidden, full_matrices=False)
-    apart = left[:, singular > numerics.RANK]
+    apart = left[:, singular > regression.RankRule().singular]
     errors = usual.residuals * factors
     gained = float(np.sum((apart.T @ errors) ** 2))
     _, independent = regression.count_freedom(freedom, usual.spent, rows.independent)

@@ -168,8 +168,7 @@ def fit_ols(rows: Rows, identifiability: Identifiability, freedom: str = "band")
 
 def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the fit with rows weighted by the inverse scatter of their joint; else as `fit_ols`."""
-    weights = estimate_group_weights(rows, identifiability, freedom)
-    return fit_weighted(rows, identifiability, weights, freedom)
+    return fit_weighted(rows, identifiability, None, freedom)
 
 
 def estimate_group_weights(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> FloatArray:
@@ -178,35 +177,21 @@ def estimate_group_weights(rows: Rows, identifiability: Identifiability, freedom
 
 
 def fit_weighted(
-    rows: Rows, identifiability: Identifiability, weights: FloatArray, freedom: str = "band"
+    rows: Rows, identifiability: Identifiability, weights: FloatArray | None, freedom: str = "band"
 ) -> RegressionFit:
-    """Return the fit with the residuals of group g multiplied by weights[g]; else as `fit_ols`."""
+    """Return the fit of rows in memory; else as `fit_condensed`."""
     basis = identifiability.basis
-    found = solve_condensed(condense_rows(rows), basis, weights)
-    residuals = rows.values - rows.matrix @ found.values
-    factors = weights[rows.group] * np.sqrt(rows.weight)
-    weighted = residuals * factors
-    spent, independent = count_freedom(freedom, found.leverage, rows.independent)
-    if rows.kind in SCALAR_KINDS:
-        # B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B' (HC3), h_i the leverage of row i, F = A B.
-        design = (rows.matrix * factors[:, None]) @ basis
-        root = compute_inverse_root(design)
-        orthonormal = design @ root
-        leverage = np.minimum(np.sum(orthonormal**2, axis=1), 1.0 - 1e-9)
-        scores = orthonormal * (weighted / (1.0 - leverage))[:, None]
-        left = basis @ root
-        covariance = left @ (scores.T @ scores) @ left.T / independent
-    else:
-        variance = float(weighted @ weighted) / (independent * (len(weighted) - float(spent.sum())))
-        covariance = variance * (found.root @ found.root.T)
-    return RegressionFit(
-        values=found.values,
-        covariance=covariance,
-        residuals=residuals,
-        spent=spent,
-        condition=found.condition,
-        weights=factors,
-    )
+    fit = fit_condensed(condense_rows(rows), basis, weights, freedom)
+    residuals = rows.values - rows.matrix @ fit.values
+    fit = replace(fit, residuals=residuals, weights=fit.weights[rows.group] * np.sqrt(rows.weight))
+    if rows.kind not in SCALAR_KINDS:
+        return fit
+    # B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B' (HC3), h_i the leverage of row i, F = A B.
+    found = measure_influence(rows, basis, fit.weights, residuals)
+    spare = np.maximum(1.0 - np.sum(found.frame**2, axis=1), numerics.RANK)
+    scores = found.scores * (found.residuals / spare)[:, None]
+    _, independent = count_freedom(freedom, fit.spent, rows.independent)
+    return replace(fit, covariance=found.left @ (scores.T @ scores) @ found.left.T / independent)
 
 
 def fit_gls(

@@ -42,6 +42,7 @@ from symid.identification.estimators.least_squares import (
     estimate_group_weights,
     fit_gls,
     fit_ols,
+    fit_weighted,
     fit_wls,
 )
 from symid.identification.judge import POLICY, numerics
@@ -119,10 +120,11 @@ def fit_ridge(
     if prior is None:
         text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
         raise UsageError(Notice(code="usage.no-prior", text=text))
-    first = fit_ols(rows, identifiability, freedom)
+    inverse_scatter = estimate_group_weights(rows, identifiability, freedom)
+    first = fit_weighted(rows, identifiability, inverse_scatter, freedom)
     _, independent = regression.count_freedom(freedom, first.spent, rows.independent)
     # Rows behind a filter count for as many as they are worth, next to the prior.
-    inverse_scatter = estimate_group_weights(rows, identifiability, freedom) * np.sqrt(independent)
+    inverse_scatter = inverse_scatter * np.sqrt(independent)
     centre, deviations = prior.arrange(rows.names)
     known = np.isfinite(deviations)
     # The prior as rows (x - x0) / d, [D | D x0].
@@ -205,8 +207,8 @@ def fit_huber(
         residuals = rows.values - rows.matrix @ values
     plain = regression.solve_condensed(regression.condense_rows(rows), basis, 1.0 / scale)
     ratios, count = residuals / scale[rows.group], len(residuals)
-    _, independent = regression.count_freedom(freedom, first.spent, rows.independent)
-    spent = float(first.spent.sum())
+    taken, independent = regression.count_freedom(freedom, plain.leverage, rows.independent)
+    spent = float(taken.sum())
     inner = float(np.mean(np.abs(ratios) <= _BEND))
     stretch = 1.0 + spent * (1.0 - inner) / (count * inner)
     square = float(np.clip(ratios, -_BEND, _BEND) ** 2 @ rows.weight)
@@ -220,6 +222,7 @@ def fit_huber(
         values=values,
         covariance=variance * (plain.root @ plain.root.T),
         residuals=residuals,
+        spent=taken,
         condition=plain.condition,
         weights=np.sqrt(_BEND / np.maximum(np.abs(ratios), _BEND) * rows.weight) / scale[rows.group],
         notices=()

@@ -163,14 +163,14 @@ class RankRule:
 
     Args:
         zero: length of a column relative to the longest one.
-        singular: singular value of the scaled matrix relative to the largest one.
+        singular: singular value of the scaled matrix relative to the largest one; filters round at 1e-9.
         share: squared part of a direction in the null space in a parameter.
         least: share of all parameters that must be identifiable.
     """
 
     zero: float = numerics.RANK
-    singular: float = numerics.RANK
-    share: float = numerics.EXACT
+    singular: float = 1e-7
+    share: float = 1e-8
     least: float = 0.0
 
 

@@ -693,7 +693,7 @@ def _assess_instruments(
         names = ", ".join(f"{name} {shift:+.2g}" for name, shift in test.biased)
         verdict = f"biased by noise in the states, in its standard deviations: {names}"
     elif test.significant:
-        verdict = "significantly different, by no more than values may move"
+        verdict = f"significantly different, by at most {POLICY.printed:g} standard deviations"
     verdict = f"wls of these rows is {verdict} (p {chance})"
     report = {
         "instruments": {

@@ -286,9 +286,9 @@ def validate_estimate(
     """Return residuals and series of `recording` under the estimate; nothing is fitted.
 
     What `processing` leaves open is as in the fit, see `resolve_processing`. `rows` is one of `ROW_KINDS`,
-    `windows` are `window` and `overlap` of `build_rows`. Where the fit
-    chose its settings and `processing` leaves a filter or a decimation open, residuals of torque, momentum
-    and filtered rows count within the band that they were chosen by.
+    `windows` are `window` and `overlap` of `build_rows`. Where the fit chose its settings and `processing`
+    leaves a filter or a decimation open, residuals of torque, momentum and filtered rows count within the
+    band that they were chosen by.
 
     Raises:
         EstimateError: the estimate belongs to another model than the library.
@@ -298,82 +298,70 @@ def validate_estimate(
     estimators.check_model(estimate, library.card)
     settled = resolve_processing(estimate, processing, recording)
     stored = estimate.settings.get("processing")
-    found = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
-    first, last = (entry if isinstance(entry, int) else 0 for entry in (*found, 0, 0)[:2])
+    known = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
+    first, last = (entry if isinstance(entry, int) else 0 for entry in (*known, 0, 0)[:2])
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
     whole = regression.prepare_rows(rows, library, recording, counted, every=True, **windows)
     built = regression.leave_out_rows(whole, library, recording, counted)
     shared = measure_overlap(recording, estimate.sources, estimate.settings, cut=cut, fitted_cut=fitted_cut)
-    predicted = built.matrix @ estimate.assemble(built.names)
-    masks = [(index, built.group == index) for index in range(len(built.group_names))]
+    # Who states filter and decimation of the log compares its rows, as publications do. Without held-out
+    # stretches, as of long logs, the fit has nothing to compare with.
+    scoring, values, scalar = 0.0, estimate.assemble(built.names), rows in regression.SCALAR_KINDS
+    left_open = {*settled.origin.values()} != {"stated"}
+    if estimate.choice is not None and estimate.evidence is not None and left_open and not scalar:
+        scoring = estimate.choice.scoring
+
+    def score(part: regression.Rows) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return rows and what is left of them (m, 2), both within the band, and which of them count."""
+        table, inner = (
+            np.column_stack([part.values, part.values - part.matrix @ values]),
+            np.full(len(part.time), fill_value=True),
+        )
+        if scoring:
+            table, within = diagnostics.smooth_rows(part, table, scoring), diagnostics.mask_inner(part)
+            inner = within if within.any() else inner
+        return table, inner
+
+    predicted = built.matrix @ values
+    own = [(index, np.flatnonzero(built.group == index)) for index in np.unique(built.group)]
     series = tuple(
         estimators.Series(
             joint=built.group_names[index],
             unit=built.group_units[index],
             velocity_unit=built.velocity_units[index],
-            time=built.time[mask],
-            velocity=built.velocity[mask],
-            measured=built.values[mask],
-            predicted=predicted[mask],
+            time=built.time[places],
+            velocity=built.velocity[places],
+            measured=built.values[places],
+            predicted=predicted[places],
         )
-        for index, mask in masks
-        if np.any(mask)
+        for index, places in own
     )
     warnings = []
     if shared:
-        part = describe_overlap(shared, recording, cut)
-        warnings = [
-            diagnostics.build_warning(
-                "validate.fitted-log", file=recording.source, what="estimate", part=part
-            )
-        ]
-    residual = estimators.compute_residuals(built, built.values - predicted, 0)
-    # Who states filter and decimation of the log compares its rows, as publications do.
-    choice, scoring, scored = estimate.choice, 0.0, residual
-    left_open = {*settled.origin.values()} != {"stated"}
-    # Without held-out stretches, as of long logs, the fit has nothing to compare with.
-    if (
-        choice is not None
-        and estimate.evidence is not None
-        and left_open
-        and rows not in regression.SCALAR_KINDS
-    ):
-        # Rows and what is predicted of them, both low-passed.
-        scoring, inner = choice.scoring, diagnostics.mask_inner(built)
-        table = diagnostics.smooth_rows(
-            built, np.column_stack([built.values, built.values - predicted]), scoring
-        )
-        inner = inner if inner.any() else np.ones_like(inner)
-        smooth = replace(regression.select_rows(built, inner), values=table[inner, 0])
-        scored = estimators.compute_residuals(smooth, table[inner, 1], 0)
+        told = {"what": "estimate", "part": describe_overlap(shared, recording, cut)}
+        warnings = [diagnostics.build_warning("validate.fitted-log", file=recording.source, **told)]
+    residual, (table, inner) = estimators.compute_residuals(built, built.values - predicted, 0), score(built)
+    smooth = replace(regression.select_rows(built, inner), values=table[inner, 0])
     motion = []
-    if whole.kind not in regression.SCALAR_KINDS:
+    if not scalar:
         # What is left of all rows in the phases of motion; joints without rows that count are left out of
         # residuals.
-        errors = whole.values - whole.matrix @ estimate.assemble(whole.names)
-        inner = np.ones(len(errors), dtype=np.bool_)
-        if scoring:
-            errors, inner = (
-                diagnostics.smooth_rows(whole, errors[:, None], scoring)[:, 0],
-                diagnostics.mask_inner(whole),
-            )
-            inner = inner if inner.any() else np.ones_like(inner)
-        names = {built.group_names[group] for group in np.unique(built.group)}
+        (left, counts), names = score(whole), {series.joint for series in series}
         for group in np.unique(whole.group):
-            own, name = inner & (whole.group == group), whole.group_names[group]
-            if own.any():
-                phases = estimators.find_phases(whole.time[own], whole.velocity[own], whole.run[own])
-                left_out = 0 if name in names else int(np.sum(own))
-                unit = whole.group_units[group]
-                motion.append(estimators.MotionResidual.measure(name, unit, errors[own], phases, left_out))
+            part, name = counts & (whole.group == group), whole.group_names[group]
+            if part.any():
+                phases = estimators.find_phases(whole.time[part], whole.velocity[part], whole.run[part])
+                left_out, unit = 0 if name in names else int(np.sum(part)), whole.group_units[group]
+                found = estimators.MotionResidual.measure(name, unit, left[part, 1], phases, left_out)
+                motion.append(found)
     return estimators.Validation(
         robot=estimate.robot,
         signature=estimate.signature,
         source=recording.source,
         rows=rows,
-        residual=scored,
+        residual=estimators.compute_residuals(smooth, table[inner, 1], 0),
         scoring=scoring,
         all_rows=residual if scoring else (),
         motion=tuple(motion),
