@@ -158,7 +158,7 @@ def build_robot(found: Identified, *, grouped: bool = True) -> dynamics.Identifi
     covariance, deviations = None, np.array([entry.std for entry in found.values])
     if np.all(np.isfinite(deviations)) and np.any(deviations > 0.0):
         covariance = np.array(found.covariance) if found.covariance else np.diag(deviations**2)
-        least = numerics.CONVERGED * float(deviations[deviations > 0.0].min())
+        least = POLICY.relevance * float(deviations[deviations > 0.0].min())
         covariance = np.asarray(covariance + np.diag(np.where(deviations > 0.0, 0.0, least**2)))
     return dynamics.build_identified_robot(
         found.robot,
@@ -177,12 +177,12 @@ def measure_costs(
     """Return what bodies cost joint by joint in the states of the logs; nothing where there are none.
 
     `library` has the functions of `found.robot`; `limit` in percent, the same for all joints, if given. By
-    default it is what does no harm, or what the fit itself leaves of held-out torque, if that is more.
+    default it is what does no harm: to the torque, or to the squares that the fit leaves of it held out.
     """
     if not found.motion:
         return ()
     states = np.array(found.motion).reshape(len(found.motion), 3, -1)
-    card = library.card
+    card, least = library.card, 100.0 * POLICY.relevance
     names = [entry.name for entry in (*card.beta, *card.friction)]
     changes = dict(zip(standard.names, standard.residual.tolist(), strict=True))
     known = {entry.name: entry.value for entry in found.values}
@@ -197,7 +197,7 @@ def measure_costs(
         JointCost(
             joint=joint.name,
             percent=100.0 * off / whole if whole else 0.0,
-            limit=max(100.0 * POLICY.relevance, found.held_out.get(joint.name, 0.0))
+            limit=max(least, math.sqrt(POLICY.relevance) * found.held_out.get(joint.name, 0.0))
             if limit is None
             else limit,
             torque=whole,

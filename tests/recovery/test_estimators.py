@@ -130,20 +130,18 @@ def test_joints_without_common_parameters_weigh_as_alone():
         fit = fit_wls(rows, analyse_identifiability(rows), freedom)
         for joint, width in enumerate((5, 3)):
             own = rows.group == joint
-            square = np.linalg.lstsq(matrix[own][:, matrix[own].any(axis=0)], rows.values[own])[1]
-            spare = own.sum() - width / part
-            np.testing.assert_allclose(fit.weights[own], np.sqrt(spare / square[0]), rtol=1e-9)
-            np.testing.assert_allclose(fit.spent[joint], width / part, rtol=1e-9)
+            (square,) = np.linalg.lstsq(matrix[own][:, matrix[own].any(axis=0)], rows.values[own])[1]
+            expected = np.sqrt((own.sum() - width / part) / square)
+            np.testing.assert_allclose(fit.weights[own], expected, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("counts", "widths", "independent"),
+    # As many rows of all joints as there are parameters, then of the first one.
     [
-        ((40, 30, 20), (8, 5, 3), 1.0),
-        ((40, 30, 20), (8, 5, 3), 0.6),
-        # As many rows of the first joint as there are parameters, then of all joints.
-        ((8, 20), (8, 5), 1.0),
+        *(((40, 30, 20), (8, 5, 3), b) for b in (1.0, 0.6)),
         ((8, 8, 8), (8, 5, 3), 1.0),
+        ((8, 20), (8, 5), 1.0),
     ],
 )
 def test_weights_maximise_the_restricted_likelihood(counts, widths, independent):
@@ -157,8 +155,7 @@ def test_weights_maximise_the_restricted_likelihood(counts, widths, independent)
         weights = np.exp(logs)[rows.group]
         normal = (rows.matrix.T * weights**2) @ rows.matrix
         left = rows.values - rows.matrix @ np.linalg.solve(normal, rows.matrix.T @ (weights**2 * rows.values))
-        squares = independent * np.sum((weights * left) ** 2)
-        return squares + np.linalg.slogdet(normal)[1] - 2.0 * sizes @ logs
+        return independent * np.sum((weights * left) ** 2) + np.linalg.slogdet(normal)[1] - 2.0 * sizes @ logs
 
     best = minimize(lose, np.zeros(len(counts)), method="BFGS", options={"gtol": 1e-9})
     np.testing.assert_allclose(found, np.exp(best.x), rtol=1e-5)
@@ -170,10 +167,11 @@ def test_a_joint_with_as_many_rows_as_parameters_does_not_run_away():
     for seed in range(40):
         rows = draw_shared((24, 24), (23, 6), seed)
         known = (1.0 + rows.group) / 3.0
-        best = np.linalg.lstsq(rows.matrix * known[:, None], rows.values * known)[0]
-        found = fit_wls(rows, analyse_identifiability(rows)).values
-        for values, kept in ((found, errors), (best, ideal)):
-            kept.append(values[:6] - np.arange(1.0, 7.0))
+        errors.append(fit_wls(rows, analyse_identifiability(rows)).values - np.arange(1.0, 24.0))
+        ideal.append(
+            np.linalg.lstsq(rows.matrix * known[:, None], rows.values * known)[0] - np.arange(1.0, 24.0)
+        )
+    errors, ideal = (np.array(part)[:, :6] for part in (errors, ideal))
     assert np.linalg.norm(errors) < 1.1 * np.linalg.norm(ideal)
 
 

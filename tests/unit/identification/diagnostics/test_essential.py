@@ -143,8 +143,11 @@ def test_correlations_and_their_order():
     # The variance of one beside the other that is known, by the formula of conditional normal values.
     for r, close in ((0.7, False), (0.71, True)):
         pair = np.array([[4.0, 2.0 * r], [2.0 * r, 1.0]])
-        assert (1.0 / np.linalg.inv(pair)[0, 0] < 4.0 / POLICY.fall) == close
-        assert bool(list_correlated(pair, "ab")) == close
+        assert (
+            bool(list_correlated(pair, "ab"))
+            == (1.0 / np.linalg.inv(pair)[0, 0] < 4.0 / POLICY.fall)
+            == close
+        )
     # The closest pair comes first.
     three = np.array([[1.0, 0.8, 0.75], [0.8, 1.0, 0.9], [0.75, 0.9, 1.0]])
     assert [size for *_, size in list_correlated(three, "abc")] == pytest.approx([0.9, 0.8, 0.75])
