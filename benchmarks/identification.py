@@ -66,7 +66,7 @@ def condense_signals(library: Library, pieces: Iterable[Signals]) -> Condensed:
             for joint in range(card.size):
                 factors[joint] = extend_triangle(factors[joint], [table[:, joint]])
         count += len(signals.time)
-    return Condensed(factors=factors, counts=np.full(card.size, count, dtype=np.intp))
+    return Condensed(factors=factors, counts=np.full(card.size, count, dtype=np.intp), independent=1.0)
 
 
 def time_stack(library: Library, signals: Signals) -> None:

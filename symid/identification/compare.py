@@ -28,16 +28,9 @@ from symid.errors import EstimateError, Notice, UsageError
 from symid.identification.elastic import ElasticEstimate
 from symid.identification.estimators import Estimate
 from symid.identification.identified import Identified, build_identified
+from symid.identification.judge import POLICY, numerics
 from symid.robot import Robot, TableColumns, read_value_table
 from symid.serialization import HIDDEN, name_key
-
-FAR = 3.0
-"""Deviations beyond which a single difference is significant."""
-
-_NORMAL_MEDIAN = 0.6744897501960817
-_SINGULAR = 1e-12
-_HUGE = 1e100
-_LIKELIER = 20.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,7 +107,7 @@ class ValueComparison:
         """Return how many groups differ by at most `limit` deviations."""
         return int((np.abs(self.deviations) <= limit).sum())
 
-    def list_farthest(self, limit: float = FAR, most: int = 5) -> tuple[int, ...]:
+    def list_farthest(self, limit: float = POLICY.printed, most: int | None = 5) -> tuple[int, ...]:
         """Return the numbers of the groups beyond `limit`, the farthest first, at most `most`."""
         order = np.argsort(-np.nan_to_num(np.abs(self.deviations)), kind="stable")
         return tuple(int(k) for k in order if abs(self.deviations[k]) > limit)[:most]
@@ -124,18 +117,18 @@ class ValueComparison:
 class TriedReading:
     """The effect of a term in a group: z `before` and `after`, and by how much chi-square falls.
 
-    `log_ratio` is the logarithm of the likelihood ratio with and without the term. `decisive`: the ratio is
-    at least twenty, times the number of terms tried; `rivals` counts other terms in the same group whose
-    ratio is less than twenty times smaller.
+    `trial` is the number of the term, `log_ratio` the logarithm of the likelihood ratio with and without it.
+    `decisive`: so large a ratio is no chance, see `try_readings`; `rivals` counts other terms in the same
+    group that are as likely.
     """
 
     before: float
     after: float
     gain: float
     log_ratio: float
-    trial: int = field(default=0, metadata=HIDDEN)
+    trial: int = field(metadata=HIDDEN)
     decisive: bool = False
-    rivals: int = field(default=0, metadata=HIDDEN)
+    rivals: int | None = field(default=None, metadata=HIDDEN)
 
 
 def build_stated_values(
@@ -143,9 +136,10 @@ def build_stated_values(
 ) -> StatedValues:
     """Return values (m,) in SI units with the covariance (m, m) given, else that of independent errors.
 
-    `deviations` (m,) are None, infinite or beyond 1e100 where one is not known.
+    `deviations` (m,) are None where one is not known, infinite, or so large that its fourth power is.
     """
-    known = np.array([entry is not None and entry < _HUGE for entry in deviations], dtype=bool)
+    largest = np.sqrt(np.finfo(float).max)
+    known = np.array([entry is not None and entry < np.sqrt(largest) for entry in deviations], dtype=bool)
     if len(covariance):
         matrix = np.array(covariance, dtype=np.float64).reshape(len(values), len(values))
     else:
@@ -153,7 +147,7 @@ def build_stated_values(
             float(entry or 0.0) if there else 0.0 for entry, there in zip(deviations, known, strict=True)
         ]
         matrix = np.diag(np.square(spread))
-    known &= np.diag(matrix) < _HUGE**2
+    known &= np.diag(matrix) < largest
     matrix[~known, :] = np.nan
     matrix[:, ~known] = np.nan
     return StatedValues(values=np.array(values, dtype=np.float64), covariance=matrix)
@@ -187,7 +181,7 @@ def compare_values(ours: StatedValues, theirs: StatedValues) -> ValueComparison:
     if known.any():
         widths = spread[known]
         sizes, axes = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(widths, widths))
-        if sizes[0] >= _SINGULAR * sizes[-1]:
+        if sizes[0] >= numerics.EXACT * sizes[-1]:
             value, freedom = float(np.sum((axes.T @ deviations[known]) ** 2 / sizes)), len(widths)
             total = ChiSquare(
                 value=value,
@@ -201,7 +195,8 @@ def compare_values(ours: StatedValues, theirs: StatedValues) -> ValueComparison:
         difference=freeze(difference),
         deviations=freeze(deviations),
         chi_square=total,
-        scale=max(1.0, middle / _NORMAL_MEDIAN),
+        # Of normal errors half are within the quantile of three quarters.
+        scale=max(1.0, middle / float(scipy.special.ndtri(0.75))),
     )
 
 
@@ -210,23 +205,26 @@ def try_readings(
 ) -> tuple[TriedReading, ...]:
     """Return the effect of each term that a group may hold on the agreement, the most likely one first.
 
-    Of those that bring their group within three deviations (times scale), the likeliest is taken in, then the
-    next of another group, as long as it is decisive: for d ~ N(0, scale^2 V)
+    Of those that bring their group within what a value may miss (`POLICY.printed` deviations, times scale s),
+    the likeliest is taken in, then the next of another group, as long as it is decisive for d ~ N(0, s^2 V):
 
-        log_ratio = (chi^2 without - chi^2 with) / (2 scale^2) - ln(det V with / det V without) / 2 > ln(20 N)
+        log_ratio = (chi^2 without - chi^2 with) / (2 s^2) - ln(det V with / det V without) / 2 > ln(N / a)
 
-    for N trials; the second part counts against terms that widen V. The others follow, each as it stands
-    beside those. `change` is T, (m, n), as the groups name themselves, for n values of ours and m of theirs.
+    for N trials; the second part counts against terms that widen V. Without the term a ratio of 1 / a has a
+    probability of at most a (Markov), the level of an alarm; terms of one group whose ratios differ by less
+    are equally likely. The others follow, each as it stands beside those. `change` is T, (m, n), as the
+    groups name themselves, for n values of ours and m of theirs.
     """
     scale = compare_values(compute_grouped_values(change, ours), theirs).scale
-    least = math.log(_LIKELIER * max(1, len(trials)))
-    near = math.log(_LIKELIER)
+    near = -math.log(POLICY.alarm)
+    least = near + math.log(max(1, len(trials)))
     waiting = list(range(len(trials)))
     found: list[TriedReading] = []
     while waiting:
         now = compare_values(compute_grouped_values(change, ours), theirs)
         tried = []
-        for entry in [trials[number] for number in waiting]:
+        for number in waiting:
+            entry = trials[number]
             then = compare_values(compute_grouped_values(add_readings(change, [entry]), ours), theirs)
             gain = log_ratio = -math.inf
             first, second = now.chi_square, then.chi_square
@@ -235,14 +233,18 @@ def try_readings(
                 gain = first.value - second.value
                 log_ratio = 0.5 * (gain / scale**2 + first.log_size - second.log_size)
             before, after = (float(side.deviations[entry.group]) for side in (now, then))
-            tried.append(TriedReading(before=before, after=after, gain=gain, log_ratio=log_ratio))
+            tried.append(
+                TriedReading(before=before, after=after, gain=gain, log_ratio=log_ratio, trial=number)
+            )
         order = sorted(range(len(tried)), key=lambda k: -tried[k].log_ratio)
         given = {trials[reading.trial].group for reading in found}
         explaining = [
-            k for k in order if abs(tried[k].after) <= FAR * scale and trials[waiting[k]].group not in given
+            k
+            for k in order
+            if abs(tried[k].after) <= POLICY.printed * scale and trials[waiting[k]].group not in given
         ]
         if not explaining or tried[explaining[0]].log_ratio <= least:
-            found += [replace(tried[k], trial=waiting[k]) for k in order]
+            found += [tried[k] for k in order]
             break
         best, trial = tried[explaining[0]], waiting[explaining[0]]
         group = trials[trial].group
@@ -251,7 +253,7 @@ def try_readings(
             for k in explaining
             if trials[waiting[k]].group == group and tried[k].log_ratio > best.log_ratio - near
         ]
-        found.append(replace(best, trial=trial, decisive=True, rivals=len(alike) - 1))
+        found.append(replace(best, decisive=True, rivals=len(alike) - 1))
         waiting.remove(trial)
         change = add_readings(change, [trials[trial]])
     return tuple(found)
@@ -613,7 +615,7 @@ def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> C
         readings, changed = _try_all(ours, change, theirs, dynamics.list_coupled_readings(robot, base, rows))
         now = compare_values(compute_grouped_values(changed, ours.values), theirs)
         explained = {entry.group for entry, tried in readings if tried.decisive}
-        far = [k for k in now.list_farthest(FAR * now.scale, len(rows)) if k not in explained]
+        far = [k for k in now.list_farthest(POLICY.printed * now.scale, None) if k not in explained]
         kindred, _ = _try_all(ours, changed, theirs, dynamics.list_kindred_readings(base, rows, far))
         readings += [entry for entry in kindred if entry[1].decisive and not entry[1].rivals]
     return Compared(

@@ -47,7 +47,6 @@ KINDS = {
 """Kinds of files, by the end of their name."""
 
 _SIMULATED = (".xml", ".mjcf", ".usda")
-_SHOWN = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -300,9 +299,8 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
     elif kind == "USD stage":
         left_out = tuple(robots.list_usd_omissions(robot))
     if left_out:
-        more = f"; and {len(left_out) - _SHOWN} more" if len(left_out) > _SHOWN else ""
         where = "" if rewritten else ", which is in comments"
-        said = f"the format cannot express this{where}: {'; '.join(left_out[:_SHOWN])}{more}"
+        said = f"the format cannot express this{where}: {'; '.join(left_out)}"
         told.append(Notice(code="export.left-out", text=said, file=str(path)))
     return FileExport(
         file=path,

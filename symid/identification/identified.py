@@ -22,6 +22,7 @@ from symid.codegen import Library, build_model_card
 from symid.errors import EstimateError, Notice
 from symid.identification.elastic import ElasticEstimate, build_rigid_estimate, build_rigid_variant
 from symid.identification.estimators import Estimate, ParameterEstimate, check_model
+from symid.identification.judge import POLICY, numerics
 from symid.identification.options import Described
 from symid.identification.rigid import restore_robot
 from symid.identification.stored import GivenResult, read_fit, read_rigid, take_given
@@ -157,7 +158,7 @@ def build_robot(found: Identified, *, grouped: bool = True) -> dynamics.Identifi
     covariance, deviations = None, np.array([entry.std for entry in found.values])
     if np.all(np.isfinite(deviations)) and np.any(deviations > 0.0):
         covariance = np.array(found.covariance) if found.covariance else np.diag(deviations**2)
-        least = _SURER * float(deviations[deviations > 0.0].min())
+        least = POLICY.relevance * float(deviations[deviations > 0.0].min())
         covariance = np.asarray(covariance + np.diag(np.where(deviations > 0.0, 0.0, least**2)))
     return dynamics.build_identified_robot(
         found.robot,
@@ -170,26 +171,18 @@ def build_robot(found: Identified, *, grouped: bool = True) -> dynamics.Identifi
     )
 
 
-_MOVED, _NAMED = 0.1, 6
-"""Deviations that a value is said to have moved by, and how many of them are named."""
-_SURER = 1e-3
-"""Of the least deviation: that of a value that was known."""
-_COST, _SHARE = 0.5, 0.45
-"""Percent of a joint's torque that bodies may cost, and what they may cost of the held-out residual: the two
-together are 1.1 times the latter then."""
-
-
 def measure_costs(
     standard: dynamics.StandardSet, found: Identified, library: Library, limit: float | None = None
 ) -> tuple[JointCost, ...]:
     """Return what bodies cost joint by joint in the states of the logs; nothing where there are none.
 
-    `library` has the functions of `found.robot`; `limit` in percent, the same for all joints, if given.
+    `library` has the functions of `found.robot`; `limit` in percent, the same for all joints, if given. By
+    default it is what does no harm: to the torque, or to the squares that the fit leaves of it held out.
     """
     if not found.motion:
         return ()
     states = np.array(found.motion).reshape(len(found.motion), 3, -1)
-    card = library.card
+    card, least = library.card, 100.0 * POLICY.relevance
     names = [entry.name for entry in (*card.beta, *card.friction)]
     changes = dict(zip(standard.names, standard.residual.tolist(), strict=True))
     known = {entry.name: entry.value for entry in found.values}
@@ -204,7 +197,9 @@ def measure_costs(
         JointCost(
             joint=joint.name,
             percent=100.0 * off / whole if whole else 0.0,
-            limit=max(_COST, _SHARE * found.held_out.get(joint.name, 0.0)) if limit is None else limit,
+            limit=max(least, math.sqrt(POLICY.relevance) * found.held_out.get(joint.name, 0.0))
+            if limit is None
+            else limit,
             torque=whole,
         )
         for joint, off, whole in zip(card.joints, change.tolist(), torque.tolist(), strict=True)
@@ -219,12 +214,8 @@ def list_warnings(
     if standard.reason:
         known = {entry.name: entry.std for entry in found.values if 0.0 < entry.std < math.inf}
         pairs = zip(standard.names, standard.residual.tolist(), strict=True)
-        moved = {name: abs(change) / known[name] for name, change in pairs if name in known}
-        first = sorted((name for name in moved if moved[name] > _MOVED), key=lambda name: -moved[name])
-        listed = ", ".join(f"{name} by {moved[name]:.2g}" for name in first[:_NAMED])
-        more = f" and {len(first) - _NAMED} more" if len(first) > _NAMED else ""
-        far = f", at most {max(moved.values()):.2g} standard deviations away" if moved else ""
-        far += f" ({listed}{more})" if listed else ""
+        moved = [(abs(change) / known[name], name) for name, change in pairs if name in known]
+        far = ", at most {:.2g} standard deviations away ({})".format(*max(moved)) if moved else ""
         text = (
             f"no physical bodies have exactly the identified values; the nearest were written{far}: "
             f"{standard.reason}"
@@ -238,8 +229,6 @@ def list_warnings(
 
 
 _ROBOT_FILES = frozenset({".toml", ".urdf", ".xml", ".mjcf"})
-_SAME_PLACE = 1e-6
-"""Distance of axes, in m and rad, up to which they count as one: files round angles."""
 
 
 def name_known_dynamics(
@@ -397,7 +386,8 @@ def list_frame_differences(known: Robot, robot: Robot) -> list[str]:
     for name, turn in zip(names, [] if differences else list_turns(known, robot), strict=False):
         # Its direction z, and where it meets the plane across it.
         apart = float(np.max(np.abs([*(turn[:3, 2] - (0.0, 0.0, 1.0)), *turn[:2, 3]])))
-        if apart > _SAME_PLACE:
+        # Files round angles.
+        if apart > numerics.CONVERGED:
             where = f"elsewhere than in {robot.name!r}, by {apart:.3g} m or rad"
             differences.append(f"the axis of joint {name!r} stands {where}")
             break

@@ -20,18 +20,17 @@ from symid.identification.elastic import ElasticEstimate, StiffnessEstimate, nam
 from symid.identification.estimators import Estimate, FitRecord, check_model
 from symid.identification.friction import FrictionIdentification
 from symid.identification.hysteresis import HysteresisRecord
+from symid.identification.judge import numerics
 from symid.serialization import list_unusable, read_record, write_json, write_plain
 
 Record = TypeVar("Record")
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
 _FORMAT, _ELEMENT = "symid fit", "symid element"
-_VERSION, _READ = 5, (2, 3, 4, 5)
-"""The version that is written, and those that are read: 2 has no friction laws of its own, 3 no evidence and
-no deviations of springs, 4 no motion."""
+_OLDEST, _VERSION = 2, 5
+"""The first version that is read, and the one that is written: 2 has no friction laws of its own, 3 no
+evidence and no deviations of springs, 4 no motion."""
 _ABOUT = frozenset({"format", "version", "kind", "verdict"})
 """Entries of a file that are not fields of the record."""
-_MOST = 20
-"""Unusable entries that are named at most."""
 _KINDS: Mapping[str, type[StoredResult]] = {
     kind.kind: kind for kind in (Estimate, ElasticEstimate, FrictionIdentification)
 }
@@ -111,7 +110,7 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
     # Its fields by their names of today.
     body = {key: value for key, value in data.items() if key not in _ABOUT}
     version, kind = data.get("version"), str(data.get("kind")) if name == _FORMAT else _BEFORE[str(name)]
-    known = _READ if name == _FORMAT else (1,)
+    known = range(_OLDEST, _VERSION + 1) if name == _FORMAT else (1,)
     if type(version) is not int or version not in known:
         read = ", ".join(map(str, known))
         raise _refuse(path, f"version {version!r} of the format; this symid reads {read}")
@@ -140,7 +139,8 @@ def _build_record(
     complete: bool = True,
 ) -> Record:
     """Return a record of its entries; raise EstimateError with all that is missing, unusable or mistaken."""
-    mistakes = list(islice(list_unusable(body), _MOST))
+    # Of a file that is no data at all, the first entry says so.
+    mistakes = list(islice(list_unusable(body), 1))
     if not mistakes:
         try:
             record = read_record(kind, body, complete=complete)
@@ -193,14 +193,10 @@ def _list_shape_mistakes(found: StiffnessEstimate) -> list[str]:
     return wrong + [f"{entry.joint}: a stiffness of zero" for entry in found.joints if entry.stiffness == 0.0]
 
 
-_LARGEST_FILE = 500 * 10**6
-"""Bytes of a result: the covariance of a hundred joints has a hundredth."""
-
-
 def is_kind(path: Path, what: str = "fit") -> bool:
     """Return whether `path` holds a result of a kind that symid wrote, with mistakes or without."""
     try:
-        data = json.loads(read_file(path, _LARGEST_FILE).decode())
+        data = json.loads(read_file(path, int(numerics.LARGEST)).decode())
     except (OSError, ValueError, RecursionError):
         return False
     name = data.get("format") if isinstance(data, dict) else None
@@ -271,13 +267,13 @@ def read_rigid(given: GivenResult, card: ModelCard) -> Estimate:
     return found
 
 
-def _refuse(path: Path, text: str, line: int = 0, column: int = 0) -> EstimateError:
-    return EstimateError(Notice(code="estimate.format", text=text, file=str(path), line=line, column=column))
+def _refuse(path: Path, text: str, **place: int) -> EstimateError:
+    return EstimateError(Notice(code="estimate.format", text=text, file=str(path), **place))
 
 
 def _read_json(path: Path) -> object:
     try:
-        text = read_file(path, _LARGEST_FILE).decode()
+        text = read_file(path, int(numerics.LARGEST)).decode()
     except OSError as error:
         raise _refuse(path, f"cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -288,7 +284,7 @@ def _read_json(path: Path) -> object:
     try:
         return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_build_table)
     except json.JSONDecodeError as error:
-        raise _refuse(path, f"not JSON: {error.msg}", error.lineno, error.colno) from error
+        raise _refuse(path, f"not JSON: {error.msg}", line=error.lineno, column=error.colno) from error
     except RecursionError as error:
         raise _refuse(path, "nested too deeply to be an estimate") from error
     except ValueError as error:

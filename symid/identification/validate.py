@@ -19,17 +19,12 @@ from symid.excitation import Trajectory, build_trajectory
 from symid.identification import diagnostics, elastic, estimators, rigid as rigids
 from symid.identification.friction import FrictionIdentification, set_identified_friction, validate_friction
 from symid.identification.identify import TaskContext
+from symid.identification.judge import POLICY
 from symid.identification.regression import fill_loads, list_coupled_rotors
 from symid.identification.stored import StoredResult
 from symid.robot import Robot
 from symid.serialization import compute_file_digest
 from symid.simulation import build_noisy_options, check_stated_values
-
-_BEYOND = 1.05
-"""Times the torsion in the fit, up to which a spring counts as known."""
-
-_TC_JOINTS, _SEED = 2, 1
-"""Joints of the motion made for validation, and the seed of the random one for other robots."""
 
 Pairs = Sequence[tuple[str, str]]
 
@@ -290,7 +285,7 @@ def _validate_elastic(
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"
         for entry in estimate.springs
-        if entry.identifiable and reached[entry.joint] > _BEYOND * entry.torsion
+        if entry.identifiable and reached[entry.joint] - entry.torsion > POLICY.relevance * entry.torsion
     ]
     if beyond:
         text = (
@@ -333,14 +328,11 @@ def build_tracking_task(
 ) -> TrackingTask:
     """Return a motion to follow: the one made for validation, or a random one of `seed`.
 
-    The former has two joints and is the default for such robots; for others it is a random one of seed 1.
     `against` are further estimates to compare with, by where they come from.
     """
-    plain = seed is None and robot.freedom == _TC_JOINTS
-    chosen = None if plain else _SEED if seed is None else seed
-    name = "tc" if plain else "fourier"
-    trajectory = build_trajectory(robot, name, np.random.default_rng(chosen or 0))
-    return TrackingTask(trajectory=trajectory, seed=chosen, against=against)
+    name = "tc" if seed is None else "fourier"
+    trajectory = build_trajectory(robot, name, np.random.default_rng(seed))
+    return TrackingTask(trajectory=trajectory, seed=seed, against=against)
 
 
 def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskContext) -> rigids.Diagnosis:

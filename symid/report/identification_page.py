@@ -36,7 +36,7 @@ from symid.identification import (
     friction,
     validate_fit,
 )
-from symid.identification.estimators import Estimate, Series, Validation, check_model
+from symid.identification.estimators import SIGNIFICANT, Estimate, Series, Validation, check_model
 from symid.identification.rigid import (
     Diagnosis,
     get_fit_overlap,
@@ -320,10 +320,10 @@ def describe_essential(diagnosis: Diagnosis) -> str:
     """Return how many parameters are significant, and what leaving out the others costs."""
     kept, dropped = len(diagnosis.essential.kept), len(diagnosis.essential.dropped)
     if not dropped:
-        return f"All {kept} parameters are significant (> 2 sigma); none can be dropped."
+        return f"All {kept} parameters are significant (> {SIGNIFICANT:g} sigma); none can be dropped."
     return (
-        f"{kept} of {kept + dropped} parameters are significant (> 2 sigma). Without the others the residual "
-        f"grows by {diagnosis.essential.price_percent:.2g} %."
+        f"{kept} of {kept + dropped} parameters are significant (> {SIGNIFICANT:g} sigma). Without the "
+        f"others the residual grows by {diagnosis.essential.price_percent:.2g} %."
     )
 
 

@@ -192,9 +192,9 @@ def tabulate_parameters(parameters: Sequence[ParameterEstimate], *, formulas: bo
 
 
 def count_significant(parameters: Sequence[ParameterEstimate]) -> tuple[str, str]:
-    """Return how many parameters are larger than two standard deviations, of how many, and what that is."""
+    """Return how many parameters are significant, of how many, and what that is."""
     count = sum(entry.significant for entry in parameters)
-    return f"{count} of {len(parameters)}", "parameters significant (> 2 std)"
+    return f"{count} of {len(parameters)}", f"parameters significant (> {SIGNIFICANT:g} std)"
 
 
 def tabulate_groupings(parameters: Sequence[ParameterEstimate]) -> Table:
@@ -217,7 +217,7 @@ def draw_certainty(parameters: Sequence[ParameterEstimate]) -> tuple[Drawing, ..
         return ()
     caption = (
         f"Which parameters are significant? {sum(not mark.chosen for mark in marks)} of {len(marks)} are "
-        "larger than two standard deviations, the dashed line."
+        f"larger than {SIGNIFICANT:g} standard deviations, the dashed line."
     )
     return (build_mark_figure(caption, "size, in standard deviations", marks, dense=True, limit=SIGNIFICANT),)
 

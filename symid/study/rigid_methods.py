@@ -229,7 +229,7 @@ def _fit_seed(task: tuple[Robot, str, int]) -> dict[str, _SeedErrors]:
     identity = np.eye(len(scene.truth))
     weighted = fit_condensed(torque, identity)
     best = float(regression.compute_square_sums(torque, weighted.values) @ weighted.weights**2)
-    variance = best / (torque.independent * int(torque.counts.sum()) - weighted.spent)
+    variance = best / (torque.independent * float(torque.counts.sum() - weighted.spent.sum()))
     triangle = regression.stack_condensed(torque, weighted.weights) / np.sqrt(variance)
     consistent = solve_consistent(triangle, weighted.values, scene.bodies)
     whole = float(regression.compute_square_sums(torque, consistent.values) @ weighted.weights**2)

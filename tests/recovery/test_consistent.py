@@ -10,7 +10,6 @@ from symid.dynamics.nearest_bodies import PSEUDO_INERTIA_FORMS, build_pseudo_ine
 from symid.errors import SolverError
 from symid.identification.estimators import consistent
 from symid.identification.estimators.consistent import (
-    LOOSE,
     build_bodies,
     build_cost,
     fit_consistent,
@@ -18,6 +17,7 @@ from symid.identification.estimators.consistent import (
 )
 from symid.identification.estimators.least_squares import fit_wls
 from symid.identification.estimators.linear_estimators import EstimatorOptions
+from symid.identification.judge import numerics
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
@@ -95,7 +95,7 @@ def test_values_that_no_bodies_have_are_brought_back_at_a_price(bodies, seed):
 def scale_triangle(rows, free):
     """Return the triangle of the weighted rows over the deviation of their noise."""
     weighted = free.residuals * free.weights
-    variance = float(weighted @ weighted) / (len(weighted) - free.spent)
+    variance = float(weighted @ weighted) / (len(weighted) - free.spent.sum())
     whole = np.column_stack([rows.matrix, rows.values]) * free.weights[:, None]
     return np.linalg.qr(whole, mode="r") / np.sqrt(variance)
 
@@ -111,7 +111,7 @@ def minimise_by_cones(cost, triangle, bodies, near):
         about=cost.roots @ near.factors,
         units=cost.rotors * near.positive,
         rotors=cost.rotors,
-        loose=LOOSE,
+        loose=numerics.RIDGE,
         middle=cost.problem.middle,
     )
     inverse = np.linalg.inv(cost.roots)
@@ -121,7 +121,7 @@ def minimise_by_cones(cost, triangle, bodies, near):
     errors = triangle[:, :-1] @ theirs.values - cost.problem.target
     apart = distance.sum() + (ratio - np.log(ratio) - 1.0).sum()
     off = theirs.loose - cost.problem.middle
-    return theirs, 0.5 * errors @ errors + cost.problem.weight * apart + 0.5 * LOOSE * off @ off
+    return theirs, 0.5 * errors @ errors + cost.problem.weight * apart + 0.5 * numerics.RIDGE * off @ off
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +132,7 @@ def contradicted(bodies):
     return rows, free, scale_triangle(rows, free)
 
 
-@pytest.mark.parametrize("weight", [1e-3, consistent._WEIGHT])
+@pytest.mark.parametrize("weight", [1e-3, 0.5])
 def test_the_optimum_is_that_of_a_cone_program_with_the_same_distance(
     bodies, contradicted, monkeypatch, weight
 ):

@@ -7,17 +7,27 @@ periods of the cut-off are wrong. A joint that sticks holds any torque up to its
 Not supported: naming the missing term (see `residual_structure`); accelerations at an end at rest.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
 from symid.identification.estimators import ParameterEstimate, RegressionFit, measure_influence
-from symid.identification.regression import SCALAR_KINDS, Identifiability, Rows, measure_moving_ends
+from symid.identification.judge import POLICY, adjust_chances, numerics
+from symid.identification.regression import (
+    BLOCKS,
+    SCALAR_KINDS,
+    STATES,
+    Identifiability,
+    Rows,
+    measure_moving_ends,
+)
 from symid.logs import Recording
 from symid.robot import Processing
 
@@ -110,23 +120,22 @@ def build_warning(code: str, *, file: str = "", **values: object) -> Notice:
     return Notice(code=code, text=f"{cause}. {remedy[:1].upper()}{remedy[1:]}", file=file)
 
 
-_LEAST_RATIO = 2.5
-"""Of the position's cut-off to the highest frequency that decimation keeps."""
-_BLOCKS = 100
-_TOO_SMALL = 2.0
-_POSES = 200
-_POOR_PERCENT = 30.0
-
-
 def warn_of_processing(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
-    """Return what is wrong with the filters for these recordings."""
+    """Return what is wrong with the filters for these recordings.
+
+    Forward and backward, a filter of order n takes x / (1 + x) of what lies at a frequency f of samples T s
+    apart, x = (tan(pi f T) / tan(pi f_c T))^2n: at the highest f that decimation keeps, less than matters.
+    """
     cutoff, decimation = processing.filter_cutoff, processing.decimation
     if cutoff is None:
         return (build_warning("identify.no-filter"),)
-    kept = 0.5 * decimation.band / min(recording.period for recording in recordings) / decimation.factor
-    if decimation.factor == 1 or cutoff >= _LEAST_RATIO * kept:
+    period = min(recording.period for recording in recordings)
+    kept = 0.5 * decimation.band / period / decimation.factor
+    share = (POLICY.relevance / (1.0 - POLICY.relevance)) ** (0.5 / processing.filter_order)
+    least = math.atan(math.tan(math.pi * kept * period) / share) / (math.pi * period)
+    if decimation.factor == 1 or cutoff >= least:
         return ()
-    return (build_warning("identify.low-cutoff", cutoff=cutoff, kept=kept, least=_LEAST_RATIO * kept),)
+    return (build_warning("identify.low-cutoff", cutoff=cutoff, kept=kept, least=least),)
 
 
 def sum_block_scores(
@@ -155,24 +164,30 @@ def compute_block_deviations(rows: Rows, fit: RegressionFit, identifiability: Id
     B G (sum_b F_b' e_b e_b' F_b) G B' with G = (F'F)^-1, F = A B.
     """
     found = measure_influence(rows, identifiability.basis, fit.weights, fit.residuals)
-    total, _ = sum_block_scores(found.scores, found.residuals, rows.group, _BLOCKS)
+    total, _ = sum_block_scores(found.scores, found.residuals, rows.group, BLOCKS)
     return np.asarray(np.sqrt(np.maximum(np.diag(found.left @ total @ found.left.T), 0.0)))
 
 
 def warn_of_correlated_residuals(
     rows: Rows, fit: RegressionFit, identifiability: Identifiability
 ) -> tuple[Notice, ...]:
-    """Return a notice where residuals are correlated, so that the stated deviations are too small."""
-    if rows.kind in SCALAR_KINDS or len(rows.values) < 20 * identifiability.basis.shape[1]:
+    """Return a notice where residuals are correlated, so that the stated deviations are too small.
+
+    Were they not, the variance of each parameter over blocks would be the stated one times chi-squared.
+    """
+    if rows.kind in SCALAR_KINDS:
         return ()
     stated = np.sqrt(np.diag(fit.covariance))
     blocks = compute_block_deviations(rows, fit, identifiability)
-    scale = np.maximum(np.abs(fit.values).max(), 1e-300)
     # A fit to the last bit leaves rounding, whose correlation has no meaning.
+    least = numerics.EXACT * np.abs(fit.values).max()
+    known = [k for k in np.flatnonzero(identifiability.identifiable) if stated[k] > least]
+    ratios = [float(blocks[k] / stated[k]) for k in known]
+    chances = adjust_chances([float(scipy.special.chdtrc(BLOCKS, BLOCKS * ratio**2)) for ratio in ratios])
     far = {
-        rows.names[k]: blocks[k] / stated[k]
-        for k in np.flatnonzero(identifiability.identifiable)
-        if stated[k] > 1e-12 * scale and blocks[k] > _TOO_SMALL * stated[k]
+        rows.names[k]: ratio
+        for k, ratio, chance in zip(known, ratios, chances, strict=True)
+        if chance < POLICY.alarm
     }
     if not far:
         return ()
@@ -195,7 +210,7 @@ def warn_of_mass_matrix(
 ) -> tuple[Notice, ...]:
     """Return a notice where M, of values (p,), is not positive definite at poses of the recordings."""
     positions = np.vstack([recording.position for recording in recordings])
-    poses = np.ascontiguousarray(positions[:: max(1, len(positions) // _POSES)])
+    poses = positions[np.linspace(0, len(positions) - 1, min(STATES, len(positions))).round().astype(int)]
     beta = values[: len(library.card.beta)]
     mass = np.stack([column @ beta for column in evaluate_inertia_columns(library, poses)], axis=2)
     least = np.linalg.eigvalsh((mass + np.swapaxes(mass, 1, 2)) / 2.0)[:, 0]
@@ -205,8 +220,9 @@ def warn_of_mass_matrix(
 
 def warn_of_poorly_identifiable(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...]:
     """Return a notice on parameters whose standard deviation is a large part of them."""
-    poor = ", ".join(entry.name for entry in parameters if entry.relative_std_percent > _POOR_PERCENT)
-    return (build_warning("identify.poorly-identifiable", percent=_POOR_PERCENT, names=poor),) if poor else ()
+    poor = ", ".join(entry.name for entry in parameters if entry.relative_std_percent > POLICY.uncertain)
+    told = build_warning("identify.poorly-identifiable", percent=POLICY.uncertain, names=poor)
+    return (told,) if poor else ()
 
 
 def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:

@@ -16,7 +16,6 @@ than a block; constraints; changes within a log.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
 import scipy
@@ -27,6 +26,7 @@ from symid.errors import IdentifiabilityError
 from symid.identification import regression
 from symid.identification.diagnostics.fit_warnings import compute_block_deviations
 from symid.identification.estimators import RegressionFit, fit_weighted
+from symid.identification.judge import POLICY, adjust_chances, numerics
 from symid.serialization import HIDDEN, name_key
 
 
@@ -42,31 +42,33 @@ class Ellipse:
     angle: float
     level: float
 
-    def trace(self, points: int = 181) -> FloatArray:
-        """Return the closed outline: (points, 2)."""
-        turn = np.linspace(0.0, 2.0 * np.pi, points)
+    def trace(self) -> FloatArray:
+        """Return the closed outline, a point every two degrees: (k, 2)."""
+        turn = np.linspace(0.0, 2.0 * np.pi, 181)
         c, s = np.cos(self.angle), np.sin(self.angle)
         local = np.column_stack([self.axes[0] * np.cos(turn), self.axes[1] * np.sin(turn)])
         outline: FloatArray = np.asarray(self.centre) + local @ np.array([[c, s], [-s, c]])
         return outline
 
 
-def list_correlated(
-    covariance: FloatArray, names: Sequence[str], least: float = 0.9
-) -> tuple[tuple[str, str, float], ...]:
-    """Return (name, name, correlation) of pairs beyond `least` in size, the closest first.
+def list_correlated(covariance: FloatArray, names: Sequence[str]) -> tuple[tuple[str, str, float], ...]:
+    """Return (name, name, correlation r) of pairs of which one, if it were known, would fix the other.
 
-    The correlation with a parameter that has no deviation is 0.
+    The variance 1 - r^2 of the other falls `POLICY.fall` times then; the closest pair is first. The
+    correlation with a parameter that has no deviation is 0.
     """
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     inverse = np.where(deviation > 0.0, 1.0 / np.where(deviation > 0.0, deviation, 1.0), 0.0)
     first, second = np.triu_indices(len(names), 1)
     found = np.clip(covariance * inverse[:, None] * inverse, -1.0, 1.0)[first, second]
-    order = [k for k in np.argsort(-np.abs(found), kind="stable") if abs(found[k]) >= least]
+    close = POLICY.fall * (1.0 - found**2) <= 1.0
+    order = [k for k in np.argsort(-np.abs(found), kind="stable") if close[k]]
     return tuple((names[first[k]], names[second[k]], float(found[k])) for k in order)
 
 
-def compute_ellipse(values: Sequence[float], covariance: FloatArray, level: float = 0.95) -> Ellipse:
+def compute_ellipse(
+    values: Sequence[float], covariance: FloatArray, level: float = POLICY.confidence
+) -> Ellipse:
     """Return the ellipse of confidence of two values with a covariance C (2, 2).
 
     (x - v)' C^-1 (x - v) = -2 ln(1 - level), the quantile of chi-squared with two degrees of freedom.
@@ -82,16 +84,12 @@ def compute_ellipse(values: Sequence[float], covariance: FloatArray, level: floa
     )
 
 
-_DRAWN = 40
-_RANK = 1e-10
-"""Singular value relative to the largest below which a drawn log does not identify a direction."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bootstrap(FrozenArrays):
     """Scatter of the identifiable parameters over `replicates` logs drawn from blocks of time.
 
-    `deviations` (k,) are standard deviations, `low` and `high` (k,) the ends of the middle 95 %.
+    `deviations` (k,) are standard deviations, `low` and `high` (k,) the ends of the middle
+    `POLICY.confidence`.
     """
 
     names: tuple[str, ...]
@@ -125,9 +123,9 @@ def compute_bootstrap(
     *,
     replicates: int = 200,
 ) -> Bootstrap:
-    """Return the scatter of the parameters over logs drawn from forty blocks of time of all logs together."""
+    """Return the scatter of the parameters over logs drawn from blocks of time of all logs together."""
     basis, identifiable = identifiability.basis, identifiability.identifiable
-    number, count = cut_blocks(rows, _DRAWN)
+    number, count = cut_blocks(rows, regression.BLOCKS)
     stacked = np.column_stack([rows.matrix @ basis, rows.values]) * fit.weights[:, None]
     factors = [compute_triangle(stacked[number == block]) for block in range(count)]
     drawn = np.empty((replicates, len(rows.names)))
@@ -135,9 +133,9 @@ def compute_bootstrap(
         times = np.bincount(generator.integers(count, size=count), minlength=count)
         parts = [np.sqrt(times[block]) * factors[block] for block in np.flatnonzero(times)]
         triangle = compute_triangle(np.vstack(parts))
-        drawn[index] = basis @ np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=_RANK)[0]
-    kept = drawn[:, identifiable]
-    low, high = np.percentile(kept, [2.5, 97.5], axis=0)
+        drawn[index] = basis @ np.linalg.lstsq(triangle[:, :-1], triangle[:, -1], rcond=numerics.RANK)[0]
+    kept, tail = drawn[:, identifiable], 0.5 * (1.0 - POLICY.confidence)
+    low, high = np.quantile(kept, [tail, 1.0 - tail], axis=0)
     return Bootstrap(
         names=tuple(np.array(rows.names)[identifiable].tolist()),
         deviations=kept.std(axis=0, ddof=1),
@@ -176,7 +174,7 @@ def select_essential(
     fit: RegressionFit,
     identifiability: regression.Identifiability,
     *,
-    level: float = 2.0,
+    level: float = POLICY.printed,
     freedom: str = "band",
 ) -> Essential:
     """Return the model that is left when parameters below `level` deviations are dropped one by one.
@@ -189,7 +187,7 @@ def select_essential(
     others = identifiability.basis[~identifiable]
     # Directions that only refused parameters share: they stay, whatever they cost.
     _, singular, right = np.linalg.svd(others, full_matrices=False)
-    rest = others @ right[singular > 1e-9 * max(singular.max(initial=0.0), 1e-300)].T
+    rest = others @ right[singular > numerics.RANK * max(singular.max(initial=0.0), numerics.TINY)].T
     mixing = np.zeros((rows.matrix.shape[1], len(candidates) + rest.shape[1]))
     mixing[candidates, np.arange(len(candidates))] = 1.0
     mixing[~identifiable, len(candidates) :] = rest
@@ -199,17 +197,17 @@ def select_essential(
     blocks = compute_block_deviations(rows, fit, identifiability)
     ratio: FloatArray = np.where(stated > 0.0, blocks / np.where(stated > 0.0, stated, 1.0), 1.0)
     inflation = np.maximum(ratio, 1.0)[candidates]
-    used, independent = regression.count_freedom(freedom, mixing.shape[1], rows.independent)
-    left = max(independent * len(rows.values) - used, 1.0)
+    _, independent = regression.count_freedom(freedom, fit.spent, rows.independent)
+    left = max(independent * (len(rows.values) - float(fit.spent.sum())), 1.0)
     names = [rows.names[k] for k in candidates]
     matrix, target = factor[:, :-1], factor[:, -1]
     kept = list(range(matrix.shape[1]))
     values, inverse, square = _solve_columns(matrix, target, kept)
-    first = max(square, 1e-300)
+    first = max(square, numerics.TINY)
     dropped: list[Dropped] = []
     while free := [place for place, column in enumerate(kept) if column < len(inflation)]:
         spread = np.sqrt(first / left * inverse[free]) * inflation[[kept[place] for place in free]]
-        ratios = np.abs(values[free]) / np.maximum(spread, 1e-300)
+        ratios = np.abs(values[free]) / np.maximum(spread, numerics.TINY)
         least = int(np.argmin(ratios))
         if ratios[least] >= level:
             break
@@ -243,11 +241,6 @@ def _solve_columns(
     return values, inverse, float(error @ error)
 
 
-_CHANCE = 0.01
-"""Probability, over all parameters, that chance alone makes one of them drift."""
-_BLOCKS = 20
-
-
 @dataclass(frozen=True, slots=True)
 class ParameterDrift:
     """A parameter as each log alone gives it: values, deviations, and the chance of so much scatter."""
@@ -262,14 +255,13 @@ class ParameterDrift:
 class Drift:
     """Differences between logs, by their numbers, from zero.
 
-    `changed` are parameters that differ beyond chance, the least likely first, of those `compared`, which at
-    least two logs identify alone; `residual` is (log, joint, mean residual, its deviation) of the whole fit.
+    `changed` are parameters that differ beyond chance and by a part of themselves that matters, the least
+    likely first, of those `compared`, which at least two logs identify alone.
     """
 
     runs: tuple[int, ...] = field(metadata=HIDDEN)
     changed: tuple[ParameterDrift, ...]
     compared: int
-    residual: tuple[tuple[int, str, float, float], ...] = field(metadata=HIDDEN)
 
 
 def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "band") -> Drift:
@@ -278,16 +270,8 @@ def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "ban
     `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
     runs = tuple(int(run) for run in np.unique(rows.run))
-    residual: list[tuple[int, str, float, float]] = []
-    for run, (group, name) in product(runs, enumerate(rows.group_names)):
-        members = np.flatnonzero((rows.group == group) & (rows.run == run))
-        if len(members) >= 2 * _BLOCKS:
-            means = np.array([fit.residuals[block].mean() for block in np.array_split(members, _BLOCKS)])
-            deviation = float(means.std(ddof=1) / np.sqrt(_BLOCKS))
-            residual.append((run, name, float(means.mean()), deviation))
     if len(runs) < 2:
-        return Drift(runs=runs, changed=(), compared=0, residual=tuple(residual))
-
+        return Drift(runs=runs, changed=(), compared=0)
     weights = compute_mean_weights(rows, fit)
     # Parameters and deviations (p,) of each log alone, and which of them are identifiable.
     alone: dict[int, tuple[FloatArray, FloatArray, NDArray[np.bool_]]] = {}
@@ -310,15 +294,22 @@ def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "ban
         values, deviations = np.array(known).T
         # The probability that equal values scatter as much. The deviations rest on some tens of blocks,
         # whence the F distribution in place of chi-squared.
-        safe = np.maximum(deviations, 1e-300)
+        safe = np.maximum(deviations, numerics.TINY)
         shares = 1.0 / safe**2
         mean = float(np.sum(shares * values) / np.sum(shares))
         square, count = float(np.sum(((values - mean) / safe) ** 2)), len(values) - 1
-        chance = float(scipy.special.fdtrc(count, _BLOCKS - 1, square / count))
+        chance = float(scipy.special.fdtrc(count, regression.BLOCKS - 1, square / count))
         changes.append(ParameterDrift(name, tuple(values.tolist()), tuple(deviations.tolist()), chance))
-    limit = _CHANCE / max(len(changes), 1)
-    changed = sorted((entry for entry in changes if entry.chance < limit), key=lambda entry: entry.chance)
-    return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes), residual=tuple(residual))
+    chances = adjust_chances([entry.chance for entry in changes])
+    changed = sorted(
+        (
+            entry
+            for entry, chance in zip(changes, chances, strict=True)
+            if chance < POLICY.alarm and np.ptp(entry.values) > POLICY.relevance * abs(np.mean(entry.values))
+        ),
+        key=lambda entry: entry.chance,
+    )
+    return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes))
 
 
 def compute_mean_weights(rows: regression.Rows, fit: RegressionFit) -> FloatArray:

@@ -10,6 +10,7 @@ with the weights W of wls, and the distance D = tr Q - log det Q - 4 (for rotors
 the problem is convex, and Newton's method finds its one optimum (`optimise_bodies` of the dynamics); the
 decrement bounds the distance to the least cost (`gap`). The distance counts as half an observation, g = 1/2,
 so that it hardly changes identifiable parameters and fixes the others. s is of what bodies leave of the rows.
+Where that is surely more than without bounds (chi-squared), and matters, a warning says so.
 Without the distance there may be no optimum: a moment of inertia that the rows want at zero is only
 approached, by an unobservable mass that grows without end.
 
@@ -22,11 +23,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from symid import dynamics
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators.least_squares import RegressionFit, estimate_group_weights, fit_weighted
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import (
     Identifiability,
     Rows,
@@ -91,13 +94,6 @@ def build_bodies(robot: Robot) -> Bodies:
     )
 
 
-_SMALL = 1e-8
-_RANK = 1e-13
-LOOSE = 1e-9
-"""Weight of half the squared difference of friction and offsets to the fit without bounds, in their standard
-deviations: no effect where the rows determine them, and a unique answer where they do not."""
-
-
 class ConsistentCost(NamedTuple):
     """The cost of rows, and the parameters behind its unknowns.
 
@@ -125,7 +121,7 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
         kept = sizes > 0.0
         share, wanted = (unit[kept] / sizes[kept]), centre[kept] / sizes[kept]
         mass = float(share @ wanted) / max(float(share @ share), np.finfo(float).tiny)
-        mass = mass if mass > 0.0 else max(float(np.abs(wanted).max(initial=0.0)), _SMALL)
+        mass = mass if mass > 0.0 else max(float(np.abs(wanted).max(initial=0.0)), numerics.RANK)
     expected = build_pseudo_inertias(bodies.stated * mass)
     roots = np.asarray(np.linalg.cholesky(expected), dtype=np.float64)
     forms = (
@@ -136,7 +132,7 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
     matrix = triangle[:, :-1]
     # Expected is half of the parameter that a rotor is part of.
     sizes = np.where(bodies.positive > 0.0, np.abs(centre)[:, None], 0.0).max(axis=0, initial=0.0)
-    rotors = np.maximum(0.5 * sizes, _SMALL)
+    rotors = np.maximum(0.5 * sizes, numerics.RANK)
     loose = np.hstack([bodies.bounded, bodies.free])
     lengths = np.linalg.norm(matrix @ loose, axis=0)
     # Without any effect on the rows a parameter stays at zero.
@@ -148,7 +144,7 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
     # What no parameters explain is left out: the cost begins at zero, and the last digits count.
     sizes = np.linalg.norm(matrix, axis=0)
     left, singular, _ = np.linalg.svd(matrix / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False)
-    basis = left[:, singular > _RANK * singular.max(initial=0.0)]
+    basis = left[:, singular > numerics.EXACT * singular.max(initial=0.0)]
     explained = basis @ (basis.T @ (triangle[:, -1] - matrix @ centre))
     problem = dynamics.BodyProblem(
         blocks=np.tensordot(matrix, forms, axes=1),
@@ -158,22 +154,15 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
         shares=np.ones(len(roots) + len(rotors)),
         weight=weight,
         middle=middle,
-        loose=LOOSE,
+        # Half the squared difference of friction and offsets to the fit without bounds, in their deviations:
+        # no effect where the rows determine them, and a unique answer where they do not.
+        loose=numerics.RIDGE,
         bounded=dissipating,
     )
     return ConsistentCost(problem, roots, rotors, loose / lengths)
 
 
 _WEIGHT = 0.5
-_DEAR = 5.0
-"""Growth of the residual in percent beyond which the log contradicts all bodies."""
-_CONVERGED = 1e-9
-"""Relative change of the noise at which the weight, which is measured in it, has converged."""
-_PASSES = 100
-_WARM = 2.0
-"""Ratio of weights above which it is shorter to start from the bodies expected."""
-_CERTAIN = 1e-8
-"""What may be left of the cost, as a part of cost and weight."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -211,11 +200,15 @@ def fit_consistent(
     _, independent = count_freedom(freedom, free.spent, rows.independent)
     weighted = free.residuals * free.weights
     square = float(weighted @ weighted)
-    variance = max(square, 1e-18 * len(weighted)) / (len(weighted) - free.spent / independent) / independent
+    spare = independent * (len(weighted) - float(free.spent.sum()))
+    variance = max(square, 1e-18 * len(weighted)) / spare
     triangle = stack_condensed(condense_rows(rows), weights) / np.sqrt(variance)
     found = solve_consistent(triangle, free.values, bodies)
     residuals = rows.values - rows.matrix @ found.values
-    price = 100.0 * (float(np.linalg.norm(residuals * free.weights)) / max(np.sqrt(square), 1e-300) - 1.0)
+    growth = float(np.sum((residuals * free.weights) ** 2)) / max(square, numerics.TINY) - 1.0
+    # Of normal errors the bounds cost chi-squared of all parameters at most.
+    chance = scipy.special.chdtrc(identifiability.basis.shape[1], growth * square / variance)
+    price = 100.0 * (float(np.sqrt(1.0 + growth)) - 1.0)
     text = (
         f"the residual is {price:.3g} % larger than that of weighted least squares: the log contradicts all "
         "bodies that exist; check signs, units and the order of joints (`symid check`), or add the missing "
@@ -234,7 +227,9 @@ def fit_consistent(
             "gradient": found.nearest.gradient,
             "standard_parameters": found.pi.tolist(),
         },
-        notices=(Notice(code="identify.price", text=text),) if price > _DEAR else (),
+        notices=(Notice(code="identify.price", text=text),)
+        if chance < POLICY.alarm and growth > POLICY.relevance
+        else (),
     )
 
 
@@ -259,13 +254,14 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
     arrived = bool(np.isfinite(found.gap))
     known = problem.weight if arrived else np.inf
     start = found if arrived else dynamics.build_expected_bodies(problem)
-    for _ in range(_PASSES):
+    for _ in range(numerics.ROUNDS):
         errors = dynamics.compute_errors(problem, start)
         wanted = _WEIGHT * (1.0 + float(errors @ errors) / square)
-        if abs(wanted - known) <= _CONVERGED * min(known, wanted):
+        if abs(wanted - known) <= numerics.CONVERGED * min(known, wanted):
             break
         problem = replace(problem, weight=wanted)
-        warm = wanted < _WARM * known < np.inf
+        # Where it more than doubles, the way from the bodies expected is shorter.
+        warm = wanted < 2.0 * known < np.inf
         found = start = (
             dynamics.optimise_bodies(problem, start, known) if warm else dynamics.optimise_bodies(problem)
         )
@@ -273,7 +269,7 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
         if not np.isfinite(found.gap):
             break
     found = replace(found, iterations=steps)
-    if not found.gap <= _CERTAIN * (dynamics.compute_cost(problem, found) + problem.weight):
+    if not found.gap <= numerics.CONVERGED * (dynamics.compute_cost(problem, found) + problem.weight):
         text = (
             f"no optimum among bodies that exist: Newton's method did not converge in {found.iterations} "
             "steps; identify with wls, and export that"

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import ModelCard, ParameterCard
 from symid.errors import EstimateError, Notice, UsageError
+from symid.identification.judge import POLICY
 from symid.identification.regression import ROW_KINDS
 from symid.joint_models import rename_law
 from symid.robot import Processing
@@ -70,7 +71,7 @@ class MotionResidual:
 
     @classmethod
     def measure(
-        cls, joint: str, unit: str, errors: FloatArray, phases: NDArray[np.intp], left_out: int = 0
+        cls, joint: str, unit: str, errors: FloatArray, phases: NDArray[np.intp], left_out: int
     ) -> "MotionResidual":
         """Return it from the errors (m,) and phases (m,) of all rows."""
         parts = [errors[phases == place] for place in range(len(PHASES))]
@@ -269,7 +270,7 @@ class LawSelection:
 
 OPEN_SETTINGS = ("filter_cutoff", "decimation.factor")
 """Entries of the processing that may be left open."""
-SIGNIFICANT = 2.0
+SIGNIFICANT = POLICY.printed
 """Standard deviations from which on a value differs from zero."""
 _ORIGINS = {
     "stated": "as stated",
@@ -307,7 +308,7 @@ class ParameterEstimate:
 
     @property
     def significant(self) -> bool:
-        """Return whether the value differs from zero by two standard deviations or more."""
+        """Return whether the value differs from zero."""
         return abs(self.value) >= SIGNIFICANT * self.std
 
     @property
@@ -317,8 +318,8 @@ class ParameterEstimate:
 
     @property
     def near_truth(self) -> bool | None:
-        """Return whether the truth lies within three standard deviations; None where it is not known."""
-        return None if self.truth is None else abs(self.value - self.truth) <= 3.0 * self.std
+        """Return whether the value misses the truth by chance at most; None where it is not known."""
+        return None if self.truth is None else abs(self.value - self.truth) <= POLICY.printed * self.std
 
     def __str__(self) -> str:
         """Return it as `ZZ2 = 0.080935 +- 8.1e-05 kg m^2`, with one standard deviation."""

@@ -8,15 +8,16 @@ with e = tau - Y x and W the inverse variances of the joints, iterated from e un
 W^(1/2) Z = Q R is needed: x solves Q' W^(1/2) Y x = Q' W^(1/2) tau, as well conditioned as least squares.
 
 With c the least canonical correlation of Y and Z, F = c^2 / (1 - c^2) (b m - r) / r is the smallest statistic
-of the first stage (Cragg and Donald 1993, Econometric Theory 9). Below ten the instruments are weak (Staiger
-and Stock 1997, Econometrica 65). Bias of least squares is tested as by Durbin, Wu and Hausman (Hausman 1978,
-Econometrica 46; Davidson and MacKinnon 1989):
+of the first stage (Cragg and Donald 1993, Econometric Theory 9). 1 / F is about the part of the bias of least
+squares that instruments leave (Staiger and Stock 1997, Econometrica 65): where it matters, they are weak.
+Bias of least squares is tested as by Durbin, Wu and Hausman (Hausman 1978, Econometrica 46; Davidson and
+MacKinnon 1989):
 
     min |tau - Y x - V c|_W,     V = Y - Z (Z' W Z)^-1 Z' W Y     what instruments do not explain of Y
     F = (|e_wls|^2 - |e|^2) / k / (|e|^2 / (b m - r - k))         k columns of V that Y does not have
 
-Least squares are called biased where F has a probability below 0.01, and a parameter shifts by more than its
-standard deviation.
+Least squares are called biased where F is no chance (`POLICY.alarm`), and a printed parameter shifts by more
+than it may (`POLICY.printed`, in its standard deviations).
 
 Supported: rank-deficient rows (directions unobservable in Y or Z stay at zero); recordings of unequal weight.
 Not supported: rows of all joints together; more instruments than parameters; separating noise of the states
@@ -32,14 +33,9 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import IdentifiabilityError, Notice
 from symid.identification import regression
 from symid.identification.estimators.least_squares import RegressionFit, fit_weighted, iterate_weights
+from symid.identification.judge import POLICY, numerics
 
 _BLIND = "identify.blind-instruments"
-_BARELY = 1e-7
-"""Smallest to largest singular value of Z' Y, columns scaled, below which it has no inverse."""
-_WEAK = 10.0
-"""F of the first stage below which instruments are called weak."""
-_WHOLE = 1e-12
-"""1 - c^2 is rounding below this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,6 +48,7 @@ class InstrumentalSolution(FrozenArrays):
         explained: (m, p) Z (Z' W Z)^-1 Z' W Y, the part of Y that instruments explain.
         frame: (m, k) Q; gain: (p, k), x = gain Q' W^(1/2) tau.
         correlation: c, from zero to one; strength: F, infinite where Z explains Y wholly.
+        weak: whether Z leaves a part of the bias of least squares that matters.
     """
 
     fit: RegressionFit
@@ -61,6 +58,7 @@ class InstrumentalSolution(FrozenArrays):
     gain: FloatArray
     correlation: float
     strength: float
+    weak: bool
 
 
 def fit_instruments(
@@ -97,21 +95,20 @@ def fit_instruments(
             raise IdentifiabilityError(Notice(code=_BLIND, text=text), *error.notices) from error
         basis = identifiability.basis
         columns, count = instruments.matrix @ basis, int(basis.shape[1])
-        used, independent = regression.count_freedom(freedom, count, rows.independent)
-
         condensed = regression.condense_rows(rows)
         weights = iterate_weights(
-            condensed, lambda guess: _solve_stages(rows, columns, basis, guess)[0], used
+            condensed, lambda guess: _solve_stages(rows, columns, basis, guess)[:2], freedom
         )
-        values, gain, factors, frame, matrix = _solve_stages(rows, columns, basis, weights)
+        values, leverage, gain, factors, frame, matrix = _solve_stages(rows, columns, basis, weights)
+        spent, independent = regression.count_freedom(freedom, leverage, rows.independent)
         residuals = rows.values - rows.matrix @ values
         weighted = residuals * factors
-        variance = float(weighted @ weighted) / (independent * len(weighted) - used)
+        variance = float(weighted @ weighted) / (independent * (len(weighted) - float(spent.sum())))
         # The least canonical correlation of instruments and columns, and F of the first stage.
         measured_frame, _ = np.linalg.qr((rows.matrix @ basis) * factors[:, None])
         correlation = min(1.0, float(np.linalg.svd(frame.T @ measured_frame, compute_uv=False)[count - 1]))
         left, strength = 1.0 - correlation**2, float("inf")
-        if left >= _WHOLE:
+        if left >= numerics.EXACT:
             strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
         singular = regression.compute_spectrum(matrix).singular
         notices = []
@@ -124,19 +121,20 @@ def fit_instruments(
                 f"measured ones do: only by their noise{rests}; the other parameters may be biased"
             )
             notices.append(Notice(code=_BLIND, text=text))
-        if strength < _WEAK:
+        weak = strength * POLICY.relevance < 1.0
+        if weak:
             cause = "the controller of the log" if simulated else "processing.instrument_cutoff"
             text = (
-                f"the instruments are weak (F of the first stage is {strength:.3g}, below {_WEAK:g}): the "
-                f"result is close to wls, and its standard deviations are too small; check {cause}, and the "
-                "noise of the positions"
+                f"the instruments are weak (F of the first stage is {strength:.3g}): they leave about "
+                f"{100.0 / max(strength, 1.0):.2g} % of the bias of wls, and the standard deviations are too "
+                f"small; check {cause}, and the noise of the positions"
             )
             notices.append(Notice(code="identify.weak-instruments", text=text))
         fit = RegressionFit(
             values=values,
             covariance=variance * (gain @ gain.T),
             residuals=residuals,
-            spent=used,
+            spent=spent,
             condition=float(singular[0] / singular[count - 1]),
             weights=factors,
             notices=tuple(notices),
@@ -149,6 +147,7 @@ def fit_instruments(
             gain=gain,
             correlation=correlation,
             strength=strength,
+            weak=weak,
         )
     except IdentifiabilityError as error:
         if simulated or error.notices[0].code != _BLIND:
@@ -162,27 +161,24 @@ def fit_instruments(
 
 def _solve_stages(
     rows: regression.Rows, instruments: FloatArray, basis: FloatArray, weights: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return x (p,), its gain (p, k), row factors (m,), Q (m, k) and Q' W^(1/2) Y (k, p)."""
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return x (p,), leverage (g,), gain (p, k), row factors (m,), Q (m, k) and Q' W^(1/2) Y (k, p)."""
     factors = weights[rows.group] * np.sqrt(rows.weight)
     frame, _ = np.linalg.qr(instruments * factors[:, None])
-    matrix = frame.T @ (rows.matrix * factors[:, None])
+    weighted = rows.matrix * factors[:, None]
+    matrix = frame.T @ weighted
     left, singular, right = np.linalg.svd(matrix @ basis, full_matrices=False)
-    if singular[-1] <= _BARELY * singular[0]:
+    if singular[-1] <= regression.RankRule().singular * singular[0]:
         text = (
             "simulated and measured states are uncorrelated in some direction: the reference belongs to "
             "another run, or the controller is not that of the log"
         )
         raise IdentifiabilityError(Notice(code=_BLIND, text=text))
     gain: FloatArray = basis @ (right.T / singular) @ left.T
-    return gain @ (frame.T @ (rows.values * factors)), gain, factors, frame, matrix
-
-
-_RANK = 1e-7
-"""A direction of V shorter than this beside columns of length one is rounding."""
-_CHANCE = 0.01
-_MATTERS = 1.0
-"""Shift in standard deviations of least squares above which it matters."""
+    # The diagonal of W^(1/2) Y times the gain times Q', which takes the measured values to those of the fit.
+    own = np.sum((weighted @ gain) * frame, axis=1)
+    leverage = np.array([own[rows.group == group].sum() for group in range(len(rows.group_names))])
+    return gain @ (frame.T @ (rows.values * factors)), leverage, gain, factors, frame, matrix
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -204,12 +200,12 @@ class Exogeneity:
     @property
     def significant(self) -> bool:
         """Return whether both differ by more than chance."""
-        return self.probability < _CHANCE
+        return self.probability < POLICY.alarm
 
     @property
     def biased(self) -> tuple[tuple[str, float], ...]:
         """Return the shifts that matter, the largest first; none where chance explains them."""
-        far = [entry for entry in self.shifts if self.significant and abs(entry[1]) > _MATTERS]
+        far = [entry for entry in self.shifts if self.significant and abs(entry[1]) > POLICY.printed]
         return tuple(sorted(far, key=lambda entry: -abs(entry[1])))
 
 
@@ -232,10 +228,10 @@ def assess_exogeneity(
     for _ in range(2):  # a second time for what rounding left
         hidden = hidden - columns @ (columns.T @ hidden)
     left, singular, _ = np.linalg.svd(hidden, full_matrices=False)
-    apart = left[:, singular > _RANK]
+    apart = left[:, singular > regression.RankRule().singular]
     errors = usual.residuals * factors
     gained = float(np.sum((apart.T @ errors) ** 2))
-    _, independent = regression.count_freedom(freedom, basis.shape[1], rows.independent)
+    _, independent = regression.count_freedom(freedom, usual.spent, rows.independent)
     count = apart.shape[1]
     free = independent * len(errors) - basis.shape[1] - count
     rest = float(errors @ errors) - gained
@@ -246,7 +242,7 @@ def assess_exogeneity(
     shift: FloatArray = usual.values - found.fit.values
     deviation = np.sqrt(np.maximum(np.diag(usual.covariance), 0.0))
     # A fit to the last bit leaves rounding in both.
-    exact = np.abs(shift) <= 1e-12 * np.abs(found.fit.values)
+    exact = np.abs(shift) <= numerics.EXACT * np.abs(found.fit.values)
     sizes = np.where(exact, 0.0, shift / np.where(deviation > 0.0, deviation, np.inf))
     places = np.flatnonzero(found.identifiability.identifiable)
     return Exogeneity(

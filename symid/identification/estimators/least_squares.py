@@ -3,11 +3,14 @@
 Rows, or triangles of them, and what can be identified from them -> RegressionFit.
 
     ols   min |A x - y|^2
-    wls   min sum_j |A_j x - y_j|^2 / sigma_j^2, sigma_j = |e_j| / sqrt(m_j - p) from its own residuals e
+    wls   min sum_j |A_j x - y_j|^2 / sigma_j^2,  sigma_j = |e_j| / sqrt(m_j - r_j / b) of its residuals e
     gls   min sum_t e_t' S^-1 e_t,  e_t = A_t x - y_t the residuals of all joints at one time
 
-By QR of A B, the columns of B the observable directions. The covariance is s^2 (A'A)^-1 with
-s^2 = |e|^2 / (b m - p) of the weighted rows, b the part of them that is independent after decimation. The
+By QR of A B, the columns of B the observable directions. b is the part of the rows that is independent after
+decimation, r_j = tr(A_j (A'A)^-1 A_j') of weighted rows the parameters that joint j determines, p in all: the
+weights are those of restricted maximum likelihood (Patterson and Thompson 1971, Biometrika 58; the iteration
+is that of Harville 1977), which no residual can make large that is small because parameters follow it. The
+covariance is s^2 (A'A)^-1 with s^2 = |e|^2 / (b m - p) of the weighted rows. The
 noise of an energy or power row grows with the speed in its window: there the covariance is HC3 (MacKinnon and
 White 1985). S (g, g) comes from the residuals of wls, or from P periods of N samples of a motion that repeats
 (Schoukens and Pintelon 2012):
@@ -40,6 +43,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
 from symid.identification.estimators.estimate import Residual
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import (
     SCALAR_KINDS,
     Condensed,
@@ -54,9 +58,6 @@ from symid.identification.regression import (
 from symid.logs import Recording
 from symid.robot import Processing
 
-_ROUNDS = 30
-_CONVERGED = 1e-6
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegressionFit(FrozenArrays):
@@ -65,7 +66,7 @@ class RegressionFit(FrozenArrays):
     Args:
         values: (p,) parameters; covariance: (p, p).
         residuals: (m,) y - A x, in the rows' units, whatever the weights; none of condensed rows.
-        spent: degrees of freedom taken from the rows for the noise.
+        spent: (g,) rows that parameters take from each group: they say nothing of its noise.
         condition: of the column-scaled matrix, weighted where the fit is.
         weights: (m,) what the rows were multiplied by, of condensed rows (g,) each group.
         notices: what a reader of the result should know of the fit.
@@ -75,31 +76,45 @@ class RegressionFit(FrozenArrays):
     values: FloatArray
     covariance: FloatArray
     residuals: FloatArray
-    spent: int
+    spent: FloatArray
     condition: float
     weights: FloatArray
     notices: tuple[Notice, ...] = ()
     report: Mapping[str, object] = field(default_factory=dict)
 
 
-def iterate_weights(condensed: Condensed, solve: Callable[[FloatArray], FloatArray], used: int) -> FloatArray:
+def iterate_weights(
+    condensed: Condensed, solve: Callable[[FloatArray], tuple[FloatArray, FloatArray]], freedom: str
+) -> FloatArray:
     """Return the inverse scatter (g,) of every group's residuals in the fit that has these weights.
 
-    From the ordinary fit on, until it converges: in the ordinary fit a quiet joint has the errors that the
-    noise of loud ones makes, and its weight is too small. `solve` leads from weights (g,) to parameters (p,);
-    the scatter of a group is corrected for `used` parameters, where it has more rows than that.
+    `solve` leads from weights (g,) to parameters (p,) and the leverage (g,) of the groups. In the first fit
+    a quiet joint has the errors that the noise of loud ones makes, and its weight is too small.
     """
     counts = condensed.counts
-    divisor = np.where(counts > used, counts - used, np.maximum(counts, 1))
     # A joint that is explained to the last bit must not outweigh all others by 1e16.
-    floor = 1e-9 * np.linalg.norm(condensed.factors[:, :, -1]) / np.sqrt(counts.sum())
+    floor = numerics.RANK * np.linalg.norm(condensed.factors[:, :, -1]) / np.sqrt(counts.sum())
     weights = np.ones(len(counts))
-    for _ in range(_ROUNDS):
-        scatter = np.maximum(np.sqrt(compute_square_sums(condensed, solve(weights)) / divisor), floor)
-        before, weights = weights, 1.0 / scatter
-        if np.abs(weights / before - 1.0).max() < _CONVERGED:
+    for _ in range(numerics.ROUNDS):
+        values, leverage = solve(weights)
+        spent, _ = count_freedom(freedom, leverage, condensed.independent)
+        scatter = _compute_scatter(compute_square_sums(condensed, values), counts, spent)
+        before, weights = weights, 1.0 / np.maximum(scatter, floor)
+        if np.abs(weights / before - 1.0).max() < numerics.CONVERGED:
             break
     return weights
+
+
+def _compute_scatter(
+    squares: FloatArray, counts: FloatArray | NDArray[np.intp], spent: FloatArray | float
+) -> FloatArray:
+    """Return |e_j| / sqrt(m_j - spent_j), each (g,); of a group without rows to spare it is huge."""
+    spare = np.maximum(counts - spent, numerics.EXACT * np.maximum(counts, 1))
+    return np.asarray(np.sqrt(squares / spare))
+
+
+def _weigh_condensed(condensed: Condensed, basis: FloatArray, freedom: str) -> FloatArray:
+    return iterate_weights(condensed, lambda weights: solve_condensed(condensed, basis, weights)[:2], freedom)
 
 
 def fit_condensed(
@@ -110,35 +125,33 @@ def fit_condensed(
     `weights` (g,) are those of the groups' residuals, None for the inverse of their scatter; `freedom` says
     how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
-    used, independent = count_freedom(freedom, int(basis.shape[1]), condensed.independent)
-    if weights is None:
-        weights = iterate_weights(condensed, lambda w: solve_condensed(condensed, basis, w).values, used)
+    weights = _weigh_condensed(condensed, basis, freedom) if weights is None else weights
     found = solve_condensed(condensed, basis, weights)
+    spent, independent = count_freedom(freedom, found.leverage, condensed.independent)
     square = float(compute_square_sums(condensed, found.values) @ weights**2)
-    variance = square / (independent * int(condensed.counts.sum()) - used)
+    variance = square / (independent * float(condensed.counts.sum() - spent.sum()))
     return RegressionFit(
         values=found.values,
         covariance=variance * (found.root @ found.root.T),
         residuals=np.empty(0),
-        spent=used,
+        spent=spent,
         condition=found.condition,
         weights=weights,
     )
 
 
-def _compute_group_scatter(rows: Rows, residuals: FloatArray, fitted: int) -> FloatArray:
-    """Return |e_j| / sqrt(m_j - fitted) of every group (g,), over sqrt(m_j) where that is not positive."""
-    scatter = np.zeros(len(rows.group_names))
-    for index in range(len(scatter)):
-        part = residuals[rows.group == index]
-        freedom = len(part) - fitted if len(part) > fitted else len(part)
-        scatter[index] = np.linalg.norm(part) / np.sqrt(max(freedom, 1))
-    return scatter
+def _compute_group_scatter(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> FloatArray:
+    own = [residuals[rows.group == index] for index in range(len(rows.group_names))]
+    squares, counts = np.array([[part @ part, len(part)] for part in own]).T
+    return _compute_scatter(squares, counts, spent)
 
 
-def compute_residuals(rows: Rows, residuals: FloatArray, fitted: int) -> tuple[Residual, ...]:
-    """Return norm, relative norm and scatter of residuals (m,) for every group that has rows."""
-    scatter = _compute_group_scatter(rows, residuals, fitted).tolist()
+def compute_residuals(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> tuple[Residual, ...]:
+    """Return norm, relative norm and scatter of residuals (m,) for every group that has rows.
+
+    `spent` (g,) are the rows of each group that the fit takes, see `RegressionFit`.
+    """
+    scatter = _compute_group_scatter(rows, residuals, spent).tolist()
     masks = [rows.group == index for index in range(len(scatter))]
     parts = zip(rows.group_names, rows.group_units, masks, scatter, strict=True)
     return tuple(
@@ -155,51 +168,30 @@ def fit_ols(rows: Rows, identifiability: Identifiability, freedom: str = "band")
 
 def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the fit with rows weighted by the inverse scatter of their joint; else as `fit_ols`."""
-    weights = estimate_group_weights(rows, identifiability, freedom)
-    return fit_weighted(rows, identifiability, weights, freedom)
+    return fit_weighted(rows, identifiability, None, freedom)
 
 
 def estimate_group_weights(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> FloatArray:
     """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
-    condensed, basis = condense_rows(rows), identifiability.basis
-    used, _ = count_freedom(freedom, int(basis.shape[1]), rows.independent)
-    return iterate_weights(condensed, lambda w: solve_condensed(condensed, basis, w).values, used)
+    return _weigh_condensed(condense_rows(rows), identifiability.basis, freedom)
 
 
 def fit_weighted(
-    rows: Rows, identifiability: Identifiability, weights: FloatArray, freedom: str = "band"
+    rows: Rows, identifiability: Identifiability, weights: FloatArray | None, freedom: str = "band"
 ) -> RegressionFit:
-    """Return the fit with the residuals of group g multiplied by weights[g]; else as `fit_ols`."""
+    """Return the fit of rows in memory; else as `fit_condensed`."""
     basis = identifiability.basis
-    found = solve_condensed(condense_rows(rows), basis, weights)
-    residuals = rows.values - rows.matrix @ found.values
-    factors = weights[rows.group] * np.sqrt(rows.weight)
-    weighted = residuals * factors
-    used, independent = count_freedom(freedom, int(basis.shape[1]), rows.independent)
-    if rows.kind in SCALAR_KINDS:
-        # B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B' (HC3), h_i the leverage of row i, F = A B.
-        design = (rows.matrix * factors[:, None]) @ basis
-        root = compute_inverse_root(design)
-        orthonormal = design @ root
-        leverage = np.minimum(np.sum(orthonormal**2, axis=1), 1.0 - 1e-9)
-        scores = orthonormal * (weighted / (1.0 - leverage))[:, None]
-        left = basis @ root
-        covariance = left @ (scores.T @ scores) @ left.T / independent
-    else:
-        variance = float(weighted @ weighted) / (independent * len(weighted) - used)
-        covariance = variance * (found.root @ found.root.T)
-    return RegressionFit(
-        values=found.values,
-        covariance=covariance,
-        residuals=residuals,
-        spent=used,
-        condition=found.condition,
-        weights=factors,
-    )
-
-
-_LEAST = 1e-6
-"""Eigenvalue of a correlation matrix below which it is moved towards the unit matrix."""
+    fit = fit_condensed(condense_rows(rows), basis, weights, freedom)
+    residuals = rows.values - rows.matrix @ fit.values
+    fit = replace(fit, residuals=residuals, weights=fit.weights[rows.group] * np.sqrt(rows.weight))
+    if rows.kind not in SCALAR_KINDS:
+        return fit
+    # B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B' (HC3), h_i the leverage of row i, F = A B.
+    found = measure_influence(rows, basis, fit.weights, residuals)
+    spare = np.maximum(1.0 - np.sum(found.frame**2, axis=1), numerics.RANK)
+    scores = found.scores * (found.residuals / spare)[:, None]
+    _, independent = count_freedom(freedom, fit.spent, rows.independent)
+    return replace(fit, covariance=found.left @ (scores.T @ scores) @ found.left.T / independent)
 
 
 def fit_gls(
@@ -233,7 +225,7 @@ def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
     """
     table = _arrange_by_time(rows)
     scatter = _compute_group_scatter(rows, fit.residuals * np.sqrt(rows.weight), fit.spent)
-    scatter = np.maximum(scatter, 1e-9 * np.linalg.norm(rows.values) / np.sqrt(len(rows.values)))
+    scatter = np.maximum(scatter, numerics.RANK * np.linalg.norm(rows.values) / np.sqrt(len(rows.values)))
     scaled = fit.residuals / scatter[rows.group] * np.sqrt(rows.weight)
     errors = np.where(table >= 0, scaled[table], 0.0)
     there = (table >= 0).astype(np.float64)
@@ -242,11 +234,10 @@ def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
     correlation = correlation / np.outer(size, size)
     np.fill_diagonal(correlation, 1.0)
     least = float(np.linalg.eigvalsh(correlation)[0])
-    if least < _LEAST:
-        share = (_LEAST - least) / (1.0 - least)
+    if least < numerics.CONVERGED:
+        share = (numerics.CONVERGED - least) / (1.0 - least)
         correlation = (1.0 - share) * correlation + share * np.eye(len(size))
-    spread = size * scatter
-    covariance: FloatArray = correlation * np.outer(spread, spread)
+    covariance: FloatArray = correlation * np.outer(scatter, scatter)
     return covariance
 
 
@@ -282,10 +273,6 @@ def _arrange_by_time(rows: Rows) -> NDArray[np.intp]:
     return table
 
 
-_LOUD = 0.5
-"""Part of the torque's own deviation from which on noise means that the period is wrong."""
-
-
 def estimate_period_noise(
     recordings: Sequence[Recording], processing: Processing, periods: Sequence[float]
 ) -> FloatArray:
@@ -308,7 +295,7 @@ def estimate_period_noise(
         kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
         time = recording.time[kept]
         span = float(time[-1] - time[0]) + recording.period if len(time) > 1 else 0.0
-        count, samples = int(span / period + 1e-6), round(period / recording.period)
+        count, samples = int(span / period + numerics.CONVERGED), round(period / recording.period)
         if count < 2 or samples < 2:
             text = (
                 f"fewer than two periods of {period:g} s fit into the {span:.3g} s of this log that are "
@@ -322,11 +309,11 @@ def estimate_period_noise(
         freedom += (folded.shape[0] - 1) * folded.shape[1]
     covariance: FloatArray = total / freedom
     torque = np.vstack([recording.torque for recording in recordings])
-    share = np.sqrt(np.diag(covariance)) / np.maximum(torque.std(axis=0), np.finfo(float).tiny)
-    if np.any(share > _LOUD):
-        worst = int(np.argmax(share))
+    percent = 100.0 * np.sqrt(np.diag(covariance)) / np.maximum(torque.std(axis=0), numerics.TINY)
+    if np.any(percent > POLICY.lost):
+        worst = int(np.argmax(percent))
         text = (
-            f"the torque of joint {worst + 1} differs between periods by {100.0 * float(share[worst]):.3g} % "
+            f"the torque of joint {worst + 1} differs between periods by {float(percent[worst]):.3g} % "
             "of its standard deviation: it does not repeat; check the period, or cut off the start"
         )
         raise UsageError(Notice(code="usage.period", text=text, file=recordings[0].source))

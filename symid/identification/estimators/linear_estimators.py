@@ -29,6 +29,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.codegen import ModelCard
@@ -41,8 +42,10 @@ from symid.identification.estimators.least_squares import (
     estimate_group_weights,
     fit_gls,
     fit_ols,
+    fit_weighted,
     fit_wls,
 )
+from symid.identification.judge import POLICY, numerics
 
 _SMALL = 0.1
 """Part of the root mean square of the values in one unit that counts as the size of a smaller one."""
@@ -90,7 +93,7 @@ def build_prior_of_card(card: ModelCard, fraction: float) -> Prior:
     return Prior(tuple(entry.name for entry in stated), tuple(values.tolist()), deviations, source)
 
 
-def build_prior_of_estimate(estimate: Estimate, factor: float = 1.0) -> Prior:
+def build_prior_of_estimate(estimate: Estimate, factor: float) -> Prior:
     """Return the values of an estimate, known to `factor` times their standard deviations."""
     known = estimate.parameters
     names, values = tuple(entry.name for entry in known), tuple(entry.value for entry in known)
@@ -100,7 +103,6 @@ def build_prior_of_estimate(estimate: Estimate, factor: float = 1.0) -> Prior:
 
 PRIOR_WEIGHTS = tuple(float(10.0 ** (0.5 * k)) for k in range(-12, 13))
 """Weights of the prior that are tried, besides zero."""
-_BLOCKS = 5
 
 
 def fit_ridge(
@@ -118,10 +120,11 @@ def fit_ridge(
     if prior is None:
         text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
         raise UsageError(Notice(code="usage.no-prior", text=text))
-    first = fit_ols(rows, identifiability, freedom)
+    inverse_scatter = estimate_group_weights(rows, identifiability, freedom)
+    first = fit_weighted(rows, identifiability, inverse_scatter, freedom)
     _, independent = regression.count_freedom(freedom, first.spent, rows.independent)
     # Rows behind a filter count for as many as they are worth, next to the prior.
-    inverse_scatter = estimate_group_weights(rows, identifiability, freedom) * np.sqrt(independent)
+    inverse_scatter = inverse_scatter * np.sqrt(independent)
     centre, deviations = prior.arrange(rows.names)
     known = np.isfinite(deviations)
     # The prior as rows (x - x0) / d, [D | D x0].
@@ -135,8 +138,9 @@ def fit_ridge(
             members = rows.run == run
             time = rows.time[members]
             start, span = float(time.min()), float(np.ptp(time)) or 1.0
-            block[members] = np.minimum((_BLOCKS * (time - start) / span).astype(np.intp), _BLOCKS - 1)
-        parts = [regression.condense_weighted(rows, rows.weight * (block == k)) for k in range(_BLOCKS)]
+            place = (POLICY.folds * (time - start) / span).astype(np.intp)
+            block[members] = np.minimum(place, POLICY.folds - 1)
+        parts = [regression.condense_weighted(rows, rows.weight * (block == k)) for k in range(POLICY.folds)]
         triangles = [regression.stack_condensed(part, inverse_scatter) for part in parts]
         scores = dict.fromkeys((0.0, *PRIOR_WEIGHTS), 0.0)
         for k, held_out in enumerate(parts):
@@ -177,18 +181,12 @@ def _solve_ridge(triangle: FloatArray, pull: FloatArray, weight: float) -> tuple
     lengths = np.linalg.norm(matrix, axis=0)
     scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
     left, singular, right = np.linalg.svd(matrix * scales, full_matrices=False)
-    kept = singular > 1e-9 * singular[0]
+    kept = singular > numerics.RANK * singular[0]
     root = scales[:, None] * (right[kept].T / singular[kept])
     return root @ (left[:, kept].T @ target), root
 
 
 _BEND = 1.345
-_NORMAL = 1.4826
-_LIMIT = 100
-_FOLLOWED = 10
-"""Iterations in which the scatter follows the residuals; held afterwards, the sum of losses only falls."""
-_CONVERGED = 1e-6
-"""Change of the parameters, in standard deviations, below which the iteration ends."""
 
 
 def fit_huber(
@@ -196,10 +194,11 @@ def fit_huber(
 ) -> RegressionFit:
     """Return the robust fit; arguments as for `fit_ols`."""
     first = fit_ols(rows, identifiability, freedom)
-    basis, values, residuals, spent = identifiability.basis, first.values, first.residuals, first.spent
+    basis, values, residuals = identifiability.basis, first.values, first.residuals
     scale, change, steps = _estimate_scale(rows, residuals), np.inf, 0
-    while steps < _LIMIT and change > _CONVERGED:
-        scale = _estimate_scale(rows, residuals) if steps < _FOLLOWED else scale
+    # The scatter follows the residuals; where that does not end, it is held, so that the loss only falls.
+    while steps < 2 * numerics.ROUNDS and change > numerics.CONVERGED:
+        scale = _estimate_scale(rows, residuals) if steps < numerics.ROUNDS else scale
         weight = _BEND / np.maximum(np.abs(residuals) / scale[rows.group], _BEND) * rows.weight
         found = regression.solve_condensed(regression.condense_weighted(rows, weight), basis, 1.0 / scale)
         size = np.sqrt(np.maximum(np.sum(found.root**2, axis=1), np.finfo(float).tiny))
@@ -208,13 +207,14 @@ def fit_huber(
         residuals = rows.values - rows.matrix @ values
     plain = regression.solve_condensed(regression.condense_rows(rows), basis, 1.0 / scale)
     ratios, count = residuals / scale[rows.group], len(residuals)
-    _, independent = regression.count_freedom(freedom, spent, rows.independent)
+    taken, independent = regression.count_freedom(freedom, plain.leverage, rows.independent)
+    spent = float(taken.sum())
     inner = float(np.mean(np.abs(ratios) <= _BEND))
-    stretch = 1.0 + spent * (1.0 - inner) / (independent * count * inner)
+    stretch = 1.0 + spent * (1.0 - inner) / (count * inner)
     square = float(np.clip(ratios, -_BEND, _BEND) ** 2 @ rows.weight)
-    variance = stretch**2 * square / (independent * count - spent) / inner**2
+    variance = stretch**2 * square / (independent * (count - spent)) / inner**2
     text = (
-        f"the robust fit did not converge: after {_LIMIT} iterations it still changes by {change:.2g} "
+        f"the robust fit did not converge: after {steps} iterations it still changes by {change:.2g} "
         "standard deviations; a residual with two levels is not one with outliers, look at the residual plots"
     )
     return replace(
@@ -222,20 +222,24 @@ def fit_huber(
         values=values,
         covariance=variance * (plain.root @ plain.root.T),
         residuals=residuals,
+        spent=taken,
         condition=plain.condition,
         weights=np.sqrt(_BEND / np.maximum(np.abs(ratios), _BEND) * rows.weight) / scale[rows.group],
-        notices=() if change <= _CONVERGED else (Notice(code="identify.huber-not-converged", text=text),),
+        notices=()
+        if change <= numerics.CONVERGED
+        else (Notice(code="identify.huber-not-converged", text=text),),
         report={"outliers_percent": 100.0 * float(np.mean(np.abs(ratios) > _BEND)), "iterations": steps},
     )
 
 
 def _estimate_scale(rows: regression.Rows, residuals: FloatArray) -> FloatArray:
     """Return the scatter (g,) of each group, insensitive to outliers; never quite zero."""
-    floor = 1e-9 * float(np.linalg.norm(rows.values)) / np.sqrt(len(rows.values))
+    floor = numerics.RANK * float(np.linalg.norm(rows.values)) / np.sqrt(len(rows.values))
     scale = np.full(len(rows.group_names), floor)
     for index in np.unique(rows.group):
         middle = float(np.median(np.abs(residuals[rows.group == index])))
-        scale[index] = max(_NORMAL * middle, floor)
+        # Of normal errors half are within the quantile of three quarters.
+        scale[index] = max(middle / float(scipy.special.ndtri(0.75)), floor)
     return scale
 
 

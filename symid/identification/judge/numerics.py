@@ -5,6 +5,8 @@ Changing one by a factor of ten changes results in digits that nobody prints.
 
 RIDGE = 1e-11
 """Of the squared length of columns: keeps what rows do not determine at zero."""
+RANK = 1e-10
+"""Singular value over the largest one, of columns of length one, below which it is rounding."""
 EXACT = 1e-12
 """Part of a quantity that is rounding."""
 TINY = 1e-300
@@ -13,5 +15,7 @@ CONVERGED = 1e-6
 """Relative change at which an iteration ends."""
 ROUNDS = 30
 """Of an iteration, at most."""
+BLOCK = 1024
+"""Samples whose columns are computed or condensed at a time: they stay in the cache of a core."""
 LARGEST = 2e8
 """Bytes of equations that are held in memory."""

@@ -58,8 +58,9 @@ if TYPE_CHECKING:
         stack_condensed as stack_condensed,
     )
     from symid.identification.regression.preparation import (
+        BLOCKS as BLOCKS,
         LONG_KINDS as LONG_KINDS,
-        SAME_PERIOD as SAME_PERIOD,
+        STATES as STATES,
         LoadGain as LoadGain,
         Rotor as Rotor,
         RowBuilder as RowBuilder,

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, freeze_fields
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice, UsageError
+from symid.identification.judge import numerics
 from symid.joint_models import compute_column_derivatives, get_law
 from symid.logs import Signals, compute_noise_bandwidth, decimate, decimate_blocks
 from symid.notation import join_name
@@ -85,9 +86,9 @@ def _weigh_windows(values: FloatArray, windows: Windows, weights: FloatArray) ->
     return np.asarray(total + weights[-1] * values[windows.ends][1:])
 
 
-def _cut_windows(windows: Windows, pieces: int = 1) -> Iterator[tuple[slice, Windows, slice]]:
+def _cut_windows(windows: Windows, pieces: int) -> Iterator[tuple[slice, Windows, slice]]:
     """Yield blocks of rows of `pieces` windows each: which rows, their windows, the samples of these."""
-    rows, most = windows.count - pieces + 1, max(1, _SAMPLES // windows.intervals)
+    rows, most = windows.count - pieces + 1, max(1, numerics.BLOCK // windows.intervals)
     for start in range(0, rows, most):
         stop = min(rows, start + most)
         block = replace(windows, count=stop - start + pieces - 1)
@@ -95,10 +96,6 @@ def _cut_windows(windows: Windows, pieces: int = 1) -> Iterator[tuple[slice, Win
         yield slice(start, stop), block, slice(first, first + block.count * windows.intervals + 1)
 
 
-_SAMPLES = 8192
-"""Samples whose regressors are in memory at a time."""
-_PIECE = 1024
-"""Samples whose regressors are in the cache at a time."""
 _RATE = 2.0
 """Rate of the filter of `filtered` rows, times the window: rows share 2 % of their noise's variance."""
 
@@ -171,10 +168,10 @@ def evaluate_columns(  # noqa: PLR0917 - the states of a sample, in the order of
     temperature: FloatArray | None = None,
 ) -> FloatArray:
     """Return [Y | Yf] at states (N, n): (N, n, p); a UsageError where friction needs a load that is None."""
-    # In pieces that stay in the cache, for new memory costs as much as the functions.
+    # In blocks that stay in the cache, for new memory costs as much as the functions.
     result, count = np.empty((0, 0, 0)), len(q)
-    for start in range(0, count, _PIECE):
-        part = slice(start, start + _PIECE)
+    for start in range(0, count, numerics.BLOCK):
+        part = slice(start, start + numerics.BLOCK)
         states = q[part], dq[part], ddq[part]
         others = (None if entry is None else entry[part] for entry in (load, temperature))
         columns = library.evaluate("torque_regressor", *states)
@@ -191,8 +188,8 @@ def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> 
     Of base parameters alone without friction.
     """
     torques, rigid = np.zeros(signals.q.shape), len(values) == len(library.card.beta)
-    for start in range(0, len(torques), _PIECE):
-        part, place = slice(start, start + _PIECE), 0
+    for start in range(0, len(torques), numerics.BLOCK):
+        part, place = slice(start, start + numerics.BLOCK), 0
         states = signals.pick_states(part)
         columns = library.evaluate("torque_regressor", *states[:3])
         for entry in columns if rigid else (*columns, *_evaluate_friction(library, *states)):
@@ -275,7 +272,7 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
         left = windows.intervals - first - 2
         weights[first : first + 3] += np.exp(-rate * windows.period * left) * three
     matrix = []
-    for _, block, part in _cut_windows(windows):
+    for _, block, part in _cut_windows(windows, 1):
         q, dq = signals.q[part], signals.dq[part]
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
         (inner,) = library.evaluate("momentum_regressor", q, dq)
@@ -350,7 +347,6 @@ WINDOW = 0.1
 """Length of a window in s, unless another is asked for."""
 
 _ENERGY_LIMIT = 3
-_MOST_SHARED = 0.95
 _ARRAYS = ("matrix", "values", "group", "time", "velocity", "run", "weight")
 """Fields of `Rows` with an entry for each equation."""
 
@@ -382,7 +378,7 @@ class Rows:
     group_names: tuple[str, ...]
     group_units: tuple[str, ...]
     velocity_units: tuple[str, ...]
-    independent: float = 1.0
+    independent: float
     notices: tuple[Notice, ...] = ()
     run: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
     weight: FloatArray = field(default_factory=lambda: np.empty(0))
@@ -439,9 +435,9 @@ def build_rows(
 
 
 def count_pieces(overlap: float) -> int:
-    """Return how many windows begin in the length of one; raise UsageError unless 0 <= overlap <= 0.95."""
-    if not 0.0 <= overlap <= _MOST_SHARED:
-        text = f"overlap {overlap:g}: must be a fraction of the window from 0 to {_MOST_SHARED:g}"
+    """Return how many windows begin in the length of one; raise UsageError unless 0 <= overlap < 1."""
+    if not 0.0 <= overlap < 1.0:
+        text = f"overlap {overlap:g}: must be a fraction of the window, from 0 to less than 1"
         raise UsageError(Notice(code="usage.overlap", text=text))
     return max(1, round(1.0 / (1.0 - overlap)))
 

@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, compute_triangle, freeze
 from symid.errors import IdentifiabilityError, Notice
+from symid.identification.judge import numerics
 from symid.identification.regression.equations import Rows
 from symid.logs import Recording, Signals
 
-BLOCK = 4096
-"""Rows that are factorised at once: a block and its factor stay in the cache of a core."""
+BLOCK = numerics.BLOCK
+"""Rows that are factorised at once."""
 _KNOWN: WeakKeyDictionary[Rows, "Condensed"] = WeakKeyDictionary()
 
 
@@ -43,16 +44,18 @@ class Condensed:
 
     factors: FloatArray
     counts: NDArray[np.intp]
-    independent: float = 1.0
+    independent: float
 
 
 class CondensedSolution(NamedTuple):
     """The least-squares solution (p,); the covariance is the variance of the noise times root root'.
 
-    `condition` is that of the column-scaled matrix.
+    `leverage` (g,) is how many parameters the rows of each group determine: the trace of its part of the
+    projection on the columns. `condition` is that of the column-scaled matrix.
     """
 
     values: FloatArray
+    leverage: FloatArray
     root: FloatArray
     condition: float
 
@@ -110,12 +113,13 @@ def stack_condensed(condensed: Condensed, weights: FloatArray) -> FloatArray:
     return extend_triangle(np.zeros((0, whole.shape[1])), [whole])
 
 
-def count_freedom(freedom: str, parameters: int, independent: float) -> tuple[int, float]:
-    """Return the degrees of freedom that parameters take, and the part of the rows that counts.
+def count_freedom(freedom: str, leverage: FloatArray, independent: float) -> tuple[FloatArray, float]:
+    """Return the rows (g,) that parameters take from each group, and the part of the rows that counts.
 
-    `freedom` as in `Processing.noise_freedom`; `independent` as in `Condensed`.
+    `freedom` as in `Processing.noise_freedom`; `leverage` and `independent` as in `CondensedSolution`.
     """
-    return (1 if freedom == "one" else parameters, independent if freedom == "band" else 1.0)
+    part = independent if freedom == "band" else 1.0
+    return leverage / (leverage.sum() if freedom == "one" else part), part
 
 
 def compute_square_sums(condensed: Condensed, values: FloatArray) -> FloatArray:
@@ -135,8 +139,9 @@ def solve_condensed(condensed: Condensed, basis: FloatArray, weights: FloatArray
     factor = compute_triangle(np.column_stack([matrix @ basis, target]))
     left, singular, right = np.linalg.svd(factor[:count, :count])
     values: FloatArray = basis @ (right.T @ ((left.T @ factor[:count, count]) / singular))
-    scaled = compute_spectrum(matrix[:, basis.any(axis=1)]).singular
-    return CondensedSolution(values, basis @ (right.T / singular), float(scaled[0] / scaled[count - 1]))
+    scaled, root = compute_spectrum(matrix[:, basis.any(axis=1)]).singular, basis @ (right.T / singular)
+    leverage = np.sum((condensed.factors[:, :, :-1] @ root) ** 2, axis=(1, 2)) * np.asarray(weights) ** 2
+    return CondensedSolution(values, leverage, root, float(scaled[0] / scaled[count - 1]))
 
 
 WHOLE_MODEL = 0.75
@@ -158,12 +163,12 @@ class RankRule:
 
     Args:
         zero: length of a column relative to the longest one.
-        singular: singular value of the scaled matrix relative to the largest one.
+        singular: singular value of the scaled matrix relative to the largest one; filters round at 1e-9.
         share: squared part of a direction in the null space in a parameter.
         least: share of all parameters that must be identifiable.
     """
 
-    zero: float = 1e-10
+    zero: float = numerics.RANK
     singular: float = 1e-7
     share: float = 1e-8
     least: float = 0.0
@@ -220,7 +225,7 @@ class Identifiability:
     notices: tuple[Notice, ...]
 
 
-def compute_spectrum(matrix: FloatArray, zero: float = 0.0) -> ScaledSpectrum:
+def compute_spectrum(matrix: FloatArray, zero: float = numerics.RANK) -> ScaledSpectrum:
     """Return the singular values of `matrix` (m, p) after scaling its columns to length one.
 
     Columns shorter than `zero` times the longest one count as zero. By QR first, so that the

@@ -11,9 +11,9 @@ What the processing leaves open is chosen from the logs:
     cut-off  min(5 b, 0.4 rate): high enough that it damps nothing that the rows keep
     windows  of momentum rows as long as rows are apart, so that they keep the same band
 
-The clean band of a joint ends where the noise of its encoder, differentiated twice, has a hundredth of the
-power of its acceleration: more of it biases parameters towards zero. The noise floor is the median of the
-power spectral density of the position (Welch) over the upper half of all frequencies, and
+The clean band of a joint ends where the noise of its encoder, differentiated twice, has a fiftieth of the
+power of its acceleration (`POLICY.relevance`): so much biases parameters towards zero. The noise floor is the
+median of the power spectral density of the position (Welch) over the upper half of all frequencies, and
 
     noise   floor (2 pi)^4 b^5 / 5,     motion   integral to b of (density - floor) (2 pi f)^4 df
 
@@ -23,8 +23,8 @@ Segments begin wherever a block of `compute_block_deviations` or a run begins.
 
 Supported: several recordings (the best of them counts for each joint); encoders with white noise,
 quantisation included; known payloads, whose torque Y dbeta is subtracted; joints at rest, whose rows are
-left out where dry friction or a brake may hold them; long logs of torque and momentum rows, with 100
-equations or more of every joint.
+left out where dry friction or a brake may hold them; long logs of torque and momentum rows, with an
+equation or more of every joint in every block.
 Not supported: a filter for each joint (columns of all joints share one equation); positions that were
 filtered before they were logged, whose noise is underestimated; payloads of simulated robots; long logs of
 power and energy rows, whose covariance needs every row.
@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
+from symid.identification.judge import POLICY, Agreement, agree_in_value, compute_changes, numerics
 from symid.identification.regression import equations
 from symid.identification.regression.identifiability import (
     BLOCK,
@@ -61,14 +62,11 @@ from symid.logs import (
 )
 from symid.robot import Processing, Robot
 
-NOISE_SHARE = 0.01
-"""Part of the acceleration's power that noise may be."""
-
 
 class JointBand(NamedTuple):
     """Noise of an encoder: its density `floor` in rad or m over root Hz.
 
-    Up to `clean` Hz it is less than `NOISE_SHARE` of the acceleration's power.
+    Up to `clean` Hz it is less than `POLICY.relevance` of the acceleration's power.
     """
 
     floor: float
@@ -85,14 +83,10 @@ def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
     for column in density[1:].T:
         floor = float(np.median(column[frequency > 0.25 * rate]))
         motion = np.cumsum(np.maximum(column - floor, 0.0) * steep)
-        below = np.flatnonzero(np.cumsum(floor * steep) <= NOISE_SHARE * motion)
+        below = np.flatnonzero(np.cumsum(floor * steep) <= POLICY.relevance * motion)
         clean = float(frequency[below[-1]]) if len(below) else 0.0
         bands.append(JointBand(float(np.sqrt(floor)), clean))
     return tuple(bands)
-
-
-SAME_PERIOD = 0.01
-"""Relative difference up to which sample periods count as the same: clocks drift."""
 
 
 class FilterChoice(NamedTuple):
@@ -112,7 +106,8 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     if usual == processing:
         return FilterChoice(processing=processing)
     periods = [entry.period for entry in recordings]
-    if max(periods) > (1.0 + SAME_PERIOD) * min(periods):
+    # Clocks drift.
+    if max(periods) - min(periods) > POLICY.relevance * min(periods):
         listed = ", ".join(f"{one.source or 'a log'} every {1e3 * one.period:.4g} ms" for one in recordings)
         text = (
             f"the logs have different sample periods ({listed}), so no common cut-off and decimation can be "
@@ -140,37 +135,32 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     text = (
         f"filter chosen from the logs: positions pass a low-pass at {cutoff:g} Hz, and one row in "
         f"{decimation.factor} is kept (band up to {kept:.3g} Hz, limited by the "
-        f"{'noise' if noisy else 'rate'}; noise is below {100.0 * NOISE_SHARE:g} % of the accelerations up "
-        f"to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation under [processing]"
+        f"{'noise' if noisy else 'rate'}; noise is below {100.0 * POLICY.relevance:g} % of the "
+        f"accelerations up to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation "
+        "under [processing]"
     )
     chosen = replace(usual, filter_cutoff=cutoff, decimation=decimation)
     return FilterChoice(chosen, (Notice(code="identify.automatic", text=text),))
 
 
-_PERIODS = 2.0
-"""Of the cut-off that are wrong at an end in motion."""
-_MOVING = 0.05
-"""Of the top speed, beyond which a joint moves."""
-
-
 def count_spoilt(cutoff: float | None, period: float) -> int:
     """Return how many samples, `period` s apart, a low-pass at `cutoff` Hz extrapolates at an end."""
-    return math.ceil(_PERIODS / cutoff / period) if cutoff else 0
+    return math.ceil(POLICY.periods / cutoff / period) if cutoff else 0
 
 
 def measure_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[int, int]:
     """Return how many samples are wrong at start and end of the logs, 0 where all of them rest there.
 
-    A filter extrapolates there; `processing` is the one used, its cut-off in Hz. The speed at an end is the
-    mean over one period of it.
+    A filter extrapolates there, for as many periods of its cut-off in Hz as depend on each other;
+    `processing` is the one used. The speed at an end is the mean over one period.
     """
     cutoff, found = processing.filter_cutoff, [0, 0]
     for recording in recordings if cutoff is not None else ():
         spoilt = count_spoilt(cutoff, recording.period)
-        span = max(1, round(spoilt / _PERIODS))
+        span = max(1, round(spoilt / POLICY.periods))
         speed = np.abs(recording.position[span:] - recording.position[:-span])
         if len(speed):
-            moving = np.any(speed[[0, -1]] > _MOVING * speed.max(axis=0), axis=1)
+            moving = np.any(speed[[0, -1]] > POLICY.relevance * speed.max(axis=0), axis=1)
             found = [max(one, spoilt if moves else 0) for one, moves in zip(found, moving, strict=True)]
     return found[0], found[1]
 
@@ -201,8 +191,7 @@ def fill_loads(
     for recording in recordings:
         payload = get_payload(library, recording)
         clean = [band.clean for band in measure_bands(recording) if band.clean > 0.0]
-        # A tenth of the sample rate is above all that robots move at.
-        cutoff = processing.filter_cutoff or 0.1 / recording.period
+        cutoff = processing.filter_cutoff or POLICY.row_band / recording.period
         cutoff = min(cutoff, float(np.median(clean))) if clean else cutoff
         whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
         resting = list_resting_joints(recording)
@@ -266,22 +255,12 @@ def compute_rotor_columns(ddq: FloatArray, rotors: Sequence[Rotor]) -> FloatArra
     return np.asarray((ddq @ turns.T)[:, None, :] * turns.T[None])
 
 
-_SAME_GAIN, _SURE_GAIN = 0.02, 3.0
-"""Part of the load, and standard deviations, within which the factor that the data choose is one."""
-_TOLD_GAIN = 1e-6
-"""Part of a load's squares that must be independent of other columns."""
-
-
 class LoadGain(NamedTuple):
-    """The factor on a measured load that explains a motor's torque best, and its standard deviation."""
+    """The factor on a measured load that explains a motor's torque best, its deviation, whether it is one."""
 
     value: float
     deviation: float
-
-    @property
-    def differs(self) -> bool:
-        """Return whether it is surely not one."""
-        return abs(self.value - 1.0) > max(_SAME_GAIN, _SURE_GAIN * self.deviation)
+    verdict: Agreement
 
 
 def measure_load_gain(grams: FloatArray) -> LoadGain | None:
@@ -291,14 +270,14 @@ def measure_load_gain(grams: FloatArray) -> LoadGain | None:
     stretches; the deviation is that over stretches left out (jackknife), which needs no white noise.
     """
     whole = grams.sum(axis=0)
-    lengths = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    lengths = np.sqrt(np.maximum(np.diag(whole), numerics.TINY))
     scaled = grams / lengths / lengths[:, None]
 
     def solve(total: FloatArray) -> float:
         columns, load = total[:-2, :-2], total[:-2, -2]
-        beside = np.linalg.lstsq(columns, np.column_stack([load, total[:-2, -1]]), rcond=1e-10)[0]
+        beside = np.linalg.lstsq(columns, np.column_stack([load, total[:-2, -1]]), rcond=numerics.RANK)[0]
         left = total[-2, -2] - load @ beside[:, 0]
-        if left <= _TOLD_GAIN * total[-2, -2]:
+        if left <= numerics.RANK * total[-2, -2]:
             return np.nan
         return float((total[-2, -1] - load @ beside[:, 1]) / left * lengths[-1] / lengths[-2])
 
@@ -307,13 +286,13 @@ def measure_load_gain(grams: FloatArray) -> LoadGain | None:
     parts = np.array([solve(total - part) for part in scaled if part[-2, -2] > 0.0])
     if len(parts) < 2 or not np.all(np.isfinite([value, *parts])):
         return None
-    deviation = np.sqrt((len(parts) - 1) / len(parts) * np.sum((parts - parts.mean()) ** 2))
-    return LoadGain(1.0 + value, float(deviation))
+    changes = compute_changes(parts)
+    return LoadGain(1.0 + value, float(np.linalg.norm(changes)), agree_in_value(value, changes, 1.0).verdict)
 
 
 def warn_of_load_gain(gain: LoadGain | None) -> tuple[Notice, ...]:
     """Return a warning where a measured load fits the torque of the motor with another factor."""
-    if gain is None or not gain.differs:
+    if gain is None or gain.verdict is not Agreement.DIFFERENT:
         return ()
     text = (
         f"{gain.value:.4g} +- {gain.deviation:.2g} times the measured load explains the torque of the motor "
@@ -350,14 +329,13 @@ def prepare_rows(
     recording: Recording,
     processing: Processing,
     *,
-    window: float,
-    overlap: float = 0.0,
     every: bool = False,
+    **windows: float,
 ) -> equations.Rows:
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
-    What the processing leaves open is chosen from this recording; other arguments as for `build_rows`. With
-    `every` the rows of slow joints and of joints at rest stay.
+    What the processing leaves open is chosen from this recording; `windows` and other arguments are those of
+    `build_rows`. With `every` the rows of slow joints and of joints at rest stay.
 
     Raises:
         LogError: the recording has another number of joints than the robot.
@@ -366,7 +344,7 @@ def prepare_rows(
     """
     processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
     signals = prepare_states(library, recording, processing)
-    rows = equations.build_rows(kind, library, signals, processing, window=window, overlap=overlap)
+    rows = equations.build_rows(kind, library, signals, processing, **windows)
     return rows if every else leave_out_rows(rows, library, recording, processing)
 
 
@@ -389,13 +367,14 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
     return signals if load is None else replace(signals, tau=signals.tau - load)
 
 
-_STATES = 60
+STATES = 60
+"""Of the logs' motion, in which models are compared."""
 
 
 def outline_motion(
     library: Library, recordings: Sequence[Recording], processing: Processing
 ) -> tuple[tuple[float, ...], ...]:
-    """Return states q, dq, ddq (60, 3 n) evenly spread over the recordings, with six digits.
+    """Return states q, dq, ddq (`STATES`, 3 n) evenly spread over the recordings, with six digits.
 
     Raises:
         LogError, IdentifiabilityError: as for `prepare_rows`.
@@ -403,7 +382,7 @@ def outline_motion(
     used = choose_filters(processing, recordings).processing
     signals = [prepare_states(library, entry, used) for entry in recordings]
     whole = np.vstack([np.hstack([entry.q, entry.dq, entry.ddq]) for entry in signals])
-    chosen = whole[np.linspace(0, len(whole) - 1, min(_STATES, len(whole))).round().astype(int)]
+    chosen = whole[np.linspace(0, len(whole) - 1, min(STATES, len(whole))).round().astype(int)]
     return tuple(tuple(float(f"{value:.6g}") for value in row) for row in chosen.tolist())
 
 
@@ -482,8 +461,8 @@ def check_joints(library: Library, recordings: Sequence[Recording]) -> None:
 
 
 LONG_KINDS = ("torque", "momentum")
-_BLOCKS = 100
-"""Blocks of a joint's equations, as many as `compute_block_deviations` has."""
+BLOCKS = POLICY.folds * POLICY.parts
+"""Blocks of consecutive equations of a joint: within one, residuals may depend on each other."""
 
 
 class StatesKeeper:
@@ -570,7 +549,7 @@ class LongRows:
         return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
 
     def sketch(self) -> equations.Rows:
-        """Return p + 1 equations for each of 100 blocks of time of every joint, with the block's squares.
+        """Return p + 1 equations for each of `BLOCKS` of time of every joint, with the block's squares.
 
         A'A and A'y of every block are those of its equations, so `compute_block_deviations` gives the same.
         """
@@ -578,7 +557,7 @@ class LongRows:
         parts, groups = [], []
         for group in np.unique(outline.group):
             members = outline.group == group
-            for block in np.array_split(np.flatnonzero(members), _BLOCKS):
+            for block in np.array_split(np.flatnonzero(members), BLOCKS):
                 inside = members[first] & (first >= block[0]) & (first <= block[-1])
                 parts.append(self._join(inside))
                 groups.append(group)
@@ -614,9 +593,9 @@ def condense_recordings(
     begins = {len(outline.values)}
     for group in np.unique(outline.group):
         members = np.flatnonzero(outline.group == group)
-        if len(members) < _BLOCKS:
+        if len(members) < BLOCKS:
             return None
-        begins |= {int(block[0]) for block in np.array_split(members, _BLOCKS)}
+        begins |= {int(block[0]) for block in np.array_split(members, BLOCKS)}
         _, firsts = np.unique(outline.run[members], return_index=True)
         begins |= {*members[firsts].tolist()}
     starts = np.array(sorted(begins), dtype=np.intp)

@@ -11,7 +11,7 @@ simulation starts at the first measured position, with the velocity of the refer
 
     simulate   the robot with x_k under its controller: states q_s, torque tau_s
     solve      equations made of what it did: x_(k+1)
-    until x changes by less than a part of its standard deviation
+    until x changes by a part of its standard deviation that does no harm (`POLICY.relevance`)
 
 Where the robot with x_(k+1) cannot be simulated, half of the step is taken, and half of that.
 
@@ -26,13 +26,13 @@ so W is nearly the derivative of the simulated torque. No measured position ente
 The generic instrumental variable approach of Janot, Vandanjon and Gautier (2014, IEEE Transactions on
 Control Systems Technology 22(1)). The simulated states are independent of the noise in Y: a wrong x_k or
 wrong gains make deviations larger, not the result wrong, as long as Z resembles Y. Simulated dry friction may
-change sign a sample earlier, and x by a part of its deviation: steps become shorter where changes do not
-fall, and the iteration may end in an oscillation below half a deviation.
+change sign a sample earlier, and x by a part of its deviation: steps become shorter each time that changes
+are not halved.
 
 The iteration begins with an estimate given, with instruments along the references, or with a fit of torque
 rows by wls. The result states the controller and the distance of simulated and measured positions; where that
-is more than a tenth of the tracking error, a warning says that the controller is another one. Instruments
-add a test of least squares for bias.
+is more than a good model leaves of the tracking error (`POLICY.good`), a warning says that the controller is
+another one. Instruments add a test of least squares for bias.
 
 Supported: what `symid.robot.Controller` states; torque limits of the joints; friction that the plant of
 `simulation` has; several recordings, of unequal weight.
@@ -53,6 +53,7 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard, RigidExperiment
 from symid.errors import IdentifiabilityError, Notice, SolverError, SymidError, UsageError
 from symid.identification import diagnostics, estimators, regression
+from symid.identification.judge import POLICY, numerics
 from symid.identification.rigid.fit import build_estimate, identify_parameters
 from symid.identification.rigid.plan import INSTRUMENTAL
 from symid.logs import Recording, Signals, choose_processing, decimate, differentiate, prepare_signals
@@ -74,12 +75,6 @@ def set_card_values(card: ModelCard, values: FloatArray) -> ModelCard:
 
 _FORGOTTEN = 10.0
 """Times Kd / Kp after which the initial state of a simulation has no effect."""
-_AT_REST = 1e-9
-"""Velocities of the reference below this, rad/s or m/s, are zero."""
-_STRANGE = 1.8
-"""Deviation of reference less position, beside that of the position, above which they are of two motions."""
-_LOST = 10.0
-"""A run is lost this many times the reference's range away from it, and at least so many rad or m."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -159,9 +154,10 @@ def list_unusable(recording: Recording, controller: Controller | None = None) ->
     if not texts and reference is not None and reference.shape != position.shape:
         texts.append(f"the reference has shape {reference.shape}, the position {position.shape}")
     elif not texts and reference is not None:
+        # Without such a reference fewer squares would be left.
         moved, away = np.std(position, axis=0), np.std(reference - position, axis=0)
         resting = regression.list_resting_joints(recording)
-        strange = [j for j in range(len(moved)) if j not in resting and away[j] > _STRANGE * moved[j]]
+        strange = np.setdiff1d(np.flatnonzero(away**2 > POLICY.fall * moved**2), resting).tolist()
         if strange:
             listed = ", ".join(f"{j + 1} ({away[j]:.3g} against {moved[j]:.3g})" for j in strange)
             texts.append(
@@ -220,7 +216,7 @@ def simulate_closed_loop(
     valued = Library(set_card_values(library.card, values), library.engine)
     period, gains, known = recording.period, loop.controller, recording.reference_velocity
     speed = differentiate(loop.reference, period)[0] if known is None else known[0]
-    speed = np.where(np.abs(speed) > _AT_REST, speed, 0.0)
+    speed = np.where(np.abs(speed) > numerics.RANK * np.abs(loop.reference).max() / period, speed, 0.0)
     order = RigidExperiment(
         position=loop.reference,
         speed=loop.velocity,
@@ -229,7 +225,8 @@ def simulate_closed_loop(
         damping=np.array(gains.damping),
         limit=loop.limit,
         step=np.zeros(library.card.size),
-        reach=_LOST * np.maximum(np.ptp(loop.reference, axis=0), 1.0),
+        # A run is lost where it is farther away than the reference goes, and a rad or m at least.
+        reach=np.maximum(np.ptp(loop.reference, axis=0), 1.0),
         period=period,
         substeps=1,
         blend=loop.compute_blend(period),
@@ -266,20 +263,8 @@ def _log_torque(torque: FloatArray, gains: Controller) -> FloatArray:
     return average
 
 
-_LIMIT = 15
-_CONVERGED = 0.05
-"""Change of every parameter, in standard deviations, below which the iteration ends."""
-_EXACT = 1e-6
-"""Change relative to the parameter that ends it too: a log without noise has no deviations."""
-_HALVINGS = 6
 _OF_VALUES = ("usage.negative-friction", "simulate.chatter", "simulate.not-converged")
 """Codes of what keeps a robot from being simulated that other parameters may mend."""
-_CHANCE = 0.5
-"""Change in standard deviations that is no more than another choice among valid instruments."""
-_ROUNDS = 3
-_FALLING = 0.5
-_STRONG = 10.0
-"""F of the first stage that makes references good enough to begin with."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -351,40 +336,38 @@ def _iterate(
         # What is not identifiable stays where it was.
         step = np.where(learnable, fit.values, values) - values
         deviation = np.sqrt(np.maximum(np.diag(fit.covariance), np.finfo(float).tiny))
-        moved = learnable & (np.abs(step) > _EXACT * np.abs(fit.values))
+        # A log without noise has no deviations.
+        moved = learnable & (np.abs(step) > numerics.CONVERGED * np.abs(fit.values))
         changes.append(float(np.max(np.abs(step[moved]) / deviation[moved], initial=0.0)))
         progress(f"simulation {len(changes)}: parameters change by {changes[-1]:.2g} standard deviations")
         # The choice among valid instruments changes the parameters too: steps become shorter each time that
-        # changes do not fall, and changes that stay small end the iteration.
-        last, instrumental = changes[-_ROUNDS:], found.instrumental is not None
-        steady = len(last) == _ROUNDS and max(last) < _CHANCE and last[-1] > _FALLING * last[-2]
-        if changes[-1] < _CONVERGED or (instrumental and steady):
+        # changes are not halved.
+        rising = sum(after > 0.5 * before for before, after in pairwise(changes))
+        share = 1.0 if found.instrumental is None else 1.0 / (1.0 + rising)
+        if share * changes[-1] < POLICY.relevance:
             break
-        if len(changes) == _LIMIT:
+        if len(changes) == numerics.ROUNDS:
             text = (
                 f"not converged: after {len(changes)} simulations parameters still change by "
                 f"{changes[-1]:.2g} standard deviations. Check the controller, or record more excitation"
             )
             raise SolverError(Notice(code="solver.controlled-robot", text=text))
-        rising = sum(after > _FALLING * before for before, after in pairwise(changes))
-        whole = (1.0 / (1.0 + rising) if instrumental else 1.0) * step
         # Half of the step, and again, where it leads to no robot.
-        for halving in range(_HALVINGS + 1):
-            tried = values + 0.5**halving * whole
+        while True:
             try:
-                runs = _simulate(problem, tried)
+                runs = _simulate(problem, values + share * step)
+                break
             except SymidError as error:
-                refused = error
-                continue
-            values = tried
-            break
-        else:
-            text = (
-                f"the parameters that explain the torque cannot be simulated: {refused.notices[0].text}. "
-                "Check gains, torque limits and reference, record more excitation, or add the missing term "
-                "to the model"
-            )
-            raise SolverError(Notice(code="solver.controlled-robot", text=text)) from refused
+                share *= 0.5
+                if share * changes[-1] >= POLICY.relevance:
+                    continue
+                text = (
+                    f"the parameters that explain the torque cannot be simulated: {error.notices[0].text}. "
+                    "Check gains, torque limits and reference, record more excitation, or add the missing "
+                    "term to the model"
+                )
+                raise SolverError(Notice(code="solver.controlled-robot", text=text)) from error
+        values = values + share * step
     apart: list[FloatArray] = []
     for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
         kept = _select_compared(problem, recording, loop)
@@ -495,7 +478,7 @@ def fit_instrumental(
 
 
 def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
-    """Return parameters by instruments along the references, None where these are too weak.
+    """Return parameters by instruments along the references, None where these determine too little.
 
     Nothing is simulated.
     """
@@ -509,8 +492,6 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
         )
     except IdentifiabilityError:
         # References may stand still, or move together, where the logs do not.
-        return None
-    if found.strength < _STRONG:
         return None
     values, learnable = found.fit.values.tolist(), found.identifiability.identifiable
     return {name: values[k] for k, name in enumerate(measured[0].names) if learnable[k]}
@@ -546,12 +527,6 @@ def _build_beside(
             kept[members] = np.isin(whole.time[members], rows.time[rows.group == group])
         parts.append(regression.select_rows(whole, kept))
     return regression.stack_rows(parts, problem.weights)
-
-
-_FAR = 0.1
-"""Part of the tracking error up to which simulated and measured positions may differ."""
-_SHOWN = 4
-_ROUNDING = 1e-16
 
 
 def identify_closed_loop(
@@ -641,7 +616,7 @@ def identify_closed_loop(
         "controller_residual_percent": share.tolist(),
     }
     # Where simulated and measured robot do not follow the reference alike.
-    apart = np.flatnonzero(found.tracking > _FAR * found.lag).tolist()
+    apart = np.flatnonzero(100.0 * found.tracking > POLICY.good * found.lag).tolist()
     if apart:
         listed = ", ".join(
             f"{found.rows.group_names[index]!r} {found.tracking[index]:.2g} "
@@ -651,7 +626,7 @@ def identify_closed_loop(
         effect = "the standard deviations are larger" if instrumental else "the parameters are biased"
         missed = ", ".join(f"{share[index]:.3g} %" for index in apart)
         told = diagnostics.build_warning(
-            "identify.tracking", joints=listed, limit=100.0 * _FAR, effect=effect, missed=missed
+            "identify.tracking", joints=listed, limit=POLICY.good, effect=effect, missed=missed
         )
         warnings = (told, *warnings)
     left = robot.processing.left_open
@@ -711,13 +686,14 @@ def _assess_instruments(
     if solution is None:
         return {}, ()
     test = estimators.assess_exogeneity(found.rows, solution, processing.noise_freedom)
-    chance = f"= {test.probability:.2g}" if test.probability > _ROUNDING else "< 1e-16"
+    rounding = np.finfo(float).eps
+    chance = f"= {test.probability:.2g}" if test.probability > rounding else f"< {rounding:.2g}"
     verdict = "not biased by noise in the states"
     if test.biased:
-        names = ", ".join(f"{name} {shift:+.2g}" for name, shift in test.biased[:_SHOWN])
+        names = ", ".join(f"{name} {shift:+.2g}" for name, shift in test.biased)
         verdict = f"biased by noise in the states, in its standard deviations: {names}"
     elif test.significant:
-        verdict = "significantly different, by less than its standard deviations"
+        verdict = f"significantly different, by at most {POLICY.printed:g} standard deviations"
     verdict = f"wls of these rows is {verdict} (p {chance})"
     report = {
         "instruments": {

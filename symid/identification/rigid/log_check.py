@@ -348,7 +348,7 @@ def judge_log(library: Library, recording: log_files.Recording, robot: Robot) ->
         values=study.fit.values,
         covariance=study.fit.changes.T @ study.fit.changes,
         residuals=np.empty(0),
-        spent=0,
+        spent=np.zeros(len(study.fit.weights)),
         condition=0.0,
         weights=study.fit.weights,
     )

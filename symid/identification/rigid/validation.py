@@ -11,7 +11,7 @@ Filter and decimation of a validation are
 
 The equations of a diagnosis are those of the fit: its processing, windows, weights of runs, rule for the
 noise. Where the estimator needs nothing else, the fit is repeated and compared with the estimate. The price
-of decimation: fits to the rows that decimation keeps, and to every sample, predict held-out fifths of the
+of decimation: fits to the rows that decimation keeps, and to every sample, predict held-out stretches of the
 time, and the residuals of both on the decimated rows are compared.
 
 Supported: estimates of any rows, their windows, weights and runs; torque (the default), momentum and energy
@@ -37,7 +37,7 @@ from symid.codegen import Library
 from symid.errors import EstimateError, Notice, UsageError
 from symid.identification import diagnostics, estimators, regression
 from symid.identification.diagnostics import uncertainty
-from symid.identification.judge import numerics
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import Rows, condensing
 from symid.identification.rigid.fit import fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
@@ -90,7 +90,7 @@ def resolve_processing(
     if not left:
         return estimators.ResolvedProcessing(processing=replace(processing, automatic=False), origin=stated)
     period = estimate.settings.get("sample_period")
-    if _is_positive(period) and math.isclose(period, recording.period, rel_tol=regression.SAME_PERIOD):
+    if _is_positive(period) and math.isclose(period, recording.period, rel_tol=POLICY.relevance):
         fitted = read_fit_processing(estimate.settings)
         factor = (fitted if "decimation.factor" in left else processing).decimation.factor
         settled = replace(
@@ -313,15 +313,14 @@ def validate_estimate(
     processing: robots.Processing,
     *,
     rows: str = "torque",
-    window: float = regression.WINDOW,
-    overlap: float = 0.0,
+    **windows: float,
 ) -> estimators.Validation:
     """Return residuals and series of `recording` under the estimate; nothing is fitted.
 
     What `processing` leaves open is as in the fit, see `resolve_processing`. `rows` is one of `ROW_KINDS`,
-    `window` the length of windows in s, `overlap` the part of one that the next one shares. Where the fit
-    chose its settings and `processing` leaves a filter or a decimation open, residuals of torque, momentum
-    and filtered rows count within the band that they were chosen by.
+    `windows` are `window` and `overlap` of `build_rows`. Where the fit chose its settings and `processing`
+    leaves a filter or a decimation open, residuals of torque, momentum and filtered rows count within the
+    band that they were chosen by.
 
     Raises:
         EstimateError: the estimate belongs to another model than the library.
@@ -331,82 +330,70 @@ def validate_estimate(
     estimators.check_model(estimate, library.card)
     settled = resolve_processing(estimate, processing, recording)
     stored = estimate.settings.get("processing")
-    found = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
-    first, last = (entry if isinstance(entry, int) else 0 for entry in (*found, 0, 0)[:2])
+    known = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
+    first, last = (entry if isinstance(entry, int) else 0 for entry in (*known, 0, 0)[:2])
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
-    whole = regression.prepare_rows(
-        rows, library, recording, counted, window=window, overlap=overlap, every=True
-    )
+    whole = regression.prepare_rows(rows, library, recording, counted, every=True, **windows)
     built = regression.leave_out_rows(whole, library, recording, counted)
     shared = measure_overlap(recording, estimate.sources, estimate.settings, cut=cut, fitted_cut=fitted_cut)
-    predicted = built.matrix @ estimate.assemble(built.names)
-    masks = [(index, built.group == index) for index in range(len(built.group_names))]
+    # Who states filter and decimation of the log compares its rows, as publications do. Without held-out
+    # stretches, as of long logs, the fit has nothing to compare with.
+    scoring, values, scalar = 0.0, estimate.assemble(built.names), rows in regression.SCALAR_KINDS
+    left_open = {*settled.origin.values()} != {"stated"}
+    if estimate.choice is not None and estimate.evidence is not None and left_open and not scalar:
+        scoring = estimate.choice.scoring
+
+    def score(part: regression.Rows) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return rows and what is left of them (m, 2), both within the band, and which of them count."""
+        table, inner = (
+            np.column_stack([part.values, part.values - part.matrix @ values]),
+            np.full(len(part.time), fill_value=True),
+        )
+        if scoring:
+            table, within = smooth_rows(part, table, scoring), mask_inner(part)
+            inner = within if within.any() else inner
+        return table, inner
+
+    predicted = built.matrix @ values
+    own = [(index, np.flatnonzero(built.group == index)) for index in np.unique(built.group)]
     series = tuple(
         estimators.Series(
             joint=built.group_names[index],
             unit=built.group_units[index],
             velocity_unit=built.velocity_units[index],
-            time=built.time[mask],
-            velocity=built.velocity[mask],
-            measured=built.values[mask],
-            predicted=predicted[mask],
+            time=built.time[places],
+            velocity=built.velocity[places],
+            measured=built.values[places],
+            predicted=predicted[places],
         )
-        for index, mask in masks
-        if np.any(mask)
+        for index, places in own
     )
     warnings = []
     if shared:
-        part = describe_overlap(shared, recording, cut)
-        warnings = [
-            diagnostics.build_warning(
-                "validate.fitted-log", file=recording.source, what="estimate", part=part
-            )
-        ]
-    residual = estimators.compute_residuals(built, built.values - predicted, 0)
-    # Who states filter and decimation of the log compares its rows, as publications do.
-    choice, scoring, scored = estimate.choice, 0.0, residual
-    left_open = {*settled.origin.values()} != {"stated"}
-    # Without held-out stretches, as of long logs, the fit has nothing to compare with.
-    if (
-        choice is not None
-        and estimate.evidence is not None
-        and left_open
-        and rows not in regression.SCALAR_KINDS
-    ):
-        # Rows and what is predicted of them, both low-passed.
-        scoring, inner = choice.scoring, mask_inner(built)
-        table = smooth_rows(built, np.column_stack([built.values, built.values - predicted]), scoring)
-        inner = inner if inner.any() else np.ones_like(inner)
-        smooth = replace(regression.select_rows(built, inner), values=table[inner, 0])
-        scored = estimators.compute_residuals(smooth, table[inner, 1], 0)
+        told = {"what": "estimate", "part": describe_overlap(shared, recording, cut)}
+        warnings = [diagnostics.build_warning("validate.fitted-log", file=recording.source, **told)]
+    residual, (table, inner) = estimators.compute_residuals(built, built.values - predicted, 0), score(built)
+    smooth = replace(regression.select_rows(built, inner), values=table[inner, 0])
     motion = []
-    if whole.kind not in regression.SCALAR_KINDS:
+    if not scalar:
         # What is left of all rows in the phases of motion; joints without rows that count are left out of
         # residuals.
-        errors = whole.values - whole.matrix @ estimate.assemble(whole.names)
-        inner = np.ones(len(errors), dtype=np.bool_)
-        if scoring:
-            errors, inner = (
-                smooth_rows(whole, errors[:, None], scoring)[:, 0],
-                mask_inner(whole),
-            )
-            inner = inner if inner.any() else np.ones_like(inner)
-        names = {built.group_names[group] for group in np.unique(built.group)}
+        (left, counts), names = score(whole), {series.joint for series in series}
         for group in np.unique(whole.group):
-            own, name = inner & (whole.group == group), whole.group_names[group]
-            if own.any():
-                phases = estimators.find_phases(whole.time[own], whole.velocity[own], whole.run[own])
-                left_out = 0 if name in names else int(np.sum(own))
-                unit = whole.group_units[group]
-                motion.append(estimators.MotionResidual.measure(name, unit, errors[own], phases, left_out))
+            part, name = counts & (whole.group == group), whole.group_names[group]
+            if part.any():
+                phases = estimators.find_phases(whole.time[part], whole.velocity[part], whole.run[part])
+                left_out, unit = 0 if name in names else int(np.sum(part)), whole.group_units[group]
+                found = estimators.MotionResidual.measure(name, unit, left[part, 1], phases, left_out)
+                motion.append(found)
     return estimators.Validation(
         robot=estimate.robot,
         signature=estimate.signature,
         source=recording.source,
         rows=rows,
-        residual=scored,
+        residual=estimators.compute_residuals(smooth, table[inner, 1], 0),
         scoring=scoring,
         all_rows=residual if scoring else (),
         motion=tuple(motion),
@@ -416,11 +403,6 @@ def validate_estimate(
         notices=(*settled.notices, *built.notices, *warnings),
         processing=settled,
     )
-
-
-_FOLDS = 5
-_RANK = 1e-10
-"""Singular value relative to the largest below which the other folds do not identify a direction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -454,10 +436,10 @@ def measure_decimation_price(
         condensed, sketch = long.condense(), long.sketch()
         basis = regression.analyse_condensed(condensed, long.outline.kind, long.outline.names).basis
         own = estimators.fit_condensed(condensed, basis, groups, builder.processing.noise_freedom)
-        # Weighted rows [A B, y] with the squares of all equations, and the fifth of time of each.
+        # Weighted rows [A B, y] with the squares of all equations, and the stretch of time of each.
         table = np.column_stack([sketch.matrix @ identifiability.basis, sketch.values])
         counts = [int(np.sum(sketch.group == group)) for group in np.unique(sketch.group)]
-        fold = np.concatenate([np.arange(count) * _FOLDS // count for count in counts])
+        fold = np.concatenate([np.arange(count) * POLICY.folds // count for count in counts])
         deviations = np.sqrt(np.maximum(np.diag(own.covariance), 0.0))
         found.append((table * groups[sketch.group][:, None], fold, deviations))
     (judged, number, ours), (others, place, theirs) = found
@@ -465,10 +447,10 @@ def measure_decimation_price(
     if not both.any():
         return ()
     left = np.zeros(2)
-    for part in range(_FOLDS):
+    for part in range(POLICY.folds):
         held = judged[number == part]
         for index, table in enumerate((judged[number != part], others[place != part])):
-            values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=_RANK)[0]
+            values = np.linalg.lstsq(table[:, :-1], table[:, -1], rcond=numerics.RANK)[0]
             left[index] += float(np.sum((held[:, -1] - held[:, :-1] @ values) ** 2))
     held_out = 100.0 * (float(np.sqrt(left[0] / left[1])) - 1.0) if left[1] else 0.0
     what = f"decimation by {builder.processing.decimation.factor}"
@@ -480,12 +462,8 @@ def measure_decimation_price(
 
 
 _KINDS = ("torque", "momentum")
-_FREE = 1e-6
-"""Percent below which a price is rounding."""
 _ALONE = ("ols", "wls", "huber", "sequential", FILTERED_INSTRUMENTAL)
 """Estimators that need nothing but rows."""
-_CHANGED = 1e-6
-"""Deviations by which a fit made again may differ from the estimate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -559,15 +537,9 @@ def diagnose_estimate(
     groups = np.ones(len(rows.group_names))
     if estimate.estimator != "ols":
         groups = estimators.estimate_group_weights(rows, identifiability, processing.noise_freedom)
-    rank = int(identifiability.basis.shape[1])
-    fit = estimators.RegressionFit(
-        values=values,
-        covariance=covariance,
-        residuals=rows.values - rows.matrix @ values,
-        spent=regression.count_freedom(processing.noise_freedom, rank, rows.independent)[0],
-        condition=estimate.condition,
-        weights=groups[rows.group] * np.sqrt(rows.weight),
-    )
+    least = estimators.fit_weighted(rows, identifiability, groups, processing.noise_freedom)
+    residuals = rows.values - rows.matrix @ values
+    fit = replace(least, values=values, covariance=covariance, residuals=residuals)
     correlated, ellipse = uncertainty.list_correlated(stated, names), None
     if correlated:
         pair = [names.index(name) for name in correlated[0][:2]]
@@ -584,17 +556,15 @@ def diagnose_estimate(
         ]
         refit = max(away, default=0.0)
     # By how much the residual is larger than that of plain least squares of the same weights.
-    weighed = uncertainty.compute_mean_weights(rows, fit)
-    least = estimators.fit_weighted(rows, identifiability, weighed)
     own, best = (float(np.linalg.norm(entry.residuals * fit.weights)) for entry in (fit, least))
     percent = 100.0 * (own / best - 1.0) if best else 0.0
     what = f"estimator {estimate.estimator} instead of least squares"
-    price = (Price(what=what, of="residual", percent=percent),) if percent >= _FREE else ()
-    changed = refit is not None and refit > _CHANGED
+    price = (Price(what=what, of="residual", percent=percent),) if percent >= numerics.CONVERGED else ()
+    changed = refit is not None and refit > numerics.CONVERGED
     warnings = (diagnostics.build_warning("diagnosis.other-values", refit=refit),) if changed else ()
     return Diagnosis(
         singular=tuple(map(float, regression.compute_spectrum(rows.matrix * fit.weights[:, None]).singular)),
-        rank=rank,
+        rank=int(identifiability.basis.shape[1]),
         correlated=correlated,
         ellipse=ellipse,
         essential=uncertainty.select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
@@ -602,7 +572,7 @@ def diagnose_estimate(
         drift=uncertainty.measure_drift(rows, fit, processing.noise_freedom),
         structure=diagnostics.analyse_structure(values, library, recordings, processing, weights=weights),
         profiles=diagnostics.compute_profiles(values, library, recordings, processing),
-        prices=(*price, *measure_decimation_price(builder, recordings, identifiability, weighed, weights)),
+        prices=(*price, *measure_decimation_price(builder, recordings, identifiability, groups, weights)),
         refit=refit,
         notices=(*settled.notices, *warnings),
     )

@@ -14,10 +14,11 @@ def make_rows(matrix, values, group=None, **fields):
         "kind": "torque",
         "time": np.arange(count),
         "velocity": np.ones(count),
-        "names": tuple("abcdefgh"[:width]),
+        "names": tuple("abcdefghijklmnopqrstuvwxyz"[:width]),
         "units": ("1",) * width,
         "group_names": tuple(f"joint{k + 1}" for k in range(joints)),
         "group_units": ("N m",) * joints,
         "velocity_units": ("rad/s",) * joints,
+        "independent": 1.0,
     }
     return Rows(matrix=matrix, values=values, group=group, **(usual | fields))

@@ -169,4 +169,4 @@ def test_a_value_near_zero_is_uncertain_only_where_its_deviation_matters(estimat
     details = verdicts.judge_identification(replace(estimate, parameters=parameters), ()).details
     # MY1 is small beside MX1; of the second link nothing is known, and MX3 is known badly.
     assert "Uncertain by more than 30 %: MZ1, MY2, MX3." in details
-    assert "Near zero, within 2 standard deviations: MY1." in details
+    assert "Near zero, within 3 standard deviations: MY1." in details

@@ -60,12 +60,14 @@ def test_it_is_its_formula():
     np.testing.assert_allclose(found.fit.values, values, rtol=1e-9)
     np.testing.assert_allclose(found.fit.covariance, covariance, rtol=1e-7)
     np.testing.assert_allclose(found.fit.residuals, errors, atol=1e-9)
-    # The weights are the inverse scatter of its own residuals, joint by joint.
+    # The weights are the inverse scatter of its own residuals, joint by joint, less what parameters take.
+    leverage = np.diag(y @ crossed @ z.T @ weight)
+    assert leverage.sum() == pytest.approx(3.0)
     for group in (0, 1):
-        part = errors[rows.group == group]
-        scatter = np.linalg.norm(part) / np.sqrt(len(part) - 3)
-        assert found.fit.weights[rows.group == group][0] == pytest.approx(1.0 / scatter, rel=1e-5)
-    assert fit_instruments(rows, instruments, freedom="one").fit.spent == 1
+        own = rows.group == group
+        scatter = np.linalg.norm(errors[own]) / np.sqrt(own.sum() - leverage[own].sum() / 0.5)
+        assert found.fit.weights[own][0] == pytest.approx(1.0 / scatter, rel=1e-5)
+    assert fit_instruments(rows, instruments, freedom="one").fit.spent.sum() == pytest.approx(1.0)
 
 
 def test_the_test_is_the_contrast_of_hausman():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from symid.errors import LogError
+from symid.identification.judge import POLICY
 from symid.identification.regression.preparation import (
     choose_filters,
     choose_window,
@@ -28,7 +29,7 @@ def record(noise=0.0, seed=0, samples=20001):
     return replace(clean, position=clean.position + spoilt)
 
 
-def test_clean_bands_end_where_noise_is_a_hundredth_of_the_acceleration():
+def test_clean_bands_end_where_noise_matters_beside_the_acceleration():
     """Known spectra: one sine of 1 Hz and amplitude a, white noise of deviation s at rate 1 / T."""
     samples, step, size, noise = 40001, 1e-3, 0.3, 1e-4
     time = step * np.arange(samples)
@@ -37,7 +38,7 @@ def test_clean_bands_end_where_noise_is_a_hundredth_of_the_acceleration():
     (band, _) = measure_bands(Recording(time=time, position=position, torque=position))
     density = 2.0 * step * noise**2
     motion = size**2 / 2.0 * (2.0 * np.pi) ** 4
-    expected = (0.01 * motion * 5.0 / density / (2.0 * np.pi) ** 4) ** 0.2
+    expected = (POLICY.relevance * motion * 5.0 / density / (2.0 * np.pi) ** 4) ** 0.2
     assert band.clean == pytest.approx(expected, rel=0.15)
     for band in measure_bands(record(2e-4)):
         assert band.floor == pytest.approx(2e-4 * np.sqrt(2e-3), rel=0.05)

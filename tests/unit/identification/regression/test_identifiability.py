@@ -68,20 +68,6 @@ def test_the_variance_is_divided_as_asked(freedom, rest):
     np.testing.assert_allclose(fit.covariance, expected, rtol=1e-8)
 
 
-def test_weights_are_the_scatter_that_their_own_fit_leaves():
-    matrix, values = draw()
-    group = np.repeat([0, 1], 30)
-    values[group == 1] *= 50
-    rows = make_rows(matrix, values, group)
-    seen = analyse_identifiability(rows)
-    fit = fit_wls(rows, seen)
-    e = fit.residuals
-    w = 1 / np.array([np.linalg.norm(e[group == j]) / np.sqrt(26) for j in (0, 1)])[group]
-    expected = np.linalg.lstsq(matrix * w[:, None], values * w, rcond=None)[0]
-    np.testing.assert_allclose(fit.values, expected, rtol=1e-5)
-    np.testing.assert_allclose(fit.weights, w, rtol=1e-5)
-
-
 def test_columns_that_tell_nothing_are_refused_without_harm_to_the_others():
     """A column of zeros, and columns in fixed proportion together."""
     matrix, values = draw()

@@ -7,6 +7,7 @@ import pytest
 
 from symid.errors import EstimateError
 from symid.identification.estimators.least_squares import fit_ols
+from symid.identification.judge import POLICY
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.regression.preparation import choose_filters, prepare_rows
@@ -188,7 +189,7 @@ def test_a_diagnosis_makes_the_same_fit(noisy, estimator, rows):
 
 
 def find_held(recordings, weights, judged, fitted):
-    """Return what fits to four fifths of the time leave of decimated rows of the other, ols, in memory."""
+    """Return what fits to all stretches but one leave of decimated rows of that one, ols, in memory."""
     rows, other = (
         stack_rows([prepare_rows("torque", LIBRARY, entry, how, window=0.1) for entry in recordings], weights)
         for how in (judged, fitted)
@@ -197,12 +198,13 @@ def find_held(recordings, weights, judged, fitted):
     def number(some):
         found = np.empty(len(some.values), dtype=int)
         for group in (0, 1):
-            for block, part in enumerate(np.array_split(np.flatnonzero(some.group == group), 100)):
-                found[part] = block // 20
+            parts = np.array_split(np.flatnonzero(some.group == group), POLICY.folds * POLICY.parts)
+            for block, part in enumerate(parts):
+                found[part] = block // POLICY.parts
         return found
 
     left = 0.0
-    for fold in range(5):
+    for fold in range(POLICY.folds):
         train, held = number(other) != fold, number(rows) == fold
         root = np.sqrt(other.weight[train])
         values = np.linalg.lstsq(other.matrix[train] * root[:, None], other.values[train] * root)[0]

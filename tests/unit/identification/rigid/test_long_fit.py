@@ -29,7 +29,7 @@ PROCESSING = Processing(filter_cutoff=60.0, standstill=0.3, drop_first=120, deci
 @pytest.fixture(autouse=True)
 def short_blocks(monkeypatch):
     """Cut logs of this length in as many blocks as longer ones."""
-    monkeypatch.setattr("symid.identification.regression.equations._SAMPLES", 4096)
+    monkeypatch.setattr("symid.identification.judge.numerics.BLOCK", 512)
     monkeypatch.setattr("symid.logs.signals._BLOCK", 8192)
 
 
@@ -108,7 +108,7 @@ def test_deviations_of_blocks(kind, freedom):
     found = fit_condensed(long.condense(), seen.basis, weights, freedom)
     np.testing.assert_allclose(np.diag(found.covariance), np.diag(fit.covariance), rtol=1e-9)
     left = sketch.values - sketch.matrix @ fit.values
-    small = replace(fit, residuals=left, spent=0, condition=1.0, weights=weights[sketch.group])
+    small = replace(fit, residuals=left, weights=weights[sketch.group])
     np.testing.assert_allclose(
         compute_block_deviations(sketch, small, seen), compute_block_deviations(rows, fit, seen), rtol=1e-9
     )
@@ -143,7 +143,7 @@ def test_what_blocks_cannot_do_is_done_in_memory(recordings):
     assert is_long(maker, recordings, "ols", 0.99 * size)
     assert not is_long(maker, recordings, "ols", 1.01 * size)
     # Too few equations for blocks: those of the second joint, which is slow.
-    short = [record(3, 900)]
+    short = [record(3, 320)]
     assert condense_recordings(maker, short, None) is None
     whole, again = (identify_parameters(LIBRARY, short, PROCESSING, largest=size) for size in (1e9, 0.0))
     assert whole == again
