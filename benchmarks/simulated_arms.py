@@ -235,12 +235,16 @@ def compute_friction(arm: Arm, dq: np.ndarray, stribeck: float = 0.0, speed: flo
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A log in SI units on the joint side: time (N,), q, tau and, where there is one, dq (N, n)."""
+    """A log in SI units on the joint side: time (N,), q, tau and, where there is one, dq (N, n).
+
+    `states` (3, N, n) are exact q, dq, ddq, which no log has.
+    """
 
     time: np.ndarray
     q: np.ndarray
     tau: np.ndarray
     dq: np.ndarray | None = None
+    states: np.ndarray | None = None
 
     def write(self, path: Path) -> Path:
         """Write the log as .npz with the columns t, q, tau (and dq), and return the path."""

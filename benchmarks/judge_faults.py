@@ -1,0 +1,641 @@
+"""Faults of logs: those that a judge can name, others that it cannot, and which of them a log shows at all.
+
+Sample, generator -> `Corruption` (logs that are wrong, and what is) -> `Sight`: visible, unique.
+
+What a log shows is asked without a judge: the clean log and the wrong one are fitted by plain weighted least
+squares within the band of the motion (columns of the robot, and viscous friction, dry friction and an offset at
+every joint), and so is every other change that could be made to the wrong log. A mistake is
+
+    visible    if undoing it leaves half the squares or less of the joints it touches, and two thirds of all
+    unique     if no change of another family leaves less than twice the squares that undoing it leaves
+
+Squares are relative to those of the torque as it is then, joint by joint.
+"""
+
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from judge_plants import Sample, cut
+from scipy.optimize import minimize_scalar
+from scipy.signal import butter, sosfiltfilt
+from simulated_arms import Run
+
+import symid
+
+Change = Callable[[Run], Run]
+
+# Changes of one log; joints count from one, None for all.
+
+
+def get_period(run: Run) -> float:
+    """Return the mean period, s."""
+    return float((run.time[-1] - run.time[0]) / (len(run.time) - 1))
+
+
+def differentiate(run: Run) -> np.ndarray:
+    """Return exact velocities (N, n), or those of positions below 10 Hz."""
+    if run.states is not None:
+        return run.states[1]
+    return np.gradient(_smooth(run.q, get_period(run), 10.0), run.time, axis=0)
+
+
+def _smooth(values: np.ndarray, period: float, cutoff: float) -> np.ndarray:
+    sections = butter(4, min(cutoff, 0.4 / period), fs=1.0 / period, output="sos")
+    return sosfiltfilt(sections, values, axis=0)
+
+
+def _multiply(values: np.ndarray, joint: int | None, factor: float) -> np.ndarray:
+    factors = np.ones(values.shape[1])
+    factors[slice(None) if joint is None else joint - 1] = factor
+    return values * factors
+
+
+def scale_torque(joint: int | None, factor: float) -> Change:
+    """Multiply one torque, or all."""
+    return lambda run: replace(run, tau=_multiply(run.tau, joint, factor))
+
+
+def scale_position(joint: int | None, factor: float) -> Change:
+    """Multiply one position, or all, with their velocities."""
+
+    def change(run: Run) -> Run:
+        dq = None if run.dq is None else _multiply(run.dq, joint, factor)
+        return replace(run, q=_multiply(run.q, joint, factor), dq=dq)
+
+    return change
+
+
+def exchange(what: str, one: int, other: int) -> Change:
+    """Exchange columns of "torques", "positions" or "joints"."""
+
+    def change(run: Run) -> Run:
+        order = list(range(run.q.shape[1]))
+        order[one - 1], order[other - 1] = order[other - 1], order[one - 1]
+        tau = run.tau if what == "positions" else run.tau[:, order]
+        if what == "torques":
+            return replace(run, tau=tau)
+        return replace(run, q=run.q[:, order], tau=tau, dq=None if run.dq is None else run.dq[:, order])
+
+    return change
+
+
+def scale_time(factor: float) -> Change:
+    """Multiply the stamps; velocities stay as logged."""
+    return lambda run: replace(run, time=run.time[0] + factor * (run.time - run.time[0]))
+
+
+def delay_torque(seconds: float) -> Change:
+    """Log torques late, or early where negative; what is shifted out is lost."""
+
+    def change(run: Run) -> Run:
+        shift = max(1, round(abs(seconds) / get_period(run)))
+        early, late = slice(None, -shift), slice(shift, None)
+        at, taken = (late, early) if seconds > 0.0 else (early, late)
+        return replace(cut(run, at), tau=run.tau[taken])
+
+    return change
+
+
+def shift_position(joint: int, offset: float) -> Change:
+    """Add an offset to a position."""
+    return lambda run: replace(run, q=run.q + offset * (np.arange(run.q.shape[1]) == joint - 1))
+
+
+def spike(joint: int, count: int, rng: np.random.Generator) -> Change:
+    """Put single wrong samples of 0.2 to 2 rad into an encoder."""
+
+    def change(run: Run) -> Run:
+        q = run.q.copy()
+        at = rng.choice(len(q), count, replace=False)
+        q[at, joint - 1] += rng.choice((-1.0, 1.0), count) * rng.uniform(0.2, 2.0, count)
+        return replace(run, q=q)
+
+    return change
+
+
+def wrap(joint: int) -> Change:
+    """Wrap an encoder: it jumps by a turn where the joint passes the middle of its range."""
+
+    def change(run: Run) -> Run:
+        q = run.q.copy()
+        column = q[:, joint - 1]
+        q[:, joint - 1] = column - 2.0 * np.pi * (column > (column.min() + column.max()) / 2.0)
+        return replace(run, q=q)
+
+    return change
+
+
+def stick(joint: int, share: float) -> Change:
+    """Hold an encoder from a share of the log on; its velocity is then zero."""
+
+    def change(run: Run) -> Run:
+        start = round(share * len(run.q))
+        q, dq = run.q.copy(), None if run.dq is None else run.dq.copy()
+        q[start:, joint - 1] = q[start, joint - 1]
+        if dq is not None:
+            dq[start:, joint - 1] = 0.0
+        return replace(run, q=q, dq=dq)
+
+    return change
+
+
+def repeat_rows(share: float, rng: np.random.Generator) -> Change:
+    """Drop a share of the packets: all channels keep the last value, stamps go on."""
+
+    def change(run: Run) -> Run:
+        fresh = rng.uniform(size=len(run.time)) >= share
+        fresh[0] = True
+        last = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
+        return replace(cut(run, last), time=run.time)
+
+    return change
+
+
+def clip_torque(joint: int, share: float) -> Change:
+    """Clip a torque at a share of its largest value."""
+
+    def change(run: Run) -> Run:
+        tau = run.tau.copy()
+        most = share * np.abs(tau[:, joint - 1]).max()
+        tau[:, joint - 1] = np.clip(tau[:, joint - 1], -most, most)
+        return replace(run, tau=tau)
+
+    return change
+
+
+def take_torque(joint: int, other: np.ndarray) -> Change:
+    """Put another torque (N,), of the same mean square, in place of one."""
+
+    def change(run: Run) -> Run:
+        tau = run.tau.copy()
+        taken = np.resize(other, len(tau))
+        tau[:, joint - 1] = taken * np.sqrt(np.mean(tau[:, joint - 1] ** 2) / np.mean(taken**2))
+        return replace(run, tau=tau)
+
+    return change
+
+
+def replace_by_noise(joint: int, rng: np.random.Generator) -> Change:
+    """Put white noise of the same mean square in place of a torque."""
+    return lambda run: take_torque(joint, rng.standard_normal(len(run.tau)))(run)
+
+
+# What is wrong with a sample.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corruption:
+    """Logs that are wrong: what is right, what is identified, the family of the mistake and its joints.
+
+    Joints count from one; none are named where all are touched, or no joint can be told.
+    """
+
+    name: str
+    base: str
+    clean: Sample
+    wrong: Sample
+    family: str
+    joints: tuple[int, ...] = ()
+
+
+def add_torque(sample: Sample, numbers: tuple[int, ...], other) -> Sample:
+    """Return the sample whose logs `numbers` have the torques of another chain along the same states."""
+    chain, runs = sample.chain, list(sample.runs)
+    for number in numbers:
+        states = runs[number].states
+        tau = runs[number].tau + other.compute_torques(*states) - chain.compute_torques(*states)
+        runs[number] = replace(runs[number], tau=tau)
+    return replace(sample, runs=tuple(runs))
+
+
+def turn_gravity(chain, angle: float, axis: np.ndarray):
+    """Return the chain mounted otherwise: gravity turned by `angle` (rad) about `axis` of the base frame."""
+    axis = axis / np.linalg.norm(axis)
+    down = np.array(chain.stated)
+    turned = down * np.cos(angle) + np.cross(axis, down) * np.sin(angle)
+    turned += axis * (axis @ down) * (1.0 - np.cos(angle))
+    return replace(chain, gravity=tuple(map(float, turned)))
+
+
+KINDS = (
+    "torque sign",
+    "all torque signs",
+    "position sign",
+    "all position signs",
+    "torques exchanged",
+    "positions exchanged",
+    "joints exchanged",
+    "position unit",
+    "all position units",
+    "torque unit",
+    "all torque units",
+    "time",
+    "delay",
+    "zero",
+    "gravity",
+    "gear",
+    "payload",
+    "spikes",
+    "wrap",
+    "stuck",
+    "repeats",
+    "clipped",
+    "noise",
+)
+_FAMILIES = {
+    "all torque signs": "torque sign",
+    "all position signs": "position sign",
+    "torques exchanged": "order",
+    "positions exchanged": "order",
+    "joints exchanged": "order",
+    "all position units": "position unit",
+    "all torque units": "torque unit",
+    "gear": "torque unit",
+}
+
+
+def corrupt(base: str, clean: Sample, rng: np.random.Generator) -> Corruption | None:
+    """Return a corruption of random kind, joints and size; None where the kind cannot be made of the sample."""
+    kind = str(rng.choice(KINDS))
+    size = clean.runs[0].q.shape[1]
+    one, other = (1 + rng.permutation(size)[:2]).tolist() if size > 1 else (1, 0)
+    side = float(rng.choice((-1.0, 1.0)))
+    if (kind in {"gravity", "payload"} and clean.chain is None) or ("exchanged" in kind and not other):
+        return None
+    family, joints, words = _FAMILIES.get(kind, kind), (one,), f"{kind} {one}"
+    made: Change | None = None
+    if kind == "payload":
+        clean = replace(clean, runs=(clean.runs[0], clean.foreign[0]), foreign=())
+        mass = float(rng.uniform(0.3, 1.0)) * clean.chain.bodies[-1][0] * 2.0
+        wrong = add_torque(clean, (1,), clean.chain.add_payload(mass, tuple(rng.uniform(-0.1, 0.15, 3))))
+        words, joints = f"payload {mass:.3g} kg in the second log", ()
+    elif kind == "gravity":
+        angle = float(np.exp(rng.uniform(np.log(np.radians(8.0)), np.log(np.pi))))
+        axis = rng.standard_normal(3)
+        wrong = add_torque(clean, (0,), turn_gravity(clean.chain, angle, axis))
+        words, joints = f"gravity turned by {np.degrees(angle):.3g} degrees", ()
+    elif kind in {"torque sign", "all torque signs", "position sign", "all position signs"}:
+        joints = () if "all" in kind else (one,)
+        made = (scale_torque if "torque" in kind else scale_position)(*(joints or (None,)), -1.0)
+    elif "exchanged" in kind:
+        one, other = sorted((one, other))
+        joints, made = (one, other), exchange(kind.split(maxsplit=1)[0], one, other)
+        words = f"{kind} {one} {other}"
+    elif kind in {"position unit", "all position units"}:
+        joints = () if "all" in kind else (one,)
+        made = scale_position(*(joints or (None,)), 180.0 / np.pi)
+    elif kind in {"torque unit", "all torque units", "gear"}:
+        joints = () if "all" in kind else (one,)
+        factor = (
+            float(np.exp(side * rng.uniform(np.log(5.0), np.log(160.0)))) if kind == "gear" else 1e3**side
+        )
+        made, words = scale_torque(*(joints or (None,)), factor), f"{words} times {factor:.3g}"
+    elif kind == "time":
+        factor = float(np.exp(side * rng.uniform(0.2, 1.1)))
+        made, joints, words = scale_time(factor), (), f"time times {factor:.3g}"
+    elif kind == "delay":
+        late = side * float(np.exp(rng.uniform(np.log(0.01), np.log(0.3))))
+        made, joints, words = delay_torque(late), (), f"torque {1e3 * late:.3g} ms late"
+    elif kind == "zero":
+        offset = side * float(rng.uniform(0.1, 1.5))
+        made, words = shift_position(one, offset), f"zero of {one} off by {offset:.3g} rad"
+    elif kind == "spikes":
+        made = spike(one, int(rng.integers(3, 40)), rng)
+    elif kind == "wrap":
+        made = wrap(one)
+    elif kind == "stuck":
+        share = float(rng.uniform(0.3, 0.9))
+        made, words = stick(one, share), f"encoder {one} stuck from {share:.0%}"
+    elif kind == "repeats":
+        share = float(rng.uniform(0.05, 0.5))
+        made, joints, words = repeat_rows(share, rng), (), f"{share:.0%} of the rows repeated"
+    elif kind == "clipped":
+        share = float(rng.uniform(0.3, 0.8))
+        made, words = clip_torque(one, share), f"torque {one} clipped at {share:.0%}"
+    else:
+        made = replace_by_noise(one, rng)
+    if made is not None:
+        wrong = replace(clean, runs=tuple(map(made, clean.runs)))
+        joints = () if kind.startswith("all") else joints
+    words = kind if kind.startswith("all") else words
+    return Corruption(
+        name=f"{base}: {words}", base=base, clean=clean, wrong=wrong, family=family, joints=joints
+    )
+
+
+UNLISTED = (
+    "torque low-passed",
+    "torque saturated softly",
+    "friction falls with temperature",
+    "friction grows with load",
+    "pull of a cable",
+    "backlash",
+    "contact for a stretch",
+    "flexible joint",
+    "hysteresis of the torque sensor",
+)
+
+
+def corrupt_otherwise(base: str, clean: Sample, rng: np.random.Generator) -> Corruption:
+    """Return logs with a fault that is not among the causes, of random kind, joint and size."""
+    kind, joint = str(rng.choice(UNLISTED)), int(rng.integers(clean.runs[0].q.shape[1]))
+    size = float(rng.uniform(0.5, 1.0))
+
+    def change(run: Run) -> Run:
+        tau, q, period = run.tau.copy(), run.q.copy(), get_period(run)
+        own, speed = tau[:, joint], differentiate(run)[:, joint]
+        rms, reach = np.sqrt(np.mean(own**2)), np.ptp(q[:, joint])
+        middle, time = (q[:, joint].max() + q[:, joint].min()) / 2.0, run.time - run.time[0]
+        side = np.tanh(speed / max(0.02 * np.abs(speed).max(), 1e-9))
+        if kind == UNLISTED[0]:
+            keep = np.exp(-period / (0.1 * size))
+            for row in range(1, len(own)):
+                tau[row, joint] = keep * tau[row - 1, joint] + (1.0 - keep) * own[row]
+        elif kind == UNLISTED[1]:
+            most = (1.2 - 0.6 * size) * np.abs(own).max()
+            tau[:, joint] = most * np.tanh(own / most)
+        elif kind == UNLISTED[2]:
+            tau[:, joint] -= 0.3 * size * rms * (1.0 - np.exp(-3.0 * time / time[-1])) * side
+        elif kind == UNLISTED[3]:
+            tau[:, joint] += 0.2 * size * np.abs(_smooth(own, period, 10.0)) * side
+        elif kind == UNLISTED[4]:
+            way = 2.0 * (q[:, joint] - middle) / reach
+            tau[:, joint] += 0.4 * size * rms * (way + way**3)
+        elif kind == UNLISTED[5]:
+            q[:, joint] += 0.01 * size * np.tanh(_smooth(own, period, 10.0) / (0.1 * rms))
+        elif kind == UNLISTED[6]:
+            begin = 0.2 + 0.5 * (size - 0.5)
+            during = (time > begin * time[-1]) & (time < (begin + 0.2) * time[-1])
+            tau[:, joint] += 2.0 * size * rms * during * np.maximum(0.0, q[:, joint] - middle) / reach
+        elif kind == UNLISTED[7]:
+            q[:, joint] += 0.02 * size * _smooth(own, period, 20.0) / rms
+        else:
+            width, held = 0.2 * size * rms, own[0]
+            for row, value in enumerate(own.copy()):
+                held = min(max(held, value - width), value + width)
+                tau[row, joint] = held
+        return replace(run, tau=tau, q=q)
+
+    wrong = replace(clean, runs=tuple(map(change, clean.runs)))
+    name = f"{base}: {kind}, joint {joint + 1}, size {size:.2f}"
+    return Corruption(name=name, base=base, clean=clean, wrong=wrong, family="", joints=(joint + 1,))
+
+
+# What a log shows.
+
+
+class Thinned(NamedTuple):
+    """Samples of all logs within the band: q, dq, ddq, tau (T, n), rows that count (T, n), logs (T,), period."""
+
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+    tau: np.ndarray
+    kept: np.ndarray
+    run: np.ndarray
+    period: float
+
+
+MOST_SAMPLES = 2500
+SLOW = 0.05
+"""Of the top speed: slower rows do not count."""
+
+
+def find_band(run: Run) -> float:
+    """Return twice the frequency below which 99 % of the power of the velocities is, at most a tenth of the rate."""
+    period = get_period(run)
+    speed = np.gradient(_smooth(run.q, period, 0.1 / period), period, axis=0)
+    power = np.abs(np.fft.rfft(speed * np.hanning(len(speed))[:, None], axis=0)) ** 2
+    share = np.cumsum(power, axis=0) / np.sum(power, axis=0)
+    frequency = np.fft.rfftfreq(len(speed), period)
+    moving = np.ptp(run.q, axis=0) > 1e-3
+    top = max(float(frequency[np.searchsorted(column, 0.99)]) for column in share.T[moving])
+    return float(np.clip(2.0 * top, 1.0, 0.1 / period))
+
+
+def thin(runs: tuple[Run, ...], band: float) -> Thinned:
+    """Return samples at four times the band, of positions and torques below it, without the ends."""
+    parts = []
+    length = sum(run.time[-1] - run.time[0] for run in runs)
+    period = max(1.0 / (4.0 * band), length / MOST_SAMPLES)
+    for number, run in enumerate(runs):
+        order = np.argsort(run.time, kind="stable")
+        fine = get_period(run)
+        grid = np.arange(run.time.min(), run.time.max(), fine)
+        table = np.hstack([run.q, run.tau])[order]
+        even = np.column_stack([np.interp(grid, run.time[order], column) for column in table.T])
+        even = _smooth(even, fine, min(band, 0.4 / fine))
+        q, tau = np.split(even, 2, axis=1)
+        dq = np.gradient(q, fine, axis=0)
+        ddq = np.gradient(dq, fine, axis=0)
+        ends = round(min(0.5 / fine, 0.05 * len(grid)))
+        at = np.arange(ends, len(grid) - ends, max(1, round(period / fine)))
+        speed = np.abs(dq[at])
+        kept = speed > SLOW * np.quantile(speed, 0.99, axis=0)
+        parts.append((q[at], dq[at], ddq[at], tau[at], kept, np.full(len(at), number)))
+    return Thinned(*map(np.concatenate, zip(*parts, strict=True)), period)
+
+
+class OwnModel:
+    """Plain weighted least squares with the regressor of a robot, and with gravity as three unknowns."""
+
+    def __init__(self, sample: Sample) -> None:
+        """Compile the robot, and the same with gravity along each axis where its file is a TOML."""
+        self.regressors = [self._compile(sample.text, sample.suffix)]
+        pattern = r"(?m)^gravity = .*$" if sample.suffix == ".toml" else r'gravity="[^"]*"'
+        if re.search(pattern, sample.text):
+            for axis in np.eye(3):
+                words = ", ".join(map(str, axis)) if sample.suffix == ".toml" else " ".join(map(str, axis))
+                stated = f"gravity = [{words}]" if sample.suffix == ".toml" else f'gravity="{words}"'
+                self.regressors.append(self._compile(re.sub(pattern, stated, sample.text), sample.suffix))
+
+    @staticmethod
+    def _compile(text: str, suffix: str):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"robot{suffix}"
+            path.write_text(text, encoding="utf-8")
+            robot = symid.load(path)
+            return robot.base.names, robot.compile().torque_regressor
+
+    def evaluate(self, rows: Thinned) -> np.ndarray:
+        """Return the columns (T, n, p): those of the robot, and friction and an offset at every joint."""
+        states = (np.ascontiguousarray(part) for part in (rows.q, rows.dq, rows.ddq))
+        columns = np.asarray(self.regressors[0][1](*states))
+        count, size = rows.dq.shape
+        added = np.zeros((count, size, 3, size))
+        each = np.arange(size)
+        for k, values in enumerate((rows.dq, np.sign(rows.dq), np.ones_like(rows.dq))):
+            added[:, each, k, each] = values
+        return np.concatenate([columns, added.reshape(count, size, -1)], axis=2)
+
+    def measure(self, rows: Thinned, columns: np.ndarray | None = None) -> np.ndarray:
+        """Return the squares (n,) that a fit leaves, relative to those of the torque; zero of joints at rest."""
+        return self._solve(rows, self.evaluate(rows) if columns is None else columns)[1]
+
+    @staticmethod
+    def _solve(rows: Thinned, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        table = np.concatenate([columns, rows.tau[:, :, None]], axis=2) * rows.kept[:, :, None]
+        table = np.ascontiguousarray(np.swapaxes(table, 0, 1))
+        grams = np.swapaxes(table, 1, 2) @ table
+        size = grams[:, -1, -1]
+        there = size > 0.0
+        left = np.where(there, size, 1.0)
+        for _ in range(3):
+            whole = np.einsum("j,jkl->kl", there / left, grams)
+            scale = np.sqrt(np.diag(whole)[:-1])
+            scale[scale == 0.0] = 1.0
+            matrix, right = whole[:-1, :-1] / np.outer(scale, scale), whole[:-1, -1] / scale
+            values = np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ right / scale
+            errors = np.append(values, -1.0)
+            left = np.maximum(np.einsum("k,jkl,l->j", errors, grams, errors), 1e-8 * np.maximum(size, 1e-300))
+            left = np.where(there, left, 1.0)
+        return values, np.where(there, left / np.where(there, size, 1.0), 0.0)
+
+    def measure_gravity(self, rows: Thinned) -> np.ndarray | None:
+        """Return the squares with gravity free, by turns of parameters and gravity; None where it is not stated."""
+        names = self.regressors[0][0]
+        if len(self.regressors) < 4 or any(entry[0] != names for entry in self.regressors[1:]):
+            return None
+        still = [np.ascontiguousarray(rows.q), *np.zeros((2, *rows.q.shape))]
+        plain, *pulls = (np.asarray(entry[1](*still)) for entry in self.regressors)
+        columns = self.evaluate(rows)
+        count = len(names)
+        moving = columns.copy()
+        moving[:, :, :count] -= plain
+        turned, values = columns, self._solve(rows, columns)[0]
+        for _ in range(8):
+            field = np.stack([pull @ values[:count] for pull in pulls], axis=2)
+            rest = rows.tau - moving @ values
+            weight = rows.kept / np.maximum(
+                np.sum((rows.tau - turned @ values) ** 2 * rows.kept, axis=0), 1e-12
+            )
+            gram = np.einsum("tjk,tj,tjl->kl", field, weight, field)
+            pull = np.linalg.lstsq(gram, np.einsum("tjk,tj,tj->k", field, weight, rest))[0]
+            turned = moving.copy()
+            turned[:, :, :count] += sum(part * entry for part, entry in zip(pull, pulls, strict=True))
+            values, left = self._solve(rows, turned)
+        return left
+
+
+def list_candidates(
+    rows: Thinned,
+) -> Iterator[tuple[str, str, Callable[[float], Thinned], tuple[float, ...]]]:
+    """Yield family, key, what the rows would be without a mistake of some size, and sizes to try."""
+    size = rows.q.shape[1]
+
+    def scale(joint: int | None, name: str) -> Callable[[float], Thinned]:
+        names = ("tau",) if name == "tau" else ("q", "dq", "ddq")
+        joint = None if joint is None else joint + 1
+        return lambda x: rows._replace(**{key: _multiply(getattr(rows, key), joint, x) for key in names})
+
+    def shift(joint: int) -> Callable[[float], Thinned]:
+        return lambda x: rows._replace(q=rows.q - x * (np.arange(size) == joint))
+
+    def swap(names: tuple[str, ...], order: list[int]) -> Callable[[float], Thinned]:
+        return lambda _: rows._replace(**{key: getattr(rows, key)[:, order] for key in names})
+
+    def advance(x: float) -> Thinned:
+        tau, kept = rows.tau.copy(), rows.kept.copy()
+        for run in np.unique(rows.run):
+            own = np.flatnonzero(rows.run == run)
+            time = np.arange(len(own)) * rows.period
+            kept[own] &= ((time + x >= 0.0) & (time + x <= time[-1]))[:, None]
+            for joint in range(size):
+                tau[own, joint] = np.interp(time + x, time, rows.tau[own, joint])
+        return rows._replace(tau=tau, kept=kept)
+
+    yield "torque sign", "all", scale(None, "tau"), (-1.0,)
+    yield "position sign", "all", scale(None, "q"), (-1.0,)
+    yield "position unit", "all", scale(None, "q"), (np.pi / 180.0, 180.0 / np.pi)
+    for joint in range(size):
+        yield "torque sign", str(joint), scale(joint, "tau"), (-1.0,)
+        yield "position sign", str(joint), scale(joint, "q"), (-1.0,)
+        yield "position unit", str(joint), scale(joint, "q"), (np.pi / 180.0, 180.0 / np.pi)
+        factors = (1e-3, 1e-2, 0.03, 0.1, 0.3, 3.0, 10.0, 30.0, 1e2, 1e3)
+        yield "torque unit", f"{joint}+", scale(joint, "tau"), factors
+        yield "zero", f"{joint}+", shift(joint), (-0.3, 0.3, -0.8, 0.8, -1.4, 1.4, np.pi)
+    for one, other in combinations(range(size), 2):
+        order = list(range(size))
+        order[one], order[other] = other, one
+        places = ("q", "dq", "ddq", "kept")
+        for names in (("tau",), places, (*places, "tau")):
+            yield "order", f"{one} {other} {len(names)}", swap(names, order), (1.0,)
+    yield "delay", "+", advance, (-0.3, -0.1, -0.03, -0.01, 0.01, 0.03, 0.1, 0.3)
+    times = (1 / 3, 0.5, 0.7, 0.85, 1.2, 1.4, 2.0, 3.0)
+    yield "time", "+", lambda x: rows._replace(dq=rows.dq / x, ddq=rows.ddq / x**2), times
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """What a log shows of a mistake.
+
+    Factors by which undoing it makes the squares fall, of the joints touched and pooled; the best change of
+    another family, and how many times the squares of the true one it leaves; the mean residuals in percent.
+    """
+
+    touched_falls: float
+    pooled: float
+    rival: str
+    ratio: float
+    clean: float
+    wrong: float
+
+    @property
+    def visible(self) -> bool:
+        """Return whether the log shows the mistake."""
+        return self.touched_falls >= 2.0 and self.pooled >= 1.5
+
+    @property
+    def unique(self) -> bool:
+        """Return whether no other family explains it nearly as well."""
+        return self.ratio >= 2.0
+
+
+def look(corruption: Corruption) -> Sight:
+    """Return what the logs of a corruption show, by fits of its own."""
+    model = OwnModel(corruption.clean)
+    band = max(find_band(run) for run in corruption.clean.runs)
+    before = model.measure(thin(corruption.clean.runs, band))
+    rows = thin(corruption.wrong.runs, band)
+    after = model.measure(rows)
+    touched = [joint - 1 for joint in corruption.joints] or list(range(len(after)))
+    true, best = float(before.mean()), (float(after.mean()), "as it is")
+    for family, key, change, sizes in list_candidates(rows):
+        if family == corruption.family:
+            continue
+
+        def price(x: float, change: Callable[[float], Thinned] = change) -> float:
+            return float(model.measure(change(x)).mean())
+
+        left = [price(x) for x in sizes]
+        place = int(np.argmin(left))
+        best = min(best, (left[place], f"{family} {key}"))
+        # A change of any size is refined where it could be the best.
+        if "+" in key and left[place] < 4.0 * best[0]:
+            ends = sorted((sizes[place] * 0.5, sizes[place] * 1.6))
+            found = minimize_scalar(price, bounds=ends, method="bounded", options={"maxiter": 12})
+            best = min(best, (float(found.fun), f"{family} {key}"))
+    others = []
+    if corruption.family != "gravity":
+        others.append(("gravity", model.measure_gravity(rows)))
+    if corruption.family != "payload" and len(corruption.wrong.runs) > 1:
+        each = [model.measure(rows._replace(kept=rows.kept & (rows.run == run)[:, None])) for run in (0, 1)]
+        others.append(("payload", np.mean(each, axis=0)))
+    for name, left in others:
+        if left is not None:
+            best = min(best, (float(left.mean()), name))
+    tiny = 1e-12
+    return Sight(
+        touched_falls=float(after[touched].sum() / max(before[touched].sum(), tiny)),
+        pooled=float(after.mean() / max(true, tiny)),
+        rival=best[1],
+        ratio=best[0] / max(true, tiny),
+        clean=100.0 * float(np.mean(np.sqrt(before))),
+        wrong=100.0 * float(np.mean(np.sqrt(after))),
+    )
