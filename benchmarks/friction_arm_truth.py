@@ -173,8 +173,8 @@ def build_plant(
 ) -> np.ndarray:
     """Return the plant as the C code reads it; bodies and rotors times `share`.
 
-    `temperature`: degrees Celsius at first and after a long time; the time constant is 40 s. `gravity` is that
-    of the base frame, m/s^2; a width in rad/s among the `values` makes a joint's friction smooth about rest.
+    `temperature`: degrees Celsius at first and after a long time; the time constant is 40 s. `gravity` is
+    that of the base frame, m/s^2; a width in rad/s among `values` makes a joint's friction smooth about rest.
     """
     numbers: list[float] = []
     for (place, _), body, rotor in zip(arm.placements, arm.bodies, arm.rotors, strict=True):
@@ -330,8 +330,8 @@ def run_plant(
 ) -> Exact:
     """Return the true signals of a plant along `reference` (N, 3 n): q, dq, torque of the feed-forward.
 
-    Where `held`, the controller reads the state once a sample and holds its torque; a sample then has the mean
-    of the torques before and behind it, and the acceleration under that mean.
+    Where `held`, the controller reads the state once a sample and holds its torque; a sample then has the
+    mean of the torques before and behind it, and the acceleration under that mean.
     """
     reference = np.ascontiguousarray(reference)
     count, size = len(reference), reference.shape[1] // 3
@@ -339,7 +339,8 @@ def run_plant(
     given = (ctypes.c_long(count), ctypes.c_int(parts), ctypes.c_double(1.0 / rate), ctypes.c_int(held))
     events = load_library(size).simulate(_point(plant), *given, _point(reference), _point(out))
     if events < 0 or not np.all(np.isfinite(out)):
-        raise SystemExit("the simulation failed")
+        text = "the simulation failed"
+        raise SystemExit(text)
     signals = np.split(out[:, : 6 * size], 6, axis=1)
     names = ("q", "dq", "ddq", "torque", "load", "mode")
     return Exact(

@@ -3,13 +3,13 @@
 Sample, generator -> `Corruption` (logs that are wrong, and what is) -> `Sight`: visible, unique.
 
 What a log shows is asked without a judge: the clean log and the wrong one are fitted by plain weighted least
-squares within the band of the motion (columns of the robot, and viscous friction, dry friction and an offset at
+squares within the band of the motion (columns of the robot; viscous friction, dry friction and an offset at
 every joint), and so is every other change that could be made to the wrong log. A mistake is
 
     visible    if undoing it leaves half the squares or less of the joints it touches, and two thirds of all
     unique     if no change of another family leaves less than twice the squares that undoing it leaves
 
-Squares are relative to those of the torque as it is then, joint by joint.
+Squares are those of stretches that were held out, relative to the torque as it is then, joint by joint.
 """
 
 import re
@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from judge_plants import Sample, cut
+from judge_plants import Chain, Sample, cut, turn_gravity
 from scipy.optimize import minimize_scalar
 from scipy.signal import butter, sosfiltfilt
 from simulated_arms import Run
@@ -197,136 +197,97 @@ class Corruption:
     """
 
     name: str
-    base: str
     clean: Sample
     wrong: Sample
     family: str
     joints: tuple[int, ...] = ()
 
 
-def add_torque(sample: Sample, numbers: tuple[int, ...], other) -> Sample:
-    """Return the sample whose logs `numbers` have the torques of another chain along the same states."""
-    chain, runs = sample.chain, list(sample.runs)
-    for number in numbers:
-        states = runs[number].states
-        tau = runs[number].tau + other.compute_torques(*states) - chain.compute_torques(*states)
-        runs[number] = replace(runs[number], tau=tau)
-    return replace(sample, runs=tuple(runs))
+def carry(sample: Sample, number: int, other: Chain) -> Sample:
+    """Return the sample whose log `number` has the torques of another chain along the same states."""
+    run = sample.runs[number]
+    tau = run.tau + other.compute_torques(*run.states) - sample.chain.compute_torques(*run.states)
+    runs = (*sample.runs[:number], replace(run, tau=tau), *sample.runs[number + 1 :])
+    return replace(sample, runs=runs)
 
 
-def turn_gravity(chain, angle: float, axis: np.ndarray):
-    """Return the chain mounted otherwise: gravity turned by `angle` (rad) about `axis` of the base frame."""
-    axis = axis / np.linalg.norm(axis)
-    down = np.array(chain.stated)
-    turned = down * np.cos(angle) + np.cross(axis, down) * np.sin(angle)
-    turned += axis * (axis @ down) * (1.0 - np.cos(angle))
-    return replace(chain, gravity=tuple(map(float, turned)))
-
-
-KINDS = (
-    "torque sign",
-    "all torque signs",
-    "position sign",
-    "all position signs",
-    "torques exchanged",
-    "positions exchanged",
-    "joints exchanged",
-    "position unit",
-    "all position units",
-    "torque unit",
-    "all torque units",
-    "time",
-    "delay",
-    "zero",
-    "gravity",
-    "gear",
-    "payload",
-    "spikes",
-    "wrap",
-    "stuck",
-    "repeats",
-    "clipped",
-    "noise",
-)
-_FAMILIES = {
+FAMILIES = {
+    "torque sign": "torque sign",
     "all torque signs": "torque sign",
+    "position sign": "position sign",
     "all position signs": "position sign",
     "torques exchanged": "order",
     "positions exchanged": "order",
     "joints exchanged": "order",
+    "position unit": "position unit",
     "all position units": "position unit",
+    "torque unit": "torque unit",
     "all torque units": "torque unit",
     "gear": "torque unit",
+    **{kind: kind for kind in ("time", "delay", "zero", "gravity", "payload", "spikes", "wrap", "stuck")},
+    **{kind: kind for kind in ("repeats", "clipped", "noise")},
 }
+"""Kinds of mistakes, and the family of causes that each belongs to."""
 
 
-def corrupt(base: str, clean: Sample, rng: np.random.Generator) -> Corruption | None:
-    """Return a corruption of random kind, joints and size; None where the kind cannot be made of the sample."""
-    kind = str(rng.choice(KINDS))
-    size = clean.runs[0].q.shape[1]
+def corrupt(
+    base: str, clean: Sample, draw_log: Callable[[], Run], rng: np.random.Generator
+) -> Corruption | None:
+    """Return a corruption of random kind, joints and size; None where the kind cannot be made of the sample.
+
+    `draw_log` simulates another log of the sample's arm.
+    """
+    kind, size = str(rng.choice(tuple(FAMILIES))), clean.runs[0].q.shape[1]
     one, other = (1 + rng.permutation(size)[:2]).tolist() if size > 1 else (1, 0)
     side = float(rng.choice((-1.0, 1.0)))
+    share, log_share = float(rng.uniform()), float(np.exp(rng.uniform(np.log(0.01), np.log(0.3))))
     if (kind in {"gravity", "payload"} and clean.chain is None) or ("exchanged" in kind and not other):
         return None
-    family, joints, words = _FAMILIES.get(kind, kind), (one,), f"{kind} {one}"
-    made: Change | None = None
+    every = kind.startswith("all") or kind in {"time", "delay", "gravity", "payload", "repeats"}
+    joints, words, made = () if every else (one,), kind if every else f"{kind} {one}", None
+    target = None if every else one
     if kind == "payload":
-        clean = replace(clean, runs=(clean.runs[0], clean.foreign[0]), foreign=())
-        mass = float(rng.uniform(0.3, 1.0)) * clean.chain.bodies[-1][0] * 2.0
-        wrong = add_torque(clean, (1,), clean.chain.add_payload(mass, tuple(rng.uniform(-0.1, 0.15, 3))))
-        words, joints = f"payload {mass:.3g} kg in the second log", ()
+        clean = replace(clean, runs=(*clean.runs, draw_log()))
+        mass = (0.6 + 1.4 * share) * clean.chain.bodies[-1][0]
+        wrong = carry(clean, 1, clean.chain.add_payload(mass, tuple(rng.uniform(-0.1, 0.15, 3))))
+        words = f"payload {mass:.3g} kg in the second log"
     elif kind == "gravity":
-        angle = float(np.exp(rng.uniform(np.log(np.radians(8.0)), np.log(np.pi))))
-        axis = rng.standard_normal(3)
-        wrong = add_torque(clean, (0,), turn_gravity(clean.chain, angle, axis))
-        words, joints = f"gravity turned by {np.degrees(angle):.3g} degrees", ()
-    elif kind in {"torque sign", "all torque signs", "position sign", "all position signs"}:
-        joints = () if "all" in kind else (one,)
-        made = (scale_torque if "torque" in kind else scale_position)(*(joints or (None,)), -1.0)
+        angle = np.pi * 0.045 ** (1.0 - share)
+        wrong = carry(clean, 0, turn_gravity(clean.chain, angle, rng.standard_normal(3)))
+        words = f"gravity turned by {np.degrees(angle):.3g} degrees"
+    elif "sign" in kind:
+        made = (scale_torque if "torque" in kind else scale_position)(target, -1.0)
     elif "exchanged" in kind:
-        one, other = sorted((one, other))
-        joints, made = (one, other), exchange(kind.split(maxsplit=1)[0], one, other)
-        words = f"{kind} {one} {other}"
-    elif kind in {"position unit", "all position units"}:
-        joints = () if "all" in kind else (one,)
-        made = scale_position(*(joints or (None,)), 180.0 / np.pi)
+        joints = min(one, other), max(one, other)
+        made, words = exchange(kind.split(maxsplit=1)[0], *joints), f"{kind} {joints[0]} {joints[1]}"
+    elif "position unit" in kind:
+        made = scale_position(target, 180.0 / np.pi)
     elif kind in {"torque unit", "all torque units", "gear"}:
-        joints = () if "all" in kind else (one,)
-        factor = (
-            float(np.exp(side * rng.uniform(np.log(5.0), np.log(160.0)))) if kind == "gear" else 1e3**side
-        )
-        made, words = scale_torque(*(joints or (None,)), factor), f"{words} times {factor:.3g}"
+        factor = (5.0 * 32.0**share if kind == "gear" else 1e3) ** side
+        made, words = scale_torque(target, factor), f"{words} times {factor:.3g}"
     elif kind == "time":
-        factor = float(np.exp(side * rng.uniform(0.2, 1.1)))
-        made, joints, words = scale_time(factor), (), f"time times {factor:.3g}"
+        factor = float(np.exp(side * (0.2 + 0.9 * share)))
+        made, words = scale_time(factor), f"time times {factor:.3g}"
     elif kind == "delay":
-        late = side * float(np.exp(rng.uniform(np.log(0.01), np.log(0.3))))
-        made, joints, words = delay_torque(late), (), f"torque {1e3 * late:.3g} ms late"
+        made, words = delay_torque(side * log_share), f"torque {1e3 * side * log_share:.3g} ms late"
     elif kind == "zero":
-        offset = side * float(rng.uniform(0.1, 1.5))
+        offset = side * (0.1 + 1.4 * share)
         made, words = shift_position(one, offset), f"zero of {one} off by {offset:.3g} rad"
     elif kind == "spikes":
         made = spike(one, int(rng.integers(3, 40)), rng)
     elif kind == "wrap":
         made = wrap(one)
     elif kind == "stuck":
-        share = float(rng.uniform(0.3, 0.9))
-        made, words = stick(one, share), f"encoder {one} stuck from {share:.0%}"
+        made, words = stick(one, 0.3 + 0.6 * share), f"encoder {one} stuck from {0.3 + 0.6 * share:.0%}"
     elif kind == "repeats":
-        share = float(rng.uniform(0.05, 0.5))
-        made, joints, words = repeat_rows(share, rng), (), f"{share:.0%} of the rows repeated"
+        made, words = repeat_rows(0.05 + 0.45 * share, rng), f"{0.05 + 0.45 * share:.0%} of the rows repeated"
     elif kind == "clipped":
-        share = float(rng.uniform(0.3, 0.8))
-        made, words = clip_torque(one, share), f"torque {one} clipped at {share:.0%}"
+        made, words = clip_torque(one, 0.3 + 0.5 * share), f"torque {one} clipped at {0.3 + 0.5 * share:.0%}"
     else:
         made = replace_by_noise(one, rng)
     if made is not None:
         wrong = replace(clean, runs=tuple(map(made, clean.runs)))
-        joints = () if kind.startswith("all") else joints
-    words = kind if kind.startswith("all") else words
-    return Corruption(
-        name=f"{base}: {words}", base=base, clean=clean, wrong=wrong, family=family, joints=joints
-    )
+    return Corruption(name=f"{base}: {words}", clean=clean, wrong=wrong, family=FAMILIES[kind], joints=joints)
 
 
 UNLISTED = (
@@ -384,14 +345,14 @@ def corrupt_otherwise(base: str, clean: Sample, rng: np.random.Generator) -> Cor
 
     wrong = replace(clean, runs=tuple(map(change, clean.runs)))
     name = f"{base}: {kind}, joint {joint + 1}, size {size:.2f}"
-    return Corruption(name=name, base=base, clean=clean, wrong=wrong, family="", joints=(joint + 1,))
+    return Corruption(name=name, clean=clean, wrong=wrong, family="", joints=(joint + 1,))
 
 
 # What a log shows.
 
 
 class Thinned(NamedTuple):
-    """Samples of all logs within the band: q, dq, ddq, tau (T, n), rows that count (T, n), logs (T,), period."""
+    """Samples within the band: q, dq, ddq, tau (T, n), whether rows count (T, n), log (T,), period (s)."""
 
     q: np.ndarray
     dq: np.ndarray
@@ -403,12 +364,13 @@ class Thinned(NamedTuple):
 
 
 MOST_SAMPLES = 2500
+FOLDS = 6
 SLOW = 0.05
 """Of the top speed: slower rows do not count."""
 
 
 def find_band(run: Run) -> float:
-    """Return twice the frequency below which 99 % of the power of the velocities is, at most a tenth of the rate."""
+    """Return twice the band of 99 % of the power of the velocities, Hz; at most a tenth of the rate."""
     period = get_period(run)
     speed = np.gradient(_smooth(run.q, period, 0.1 / period), period, axis=0)
     power = np.abs(np.fft.rfft(speed * np.hanning(len(speed))[:, None], axis=0)) ** 2
@@ -475,30 +437,37 @@ class OwnModel:
         return np.concatenate([columns, added.reshape(count, size, -1)], axis=2)
 
     def measure(self, rows: Thinned, columns: np.ndarray | None = None) -> np.ndarray:
-        """Return the squares (n,) that a fit leaves, relative to those of the torque; zero of joints at rest."""
+        """Return held-out squares (n,) relative to those of the torque; zero of joints at rest."""
         return self._solve(rows, self.evaluate(rows) if columns is None else columns)[1]
 
     @staticmethod
     def _solve(rows: Thinned, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the parameters of a fit (p,), and what fits without each stretch leave of it (n,)."""
         table = np.concatenate([columns, rows.tau[:, :, None]], axis=2) * rows.kept[:, :, None]
-        table = np.ascontiguousarray(np.swapaxes(table, 0, 1))
-        grams = np.swapaxes(table, 1, 2) @ table
-        size = grams[:, -1, -1]
-        there = size > 0.0
-        left = np.where(there, size, 1.0)
-        for _ in range(3):
-            whole = np.einsum("j,jkl->kl", there / left, grams)
-            scale = np.sqrt(np.diag(whole)[:-1])
-            scale[scale == 0.0] = 1.0
-            matrix, right = whole[:-1, :-1] / np.outer(scale, scale), whole[:-1, -1] / scale
-            values = np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ right / scale
-            errors = np.append(values, -1.0)
-            left = np.maximum(np.einsum("k,jkl,l->j", errors, grams, errors), 1e-8 * np.maximum(size, 1e-300))
-            left = np.where(there, left, 1.0)
-        return values, np.where(there, left / np.where(there, size, 1.0), 0.0)
+        parts = (np.ascontiguousarray(np.swapaxes(part, 0, 1)) for part in np.array_split(table, FOLDS))
+        grams = np.stack([np.swapaxes(part, 1, 2) @ part for part in parts])
+        whole = grams.sum(axis=0)
+        size = np.where(whole[:, -1, -1] > 0.0, whole[:, -1, -1], 1.0)
+        weights = (whole[:, -1, -1] > 0.0) / size
+
+        def solve(sums: np.ndarray) -> np.ndarray:
+            sums = np.einsum("j,...jkl->...kl", weights, sums)
+            scale = np.sqrt(np.einsum("...kk->...k", sums))[..., :-1]
+            scale = np.where(scale > 0.0, scale, 1.0)
+            matrix = sums[..., :-1, :-1] / (scale[..., :, None] * scale[..., None, :])
+            right = (sums[..., :-1, -1] / scale)[..., None]
+            return (np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ right)[..., 0] / scale
+
+        for _ in range(2):
+            errors = np.append(solve(whole), -1.0)
+            left = np.einsum("k,jkl,l->j", errors, whole, errors)
+            weights = (weights > 0.0) / np.maximum(left, 1e-8 * size)
+        errors = np.hstack([solve(whole - grams), -np.ones((FOLDS, 1))])
+        left = np.maximum(np.einsum("fk,fjkl,fl->j", errors, grams, errors), 0.0)
+        return solve(whole), np.where(weights > 0.0, left / size, 0.0)
 
     def measure_gravity(self, rows: Thinned) -> np.ndarray | None:
-        """Return the squares with gravity free, by turns of parameters and gravity; None where it is not stated."""
+        """Return the squares with gravity free, by turns of it and parameters; None if it is not stated."""
         names = self.regressors[0][0]
         if len(self.regressors) < 4 or any(entry[0] != names for entry in self.regressors[1:]):
             return None
@@ -580,7 +549,7 @@ class Sight:
     """
 
     touched_falls: float
-    pooled: float
+    pooled_falls: float
     rival: str
     ratio: float
     clean: float
@@ -589,7 +558,7 @@ class Sight:
     @property
     def visible(self) -> bool:
         """Return whether the log shows the mistake."""
-        return self.touched_falls >= 2.0 and self.pooled >= 1.5
+        return self.touched_falls >= 2.0 and self.pooled_falls >= 1.5
 
     @property
     def unique(self) -> bool:
@@ -633,7 +602,7 @@ def look(corruption: Corruption) -> Sight:
     tiny = 1e-12
     return Sight(
         touched_falls=float(after[touched].sum() / max(before[touched].sum(), tiny)),
-        pooled=float(after.mean() / max(true, tiny)),
+        pooled_falls=float(after.mean() / max(true, tiny)),
         rival=best[1],
         ratio=best[0] / max(true, tiny),
         clean=100.0 * float(np.mean(np.sqrt(before))),

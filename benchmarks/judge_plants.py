@@ -1,28 +1,28 @@
-"""Arms drawn at random, three plants that are not symid's, sensors, and the logs that `judge.py` identifies.
+"""Arms drawn at random, plants that are not symid's, sensors, and the logs that `judge.py` identifies.
 
-Generator -> `Chain` (truth) -> motion -> `States` by a plant -> sensors -> `Run`; with its robot file a `Sample`.
+`Recipe`, generator -> `Chain` (truth), motion -> `States` by a plant -> sensors -> `Run` -> `Sample`.
 
     mujoco     MJCF, RK4, position servos, friction of its constraint solver (smooth to about the width)
-    pinocchio  aba, RK4 in steps of a quarter millisecond, sampled PD with gravity, friction Fc tanh(dq / width)
+    pinocchio  aba, RK4 in steps of a quarter millisecond, sampled PD with gravity, Fc tanh(dq / width)
     own        `friction_arm.c`: another recursion, RK4, the same controller; a width of 0 sticks and slips
-    follow     inverse dynamics of the own recursion along a motion, at any times: an arm that follows exactly
+    follow     inverse dynamics of the own recursion along a motion, at any times
 
 Supported: revolute chains of one to seven joints, planar and spatial, on any mounting. Not supported: slides,
 trees. Needs gcc, `pip install pin mujoco`.
 """
 
 import gzip
-import json
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from friction_arm_truth import build_plant, compute_rigid_torques, run_plant
-from simulated_arms import ARMS, CASES, HERE, ROBOTS, Run, build_model, furnish, map_log, simulate
+from simulated_arms import ROBOTS, Run, build_model, furnish, map_log, solve_base
 
 import symid
 
@@ -118,8 +118,8 @@ def compute_with_pinocchio(chain: Chain, q: np.ndarray, dq: np.ndarray, ddq: np.
 def draw_chain(rng: np.random.Generator, size: int, *, planar: bool, width: float) -> Chain:
     """Return an arm whose links get lighter; rotors and friction are parts of its inertias and torques.
 
-    Rotors are 10 to 50 % of a joint's mean inertia, dry friction and viscous friction at 1 rad/s 4 to 12 % of its
-    root mean square torque at random states.
+    Rotors are 10 to 50 % of a joint's mean inertia, dry friction and viscous friction at 1 rad/s 4 to 12 % of
+    its root mean square torque at random states.
     """
     dh = [(0.0, 0.0, 0.0 if planar else float(rng.uniform(0.1, 0.3)))]
     for _ in range(size - 1):
@@ -162,6 +162,12 @@ def add_controller(chain: Chain) -> Chain:
     return replace(chain, stiffness=tuple(gains[0]), damping=tuple(gains[1]))
 
 
+def turn_gravity(chain: Chain, angle: float, axis: np.ndarray) -> Chain:
+    """Return the chain mounted otherwise: gravity turned by `angle` (rad) about `axis` of the base frame."""
+    turn = pin.AngleAxis(angle, axis / np.linalg.norm(axis)).toRotationMatrix()
+    return add_controller(replace(chain, gravity=tuple(map(float, turn @ np.array(chain.stated)))))
+
+
 def build_case_arm() -> Chain:
     """Return the spatial arm of three joints of which two logs are among the cases: values as they are told.
 
@@ -187,7 +193,7 @@ def build_case_arm() -> Chain:
 
 Motion = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Times (N,) to q, dq, ddq (N, n)."""
-MOTIONS = ("waves", "series", "moves")
+MOTIONS = ("waves", "fast", "series", "moves")
 
 
 def draw_motion(
@@ -195,8 +201,8 @@ def draw_motion(
 ) -> Motion:
     """Return a random motion within 0.7 to 1.3 rad of a pose, of 0.6 to 1 times `speed` (rad/s) at most.
 
-    "waves" are five sines without a common period, "series" harmonics of 0.1 Hz, "moves" go from pose to pose
-    with the least jerk, at times with a rest.
+    "waves" are five sines of 0.08 to 0.7 Hz without a common period, "fast" of 0.3 to 1.05 Hz, "series"
+    harmonics of 0.1 Hz, "moves" go from pose to pose with the least jerk, at times with a rest.
     """
     centre, reach = rng.uniform(-0.5, 0.5, size), rng.uniform(0.7, 1.3, size)
     if kind == "moves":
@@ -204,7 +210,8 @@ def draw_motion(
     else:
         shape = (size, 5)
         harmonics = np.tile(0.1 * np.arange(1.0, 6.0), (size, 1))
-        frequency = harmonics if kind == "series" else np.exp(rng.uniform(np.log(0.08), np.log(0.7), shape))
+        ends = np.log((0.3, 1.05) if kind == "fast" else (0.08, 0.7))
+        frequency = harmonics if kind == "series" else np.exp(rng.uniform(*ends, shape))
         waves = rng.uniform(0.3, 1.0, shape) / frequency
         draft = _build_waves(2.0 * np.pi * frequency, waves, rng.uniform(0.0, 2.0 * np.pi, shape))
     q, dq, _ = draft(np.arange(0.0, duration, 0.02))
@@ -248,8 +255,7 @@ def _draw_moves(rng: np.random.Generator, size: int, duration: float) -> Motion:
 # Plants.
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class States:
+class States(NamedTuple):
     """What a plant did: time (N,), exact q, dq, ddq, and tau at the joints (N, n)."""
 
     time: np.ndarray
@@ -272,7 +278,7 @@ def run_own(chain: Chain, motion: Motion, duration: float, parts: int = 4) -> St
     time, reference = _refer(chain, motion, duration)
     plant = build_plant(chain, chain.list_friction(), gravity=np.array(chain.gravity))
     exact = run_plant(plant, reference, parts=parts, rate=CONTROL, held=True)
-    return States(time=time, q=exact.q, dq=exact.dq, ddq=exact.ddq, tau=exact.torque)
+    return States(time, exact.q, exact.dq, exact.ddq, exact.torque)
 
 
 def run_pinocchio(chain: Chain, motion: Motion, duration: float, parts: int = 4) -> States:
@@ -306,19 +312,19 @@ def run_pinocchio(chain: Chain, motion: Motion, duration: float, parts: int = 4)
             a4 = accelerate(q + step * v3, v4, torque)
             q = q + step / 6.0 * (dq + 2.0 * v2 + 2.0 * v3 + v4)
             dq = dq + step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-    return States(time=time, **dict(zip(("q", "dq", "ddq", "tau"), out, strict=True)))
+    return States(time, *out)
 
 
 def run_mujoco(chain: Chain, motion: Motion, duration: float) -> States:
-    """Return what MuJoCo does at CONTROL Hz; its servos act all the time, on positions held for half a sample.
+    """Return what MuJoCo does at CONTROL Hz; its servos act all the time, on positions held for half of that.
 
-    Torques are the mean of those before and behind a new wanted position, accelerations central differences of
-    the velocities.
+    Torques are the mean of those before and behind a new wanted position, accelerations differences of the
+    velocities.
     """
     import mujoco
     from mujoco import rollout
 
-    model = mujoco.MjModel.from_xml_string(write_mjcf(chain, sensors=True))
+    model = mujoco.MjModel.from_xml_string(write_mjcf(chain, plant=True))
     time = np.arange(round(duration * CONTROL)) / CONTROL
     fine = np.arange(len(time) * 2) / CONTROL / 2.0
     q, dq, _ = motion(fine)
@@ -327,70 +333,55 @@ def run_mujoco(chain: Chain, motion: Motion, duration: float) -> States:
     _, sensed = rollout.rollout(model, mujoco.MjData(model), first[None], wanted[None])
     position, speed, torque = np.split(sensed[0], 3, axis=1)
     torque[1:] -= np.array(chain.stiffness) * np.diff(wanted, axis=0) / 2.0
-    found = position, speed, np.gradient(speed, fine, axis=0), torque
-    return States(time=time, **{k: v[::2] for k, v in zip(("q", "dq", "ddq", "tau"), found, strict=True)})
+    return States(time, *(part[::2] for part in (position, speed, np.gradient(speed, fine, axis=0), torque)))
 
 
 def follow(chain: Chain, motion: Motion, time: np.ndarray) -> States:
     """Return an arm that follows the motion exactly, at any times (N,)."""
     q, dq, ddq = motion(time)
-    tau = chain.compute_torques(q, dq, ddq) + chain.compute_friction(dq)
-    return States(time=time, q=q, dq=dq, ddq=ddq, tau=tau)
+    return States(time, q, dq, ddq, chain.compute_torques(q, dq, ddq) + chain.compute_friction(dq))
 
 
 PLANTS = {"own": run_own, "pinocchio": run_pinocchio, "mujoco": run_mujoco}
 
 
-def verify_plants(seed: int = 1) -> dict[str, dict[str, float]]:
+def verify_plants(seed: int) -> dict[str, dict[str, float]]:
     """Return the errors of each plant by independent formulas, relative to the largest torque or rate.
 
-    inverse: logged torques beside Pinocchio's inverse dynamics and friction (MuJoCo: in fast motion, where its
-    friction is dry). power: energy by Pinocchio beside the work of torque less friction. rate: accelerations
-    beside differences of the velocities, of median joints and times. halved: change of the torque by half the
-    step. recursion: the own inverse dynamics beside Pinocchio's.
+    inverse: logged torques beside Pinocchio's inverse dynamics and friction by its formula (of MuJoCo 99 % of
+    fast motion, where its friction is dry). power: energy by Pinocchio beside the work of torques less
+    friction. rate: accelerations beside differences of velocities, the median. recursion: the own inverse
+    dynamics beside Pinocchio's. halved: change of the torque by half the step.
     """
     found = {}
     for number, (name, run) in enumerate(PLANTS.items()):
         rng = np.random.default_rng([seed, number])
-        chain = draw_chain(rng, 4, planar=False, width=0.005)
-        motion = draw_motion(rng, 4, 4.0)
-        states = run(chain, motion, 4.0)
-        q, dq, ddq, tau = states.q, states.dq, states.ddq, states.tau
-        most = np.abs(tau).max()
-        rigid = compute_with_pinocchio(chain, q, dq, ddq)
-        dry = tau - rigid - np.array(chain.viscous) * dq
-        rise = np.sign(dq) if name == "mujoco" else np.tanh(dq / np.array(chain.widths))
-        error = np.abs(dry - np.array(chain.coulomb) * rise)
-        fast = np.all(np.abs(dq) > 0.1, axis=1) if name == "mujoco" else np.ones(len(q), dtype=bool)
+        chain, motion = draw_chain(rng, 4, planar=False, width=0.005), draw_motion(rng, 4, 4.0)
+        _, q, dq, ddq, tau = run(chain, motion, 4.0)
+        most, rigid = np.abs(tau).max(), compute_with_pinocchio(chain, q, dq, ddq)
+        error = np.abs(tau - rigid - chain.compute_friction(dq))
         model = build_chain_model(chain)
         data = model.createData()
-        energy = np.array(
-            [pin.computeMechanicalEnergy(model, data, a, b) for a, b in zip(q, dq, strict=True)]
-        )
-        energy += 0.5 * dq**2 @ model.armature * (not _counts_rotors(model))
+        energy = [
+            pin.computePotentialEnergy(model, data, a) + b @ pin.crba(model, data, a) @ b / 2.0
+            for a, b in zip(q, dq, strict=True)
+        ]
         power = np.sum((tau - chain.compute_friction(dq)) * dq, axis=1)
         work = np.concatenate([[0.0], np.cumsum(power[1:] + power[:-1]) / 2.0 / CONTROL])
+        rate = np.abs(np.gradient(dq, 1.0 / CONTROL, axis=0) - ddq)
         entry = {
-            "inverse": float(np.quantile(error[fast], 0.99 if name == "mujoco" else 1.0) / most),
-            "power": float(np.abs(energy - energy[0] - work).max() / np.ptp(energy)),
-            "rate": float(
-                np.median(np.abs(np.gradient(dq, 1.0 / CONTROL, axis=0) - ddq)) / np.abs(ddq).max()
-            ),
-            "recursion": float(np.abs(chain.compute_torques(q, dq, ddq) - rigid).max() / most),
+            "inverse": error.max() / most,
+            "power": np.abs(energy - energy[0] - work).max() / np.ptp(energy),
+            "rate": np.median(rate) / np.abs(ddq).max(),
+            "recursion": np.abs(chain.compute_torques(q, dq, ddq) - rigid).max() / most,
         }
-        if name != "mujoco":
-            halved = run(chain, motion, 1.0, parts=8)
-            entry["halved"] = float(np.abs(halved.tau - tau[: len(halved.tau)]).max() / most)
-        found[name] = entry
+        if name == "mujoco":
+            entry["inverse"] = np.quantile(error[np.all(np.abs(dq) > 0.1, axis=1)], 0.99) / most
+        else:
+            halved = run(chain, motion, 1.0, parts=8).tau
+            entry["halved"] = np.abs(halved - tau[: len(halved)]).max() / most
+        found[name] = {key: float(value) for key, value in entry.items()}
     return found
-
-
-def _counts_rotors(model: pin.Model) -> bool:
-    """Return whether Pinocchio's energy has the rotors in it, which depends on its version."""
-    data, still = model.createData(), model.copy()
-    still.armature = np.zeros(model.nv)
-    q, dq = np.zeros(model.nq), np.ones(model.nv)
-    return pin.computeKineticEnergy(model, data, q, dq) != pin.computeKineticEnergy(still, data, q, dq)
 
 
 # Robot files.
@@ -406,87 +397,47 @@ def write_toml(chain: Chain) -> str:
     return map_log(furnish("\n".join(lines)))
 
 
-def write_mjcf(chain: Chain, *, sensors: bool = False) -> str:
-    """Return the MJCF of a chain with its true values; gravity as stated, of what is simulated the true one."""
-    joints = range(1, chain.size + 1)
-    body = ""
-    for number in reversed(joints):
-        k = number - 1
-        (x, y, z, roll, *_), _ = chain.placements[k]
+def write_mjcf(chain: Chain, *, plant: bool = False) -> str:
+    """Return the MJCF of a chain with its true values; of the `plant` with true gravity, servos and sensors.
+
+    Friction of MuJoCo is full where the deceleration 2 dq / (0.9 t) of its constraint would need more.
+    """
+    body, servos, sensors = "", "", ""
+    for k in reversed(range(chain.size)):
+        name, ((x, y, z, roll, *_), _) = f"j{k + 1}", chain.placements[k]
         mass, cx, cy, cz, xx, xy, xz, yy, yz, zz = chain.bodies[k]
+        inertia, kp = chain.stiffness[k] / BANDWIDTH**2, chain.stiffness[k]
+        t = min(0.02, max(1e-3, 1.8 * chain.widths[k] * inertia / chain.coulomb[k]))
+        rise = f' solreffriction="{t} 1"' if plant else ""
         body = (
-            f'<body name="l{number}" pos="{x!r} {y!r} {z!r}" quat="{np.cos(roll / 2)!r} {np.sin(roll / 2)!r} 0 0">\n'
-            f'<inertial pos="{cx!r} {cy!r} {cz!r}" mass="{mass!r}" fullinertia="{xx} {yy} {zz} {xy} {xz} {yz}"/>\n'
-            f'<joint name="j{number}" type="hinge" axis="0 0 1" armature="{chain.rotors[k]!r}" '
-            f'damping="{chain.viscous[k]!r}" frictionloss="{chain.coulomb[k]!r}"/>\n{body}</body>\n'
+            f'<body name="l{k + 1}" pos="{x} {y} {z}" quat="{np.cos(roll / 2)} {np.sin(roll / 2)} 0 0">\n'
+            f'<inertial pos="{cx} {cy} {cz}" mass="{mass}" fullinertia="{xx} {yy} {zz} {xy} {xz} {yz}"/>\n'
+            f'<joint name="{name}" type="hinge" axis="0 0 1" armature="{chain.rotors[k]}" '
+            f'damping="{chain.viscous[k]}" frictionloss="{chain.coulomb[k]}"{rise}/>\n{body}</body>\n'
         )
-    gravity = chain.gravity if sensors else chain.stated
-    # Its friction is full where the deceleration 2 dq / (0.9 t) of its constraint would need more than that.
-    times = [
-        min(0.02, max(1e-3, 1.8 * width * kp / BANDWIDTH**2 / dry))
-        for width, kp, dry in zip(chain.widths, chain.stiffness, chain.coulomb, strict=True)
-    ]
-    if sensors:
-        for number, t in zip(joints, times, strict=True):
-            body = body.replace(
-                f'<joint name="j{number}"', f'<joint name="j{number}" solreffriction="{t!r} 1"'
-            )
-    head = f'<option integrator="RK4" timestep="{0.5 / CONTROL}" gravity="{" ".join(map(str, gravity))}"/>'
-    tail = ""
-    if sensors:
-        servos = zip(joints, chain.stiffness, chain.damping, strict=True)
-        made = "".join(f'<position joint="j{j}" kp="{kp!r}" kv="{kv!r}"/>' for j, kp, kv in servos)
-        kinds = ("jointpos", "jointvel", "jointactuatorfrc")
-        read = "".join(f'<{kind} joint="j{joint}"/>' for kind in kinds for joint in joints)
-        tail = f"<actuator>{made}</actuator><sensor>{read}</sensor>"
-    text = (
-        f'<mujoco model="chain"><compiler angle="radian"/>{head}\n'
+        servos = f'<position joint="{name}" kp="{kp}" kv="{chain.damping[k]}"/>{servos}'
+    for kind, joint in product(("jointpos", "jointvel", "jointactuatorfrc"), range(1, chain.size + 1)):
+        sensors += f'<{kind} joint="j{joint}"/>'
+    gravity = " ".join(map(str, chain.gravity if plant else chain.stated))
+    tail = f"<actuator>{servos}</actuator><sensor>{sensors}</sensor>" if plant else ""
+    return (
+        f'<mujoco model="chain"><compiler angle="radian"/>'
+        f'<option integrator="RK4" timestep="{0.5 / CONTROL}" gravity="{gravity}"/>\n'
         f"<worldbody>{body}</worldbody>{tail}</mujoco>"
     )
-    return re.sub(r"np\.float64\(([^)]*)\)", r"\1", text)
 
 
 # Logs.
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensors:
-    """Encoder bits a turn, noise of positions (rad) and of torques (share of each joint's rms), log rate (Hz)."""
-
-    rate: float = 250.0
-    bits: int = 19
-    position: float = 0.0
-    torque: float = 0.02
-    early: bool = False
-    """Torques are those that begin at a sample, not the mean of those before and behind it."""
-
-
-def measure(states: States, sensors: Sensors, rng: np.random.Generator) -> Run:
-    """Return the log of a plant; its rate must divide that of `states`."""
-    pace = (states.time[-1] - states.time[0]) / (len(states.time) - 1)
-    every = max(1, round(1.0 / pace / sensors.rate))
-    kept = slice(None, None, every)
-    step = 2.0 * np.pi / 2**sensors.bits
-    exact = np.stack([part[kept] for part in (states.q, states.dq, states.ddq)])
-    q = step * np.round((exact[0] + sensors.position * rng.standard_normal(exact[0].shape)) / step)
-    tau = states.tau[kept]
-    noise = sensors.torque * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
-    return Run(time=states.time[kept], q=q, tau=tau + noise, states=exact)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Sample:
-    """What is identified: a robot file's text and suffix, its logs, the chain in truth where there is one.
-
-    `foreign` are logs of other motions; `settings` are those of the call.
-    """
+    """What is identified: a robot file's text and suffix, its logs, the chain in truth where there is one."""
 
     text: str
     runs: tuple[Run, ...]
     suffix: str = ".toml"
     chain: Chain | None = None
-    foreign: tuple[Run, ...] = ()
-    settings: str | None = None
 
     def write(self, folder: Path) -> tuple[Path, list[Path]]:
         """Write robot file and logs, and return their paths."""
@@ -496,21 +447,145 @@ class Sample:
         return robot, [run.write(folder / f"log_{number}.npz") for number, run in enumerate(self.runs, 1)]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """How a log is simulated.
+
+    Args:
+        plant: of `PLANTS`, or "follow". size, planar, width: of the chain, as for `draw_chain`.
+        motion, speed, duration: as for `draw_motion`. pace: times as fast as that.
+        rate: Hz. bits: of the encoders, a turn. noise: of the torques, share of their rms.
+        early: whether torques are half a control period ahead.
+        tilt: degrees, and the axis of the base about which it is mounted otherwise.
+        resting: joint, from one, that trembles by milliradians with little torque; 0 for none.
+        device: Hz at which there are new rows for a logger that reads at `rate`; 0 for every row.
+        jitter: share of the period by which stamps are wrong, rms.
+        second: "payload" or "arm", which is another one in a second log.
+        arm: "drawn", or "rigid3", that of two logs among the cases.
+    """
+
+    plant: str = "follow"
+    size: int = 3
+    planar: bool = False
+    width: float = 0.002
+    motion: str = "waves"
+    speed: float = 2.0
+    duration: float = 15.0
+    pace: float = 1.0
+    rate: float = 250.0
+    bits: int = 19
+    noise: float = 0.02
+    early: bool = False
+    tilt: tuple[float, ...] = ()
+    resting: int = 0
+    device: float = 0.0
+    jitter: float = 0.0
+    second: str = ""
+    arm: str = "drawn"
+
+    @property
+    def words(self) -> str:
+        """Return what it is in a few words."""
+        where = "planar" if self.planar else "spatial"
+        return (
+            f"{where} {self.size}R, {self.rate:g} Hz, {self.duration:g} s, {self.motion}, "
+            f"{1e3 * self.width:g} mrad/s"
+        )
+
+
+def build_chain(recipe: Recipe, rng: np.random.Generator) -> Chain:
+    """Return the arm of a recipe, on its mounting."""
+    chain = build_case_arm()
+    if recipe.arm == "drawn":
+        chain = draw_chain(rng, recipe.size, planar=recipe.planar, width=recipe.width)
+    if recipe.tilt:
+        chain = turn_gravity(chain, np.radians(recipe.tilt[0]), np.array(recipe.tilt[1:]))
+    return chain
+
+
+def simulate_run(recipe: Recipe, chain: Chain, rng: np.random.Generator) -> Run:
+    """Return one log of an arm."""
+    drawn = draw_motion(rng, chain.size, recipe.duration, recipe.motion, speed=recipe.speed)
+    share = np.where(np.arange(chain.size) == recipe.resting - 1, 0.002, 1.0)
+
+    def motion(time: np.ndarray) -> tuple[np.ndarray, ...]:
+        q, dq, ddq = drawn(recipe.pace * time)
+        return share * q, recipe.pace * share * dq, recipe.pace**2 * share * ddq
+
+    if recipe.plant == "follow":
+        rate = recipe.device or recipe.rate
+        states = follow(chain, motion, np.arange(round(recipe.duration * rate)) / rate)
+    else:
+        states = PLANTS[recipe.plant](chain, motion, recipe.duration)
+    if recipe.early:
+        later = np.vstack([states.tau[1:], states.tau[-1:]])
+        states = states._replace(tau=(states.tau + later) / 2.0)
+    every = 1 if recipe.plant == "follow" else round(CONTROL / recipe.rate)
+    time, *exact, tau = (part[::every] for part in states)
+    step = 2.0 * np.pi / 2**recipe.bits
+    tau = tau * np.where(np.arange(chain.size) == recipe.resting - 1, 0.02, 1.0)
+    tau = tau + recipe.noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
+    run = Run(time=time, q=step * np.round(exact[0] / step), tau=tau, states=np.stack(exact))
+    if recipe.device:
+        read = np.arange(round(recipe.duration * recipe.rate)) / recipe.rate
+        fresh = np.minimum(np.floor(read * recipe.device + 1e-9).astype(int), len(time) - 1)
+        run = replace(cut(run, fresh), time=read)
+    if recipe.jitter:
+        wrong = recipe.jitter / recipe.rate * np.clip(rng.standard_normal(len(time)), -2.5, 2.5)
+        run = replace(run, time=np.sort(time + wrong))
+    return run
+
+
+def simulate_recipe(recipe: Recipe, rng: np.random.Generator) -> Sample:
+    """Return the logs of a recipe and their robot file."""
+    chain = build_chain(recipe, rng)
+    runs = [simulate_run(recipe, chain, rng)]
+    if recipe.second:
+        other = chain.add_payload(0.8 * chain.bodies[-1][0], (0.1, 0.05, 0.05))
+        if recipe.second == "arm":
+            other = replace(build_chain(recipe, rng), dh=chain.dh)
+        runs.append(simulate_run(recipe, add_controller(other), rng))
+    return build_sample(recipe, chain, runs)
+
+
+def build_sample(recipe: Recipe, chain: Chain, runs: Sequence[Run]) -> Sample:
+    """Return logs with the robot file of their plant."""
+    if recipe.plant == "mujoco":
+        return Sample(text=write_mjcf(chain), suffix=".xml", chain=chain, runs=tuple(runs))
+    return Sample(text=write_toml(chain), chain=chain, runs=tuple(runs))
+
+
+def draw_recipes(seed: int, count: int = 20) -> dict[str, Recipe]:
+    """Return recipes of clean logs by name, the plants in turn."""
+    rng, found = np.random.default_rng([11, seed]), {}
+    widths = {"pinocchio": (0.001, 0.002, 0.005, 0.02), "own": (0.0, 0.001, 0.005), "mujoco": (0.01, 0.03)}
+    for number in range(count):
+        plant = tuple(PLANTS)[number % len(PLANTS)]
+        size = 2 + (number // len(PLANTS) + 3 * int(rng.integers(2))) % 6
+        most = 20.0 if plant == "pinocchio" else 60.0
+        recipe = Recipe(
+            plant=plant,
+            size=size,
+            planar=size <= 3 and bool(rng.uniform() < 0.4),
+            width=float(rng.choice(widths[plant])),
+            motion=str(rng.choice(MOTIONS)),
+            duration=float(np.round(np.exp(rng.uniform(np.log(max(8.0, 2.5 * size)), np.log(most))))),
+            rate=float(rng.choice((100.0, 125.0, 200.0, 250.0, 500.0, 1000.0))),
+            bits=int(rng.integers(17, 21)),
+            noise=float(rng.uniform(0.01, 0.03)),
+        )
+        found[f"{plant} {number}: {recipe.words}"] = recipe
+    return found
+
+
 def find_truth(robot: symid.RobotModel, chain: Chain) -> dict[str, float]:
     """Return the true values of all parameters by name: those that give Pinocchio's torques, to 1e-9."""
     stated = replace(chain, gravity=chain.stated)
     states = np.random.default_rng(0).uniform(-2.0, 2.0, (3, STATES, chain.size))
-    tau = compute_with_pinocchio(stated, *states)
-    matrix = np.asarray(robot.compile().torque_regressor(*states)).reshape(tau.size, -1)
-    values, _, rank, _ = np.linalg.lstsq(matrix, tau.ravel())
-    error = np.abs(matrix @ values - tau.ravel()).max() / np.abs(tau).max()
-    if rank < len(values) or error > 1e-9:
-        text = f"the robot file has not the dynamics of the chain: rank {rank}, error {error:.1e}"
-        raise SystemExit(text)
-    truth = dict(zip(robot.base.names, map(float, values), strict=True))
+    rigid = solve_base(robot, states, compute_with_pinocchio(stated, *states))
     for joint, (viscous, dry) in enumerate(zip(chain.viscous, chain.coulomb, strict=True), 1):
-        truth |= {f"Fv{joint}": viscous, f"Fc{joint}": dry, f"offset{joint}": 0.0}
-    return truth
+        rigid |= {f"Fv{joint}": viscous, f"Fc{joint}": dry, f"offset{joint}": 0.0}
+    return rigid
 
 
 # Real logs.
@@ -530,8 +605,8 @@ def find_files(data: Path) -> dict[str, tuple[Path, list[Path]]]:
 
 
 def read_robot_text(data: Path, name: str) -> str:
-    """Return the robot file of a real set; of the UR10's bag with the columns and the unit of its efforts."""
-    text = find_files(data)[name][0].read_text(encoding="utf-8")
+    """Return the robot file of a real set with rotors and friction, columns named as in the UR10's bag."""
+    text = furnish(find_files(data)[name][0].read_text(encoding="utf-8"))
     return text.replace('"__time"', '"/joint_states/time"') if name == "ur10" else text
 
 
@@ -549,14 +624,6 @@ def cut(run: Run, kept: np.ndarray | slice) -> Run:
     dq = None if run.dq is None else run.dq[kept]
     states = None if run.states is None else run.states[:, kept]
     return Run(time=run.time[kept], q=run.q[kept], tau=run.tau[kept], dq=dq, states=states)
-
-
-def map_real(data: Path, name: str, runs: tuple[Run, ...], foreign: tuple[Run, ...] = ()) -> Sample:
-    """Return logs of a real set with its robot file, which reads SI units on the joint side."""
-    text = furnish(read_robot_text(data, name))
-    speeds = all(run.dq is not None for run in runs)
-    text = map_log(text, velocity=speeds, prismatic=name == "emps")
-    return Sample(text=text, runs=runs, foreign=foreign)
 
 
 STRETCHES: dict[str, tuple[str, int, float, float]] = {
@@ -583,87 +650,12 @@ STRETCHES: dict[str, tuple[str, int, float, float]] = {
 """Clean stretches of real logs: set, log, begin and end as shares of it."""
 
 
-def take_stretch(data: Path, name: str) -> Sample:
-    """Return a stretch by its name; bags are read as they are by `judge.py`."""
-    key, number, begin, end = STRETCHES[name]
+def take_stretch(data: Path, key: str, number: int, begin: float, end: float) -> Sample:
+    """Return a stretch of a real log; its robot file reads SI units on the joint side."""
     run = read_runs(data, key)[number]
-    size = len(run.time)
-    return map_real(data, key, (cut(run, slice(round(begin * size), round(end * size))),))
-
-
-# Simulated logs by name.
-
-
-@dataclass(frozen=True, kw_only=True)
-class Recipe:
-    """How a clean log is simulated."""
-
-    plant: str
-    size: int
-    planar: bool
-    motion: str
-    rate: float
-    duration: float
-    width: float
-    seed: tuple[int, ...]
-    sensors: Sensors
-
-    @property
-    def name(self) -> str:
-        """Return what it is in a few words."""
-        where, pace = "planar" if self.planar else "spatial", f"{self.rate:g} Hz"
-        words = (
-            f"{where} {self.size}R, {pace}, {self.duration:g} s, {self.motion}, {1e3 * self.width:g} mrad/s"
-        )
-        return f"{self.plant} {self.seed[-1]}: {words}"
-
-
-def draw_recipes(seed: int, count: int = 20) -> tuple[Recipe, ...]:
-    """Return recipes of clean logs, the plants in turn."""
-    rng = np.random.default_rng([11, seed])
-    found = []
-    sizes = [2, 3, 4, 5, 6, 7]
-    for number in range(count):
-        plant = tuple(PLANTS)[number % len(PLANTS)]
-        size = sizes[(number // len(PLANTS) + int(rng.integers(2)) * 3) % len(sizes)]
-        planar = size <= 3 and bool(rng.uniform() < 0.4)
-        longest = 20.0 if plant == "pinocchio" else 60.0
-        duration = float(np.round(np.exp(rng.uniform(np.log(max(8.0, 2.5 * size)), np.log(longest)))))
-        rate = float(rng.choice([100.0, 125.0, 200.0, 250.0, 500.0, 1000.0]))
-        sensors = Sensors(rate=rate, bits=int(rng.integers(17, 21)), torque=float(rng.uniform(0.01, 0.03)))
-        widths = {
-            "pinocchio": [0.001, 0.002, 0.005, 0.02],
-            "own": [0.0, 0.001, 0.005],
-            "mujoco": [0.01, 0.03],
-        }
-        found.append(
-            Recipe(
-                plant=plant,
-                size=size,
-                planar=planar,
-                motion=str(rng.choice(MOTIONS)),
-                rate=rate,
-                duration=duration,
-                width=float(rng.choice(widths[plant])),
-                seed=(12, seed, number),
-                sensors=sensors,
-            )
-        )
-    return tuple(found)
-
-
-@cache
-def simulate_recipe(recipe: Recipe) -> Sample:
-    """Return the log of a recipe, and one of another motion among `foreign`."""
-    rng = np.random.default_rng(recipe.seed)
-    chain = draw_chain(rng, recipe.size, planar=recipe.planar, width=recipe.width)
-    runs = []
-    for _ in range(2):
-        motion = draw_motion(rng, recipe.size, recipe.duration, recipe.motion)
-        runs.append(measure(PLANTS[recipe.plant](chain, motion, recipe.duration), recipe.sensors, rng))
-    if recipe.plant == "mujoco":
-        return Sample(text=write_mjcf(chain), suffix=".xml", chain=chain, runs=(runs[0],), foreign=(runs[1],))
-    return Sample(text=write_toml(chain), chain=chain, runs=(runs[0],), foreign=(runs[1],))
+    run = cut(run, slice(round(begin * len(run.time)), round(end * len(run.time))))
+    text = map_log(read_robot_text(data, key), velocity=run.dq is not None, prismatic=key == "emps")
+    return Sample(text=text, runs=(run,))
 
 
 def unpack(path: Path, folder: Path) -> Path:
@@ -671,14 +663,3 @@ def unpack(path: Path, folder: Path) -> Path:
     target = folder / path.stem
     target.write_bytes(gzip.decompress(path.read_bytes()))
     return target
-
-
-def simulate_arm(arm: str, case: str, seed: int) -> Sample:
-    """Return 10 s of a published arm that follows its motion exactly (`simulated_arms.py`)."""
-    text = map_log(furnish(ARMS[arm].robot.read_text(encoding="utf-8")))
-    return Sample(text=text, runs=(simulate(ARMS[arm], CASES[case], seed),))
-
-
-if __name__ == "__main__":
-    print(json.dumps(verify_plants(), indent=1))
-    print(HERE)
