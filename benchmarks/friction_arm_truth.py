@@ -224,8 +224,9 @@ def compute_rigid_torques(plant: np.ndarray, *states: np.ndarray) -> np.ndarray:
 
 
 def compute_rigid_regressor(plant: np.ndarray, *states: np.ndarray) -> np.ndarray:
-    """Return these torques (N, 6, 66) per unit of every inertial parameter and rotor."""
-    return _call("find_regressor", plant, states, SIZE * SIZE * 11).reshape(-1, SIZE, SIZE * 11)
+    """Return these torques (N, n, 11 n) per unit of every inertial parameter and rotor."""
+    size = states[0].shape[1]
+    return _call("find_regressor", plant, states, size * size * 11).reshape(-1, size, size * 11)
 
 
 # Motion.

@@ -84,8 +84,8 @@ class Given:
 FAMILIES = {
     "gravity": r"gravity|mounted|tilted",
     "order": r"swapped|exchanged|\border\b",
-    "torque sign": r"torque-sign|torque.*sign",
-    "position sign": r"position-sign|position.*sign",
+    "torque sign": r"torque-sign|torque.*\bsign\b",
+    "position sign": r"position-sign|position.*\bsign\b",
     "position unit": r"degrees|radians|position.*\bunit",
     "time": r"time-scale|times of the log|\btimes? scale",
     "delay": r"delay|logged about.* (after|before)|\blate\b|\bearly\b",
@@ -622,7 +622,13 @@ def show_corrupted(results: list[dict]) -> None:
 NOMINAL = (0.01, 0.05, 0.1, 0.3)
 DRAWS = 20
 """Of a task."""
-ALARMS = ("compare, equal models", "compare, a column more", "agree, halves", "agree, slow rows")
+ALARMS = (
+    "compare, equal models",
+    "compare, noise more",
+    "compare, friction more",
+    "agree, halves",
+    "agree, slow rows",
+)
 _FOLDS, _PARTS = 6, 24
 
 
@@ -676,15 +682,19 @@ def _solve(columns: np.ndarray, tau: np.ndarray, kept: np.ndarray) -> np.ndarray
 def draw_p(test: str, statistics: tuple[Callable[..., float], ...], rng: np.random.Generator) -> float:
     """Return the p of one draw in which nothing is to be found.
 
-    Of `compare` each model has a column of noise, or the second alone: a term whose true value is zero.
+    Of `compare` each model has a column of noise, or the second alone has one, or a term of friction at every
+    joint, which is zero in truth.
     Of `agree` the estimates are those of both halves, or of all rows and of those that are not slow.
     """
     columns, tau, dq = draw_regression(rng, int(rng.integers(2, 6)), coloured=bool(rng.uniform() < 0.5))
     part = np.arange(len(tau)) * _PARTS // len(tau)
     if test.startswith("compare"):
-        more = [np.concatenate([columns, rng.standard_normal((*tau.shape, 1))], axis=2) for _ in range(2)]
+        more = [rng.standard_normal((*tau.shape, 1)) for _ in range(2)]
+        if "friction" in test:
+            more[1] = (np.sign(dq) * np.exp(-((dq / 0.1) ** 2)))[:, :, None] * np.eye(tau.shape[1])
+        wider = [np.concatenate([columns, added], axis=2) for added in more]
         losses = []
-        for model in (more[0] if "equal" in test else columns, more[1]):
+        for model in (wider[0] if "equal" in test else columns, wider[1]):
             squares, fold = np.empty(tau.shape), part * _FOLDS // _PARTS
             for k in range(_FOLDS):
                 values = _solve(model, tau, np.broadcast_to((fold != k)[:, None], tau.shape))

@@ -16,13 +16,13 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from judge_plants import Chain, Sample, cut, turn_gravity
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 from scipy.signal import butter, sosfiltfilt
 from simulated_arms import Run
 
@@ -404,31 +404,38 @@ def thin(runs: tuple[Run, ...], band: float) -> Thinned:
     return Thinned(*map(np.concatenate, zip(*parts, strict=True)), period)
 
 
+OBLIQUE = np.array([[1.0, 0.5, 0.3], [0.4, 1.0, -0.6], [-0.5, 0.3, 1.0]])
+"""Directions of gravity along no axis: they have one set of base parameters, that of any direction."""
+
+
 class OwnModel:
     """Plain weighted least squares with the regressor of a robot, and with gravity as three unknowns."""
 
     def __init__(self, sample: Sample) -> None:
-        """Compile the robot, and the same with gravity along each axis where its file is a TOML."""
-        self.regressors = [self._compile(sample.text, sample.suffix)]
-        pattern = r"(?m)^gravity = .*$" if sample.suffix == ".toml" else r'gravity="[^"]*"'
-        if re.search(pattern, sample.text):
-            for axis in np.eye(3):
-                words = ", ".join(map(str, axis)) if sample.suffix == ".toml" else " ".join(map(str, axis))
-                stated = f"gravity = [{words}]" if sample.suffix == ".toml" else f'gravity="{words}"'
-                self.regressors.append(self._compile(re.sub(pattern, stated, sample.text), sample.suffix))
+        """Compile the robot as its file has it, and with three oblique directions of gravity."""
+        toml = sample.suffix == ".toml"
+        pattern, frame, comma = r'gravity="[^"]*"', 'gravity="{}"', " "
+        if toml:
+            pattern, frame, comma = r"(?m)^gravity = .*$", "gravity = [{}]", ", "
+        self.regressor = self._compile(sample.text, sample.suffix)
+        found = re.search(pattern, sample.text)
+        turned = [frame.format(comma.join(map(str, row))) for row in OBLIQUE] if found else []
+        self.oblique = [self._compile(re.sub(pattern, text, sample.text), sample.suffix) for text in turned]
 
     @staticmethod
-    def _compile(text: str, suffix: str):
+    def _compile(text: str, suffix: str) -> Callable[..., np.ndarray]:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"robot{suffix}"
             path.write_text(text, encoding="utf-8")
-            robot = symid.load(path)
-            return robot.base.names, robot.compile().torque_regressor
+            return symid.load(path).compile().torque_regressor
 
     def evaluate(self, rows: Thinned) -> np.ndarray:
         """Return the columns (T, n, p): those of the robot, and friction and an offset at every joint."""
         states = (np.ascontiguousarray(part) for part in (rows.q, rows.dq, rows.ddq))
-        columns = np.asarray(self.regressors[0][1](*states))
+        return self._add_friction(np.asarray(self.regressor(*states)), rows)
+
+    @staticmethod
+    def _add_friction(columns: np.ndarray, rows: Thinned) -> np.ndarray:
         count, size = rows.dq.shape
         added = np.zeros((count, size, 3, size))
         each = np.arange(size)
@@ -436,13 +443,13 @@ class OwnModel:
             added[:, each, k, each] = values
         return np.concatenate([columns, added.reshape(count, size, -1)], axis=2)
 
-    def measure(self, rows: Thinned, columns: np.ndarray | None = None) -> np.ndarray:
+    def measure(self, rows: Thinned) -> np.ndarray:
         """Return held-out squares (n,) relative to those of the torque; zero of joints at rest."""
-        return self._solve(rows, self.evaluate(rows) if columns is None else columns)[1]
+        return self._solve(rows, self.evaluate(rows))
 
     @staticmethod
-    def _solve(rows: Thinned, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the parameters of a fit (p,), and what fits without each stretch leave of it (n,)."""
+    def _solve(rows: Thinned, columns: np.ndarray) -> np.ndarray:
+        """Return what weighted fits without each stretch leave of it (n,), relative to the torque."""
         table = np.concatenate([columns, rows.tau[:, :, None]], axis=2) * rows.kept[:, :, None]
         parts = (np.ascontiguousarray(np.swapaxes(part, 0, 1)) for part in np.array_split(table, FOLDS))
         grams = np.stack([np.swapaxes(part, 1, 2) @ part for part in parts])
@@ -464,32 +471,31 @@ class OwnModel:
             weights = (weights > 0.0) / np.maximum(left, 1e-8 * size)
         errors = np.hstack([solve(whole - grams), -np.ones((FOLDS, 1))])
         left = np.maximum(np.einsum("fk,fjkl,fl->j", errors, grams, errors), 0.0)
-        return solve(whole), np.where(weights > 0.0, left / size, 0.0)
+        return np.where(weights > 0.0, left / size, 0.0)
 
-    def measure_gravity(self, rows: Thinned) -> np.ndarray | None:
-        """Return the squares with gravity free, by turns of it and parameters; None if it is not stated."""
-        names = self.regressors[0][0]
-        if len(self.regressors) < 4 or any(entry[0] != names for entry in self.regressors[1:]):
-            return None
+    def measure_gravity(self, rows: Thinned) -> np.ndarray:
+        """Return the squares (n,) with gravity in the best direction; its size is that of the parameters.
+
+        Columns are K + sum_k g_k P_k; those of three robots at rest give P.
+        """
         still = [np.ascontiguousarray(rows.q), *np.zeros((2, *rows.q.shape))]
-        plain, *pulls = (np.asarray(entry[1](*still)) for entry in self.regressors)
-        columns = self.evaluate(rows)
-        count = len(names)
-        moving = columns.copy()
-        moving[:, :, :count] -= plain
-        turned, values = columns, self._solve(rows, columns)[0]
-        for _ in range(8):
-            field = np.stack([pull @ values[:count] for pull in pulls], axis=2)
-            rest = rows.tau - moving @ values
-            weight = rows.kept / np.maximum(
-                np.sum((rows.tau - turned @ values) ** 2 * rows.kept, axis=0), 1e-12
-            )
-            gram = np.einsum("tjk,tj,tjl->kl", field, weight, field)
-            pull = np.linalg.lstsq(gram, np.einsum("tjk,tj,tj->k", field, weight, rest))[0]
-            turned = moving.copy()
-            turned[:, :, :count] += sum(part * entry for part, entry in zip(pull, pulls, strict=True))
-            values, left = self._solve(rows, turned)
-        return left
+        rest = np.stack([np.asarray(regressor(*still)) for regressor in self.oblique])
+        pulls = np.tensordot(np.linalg.inv(OBLIQUE), rest, axes=1)
+        states = (np.ascontiguousarray(part) for part in (rows.q, rows.dq, rows.ddq))
+        kinetic = self._add_friction(np.asarray(self.oblique[0](*states)) - rest[0], rows)
+
+        def find_left(gravity: np.ndarray) -> np.ndarray:
+            columns = kinetic.copy()
+            columns[:, :, : pulls.shape[3]] += np.tensordot(gravity, pulls, axes=1)
+            return self._solve(rows, columns)
+
+        def price(gravity: np.ndarray) -> float:
+            return float(find_left(9.81 * gravity / max(np.linalg.norm(gravity), 1e-9)).mean())
+
+        starts = (np.array(start) for start in product((-1.0, 0.0, 1.0), repeat=3) if any(start))
+        best = min(starts, key=price)
+        found = minimize(price, best, method="Nelder-Mead", options={"maxfev": 80})
+        return find_left(9.81 * found.x / np.linalg.norm(found.x))
 
 
 def list_candidates(
@@ -555,16 +561,6 @@ class Sight:
     clean: float
     wrong: float
 
-    @property
-    def visible(self) -> bool:
-        """Return whether the log shows the mistake."""
-        return self.touched_falls >= 2.0 and self.pooled_falls >= 1.5
-
-    @property
-    def unique(self) -> bool:
-        """Return whether no other family explains it nearly as well."""
-        return self.ratio >= 2.0
-
 
 def look(corruption: Corruption) -> Sight:
     """Return what the logs of a corruption show, by fits of its own."""
@@ -591,14 +587,12 @@ def look(corruption: Corruption) -> Sight:
             found = minimize_scalar(price, bounds=ends, method="bounded", options={"maxiter": 12})
             best = min(best, (float(found.fun), f"{family} {key}"))
     others = []
-    if corruption.family != "gravity":
+    if corruption.family != "gravity" and model.oblique:
         others.append(("gravity", model.measure_gravity(rows)))
     if corruption.family != "payload" and len(corruption.wrong.runs) > 1:
         each = [model.measure(rows._replace(kept=rows.kept & (rows.run == run)[:, None])) for run in (0, 1)]
         others.append(("payload", np.mean(each, axis=0)))
-    for name, left in others:
-        if left is not None:
-            best = min(best, (float(left.mean()), name))
+    best = min([best, *((float(left.mean()), name) for name, left in others)])
     tiny = 1e-12
     return Sight(
         touched_falls=float(after[touched].sum() / max(before[touched].sum(), tiny)),
