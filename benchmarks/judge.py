@@ -396,7 +396,8 @@ def list_missed(case: Case, result: dict, direction: tuple[float, ...]) -> Itera
         yield "a mistake is named"
     if case.family and not speaks_of(result, case.family, case.joints, warned=case.warned):
         yield f"{' '.join((case.family, *case.joints))} not named"
-    if case.silent and speaks_of(result, case.silent, warned=True):
+    warnings = [entry for entry in result["notices"] if not entry[1]]
+    if case.silent and speaks_of(result | {"notices": warnings}, case.silent, warned=True):
         yield f"{case.silent} named"
     said = [result["headline"], result["remedy"], *(cause["text"] for cause in result["causes"])]
     said += [text for *_, text in result["notices"]]

@@ -201,7 +201,7 @@ def draw_motion(
 ) -> Motion:
     """Return a random motion within 0.7 to 1.3 rad of a pose, of 0.6 to 1 times `speed` (rad/s) at most.
 
-    "waves" are five sines of 0.08 to 0.7 Hz without a common period, "fast" of 0.3 to 1.05 Hz, "series"
+    "waves" are five sines of 0.08 to 0.7 Hz without a common period, "fast" of 0.7 to 1.05 Hz, "series"
     harmonics of 0.1 Hz, "moves" go from pose to pose with the least jerk, at times with a rest.
     """
     centre, reach = rng.uniform(-0.5, 0.5, size), rng.uniform(0.7, 1.3, size)
@@ -210,7 +210,7 @@ def draw_motion(
     else:
         shape = (size, 5)
         harmonics = np.tile(0.1 * np.arange(1.0, 6.0), (size, 1))
-        ends = np.log((0.3, 1.05) if kind == "fast" else (0.08, 0.7))
+        ends = np.log((0.7, 1.05) if kind == "fast" else (0.08, 0.7))
         frequency = harmonics if kind == "series" else np.exp(rng.uniform(*ends, shape))
         waves = rng.uniform(0.3, 1.0, shape) / frequency
         draft = _build_waves(2.0 * np.pi * frequency, waves, rng.uniform(0.0, 2.0 * np.pi, shape))
@@ -626,24 +626,17 @@ def cut(run: Run, kept: np.ndarray | slice) -> Run:
     return Run(time=run.time[kept], q=run.q[kept], tau=run.tau[kept], dq=dq, states=states)
 
 
+_PARTS = {"first half": (0.0, 1 / 2), "second half": (1 / 2, 1.0)}
+_THIRDS = {"first third": (0.0, 1 / 3), "second third": (1 / 3, 2 / 3), "last third": (2 / 3, 1.0)}
 STRETCHES: dict[str, tuple[str, int, float, float]] = {
-    "TX40 first half": ("tx40", 0, 0.0, 0.5),
-    "TX40 second half": ("tx40", 0, 0.5, 1.0),
-    "TX40 first third": ("tx40", 0, 0.0, 1 / 3),
-    "TX40 second third": ("tx40", 0, 1 / 3, 2 / 3),
-    "TX40 last third": ("tx40", 0, 2 / 3, 1.0),
+    **{f"TX40 {part}": ("tx40", 0, *ends) for part, ends in (_PARTS | _THIRDS).items()},
     **{
-        f"KR300 {name}, {half} half": ("kr300", run, begin, begin + 0.5)
-        for run, name in enumerate("ABC")
-        for half, begin in (("first", 0.0), ("second", 0.5))
+        f"KR300 {name}, {part}": ("kr300", run, *ends)
+        for (run, name), (part, ends) in product(enumerate("ABC"), _PARTS.items())
     },
-    "pendulum 1": ("pendulum", 0, 0.0, 1.0),
-    "pendulum 2": ("pendulum", 1, 0.0, 1.0),
-    "pendulum 1, first half": ("pendulum", 0, 0.0, 0.5),
-    "pendulum 2, second half": ("pendulum", 1, 0.5, 1.0),
-    "EMPS first third": ("emps", 0, 0.0, 1 / 3),
-    "EMPS second third": ("emps", 0, 1 / 3, 2 / 3),
-    "EMPS last third": ("emps", 0, 2 / 3, 1.0),
+    **{f"pendulum {run + 1}": ("pendulum", run, 0.0, 1.0) for run in (0, 1)},
+    **{f"pendulum {run + 1}, {part}": ("pendulum", run, *_PARTS[part]) for run, part in enumerate(_PARTS)},
+    **{f"EMPS {part}": ("emps", 0, *ends) for part, ends in _THIRDS.items()},
     "UR10 bag": ("ur10", 0, 0.0, 1.0),
     "Panda bag": ("panda", 0, 0.0, 1.0),
 }

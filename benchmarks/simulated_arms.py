@@ -278,10 +278,10 @@ CASES = {
 }
 
 
-def simulate(arm: Arm, case: Case, seed: int, *, motion: Motion | None = None, velocity: bool = False) -> Run:
+def simulate(arm: Arm, case: Case, seed: int) -> Run:
     """Return a log of DURATION s at RATE Hz; the same seed has the same motion in every case."""
     rng = np.random.default_rng([2, seed])
-    motion = motion or draw_motion(arm, np.random.default_rng([1, seed]))
+    motion = draw_motion(arm, np.random.default_rng([1, seed]))
     count, size = round(RATE * DURATION), len(arm.bodies)
     time = np.arange(count) / RATE
     if case.jitter:
@@ -300,8 +300,7 @@ def simulate(arm: Arm, case: Case, seed: int, *, motion: Motion | None = None, v
     if case.encoder:
         step = 2.0 * np.pi / 2**case.encoder
         q = step * np.round(q / step)
-    noisy = dq + 1e-3 * rng.standard_normal(dq.shape) if velocity else None
-    return Run(time=time, q=q, tau=tau, dq=noisy)
+    return Run(time=time, q=q, tau=tau)
 
 
 def _draw_noise(rng: np.random.Generator, case: Case, shape: tuple[int, int]) -> np.ndarray:
