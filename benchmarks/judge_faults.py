@@ -370,7 +370,7 @@ SLOW = 0.05
 
 
 def find_band(run: Run) -> float:
-    """Return twice the band of 99 % of the power of the velocities, Hz; at most a tenth of the rate."""
+    """Return twice the band of 99 % of the power of the velocities, Hz."""
     period = get_period(run)
     speed = np.gradient(_smooth(run.q, period, 0.1 / period), period, axis=0)
     power = np.abs(np.fft.rfft(speed * np.hanning(len(speed))[:, None], axis=0)) ** 2
@@ -378,7 +378,7 @@ def find_band(run: Run) -> float:
     frequency = np.fft.rfftfreq(len(speed), period)
     moving = np.ptp(run.q, axis=0) > 1e-3
     top = max(float(frequency[np.searchsorted(column, 0.99)]) for column in share.T[moving])
-    return float(np.clip(2.0 * top, 1.0, 0.1 / period))
+    return max(2.0 * top, 1.0)
 
 
 def thin(runs: tuple[Run, ...], band: float) -> Thinned:
@@ -429,6 +429,15 @@ class OwnModel:
             path.write_text(text, encoding="utf-8")
             return symid.load(path).compile().torque_regressor
 
+    def find_band(self, runs: tuple[Run, ...]) -> float:
+        """Return the band of logs in Hz: that of the motion, or what five rows of a parameter need."""
+        size = runs[0].q.shape[1]
+        still = np.zeros((1, size))
+        count = np.asarray(self.regressor(still, still, still)).shape[2] + 3 * size
+        length = sum(run.time[-1] - run.time[0] for run in runs)
+        least = 5.0 * count / size / (2.0 * length)
+        return min(max([least, *map(find_band, runs)]), 0.1 / max(map(get_period, runs)))
+
     def evaluate(self, rows: Thinned) -> np.ndarray:
         """Return the columns (T, n, p): those of the robot, and friction and an offset at every joint."""
         states = (np.ascontiguousarray(part) for part in (rows.q, rows.dq, rows.ddq))
@@ -463,7 +472,7 @@ class OwnModel:
             scale = np.where(scale > 0.0, scale, 1.0)
             matrix = sums[..., :-1, :-1] / (scale[..., :, None] * scale[..., None, :])
             right = (sums[..., :-1, -1] / scale)[..., None]
-            return (np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ right)[..., 0] / scale
+            return (np.linalg.pinv(matrix, rcond=1e-5, hermitian=True) @ right)[..., 0] / scale
 
         for _ in range(2):
             errors = np.append(solve(whole), -1.0)
@@ -565,7 +574,7 @@ class Sight:
 def look(corruption: Corruption) -> Sight:
     """Return what the logs of a corruption show, by fits of its own."""
     model = OwnModel(corruption.clean)
-    band = max(find_band(run) for run in corruption.clean.runs)
+    band = model.find_band(corruption.clean.runs)
     before = model.measure(thin(corruption.clean.runs, band))
     rows = thin(corruption.wrong.runs, band)
     after = model.measure(rows)

@@ -12,6 +12,7 @@ trees. Needs gcc, `pip install pin mujoco`.
 """
 
 import gzip
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -614,7 +615,10 @@ def read_robot_text(data: Path, name: str) -> str:
 def read_runs(data: Path, name: str) -> tuple[Run, ...]:
     """Return the logs of a real set, in SI units on the joint side."""
     path, logs = find_files(data)[name]
-    robot = symid.load(path)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / path.name
+        file.write_text(read_robot_text(data, name), encoding="utf-8")
+        robot = symid.load(file, settings="bag" if name == "ur10" else None)
     read = [symid.read_log(log, robot, uneven=True) for log in logs]
     return tuple(Run(time=log.time, q=log.q, tau=log.tau, dq=log.dq) for log in read)
 
