@@ -750,9 +750,9 @@ def show_alarms(results: list[dict]) -> None:
 # Coverage.
 
 COVERED: dict[str, Recipe | tuple[str, str]] = {
-    "rigid3, 250 Hz": Recipe(plant="own", arm="rigid3", motion="fast", speed=3.5, duration=20.0),
+    "rigid3, 250 Hz": Recipe(plant="own", arm="rigid3", motion="fast", speed=4.5, duration=20.0),
     "rigid3, 50 Hz": Recipe(
-        plant="own", arm="rigid3", motion="fast", speed=3.5, duration=20.0, rate=50.0, early=True
+        plant="own", arm="rigid3", motion="fast", speed=4.5, duration=20.0, rate=50.0, early=True
     ),
     "spatial 4R, 200 Hz": Recipe(plant="own", size=4, duration=20.0, rate=200.0),
     "spatial 4R, 50 Hz": Recipe(plant="own", size=4, duration=20.0, rate=50.0, early=True),

@@ -3,7 +3,7 @@
 `Recipe`, generator -> `Chain` (truth), motion -> `States` by a plant -> sensors -> `Run` -> `Sample`.
 
     mujoco     MJCF, RK4, position servos, friction of its constraint solver (smooth to about the width)
-    pinocchio  aba, RK4 in steps of a quarter millisecond, sampled PD with gravity, Fc tanh(dq / width)
+    pinocchio  aba, RK4 in steps of half a millisecond, sampled PD with gravity, Fc tanh(dq / width)
     own        `friction_arm.c`: another recursion, RK4, the same controller; a width of 0 sticks and slips
     follow     inverse dynamics of the own recursion along a motion, at any times
 
@@ -176,8 +176,8 @@ def build_case_arm() -> Chain:
     """
     bodies = (
         (10.0, 0.02, 0.01, -0.03, 0.12, 0.003, -0.002, 0.11, 0.004, 0.08),
-        (8.0, 0.19, 0.01, 0.03, 0.03, 0.004, -0.006, 0.16, 0.002, 0.15),
-        (4.0, 0.16, -0.02, 0.02, 0.012, 0.001, 0.002, 0.06, -0.001, 0.055),
+        (8.0, 0.175, 0.01, 0.03, 0.03, 0.004, -0.006, 0.2, 0.002, 0.19),
+        (4.0, 0.2, -0.02, 0.02, 0.015, 0.001, 0.002, 0.1, -0.001, 0.11),
     )
     chain = Chain(
         dh=((0.0, 0.0, 0.0), (-np.pi / 2.0, 0.0, 0.1), (0.0, 0.4, 0.0)),
@@ -274,7 +274,7 @@ def _refer(chain: Chain, motion: Motion, duration: float) -> tuple[np.ndarray, n
     return time, np.hstack([q, dq, 0.9 * weight])
 
 
-def run_own(chain: Chain, motion: Motion, duration: float, parts: int = 4) -> States:
+def run_own(chain: Chain, motion: Motion, duration: float, parts: int = 2) -> States:
     """Return what the own plant does at CONTROL Hz; `parts` steps of the integrator a sample."""
     time, reference = _refer(chain, motion, duration)
     plant = build_plant(chain, chain.list_friction(), gravity=np.array(chain.gravity))
@@ -282,7 +282,7 @@ def run_own(chain: Chain, motion: Motion, duration: float, parts: int = 4) -> St
     return States(time, exact.q, exact.dq, exact.ddq, exact.torque)
 
 
-def run_pinocchio(chain: Chain, motion: Motion, duration: float, parts: int = 4) -> States:
+def run_pinocchio(chain: Chain, motion: Motion, duration: float, parts: int = 2) -> States:
     """Return what Pinocchio's forward dynamics do at CONTROL Hz under the same controller."""
     time, reference = _refer(chain, motion, duration)
     model, size = build_chain_model(chain), chain.size
@@ -379,7 +379,7 @@ def verify_plants(seed: int) -> dict[str, dict[str, float]]:
         if name == "mujoco":
             entry["inverse"] = np.quantile(error[np.all(np.abs(dq) > 0.1, axis=1)], 0.99) / most
         else:
-            halved = run(chain, motion, 1.0, parts=8).tau
+            halved = run(chain, motion, 1.0, parts=4).tau
             entry["halved"] = np.abs(halved - tau[: len(halved)]).max() / most
         found[name] = {key: float(value) for key, value in entry.items()}
     return found
