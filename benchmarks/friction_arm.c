@@ -1,4 +1,4 @@
-/* Six revolute joints under a controller, with dry friction that sticks and slips.
+/* Revolute joints (JOINTS) under a controller, with dry friction that sticks and slips, or is smooth about rest.
  *
  * Numbers are double, SI units, on the joint side. Links are in modified Denavit-Hartenberg form: the z axis of
  * a link frame is the axis of its joint. A joint slips forwards (mode 1), backwards (-1) or sticks (0). Within
@@ -8,7 +8,10 @@
 #include <math.h>
 #include <string.h>
 
-enum { N = 6, UNITS = 10, BISECTIONS = 40, MOST_EVENTS = 400 };
+#ifndef JOINTS
+#define JOINTS 6
+#endif
+enum { N = JOINTS, UNITS = 10, BISECTIONS = 40, MOST_EVENTS = 400 };
 
 static const double SPEED_TOLERANCE = 1e-10; /* rad/s */
 static const double LEVEL_TOLERANCE = 1e-10; /* share of the friction at rest */
@@ -20,10 +23,12 @@ typedef struct {
     double rotor;
 } Link;
 
-/* s [C + bump e + (load + load_bump e) |load| + waves] + s [(V + thermal (T - 30)) u + square u |u| + cube u^3],
- * e = exp(-(u / speed)^2), u = s dq; C and V by direction s. */
+/* s r [C + bump e + (load + load_bump e) |load| + waves] + s [(V + thermal (T - 30)) u + square u |u| + cube u^3],
+ * e = exp(-(u / speed)^2), u = s dq; C and V by direction s; r = tanh(u / width), 1 where the width is 0: only
+ * then a joint sticks. */
 typedef struct {
     double coulomb[2], viscous[2], bump, speed, load, load_bump, cosine[2], sine[2], gear, square, cube, thermal;
+    double width;
 } Friction;
 
 typedef struct {
@@ -175,6 +180,7 @@ static double find_friction(const Friction *f, double q, double dq, int s, doubl
         level += f->cosine[k] * cos(angle) + f->sine[k] * sin(angle);
     }
     *share = f->load + f->load_bump * fall;
+    if (f->width > 0.0) { double rise = tanh(u / f->width); level *= rise; *share *= rise; }
     level += (f->viscous[s < 0] + f->thermal * (temperature - REFERENCE_TEMPERATURE)) * u;
     return level + f->square * u * fabs(u) + f->cube * u * u * u;
 }
@@ -193,10 +199,11 @@ static void evaluate(const Plant *plant, const double *reference, double tempera
         out->torque[i] = reference[2 * N + i] + plant->stiffness[i] * (reference[i] - state->q[i])
             + plant->damping[i] * (reference[N + i] - state->dq[i]);
         if (!mode[i]) continue;
-        double level = find_friction(&plant->friction[i], state->q[i], state->dq[i], mode[i], temperature, &share);
-        double driven = out->torque[i] - mode[i] * level;
-        out->load[i] = driven / (driven * mode[i] > 0.0 ? 1.0 + share : 1.0 - share);
-        out->left[i] = mode[i] * state->dq[i] + SPEED_TOLERANCE;
+        int smooth = plant->friction[i].width > 0.0, side = smooth ? (state->dq[i] < 0.0 ? -1 : 1) : mode[i];
+        double level = find_friction(&plant->friction[i], state->q[i], state->dq[i], side, temperature, &share);
+        double driven = out->torque[i] - side * level;
+        out->load[i] = driven / (driven * side > 0.0 ? 1.0 + share : 1.0 - share);
+        out->left[i] = smooth ? 1.0 : mode[i] * state->dq[i] + SPEED_TOLERANCE;
         right[i] = out->load[i] - bias[i];
     }
     solve(mass, mode, right, out->ddq);
@@ -327,12 +334,18 @@ static double find_energy(const Plant *plant, const State *state) {
 }
 
 /* Rows of `out`: q, dq, ddq, torque, load, modes (N each), temperature, energy, work of the loads. Rows of
- * `reference`: q, dq, torque. Return the number of changes of mode, -1 where they have no end. */
-long simulate(const Plant *plant, long count, int parts, double period, const double *reference, double *out) {
+ * `reference`: q, dq, torque. Where `held`, the controller reads the state once a period and holds its torque; that
+ * of a row is the mean of the torques before and behind it. Return the number of changes of mode, -1 where they
+ * have no end. */
+long simulate(const Plant *plant, long count, int parts, double period, int held, const double *reference,
+              double *out) {
     enum { WIDTH = 6 * N + 3 };
     State state = {{0}, {0}, 0.0};
+    Plant open = *plant;
+    double rows[6 * N] = {0}, torque[N], before[N];
     int mode[N];
     long events = 0;
+    for (int i = 0; i < N && held; i++) open.stiffness[i] = open.damping[i] = 0.0;
     for (int i = 0; i < N; i++) {
         state.q[i] = reference[i];
         state.dq[i] = reference[N + i];
@@ -340,9 +353,17 @@ long simulate(const Plant *plant, long count, int parts, double period, const do
     }
     for (long row = 0; row < count; row++) {
         long last = row == count - 1;
-        Clock clock = {plant, reference + 3 * N * (row - last), period, (row - last) * period};
+        Clock clock = {&open, reference + 3 * N * (row - last), period, (row - last) * period};
         double *to = out + WIDTH * row;
+        const double *wanted = reference + 3 * N * row;
         Result found;
+        if (held) clock.row = rows;
+        for (int i = 0; i < N && held; i++) {
+            before[i] = row ? torque[i] : 0.0;
+            torque[i] = wanted[2 * N + i] + plant->stiffness[i] * (wanted[i] - state.q[i])
+                + plant->damping[i] * (wanted[N + i] - state.dq[i]);
+            rows[2 * N + i] = rows[5 * N + i] = row ? 0.5 * (before[i] + torque[i]) : torque[i];
+        }
         evaluate_at(&clock, last ? period : 0.0, &state, mode, &found);
         memcpy(to, state.q, sizeof state.q);
         memcpy(to + N, state.dq, sizeof state.dq);
@@ -353,6 +374,7 @@ long simulate(const Plant *plant, long count, int parts, double period, const do
         to[6 * N] = find_temperature(plant, row * period);
         to[6 * N + 1] = find_energy(plant, &state);
         to[6 * N + 2] = state.work;
+        for (int i = 0; i < N && held; i++) rows[2 * N + i] = rows[5 * N + i] = torque[i];
         for (int k = 0; k < parts && !last; k++) {
             int changes = advance(&clock, period * k / parts, period / parts, &state, mode);
             if (changes < 0) return -1;

@@ -137,7 +137,21 @@ TRUTHS = {
 
 # The plant as the C code sees it.
 
-_FRICTION = ("bump", "speed", "load", "load_bump", "A1", "A2", "B1", "B2", "gear", "Fvq", "Fvc", "Fvt")
+_FRICTION = (
+    "bump",
+    "speed",
+    "load",
+    "load_bump",
+    "A1",
+    "A2",
+    "B1",
+    "B2",
+    "gear",
+    "Fvq",
+    "Fvc",
+    "Fvt",
+    "width",
+)
 _NAMES = {"bump": "Fe", "speed": "vs", "load": "Fl", "load_bump": "Fle"}
 _DEFAULTS = {"vs": 1.0, "gear": 1.0}
 
@@ -155,10 +169,12 @@ def build_plant(
     *,
     temperature: tuple[float, float] = (30.0, 30.0),
     share: float = 1.0,
+    gravity: np.ndarray = GRAVITY,
 ) -> np.ndarray:
     """Return the plant as the C code reads it; bodies and rotors times `share`.
 
-    `temperature`: degrees Celsius at first and after a long time; the time constant is 40 s.
+    `temperature`: degrees Celsius at first and after a long time; the time constant is 40 s. `gravity` is
+    that of the base frame, m/s^2; a width in rad/s among `values` makes a joint's friction smooth about rest.
     """
     numbers: list[float] = []
     for (place, _), body, rotor in zip(arm.placements, arm.bodies, arm.rotors, strict=True):
@@ -171,18 +187,18 @@ def build_plant(
         numbers += [*turn.ravel(), *map(float, place[:3]), *(share * number for number in inertial)]
     for entry in values:
         numbers += list_friction(entry)
-    return np.array([*numbers, *arm.stiffness, *arm.damping, *GRAVITY, *temperature, 40.0])
+    return np.array([*numbers, *arm.stiffness, *arm.damping, *gravity, *temperature, 40.0])
 
 
 @cache
-def load_library() -> ctypes.CDLL:
-    """Return the compiled C code, from the cache where it is there."""
+def load_library(joints: int = SIZE) -> ctypes.CDLL:
+    """Return the C code compiled for so many joints, from the cache where it is there."""
     name = hashlib.sha256(SOURCE.read_bytes()).hexdigest()[:16]
-    library = CACHE / f"plant_{name}.so"
+    library = CACHE / f"plant_{name}_{joints}.so"
     if not library.exists():
         CACHE.mkdir(parents=True, exist_ok=True)
         draft = library.with_suffix(f".{os.getpid()}")
-        options = ("-O2", "-std=c11", "-ffp-contract=off", "-shared", "-fPIC")
+        options = ("-O2", "-std=c11", "-ffp-contract=off", "-shared", "-fPIC", f"-DJOINTS={joints}")
         subprocess.run(["gcc", *options, "-o", str(draft), str(SOURCE), "-lm"], check=True)  # noqa: S607
         draft.replace(library)
     found = ctypes.CDLL(str(library))
@@ -197,19 +213,20 @@ def _point(array: np.ndarray) -> ctypes.c_void_p:
 def _call(function: str, plant: np.ndarray, states: tuple[np.ndarray, ...], width: int) -> np.ndarray:
     q, dq, ddq = (np.ascontiguousarray(entry, dtype=np.float64) for entry in states)
     out = np.empty((len(q), width))
-    call = getattr(load_library(), function)
+    call = getattr(load_library(q.shape[1]), function)
     call(_point(plant), ctypes.c_long(len(q)), _point(q), _point(dq), _point(ddq), _point(out))
     return out
 
 
 def compute_rigid_torques(plant: np.ndarray, *states: np.ndarray) -> np.ndarray:
-    """Return the torques (N, 6) of bodies and rotors in N m, without friction; q, dq, ddq (N, 6)."""
-    return _call("find_inverse_dynamics", plant, states, SIZE)
+    """Return the torques (N, n) of bodies and rotors in N m, without friction; q, dq, ddq (N, n)."""
+    return _call("find_inverse_dynamics", plant, states, states[0].shape[1])
 
 
 def compute_rigid_regressor(plant: np.ndarray, *states: np.ndarray) -> np.ndarray:
-    """Return these torques (N, 6, 66) per unit of every inertial parameter and rotor."""
-    return _call("find_regressor", plant, states, SIZE * SIZE * 11).reshape(-1, SIZE, SIZE * 11)
+    """Return these torques (N, n, 11 n) per unit of every inertial parameter and rotor."""
+    size = states[0].shape[1]
+    return _call("find_regressor", plant, states, size * size * 11).reshape(-1, size, size * 11)
 
 
 # Motion.
@@ -306,21 +323,30 @@ def simulate(
     for joint, entry in enumerate(_PLAIN):
         dq = states[1][:, joint]
         torque[:, joint] += 0.8 * (entry["Fv"] * dq + entry["Fc"] * np.tanh(dq / 0.01)) * (not frictionless)
-    reference = np.ascontiguousarray(np.hstack([*states[:2], torque]))
-    out = np.empty((count, 6 * SIZE + 3))
-    call = load_library().simulate
-    period = ctypes.c_double(1.0 / RATE)
-    events = call(
-        _point(plant), ctypes.c_long(count), ctypes.c_int(parts), period, _point(reference), _point(out)
-    )
+    return run_plant(plant, np.hstack([*states[:2], torque]), parts=parts)
+
+
+def run_plant(
+    plant: np.ndarray, reference: np.ndarray, *, parts: int, rate: float = RATE, held: bool = False
+) -> Exact:
+    """Return the true signals of a plant along `reference` (N, 3 n): q, dq, torque of the feed-forward.
+
+    Where `held`, the controller reads the state once a sample and holds its torque; a sample then has the
+    mean of the torques before and behind it, and the acceleration under that mean.
+    """
+    reference = np.ascontiguousarray(reference)
+    count, size = len(reference), reference.shape[1] // 3
+    out = np.empty((count, 6 * size + 3))
+    given = (ctypes.c_long(count), ctypes.c_int(parts), ctypes.c_double(1.0 / rate), ctypes.c_int(held))
+    events = load_library(size).simulate(_point(plant), *given, _point(reference), _point(out))
     if events < 0 or not np.all(np.isfinite(out)):
-        text = f"{experiment}: the simulation failed"
+        text = "the simulation failed"
         raise SystemExit(text)
-    signals = np.split(out[:, : 6 * SIZE], 6, axis=1)
+    signals = np.split(out[:, : 6 * size], 6, axis=1)
     names = ("q", "dq", "ddq", "torque", "load", "mode")
     return Exact(
         **dict(zip(names, signals, strict=True)),
-        **dict(zip(("temperature", "energy", "work"), out[:, 6 * SIZE :].T, strict=True)),
+        **dict(zip(("temperature", "energy", "work"), out[:, 6 * size :].T, strict=True)),
         events=int(events),
     )
 

@@ -116,15 +116,6 @@ ARMS = {
 }
 
 
-def scale_friction(arm: Arm, scale: float) -> Arm:
-    """Return the arm with viscous and dry friction times `scale`."""
-    return replace(
-        arm,
-        viscous=tuple(scale * value for value in arm.viscous),
-        coulomb=tuple(scale * value for value in arm.coulomb),
-    )
-
-
 # Robot files.
 
 _DRIVE = '[joint.drive]\nrotor_inertia = "unknown"\n'
@@ -235,12 +226,16 @@ def compute_friction(arm: Arm, dq: np.ndarray, stribeck: float = 0.0, speed: flo
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A log in SI units on the joint side: time (N,), q, tau and, where there is one, dq (N, n)."""
+    """A log in SI units on the joint side: time (N,), q, tau and, where there is one, dq (N, n).
+
+    `states` (3, N, n) are exact q, dq, ddq, which no log has.
+    """
 
     time: np.ndarray
     q: np.ndarray
     tau: np.ndarray
     dq: np.ndarray | None = None
+    states: np.ndarray | None = None
 
     def write(self, path: Path) -> Path:
         """Write the log as .npz with the columns t, q, tau (and dq), and return the path."""
@@ -283,10 +278,10 @@ CASES = {
 }
 
 
-def simulate(arm: Arm, case: Case, seed: int, *, motion: Motion | None = None, velocity: bool = False) -> Run:
+def simulate(arm: Arm, case: Case, seed: int) -> Run:
     """Return a log of DURATION s at RATE Hz; the same seed has the same motion in every case."""
     rng = np.random.default_rng([2, seed])
-    motion = motion or draw_motion(arm, np.random.default_rng([1, seed]))
+    motion = draw_motion(arm, np.random.default_rng([1, seed]))
     count, size = round(RATE * DURATION), len(arm.bodies)
     time = np.arange(count) / RATE
     if case.jitter:
@@ -305,8 +300,7 @@ def simulate(arm: Arm, case: Case, seed: int, *, motion: Motion | None = None, v
     if case.encoder:
         step = 2.0 * np.pi / 2**case.encoder
         q = step * np.round(q / step)
-    noisy = dq + 1e-3 * rng.standard_normal(dq.shape) if velocity else None
-    return Run(time=time, q=q, tau=tau, dq=noisy)
+    return Run(time=time, q=q, tau=tau)
 
 
 def _draw_noise(rng: np.random.Generator, case: Case, shape: tuple[int, int]) -> np.ndarray:
@@ -324,38 +318,23 @@ def _draw_noise(rng: np.random.Generator, case: Case, shape: tuple[int, int]) ->
 # True base parameters.
 
 
-@cache
-def find_truth(name: str, file: Path) -> dict[str, float]:
-    """Return the true values of all parameters by name, SI units.
-
-    Base parameters are those that give Pinocchio's torques at random states, which they must do to 1e-9.
-    """
-    arm = ARMS[name]
-    robot = symid.load(file)
-    rng = np.random.default_rng(0)
-    q, dq, ddq = rng.uniform(-2.0, 2.0, (3, STATES, len(arm.bodies)))
-    rows = np.asarray(robot.compile().torque_regressor(q, dq, ddq))
-    tau = compute_rigid_torques(arm, q, dq, ddq)
-    matrix = rows.reshape(tau.size, -1)
+def solve_base(robot: symid.RobotModel, states: np.ndarray, tau: np.ndarray) -> dict[str, float]:
+    """Return the base parameters that give torques (N, n) in states q, dq, ddq (3, N, n), to 1e-9."""
+    matrix = np.asarray(robot.compile().torque_regressor(*states)).reshape(tau.size, -1)
     values, _, rank, _ = np.linalg.lstsq(matrix, tau.ravel())
     error = np.abs(matrix @ values - tau.ravel()).max() / np.abs(tau).max()
     if rank < len(values) or error > 1e-9:
-        text = f"{file}: not the dynamics of Pinocchio's {name}: rank {rank}, error {error:.1e}"
+        text = f"the robot file has not the dynamics of Pinocchio's arm: rank {rank}, error {error:.1e}"
         raise SystemExit(text)
-    truth = dict(zip(robot.base.names, map(float, values), strict=True))
+    return dict(zip(robot.base.names, map(float, values), strict=True))
+
+
+@cache
+def find_truth(name: str, file: Path) -> dict[str, float]:
+    """Return the true values of all parameters of an arm by name, SI units."""
+    arm = ARMS[name]
+    states = np.random.default_rng(0).uniform(-2.0, 2.0, (3, STATES, len(arm.bodies)))
+    truth = solve_base(symid.load(file), states, compute_rigid_torques(arm, *states))
     for joint, (viscous, dry) in enumerate(zip(arm.viscous, arm.coulomb, strict=True), 1):
         truth |= {f"Fv{joint}": viscous, f"Fc{joint}": dry}
     return truth
-
-
-def hold_joint(motion: Motion, joint: int) -> Motion:
-    """Return the motion with one joint, counted from 0, at rest."""
-    share = np.where(np.arange(len(motion.centre)) == joint, 0.0, 1.0)[:, None]
-    return replace(motion, sines=share * motion.sines, cosines=share * motion.cosines)
-
-
-def couple_joints(motion: Motion, first: int, second: int, share: float = 0.5) -> Motion:
-    """Return the motion with joint `second` in proportion to joint `first`, counted from 0."""
-    sines, cosines = motion.sines.copy(), motion.cosines.copy()
-    sines[second], cosines[second] = share * sines[first], share * cosines[first]
-    return replace(motion, sines=sines, cosines=cosines)
