@@ -484,10 +484,6 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     return _limit(level, headline, details, caps + more)
 
 
-_CONTRARY = 5.0
-"""Times its limit, chi^2 of dynamics with springs against those without: no chance, and no small matter."""
-
-
 def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tuple[str, str, Caps]:
     """Return level, headline and limits by held-out stretches of the logs, and by what springs leave."""
     percent, noise = max(evidence.held_out), max(evidence.noise)
@@ -501,15 +497,17 @@ def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tu
     if springs:
         text += f"; the springs leave at most {max(springs):.3g} % of a joint's torque"
     caps: Caps = []
-    if evidence.contradiction > _CONTRARY:
+    # Of a parameter; beyond its limit it is no chance.
+    apart, known = (100.0 * POLICY.relevance * ratio for ratio in (evidence.contradiction, evidence.known))
+    if _rate(apart) != "good":
         reason = (
             "with springs the dynamics come out otherwise than without: encoders or springs differ from the "
-            f"model (chi^2 {evidence.contradiction:.2g} times its limit)"
+            f"model (a parameter by {apart:.2g} %)"
         )
-        caps.append(("usable", reason))
+        caps.append((_rate(apart), reason))
     if evidence.known > 1.0:
-        reason = f"what was known contradicts the logs (chi^2 {evidence.known:.2g} times its limit)"
-        caps.append(("doubtful" if evidence.known > _CONTRARY else "usable", reason))
+        reason = f"what was known contradicts the logs (a parameter by {known:.2g} %)"
+        caps.append((min("usable", _rate(known), key=LEVELS.index), reason))
     return _rate(max(percent, *springs, 0.0)), f"{text}.", caps
 
 

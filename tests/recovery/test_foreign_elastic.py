@@ -126,7 +126,7 @@ def run(arm, c_compiler):
 @pytest.mark.parametrize("duration", [6.0, 12.0])
 def test_nothing_is_found_in_an_arm_without_effects(arm, run, duration):
     signals = prepare_elastic_signals(run.recording, ElasticOptions(cutoff=100.0))
-    assert measure_effects(arm[1], [signals], 60.0) == ()
+    assert measure_effects(arm[1], [signals], 60.0, np.zeros(2)) == ()
     robot = symid.load("two_link_elastic")
     log = robot.simulate(duration=duration, seed=1).log
     assert robot.identify([log], options=symid.IdentifyOptions(method="weighted")).estimate.effects == ()
@@ -158,6 +158,8 @@ def test_a_torque_that_acts_before_its_sample_is_none_of_a_drive(arm, run):
     time = run.recording.time
     early = np.column_stack([np.interp(time - 5e-3, time, part) for part in run.recording.torque.T])
     signals = prepare_elastic_signals(replace(run.recording, torque=early), ElasticOptions(cutoff=100.0))
-    assert "torque-lag" not in {entry.kind for entry in measure_effects(arm[1], [signals], 60.0)}
+    assert "torque-lag" not in {entry.kind for entry in measure_effects(arm[1], [signals], 60.0, np.zeros(2))}
     # Where it is asked for all the same, it is given up after the search.
-    assert not [*_measure_values(_build_rows(arm[1], [signals], 60.0), [DriveEffect(kind="torque-lag")])]
+    assert not [
+        *_measure_values(_build_rows(arm[1], [signals], 60.0, np.zeros(2)), [DriveEffect(kind="torque-lag")])
+    ]

@@ -16,24 +16,25 @@ then serve both steps of `independent`.
 Not supported: encoder noise as large as torque noise within the band; the motor side without gravity.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
+from symid.identification.diagnostics import solve_sums
 from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import MethodFit, build_method_fit, compute_covariance
 from symid.identification.hysteresis import filter_smooth
+from symid.identification.judge import POLICY, adjust_chances, agree, compute_changes, numerics
 from symid.identification.regression import choose_windows, integrate_windows
-from symid.logs import Recording, differentiate_smooth, low_pass
+from symid.logs import Recording, differentiate_smooth, estimate_density, low_pass
+from symid.robot import Processing
 
 
 def fit_elimination(problem: regression.ElasticProblem) -> MethodFit:
@@ -78,33 +79,32 @@ class BandFit:
     scatter: FloatArray
 
 
-def fit_band(
-    card: ModelCard,
-    rows: BandRows,
-    rounds: int = 3,
-    scatter: FloatArray | None = None,
-    known: FloatArray | None = None,
-) -> BandFit:
-    """Return the weighted least-squares fit, weights 1 / scatter of each group, found in a few rounds.
-
-    `scatter` (g,) N m or N: given, zero where a group is not known; those of the fit else. `known` is that of
-    `solve_with_signs`.
-    """
-    design, torque, group = rows.design, rows.torque, rows.group
-    floor = 1e-9 * max(float(np.sqrt(np.mean(torque**2))), 1e-300)
+def solve_weighted(
+    solve: Callable[[FloatArray, FloatArray], FloatArray],
+    design: FloatArray,
+    torque: FloatArray,
+    group: NDArray[np.intp],
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return parameters (p,), errors (m,), and the scatter (g,) of groups, inverse to their weights."""
+    floor = numerics.CONVERGED * max(float(np.sqrt(np.mean(torque**2))), numerics.TINY)
     members = np.maximum(np.bincount(group), 1)
-    weights = np.ones(len(torque))
-    for _ in range(rounds):
-        chi = regression.solve_with_signs(card, design * weights[:, None], torque * weights, known)
-        errors = torque - design @ chi
-        found = np.maximum(np.sqrt(np.bincount(group, errors**2) / members), floor)
-        if scatter is not None:
-            stated = np.zeros(len(found))
-            stated[: len(scatter)] = scatter[: len(found)]
-            found = np.where(stated > 0.0, stated, found)
-        weights = 1.0 / found[group]
-    covariance = compute_covariance(design * weights[:, None], known=known)
-    return BandFit(chi=chi, covariance=covariance, scatter=found)
+    scatter = np.ones(len(members))
+    for _ in range(numerics.ROUNDS):
+        before, weights = scatter, 1.0 / scatter[group]
+        values = solve(design * weights[:, None], torque * weights)
+        errors = torque - design @ values
+        scatter = np.maximum(np.sqrt(np.bincount(group, errors**2) / members), floor)
+        if np.all(np.abs(scatter - before) <= numerics.CONVERGED * scatter):
+            break
+    return values, errors, scatter
+
+
+def fit_band(card: ModelCard, rows: BandRows, known: FloatArray | None = None) -> BandFit:
+    """Return the weighted least-squares fit; `known` is that of `solve_with_signs`."""
+    solve = partial(regression.solve_with_signs, card, known=known)
+    chi, _, scatter = solve_weighted(solve, rows.design, rows.torque, rows.group)
+    covariance = compute_covariance(rows.design / scatter[rows.group][:, None], known=known)
+    return BandFit(chi=chi, covariance=covariance, scatter=scatter)
 
 
 def fit_momentum(problem: regression.ElasticProblem) -> MethodFit:
@@ -119,37 +119,23 @@ def fit_momentum(problem: regression.ElasticProblem) -> MethodFit:
         time=np.zeros(impulse.size),
         slide=np.zeros(impulse.size, dtype=np.intp),
     )
-    chi = fit_band(problem.library.card, rows, rounds=2, known=problem.known).chi
+    chi = fit_band(problem.library.card, rows, problem.known).chi
     springs = problem.fit_springs(problem.compute_motor_side(chi))
     return build_method_fit("momentum", chi, problem.sizes, springs)
 
 
-_EDGE = 20.0
-"""Hz; the band in which arms move, and in which white noise of the torque outweighs that of encoders."""
-_LEAST_RATIO, _FAST_RATIO = 25.0, 15.0
-"""Of the sample rate to the band's edge; and where the motion is that fast."""
-_ORDER = 4
-_CUT = 2.0
-"""Periods of the band's edge that are cut at both ends."""
 _STATES = 5.0
-"""Of the cut-off of the states to the band's edge."""
-_EFFECTS = 60.0
-"""Hz; ripple is faster than motion."""
-
-
-def _choose_edge(period: float, band: float) -> float:
-    """Return the band's edge in Hz: above the motion, whose band is given."""
-    return max(min(_EDGE, 1.0 / (_LEAST_RATIO * period)), min(band, 1.0 / (_FAST_RATIO * period)))
+"""Of the cut-off of the states to the band's edge: the rows' filter comes after kinks of friction."""
 
 
 def get_effect_edge(period: float, band: float) -> float:
-    """Return up to where effects of the drives are sought, Hz."""
-    return min(max(_EFFECTS, band), 1.0 / (_FAST_RATIO * period))
+    """Return up to where effects of the drives are sought, Hz: ripple is faster than motion."""
+    return min(get_wide_cutoff(period, band), POLICY.row_band / period)
 
 
-def get_wide_cutoff(period: float, band: float = 0.0) -> float:
+def get_wide_cutoff(period: float, band: float) -> float:
     """Return the cut-off of the states in Hz, for a sample period in s and motion up to `band` Hz."""
-    return min(_STATES * _choose_edge(period, band), 0.4 / period)
+    return min(_STATES * regression.choose_edge(period, band), 0.4 / period)
 
 
 def _integrate_equations(
@@ -181,18 +167,16 @@ def filter_band(
     """
     period, torque = signals.period, signals.centred_torque
     # Twice the edge, without the filters' ends.
-    cut = int(np.ceil(_CUT / (edge * period)))
+    cut = regression.count_edge(period, edge)
     keep = slice(cut, len(torque) - cut, max(1, round(0.5 / (edge * period))))
-    low = partial(low_pass, period=period, cutoff=edge, order=_ORDER)
+    low = partial(regression.pass_band, period=period, cutoff=edge)
     design = regression.build_equations(
         library, signals, lambda values: differentiate_smooth(low(values), period), low, keep
     )
     return keep, design, low(torque - signals.link_drag)[keep]
 
 
-def build_band_rows(
-    library: Library, signals: Sequence[regression.ElasticSignals], band: float = 0.0
-) -> BandRows:
+def build_band_rows(library: Library, signals: Sequence[regression.ElasticSignals], band: float) -> BandRows:
     """Return the equations of all recordings; their signals should pass `get_wide_cutoff`, or no filter.
 
     The edge of their band lies above `band`, that of the motion in Hz.
@@ -200,11 +184,11 @@ def build_band_rows(
     joints, speeds = library.card.size, compute_speeds(signals)
     parts: list[tuple[NDArray[Any], ...]] = []
     for number, part in enumerate(signals):
-        edge = _choose_edge(part.period, band)
+        edge = regression.choose_edge(part.period, band)
         keep, design, torque = filter_band(library, part, edge)
         time = np.repeat(np.arange(len(part.time))[keep] / len(part.time), joints)
         slide = np.sum(
-            [regression.mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in _SHARES], axis=0
+            [regression.mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in SHARES], axis=0
         )
         group = np.broadcast_to(number * joints + np.arange(joints), torque.shape)
         parts.append(
@@ -214,31 +198,20 @@ def build_band_rows(
     return BandRows(**dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True)))
 
 
-def measure_torque_noise(recordings: Sequence[Recording], band: float = 0.0) -> FloatArray:
-    """Return the noise (g,) of the torque in band rows, N m or N, as it is above the band of the motion.
+def measure_torque_noise(recordings: Sequence[Recording], band: float) -> FloatArray:
+    """Return the noise (g,) of the torque in band rows, N m or N, as it is far above the band of the motion.
 
-    The power spectrum of every recording and joint is taken as that of white noise where it is least, by its
-    median in parts of the frequencies: lines, resonances and the harmonics of friction do not move it. `band`
-    is that of `build_band_rows`.
+    It is taken as white, of the median density of the upper half of all frequencies: lines, resonances and
+    the harmonics of friction do not move that. `band` is that of `build_band_rows`.
     """
-    found = []
+    found, corner = [], 0.5 * np.pi / Processing().filter_order
+    # Of the low-pass, forward and backward, over its edge: that of 1 / (1 + x^(2 n))^2, n its order.
+    bandwidth = (1.0 - corner / np.pi) * corner / np.sin(corner)
     for part in recordings:
-        edge, torque = _choose_edge(part.period, band), part.torque
-        frequency = np.fft.rfftfreq(len(torque), part.period)
-        window = np.hanning(len(torque))[:, None]
-        power = np.abs(np.fft.rfft((torque - torque.mean(axis=0)) * window, axis=0)) ** 2
-        bounds = np.linspace(_ABOVE_BAND * edge, _HIGHEST / part.period, _PARTS + 1)
-        parts = [power[(frequency >= low) & (frequency < high)] for low, high in pairwise(bounds)]
-        levels = [np.median(values, axis=0) for values in parts if len(values)]
-        density = np.min(levels, axis=0) / np.log(2.0) / float(np.sum(window**2))
-        found.append(np.sqrt(2.0 * density * part.period * edge * _BANDWIDTH))
+        frequency, density = estimate_density(part.torque, 1.0 / part.period, len(part.torque))
+        level = np.median(density[frequency > 0.25 / part.period], axis=0) / np.log(2.0)
+        found.append(np.sqrt(level * regression.choose_edge(part.period, band) * bandwidth))
     return np.concatenate(found)
-
-
-_ABOVE_BAND, _HIGHEST, _PARTS = 1.5, 0.45, 6
-"""Times the edge, and of the sample rate: where noise is looked for, in so many parts."""
-_BANDWIDTH = 0.875 * (np.pi / 8.0) / np.sin(np.pi / 8.0)
-"""Of the low-pass of order four, forward and backward, over its edge: that of 1 / (1 + x^8)^2."""
 
 
 def compute_speeds(signals: Sequence[regression.ElasticSignals]) -> FloatArray:
@@ -246,10 +219,9 @@ def compute_speeds(signals: Sequence[regression.ElasticSignals]) -> FloatArray:
     return np.asarray(np.sqrt(np.mean(np.concatenate([part.dtheta for part in signals]) ** 2, axis=0)))
 
 
-_SHARES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.6)
+_LIMITS = 8
+SHARES = tuple(np.geomspace(POLICY.relevance, 1.0, _LIMITS, endpoint=False).tolist())
 """Of a joint's RMS speed, below which rows may be left out."""
-_AGREE = 0.999
-"""Rows close in time share some of their noise, and many pairs are compared."""
 
 
 def choose_sliding_rows(
@@ -258,69 +230,57 @@ def choose_sliding_rows(
     """Return the rows without motors so slow that the estimate moves when they are left out, and the limit.
 
     Friction near rest is no function of the speed (presliding, Stribeck). The least limit is taken at which
-    the estimate agrees with those of all larger ones (Hausman 1978); weights are those of the largest. It is
-    a share of the joints' RMS speeds, 0 where all rows stay.
+    the estimate does not differ from those of all larger ones (`agree`, by the jackknife over blocks of
+    time). It is a share of the joints' RMS speeds, 0 where all rows stay.
     """
-    sets = [rows.select(rows.slide >= number) for number in range(len(_SHARES) + 1)]
-    needed = _ENOUGH * rows.design.shape[1]
-    # A recording that is slow beside the others keeps its rows: weights of groups come from the fastest set.
+    blocks, count = POLICY.folds * POLICY.parts, rows.design.shape[1]
+    sets = [rows.select(rows.slide >= level) for level in range(len(SHARES) + 1)]
+    # A recording that is slow beside the others keeps its rows.
     sizes = [np.bincount(part.group, minlength=int(rows.group.max()) + 1) for part in sets]
-    moving = sizes[1] >= _ENOUGH
-    sets = [
-        part
-        for part, size in zip(sets, sizes, strict=True)
-        if len(part.torque) >= needed and np.all(size[moving] >= _ENOUGH)
-    ] or sets[:1]
-    scatter = fit_band(card, sets[-1], known=known).scatter
-    fits = [fit_band(card, part, scatter=scatter, known=known) for part in sets]
-    agreed = (
-        number for number, fit in enumerate(fits) if all(_agree(fit, other) for other in fits[number + 1 :])
-    )
-    number = next(agreed)
-    return sets[number], (0.0, *_SHARES)[number]
+    moving = sizes[1] >= blocks
+    usable = [
+        level
+        for level, size in enumerate(sizes)
+        # A row a block of each group that moves, and one a parameter in all.
+        if size.sum() >= blocks * count and np.all(size[moving] >= blocks)
+    ] or [0]
+    fast, whole = (fit_band(card, sets[level], known).scatter for level in (usable[-1], 0))
+    fast = np.pad(fast, (0, len(whole) - len(fast)))
+    scatter = np.where(sizes[usable[-1]] >= blocks, fast, whole)
+    given = np.full(count, np.nan) if known is None else known
+    right = rows.torque - rows.design @ np.nan_to_num(given)
+    table = np.column_stack([np.where(np.isnan(given), rows.design, 0.0), right])
+    table /= scatter[rows.group][:, None]
+    place = np.minimum((rows.time * blocks).astype(np.intp), blocks - 1)
+    sums = np.zeros((len(sets), blocks, count + 1, count + 1))
+    for level, block in np.ndindex(sums.shape[:2]):
+        part = table[(rows.slide == level) & (place == block)]
+        sums[level, block] = part.T @ part
+    sums = np.cumsum(sums[::-1], axis=0)[::-1]
+    wholes = sums.sum(axis=1, keepdims=True)
+    values, without = (solve_sums(part[:, :, None], np.ones(1)) for part in (wholes, wholes - sums))
+    gram, size = wholes[usable[-1], :, :-1, :-1], wholes[usable[-1], :, -1, -1]
+    for start, level in enumerate(usable, start=1):
+        chances = []
+        for other in usable[start:]:
+            changes = compute_changes(without[level] - without[other])
+            chances.append(agree(values[level, 0] - values[other, 0], changes, gram, size)[0].p)
+        if min(adjust_chances(chances), default=1.0) >= POLICY.caution:
+            break
+    return sets[level], (0.0, *SHARES)[level]
 
 
-_ENOUGH = 20
-"""Rows a parameter, or a group that moves."""
-
-
-def _agree(fit: BandFit, other: BandFit) -> bool:
-    """Return whether a fit of more rows agrees with one of fewer."""
-    known, own = (np.isfinite(np.diag(entry.covariance)) for entry in (other, fit))
-    if np.any(own & ~known):
-        return True
-    known &= own
-    apart = (fit.chi - other.chi)[known]
-    both = np.ix_(known, known)
-    spread = other.covariance[both] - fit.covariance[both]
-    lengths = np.sqrt(np.maximum(np.diag(other.covariance)[known], 1e-300))
-    values, vectors = np.linalg.eigh(spread / np.outer(lengths, lengths))
-    # Directions that the rows left out told nothing of cannot disagree.
-    open_ways = values > _OPEN
-    moved = vectors.T[open_ways] @ (apart / lengths)
-    limit = float(scipy.special.chdtri(max(1, np.count_nonzero(open_ways)), 1.0 - _AGREE))
-    return float(np.sum(moved**2 / values[open_ways])) <= limit
-
-
-_OPEN = 1e-3
-_MOVING = 0.1
-"""Of the fastest joint's RMS speed; slower joints count as held."""
-_DRIVEN = 0.5
-"""Of a joint's largest RMS speed over all recordings; slower ones do not serve its hysteresis."""
-_TORSION_ROUNDS = 8
 _DAMPING = 0.1
 """mu relative to the largest squared singular value of G."""
 _SLOW = 0.5
 """Hz; slow motions are below, the pendulums of arms above."""
-_STEEP = 0.5
-"""Of the largest |G_jj| at which the torsion of joint j is trusted for its linear spring."""
 
 
 def split_recordings(signals: Sequence[regression.ElasticSignals]) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the recordings in which all joints move, and the others; all twice where a kind is missing."""
     speeds = [compute_speeds([part]) for part in signals]
     everything = tuple(range(len(signals)))
-    together = tuple(i for i in everything if np.all(speeds[i] > _MOVING * speeds[i].max()))
+    together = tuple(i for i in everything if np.all(speeds[i] > regression.MOVES * speeds[i].max()))
     apart = tuple(i for i in everything if i not in together)
     return together or everything, apart or everything
 
@@ -339,8 +299,10 @@ def fit_independent(problem: regression.ElasticProblem, *, encoder: bool = False
     speeds = [compute_speeds([part]) for part in problem.signals]
     springs = []
     for joint in range(problem.sizes[1]):
-        most = max(speeds[number][joint] for number in apart)
-        used = [number for number in apart if speeds[number][joint] >= _DRIVEN * most]
+        moves = [
+            number for number in apart if speeds[number][joint] > regression.MOVES * speeds[number].max()
+        ]
+        used = moves or list(apart)
         signals, rows = [problem.signals[i] for i in used], [problem.filtered[i] for i in used]
         parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]
         data = regression.build_spring_data(problem.options, joint, parts, signals, rows)
@@ -377,14 +339,15 @@ def estimate_virtual_torsion(problem: regression.ElasticProblem, number: int, ch
     damping = _DAMPING * float(np.linalg.norm(gradient, ord=2, axis=(1, 2)).max()) ** 2
     gain = root @ np.linalg.inv(gradient @ root + damping * np.eye(problem.sizes[1]))
     phi = np.zeros_like(theta)
+    sizes = np.maximum(np.linalg.norm(torque, axis=0), numerics.TINY)
     for prior in (False, True):
         if prior:
-            # The linear springs that fit best where gravity's gradient is large.
-            slopes = np.abs(np.diagonal(gradient, axis1=1, axis2=2))
-            steep = np.where(slopes >= _STEEP * slopes.max(axis=0), torque, 0.0)
-            moved = np.maximum(np.sum(steep**2, axis=0), 1e-300)
-            phi = torque * np.maximum(np.sum(phi * steep, axis=0) / moved, 0.0)
-        for _ in range(_TORSION_ROUNDS):
+            # The linear springs that fit best, most of all where gravity's gradient is large.
+            slopes = np.diagonal(gradient, axis1=1, axis2=2) ** 2
+            moved = np.maximum(np.sum(slopes * torque**2, axis=0), numerics.TINY)
+            phi = torque * np.maximum(np.sum(slopes * phi * torque, axis=0) / moved, 0.0)
+        left = np.inf
+        for _ in range(numerics.ROUNDS):
             q = theta - phi
             dq = differentiate_smooth(q, period)
             (momentum,) = library.evaluate("momentum_regressor", q, dq)
@@ -393,6 +356,9 @@ def estimate_virtual_torsion(problem: regression.ElasticProblem, number: int, ch
             link -= filter_smooth(lagrange @ beta, rate, period)
             # Above a pendulum's frequency inertia outweighs gravity, and the fixed point would run away.
             error = low_pass(link - torque, period=period, cutoff=_SLOW, order=2)
+            before, left = left, float(np.sum((error / sizes) ** 2))
+            if left >= before:
+                break
             phi = phi + np.einsum("kij,kj->ki", gain, error)
     full, grid = np.arange(len(signals.time)), np.arange(len(theta)) * step
     return np.column_stack([np.interp(full, grid, torsion) for torsion in phi.T])

@@ -33,8 +33,10 @@ from symid.codegen import Library, ModelCard
 from symid.errors import Notice, RobotError
 from symid.identification.diagnostics import sum_block_scores
 from symid.identification.elastic import regression
+from symid.identification.elastic.options import ElasticOptions
 from symid.identification.estimators import DynamicsRecord, Residual
 from symid.identification.hysteresis import compute_slips, compute_spring_slopes, read_weights
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import RankRule, compute_spectrum
 from symid.ipopt import Ending
 from symid.joint_models import NO_FRICTION, Elasticity, compute_stop_basis, find_most_slope, get_law
@@ -145,9 +147,9 @@ class ElasticEvidence:
         held_out: percent of a motor's torque below the edge of the band that fits of the dynamics without
             its stretch leave; noise: the same in units of the torque's noise, as it is above the motion.
         springs: percent of a joint's torque, by the links, that its spring leaves; empty without springs.
-        contradiction: chi^2 of the one-shot problem against dynamics without springs, over its limit, beyond
-            which they contradict each other; 0 where they were not compared. known: the same of what was
-            known against the logs alone.
+        contradiction: how far a dynamic parameter with springs surely is from that without, as a part of its
+            size and over what does no harm, beyond which they contradict each other; 0 where they were not
+            compared. known: the same of what was known against the logs alone.
     """
 
     held_out: tuple[Finite, ...]
@@ -273,7 +275,13 @@ def name_friction(parameters: Sequence[str]) -> tuple[str, ...]:
     return tuple(kinds[entry] for entry in found) if all(entry in kinds for entry in found) else ()
 
 
-_BLOCKS, _STRETCHES = 100, 30
+STRETCHES = 100
+"""Of time, within which errors are correlated."""
+STEP = 1e-4
+"""Of derivatives by differences, relative."""
+MODEL_ERROR = 5e-4
+"""Of a parameter: what columns of measured, filtered states leave wrong where no row shows it. Found on arms
+of other simulators, where no noise explained as much."""
 SpringPlace = tuple[str, int, str]
 """Of a number of a spring: the field, which of its parts, and their field; -1 and "" for a number itself."""
 _RULE = RankRule()
@@ -326,7 +334,7 @@ def compute_covariance(
     root = spectrum.scales[:, None] * spectrum.directions[kept].T / spectrum.singular[kept]
     covariance = root @ root.T
     if errors is not None:
-        scores, _ = sum_block_scores(design, errors, np.zeros(len(errors), dtype=np.intp), _BLOCKS)
+        scores, _ = sum_block_scores(design, errors, np.zeros(len(errors), dtype=np.intp), STRETCHES)
         covariance = root @ (root.T @ scores @ root) @ root.T
     return mark_unidentifiable(covariance, spectrum.mask_identifiable(_RULE))
 
@@ -373,7 +381,7 @@ def measure_spring_spread(
     """
     slopes, parts = [], []
     for number, place in list_spring_numbers(spring):
-        step, sides = _SMALL * abs(number), []
+        step, sides = STEP * abs(number), []
         for value in (number + step, number - step, number):
             # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
             with suppress(RobotError):
@@ -390,30 +398,24 @@ def measure_spring_spread(
     # A number without effect has no deviation that matters.
     lengths = np.where(lengths > 0.0, lengths, np.inf)
     scaled = whole / lengths
-    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=_FLAT, hermitian=True)
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=numerics.RANK, hermitian=True)
     carried = inverse @ (scaled.T @ np.concatenate(columns))
     spread = carried @ covariance @ carried.T
     for jacobian, error in zip(jacobians, errors, strict=True):
         owner = np.zeros(len(error), dtype=np.intp)
-        spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, _STRETCHES)[0] @ inverse
+        spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, STRETCHES)[0] @ inverse
     torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
     way = np.array(slopes) / lengths
-    # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. Small
-    # changes by a knee on each side that soon are what noise makes, and in doubt as a whole.
-    soon = _SOON * max(float(np.max(np.abs(part))) for part in compute(spring))
-    early = (abs(knee.slope) for knee in spring.knees if abs(knee.threshold) < soon)
-    bent = sum(change for change in early if change < _SOON) / 2.0
-    fixed = np.hypot(_ROUNDED, bent) * abs(_get_slope(spring))
+    # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. Changes
+    # by a knee on each side of a torque that small are what noise makes, and in doubt as a whole.
+    soon = POLICY.relevance * max(float(np.max(np.abs(part))) for part in compute(spring))
+    bent = sum(abs(knee.slope) for knee in spring.knees if abs(knee.threshold) < soon) / 2.0
+    fixed = np.hypot(MODEL_ERROR, bent) * abs(_get_slope(spring))
     return torque, float(np.hypot(fixed, np.sqrt(max(0.0, float(way @ spread @ way)))))
 
 
 def _get_slope(spring: Elasticity) -> float:
     return find_most_slope(spring) if spring.branches else spring.initial_stiffness or 0.0
-
-
-_SMALL, _FLAT, _ROUNDED, _SOON = 1e-4, 1e-10, 1e-3, 0.05
-"""Steps of derivatives, relative; singular values that are zero; of the slope; of the largest torque, and of
-the slope."""
 
 
 def compute_elimination_bound(
@@ -431,7 +433,7 @@ def compute_elimination_bound(
     weighted = np.concatenate([_build_exact(library, part) / sigma[:, None] for part, sigma in pairs])
     rows = weighted.reshape(-1, weighted.shape[2])
     information = rows.T @ rows
-    scales = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scales = np.sqrt(np.maximum(np.diag(information), numerics.TINY))
     sizes = np.outer(scales, scales)
     return np.asarray(np.linalg.inv(information / sizes) / sizes)
 
@@ -441,13 +443,9 @@ def _build_exact(library: Library, part: regression.ElasticSignals) -> FloatArra
     return regression.build_equations(library, part, partial(differentiate, period=part.period), np.asarray)
 
 
-_WINDOW = 0.02
-"""s, over which the link equations are integrated: differences of the momentum would be coarser."""
-_EXACT = 1e-4
+_NULL = 1e-4
 """Of the largest singular value of the link equations; integration leaves 1e-5, what is excited a hundred
 times more."""
-_BLIND = 1e-6
-"""Of the largest singular value of what is open in the motor equations; what is below it has no effect."""
 
 
 def compute_spring_bound(
@@ -473,7 +471,7 @@ def compute_spring_bound(
         drive = _build_exact(library, part)[:, :, beta:]
         motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
         # Of links and springs, integrated over windows.
-        ends = slice(None, None, max(1, round(_WINDOW / part.period)))
+        ends = slice(None, None, max(1, round(ElasticOptions().window / part.period)))
         links = regression.build_equations(
             library, part, np.asarray, partial(_integrate, period=part.period), ends
         )
@@ -484,9 +482,9 @@ def compute_spring_bound(
     )
     # Directions of the null space, with columns scaled to one length.
     lengths = np.linalg.norm(links, axis=0)
-    lengths = np.where(lengths > 1e-12 * float(lengths.max()), lengths, np.inf)
+    lengths = np.where(lengths > numerics.EXACT * float(lengths.max()), lengths, np.inf)
     _, singular, directions = np.linalg.svd(compute_triangle(links / lengths))
-    hidden = directions[singular <= _EXACT * singular[0]].T
+    hidden = directions[singular <= _NULL * singular[0]].T
     null_space = hidden / np.where(np.isfinite(lengths), lengths, 1.0)[:, None]
     # Columns: beta and springs as the link equations leave them, then rotors and friction.
     driven = count - beta
@@ -497,7 +495,7 @@ def compute_spring_bound(
     # The length that a column has unless its parts cancel: what cancels to rounding has no effect.
     lengths = np.linalg.norm(np.linalg.norm(rows, axis=0)[:, None] * ways, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
-    root = (ways[:count] / lengths) @ np.linalg.pinv(rows @ ways / lengths, rcond=_BLIND)
+    root = (ways[:count] / lengths) @ np.linalg.pinv(rows @ ways / lengths, rcond=numerics.CONVERGED)
     return root @ root.T
 
 

@@ -15,6 +15,7 @@ from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
@@ -23,15 +24,13 @@ from symid.identification.elastic import estimate, methods, regression
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.together import compute_spring_torques, filter_spring
 from symid.identification.estimators import Residual, list_parameters
+from symid.identification.judge import POLICY
 from symid.identification.regression import check_joints, warn_of_energy
 from symid.ipopt import Ending
 from symid.logs import Recording, differentiate
 
 if TYPE_CHECKING:
     from symid.identification.elastic.nlp import NlpGraph
-
-_NOTHING = 0.9
-"""Of the joint torque's scatter; a spring that leaves as much explains less than a fifth of its square."""
 
 
 def _list_springs(
@@ -79,21 +78,7 @@ def _list_springs(
         )
 
 
-_CLEAR = 10.0
-"""Of the torsion's range to the noise of both encoders; less is no torsion to fit."""
-_ABOVE = 4.0
-"""Of the torsion's standard deviation to that noise, which alone spans eight times its own and more; at
-three, the springs of a simulated arm came out a third off."""
-_POOR_PERCENT = 30.0
 _INSEPARABLE = "not identifiable: these motions do not separate it from others"
-_LITTLE = 0.05
-"""Of a joint's torque."""
-_GRAVITY = 9.81
-_ILL = 300.0
-_ILL_ENERGY = 100.0
-"""Energy rows stand for all joints at once: no weighting of joints mends their condition."""
-_FELT = 0.01
-"""Of the largest torque of a spring; stops that carry less do not matter."""
 
 
 def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapping[int, Notice]:
@@ -116,17 +101,18 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
         raise IdentifiabilityError(Notice(code="elastic.no-torque", text=text))
     found = []
     for motor, link in map(regression.get_encoder_positions, recordings):
-        ranges = [np.ptp(values, axis=0) for values in (motor, link, motor - link)]
         noise = np.hypot(regression.measure_noise(motor), regression.measure_noise(link))
-        found.append([*ranges, np.std(motor - link, axis=0), noise])
-    motors, links, torsions, scatters, noises = np.swapaxes(found, 0, 1)
-    if np.all(np.maximum(motors, links) <= _CLEAR * noises):
+        found.append([*(np.std(values, axis=0) for values in (motor, link, motor - link)), noise])
+    motors, links, torsions, noises = np.swapaxes(found, 0, 1)
+    # Noise in a torsion makes springs softer by its part of the torsion's power.
+    least = noises / np.sqrt(POLICY.relevance)
+    if np.all(np.maximum(motors, links) <= least):
         text = (
             "no joint moves in these logs beyond the noise of its encoders: record motions in which every "
             "joint accelerates, turns both ways and carries load"
         )
         raise IdentifiabilityError(Notice(code="elastic.standstill", text=text))
-    below_noise = np.all((torsions <= _CLEAR * noises) | (scatters <= _ABOVE * noises), axis=0)
+    below_noise = np.all(torsions <= least, axis=0)
     motor_moves, link_moves = np.any(motors > 0.0, axis=0), np.any(links > 0.0, axis=0)
     hidden, lost = {}, []
     for joint, entry in enumerate(card.joints):
@@ -140,12 +126,12 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
             )
             hidden[joint] = Notice(code="elastic.dead-encoder", text=text)
             # A link may be locked on purpose. A motor's torque without its motion spoils all equations.
-            if np.any(links[:, joint] > _CLEAR * noises[:, joint]) and not motor_moves[joint]:
+            if np.any(links[:, joint] > least[:, joint]) and not motor_moves[joint]:
                 lost.append(hidden[joint])
         elif below_noise[joint]:
             text = (
-                f"joint {entry.name!r}: its spring is not identifiable: the torsion spans "
-                f"{torsions[:, joint].max():.2g} {entry.position_unit}, the noise of the encoders is "
+                f"joint {entry.name!r}: its spring is not identifiable: the torsion scatters by "
+                f"{torsions[:, joint].max():.2g} {entry.position_unit}, the noise of the encoders by "
                 f"{noises[:, joint].max():.2g} {entry.position_unit}. Load it more, use finer encoders, or "
                 "describe the joint as rigid"
             )
@@ -156,7 +142,7 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
 
 
 def warn_of_fit(
-    work: methods.ElasticEquations, fit: estimate.MethodFit, condition: float, refused: Collection[int] = ()
+    work: methods.ElasticEquations, fit: estimate.MethodFit, refused: Collection[int] = ()
 ) -> tuple[Notice, ...]:
     """Return warnings about the result; nothing of springs that are `refused`, by joint."""
     library = work.problem.library
@@ -170,14 +156,14 @@ def warn_of_fit(
     percents = 100.0 * methods.compute_relative_deviations(work, fit)
     names = np.array([card.name for card in regression.list_parameter_cards(library.card)])
     poor = ", ".join(
-        name for name in names[(percents > _POOR_PERCENT) & (percents < np.inf)] if name not in unknown
+        name for name in names[(percents > POLICY.uncertain) & (percents < np.inf)] if name not in unknown
     )
     if poor:
-        notices.append(build_warning("elastic.poorly-identifiable", percent=_POOR_PERCENT, names=poor))
+        notices.append(build_warning("elastic.poorly-identifiable", percent=POLICY.uncertain, names=poor))
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
     return (
         *notices,
-        *_warn_of_condition(work, fit, condition),
+        *(warn_of_energy(work.problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()),
         *_warn_of_springs(work, fit, refused),
         *warn_of_mass_matrix(library, fit.beta, poses),
     )
@@ -186,8 +172,8 @@ def warn_of_fit(
 def list_unknown_parameters(work: methods.ElasticEquations, fit: estimate.MethodFit) -> dict[str, str]:
     """Return the parameters whose deviation exceeds their value and what is little, with the reason.
 
-    Little is what gives 5 % of its joint's torque at most in motions like those of the fastest joint: what
-    surely lies below is known to be about zero, and a joint that hardly moves makes nothing little.
+    Little is what gives a harmless part of its joint's torque in motions like those of the fastest joint:
+    what surely lies below is known to be about zero, and a joint that hardly moves makes nothing little.
     """
     if fit.covariance is None:
         return {}
@@ -200,7 +186,7 @@ def list_unknown_parameters(work: methods.ElasticEquations, fit: estimate.Method
     # What a parameter of each unit is multiplied by in the torque, RMS, at the fastest joint.
     motions = {
         "kg m^2": pull + speed**2,
-        **dict.fromkeys(("kg m", "kg"), max(_GRAVITY, pull)),
+        **dict.fromkeys(("kg m", "kg"), max(scipy.constants.g, pull)),
         **dict.fromkeys(("N m s/rad", "N s/m"), speed),
     }
     unknown = {}
@@ -208,28 +194,13 @@ def list_unknown_parameters(work: methods.ElasticEquations, fit: estimate.Method
     for entry, value, deviation in zip(cards, fit.chi.tolist(), deviations.tolist(), strict=True):
         # A coupled drive has no load of its own.
         load = loads.get(entry.joint, max(loads.values()))
-        little = _LITTLE * load / motions.get(entry.unit, 1.0)
+        little = POLICY.relevance * load / motions.get(entry.unit, 1.0)
         if max(abs(value), little) < deviation < np.inf:
             unknown[entry.name] = (
                 f"not identifiable: its standard deviation of {deviation:.3g} exceeds its value of "
                 f"{value:.3g} {entry.unit}"
             )
     return unknown
-
-
-def _warn_of_condition(
-    work: methods.ElasticEquations, fit: estimate.MethodFit, condition: float
-) -> tuple[Notice, ...]:
-    energy = fit.method in methods.ENERGY_METHODS
-    notices = warn_of_energy(work.problem.sizes[1]) if energy else ()
-    if condition <= (_ILL_ENERGY if energy else _ILL):
-        return notices
-    text = (
-        f"the regressor of method {fit.method} is badly conditioned (condition number {condition:.3g}, "
-        "column-scaled): small errors of the springs become large ones of the dynamics. Compare with the "
-        "method elimination"
-    )
-    return (*notices, Notice(code="elastic.condition", text=text))
 
 
 def _warn_of_springs(
@@ -254,7 +225,7 @@ def _warn_of_springs(
             late = {
                 radius: felt
                 for radius, felt in pairs
-                if felt > _FELT * most and before < 2.0 * radius <= 0.95 * span
+                if felt > POLICY.relevance * most and before < 2.0 * radius <= 0.95 * span
             }
             if late:
                 radius, torque = max(late), sum(late.values())
@@ -350,28 +321,25 @@ def _build_estimate(
         methods.build_linear_rows(work, fit).design, problem.known
     )
     # F[tau_J] by the motor equation, and what the springs leave of it; the same of the energy, J.
-    target = problem.compute_motor_side(fit.chi)
-    left = target - np.concatenate(compute_spring_torques(problem, fit))
+    left = problem.compute_motor_side(fit.chi) - np.concatenate(compute_spring_torques(problem, fit))
     errors = problem.supplied - problem.compute_work(fit.elasticity) - problem.design @ fit.chi
     # Why springs are refused, by joint; those of `hidden` have a torsion that cannot be used.
-    whole, rest, springs = np.std(target, axis=0), np.std(left, axis=0), dict(hidden)
-    for joint, card in enumerate(joints):
-        good = fit.elasticity[joint].initial_stiffness and rest[joint] < _NOTHING * whole[joint]
+    springs, contradicted = dict(hidden), methods.list_contradicted(work)
+    evidence = methods.weigh_evidence(work, fit, choice.contradiction, contradicted[0])
+    for joint, (card, share) in enumerate(zip(joints, evidence.springs, strict=True)):
+        good = fit.elasticity[joint].initial_stiffness and share < POLICY.lost
         if problem.gives[joint] and joint not in springs and not good:
-            share = 100.0 * rest[joint] / max(whole[joint], 1e-300)
             text = (
-                f"joint {card.name!r}: no spring explains its torque: the best one leaves {share:.0f} % of "
-                f"its standard deviation (limit {100 * _NOTHING:g} %). Check sign and factor of the torque "
-                "and whether the encoders of motor and link are swapped; else load the joint more, or try "
-                "another method"
+                f"joint {card.name!r}: no spring explains its torque: the best leaves {share:.0f} % of it "
+                f"(limit {POLICY.lost:g} %). Check sign and factor of the torque and whether the encoders of "
+                "motor and link are swapped; else load the joint more, or try another method"
             )
             springs[joint] = Notice(code="elastic.no-spring", text=text)
     springs = dict(sorted(springs.items()))
     if len(springs) == sum(problem.gives):
-        raise IdentifiabilityError(*springs.values(), *_warn_of_condition(work, fit, condition))
+        raise IdentifiabilityError(*springs.values())
     columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
-    contradicted = methods.list_contradicted(work)
-    warnings = warn_of_fit(work, fit, condition, springs)
+    warnings = warn_of_fit(work, fit, springs)
     # Rotors of rigid joints have a place in chi only.
     shown = np.flatnonzero(~regression.mark_rigid_rotors(library.card)).tolist()
     covariance = None if fit.covariance is None else np.asarray(fit.covariance)[np.ix_(shown, shown)]
@@ -410,7 +378,7 @@ def _build_estimate(
         ),
         covariance=() if covariance is None else tuple(map(tuple, covariance.tolist())),
         effects=work.effects,
-        evidence=methods.weigh_evidence(work, fit, choice.contradiction, contradicted[0]),
+        evidence=evidence,
         notices=(
             *springs.values(),
             *choice.notices,
@@ -433,11 +401,11 @@ def _tell_known(
     text = f"{len(names)} dynamic parameters were known and not identified: {', '.join(names)}"
     yield Notice(code="elastic.known", text=text)
     ratio, far = contradicted
-    if ratio > 1.0:
+    if far:
         units = {card.name: card.unit for card in cards}
         alone = ", ".join(f"{name} {value:.4g} +- {std:.2g} {units[name]}" for name, value, std in far)
         text = (
-            f"what was known contradicts the logs (chi^2 {ratio:.3g} times its limit), which alone give "
+            f"what was known contradicts the logs ({ratio:.3g} times what matters), which alone give "
             f"{alone}. Check loads and scales of the torque, or leave these out of what is known; else the "
             "rest is wrong by as much"
         )
@@ -463,17 +431,10 @@ def _build_equations(
     """Return the equations; loads that friction reads are measured, or those of a fit that agrees."""
     beta = np.zeros(len(library.card.beta))
     loaded = regression.fill_motor_loads(library, recordings, beta)
-    for _ in range(_REPEATS if loaded != tuple(recordings) else 0):
-        before, beta = (
-            beta,
-            methods.fit_method(methods.build_elastic_equations(library, loaded, options), "elimination").beta,
-        )
+    for _ in range(options.iterations if loaded != tuple(recordings) else 0):
+        work = methods.build_elastic_equations(library, loaded, options)
+        before, beta = beta, methods.fit_method(work, "elimination").beta
         loaded = regression.fill_motor_loads(library, recordings, beta)
-        if np.linalg.norm(beta - before) <= _SAME_LOAD * np.linalg.norm(beta):
+        if np.linalg.norm(beta - before) <= options.tolerance * np.linalg.norm(beta):
             break
     return methods.build_elastic_equations(library, loaded, options)
-
-
-_REPEATS = 6
-_SAME_LOAD = 1e-3
-"""Relative change of the links' parameters that moves no load."""

@@ -1,14 +1,14 @@
 """The methods by name, how well each predicts held-out torques, and the automatic choice among them.
 
     score = mean of ((tau - Y chi) / sigma)^2 over all rows, each predicted by a fit without it
-    X = d' (C_w + C_nlp + T)^-1 d <= chi^2_0.999(parameters),   d = (beta, IA)_nlp - (beta, IA)_w
+    d = (beta, IA)_nlp - (beta, IA)_w,  of covariance C_w + C_nlp: what is sure of it, up to 2 % of the sizes
     C_nlp <- C_nlp max(1, d' (C_w + C_nlp)^-1 d / parameters)     (Birge 1932)
 
-Rows are the sum of motor and link equations in a band. Every fold leaves blocks of time out, springs held as
-they are. Of the methods whose score is within two standard errors, or 5 %, of the least one, that of the
-smallest deviations is taken. Methods that rest on springs, the one-shot problem and the simultaneous one that
-takes its place for springs of other kinds, must first agree with the weighted elimination, of covariance
-C_w (Hausman 1978), up to what does not matter, T; friction near rest is not the same in their rows. What is
+Rows are the sum of motor and link equations in a band. Every fold leaves a stretch of time out, springs held
+as they are. Of the methods that do not predict worse than the best one, surely and by what matters, that of
+the smallest deviations is taken. Methods that rest on springs, the one-shot problem and the simultaneous one
+that takes its place for springs of other kinds, must first agree with the weighted elimination, of covariance
+C_w (Hausman 1978), up to what does not matter; friction near rest is not the same in their rows. What is
 left of a contradiction widens their deviations.
 
 Supported: all names of `METHODS`.
@@ -26,22 +26,14 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice
-from symid.identification.diagnostics import measure_behind
 from symid.identification.elastic import effects as drive_effects, elimination, estimate, regression, together
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.hysteresis import ElementPath, choose_spring
+from symid.identification.judge import POLICY, adjust_chances, compare, numerics
 from symid.logs import Recording, differentiate_smooth
 
 if TYPE_CHECKING:
     from symid.identification.elastic.nlp import NlpFit
-
-_BLOCKS = 8
-_FINE = 50
-_CLEAR = 2.0
-_ALIKE = 1.05
-"""Of the least mean square: half as much of the noise is no difference that matters."""
-FOLDS = 4
-_DISC_ROUNDS = 2
 
 
 class MethodCandidate(NamedTuple):
@@ -51,9 +43,9 @@ class MethodCandidate(NamedTuple):
     spread: float
 
 
-def assign_folds(time: FloatArray) -> NDArray[np.intp]:
-    """Return the fold (m,) of rows at `time` (m,), from 0 to 1 within their recording."""
-    return np.asarray(np.minimum((time * _BLOCKS).astype(np.intp), _BLOCKS - 1) % FOLDS)
+def assign_parts(time: FloatArray, count: int) -> NDArray[np.intp]:
+    """Return which of `count` parts (m,) rows at `time` (m,) are in, from 0 to 1 within their recording."""
+    return np.asarray(np.minimum((time * count).astype(np.intp), count - 1))
 
 
 def choose_candidate(
@@ -64,24 +56,29 @@ def choose_candidate(
     An error is the mean squared one in units of the noise, `scatter` (g,) of the groups of rows, N m or N; 1
     is what noise alone would leave. All candidates are compared on the same rows.
     """
-    blocks = rows.group * _FINE + np.minimum((rows.time * _FINE).astype(np.intp), _FINE - 1)
+    count = POLICY.folds * POLICY.parts
+    blocks = rows.group * count + assign_parts(rows.time, count)
     losses = []
     for candidate in candidates:
         errors = predict_held_out(candidate, rows)
-        losses.append(np.bincount(blocks, (errors / scatter[rows.group]) ** 2))
+        losses.append(np.bincount(blocks, (errors / scatter[rows.group]) ** 2).astype(np.float64))
     means = np.sum(losses, axis=1) / len(blocks)
-    best = int(np.argmin(means))
-    alike = (measure_behind(np.array(losses), best) <= _CLEAR) | (means <= _ALIKE * means[best])
-    close = np.flatnonzero(alike).tolist()
+    best = losses[int(np.argmin(means))][:, None]
+    gains = [compare(loss[:, None], best) for loss in losses]
+    close = [
+        index
+        for index, gain in enumerate(gains)
+        # Errors are torques, of which losses are the squares.
+        if gain.p_of_all > POLICY.caution or gain.fall_of_all**0.5 * (1.0 - POLICY.relevance) <= 1.0
+    ]
     taken = min(close, key=lambda index: (candidates[index].spread, means[index]))
     return taken, means, len(close)
 
 
 def predict_held_out(candidate: MethodCandidate, rows: elimination.BandRows) -> FloatArray:
     """Return the errors (m,) of rows, N m or N, each predicted by a fit without its fold."""
-    folds = assign_folds(rows.time)
-    errors = np.empty(len(rows.torque))
-    for fold in range(FOLDS):
+    folds, errors = assign_parts(rows.time, POLICY.folds), np.empty(len(rows.torque))
+    for fold in range(POLICY.folds):
         held = folds == fold
         errors[held] = rows.torque[held] - rows.design[held] @ candidate.refit(fold)
     return errors
@@ -91,8 +88,6 @@ ENERGY_METHODS = ("linear-spring", "two-step", "same-cost")
 """The methods whose dynamics come from energy rows."""
 SPRUNG_METHODS = ("nlp", "simultaneous")
 """The methods whose dynamics rest on springs: they must not contradict those that need none."""
-_MATTER = 0.05
-_FLOOR = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,7 +99,6 @@ class ElasticEquations:
         rows, band: the weighted elimination in a band, equations and fit.
         noise: (g,) of the torque in the rows of every group, N m or N.
         effects: of the drives, taken off the torque of all.
-        share: of the joints' RMS speeds, below which motors near rest are left out; 0 for none.
     """
 
     problem: regression.ElasticProblem
@@ -113,7 +107,6 @@ class ElasticEquations:
     band: elimination.BandFit
     noise: FloatArray
     effects: tuple[regression.DriveEffect, ...] = ()
-    share: float = 0.0
 
     @property
     def identifiable(self) -> NDArray[np.bool_]:
@@ -146,39 +139,39 @@ def build_elastic_equations(
 
     def free(
         effects: tuple[regression.DriveEffect, ...],
-    ) -> tuple[list[regression.ElasticSignals], elimination.BandRows, float, elimination.BandFit]:
-        # Signals without effects, rows in the band of them, the share of their speeds, and a fit.
+    ) -> tuple[list[regression.ElasticSignals], elimination.BandRows, FloatArray, elimination.BandFit]:
+        # Signals without effects, rows in the band of them, up to which speeds motors may stick, and a fit.
         broad = prepare(effects)
         rows, share = elimination.choose_sliding_rows(
             library.card, elimination.build_band_rows(library, broad, band), known
         )
-        return broad, rows, share, elimination.fit_band(library.card, rows, known=known)
+        limits = share * elimination.compute_speeds(broad)
+        return broad, rows, limits, elimination.fit_band(library.card, rows, known)
 
     effects: tuple[regression.DriveEffect, ...] = ()
+    broad, rows, limits, fit = free(effects)
     if options.effects:
-        broad = prepare(())
-        effects = drive_effects.measure_effects(
-            library, broad, elimination.get_effect_edge(max(part.period for part in broad), band)
-        )
-    broad, rows, share, fit = free(effects)
-    if options.effects:
+        edge = elimination.get_effect_edge(max(part.period for part in broad), band)
+        effects = drive_effects.measure_effects(library, broad, edge, limits)
+        if effects:
+            broad, rows, limits, fit = free(effects)
         # What gears and encoders of the links add.
         discs = drive_effects.measure_eccentricity(library, broad, fit.chi[:bases])
-        for _ in range(_DISC_ROUNDS if discs else 0):
-            broad, rows, share, fit = free((*effects, *discs))
-            trial = regression.build_elastic_problem(
-                library, broad, options, share * elimination.compute_speeds(broad)
-            )
-            discs = drive_effects.refine_eccentricity(trial, fit.chi, discs)
+        for _ in range(options.iterations if discs else 0):
+            broad, rows, limits, fit = free((*effects, *discs))
+            trial = regression.build_elastic_problem(library, broad, options, limits)
+            before, discs = discs, drive_effects.refine_eccentricity(trial, fit.chi, discs)
+            steps = [np.subtract(disc.values, last.values) for disc, last in zip(discs, before, strict=True)]
+            if all(np.all(np.abs(step) <= disc.deviations) for step, disc in zip(steps, discs, strict=True)):
+                break
         if discs:
             effects = (*effects, *discs)
-            broad, rows, share, fit = free(effects)
+            broad, rows, limits, fit = free(effects)
         for measure in (drive_effects.measure_offsets, drive_effects.measure_gears):
             # They move the torsion alone, of which the rows in the band know nothing.
             if further := measure(library, broad, fit.chi[:bases]):
                 effects = (*effects, *further)
                 broad = prepare(effects)
-    limits = share * elimination.compute_speeds(broad)
     signals = [regression.prepare_elastic_signals(recording, options, effects) for recording in recordings]
     problem = regression.build_elastic_problem(library, signals, options, limits)
     filtered = any(part.cutoff for part in signals)
@@ -189,7 +182,6 @@ def build_elastic_equations(
         band=fit,
         noise=elimination.measure_torque_noise(recordings, band),
         effects=effects,
-        share=share,
     )
 
 
@@ -297,7 +289,7 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
         rows = together.LinearRows(
             np.hstack([rows.design, work_of_springs]), work.problem.supplied, rows.time
         )
-    folds = assign_folds(rows.time)
+    folds = assign_parts(rows.time, POLICY.folds)
 
     def refit(fold: int) -> FloatArray:
         kept = folds != fold
@@ -307,7 +299,7 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
 
 
 def weigh_evidence(
-    work: ElasticEquations, fit: estimate.MethodFit, contradiction: float, known: float = 0.0
+    work: ElasticEquations, fit: estimate.MethodFit, contradiction: float, known: float
 ) -> estimate.ElasticEvidence:
     """Return what fits without a stretch of the logs leave of it, and the springs of the links' torque.
 
@@ -319,7 +311,7 @@ def weigh_evidence(
         np.bincount(joint, values**2, minlength=size).astype(np.float64) for values in (errors, rows.torque)
     )
     # A joint without torque has no noise either.
-    floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
+    floor = numerics.CONVERGED * max(float(np.sqrt(np.mean(rows.torque**2))), numerics.TINY)
     beyond = np.bincount(joint, (errors / np.maximum(work.noise[rows.group], floor)) ** 2, minlength=size)
     beyond = np.where(whole > 0.0, beyond, 0.0)
     springs: FloatArray = np.zeros(0)
@@ -347,26 +339,24 @@ def compute_relative_deviations(work: ElasticEquations, fit: estimate.MethodFit)
     if fit.covariance is None:
         return np.full(len(fit.chi), np.inf)
     deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    relative: FloatArray = deviations / np.maximum(_measure_sizes(work, fit.chi), 1e-300)
+    relative: FloatArray = deviations / np.maximum(_measure_sizes(work, fit.chi), numerics.TINY)
     return relative
 
 
 def _measure_sizes(work: ElasticEquations, chi: FloatArray) -> FloatArray:
     """Return the sizes (p + n + pf,) of the dynamic parameters chi."""
-    # One near zero is measured by what would matter: 5 % of a joint's torque through its column alone.
+    # One near zero is measured by what would matter: a part of a joint's torque through its column alone.
     size, matter = work.problem.sizes[1], np.full(len(chi), np.inf)
     for joint in range(size):
         own = work.rows.group % size == joint
         lengths = np.linalg.norm(work.rows.design[own], axis=0)
         lengths[lengths == 0.0] = np.nan
-        matter = np.fmin(matter, _MATTER * np.linalg.norm(work.rows.torque[own]) / lengths)
+        matter = np.fmin(matter, POLICY.relevance * np.linalg.norm(work.rows.torque[own]) / lengths)
     return np.maximum(np.abs(chi), np.where(np.isfinite(matter), matter, 0.0))
 
 
 AUTOMATIC_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp")
 """But "simultaneous" in place of "nlp", where a spring is of another kind than stops and knees."""
-_LEVEL, _TOLERATED = 0.999, 1e-3
-"""Of a contradiction: its level, and what of a parameter's size is none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -414,23 +404,25 @@ def choose_fit(work: ElasticEquations, fits: Sequence[estimate.MethodFit]) -> Me
 
 
 def find_contradiction(work: ElasticEquations, fit: estimate.MethodFit) -> tuple[str, float]:
-    """Return what speaks against a fit that rests on springs, "" for nothing, and chi^2 over its limit.
+    """Return what speaks against a fit that rests on springs, "" for nothing, and how much, over its limit.
 
     The latter is 0 for a fit that does not rest on springs.
     """
     if fit.method not in SPRUNG_METHODS:
         return "", 0.0
-    chi2, count = _measure_disagreement(work, fit, _TOLERATED)
-    limit = float(scipy.special.chdtri(max(1, count), 1.0 - _LEVEL))
+    known, apart, spread = _list_differences(work, fit)
+    limits = POLICY.relevance * _measure_sizes(work, work.band.chi)[known]
+    ratio = float(np.max(np.abs(_find_sure(apart, spread)) / limits, initial=0.0))
     text = (
-        f"its dynamics contradict those identified without springs (chi^2 {chi2:.3g}, limit {limit:.3g}). "
-        "Its spring model does not describe these joints well enough"
+        "its dynamics contradict those identified without springs (a parameter by "
+        f"{100.0 * POLICY.relevance * ratio:.2g} % of its size, limit {100.0 * POLICY.relevance:g} %). Its "
+        "spring model does not describe these joints well enough"
     )
-    return text if chi2 > limit else "", chi2 / limit
+    return text if ratio > 1.0 else "", ratio
 
 
 def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, float, float], ...]]:
-    """Return chi^2 of what was known against the logs alone, over its limit, and what lies farthest apart.
+    """Return how far what was known is from the logs alone, over its limit, and what lies farthest apart.
 
     The latter are names, what the weighted elimination finds where nothing is known, and its deviations.
     """
@@ -439,54 +431,47 @@ def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, f
     told, unknown = np.isfinite(problem.known) & ~rigid, np.where(rigid, 0.0, np.nan)
     if not np.any(told):
         return 0.0, ()
-    alone = elimination.fit_band(card, work.rows, known=unknown)
+    alone = elimination.fit_band(card, work.rows, unknown)
     weights = 1.0 / alone.scatter[work.rows.group]
     design, errors = work.rows.design * weights[:, None], work.rows.torque - work.rows.design @ alone.chi
     # Noise that is not white must not look like a contradiction.
     spread = estimate.compute_covariance(design, errors * weights, unknown)
     known = np.flatnonzero(told & np.isfinite(np.diag(spread)))
-    if not len(known):
-        return 0.0, ()
-    slack = _TOLERATED * _measure_sizes(work, alone.chi)[known]
-    chi2, shift, lengths = _compute_chi2(alone.chi - problem.known, spread, known, slack)
+    apart, spread = (alone.chi - problem.known)[known], spread[np.ix_(known, known)]
+    sizes = np.abs(_find_sure(apart, spread)) / (POLICY.relevance * _measure_sizes(work, alone.chi)[known])
     names = [entry.name for entry in regression.list_parameter_cards(card)]
-    # Where only a combination is wrong, those that are farthest off stand for it.
-    order = np.argsort(-np.abs(shift))[: max(_NAMED, int(np.count_nonzero(np.abs(shift) > _FAR)))]
-    far = tuple((names[known[k]], float(alone.chi[known[k]]), float(lengths[k])) for k in order)
-    return chi2 / float(scipy.special.chdtri(len(known), 1.0 - _LEVEL)), far
+    order = [k for k in np.argsort(-sizes).tolist() if sizes[k] > 1.0]
+    far = ((names[known[k]], float(alone.chi[known[k]]), float(np.sqrt(spread[k, k]))) for k in order)
+    return float(np.max(sizes, initial=0.0)), tuple(far)
 
 
-def _compute_chi2(
-    apart: FloatArray, covariance: FloatArray, known: NDArray[np.intp], slack: FloatArray
-) -> tuple[float, FloatArray, FloatArray]:
-    """Return chi^2 of the `known` of distances (p,), each over its deviation (k,), and the deviations."""
-    spread = covariance[np.ix_(known, known)] + np.diag(slack**2)
-    lengths = np.sqrt(np.maximum(np.diag(spread), 1e-300))
-    inverse = np.linalg.pinv(spread / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
-    shift = apart[known] / lengths
-    return float(shift @ inverse @ shift), shift, lengths
+def _find_sure(apart: FloatArray, spread: FloatArray) -> FloatArray:
+    """Return the part of a difference (k,) of covariance (k, k) that is no chance, direction by direction."""
+    lengths = np.sqrt(np.maximum(np.diag(spread), numerics.TINY))
+    values, vectors = np.linalg.eigh(spread / np.outer(lengths, lengths))
+    scores = vectors.T @ (apart / lengths)
+    roots = np.sqrt(np.maximum(values, numerics.EXACT))
+    chances = adjust_chances((2.0 * scipy.special.ndtr(-np.abs(scores) / roots)).tolist())
+    return np.asarray(lengths * (vectors @ np.where(np.array(chances) < POLICY.alarm, scores, 0.0)))
 
 
-_FAR, _NAMED = 3.0, 2
-"""Standard deviations; and parameters that are named in any case."""
-
-
-def _measure_disagreement(
-    work: ElasticEquations, fit: estimate.MethodFit, tolerated: float = 0.0
-) -> tuple[float, int]:
-    """Return chi^2 of beta and IA about the weighted elimination's up to a share of sizes; their number."""
+def _list_differences(
+    work: ElasticEquations, fit: estimate.MethodFit
+) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+    """Return places (k,) in beta and IA, distances from the weighted elimination's, and their covariance."""
     plain = fit.covariance if fit.plain is None else fit.plain
     own = np.zeros_like(work.band.covariance) if plain is None else plain
     both = work.identifiable & np.isfinite(np.diag(own)) & np.isnan(work.problem.known)
     known = np.flatnonzero(both[: sum(work.problem.sizes)])
-    slack = tolerated * _measure_sizes(work, work.band.chi)[known]
-    chi2, *_ = _compute_chi2(fit.chi - work.band.chi, work.band.covariance + own, known, slack)
-    return chi2, len(known)
+    return known, (fit.chi - work.band.chi)[known], (work.band.covariance + own)[np.ix_(known, known)]
 
 
 def _widen(work: ElasticEquations, fit: estimate.MethodFit) -> estimate.MethodFit:
     """Return a fit with deviations that its distance from the weighted elimination allows (Birge 1932)."""
-    chi2, count = _measure_disagreement(work, fit)
+    known, apart, spread = _list_differences(work, fit)
+    lengths = np.sqrt(np.maximum(np.diag(spread), numerics.TINY))
+    inverse = np.linalg.pinv(spread / np.outer(lengths, lengths), rcond=numerics.EXACT, hermitian=True)
+    chi2, count = float(apart / lengths @ inverse @ (apart / lengths)), len(known)
     if fit.covariance is None or not chi2 > count > 0:
         return fit
     return replace(fit, covariance=fit.covariance * (chi2 / count), plain=fit.covariance)
@@ -503,20 +488,10 @@ def _add_model_error(work: ElasticEquations, fit: estimate.MethodFit) -> estimat
     values = np.abs(fit.chi[: len(kinds)])
     sizes = np.array([max(values[k] for k, other in enumerate(kinds) if other == kind) for kind in kinds])
     variances = np.zeros(len(fit.chi))
-    states, angle = (_SPRUNG, _SPRUNG) if fit.method == "simultaneous" else (_STATES, _TURNED)
-    if any(effect.kind in regression.WAVES for effect in work.effects):
-        states, angle = max(states, _WAVY), max(angle, _WAVY)
-    factor = states + _STICKING * work.share**2
-    variances[: len(kinds)] = (factor * values) ** 2 + (angle * sizes) ** 2
+    variances[: len(kinds)] = estimate.MODEL_ERROR**2 * (values**2 + sizes**2)
     variances[~np.isnan(work.problem.known)] = 0.0
     plain = fit.covariance if fit.plain is None else fit.plain
     return replace(fit, covariance=fit.covariance + np.diag(variances), plain=plain)
-
-
-_STATES, _WAVY, _SPRUNG, _STICKING, _TURNED = 1e-4, 2e-4, 5e-4, 2.2e-3, 3.5e-5
-"""The factor's error that filtered states leave, that where waves were taken off them, and that where
-torsions are filtered more, both with an angle of the same size; what friction near rest leaves, by the square
-of the share; the angle else, in rad. Found on arms of other simulators, where no noise explained them."""
 
 
 def choose_springs(
@@ -529,29 +504,27 @@ def choose_springs(
     empty where the springs were kept.
     """
     problem, springs, notices = work.problem, list(fit.elasticity), []
-    cards, beta = problem.library.card.joints, fit.chi[: problem.sizes[0]]
+    cards = problem.library.card.joints
     kinds = [""] * len(cards)
     if problem.options.thresholds is not None or problem.options.knee_torques is not None:
         return fit, tuple(kinds)
+    loads = [drive_effects.compute_link_torque(problem.library, part, fit.beta) for part in problem.signals]
     for joint, (card, known) in enumerate(zip(cards, springs, strict=False)):
         if joint in hidden or not problem.gives[joint]:
             continue
         # Torsion and torque of all recordings, one after the other, and the samples that count.
-        spans = [float(np.ptp(part.phi[:, joint])) for part in problem.signals]
-        parts = []
-        for part, span in zip(problem.signals, spans, strict=True):
-            if span < _LOADED * max(spans):
-                continue
-            edge = 1 + int(np.ceil(_EDGE / (part.cutoff * part.period))) if part.cutoff else 1
-            phi, index = part.phi[:, joint], np.arange(len(part.time))
-            torque = drive_effects.compute_link_torque(problem.library, part, beta)[:, joint]
-            kept = (index >= max(edge, part.settled)) & (index < len(index) - edge)
-            period = np.full(len(index), part.period)
-            parts.append((phi, differentiate_smooth(phi, part.period), period, torque, kept))
-        begins = np.cumsum([0, *(len(part[0]) for part in parts)])[:-1]
-        phi, velocity, period, torque, kept = (np.concatenate(part) for part in zip(*parts, strict=True))
-        path = ElementPath(position=phi, velocity=velocity, period=period, begins=tuple(begins.tolist()))
-        spring, name, left, before = choose_spring(path, torque, kept.astype(bool), known)
+        rows = drive_effects.build_joint_rows(problem.signals, loads, joint)
+        phi, torque = (np.concatenate([getattr(part, name) for part in rows]) for name in ("phi", "torque"))
+        velocity = np.concatenate([differentiate_smooth(part.phi, part.period) for part in rows])
+        period = np.concatenate([np.full(len(part.phi), part.period) for part in rows])
+        begins, kept = (
+            np.cumsum([0, *(len(part.phi) for part in rows)]).tolist(),
+            np.zeros(len(phi), dtype=bool),
+        )
+        for start, part in zip(begins, rows, strict=False):
+            kept[start + part.kept.start : start + part.kept.stop] = True
+        path = ElementPath(position=phi, velocity=velocity, period=period, begins=tuple(begins[:-1]))
+        spring, name, left, before = choose_spring(path, torque, kept, known)
         if not name:
             continue
         # Stops are no other kind.
@@ -562,9 +535,3 @@ def choose_springs(
         )
         notices.append(Notice(code="elastic.spring-kind", text=text))
     return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices)), tuple(kinds)
-
-
-_LOADED = 0.3
-"""Of the largest range of the torsion: recordings with less tell little of a spring."""
-_EDGE = 2.0
-"""Periods of the cut-off at the ends that do not count."""

@@ -44,8 +44,10 @@ from symid import joint_models
 from symid.arrays import FloatArray, freeze
 from symid.codegen import ModelCard
 from symid.identification.elastic import regression
+from symid.identification.elastic.estimate import STRETCHES
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.hysteresis import build_stops, filter_smooth
+from symid.identification.judge import numerics
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,7 +58,7 @@ class StepSums:
     """
 
     inflow: scipy.sparse.csr_array
-    kept: float = 0.0
+    kept: float
 
     def add(self, steps: FloatArray) -> FloatArray:
         """Return the rows of step means."""
@@ -87,7 +89,7 @@ def build_window_sums(ends: slice, weights: FloatArray) -> StepSums:
     edges = np.arange(ends.start, ends.stop, ends.step)
     steps = np.arange(edges[0], edges[-1])
     parts = weights[steps], steps, edges - edges[0]
-    return StepSums(inflow=scipy.sparse.csr_array(parts, shape=(len(edges) - 1, len(weights))))
+    return StepSums(inflow=scipy.sparse.csr_array(parts, shape=(len(edges) - 1, len(weights))), kept=0.0)
 
 
 def build_filter_sums(keep: slice, steps: int, decay: float) -> StepSums:
@@ -167,8 +169,6 @@ def build_knee_steps(basis: FloatArray, weights: FloatArray, knees: Sequence[tup
     return KneeSteps(basis=basis, means=means, starts=starts, ends=ends, crossings=tuple(crossings))
 
 
-_ROW_RATE = 125.0
-"""Filtered rows a second in Hz: more rows add no information."""
 _BuildColumns = Callable[[FloatArray, FloatArray], FloatArray]
 _TorqueRows = tuple[FloatArray, FloatArray, FloatArray, _BuildColumns, StepSums]
 """Design (M, n, p + n + pf), torque and drag of the links (M, n), and how springs get there."""
@@ -254,14 +254,13 @@ def build_nlp_recording(
         blocks.append(block)
     if "filtered" in kinds:
         rows, rate = problem.filtered[index], problem.options.rate
-        skip = max(1, int(1.0 / (_ROW_RATE * signals.period * rows.keep.step)))
-        keep = slice(rows.keep.start, None, rows.keep.step * skip)
+        keep = rows.keep
         passed = build_filter_sums(keep, len(signals.time) - 1, float(np.exp(-rate * signals.period)))
 
         def pass_basis(_: FloatArray, basis: FloatArray) -> FloatArray:
             return filter_smooth(basis, rate, signals.period)[keep]
 
-        filtered = rows.design[::skip], rows.torque[::skip], rows.drag[::skip], pass_basis, passed
+        filtered = rows.design, rows.torque, rows.drag, pass_basis, passed
         blocks += _join_blocks(problem, bases, filtered)
     if "momentum" in kinds:
         sums = build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
@@ -513,11 +512,6 @@ class NlpLayout:
         return tuple(spring.build_spring(x, limit) for spring, limit in pairs)
 
 
-_LEAST_SIGMA = 1e-6
-_LEAST_SHARE = 1e-9
-"""Of the size of a block's terms, and of the largest of all blocks: no rows are trusted more."""
-_STRETCHES = 100
-_NEAR = 1e-6
 Places = NDArray[np.intp]
 _NUMPY = joint_models.build_numpy_carrier()
 
@@ -544,8 +538,8 @@ class ElasticNlpCost:
 
     recordings: tuple[NlpRecording, ...]
     layout: NlpLayout
+    smoothing: float
     sigmas: tuple[float, ...] = ()
-    smoothing: float = 0.0
 
     @property
     def blocks(self) -> tuple[RowBlock, ...]:
@@ -669,7 +663,7 @@ class ElasticNlpCost:
         loads = np.array([np.linalg.norm(block.matrix @ chi) for block in self.blocks]) / roots
         # Rows of a joint at rest hold what filters leave of a constant, down to 1e-160: beside the largest
         # load they are rounding, and must not be weighed up to information.
-        sigmas = np.maximum(np.maximum(sizes, _LEAST_SIGMA * loads), _LEAST_SHARE * np.max(loads))
+        sigmas = np.maximum(np.maximum(sizes, numerics.CONVERGED * loads), numerics.RANK * np.max(loads))
         # Without any load all rows are empty and weigh nothing, whatever their scale.
         return replace(self, sigmas=tuple(np.where(sigmas > 0.0, sigmas, 1.0).tolist()))
 
@@ -691,7 +685,7 @@ class ElasticNlpCost:
         """
         state = self.compute_state(x)
         size = len(x) + len(places)
-        curvature, scores = np.zeros((size, size)), np.zeros((len(self.recordings), _STRETCHES, size))
+        curvature, scores = np.zeros((size, size)), np.zeros((len(self.recordings), STRETCHES, size))
         owners = [index for index, part in enumerate(self.recordings) for _ in part.blocks]
         for number, (residual, known, jacobian, sigma) in enumerate(self.list_blocks(state)):
             rows = np.zeros((len(residual), size))
@@ -699,28 +693,22 @@ class ElasticNlpCost:
             for column, slopes in enumerate(places, start=len(x)):
                 rows[:, column] = slopes[number]
             curvature += rows.T @ rows / sigma**2
-            stretch = (np.arange(len(residual)) * _STRETCHES) // len(residual)
+            stretch = (np.arange(len(residual)) * STRETCHES) // len(residual)
             np.add.at(scores[owners[number]], stretch, rows * (residual / sigma**2)[:, None])
         lengths = np.sqrt(np.diag(curvature))
-        reach = _NEAR * np.maximum(np.abs(x), 1e-12)
+        reach = numerics.CONVERGED * np.maximum(np.abs(x), numerics.EXACT)
         is_free = lengths > 0.0
         is_free[: len(x)] &= (x - self.layout.lower > reach) & (self.layout.upper - x > reach)
         free = np.ix_(is_free, is_free)
         sizes = np.outer(lengths, lengths)[free]
         inverse = np.zeros_like(curvature)
-        inverse[free] = np.linalg.pinv(curvature[free] / sizes, rcond=1e-10, hermitian=True) / sizes
+        inverse[free] = np.linalg.pinv(curvature[free] / sizes, rcond=numerics.RANK, hermitian=True) / sizes
         return inverse, scores.reshape(-1, size)
-
-
-_FIRST_SHARE = 0.7
-"""Of a linear spring, for k0; the stops begin with equal parts of the rest."""
 
 
 def list_weights(spring: joint_models.Elasticity, thresholds: FloatArray) -> FloatArray:
     """Return k0 .. km (m + 1,) on the thresholds (m,); a linear spring is shared between them."""
     if len(thresholds) and not spring.stops:
-        shares = np.full(len(thresholds) + 1, (1.0 - _FIRST_SHARE) / len(thresholds))
-        shares[0] = _FIRST_SHARE
-        return shares * (spring.initial_stiffness or 0.0)
+        return np.full(len(thresholds) + 1, (spring.initial_stiffness or 0.0) / (len(thresholds) + 1))
     known = {stop.threshold: stop.stiffness or 0.0 for stop in spring.stops}
     return np.array([spring.stiffness or 0.0, *(known.get(value, 0.0) for value in thresholds.tolist())])

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from numbers import Real
 
 from symid.errors import Notice, UsageError
+from symid.identification.judge import numerics
 
 METHODS = (
     "automatic",
@@ -109,7 +110,7 @@ class ElasticOptions:
     rate: float = 60.0
     cutoff: float | None = None
     tolerance: float = 1e-4
-    iterations: int = 30
+    iterations: int = numerics.ROUNDS
     nlp: NlpOptions = field(default_factory=NlpOptions)
     effects: bool = True
     known: Mapping[str, float] = field(default_factory=dict)

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.codegen import Library, ModelCard, ParameterCard, run_compiled_branch
 from symid.errors import LogError, Notice, UsageError
+from symid.identification.diagnostics import measure_scoring_band
 from symid.identification.elastic.options import ElasticOptions, check_grids
 from symid.identification.hysteresis import (
     SpringData,
@@ -40,29 +41,61 @@ from symid.identification.hysteresis import (
     fit_spring,
     refine_spring,
 )
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import RankRule, fill_load, list_measured_joints, list_resting_joints
 from symid.joint_models import (
     Elasticity,
     compute_hysteresis_torque,
     compute_spring_work,
+    compute_stop_basis,
     compute_work_columns,
     is_braking,
     run_element,
 )
 from symid.logs import Recording, describe_uneven, differentiate_smooth, low_pass, shift_channel
-from symid.robot import suggest_names
+from symid.robot import Processing, suggest_names
 
-_ORDER = 4
-_CUTOFF = 25.0
-"""Hz; ten times and more above what arms are moved with for identification."""
-_LEAST_RATIO = 10.0
-"""Of the sample rate to the cut-off."""
-_EXACT = 3e-4
-"""Velocities from raw differences with less relative noise are left unfiltered."""
+_BAND = 20.0
+"""Hz, in which arms move, and in which white noise of the torque outweighs that of encoders."""
 _EDGE = 4.0
 """Periods of the cut-off frequency that the ends of a filtered signal are not trusted for."""
-_LATEST = 0.25
-"""Part of a recording that may pass at most before rows begin."""
+MOVES = 0.1
+"""Of the largest speed or range: joints and recordings with less count as held."""
+APART = 0.3
+"""Of a motor's RMS speed, that of the torsion where motor and link move apart."""
+_MEMORY = 5.0
+"""Time constants of the filter of rows."""
+
+
+def pass_band(values: FloatArray, period: float, cutoff: float) -> FloatArray:
+    """Return `values` (N, ...) behind the low-pass of all signals, zero-phase; `cutoff` in Hz."""
+    return low_pass(values, period=period, cutoff=cutoff, order=Processing().filter_order)
+
+
+def count_edge(period: float, cutoff: float) -> int:
+    """Return how many samples at either end such a filter makes uncertain; one without a filter."""
+    return int(np.ceil(_EDGE / (cutoff * period))) if cutoff else 1
+
+
+def choose_edge(period: float, band: float) -> float:
+    """Return the edge in Hz of what rows tell of: above the `band` of the motion, as far as samples reach."""
+    return min(max(_BAND, band), POLICY.row_band / period)
+
+
+def measure_motion_band(recordings: Sequence[Recording]) -> float:
+    """Return the band in Hz that motors and links move in: the widest of all recordings and sides.
+
+    Joints and recordings that are held beside the liveliest one do not count.
+    """
+    sides = [(part, side) for part in recordings for side in get_encoder_positions(part)]
+    speeds = [np.sqrt(np.mean(np.diff(side, axis=0) ** 2, axis=0)) / part.period for part, side in sides]
+    moves = [speed > MOVES * np.max(speeds) for speed in speeds]
+    found = (
+        measure_scoring_band([Recording(time=part.time, position=side[:, own], torque=side[:, own])])
+        for (part, side), own in zip(sides, moves, strict=True)
+        if np.any(own)
+    )
+    return max(found, default=0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,19 +153,13 @@ class ElasticSignals(FrozenArrays):
 def mark_sliding(signals: ElasticSignals, width: float, limits: FloatArray) -> NDArray[np.bool_]:
     """Return where (N, n) a motor surely slides: faster than `limits` (n,), rad/s or m/s.
 
-    Within `width` s about a sample, such as what a low-pass makes of it. A motor that turns back so often
-    that hardly anything is left is taken as it is: its friction changes its sign, and has no time to rest.
+    Within `width` s about a sample, such as what a low-pass makes of it.
     """
     # Zero where the motor turns back between two samples.
     speeds = np.abs(signals.dtheta)
     speeds[1:][signals.dtheta[1:] * signals.dtheta[:-1] < 0.0] = 0.0
     count = 1 + 2 * max(1, round(0.5 * width / signals.period))
-    slides: NDArray[np.bool_] = scipy.ndimage.minimum_filter1d(speeds, count, axis=0) > limits
-    busy = np.sqrt(np.mean(signals.dtheta**2, axis=0)) > _BUSY * limits
-    return np.asarray(slides | (busy & (np.mean(slides, axis=0) < _LEAST_SHARE)))
-
-
-_BUSY, _LEAST_SHARE = 3.0, 0.5
+    return np.asarray(scipy.ndimage.minimum_filter1d(speeds, count, axis=0) > limits)
 
 
 def average_steps(values: FloatArray) -> FloatArray:
@@ -208,7 +235,7 @@ def prepare_elastic_signals(
         raise LogError(uneven)
     period = recording.period
     cutoff = choose_cutoff(recording) if options.cutoff is None else options.cutoff
-    edge = int(np.ceil(_EDGE / (cutoff * period))) if cutoff else 1
+    edge = count_edge(period, cutoff)
     least = 4 * edge + 17
     if len(recording.time) < least:
         text = f"the log has {len(recording.time)} samples; the filter and the cut ends need at least {least}"
@@ -227,12 +254,12 @@ def prepare_elastic_signals(
         offset, gap = values.get(("torsion-offset", joint)), np.median(motor[:, joint] - link[:, joint])
         error[:, joint] -= offset if offset and gap / offset > 0.5 else 0.0
     if cutoff:
-        clean = partial(low_pass, period=period, cutoff=cutoff, order=_ORDER)
+        clean = partial(pass_band, period=period, cutoff=cutoff)
         motor, link, tau, error = map(clean, (motor, link, tau, error))
         load = None if load is None else clean(load)
     kept = slice(0, len(recording.time) - edge)
     # Rows begin where plays are settled and filters have forgotten their start.
-    phi, starts = (motor - link + error)[kept], [int(np.ceil(5.0 / (options.rate * period)))]
+    phi, starts = (motor - link + error)[kept], [int(np.ceil(_MEMORY / (options.rate * period)))]
     for joint, torsion in enumerate(phi.T):
         largest = options.stops / (options.stops + 1.0) * float(np.abs(torsion).max())
         if options.thresholds is not None:
@@ -247,7 +274,8 @@ def prepare_elastic_signals(
         dtheta=differentiate_smooth(motor, period)[kept],
         tau=tau[kept],
         period=period,
-        settled=max(edge, min(max(starts), max(starts[0], int(_LATEST * len(phi))))),
+        # One part of a recording may pass at most.
+        settled=max(edge, min(max(starts), max(starts[0], len(phi) // POLICY.parts))),
         hold="first" if cutoff or effects else "zero",
         cutoff=cutoff,
         drag=dq * [values.get(("link-friction", joint), 0.0) for joint in joints] if effects else None,
@@ -270,8 +298,7 @@ def fill_motor_loads(
     found = []
     for recording in recordings:
         period = recording.period
-        cutoff = min(_CUTOFF, 1.0 / (_LEAST_RATIO * period))
-        q = low_pass(get_encoder_positions(recording)[1], period=period, cutoff=cutoff, order=_ORDER)
+        q = pass_band(get_encoder_positions(recording)[1], period, choose_edge(period, 0.0))
         dq = differentiate_smooth(q, period)
         (load,) = library.evaluate("inverse_dynamics", q, dq, differentiate_smooth(dq, period), beta)
         found.append(replace(recording, load=fill_load(recording.load, load, measured)))
@@ -315,9 +342,9 @@ def join_rigid_joints(
     joined, notices = [], []
     for recording, (first, second) in zip(recordings, pairs, strict=True):
         gap = first - second
-        noise = np.hypot(measure_noise(first), measure_noise(second))
+        limit = POLICY.printed * np.hypot(measure_noise(first), measure_noise(second))
         apart, moving = np.abs(np.mean(gap, axis=0)), np.std(gap, axis=0)
-        for joint in np.flatnonzero(rigid & moves[0] & moves[1] & (np.hypot(apart, moving) > _SAME * noise)):
+        for joint in np.flatnonzero(rigid & moves[0] & moves[1] & (np.hypot(apart, moving) > limit)):
             name, unit = card.joints[joint].name, card.joints[joint].position_unit
             text = (
                 f"joint {name!r} is rigid, and its two positions differ, by {apart[joint]:.2g} {unit} on the "
@@ -335,10 +362,6 @@ def join_rigid_joints(
     return tuple(joined), tuple(notices)
 
 
-_SAME = 3.0
-"""Times the noise of both encoders."""
-
-
 def measure_noise(position: FloatArray) -> FloatArray:
     """Return the noise (n,) of encoders from third differences d of (N, n): sigma = |d|_rms / sqrt(20)."""
     return np.asarray(np.sqrt(np.mean(np.diff(position, n=3, axis=0) ** 2, axis=0) / 20.0))
@@ -347,49 +370,15 @@ def measure_noise(position: FloatArray) -> FloatArray:
 def choose_cutoff(recording: Recording) -> float:
     """Return the cut-off in Hz of the low-pass that the encoders' noise asks for; 0 for none.
 
-    The noise of a velocity by central differences is sigma / (sqrt(2) T).
+    The noise of an acceleration by second differences is sqrt(6) sigma / T^2. A joint at rest has none to
+    compare with; the liveliest joint gives the scale.
     """
-    worst = 0.0
-    for position in get_encoder_positions(recording):
-        speed = np.sqrt(np.mean(np.diff(position, axis=0) ** 2, axis=0)) / recording.period
-        velocity_noise = measure_noise(position) / (np.sqrt(2.0) * recording.period)
-        # A joint at rest has no speed to compare with; the fastest joint gives the scale.
-        worst = max(worst, float(np.max(velocity_noise) / max(float(np.max(speed)), 1e-300)))
-    wanted = max(_CUTOFF, _ABOVE * measure_motion_band([recording]))
-    return 0.0 if worst < _EXACT else min(wanted, 1.0 / (_LEAST_RATIO * recording.period))
-
-
-_ABOVE = 1.5
-_SHARE = 0.99
-
-
-def measure_motion_band(recordings: Sequence[Recording]) -> float:
-    """Return the frequency in Hz below which 99 % of the power of the encoders' velocities lies, at most.
-
-    Noise of the positions, as in the highest quarter of the frequencies, is taken off. Joints and recordings
-    with less than a hundredth of the power of the liveliest one count as resting.
-    """
-    found = []
-    for recording in recordings:
-        count = len(recording.time)
-        frequency = np.fft.rfftfreq(count, recording.period)
-        for position in get_encoder_positions(recording):
-            # The straight line from end to end would leak into all frequencies.
-            ramp = np.linspace(0.0, 1.0, count)[:, None] * (position[-1] - position[0])
-            moved = np.hanning(count)[:, None] * (position - position[0] - ramp)
-            power = np.abs(np.fft.rfft(moved, axis=0)) ** 2 / count
-            floor = np.mean(power[-max(1, len(power) // 4) :], axis=0)
-            speed = np.where(power > _LOUD * floor, power - floor, 0.0) * frequency[:, None] ** 2
-            for total in np.cumsum(speed, axis=0).T:
-                edge = frequency[min(np.searchsorted(total, _SHARE * total[-1]), len(total) - 1)]
-                found.append((float(total[-1] / recording.period / count), float(edge)))
-    most = max((power for power, _ in found), default=0.0)
-    return max((edge for power, edge in found if power > _RESTING * most), default=0.0)
-
-
-_RESTING = 0.01
-_LOUD = 30.0
-"""Times the noise: what is above it moves."""
+    sides = get_encoder_positions(recording)
+    noise = [np.sqrt(6.0) * np.max(measure_noise(side)) for side in sides]
+    bends = [np.max(np.sqrt(np.mean(np.diff(side, n=2, axis=0) ** 2, axis=0))) for side in sides]
+    if all(own < POLICY.relevance * bend for own, bend in zip(noise, bends, strict=True)):
+        return 0.0
+    return choose_edge(recording.period, measure_motion_band([recording]))
 
 
 def locate_settled(phi: FloatArray, threshold: float) -> int:
@@ -454,6 +443,11 @@ class FilteredRows(FrozenArrays):
     def compute_link_side(self, chi: FloatArray) -> FloatArray:
         """Return F[tau_J] (M, n) by the link equation."""
         return np.asarray(self.drag + self.design[:, :, : self.bases] @ chi[: self.bases])
+
+    def pass_spring(self, spring: Elasticity, signals: ElasticSignals, joint: int, rate: float) -> FloatArray:
+        """Return F[tau_J] (M,) of the spring of a joint."""
+        torque = compute_joint_torque(spring, signals, joint)
+        return filter_smooth(torque, rate, signals.period)[self.keep]
 
 
 def filter_held(values: FloatArray, rate: float, period: float) -> FloatArray:
@@ -583,14 +577,14 @@ def list_parameter_cards(card: ModelCard) -> tuple[ParameterCard, ...]:
     return (*card.beta, *rotors, *card.friction)
 
 
-def list_lower_bounds(card: ModelCard, extra: int = 0) -> FloatArray:
-    """Return the least value (p + n + pf + extra,) of every parameter: zero, or minus infinity.
+def list_lower_bounds(card: ModelCard) -> FloatArray:
+    """Return the least value (p + n + pf,) of every parameter: zero, or minus infinity.
 
-    Zero bounds rotor inertias, friction other than an offset, and the `extra` stiffnesses at the end.
+    Zero bounds rotor inertias, and friction other than an offset.
     """
     free = [-np.inf] * len(card.beta)
     friction = [0.0 if is_braking(entry.name) else -np.inf for entry in card.friction]
-    return np.array(free + [0.0] * card.size + friction + [0.0] * extra)
+    return np.array(free + [0.0] * card.size + friction)
 
 
 def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
@@ -638,14 +632,15 @@ def solve_with_signs(
         return np.asarray(np.where(free, found, values))
     lengths = np.linalg.norm(matrix, axis=0)
     rule = RankRule()
-    alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), 1e-300)
+    alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), numerics.TINY)
     scales = np.where(alive, lengths, 1.0)
     triangle = compute_triangle(np.column_stack([np.where(alive, matrix, 0.0) / scales, right]))
     left, values = triangle[:, :count], triangle[:, count]
     answer = np.linalg.lstsq(left, values, rcond=rule.singular)
     # What has no effect is zero, not what rounding makes of it: its sign would let bounds act.
     solution: FloatArray = np.where(alive, answer[0] / scales, 0.0)
-    low = list_lower_bounds(card, count - len(card.beta) - card.size - len(card.friction))
+    least = list_lower_bounds(card)
+    low = np.pad(least, (0, count - len(least)))
     if np.all(solution >= low):
         return solution
 
@@ -657,12 +652,6 @@ def solve_with_signs(
         scipy.optimize.lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls").x / scales
     )
     return np.where(alive, bounded, 0.0)
-
-
-_MEMORY = 3.0
-"""Time constants of the filter."""
-RIGID = Elasticity(stiffness=0.0)
-"""In place of the spring of a rigid joint, whose torsion is zero; its torque is that of the link."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -738,10 +727,13 @@ class ElasticProblem:
         return np.vstack([np.hstack(rows.compute_columns(thresholds, part)) for part, rows in pairs])
 
     def fit_springs(self, torque: FloatArray) -> tuple[Elasticity, ...]:
-        """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows."""
+        """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows.
+
+        In place of that of a rigid joint, whose torque is that of the link, stands one without stiffness.
+        """
         pairs = zip(self.springs, torque.T, self.gives, strict=True)
         return tuple(
-            self.fit_spring(joint, data, target) if gives else RIGID
+            self.fit_spring(joint, data, target) if gives else Elasticity(stiffness=0.0)
             for joint, (data, target, gives) in enumerate(pairs)
         )
 
@@ -774,7 +766,7 @@ class ElasticProblem:
             data, sides = self.springs[joint], np.stack([motor[:, joint], joined[:, joint]])
             spring = fit_spring(data, np.mean(sides, axis=0), self.start_spring(joint, data, sides[1]))
             left = np.mean((sides - data.compute_torque(spring)) ** 2, axis=1)
-            inverse = 1.0 / np.maximum(left, 1e-300)
+            inverse = 1.0 / np.maximum(left, numerics.TINY)
             joined[:, joint] = inverse @ sides / np.sum(inverse)
         return joined
 
@@ -828,3 +820,19 @@ def build_spring_data(
         grid = freeze(np.arange(1, options.stops + 1) / (options.stops + 1.0) * largest)
     periods, keeps = tuple(part.period for part in signals), tuple(part.keep for part in rows)
     return SpringData(torsions=tuple(torsions), periods=periods, keeps=keeps, rate=options.rate).rebuild(grid)
+
+
+def build_spring_basis(torsion: FloatArray, period: float | None = None) -> FloatArray:
+    """Return columns (N, c) of a spring of many stops, the last two its cube and a constant.
+
+    With a `period` in s, columns as of springs with knees and dampers stand behind them.
+    """
+    options = ElasticOptions()
+    grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, options.stops + 1) / (options.stops + 1)
+    stops = compute_stop_basis(torsion, grid)
+    further = [torsion**3, np.ones_like(torsion)]
+    if period is not None:
+        part = torsion / max(float(np.max(np.abs(torsion))), numerics.TINY)
+        further += [*(stops.T * np.abs(part)), *(stops.T * part**2), part * np.abs(part), part**5]
+        further.append(filter_smooth(torsion, options.rate, period))
+    return np.column_stack([stops, *further])

@@ -2,10 +2,10 @@
 
     tau = [Y | ddtheta | Yf] x             joint torques, rotors of elastic joints, friction: least squares
     gravity = Y(q, 0, 0) beta,             motion = Y(q, dq, ddq) beta - gravity
-    theta - q = c gravity + b motion + a ddtheta + s tanh(dtheta / v) + d dtheta + offset,    k = 1 / c
+    theta - q = c gravity + b motion + a ddtheta + s sign(dtheta) + d dtheta + offset,        k = 1 / c
 
 Only gravity gives the torque of a spring an absolute scale. Standard deviations are those of a jackknife over
-blocks of a second, the rigid robot fitted anew without each; runs are averaged with the inverse of their
+blocks of time, the rigid robot fitted anew without each; runs are averaged with the inverse of their
 variances, and deviations enlarged by the Birge ratio. The interval is that of 95 %.
 
 Supported: rigid and elastic robots, any number of runs; joints without a link encoder are refused by
@@ -25,10 +25,13 @@ import scipy
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
+from symid.identification.diagnostics import solve_sums
 from symid.identification.elastic import regression
+from symid.identification.elastic.elimination import get_wide_cutoff
 from symid.identification.elastic.options import ElasticOptions
+from symid.identification.judge import POLICY, compare, numerics
 from symid.identification.regression import fill_load, list_measured_joints, solve_scaled
-from symid.joint_models import compute_plays, compute_stop_basis
+from symid.joint_models import compute_plays
 from symid.logs import (
     Alignment,
     Recording,
@@ -37,29 +40,12 @@ from symid.logs import (
     estimate_alignment,
     get_encoders,
     keep_significant,
-    low_pass,
     shift_link_channel,
     split_blocks,
 )
 from symid.serialization import name_key
 
-_CUTOFF = 10.0
-_LEAST_RATIO = 10.0
-_ORDER = 4
-_EDGE = 0.5
-_BLOCK = 1.0
-"""s, of the jackknife."""
-_PLAYS = (0.05, 0.1, 0.2, 0.35, 0.55)
-"""Radii of plays as parts of the largest torque."""
-_REVERSAL = 0.02
-"""Of the largest speed: the width of a change of direction."""
-_ROUNDS = 3
-_RANK = 1e-7
-_ROUNDING = 1e-9
-"""Of a joint's largest torque."""
-_PASSES = 8
-_STEADY = 1e-5
-"""Rad, m or s: gravity at a zero and a time that are wrong by less is right."""
+_BLOCKS = POLICY.folds * POLICY.parts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,7 +57,7 @@ class RigidRows:
         still, whole: (N, n, p) regressors at rest and in motion, of the base parameters.
         extra: (N, n, r) columns of rotors and friction.
         torque: (N, n) measured, low-passed alike.
-        blocks: of about a second, for the jackknife.
+        blocks: of equal length, for the jackknife.
     """
 
     gap: FloatArray
@@ -95,9 +81,10 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
     """Return the equations of one recording; raise LogError where it has one encoder only."""
     found, period = get_encoders(recording), recording.period
 
-    def low(values: FloatArray, cutoff: float = _CUTOFF) -> FloatArray:
-        limited = min(cutoff, 1.0 / (_LEAST_RATIO * period))
-        return low_pass(values, period=period, cutoff=limited, order=_ORDER)
+    cutoff = regression.choose_edge(period, 0.0)
+
+    def low(values: FloatArray) -> FloatArray:
+        return regression.pass_band(values, period, cutoff)
 
     theta, q = low(found.theta), low(found.q)
     link, rest = np.where(found.present, q, theta), np.zeros_like(theta)
@@ -109,10 +96,11 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
     extra = [rotors if library.card.rotors else rotors[:, :, :0]]
     if library.card.friction:
         # Dry friction changes its sign faster than the low-pass lets pass: friction first, then the filter.
-        angle = low(found.theta, 4.0 * _CUTOFF)
+        angle = regression.pass_band(found.theta, period, get_wide_cutoff(period, 0.0))
         known = {"load": recording.load, "temperature": recording.temperature}
         given = library.card.gather_friction_inputs(differentiate(angle, period), q=angle, **known)
         extra.append(low(library.evaluate("friction_regressor", *given)[0]))
+    edge = regression.count_edge(period, cutoff) * period
     return RigidRows(
         gap=theta - q,
         speed=speed,
@@ -121,7 +109,7 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
         whole=whole,
         extra=np.concatenate(extra, axis=2),
         torque=low(recording.torque),
-        blocks=split_blocks(len(theta), period, _EDGE, _BLOCK),
+        blocks=split_blocks(len(theta), period, edge, (len(theta) * period - 2.0 * edge) / _BLOCKS),
     )
 
 
@@ -131,27 +119,16 @@ def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[Flo
     `grams` (n, k + 1, k + 1) are those of [A_j | tau_j], summed over blocks; `weights` (n,) of the joints are
     those of their residuals, iterated, where None.
     """
-    rounds = _ROUNDS if weights is None else 1
-    weights = np.ones(len(grams)) if weights is None else weights
-    for _ in range(rounds):
-        whole = np.einsum("j,jkl->kl", weights, grams)
-        inner, right = whole[:-1, :-1], whole[:-1, -1]
-        lengths = np.sqrt(np.diag(inner))
-        scales = np.where(lengths > 0.0, lengths, 1.0)
-        values, vectors = np.linalg.eigh(inner / np.outer(scales, scales))
-        kept = values > _RANK**2 * max(values[-1], 1e-300)
-        part = vectors[:, kept]
-        x = (part @ ((part.T @ (right / scales)) / values[kept])) / scales
+    found = np.ones(len(grams)) if weights is None else weights
+    for _ in range(numerics.ROUNDS):
+        before, x = found, solve_sums(grams, found)
         left = np.append(x, -1.0)
         squares = np.maximum(np.einsum("k,jkl,l->j", left, grams, left), 0.0)
-        squares = np.maximum(squares, 1e-18 * grams[:, -1, -1] + 1e-300)
-        if rounds > 1:
-            weights = 1.0 / squares
+        squares = np.maximum(squares, numerics.EXACT * grams[:, -1, -1] + numerics.TINY)
+        found = 1.0 / squares
+        if weights is not None or np.all(np.abs(found - before) <= numerics.CONVERGED * found):
+            break
     return x, np.sqrt(squares)
-
-
-_LOADS = 4
-"""Fits after which loads that friction takes part of stay where they are."""
 
 
 def _build_loaded_rows(
@@ -161,14 +138,17 @@ def _build_loaded_rows(
     measured, loaded = list_measured_joints(recordings), tuple(recordings)
     sought = "load" in library.card.friction_inputs and not all(measured)
     loads = [np.zeros_like(recording.position) for recording in recordings]
-    for _ in range(_LOADS if sought else 1):
+    beta, options = np.zeros(len(library.card.beta)), ElasticOptions()
+    for _ in range(options.iterations):
         if sought:
             pairs = zip(recordings, loads, strict=True)
             loaded = tuple(replace(one, load=fill_load(one.load, load, measured)) for one, load in pairs)
         runs = [build_rigid_rows(library, recording) for recording in loaded]
         x, _ = fit_rigid(np.concatenate([rows.compute_grams() for rows in runs]).sum(axis=0))
-        beta = x[: runs[0].whole.shape[2]]
+        before, beta = beta, x[: len(beta)]
         loads = [rows.whole @ beta for rows in runs]
+        if not sought or np.linalg.norm(beta - before) <= options.tolerance * np.linalg.norm(beta):
+            break
     return runs, beta
 
 
@@ -182,27 +162,27 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
     """
     moved = tuple(recordings)
     used, delay = np.zeros((len(recordings), library.card.size)), 0.0
-    for _ in range(_PASSES):
+    for _ in range(numerics.ROUNDS):
         runs, beta = _build_loaded_rows(library, moved)
         peak = np.max([np.max(np.abs(rows.whole @ beta), axis=0) for rows in runs], axis=0)
-        scale, width = np.where(peak > 0.0, peak, 1.0), _compute_reversal_widths(runs)
-        # What the torsion may follow, (N, n, 7), all of one scale: gravity, the torque of motion, plays of
-        # their sum, the direction of motion, the acceleration. Torques with a memory of their turning points
-        # are what hysteresis follows, and the rest what a fit of torques errs by.
+        scale, count = np.where(peak > 0.0, peak, 1.0), ElasticOptions().stops
+        radii = np.arange(1, count + 1) / (count + 1)
+        # What the torsion may follow, (N, n, columns), all of one scale: gravity, the torque of motion, plays
+        # of their sum, the direction of motion, the acceleration. Torques with a memory of their turning
+        # points are what hysteresis follows, and the rest what a fit of torques errs by.
         columns = []
         for rows in runs:
             gravity = rows.still @ beta / scale
             # Rounding at a joint that gravity does not load is no torque, and must not look like a constant.
-            gravity = np.where(np.max(np.abs(gravity), axis=0) > _ROUNDING, gravity, 0.0)
+            gravity = np.where(np.max(np.abs(gravity), axis=0) > numerics.RANK, gravity, 0.0)
             torque = rows.whole @ beta / scale
-            plays = np.stack([compute_plays(part, np.array(_PLAYS), None) for part in torque.T], axis=1)
-            direction = np.tanh(rows.speed / width)
-            plain = (gravity, torque - gravity, torque**2, torque**3, direction, rows.acceleration)
+            plays = np.stack([compute_plays(part, radii, None) for part in torque.T], axis=1)
+            plain = (gravity, torque - gravity, torque**2, torque**3, np.sign(rows.speed), rows.acceleration)
             columns.append(np.concatenate([np.stack(plain, axis=2), plays], axis=2))
         found = estimate_alignment(recordings, columns)
         offsets = np.nan_to_num(found.offsets, nan=0.0)
         change = max(float(np.max(np.abs(offsets - used))), abs(found.delay - delay))
-        if change < _STEADY:
+        if change < numerics.CONVERGED:
             break
         used, delay = offsets, found.delay
         moved = tuple(
@@ -242,11 +222,6 @@ def _align(
     return moved, found, kept, notices
 
 
-_REFUTES, _APART = 0.9, 0.1
-"""The latter of the power of the motors' velocities, least of that of the torsion."""
-_GRID = 6
-
-
 def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: Alignment) -> bool:
     """Return whether the motors' torque speaks against a delay of the link encoders."""
     # Viscous friction of the links gives the same torsion as a delay; the spring's torque on the motor tells
@@ -256,30 +231,29 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
     for motor, link in map(regression.get_encoder_positions, recordings):
         apart += float(np.mean(np.diff(motor - link, axis=0) ** 2))
         moves += float(np.mean(np.diff(motor, axis=0) ** 2))
-    if not any(library.card.yielding) or apart < _APART * moves:
+    if not any(library.card.yielding) or apart < regression.APART**2 * moves:
         return False
-    bases, lefts = len(library.card.beta), []
-    for entry in (replace(alignment, delay=0.0), alignment):
-        # The mean square that motor and spring leave of the torque, relative, summed over joints and runs.
-        total = 0.0
+    bases, size, losses = len(library.card.beta), library.card.size, []
+    for entry in (alignment, replace(alignment, delay=0.0)):
+        # The mean square that motor and spring leave of the torque in every part of the runs, relative.
+        parts = []
         for run, recording in enumerate(recordings):
-            signals = regression.prepare_elastic_signals(
-                shift_link_channel(recording, entry, run=run), ElasticOptions()
-            )
+            moved = shift_link_channel(recording, entry, run=run)
+            signals = regression.prepare_elastic_signals(moved, ElasticOptions())
             rate = partial(differentiate, period=signals.period)
             design = regression.build_equations(library, signals, rate, np.asarray)
-            for joint in range(library.card.size):
+            for joint in range(size):
                 torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
                 if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
                     continue
-                grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _GRID + 1) / (_GRID + 1)
-                basis = compute_stop_basis(torsion - torsion.mean(), grid)
-                whole = np.column_stack([design[:, joint, bases:], basis, np.ones_like(torsion)])
+                basis = regression.build_spring_basis(torsion - torsion.mean())
+                whole = np.column_stack([design[:, joint, bases:], basis])
                 whole, right = whole[signals.settled :], torque[signals.settled :]
-                left = right - whole @ solve_scaled(whole, right, rcond=1e-10)
-                total += float(np.mean(left**2) / np.var(torque))
-        lefts.append(total)
-    return lefts[0] < _REFUTES * lefts[1]
+                left = right - whole @ solve_scaled(whole, right, rcond=numerics.RANK)
+                parts += [np.mean(part**2) / np.var(torque) for part in np.array_split(left, _BLOCKS)]
+        losses.append(np.array(parts)[:, None])
+    gain = compare(*losses)
+    return gain.p_of_all < POLICY.alarm and gain.fall_of_all * (1.0 - POLICY.relevance) > 1.0
 
 
 def prepare_aligned(
@@ -315,21 +289,10 @@ def prepare_aligned(
     return moved, found, (notice, *notices)
 
 
-def _compute_reversal_widths(runs: Sequence[RigidRows]) -> FloatArray:
-    """Return the speeds (n,) in rad/s or m/s over which a change of direction is spread."""
-    speeds: FloatArray = np.max([np.max(np.abs(rows.speed), axis=0) for rows in runs], axis=0)
-    return _REVERSAL * np.where(speeds > 0.0, speeds, 1.0)
-
-
-_FLAT = 1e-6
-"""Gravity below this part of the whole torque is none."""
-_NUISANCES = 4
-
-
 def _solve_runs(sums: FloatArray, beta: FloatArray) -> FloatArray:
     """Return compliances, and squares of the torsion that gravity explains and leaves: (3, runs, n)."""
     # Gravity and torsion are cleared of nuisances and of the torque of motion first (Frisch and Waugh).
-    own = _NUISANCES
+    own = sums.shape[-1] - 2 * len(beta) - 1
     change = scipy.linalg.block_diag(np.eye(own), beta[:, None], beta[:, None], 1.0)
     found = np.zeros((*sums.shape[:2], 3))
     for place in np.ndindex(sums.shape[:2]):
@@ -338,20 +301,15 @@ def _solve_runs(sums: FloatArray, beta: FloatArray) -> FloatArray:
         lengths = np.sqrt(np.maximum(np.diag(inner), 0.0))
         scales = np.where(lengths > 0.0, lengths, 1.0)
         side = small[: own + 1, own + 1 :] / scales[:, None]
-        part = np.linalg.lstsq(inner / np.outer(scales, scales), side, rcond=1e-12)[0]
+        part = np.linalg.lstsq(inner / np.outer(scales, scales), side, rcond=numerics.EXACT)[0]
         cleared = small[own + 1 :, own + 1 :] - side.T @ part
         loading, whole = float(cleared[0, 0]), max(float(cleared[1, 1]), 0.0)
         compliance = explained = 0.0
-        if loading > _FLAT**2 * float(small[own + 1, own + 1]) and loading > 0.0:
+        if loading > numerics.CONVERGED**2 * float(small[own + 1, own + 1]) and loading > 0.0:
             compliance = float(cleared[0, 1]) / loading
             explained = min(compliance * float(cleared[0, 1]), whole)
         found[place] = compliance, explained, whole - explained
     return found.transpose(2, 0, 1)
-
-
-_LEVEL = 0.95
-_UNLIKELY = 0.01
-"""Runs that agree differ like theirs in less than this part of all cases."""
 
 
 class StiffnessVerdict(Enum):
@@ -413,9 +371,9 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
     moved, alignment, _, notices = _align(library, recordings)
     # The compliance of every joint in every run, (1 + blocks, runs, n): with all blocks, then without each.
     runs, beta = _build_loaded_rows(library, moved)
-    widths, count, torsion = _compute_reversal_widths(runs), len(beta), []
+    count, torsion = len(beta), list[FloatArray]()
     for rows in runs:
-        nuisances = (np.ones_like(rows.gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
+        nuisances = (np.ones_like(rows.gap), rows.speed, np.sign(rows.speed), rows.acceleration)
         parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, rows.gap[:, :, None]]
         torsion.append(rows.compute_grams(np.concatenate(parts, axis=2)))
     rigid = np.concatenate([rows.compute_grams() for rows in runs])
@@ -435,7 +393,7 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
     squares = np.sqrt(first[1:].sum(axis=1) / samples)
     still = np.concatenate([rows.still @ whole[:count] for rows in runs])
     torque = np.concatenate([rows.torque for rows in runs])
-    size = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), 1e-300)
+    size = np.maximum(np.sqrt(np.mean(torque**2, axis=0)), numerics.TINY)
     shares = np.array([np.std(still, axis=0), np.abs(np.mean(still, axis=0))]) / size
     columns = np.array(compliances).transpose(2, 0, 1), squares.T, shares.T, alignment.present
     return StiffnessEstimate(
@@ -459,9 +417,9 @@ def _judge(
         explained = left = float("nan")
         text = "its link encoder's channel is constant or a copy: there is no link encoder"
         against.append((StiffnessVerdict.NO_ENCODER, text))
-    elif loading <= _FLAT:
+    elif loading <= numerics.CONVERGED:
         explained, load = 0.0, "gravity does not load this joint"
-        if steady > _FLAT:
+        if steady > numerics.CONVERGED:
             load = "the torque of gravity on this joint does not change"
         text = (
             f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; {left:.3g} "
@@ -475,14 +433,14 @@ def _judge(
         spread = others - others.mean(axis=0)
         covariance = (n - 1) / n * spread.T @ spread
         run_stds = np.sqrt(np.diag(covariance))
-        weights = 1.0 / np.maximum(run_stds, 1e-300) ** 2
+        weights = 1.0 / np.maximum(run_stds, numerics.TINY) ** 2
         weights /= weights.sum()
         mean, std = float(weights @ runs), float(np.sqrt(weights @ covariance @ weights))
         if freedom:
-            excess = float(np.sum(((runs - mean) / np.maximum(run_stds, 1e-300)) ** 2))
+            excess = float(np.sum(((runs - mean) / np.maximum(run_stds, numerics.TINY)) ** 2))
             # The Birge ratio; and the chance that equal springs differ so much.
             std, chance = std * max(1.0, excess / freedom) ** 0.5, float(scipy.stats.chi2.sf(excess, freedom))
-        half = float(scipy.stats.t.ppf(0.5 + 0.5 * _LEVEL, max(1, n - 1))) * std
+        half = float(scipy.stats.t.ppf(0.5 + 0.5 * POLICY.confidence, max(1, n - 1))) * std
         low, high = mean - half, mean + half
         if explained <= left:
             text = (
@@ -490,7 +448,7 @@ def _judge(
                 f"{left:.3g} {unit} (root mean square)"
             )
             against.append((StiffnessVerdict.BELOW_NOISE, text))
-        if chance < _UNLIKELY:
+        if chance < POLICY.alarm:
             text = "the runs contradict each other: equal springs differ so much with probability"
             against.append((StiffnessVerdict.INCONSISTENT, f"{text} {chance:.2g}"))
         if low <= 0.0:

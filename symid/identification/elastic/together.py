@@ -7,7 +7,7 @@ Two steps, hysteresis given the dynamics, dynamics given the hysteresis:
     X-step           chi <- min |y - W_e(springs) - Yd chi|, signs constrained
     same cost        min |y - Yd chi - Ae k|^2 over k and chi in turn; no bounds
 
-A step whose merit rises by more than `_RISE` is halved; without convergence the iterate of least merit is
+A step whose merit rises by what matters is halved; without convergence the iterate of least merit is
 kept. With the same cost it is block coordinate descent, whose error falls by cos^2 of the smallest principal
 angle between the column spaces of Yd and Ae (von Neumann).
 
@@ -40,15 +40,14 @@ from symid.arrays import FloatArray
 from symid.errors import RobotError
 from symid.identification import hysteresis as elements
 from symid.identification.elastic import estimate
-from symid.identification.elastic.regression import ElasticProblem, compute_joint_torque, solve_with_signs
+from symid.identification.elastic.regression import ElasticProblem, solve_with_signs
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import Elasticity
 
-_RISE = 0.01
-_HALVINGS = 4
-_GRID_STEPS = 1
-"""Iterations on the grid; the next one moves thresholds and knees to their places, one more corrects them."""
+HALVINGS = 4
+"""Of a step that does not help, at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,12 +71,6 @@ class TwoStepState:
     merit: float = float("inf")
 
 
-_NO_SPRING = elements.SpringWeights(
-    thresholds=np.zeros(0), stiffness=np.zeros(1), knees=np.zeros(0), slopes=np.zeros(0)
-)
-"""Of a rigid joint."""
-
-
 def fit_linear_spring(problem: ElasticProblem) -> estimate.MethodFit:
     """Return dynamics and linear springs that explain the energy rows best: the initialisation step."""
     joints = problem.sizes[1]
@@ -89,17 +82,19 @@ def fit_linear_spring(problem: ElasticProblem) -> estimate.MethodFit:
 
 def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     """Return the next iterate: the springs of all joints given chi, then chi given the springs."""
-    count = len(state.history) if problem.options.moves_stops else -1
-    data, springs = list(state.data), list(state.springs) or [_NO_SPRING] * problem.sizes[1]
+    # One iteration on the grid; the next one moves thresholds and knees to their places, one more corrects.
+    count = len(state.history) if problem.options.moves_stops else 0
+    rigid = elements.read_weights(Elasticity(stiffness=0.0))
+    data, springs = list(state.data), list(state.springs) or [rigid] * problem.sizes[1]
     for joint, aim in enumerate(problem.compute_motor_side(state.chi).T):
         if not problem.gives[joint]:
             continue
         known, start = data[joint], springs[joint]
         if not state.springs:
             start = problem.start_spring(joint, known, aim)
-        if count == _GRID_STEPS:
+        if count == 1:
             start = elements.refine_spring(known, aim, start)
-        elif count == _GRID_STEPS + 1:
+        elif count == 2:
             start = elements.follow_spring(known, aim, start)
         data[joint] = known.rebuild(start.thresholds)
         springs[joint] = elements.fit_spring(data[joint], aim, start)
@@ -107,7 +102,7 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work, problem.known)
     torques = np.column_stack([known.compute_torque(own) for known, own in zip(data, springs, strict=True)])
     fraction = 1.0
-    for _ in range(_HALVINGS):
+    for _ in range(HALVINGS):
         chi = state.chi + fraction * (goal - state.chi)
         passed = np.where(problem.gives, torques, problem.compute_link_side(chi))
         errors = [
@@ -115,14 +110,14 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
             *(problem.compute_motor_side(chi) - passed).T,
         ]
         norms = tuple(float(np.linalg.norm(part)) for part in errors)
-        scales = state.scales or tuple(max(norm, 1e-300) for norm in norms)
+        scales = state.scales or tuple(max(norm, numerics.TINY) for norm in norms)
         merit = sum((norm / scale) ** 2 for norm, scale in zip(norms, scales, strict=True))
-        if merit <= state.merit * (1.0 + _RISE):
+        if merit <= state.merit * (1.0 + POLICY.relevance):
             break
         fraction /= 2.0
     # A parameter near zero is measured by what its column could explain at most.
-    lengths = np.maximum(np.linalg.norm(problem.design, axis=0), 1e-300)
-    sizes = np.maximum(np.abs(chi), 0.05 * float(np.linalg.norm(problem.supplied)) / lengths)
+    lengths = np.maximum(np.linalg.norm(problem.design, axis=0), numerics.TINY)
+    sizes = np.maximum(np.abs(chi), POLICY.relevance * float(np.linalg.norm(problem.supplied)) / lengths)
     change = float(np.max(np.abs(chi - state.chi) / sizes))
     entry = estimate.HistoryEntry(merit=merit, change=change, damping=fraction, norms=norms)
     return TwoStepState(
@@ -140,7 +135,7 @@ def fit_two_step(problem: ElasticProblem) -> estimate.MethodFit:
     options, outcome = problem.options, None
     # What a residual moves by counts relative to what was measured, not to a residual near zero.
     torque = problem.stack_filtered()[1]
-    sizes = np.maximum([np.linalg.norm(problem.supplied), *np.linalg.norm(torque, axis=0)], 1e-300)
+    sizes = np.maximum([np.linalg.norm(problem.supplied), *np.linalg.norm(torque, axis=0)], numerics.TINY)
     best = state = TwoStepState(chi=fit_linear_spring(problem).chi, data=problem.springs)
     while outcome is None:
         state = step_two_step(problem, state)
@@ -155,18 +150,14 @@ def fit_two_step(problem: ElasticProblem) -> estimate.MethodFit:
                 outcome = Ending.CONVERGED
         if outcome is None and len(state.history) >= options.iterations:
             outcome = Ending.LIMIT
-    if outcome is Ending.CONVERGED and state.merit <= best.merit * (1.0 + _RISE):
+    if outcome is Ending.CONVERGED and state.merit <= best.merit * (1.0 + POLICY.relevance):
         best = state
     springs = tuple(map(elements.build_elasticity, best.springs))
     fit = estimate.build_method_fit("two-step", best.chi, problem.sizes, springs)
     return replace(fit, history=state.history, outcome=outcome)
 
 
-_LONGEST = 500
-_RANK = 1e-9
-
-
-def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> estimate.MethodFit:
+def fit_alternation(problem: ElasticProblem) -> estimate.MethodFit:
     """Return what minimises the energy cost by turns over stiffnesses and dynamics, from no springs at all.
 
     The history's `change` is the relative step of chi, its `merit` the cost in J^2.
@@ -174,14 +165,14 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> e
     free, values = np.isnan(problem.known), np.nan_to_num(problem.known)
     design, supplied = problem.design[:, free], problem.supplied - problem.design @ values
     columns = problem.compute_stop_work(problem.thresholds)
-    chi, stiffness = solve_scaled(design, supplied, rcond=_RANK), np.zeros(columns.shape[1])
-    lengths = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    chi, stiffness = solve_scaled(design, supplied, rcond=numerics.RANK), np.zeros(columns.shape[1])
+    lengths = np.maximum(np.linalg.norm(design, axis=0), numerics.TINY)
     history: list[estimate.HistoryEntry] = []
     outcome = Ending.LIMIT
-    while outcome is Ending.LIMIT and len(history) < iterations:
-        before, stiffness = chi, solve_scaled(columns, supplied - design @ chi, rcond=_RANK)
-        chi = solve_scaled(design, supplied - columns @ stiffness, rcond=_RANK)
-        size = max(float(np.linalg.norm(chi * lengths)), 1e-300)
+    while outcome is Ending.LIMIT and len(history) < problem.options.iterations:
+        before, stiffness = chi, solve_scaled(columns, supplied - design @ chi, rcond=numerics.RANK)
+        chi = solve_scaled(design, supplied - columns @ stiffness, rcond=numerics.RANK)
+        size = max(float(np.linalg.norm(chi * lengths)), numerics.TINY)
         change = float(np.linalg.norm((chi - before) * lengths)) / size
         norm = float(np.linalg.norm(supplied - design @ chi - columns @ stiffness))
         history.append(estimate.HistoryEntry(merit=norm**2, change=change, norms=(norm,)))
@@ -197,11 +188,8 @@ def fit_alternation(problem: ElasticProblem, *, iterations: int = _LONGEST) -> e
     return replace(fit, history=tuple(history), outcome=outcome)
 
 
-_FLOOR = 1e-9
-_ROUNDS, _EVALUATIONS = 3, 4
-_FACTOR_STEP, _SAME = 1e-4, 1e-3
-_LEAST, _MOST = 0.2, 5.0
-"""Of a spring's numbers where they begin: how far they may go."""
+_EVALUATIONS = 4
+"""Of the springs before both sides are weighed again."""
 
 
 class LinearRows(NamedTuple):
@@ -220,12 +208,8 @@ def list_row_times(problem: ElasticProblem, number: int) -> FloatArray:
 
 def filter_spring(problem: ElasticProblem, spring: Elasticity, joint: int) -> list[FloatArray]:
     """Return F[tau_J] (M,) of a spring at the filtered rows of every recording, N m or N."""
-    return [
-        elements.filter_smooth(compute_joint_torque(spring, part, joint), problem.options.rate, part.period)[
-            rows.keep
-        ]
-        for part, rows in zip(problem.signals, problem.filtered, strict=True)
-    ]
+    pairs = zip(problem.signals, problem.filtered, strict=True)
+    return [rows.pass_spring(spring, part, joint, problem.options.rate) for part, rows in pairs]
 
 
 def compute_spring_torques(problem: ElasticProblem, fit: estimate.MethodFit) -> list[FloatArray]:
@@ -273,7 +257,7 @@ def _build_sides(problem: ElasticProblem, fit: estimate.MethodFit) -> list[_Side
         design = np.where(kept[..., None], np.stack([motor, link], axis=1), 0.0)
         pulls = np.where(kept & gives, np.array([[-1.0], [1.0]]), 0.0)
         squares = np.sum((right - design @ fit.chi) ** 2, axis=0)
-        floor = _FLOOR * max(float(np.sqrt(np.mean(rows.torque**2))), 1e-300)
+        floor = numerics.CONVERGED * max(float(np.sqrt(np.mean(rows.torque**2))), numerics.TINY)
         scatter = np.maximum(np.sqrt(squares / np.maximum(np.sum(kept, axis=0), 1)), floor)
         sides.append(_Sides(design / scatter[..., None], right / scatter, pulls / scatter))
     return sides
@@ -334,7 +318,7 @@ def fit_simultaneous(
     `calm_torsions`.
     """
     fit, problem = start, wide
-    for _ in range(_ROUNDS):
+    for _ in range(wide.options.iterations):
         problem = calm_torsions(wide, narrow, fit)
         # Less error for the scatter of both sides as it is about the fit.
         design, springs = _follow_springs(problem, fit)
@@ -349,23 +333,22 @@ def fit_simultaneous(
             lambda factors, own=springs, given=given: project(own.move(factors) - given),
             np.ones(len(springs.numbers)),
             lambda factors, own=springs: project(own.differentiate(factors)),
-            bounds=(_LEAST, _MOST),
+            bounds=(0.0, np.inf),
             max_nfev=_EVALUATIONS,
-            ftol=_SAME**2,
-            xtol=_SAME,
+            ftol=None,
+            xtol=wide.options.tolerance,
         )
         chi = solve_with_signs(problem.library.card, design, springs.move(found.x), problem.known)
         fit = estimate.build_method_fit(fit.method, chi, problem.sizes, springs.build(found.x))
-        if float(np.max(np.abs(found.x - 1.0), initial=0.0)) < _SAME:
+        if float(np.max(np.abs(found.x - 1.0), initial=0.0)) < wide.options.tolerance:
             break
     # The covariance of the dynamics, whatever the springs are.
     design, springs = _follow_springs(problem, fit)
     whole = np.hstack([design, -springs.differentiate(np.ones(len(springs.numbers)))])
     known = np.concatenate([problem.known, np.full(len(springs.numbers), np.nan)])
     dynamics = slice(len(fit.chi))
-    covariance = estimate.compute_covariance(whole, springs.right - design @ fit.chi, known)[
-        dynamics, dynamics
-    ]
+    errors = springs.move(np.ones(len(springs.numbers))) - design @ fit.chi
+    covariance = estimate.compute_covariance(whole, errors, known)[dynamics, dynamics]
     found = estimate.build_method_fit("simultaneous", fit.chi, wide.sizes, fit.elasticity)
     return replace(found, covariance=covariance, notices=start.notices)
 
@@ -374,16 +357,14 @@ def fit_simultaneous(
 class _Springs:
     """Right sides of all equations as the springs of `start` change by factors (k,) of their numbers.
 
-    `numbers` are the joint of each, its place and what it begins with; `begun` the torques, F[tau_J], joint
-    by joint and recording by recording.
+    `numbers` are the joint of each, its place and what it begins with; `rest` (M,) the sides without springs.
     """
 
     problem: ElasticProblem
     start: tuple[Elasticity, ...]
     sides: Sequence[_Sides]
     numbers: Sequence[tuple[int, estimate.SpringPlace, float]]
-    right: FloatArray
-    begun: Sequence[Sequence[FloatArray]]
+    rest: FloatArray
 
     def build(self, factors: FloatArray) -> tuple[Elasticity, ...]:
         springs = list(self.start)
@@ -393,33 +374,28 @@ class _Springs:
                 springs[joint] = estimate.move_spring(springs[joint], place, value * factor)
         return tuple(springs)
 
-    def _change(self, joint: int, spring: Elasticity, before: Sequence[FloatArray]) -> FloatArray:
-        """Return what another spring than that of `before` changes of the right sides."""
+    def pull(self, joint: int, spring: Elasticity) -> FloatArray:
+        """Return what the spring of a joint gives to the right sides (M,)."""
         parts = []
-        torques = filter_spring(self.problem, spring, joint)
-        for side, old, new in zip(self.sides, before, torques, strict=True):
-            moved = np.zeros_like(side.right)
-            moved[:, :, joint] = side.pulls[:, :, joint] * (new - old)[:, None]
-            parts.append(side.free(moved).reshape(-1))
+        for side, torque in zip(self.sides, filter_spring(self.problem, spring, joint), strict=True):
+            own = np.zeros_like(side.right)
+            own[:, :, joint] = side.pulls[:, :, joint] * torque[:, None]
+            parts.append(side.free(own).reshape(-1))
         return np.concatenate(parts)
 
     def move(self, factors: FloatArray) -> FloatArray:
         """Return the right sides (M,)."""
-        right = self.right
-        for joint, spring in enumerate(self.build(factors)):
-            if spring != self.start[joint]:
-                right = right + self._change(joint, spring, self.begun[joint])
-        return right
+        return sum((self.pull(*pair) for pair in enumerate(self.build(factors))), self.rest)
 
     def differentiate(self, factors: FloatArray) -> FloatArray:
         """Return their derivatives (M, k) by the factors."""
         springs, columns = self.build(factors), []
-        before = [filter_spring(self.problem, spring, joint) for joint, spring in enumerate(springs)]
+        before = [self.pull(*pair) for pair in enumerate(springs)]
         for (joint, place, value), factor in zip(self.numbers, factors.tolist(), strict=True):
-            column = np.zeros_like(self.right)
+            column = np.zeros_like(self.rest)
             with suppress(RobotError):
-                ahead = estimate.move_spring(springs[joint], place, value * (factor + _FACTOR_STEP))
-                column = self._change(joint, ahead, before[joint]) / _FACTOR_STEP
+                ahead = estimate.move_spring(springs[joint], place, value * (factor + estimate.STEP))
+                column = (self.pull(joint, ahead) - before[joint]) / estimate.STEP
             columns.append(column)
         return np.column_stack(columns)
 
@@ -428,17 +404,12 @@ def _follow_springs(problem: ElasticProblem, fit: estimate.MethodFit) -> tuple[F
     """Return the design (M, p + n + pf) of both equations, and how springs move their right sides."""
     sides = _build_sides(problem, fit)
     design, right = _stack(sides, zeros=True)
-    springs = _Springs(
-        problem=problem,
-        start=fit.elasticity,
-        sides=sides,
-        numbers=[
-            (joint, place, value)
-            for joint, spring in enumerate(fit.elasticity)
-            if problem.gives[joint]
-            for value, place in estimate.list_spring_numbers(spring)
-        ],
-        right=right,
-        begun=[filter_spring(problem, spring, joint) for joint, spring in enumerate(fit.elasticity)],
-    )
-    return design, springs
+    numbers = [
+        (joint, place, value)
+        for joint, spring in enumerate(fit.elasticity)
+        if problem.gives[joint]
+        for value, place in estimate.list_spring_numbers(spring)
+    ]
+    springs = _Springs(problem=problem, start=fit.elasticity, sides=sides, numbers=numbers, rest=right)
+    pulled = springs.move(np.ones(len(numbers))) - right
+    return design, replace(springs, rest=right - pulled)

@@ -159,8 +159,7 @@ def predict_elastic(
         spring = springs[joint] if springs else None
         if spring is None or spring.initial_stiffness is None:
             return None
-        torque = regression.compute_joint_torque(spring, signals, joint)
-        return filter_smooth(torque, options.rate, signals.period)[rows.keep]
+        return rows.pass_spring(spring, signals, joint, options.rate)
 
     told = identifiable or [True] * len(final.elasticity)
     known = [spring if is_known else None for spring, is_known in zip(final.elasticity, told, strict=True)]
@@ -239,9 +238,6 @@ def compute_elastic_reference(
 
 
 RIGID = "rigid feed-forward"
-_FURTHER = 1.5
-_MULTIPLE = 4
-"""Stops and knees are counted up to it, so that many models share one compiled function."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -314,13 +310,14 @@ def simulate_tracking(
 
 
 def _count(springs: Sequence[Elasticity]) -> SpringCounts:
-    """Return the largest numbers that occur in any of the springs, counted up."""
+    """Return the largest numbers in any of the springs, up to a power of two: many share one function."""
     numbers = [
         (len(spring.stops), below, len(spring.knees) - below)
         for spring in springs
         for below in [sum(knee.threshold < 0.0 for knee in spring.knees)]
     ]
-    stops, below, above = (-(-most // _MULTIPLE) * _MULTIPLE for most in np.max(numbers, axis=0).tolist())
+    most = np.max(numbers, axis=0).tolist()
+    stops, below, above = (1 << (count - 1).bit_length() if count else 0 for count in most)
     return stops, below, above
 
 
@@ -328,12 +325,12 @@ def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCount
     """Return springs of the same torque with more stops and knees, which have no effect."""
 
     def extend(places: list[float], least: int, first: float) -> list[float]:
-        last = places[-1] if places else first / _FURTHER
-        return [last * _FURTHER**step for step in range(1, least - len(places) + 1)]
+        last = places[-1] if places else first
+        return [last * 2.0**step for step in range(1, least - len(places) + 1)]
 
     wide = []
     for spring, (count, below, above) in zip(elasticity, counts, strict=True):
-        radii = extend([stop.threshold for stop in spring.stops], count, _FURTHER)
+        radii = extend([stop.threshold for stop in spring.stops], count, 1.0)
         places = sorted(knee.threshold for knee in spring.knees)
         further = extend([place for place in places[::-1] if place < 0.0], below, -1.0)
         further += extend([place for place in places if place > 0.0], above, 1.0)

@@ -4,28 +4,29 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from symid.identification.elastic.elimination import (
-    _SHARES,
+    SHARES,
     BandRows,
     choose_sliding_rows,
     measure_torque_noise,
 )
 from symid.identification.elastic.estimate import (
+    MODEL_ERROR,
     MethodFit,
     list_spring_numbers,
     measure_spring_spread,
     move_spring,
 )
 from symid.identification.elastic.methods import (
-    FOLDS,
     MethodCandidate,
-    _measure_disagreement,
     _widen,
-    assign_folds,
+    assign_parts,
     choose_candidate,
     find_contradiction,
 )
+from symid.identification.judge import POLICY
 from symid.joint_models import BoucWen, Elasticity, Knee, Stop, run_element
 from symid.logs import Recording, low_pass
 
@@ -33,7 +34,7 @@ PERIOD = 1e-3
 SIGMA = np.array([0.01, 0.02, 0.05])
 
 
-def build_work(share=0.0, effects=()):
+def build_work():
     """Two base parameters and a rotor of one joint, identified without springs as 2, 1 and 0.5."""
     rows = BandRows(
         design=np.eye(3),
@@ -49,8 +50,6 @@ def build_work(share=0.0, effects=()):
         band=SimpleNamespace(chi=np.array([2.0, 1.0, 0.5]), covariance=np.diag(SIGMA**2)),
         identifiable=np.ones(3, dtype=bool),
         problem=SimpleNamespace(sizes=(2, 1), library=SimpleNamespace(card=card), known=np.full(3, np.nan)),
-        share=share,
-        effects=effects,
     )
 
 
@@ -71,7 +70,7 @@ def test_noise_is_that_which_the_band_of_the_rows_lets_through():
     # Friction changes its sign with the motion: its harmonics reach far above the band.
     friction = 5.0 * np.sign(np.cos(2.0 * np.pi * 3.1 * time))[:, None]
     tau = motion + resonance + friction + noise
-    found = measure_torque_noise([Recording(time=time, position=np.zeros_like(tau), torque=tau)])
+    found = measure_torque_noise([Recording(time=time, position=np.zeros_like(tau), torque=tau)], 0.0)
     expected = np.std(low_pass(noise, period=PERIOD, cutoff=20.0, order=4), axis=0)
     assert found == pytest.approx(expected, rel=0.15)
 
@@ -83,11 +82,10 @@ def test_deviations_grow_with_the_distance_from_what_needs_no_springs():
     # Three deviations in every parameter: chi^2 = 27, nine a parameter.
     together = np.sqrt(SIGMA**2 + np.diag(raw))
     far = build_fit(np.array([2.0, 1.0, 0.5]) + 3.0 * together, raw)
-    assert _measure_disagreement(work, far) == (pytest.approx(27.0), 3)
     wide = _widen(work, far)
     assert wide.covariance == pytest.approx(9.0 * raw)
     # Deviations that a contradiction widened do not make it less of one.
-    assert _measure_disagreement(work, wide) == _measure_disagreement(work, far)
+    assert find_contradiction(work, wide) == find_contradiction(work, far)
 
 
 def test_a_fit_that_says_how_far_it_may_be_off_contradicts_nothing():
@@ -98,13 +96,14 @@ def test_a_fit_that_says_how_far_it_may_be_off_contradicts_nothing():
     # What a fit does not identify cannot contradict.
     blind = build_fit([9.0, 1.0, 0.5], np.diag([np.inf, 1e-6, 1e-6]))
     assert find_contradiction(work, blind)[0] == ""
-    # Nor what is no matter: a thousandth is far beyond these deviations.
+    # Nor what is no matter: a two-thousandth is far beyond these deviations.
     small = 1e-12 * np.eye(3)
     work.band = SimpleNamespace(chi=work.band.chi, covariance=small)
     assert find_contradiction(work, build_fit([2.001, 1.0, 0.5], small))[0] == ""
     text, ratio = find_contradiction(work, build_fit([2.1, 1.0, 0.5], small))
     assert "contradict" in text
-    assert ratio > 5.0
+    # A twentieth of what is 2, over a fiftieth.
+    assert ratio == pytest.approx(2.5, rel=1e-3)
 
 
 def test_a_biased_method_is_not_taken_and_among_equals_the_surest_is():
@@ -126,7 +125,7 @@ def test_a_biased_method_is_not_taken_and_among_equals_the_surest_is():
             for chi, spread in fits
         ]
         found = choose_candidate(candidates, rows, np.array([0.5, 0.5]))
-        assert asked == [*range(FOLDS)] * len(fits)
+        assert asked == [*range(POLICY.folds)] * len(fits)
         return found
 
     best, errors, close = choose(([2.2, -1.0], 1e-6), (truth, 0.1))
@@ -135,7 +134,7 @@ def test_a_biased_method_is_not_taken_and_among_equals_the_surest_is():
     assert errors[0] - errors[1] == pytest.approx(0.04 / 0.25, rel=0.3)
     best, _, close = choose((truth, 0.1), (truth + 1e-3, 0.01))
     assert (best, close) == (1, 2)
-    assert np.bincount(assign_folds(time)).tolist() == [1000] * FOLDS
+    assert np.ptp(np.bincount(assign_parts(time, POLICY.folds), minlength=POLICY.folds)) <= 2
 
 
 SLIDER = SimpleNamespace(beta=("a", "v", "s", "g"), size=0, friction=())
@@ -161,23 +160,24 @@ def build_rows(levels, seed, stick=0.0):
         design=np.concatenate(designs),
         torque=np.concatenate(torques),
         group=np.repeat(np.arange(len(levels)), COUNT),
-        time=np.zeros(len(speed)),
-        slide=sum((np.abs(speed) > share * rms).astype(np.intp) for share in _SHARES),
+        time=np.tile(np.linspace(0.0, 1.0, COUNT), len(levels)),
+        slide=sum((np.abs(speed) > share * rms).astype(np.intp) for share in SHARES),
     )
 
 
 @pytest.mark.parametrize("levels", [(1.0,), (1.0, 1.0), (0.3, 1.0), (1.0, 0.3), (0.1, 1.0), (0.3, 1.0, 1.0)])
 def test_rows_of_a_slow_recording_stay_where_friction_is_that_of_the_file(levels):
-    shares = [choose_sliding_rows(SLIDER, build_rows(levels, seed))[1] for seed in range(12)]
-    # One in a hundred comparisons may fail by chance.
-    assert sorted(shares)[-2] == 0.0, shares
+    shares = [choose_sliding_rows(SLIDER, build_rows(levels, seed))[1] for seed in range(40)]
+    # The rate of false alarms is the stated one at most.
+    assert np.count_nonzero(shares) <= binom.ppf(0.99, len(shares), POLICY.caution), shares
 
 
 @pytest.mark.parametrize("levels", [(1.0,), (0.5, 1.0), (1.0, 0.5)])
 def test_rows_near_rest_go_where_friction_there_is_another(levels):
     rows, share = choose_sliding_rows(SLIDER, build_rows(levels, 3, stick=1.0))
-    assert 0.1 <= share <= 0.4
-    assert rows.slide.min() == 1 + _SHARES.index(share)
+    # At 0.3 rad/s a tenth of it is left, which many rows still show in noise as large.
+    assert 0.1 <= share <= SHARES[-1]
+    assert rows.slide.min() == 1 + SHARES.index(share)
 
 
 TIME = np.linspace(0.0, 12.0, 1200)
@@ -221,16 +221,16 @@ def test_deviations_of_torque_and_slope_are_those_of_many_fits():
     assert 0.8 * slope < found[1] < 2.5 * slope
 
 
-@pytest.mark.parametrize(("torque", "added"), [(0.2, 0.008), (2.0, 0.0)])
+@pytest.mark.parametrize(("torque", "added"), [(0.1, 0.008), (2.0, 0.0)])
 def test_a_knee_near_zero_makes_the_slope_there_uncertain(torque, added):
     # tau = beta phi is followed by k phi: k has the relative deviation of beta, exactly; filtered reversals
-    # add a thousandth of the slope.
+    # add the part of the slope that no row shows.
     found = measure_spread(Elasticity(stiffness=500.0), 9.0)
-    assert found == pytest.approx((3.0 * np.sqrt(np.mean(PHI**2)), np.hypot(3.0, 0.5)))
+    assert found == pytest.approx((3.0 * np.sqrt(np.mean(PHI**2)), np.hypot(3.0, 500.0 * MODEL_ERROR)))
     # The largest torque is 7.2 N m. Such knees are what noise makes of a stiffer beginning.
     knees = tuple(Knee(threshold=side * torque, slope=-0.008) for side in (-1.0, 1.0))
     found = measure_spread(Elasticity(stiffness=500.0, knees=knees), 0.0)
-    assert found[1] == pytest.approx(500.0 * np.hypot(0.001, added), rel=1e-6)
+    assert found[1] == pytest.approx(500.0 * np.hypot(MODEL_ERROR, added), rel=1e-6)
 
 
 def test_every_number_of_a_spring_moves_by_itself():
