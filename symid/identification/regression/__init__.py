@@ -3,6 +3,13 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.identification.regression.condensing import (
+        SCORING as SCORING,
+        CondensedLogs as CondensedLogs,
+        balance_cutoff as balance_cutoff,
+        measure_scoring_band as measure_scoring_band,
+        scale_products as scale_products,
+    )
     from symid.identification.regression.equations import (
         ROW_KINDS as ROW_KINDS,
         SCALAR_KINDS as SCALAR_KINDS,

@@ -20,8 +20,13 @@ from symid.codegen import Library
 from symid.errors import Notice, UsageError
 from symid.identification import estimators
 from symid.identification.diagnostics import PART
-from symid.identification.regression import SCALAR_KINDS, choose_filters, measure_moving_ends
-from symid.identification.rigid.friction_tables import balance_cutoff, limit_cutoff
+from symid.identification.regression import (
+    SCALAR_KINDS,
+    balance_cutoff,
+    choose_filters,
+    measure_moving_ends,
+)
+from symid.identification.rigid.friction_tables import limit_cutoff
 from symid.identification.rigid.settings_choice import ROW_RATE, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording, choose_cutoff
