@@ -108,7 +108,7 @@ def print_choice(robot: Robot, data: Recording, pulses: Recording) -> None:
     chosen = []
     for terms in TERMS:
         samples = build_axis_samples(data, robot.processing, terms=terms)
-        selection, _ = select_law(samples, LAWS, blocks=4)
+        selection, _ = select_law(samples, LAWS)
         print(f"\nbeside the law: {', '.join(terms) or 'nothing'}. {selection.verdict}")
         for trial in selection.trials[:5]:
             print(f"{trial.law:32}{trial.unknowns + 1 + len(terms):7}{trial.held_percent:9.4f} % held back")

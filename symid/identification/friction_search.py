@@ -7,37 +7,54 @@ found, and their robot. Joints that are not named keep law and shape values of t
 
 The fit has one more column for each shape value s, the change of the torque with it; so shape values have
 deviations of their own, and those of all other parameters count them in. It is repeated about the values
-found until they stay, with the loads that the estimate gives where none were measured.
+found until they stay, with the loads that the estimate gives where none were measured. A law that was chosen
+gives way where the plain one surely predicts held-out torque of the whole robot better (`judge.compare`).
 
 Supported: all kinds of rows; estimators that are linear in the torque.
 Not supported: estimators that simulate the robot; elastic joints; laws with a state, which stay those of the
 robot file.
 """
 
+import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from symid import joint_models
+from symid.arrays import FloatArray
 from symid.codegen import Library, ParameterCard, compute_model_signature
 from symid.errors import Notice, UsageError
 from symid.identification import rigid
 from symid.identification.estimators import Estimate, FittedLaw
 from symid.identification.friction import AUTO
-from symid.identification.regression import fill_load, fill_loads, list_coupled_rotors, list_measured_joints
+from symid.identification.judge import POLICY, adjust_chances, compare, numerics
+from symid.identification.regression import (
+    CondensedLogs,
+    condensing,
+    fill_load,
+    fill_loads,
+    list_coupled_rotors,
+    list_measured_joints,
+    measure_scoring_band,
+)
 from symid.logs import Recording
 from symid.notation import join_name
 from symid.robot import Processing, Robot, suggest_names
 
-_Result = tuple[Estimate, Robot, Library]
-_REPEATS = 4
-_STILL, _SMALL = 1.0, 0.03
-"""Standard deviations, and part of a shape value, within which columns that are linear about it are exact."""
-_SAME_LOAD = 3e-3
-"""Relative change of the loads that is none."""
+
+class _Result(NamedTuple):
+    """A fit, its robot with functions, and the losses (parts, n) of held-out torque that a library leaves."""
+
+    estimate: Estimate
+    robot: Robot
+    library: Library
+    measure: Callable[[Library], FloatArray]
+
+
 _NEXT = re.compile(r",(?=[^,=]*=)")
 """Before a joint's name: commas stand in names of laws as well."""
 
@@ -207,7 +224,7 @@ def search_friction(
 
     def fit(found: Robot) -> _Result:
         """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
-        beta, plan, left = choice.beta, None, _REPEATS
+        beta, plan, left = choice.beta, None, numerics.ROUNDS
         while True:
             left -= 1
             library = prepare(found)
@@ -234,32 +251,50 @@ def search_friction(
                 plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
                 plan = replace(plan, laws_chosen=AUTO in names.values())
             estimate = rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
-            values = {entry.name: entry for entry in estimate.parameters}
+            before, found = _list_shapes(found), _move_friction(found, estimate)
+            after, deviations = _list_shapes(found), {entry.name: entry.std for entry in estimate.parameters}
+            # Within a deviation, or where columns that are linear about a value are exact.
             still = all(
-                abs(values[card.name].value - (card.value or 0.0))
-                <= min(_STILL * values[card.name].std, _SMALL * abs(card.value or 0.0))
-                for card in searched
-                if card.name in values
+                abs(after[name] - value) <= max(deviations.get(name, math.inf), POLICY.relevance * abs(value))
+                for name, value in before.items()
             )
-            found = _move_friction(found, estimate)
             new = estimate.assemble([entry.name for entry in library.card.beta])
-            stays = float(np.linalg.norm(new - beta)) <= _SAME_LOAD * float(np.linalg.norm(new))
-            if not left or (still and (known or stays or "load" not in library.card.friction_inputs)):
-                return estimate, found, library
+            stays = known or "load" not in library.card.friction_inputs or _agree(new, beta)
+            if not left or (still and stays):
+                measure = partial(_measure_losses, recordings=loaded, processing=plan.processing)
+                return _Result(estimate, found, library, measure)
             beta = new
 
     result = fit(found)
-    if (plain := _make_plain(found, _list_chosen(found, names))) != found and result[0].evidence is not None:
+    if (plain := _make_plain(found, _list_chosen(found, names))) != found and result.estimate.evidence:
         progress(f"comparing with {rigid.PLAIN}")
-        choice, result = _give_up_worse(choice, names, fit, result, fit(plain))
-    estimate, found, library = result
+        choice, result = _give_up_worse(choice, names, fit, result, result.measure(prepare(plain)))
+    estimate, found, library, _ = result
     laws = rigid.compare_friction(choice, {joint.name: joint.friction for joint in found.axes})
     estimate = replace(estimate, notices=(*choice.notices, *laws, *estimate.notices))
     return _record_laws(estimate, found, robot, library, choice, names), found, library
 
 
-_WORSE = 1.01
-"""Times a joint's held-out residual with the plain law, from which the law chosen is given up."""
+def _list_shapes(robot: Robot) -> dict[str, float]:
+    """Return the shape values of friction laws by name."""
+    return {
+        join_name(name, number): value
+        for number, joint in enumerate(robot.joints, start=1)
+        for name, value in joint_models.name_shape(joint.friction).items()
+    }
+
+
+def _agree(values: FloatArray, before: FloatArray) -> bool:
+    """Return whether parameters of bodies differ by less than matters for loads."""
+    return float(np.linalg.norm(values - before)) <= POLICY.relevance * float(np.linalg.norm(values))
+
+
+def _measure_losses(library: Library, recordings: Sequence[Recording], processing: Processing) -> FloatArray:
+    """Return the losses (parts, n) of held-out torque of all rows, within the scoring band."""
+    band, cutoff = measure_scoring_band(recordings), processing.filter_cutoff or 0.4 / recordings[0].period
+    bands = [band * 2.0**k for k in range(-condensing.SCORING, 1)]
+    logs = CondensedLogs(library, recordings, processing, bands, cutoff)
+    return logs.measure_losses(logs.fit(logs.scores[1], [0] * library.card.size))
 
 
 def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:
@@ -284,31 +319,26 @@ def _give_up_worse(
     names: Mapping[str, str],
     fit: Callable[[Robot], _Result],
     found: _Result,
-    plain: _Result,
+    usual: FloatArray,
 ) -> tuple[rigid.FrictionChoice, _Result]:
-    """Return choice and fit without laws that the plain one surpasses on all rows of the whole robot."""
-    if plain[0].evidence is None:
-        return choice, found
-    usual = {entry.joint: entry.held_out for entry in plain[0].evidence.joints}
-    chosen, given_up, texts = _list_chosen(found[1], names), list[str](), list[str]()
-    while found[0].evidence is not None:
-        worse = [
-            entry
-            for entry in found[0].evidence.joints
-            if entry.joint in chosen
-            and entry.joint not in given_up
-            and entry.held_out > _WORSE * usual[entry.joint]
-        ]
+    """Return choice and fit without laws that plain ones, with losses `usual` (parts, n), surely surpass."""
+    chosen, given_up, texts = _list_chosen(found.robot, names), list[str](), list[str]()
+    while kept := [name for name in chosen if name not in given_up]:
+        test = compare(found.measure(found.library), usual)
+        laws = {joint.name: (place, joint.friction.law) for place, joint in enumerate(found.robot.axes)}
+        sure = adjust_chances([float(test.p[laws[name][0]]) for name in kept])
+        worse = {
+            name: float(test.fall[laws[name][0]])
+            for name, chance in zip(kept, sure, strict=True)
+            if chance < POLICY.caution and test.fall[laws[name][0]] > 1.0 + POLICY.relevance
+        }
         if not worse:
             break
-        laws = {joint.name: joint.friction.law for joint in found[1].axes}
         texts += [
-            f"{entry.joint}: {laws[entry.joint]} leaves {entry.held_out:.3g} %, {rigid.PLAIN} "
-            f"{usual[entry.joint]:.3g} %"
-            for entry in worse
+            f"{name}: {laws[name][1]} leaves {fall:.3g} times the squares" for name, fall in worse.items()
         ]
-        given_up += [entry.joint for entry in worse]
-        found = plain if len(given_up) == len(chosen) else fit(_make_plain(found[1], given_up))
+        given_up += worse
+        found = fit(_make_plain(found.robot, given_up))
     if not given_up:
         return choice, found
     said = "; ".join(texts)
@@ -413,12 +443,11 @@ def identify_loaded(
         replace(one, load=fill_load(one.load, np.zeros_like(one.position), measured)) for one in recordings
     ]
     beta = fit(without).assemble(names)
-    for _ in range(_REPEATS):
+    for _ in range(numerics.ROUNDS):
         estimate = fit(fill_loads(library, recordings, processing, beta))
         new = estimate.assemble(names)
-        moved = float(np.linalg.norm(new - beta)) / max(float(np.linalg.norm(new)), 1e-300)
-        beta = new
-        if moved <= _SAME_LOAD:
+        still, beta = _agree(new, beta), new
+        if still:
             break
     return estimate
 

@@ -67,9 +67,9 @@ _FLAT = 1.01
 _STILL = 1e-3
 """Speed of the slowest row over the fastest up to which rows reach standstill."""
 _TRIALS = (
-    "Friction laws by their residual on held-out blocks. Squares: squared error relative to Coulomb + "
-    "viscous + offset. Behind: difference from the best law in standard errors over the blocks; within one, "
-    "the law with the fewest parameters is chosen."
+    "Friction laws by their residual on held-out parts of the log. Squares: squared error relative to "
+    "Coulomb + viscous + offset. Behind: difference from the best law in standard errors over the parts; of "
+    "those that it does not surely surpass, the law with the fewest parameters is chosen."
 )
 
 

@@ -22,6 +22,7 @@ from symid import study as studies
 from symid.arrays import FloatArray
 from symid.environment import locate_resource_folder
 from symid.identification import friction
+from symid.identification.judge import numerics
 from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
 from symid.report import figures
 from symid.report.blocks import Block, Drawing, Table
@@ -530,7 +531,7 @@ _HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
 
 def _draw_hybrid() -> Drawing:
     """Return our hybrid algorithm as a flow chart, with its default options."""
-    options = friction.FrictionOptions().annealing
+    options = friction.FrictionOptions()
     plain = (
         ("end", f"{options.population} candidates an unknown,", "at random between the bounds"),
         ("step", "J of every candidate;", "temperature T = worst J \N{MINUS SIGN} best J"),
@@ -550,7 +551,7 @@ def _draw_hybrid() -> Drawing:
         (
             "question",
             "(worst J \N{MINUS SIGN} best J) / best J",
-            f"\N{LESS-THAN OR EQUAL TO} {options.tolerance:g}?",
+            f"\N{LESS-THAN OR EQUAL TO} {numerics.CONVERGED:g}?",
         ),
         ("end", "the best candidate"),
     )
@@ -568,7 +569,7 @@ def _draw_hybrid() -> Drawing:
     )
     caption = (
         "Our hybrid of a genetic algorithm with simulated annealing, `annealing`, with its default "
-        f"options; it also ends after {options.generations} generations. Of the paper's flow chart only the "
+        f"options; it also ends after {options.iterations} generations. Of the paper's flow chart only the "
         "caption is public, so its algorithm may differ. The genetic algorithm alone leaves out the four "
         "steps of annealing."
     )

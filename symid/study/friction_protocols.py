@@ -724,7 +724,7 @@ def list_checks(
         for entry in gains
     ]
     checks += [_check_second(entry) for entry in second]
-    limit = friction.VariableProjectionOptions().solves
+    limit = friction.FrictionOptions().solves
     for contest in contests:
         run = next(entry for entry in contest.runs if entry.estimator == _DEFAULT)
         check = FrictionCheck(

@@ -50,9 +50,7 @@ def test_the_last_step_of_the_ladder(samples):
 
 
 def test_blocks_held_back_choose_friction_by_direction(samples):
-    selection, _ = select_law(
-        samples[0], ("coulomb-viscous-offset", "stribeck+offset", "asymmetric"), blocks=4
-    )
+    selection, _ = select_law(samples[0], ("coulomb-viscous-offset", "stribeck+offset", "asymmetric"))
     assert selection.chosen == "asymmetric"
     held = {trial.law: trial.held_percent for trial in selection.trials}
     assert held["asymmetric"] < 3.2 < held["stribeck+offset"] < held["coulomb-viscous-offset"]

@@ -187,14 +187,16 @@ def test_static_friction_that_equals_or_falls_below_coulomb_is_told():
     assert named["fS"] == 15.0
 
 
-def test_a_coarse_log_is_told_to_have_few_presliding_samples():
+@pytest.mark.parametrize(("step", "refused"), [(40, []), (100, ["sigma0"])])
+def test_a_coarse_log_is_told_to_have_few_presliding_samples_or_refused(step, refused):
     law, _, run = simulate("dahl")
-    coarse = slice(2000, None, 100)
+    coarse = slice(2000, None, step)
     changes = {name: getattr(run, name)[coarse] for name in ("time", "velocity", "position")}
     empty = np.zeros((len(run.time[coarse]), 0))
     samples = build_samples(run, 0, **changes, torque=run.friction[coarse], extra=empty)
     found = fit_presliding(samples, law)
-    assert [notice.code for notice in found.notices] == ["friction.presliding-few"]
+    assert [name for name, _ in found.refused] == refused
+    assert [notice.code for notice in found.notices] == ["friction.presliding-few"] * (not refused)
 
 
 TIME = 1e-3 * np.arange(3000)

@@ -1,5 +1,6 @@
 """Friction from motor torques and measured loads: right although the model of the links is wrong."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -100,7 +101,10 @@ def test_a_sensor_with_another_gain_is_named(robot):
     for fit in (alone, identify_all(robot, [weak])):
         first, second = (notice.text for notice in fit.notices if notice.code == "friction.load-gain")
         assert first.startswith("joint 'shoulder': 1.06 +- ")
-        assert second.startswith("joint 'elbow': 1.06 +- 0.000") or fit is alone
+        # The laws take a part of the difference; the factor is right within its deviation, a small one.
+        value, deviation = re.match(r"joint 'elbow': ([0-9.]+) \+- ([0-9.]+)", second).groups()
+        assert abs(float(value) - 1.06) < 3.0 * float(deviation)
+        assert float(deviation) < 1e-3 or fit is alone
 
 
 def test_an_offset_of_a_sensor_is_an_offset_of_friction(robot):

@@ -45,7 +45,7 @@ from symid.identification.elastic.regression import (
     mark_sliding,
     pass_band,
 )
-from symid.identification.judge import POLICY, Comparison, adjust_chances, compare, numerics
+from symid.identification.judge import POLICY, Gain, adjust_chances, compare, numerics
 from symid.identification.regression import solve_scaled
 from symid.joint_models import Elasticity
 from symid.logs import differentiate_smooth, shift_channel
@@ -302,7 +302,7 @@ def measure_gears(
     return tuple(found)
 
 
-def _compare_errors(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> Comparison:
+def _compare_errors(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> Gain:
     """Return how much less errors (M,) of every recording became, part by part."""
     sides = (
         [[np.mean(part**2)] for own in errors for part in np.array_split(own, _PARTS)]
@@ -340,8 +340,8 @@ def build_joint_rows(
         step = max(1, round(0.5 / (part.cutoff * part.period))) if part.cutoff else 1
         kept = slice(max(edge, part.settled), len(part.time) - edge, step)
         if span > MOVES * max(spans) and kept.start < kept.stop:
-            own = (values[:, joint] for values in (part.theta, part.phi, load))
-            rows.append(JointRows(*own, kept, part.period, part.cutoff))
+            theta, phi, torque = (values[:, joint] for values in (part.theta, part.phi, load))
+            rows.append(JointRows(theta, phi, torque, kept, part.period, part.cutoff))
     return rows
 
 

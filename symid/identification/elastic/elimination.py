@@ -27,12 +27,11 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
-from symid.identification.diagnostics import solve_sums
 from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import MethodFit, build_method_fit, compute_covariance
 from symid.identification.hysteresis import filter_smooth
 from symid.identification.judge import POLICY, adjust_chances, agree, compute_changes, numerics
-from symid.identification.regression import choose_windows, integrate_windows
+from symid.identification.regression import choose_windows, integrate_windows, solve_products
 from symid.logs import Recording, differentiate_smooth, estimate_density, low_pass
 from symid.robot import Processing
 
@@ -258,7 +257,7 @@ def choose_sliding_rows(
         sums[level, block] = part.T @ part
     sums = np.cumsum(sums[::-1], axis=0)[::-1]
     wholes = sums.sum(axis=1, keepdims=True)
-    values, without = (solve_sums(part[:, :, None], np.ones(1)) for part in (wholes, wholes - sums))
+    values, without = map(solve_products, (wholes, wholes - sums))
     gram, size = wholes[usable[-1], :, :-1, :-1], wholes[usable[-1], :, -1, -1]
     for start, level in enumerate(usable, start=1):
         chances = []

@@ -30,7 +30,6 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.codegen import Library, ModelCard, ParameterCard, run_compiled_branch
 from symid.errors import LogError, Notice, UsageError
-from symid.identification.diagnostics import measure_scoring_band
 from symid.identification.elastic.options import ElasticOptions, check_grids
 from symid.identification.hysteresis import (
     SpringData,
@@ -42,7 +41,13 @@ from symid.identification.hysteresis import (
     refine_spring,
 )
 from symid.identification.judge import POLICY, numerics
-from symid.identification.regression import RankRule, fill_load, list_measured_joints, list_resting_joints
+from symid.identification.regression import (
+    RankRule,
+    fill_load,
+    list_measured_joints,
+    list_resting_joints,
+    measure_scoring_band,
+)
 from symid.joint_models import (
     Elasticity,
     compute_hysteresis_torque,

@@ -25,12 +25,11 @@ import scipy
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
-from symid.identification.diagnostics import solve_sums
 from symid.identification.elastic import regression
 from symid.identification.elastic.elimination import get_wide_cutoff
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.judge import POLICY, compare, numerics
-from symid.identification.regression import fill_load, list_measured_joints, solve_scaled
+from symid.identification.regression import fill_load, list_measured_joints, solve_products, solve_scaled
 from symid.joint_models import compute_plays
 from symid.logs import (
     Alignment,
@@ -121,7 +120,7 @@ def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[Flo
     """
     found = np.ones(len(grams)) if weights is None else weights
     for _ in range(numerics.ROUNDS):
-        before, x = found, solve_sums(grams, found)
+        before, x = found, solve_products(np.einsum("j,jkl->kl", found, grams))
         left = np.append(x, -1.0)
         squares = np.maximum(np.einsum("k,jkl,l->j", left, grams, left), 0.0)
         squares = np.maximum(squares, numerics.EXACT * grams[:, -1, -1] + numerics.TINY)

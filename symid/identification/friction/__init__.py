@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from symid.identification.friction.presliding import fit_presliding as fit_presliding
     from symid.identification.friction.problem import (
         FrictionOptions as FrictionOptions,
-        VariableProjectionOptions as VariableProjectionOptions,
         build_problem as build_problem,
     )
     from symid.identification.friction.selection import compute_relative_residual as compute_relative_residual

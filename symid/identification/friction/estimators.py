@@ -4,8 +4,8 @@ FrictionSamples, FrictionLaw -> problem (one for all) -> search (the estimator) 
 
 A parameter is refused where the columns of the law are dependent on these samples (also where noise alone
 makes them independent: one speed, one direction); where the law without the term explains the samples as
-well (chi-square, 0.01 %); where no row is slower than the Stribeck velocity; where the deviation of a shape
-value exceeds half of it; where only refused terms depend on it. "varpro" is the default estimator for its
+well (chi-square); where no row is slower than the Stribeck velocity; where the deviation of a shape value
+exceeds 30 % of it; where only refused terms depend on it. "varpro" is the default estimator for its
 exact optimum and its few solves.
 """
 
@@ -21,14 +21,10 @@ from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction import joint_fit, searches
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
-
-_FEW = 20
-_EDGE = 1e-6
-_NEAR = 0.01
-"""Deviations from a bound up to which a value is at it."""
 
 
 def list_refusals(
@@ -64,7 +60,7 @@ def list_refusals(
             refused.setdefault(name, f"{reason}: {end}")
     refused |= {k: v for k, v in _refuse_shapes(problem, search).items() if k not in refused}
     values = law.to_physical(search.linear, search.shape)
-    # Shape values, and what depends on a refused one, with deviations beyond half.
+    # Shape values, and what depends on a refused one, with large deviations.
     shapes = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if free}
     # A value at its bound is known with the bound, and may well be zero.
     known = {*refused, *(list_active_bounds(problem, search, uncertainty).keys() - shapes)}
@@ -75,9 +71,11 @@ def list_refusals(
         for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True):
             other = entry.name.startswith("fS") or (bent and entry.lower == 0.0)
             checked = entry.name in shapes if bends else other and entry.name not in shapes
-            if checked and entry.name not in known and std > 0.5 * abs(value):
+            if checked and entry.name not in known and 100.0 * std > POLICY.uncertain * abs(value):
                 unit = entry.unit_prismatic if problem.samples.prismatic else entry.unit
-                uncertain[entry.name] = f"its standard deviation, {std:.3g} {unit}, exceeds half its value"
+                uncertain[entry.name] = (
+                    f"its standard deviation, {std:.3g} {unit}, exceeds {POLICY.uncertain:g} % of its value"
+                )
     refused |= uncertain
     place = next((k for k, entry in enumerate(law.shape) if entry.name == "dq0"), None)
     if place is not None and "dq0" in refused:
@@ -148,7 +146,7 @@ def _is_as_good(
         residual = residual - columns @ solve_scaled(columns, residual, rcond=1e-11)
     gain = float(residual @ residual) - search.objective
     rounding = 1e-20 * float(problem.target @ problem.target)
-    return gain <= float(scipy.special.chdtri(freedom, 1e-4)) * variance + rounding
+    return gain <= float(scipy.special.chdtri(freedom, POLICY.alarm)) * variance + rounding
 
 
 def list_fit_notices(
@@ -163,10 +161,10 @@ def list_fit_notices(
         found.append(("one-direction", text))
     for entry, value in zip(law.shape, search.shape, strict=True):
         slow = int(np.sum(np.abs(rows) < 2.0 * value))
-        if entry.name == "vs" and slow < _FEW:
+        if entry.name == "vs" and slow < POLICY.folds * POLICY.parts:
             text = (
-                f"only {slow} rows are slower than twice the Stribeck velocity, fewer than {_FEW}: static "
-                "friction rests on them. Record slower motions"
+                f"only {slow} rows are slower than twice the Stribeck velocity, not one in each part of the "
+                "log that can be held out: static friction rests on them. Record slower motions"
             )
             found.append(("few-slow", text))
     found += [("at-bound", f"{name} is {text}") for name, text in held.items() if name not in refused]
@@ -195,7 +193,7 @@ def list_active_bounds(
 ) -> dict[str, str]:
     """Return the physical parameters with an active bound, and which: "at its lower bound, 0: ...".
 
-    That of a linear one is active within a hundredth of its deviation, where J falls beyond.
+    That of a linear one is active within two hundredths of its deviation, where J falls beyond.
     """
     law, held = problem.law, {}
     values = law.to_physical(search.linear, search.shape)
@@ -214,12 +212,12 @@ def list_active_bounds(
         std = float(uncertainty.physical[k])
         if entry.name in places:
             side = locate_edge(problem, search, places[entry.name])
-        elif not np.isfinite(std) or abs(slopes[k]) * std <= 0.02 * variance:
+        elif not np.isfinite(std) or abs(slopes[k]) * std <= POLICY.relevance * variance:
             continue
         elif slopes[k] > 0.0:
-            side = "lower" if values[k] - least[k] <= _NEAR * std else ""
+            side = "lower" if values[k] - least[k] <= POLICY.relevance * std else ""
         else:
-            side = "upper" if most[k] - values[k] <= _NEAR * std else ""
+            side = "upper" if most[k] - values[k] <= POLICY.relevance * std else ""
         if side:
             bound = (least if side == "lower" else most)[k]
             held[entry.name] = f"at its {side} bound, {bound:.4g}: the optimum lies beyond"
@@ -231,9 +229,9 @@ def locate_edge(problem: FrictionProblem, search: joint_fit.FrictionSearch, plac
     if not problem.is_free[place]:
         return ""
     z, low, high = (problem.encode(values)[place] for values in (search.shape, problem.low, problem.high))
-    if z - low <= _EDGE * (high - low):
+    if z - low <= numerics.CONVERGED * (high - low):
         return "lower"
-    return "upper" if high - z <= _EDGE * (high - low) else ""
+    return "upper" if high - z <= numerics.CONVERGED * (high - low) else ""
 
 
 ESTIMATORS = ("varpro", "root-finding", "nlp", "genetic", "annealing", "differential-evolution")
@@ -293,15 +291,14 @@ def search_friction(
     generator = np.random.default_rng(options.seed) if generator is None else generator
     match estimator:
         case "varpro":
-            return searches.search_by_projection(problem, options.variable_projection)
+            return searches.search_by_projection(problem, options)
         case "root-finding":
-            return searches.search_by_roots(problem, options.root_finding)
+            return searches.search_by_roots(problem, options)
         case "nlp":
-            return searches.search_by_nlp(problem, options.nlp)
+            return searches.search_by_nlp(problem, options)
         case "differential-evolution":
-            return searches.search_by_evolution(problem, options.evolution, generator)
-    population = options.genetic if estimator == "genetic" else options.annealing
-    return searches.search_by_population(problem, population, generator)
+            return searches.search_by_evolution(problem, options, generator)
+    return searches.search_by_population(problem, options, generator, anneal=estimator == "annealing")
 
 
 def build_estimate(
@@ -319,7 +316,7 @@ def build_estimate(
     held = list_active_bounds(problem, search, uncertainty)
     reasons = held | {entry.name: "fixed" for entry, known in zip(law.shape, fixed, strict=True) if known}
     floor = 1e-30 * float(problem.target @ problem.target)
-    aicc, bic = joint_fit.compute_criteria(search.objective, rows, uncertainty.rank, floor)
+    aicc, bic = joint_fit.compute_criteria(max(search.objective, floor), rows, uncertainty.rank)
     values = law.to_physical(search.linear, search.shape)
     own = [
         ParameterEstimate(

@@ -35,28 +35,26 @@ from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification import regression
 from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
+from symid.identification.judge import POLICY, numerics
 from symid.logs import Recording, Signals, choose_processing, prepare_signals
 from symid.robot import Processing
-
-_LEAST_SAMPLES = 20
-_PIECE = 1024
-_DRIFT = 0.02
-"""Scatter of the positions between periods, relative to their range, that is worth a warning."""
 
 
 def fold_recording(recording: Recording, period: float, *, margin: int) -> Recording:
     """Return the mean over all whole periods (s), with `margin` samples of it repeated on either side.
 
-    Raises LogError for less than two periods, a period of less than twenty samples, or a wrong period.
+    Raises LogError for less than two periods, a period of few samples, or a wrong period.
     """
     step = recording.period
     samples = round(period / step)
     # The last sample stands for the step behind it.
     periods = int((len(recording.time) * step + 1e-9 * period) // period)
-    if samples < _LEAST_SAMPLES or periods < 2:
+    # Rows reach up to a part of the sample rate, the period as well.
+    least = round(1.0 / POLICY.row_band)
+    if samples < least or periods < 2:
         text = (
             f"a period of {period:g} s has {samples} samples and fits {periods} times into the log; "
-            f"averaging needs at least {_LEAST_SAMPLES} samples and 2 periods"
+            f"averaging needs at least {least} samples and 2 periods"
         )
         raise LogError(Notice(code="log.period", text=text, file=recording.source))
     # Torques jump: between samples they follow straight lines, positions cubic splines.
@@ -82,7 +80,8 @@ def fold_recording(recording: Recording, period: float, *, margin: int) -> Recor
     moving = spread > 0.0
     worst = float(np.max(apart[moving] / spread[moving], initial=0.0))
     # A joint that rests has no range that its noise could be compared with.
-    if worst > _DRIFT and float(np.max(apart)) > _DRIFT * float(np.max(spread)):
+    most = 100.0 * float(np.max(apart)) / max(float(np.max(spread)), numerics.TINY)
+    if worst > POLICY.relevance and most > 100.0 * POLICY.relevance:
         text = (
             f"positions differ by {100.0 * worst:.3g} % of their range between periods: the period is wrong, "
             "or the motion drifts. Correct --period (one for each log where they differ), or leave it out"
@@ -90,7 +89,7 @@ def fold_recording(recording: Recording, period: float, *, margin: int) -> Recor
         notices.append(Notice(code="log.not-periodic", text=text, file=recording.source))
         # What rests has no period, and the mean of periods that differ is no motion: the joint that moves
         # most decides.
-        if float(np.max(apart)) > 0.1 * float(np.max(spread)):
+        if most > POLICY.good:
             raise LogError(notices[-1])
     others = {
         name: cut(values, degree=1).mean(axis=0)[places % samples]
@@ -153,12 +152,6 @@ def list_independent(columns: FloatArray) -> list[int]:
             basis.append(rest / size)
             kept.append(k)
     return kept
-
-
-_CARRIED = 0.05
-"""Peak speed relative to that of the fastest joint below which a joint is shaken by others."""
-_LEAST_CUTOFF = 5.0
-"""Hz; robots move up to here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -233,8 +226,8 @@ class JointLogs:
         """Return the joint's rows (N, p) of a regressor, by pieces that stay in the cache."""
         rows = []
         for run in states:
-            for start in range(0, len(run[0]), _PIECE):
-                piece = (values[start : start + _PIECE] for values in run)
+            for start in range(0, len(run[0]), numerics.BLOCK):
+                piece = (values[start : start + numerics.BLOCK] for values in run)
                 # A copy: one row in n is kept.
                 rows.append(self.library.evaluate(function, *piece)[0][:, joint].copy())
         return np.vstack(rows)
@@ -362,10 +355,11 @@ def prepare_joint_logs(
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text))
     pairs, cutoffs = list(zip(recordings, resting, strict=True)), list[FloatArray]()
     if is_open:
-        # Where noise takes over, at most that of the rule.
+        # Where noise takes over, beyond the band of the motion, at most that of the rule.
         rule, cutoffs = processing.filter_cutoff or 0.0, []
+        least = regression.measure_scoring_band(recordings)
         for one, still in pairs:
-            wanted = [min(max(band.clean, _LEAST_CUTOFF), rule) for band in regression.measure_bands(one)]
+            wanted = [min(max(band.clean, least), rule) for band in regression.measure_bands(one)]
             found = (rule if k in still else float(f"{cut:.3g}") for k, cut in enumerate(wanted))
             cutoffs.append(np.array(list(found)))
         states = list(map(_prepare_at_cutoffs, recordings, [processing] * len(recordings), cutoffs))
@@ -383,7 +377,7 @@ def prepare_joint_logs(
         peaks = np.max(np.abs(entry.dq), axis=0)
         # Relative to the fastest joint of the same kind.
         fastest = np.array([np.max(peaks[kinds == kind]) for kind in kinds])
-        moved = (peaks > 0.0) & (peaks < _CARRIED * fastest)
+        moved = (peaks > 0.0) & (peaks < POLICY.relevance * fastest)
         carried.append(tuple(np.flatnonzero(moved).tolist()))
     return JointLogs(
         library=library,
@@ -412,8 +406,8 @@ def extract_joint(
         text = f"joint {card.name!r} moves in none of these logs: its friction is not identifiable"
         if any(joint in entry for entry in logs.carried):
             text = (
-                f"joint {card.name!r} is only shaken by other joints, below {100 * _CARRIED:g} % of their "
-                "speed, and sticks and slips: move it by itself"
+                f"joint {card.name!r} is only shaken by other joints, below {100 * POLICY.relevance:g} % of "
+                "their speed, and sticks and slips: move it by itself"
             )
         raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
     samples, sentence, count = _treat_rigid(logs, joint, chosen, beta)

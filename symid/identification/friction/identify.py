@@ -37,6 +37,7 @@ from symid.identification.friction.estimators import check_estimator, fit_fricti
 from symid.identification.friction.poses import PoseTest, compare_poses, warn_of_friction_pattern
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.selection import CANDIDATE_LAWS, measure_motion, predict_rows, select_law
+from symid.identification.judge import POLICY
 from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, get_law, has_sign, rename_law
 from symid.logs import Recording, cut_ends, describe_overlap, measure_overlap
 from symid.robot import Processing, Robot, override_robot
@@ -45,8 +46,6 @@ from symid.serialization import HIDDEN, name_key, write_json
 AUTO = "auto"
 """In place of a law's name: it is chosen on held-out data."""
 _NOT_PERIODIC = "log.not-periodic"
-_STRETCHES = 10
-"""Of a joint's rows, over which the gain of a load sensor scatters."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -338,7 +337,7 @@ def _identify_joint(
     left = torque - predict_rows(samples, law, estimate)
     residual = estimators.Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)
     warnings = [*warn_of_friction_pattern(samples, law, estimate), *warn_of_inertia(estimate)]
-    if residual.relative_percent > 30.0:
+    if residual.relative_percent > POLICY.usable:
         text = (
             f"the residual is {residual.relative_percent:.3g} % of the torque. Check units (radians, not "
             "degrees; torque of the joint, not of the motor), columns and signs of the log, and whether "
@@ -350,7 +349,7 @@ def _identify_joint(
         # The factor on the measured load that the rows choose beside their law.
         design = joint_fit.compute_sensitivities(samples, law, estimate.linear, estimate.shape)
         table = np.column_stack([design, samples.pass_columns(samples.load[:, None]), left])
-        stretches = np.array_split(table, _STRETCHES)
+        stretches = np.array_split(table, POLICY.folds)
         gain = regression.measure_load_gain(np.stack([part.T @ part for part in stretches]))
     if gain is not None:
         rigid += f"; a factor on the load would be {gain.value:.4g} +- {gain.deviation:.2g} (1 was taken)"
@@ -411,7 +410,7 @@ def warn_of_inertia(estimate: joint_fit.FrictionEstimate) -> tuple[Notice, ...]:
         return ()
     size = f"{found.name} = {found.value:.4g} +- {found.std:.2g} {found.unit} is negative"
     reason = "within its uncertainty it is zero: the motion accelerates too little to identify it"
-    if found.value < -2.0 * found.std:
+    if found.value < -POLICY.printed * found.std:
         reason = (
             "the torque may have the wrong sign or unit, or the friction law is incomplete. Check the log's "
             "columns (log.torque) and scales"

@@ -9,8 +9,7 @@ Arrays in SI units -> FrictionSamples -> FrictionRows, VelocityMap; samples and 
     BIC  = M ln(J / M) + k ln M                               Schwarz, Ann. Statist. 6 (1978) 461-464
 
 R is a linear operator that the torque and all columns pass alike: a filter, a decimation, both. Rows are
-selected behind R, so that all have passed the same filter. Recordings are filtered one by one. What has
-passed R is kept as long as the samples are, columns of laws as far as memory is bounded.
+selected behind R, so that all have passed the same filter. Recordings are filtered one by one.
 
 For white noise of known sigma the same matrix F is the Cramer-Rao bound. In the criteria M is the number of
 rows, k that of the unknowns with the variance of the noise as one of them; a common constant is left out.
@@ -24,17 +23,17 @@ correlated noise behind R (see `poses`); time spent (equal fits are equal files)
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze, freeze_fields
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze_fields
 from symid.errors import LogError, Notice
 from symid.identification.estimators import ParameterEstimate
+from symid.identification.judge import numerics
 from symid.ipopt import Ending
-from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_column_derivatives, compute_columns
+from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
 from symid.logs import decimate
 from symid.robot import Decimation
 from symid.serialization import HIDDEN, name_key
@@ -43,10 +42,6 @@ Values = Sequence[float] | FloatArray
 Reduction = Callable[[FloatArray], FloatArray]
 """A linear operator on columns: (N, c) -> (M, c)."""
 _VECTORS = ("time", "velocity", "torque", "load", "position", "temperature", "run")
-_FEW = 1000
-"""Samples of which it is not worth while to keep columns."""
-_MOST_NUMBERS = 4_000_000
-"""Of columns of laws that are kept for the samples of a joint."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,7 +57,7 @@ class FrictionSamples:
             temperature: (N,) degC; None where not known.
         run: (N,) recording of a sample, from zero; None: all of one.
         reduce: R; None for the identity. prismatic: whether the joint moves along its axis.
-        memory: what was computed of these samples; of a part of the rows the whole, and which rows.
+        memory: what was computed of these samples.
 
     Raises:
         LogError: arrays of different length, empty, or with numbers that are not finite.
@@ -130,57 +125,27 @@ class FrictionSamples:
         """Return the samples with only the rows `kept` (M,)."""
         if (whole := self.reduce) is None:
             return self.take(kept)
-        selected = replace(self, reduce=lambda columns: np.asarray(whole(columns)[kept]))
-        selected.memory["origin"] = self, kept
-        return selected
+        return replace(self, reduce=lambda columns: np.asarray(whole(columns)[kept]))
 
     def pass_law(self, law: FrictionLaw, shape: Sequence[float] | FloatArray) -> FloatArray:
-        """Return the columns of a law behind R (M, p), read-only, for shape values (s,)."""
-        if "origin" in self.memory:
-            whole, kept = self.memory["origin"]
-            return np.asarray(whole.pass_law(law, shape)[kept])
-        values = tuple(float(value) for value in shape)
-        if self.count < _FEW:
-            return self.pass_columns(compute_columns(law, self.inputs, values))
-        memory: _Memory = self.memory.setdefault("laws", {})
-        # Those used last are kept longest.
-        found = memory.pop((law.columns, values), None)
-        if found is None:
-            columns, moving = compute_columns(law, self.inputs, values), list_shaped_columns(law)
-            fixed = [k for k in range(len(law.linear)) if k not in moving]
-            if not moving or not fixed:
-                found = freeze(self.pass_columns(columns))
-            else:
-                own, others = self.pass_columns(columns[:, moving]), memory.pop((law.columns, ()), None)
-                others = self.pass_columns(columns[:, fixed]) if others is None else others
-                memory[law.columns, ()] = others
-                result = np.empty((len(own), len(law.linear)))
-                result[:, moving], result[:, fixed] = own, others
-                found = freeze(result)
-        memory[law.columns, values] = found
-        while len(memory) > 2 and sum(entry.size for entry in memory.values()) > _MOST_NUMBERS:
-            del memory[next(iter(memory))]
-        return found
+        """Return the columns of a law behind R (M, p), for shape values (s,)."""
+        return self.pass_columns(compute_columns(law, self.inputs, [float(value) for value in shape]))
 
     def build_rows(self) -> "FrictionRows":
         """Return the samples behind R, read-only."""
         if "rows" not in self.memory:
-            if "origin" in self.memory:
-                whole, kept = self.memory["origin"]
-                rows = FrictionRows(*(values[kept] for values in whole.build_rows()))
-            else:
-                ones, run = np.ones(self.count), np.asarray(self.run, dtype=np.float64)
-                columns = [ones, self.time, self.velocity, run, self.torque, self.extra]
-                passed = self.pass_columns(np.column_stack(columns))
-                # A filter whose gain at rest is not one scales constants.
-                gain = passed[:, 0]
-                rows = FrictionRows(
-                    time=passed[:, 1] / gain,
-                    velocity=passed[:, 2] / gain,
-                    run=np.rint(passed[:, 3] / gain).astype(np.intp),
-                    torque=passed[:, 4],
-                    extra=passed[:, 5:],
-                )
+            ones, run = np.ones(self.count), np.asarray(self.run, dtype=np.float64)
+            columns = [ones, self.time, self.velocity, run, self.torque, self.extra]
+            passed = self.pass_columns(np.column_stack(columns))
+            # A filter whose gain at rest is not one scales constants.
+            gain = passed[:, 0]
+            rows = FrictionRows(
+                time=passed[:, 1] / gain,
+                velocity=passed[:, 2] / gain,
+                run=np.rint(passed[:, 3] / gain).astype(np.intp),
+                torque=passed[:, 4],
+                extra=passed[:, 5:],
+            )
             for values in rows:
                 values.setflags(write=False)
             self.memory["rows"] = rows
@@ -196,24 +161,6 @@ class FrictionRows(NamedTuple):
     torque: FloatArray
     extra: FloatArray
     run: NDArray[np.intp]
-
-
-_Memory = dict[tuple[Callable[..., Any], tuple[float, ...]], FloatArray]
-"""Columns of laws behind R, by the function of columns and the shape; those without one under no shape."""
-
-
-def list_shaped_columns(law: FrictionLaw) -> list[int]:
-    """Return which columns of a law depend on its shape values."""
-    return list(_find_shaped(law.columns, law.inputs, len(law.shape)))
-
-
-@lru_cache(maxsize=256)
-def _find_shaped(columns: Callable[..., Any], inputs: tuple[str, ...], count: int) -> tuple[int, ...]:
-    # What is not a number spreads to all that is computed from it.
-    values = {name: np.array([-0.7, -0.3, 0.4, 0.6]) for name in inputs}
-    with np.errstate(invalid="ignore"):
-        found = columns(build_numpy_carrier(), values, [np.float64(np.nan)] * count)
-    return tuple(place for place, column in enumerate(found) if np.isnan(column).any())
 
 
 def build_reduction(lengths: Sequence[int], decimation: Decimation) -> Reduction | None:
@@ -354,13 +301,13 @@ class FrictionSearch(NamedTuple):
     settings: tuple[tuple[str, float | int | str], ...]
 
 
-def compute_criteria(objective: float, rows: int, unknowns: int, floor: float = 0.0) -> tuple[float, float]:
+def compute_criteria(objective: float, rows: int, unknowns: int) -> tuple[float, float]:
     """Return AICc, infinite where there are too few rows, and BIC.
 
-    `objective` is J, `rows` M, `unknowns` what was fitted without the variance, `floor` the rounding of J.
+    `objective` is J, `rows` M, `unknowns` what was fitted without the variance.
     """
     count = unknowns + 1
-    likelihood = rows * math.log(max(objective, floor, 1e-300) / rows)
+    likelihood = rows * math.log(max(objective, numerics.TINY) / rows)
     spare = rows - count - 1
     aicc = likelihood + 2.0 * count * rows / spare if spare > 0 else math.inf
     return aicc, likelihood + count * math.log(rows)
@@ -409,11 +356,11 @@ def compute_uncertainty(
     free = np.ones(design.shape[1], dtype=bool)
     free[count:edges] = ~np.asarray(fixed, dtype=bool)
     lengths = np.linalg.norm(design, axis=0)
-    gone = lengths <= 1e-30 * max(float(np.max(lengths)), 1e-300)
+    gone = lengths <= 1e-30 * max(float(np.max(lengths)), numerics.TINY)
     lengths[gone] = 1.0
     scaled = (np.where(gone, 0.0, design) / lengths)[:, free]
     _, singular, right = np.linalg.svd(compute_triangle(scaled))
-    rank = int(np.sum(singular > 1e-9 * max(float(singular[0]), 1e-300)))
+    rank = int(np.sum(singular > 1e-9 * max(float(singular[0]), numerics.TINY)))
     directions = np.zeros((design.shape[1], int(free.sum())))
     directions[free] = right.T
     directions /= lengths[:, None]
@@ -422,7 +369,7 @@ def compute_uncertainty(
     mixing[:edges, :edges] = np.array(law.mixing, dtype=np.float64)
     covariance = variance * (root @ root.T)
     variances = np.einsum("ij,jk,ik->i", mixing, covariance, mixing)
-    sizes = np.maximum(np.linalg.norm(mixing / lengths, axis=1), 1e-300)
+    sizes = np.maximum(np.linalg.norm(mixing / lengths, axis=1), numerics.TINY)
     lost = np.linalg.norm(mixing @ null, axis=1) > 1e-6 * sizes
     deviations = np.where(lost, np.inf, np.sqrt(np.maximum(variances, 0.0)))
     condition = float(singular[0] / singular[rank - 1]) if rank else np.inf

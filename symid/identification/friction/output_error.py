@@ -8,7 +8,7 @@ its sign: exact to rounding for friction that is linear in the velocity by direc
 the step for other laws. At rest the axis stays while the force lies between the friction on its two sides.
 A window starts from a parabola through its first 20 samples. The error of a long run has many local minima:
 values fitted in short windows are the start for long ones. Models are compared on held-out blocks of the
-run, by the one-standard-error rule (Breiman, Friedman, Olshen and Stone 1984).
+run, as laws are (`rigid.choose_plainest`).
 
 Supported: static laws, with the terms of `AXIS_TERMS`, but those whose slope at standstill is infinite
 (power law, exponent below one); no standard deviations: errors of a simulated position are not independent.
@@ -27,16 +27,17 @@ import scipy
 from symid.arrays import FloatArray, freeze_fields
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import solve_scaled
+from symid.identification.rigid import choose_plainest
 from symid.joint_models import Carrier, FrictionLaw, build_casadi_carrier, build_numpy_carrier
 from symid.logs import Recording, differentiate, low_pass, prepare_signals
 from symid.robot import Processing
 
 V = TypeVar("V")
 
-_AT_REST = 1e-12
-"""Speed in m/s or rad/s at which a law gives its friction on either side of rest."""
-_SERIES_FIRST = 1e-4
+_SERIES = 2e-2
+"""Size of an argument below which a quotient is a series, whose derivative is as exact."""
 
 AXIS_TERMS: dict[str, Callable[[Any, Mapping[str, Any]], Any]] = {
     "offset": lambda carrier, _: carrier.one,
@@ -162,12 +163,12 @@ def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period:
     moment = time + 0.5 * period
 
     def compute_side(place: Any) -> Any:  # noqa: ANN401
-        above, _ = friction(_AT_REST, place, force, moment, values)
-        below, _ = friction(-_AT_REST, place, force, moment, values)
+        above, _ = friction(numerics.EXACT, place, force, moment, values)
+        below, _ = friction(-numerics.EXACT, place, force, moment, values)
         return (force > above) - (force < below)
 
     def compute_motion(speed: Any, side: Any, place: Any) -> tuple[Any, Any]:  # noqa: ANN401
-        near = side * casadi.fmax(casadi.fabs(speed), _AT_REST)
+        near = side * casadi.fmax(casadi.fabs(speed), numerics.EXACT)
         brake, slope = friction(near, place, force, moment, values)
         moving = casadi.fabs(side)
         return moving * (force - brake) / values[0], moving * slope / values[0]
@@ -181,9 +182,9 @@ def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period:
     # The root of speed + pull (1 - exp(-rate t)) / rate, by log1p(y) / y, y = rate speed / pull.
     plain = -speed / casadi.if_else(stops, pull, 1.0)
     y = casadi.if_else(stops, -rate * plain, 0.0)
-    small = casadi.fabs(y) < _SERIES_FIRST
+    small = casadi.fabs(y) < _SERIES
     safe = casadi.if_else(small, 1.0, y)
-    series = 1 - y / 2 + y * y / 3 - y * y * y / 4
+    series = sum((-y) ** k / (k + 1) for k in range(9))
     moment_of_rest = casadi.if_else(
         stops, plain * casadi.if_else(small, series, casadi.log1p(safe) / safe), 0.0
     )
@@ -201,21 +202,15 @@ def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period:
 def _compute_gains(rate: Any, time: Any) -> tuple[Any, Any]:  # noqa: ANN401  # expressions of casadi
     """Return the integral of exp(-rate t) over a time, and the integral of that."""
     z = -rate * time
-    small = casadi.fabs(z) < _SERIES_FIRST
+    small = casadi.fabs(z) < _SERIES
     safe = casadi.if_else(small, 1.0, z)
-    first = casadi.if_else(small, 1 + z / 2 * (1 + z / 3 * (1 + z / 4)), casadi.expm1(safe) / safe)
-    little = casadi.fabs(z) < 2e-2
-    safe = casadi.if_else(little, 1.0, z)
     series = 0.5 * (1 + z / 3 * (1 + z / 4 * (1 + z / 5 * (1 + z / 6 * (1 + z / 7)))))
-    second = casadi.if_else(little, series, (casadi.expm1(safe) - safe) / (safe * safe))
-    return first * time, second * time * time
+    second = casadi.if_else(small, series, (casadi.expm1(safe) - safe) / (safe * safe))
+    return (1 + z * second) * time, second * time * time
 
 
 GIVEN = 20
 """Samples that a simulation may look at."""
-_FEWEST = 2 * GIVEN
-_WORST = 1e3
-"""Error in m or rad of a simulation that diverged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -234,8 +229,8 @@ class AxisRun:
         """Copy the arrays, make them read-only, check them."""
         freeze_fields(self)
         size, other, text = self.position.shape, self.force.shape, ""
-        if size != other or len(size) != 1 or size[0] < _FEWEST:
-            text = f"position {size} and force {other} must be alike, {_FEWEST} samples or more each"
+        if size != other or len(size) != 1 or size[0] < 2 * GIVEN:
+            text = f"position {size} and force {other} must be alike, {2 * GIVEN} samples or more each"
         elif not (np.all(np.isfinite(self.position)) and np.all(np.isfinite(self.force))):
             text = "position and force must be finite numbers throughout"
         if text:
@@ -265,7 +260,7 @@ def split_windows(windows: Sequence[Window], samples: float) -> tuple[Window, ..
     parts = []
     for window in windows:
         length = window.last - window.first
-        count = max(1, min(round(length / samples), length // _FEWEST))
+        count = max(1, min(round(length / samples), length // (2 * GIVEN)))
         edges = [window.first + round(k * length / count) for k in range(count + 1)]
         parts += [Window(first=a, last=b) for a, b in pairwise(edges)]
     return tuple(parts)
@@ -296,7 +291,9 @@ def compute_output_error(
         states = simulate_axis(model, values, force, run.period, start, rates=rates)[:, 1:]
         part = states[2 : 2 + len(values)].T if rates else states[0] - run.position[samples]
         parts.append(part[counted])
-    return np.asarray(np.clip(np.nan_to_num(np.concatenate(parts), nan=_WORST), -_WORST, _WORST))
+    # Of a simulation that diverged.
+    worst = float(np.ptp(run.position)) / numerics.CONVERGED
+    return np.asarray(np.clip(np.nan_to_num(np.concatenate(parts), nan=worst), -worst, worst))
 
 
 def compute_window_rmse(model: AxisModel, values: FloatArray, run: AxisRun) -> float:
@@ -317,9 +314,9 @@ def fit_output_error(
 
     Errors of samples in `left_out` do not count. Raises LogError for a window of fewer than 40 samples.
     """
-    short = [window for window in windows if window.last - window.first < _FEWEST]
+    short = [window for window in windows if window.last - window.first < 2 * GIVEN]
     if short or not windows:
-        text = f"windows {short}: at least one is needed, with {_FEWEST} samples or more each"
+        text = f"windows {short}: at least one is needed, with {2 * GIVEN} samples or more each"
         raise LogError(Notice(code="friction.axis-run", text=text))
     linear, free, shape = model.law.linear, [np.inf] * len(model.terms), model.law.shape
     # The first value is the mass.
@@ -369,20 +366,15 @@ class SearchPlan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisTrial:
-    """A model, and the RMS error of the position in each held-out block, m or rad."""
+    """A model, and the RMS error of the position in each part of held-out blocks, m or rad."""
 
     model: AxisModel
     held: tuple[float, ...]
 
     @property
     def rmse(self) -> float:
-        """Return the RMS over the blocks, m or rad."""
+        """Return the RMS over the parts, m or rad."""
         return float(np.sqrt(np.mean(np.square(self.held))))
-
-    @property
-    def deviation(self) -> float:
-        """Return the standard error of the mean square over the blocks, m^2 or rad^2."""
-        return float(np.std(np.square(self.held), ddof=1) / np.sqrt(len(self.held)))
 
 
 def fit_whole_run(
@@ -420,27 +412,30 @@ def fit_whole_run(
 def try_axis_model(
     model: AxisModel, run: AxisRun, plan: SearchPlan, *, generator: np.random.Generator
 ) -> AxisTrial:
-    """Return the error in each quarter of a fit to all others; arguments as for `fit_whole_run`.
+    """Return the error in each block of a fit to all others, part by part; arguments as for `fit_whole_run`.
 
     The simulation passes through the block, as long and as far from its start as in use.
     """
     whole = Window(0, len(run.force))
     held = []
-    for block in split_windows([whole], len(run.force) / 4):
+    for block in split_windows([whole], len(run.force) / POLICY.folds):
         fit = fit_whole_run(model, run, plan, left_out=block, generator=generator)
         errors = compute_output_error(model, np.array(fit.values), run, [whole])
         # The first samples are given: there is no error of them.
         inside = errors[max(block.first - GIVEN, 0) : block.last - GIVEN]
-        held.append(float(np.sqrt(np.mean(np.square(inside)))))
+        held += [float(np.sqrt(np.mean(part**2))) for part in np.array_split(inside, POLICY.parts)]
     return AxisTrial(model=model, held=tuple(held))
 
 
 def choose_axis_trial(trials: Sequence[AxisTrial]) -> AxisTrial:
-    """Return the trial of the fewest values, then least error, within one standard error of the best."""
-    best = min(trials, key=lambda trial: trial.rmse)
-    limit = best.rmse**2 + best.deviation
-    near = [trial for trial in trials if trial.rmse**2 <= limit]
-    return min(near, key=lambda trial: (len(trial.model.parameters), trial.rmse))
+    """Return the trial of the fewest values that the best one does not surely surpass."""
+    models = [trial.model for trial in trials]
+    choice = choose_plainest(
+        np.square([trial.held for trial in trials]),
+        [len(model.parameters) for model in models],
+        [len(model.law.shape) for model in models],
+    )
+    return trials[choice.taken]
 
 
 def build_axis_samples(

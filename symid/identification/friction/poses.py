@@ -28,6 +28,7 @@ from symid.identification.friction import joint_fit
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.extraction import JointLogs, extract_joint
 from symid.identification.friction.selection import predict_rows
+from symid.identification.judge import POLICY, adjust_chances, numerics
 from symid.joint_models import FrictionLaw, compute_friction_torque
 from symid.serialization import name_key
 
@@ -145,18 +146,16 @@ def warn_of_friction_pattern(
     far = {
         entry.name: robust[entry.name][0] / entry.std
         for entry in estimate.parameters
-        if entry.std > 1e-12 * max(abs(entry.value), 1e-300) and robust[entry.name][0] > 2.0 * entry.std
+        if entry.std > 1e-12 * max(abs(entry.value), numerics.TINY)
+        and robust[entry.name][0] > 2.0 * entry.std
     }
     if not far:
         return ()
     return (build_warning("friction.pattern", names=", ".join(far), ratio=max(far.values())),)
 
 
-CONFIDENCE = 1.959963984540054
+CONFIDENCE = float(-scipy.special.ndtri((1.0 - POLICY.confidence) / 2.0))
 """Standard deviations on either side of a 95 % interval."""
-_SIGNIFICANT = 0.01
-_COARSE = 0.2
-"""Change of the friction curve by chance, over the largest friction, up to which poses can be compared."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -285,15 +284,15 @@ def compare_poses(
                 )
             )
     change = _measure_change(law, fits) if len(fits) > 1 else None
-    least = min((entry.chance for entry in parameters), default=1.0)
+    chances = adjust_chances([entry.chance for entry in parameters])
+    apart = [entry for entry, chance in zip(parameters, chances, strict=True) if chance < POLICY.alarm]
     return PoseTest(
         law=law.name,
         poses=tuple(fitted),
         parameters=tuple(parameters),
         change=None if change is None else change[0],
-        # Times the number of parameters (Bonferroni).
-        differs=least * max(len(parameters), 1) < _SIGNIFICANT,
-        verdict=_write_verdict(logs.library.card.joints[joint].name, law, fits, parameters, change),
+        differs=bool(apart),
+        verdict=_write_verdict(logs.library.card.joints[joint].name, law, fits, parameters, apart, change),
         skipped=tuple(skipped),
     )
 
@@ -334,11 +333,12 @@ def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[float, 
     return float(size) / largest, float(limit) / largest
 
 
-def _write_verdict(
+def _write_verdict(  # noqa: PLR0917 - what the test found
     joint: str,
     law: FrictionLaw,
     fits: Sequence[_PoseFit],
     parameters: Sequence[PoseParameter],
+    apart: Sequence[PoseParameter],
     change: tuple[float, float] | None,
 ) -> str:
     poses, head = len(fits), f"friction of {joint!r}"
@@ -346,8 +346,6 @@ def _write_verdict(
         return f"{head} can be fitted at {poses or 'none'} of its poses only: there is nothing to compare"
     if not parameters:
         return f"{head}: no parameter is identifiable at all {poses} poses: there is nothing to compare"
-    limit = _SIGNIFICANT / len(parameters)
-    apart = [entry for entry in parameters if entry.chance < limit]
     size = "" if change is None else f"; between poses the friction curve changes by {100 * change[0]:.2g} %"
     # The widest interval exceeds the value at the pose with the smallest deviation.
     coarse = change is None and all(
@@ -366,7 +364,7 @@ def _write_verdict(
         return (
             f"{uncertain}{shown}, with intervals wider than the values. Record more or longer motions at each"
         )
-    if change is not None and change[1] > _COARSE:
+    if change is not None and 100.0 * change[1] > POLICY.uncertain:
         limits = f"its curve could differ by {100.0 * change[1]:.2g} % by chance"
         return f"{uncertain}{limits}. Record more or longer motions at each"
     if any(len(deviations) < len(law.physical) for _, deviations, *_ in fits):

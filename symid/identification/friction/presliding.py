@@ -24,6 +24,7 @@ from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction.joint_fit import FrictionRows, FrictionSamples, LawFit
+from symid.identification.judge import POLICY, numerics
 from symid.ipopt import Ending
 from symid.joint_models import (
     DynamicLaw,
@@ -36,10 +37,6 @@ from symid.joint_models import (
 
 LINEAR_PARAMETERS = ("sigma1", "fV")
 """Parameters that the torque is linear in; they may be zero, the others not."""
-_LARGEST_STD = 0.5
-"""Relative standard deviation beyond which a parameter is refused."""
-_REACH = float(np.log(1e5))
-"""Largest change of a refinement from its start, as the logarithm of a ratio."""
 
 
 def build_path(samples: FrictionSamples) -> FrictionPath:
@@ -193,12 +190,12 @@ def fit_presliding(
         # Logarithms near their start within the law's bounds, c free.
         lower, upper = np.full(start.size, -np.inf), np.full(start.size, np.inf)
         for place, k in enumerate(problem.free):
-            parameter = law.parameters[k]
+            parameter, reach = law.parameters[k], -np.log(numerics.CONVERGED)
             lower[place] = parameter.lower
             if problem.logarithmic[place]:
                 least = np.log(parameter.lower) if parameter.lower > 0.0 else -np.inf
-                lower[place] = max(start[place] - _REACH, least)
-                upper[place] = min(start[place] + _REACH, np.log(parameter.upper))
+                lower[place] = max(start[place] - reach, least)
+                upper[place] = min(start[place] + reach, np.log(parameter.upper))
         search = scipy.optimize.least_squares(
             problem.compute_residual,
             start,
@@ -224,8 +221,7 @@ def _build_estimate(
     objective = float(residual @ residual)
     sigma = float(np.sqrt(objective / max(residual.size - unknowns.size, 1)))
     columns = problem.compute_columns(values)
-    sizes = np.linalg.norm(columns, axis=0)
-    sizes[sizes == 0.0] = 1e-150
+    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-100)
     _, singular, directions = np.linalg.svd(columns / sizes, full_matrices=False)
     # Huge where columns are dependent.
     roots = directions.T / np.maximum(singular, 1e-13 * singular[0]) / sizes[:, None]
@@ -245,16 +241,18 @@ def _build_estimate(
         # Static and Coulomb friction differ by less than three standard deviations.
         difference[names.index("fS")], difference[names.index("fC")] = 1.0, -1.0
         gap = float(difference[: len(fitted)] @ np.array(values)[problem.free])
-        flat = gap**2 < 9.0 * float(difference @ covariance @ difference)
+        flat = gap**2 < POLICY.printed**2 * float(difference @ covariance @ difference)
     identified, refused = [], []
     stds = np.sqrt(np.diag(covariance)).tolist()
     for name, unit, value, std in zip(names, units, found, stds, strict=True):
         # Zero is accepted only for what would have shown in the torque.
-        at_zero = name in LINEAR_PARAMETERS and value <= 1e-6 * std and std <= _LARGEST_STD * damping
+        at_zero = (
+            name in LINEAR_PARAMETERS and value <= 1e-6 * std and 100.0 * std <= POLICY.uncertain * damping
+        )
         if name == "vs" and flat:
             text = "vs is not identifiable: static and Coulomb friction do not differ"
             refused.append((name, f"joint {samples.joint!r}: {text}"))
-        elif std > _LARGEST_STD * abs(value) and not at_zero:
+        elif 100.0 * std > POLICY.uncertain * abs(value) and not at_zero:
             percent = 100.0 * std / abs(value) if value else np.inf
             size = "infinite" if percent > 1e6 else f"{percent:.0f} %"
             need = _NEEDS.get(name, "its column is too small, or others replace it")

@@ -14,87 +14,18 @@ Not supported: bounds on the factors of X; weights of single samples.
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import partial
-from typing import Any, NamedTuple
+from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.errors import IdentifiabilityError, Notice, UsageError
-from symid.identification.friction.joint_fit import (
-    FrictionSamples,
-    FrictionSearch,
-    compute_sensitivities,
-    list_shaped_columns,
-)
+from symid.identification.friction.joint_fit import FrictionSamples, FrictionSearch, compute_sensitivities
+from symid.identification.judge import numerics
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_column_derivatives, compute_columns
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VariableProjectionOptions:
-    """Of variable projection.
-
-    `grid` are the points tried of each shape value, spaced by equal factors, for one, two and three unknowns;
-    the `starts` least ones are followed, none next to another. At most `solves` linear problems of all kinds
-    are solved; `tolerance` is the relative step in the shape at which the search ends.
-    """
-
-    grid: tuple[tuple[int, ...], ...] = ((24,), (8, 6), (5, 4, 3))
-    starts: int = 3
-    solves: int = 150
-    tolerance: float = 1e-9
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RootFindingOptions:
-    """Of root finding: values of the shape scanned for changes of sign, relative tolerance of a root."""
-
-    points: int = 80
-    tolerance: float = 1e-10
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionNlpOptions:
-    """Of the constrained problem: starts, Ipopt's tolerance on the scaled problem, iterations per start."""
-
-    starts: int = 6
-    tolerance: float = 1e-9
-    iterations: int = 200
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GeneticOptions:
-    """Of the genetic algorithm, and of its hybrid with simulated annealing where `step` is positive.
-
-    Args:
-        population: candidates per unknown; generations: at most.
-        width: of the crossover, in standard deviations of the population; below 0.8 it converges too soon.
-        step: of the neighbours, in the same unit.
-        cooling: factor of the temperature per generation; 0.95 takes half as many generations again.
-        tolerance: (worst - best) / best of the population at which the search ends.
-    """
-
-    population: int = 16
-    width: float = 0.95
-    step: float = 0.0
-    cooling: float = 0.6
-    generations: int = 400
-    tolerance: float = 1e-6
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EvolutionOptions:
-    """Of SciPy's differential evolution: candidates per unknown, generations at most.
-
-    `tolerance` is the deviation over the mean of the objectives at which the search ends.
-    """
-
-    population: int = 15
-    generations: int = 1000
-    tolerance: float = 1e-8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,17 +38,28 @@ class FrictionOptions:
         reach: bounded searches try linear parameters up to the one whose column alone would reach so many
             times the largest torque.
         seed: of a stochastic search that is given no generator.
+        starts: that are followed, of variable projection and of the constrained problem.
+        solves: linear problems of variable projection at most, a third of them on a grid of shapes spaced by
+            equal factors; values of the shape that root finding scans.
+        tolerance: relative, of the shape, of a root, of Ipopt on the scaled problem.
+        iterations: of Ipopt from a start, generations of a stochastic search, at most.
+        population: candidates per unknown of a stochastic search.
+        width: of the crossover, in standard deviations of the population; below 0.8 it converges too soon.
+        step: of the neighbours in simulated annealing, in the same unit.
+        cooling: factor of the temperature per generation; 0.95 takes half as many generations again.
     """
 
     bounds: tuple[tuple[str, tuple[float, float]], ...] = ()
     reach: float = 3.0
     seed: int = 0
-    variable_projection: VariableProjectionOptions = field(default_factory=VariableProjectionOptions)
-    root_finding: RootFindingOptions = field(default_factory=RootFindingOptions)
-    nlp: FrictionNlpOptions = field(default_factory=FrictionNlpOptions)
-    genetic: GeneticOptions = field(default_factory=GeneticOptions)
-    annealing: GeneticOptions = field(default_factory=partial(GeneticOptions, population=12, step=0.8))
-    evolution: EvolutionOptions = field(default_factory=EvolutionOptions)
+    starts: int = 3
+    solves: int = 150
+    tolerance: float = 1e-9
+    iterations: int = 400
+    population: int = 16
+    width: float = 0.95
+    step: float = 0.8
+    cooling: float = 0.6
 
     def __post_init__(self) -> None:
         """Check all options; raises UsageError with all mistakes."""
@@ -126,33 +68,16 @@ class FrictionOptions:
             for name, (low, high) in self.bounds
             if not -math.inf < low <= high < math.inf
         ]
-        values: dict[str, Any] = {"reach": self.reach}
-        for part in ("variable_projection", "root_finding", "nlp", "genetic", "annealing", "evolution"):
-            values |= {f"{part}.{name}": value for name, value in asdict(getattr(self, part)).items()}
-        for name, value in values.items():
-            low, high = _LIMITS.get(name, _LIMITS.get(name.split(".")[-1], (None, None)))
-            if low is not None and not (low < value < high):
-                allowed = f"between {low} and {high}" if isinstance(value, float) else f"{low + 1} or more"
-                mistakes.append(f"{name} {value:g}: must be {allowed}")
-        if any(count < 2 for counts in self.variable_projection.grid for count in counts):
-            mistakes.append("variable_projection.grid: must be two or more of each unknown")
+        for entry in fields(self):
+            value, part = getattr(self, entry.name), entry.name in {"tolerance", "cooling"}
+            if entry.name not in {"bounds", "seed"} and not 0 < value < (1 if part else math.inf):
+                allowed = "between 0 and 1" if part else "positive"
+                mistakes.append(f"{entry.name} {value:g}: must be {allowed}")
         if mistakes:
             raise UsageError(*(Notice(code="usage.friction-option", text=text) for text in mistakes))
 
 
-_LIMITS: dict[str, tuple[int, float]] = {
-    **dict.fromkeys(("starts", "solves", "iterations", "population", "generations"), (0, math.inf)),
-    "root_finding.points": (2, math.inf),
-    "genetic.population": (3, math.inf),
-    "annealing.population": (3, math.inf),
-    "evolution.population": (1, math.inf),
-    **dict.fromkeys(("tolerance", "cooling"), (0, 1)),
-    **dict.fromkeys(("width", "annealing.step", "reach"), (0, math.inf)),
-}
-"""What options must lie between, ends left out."""
 SPEED_UNITS = frozenset({"rad/s", "m/s"})
-_BATCH = 10_000
-"""Numbers in an array of torques of many candidates: what caches hold; up to five times faster."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -206,10 +131,7 @@ class FrictionProblem(FrozenArrays):
     def compute_rates(self, shape: Sequence[float] | FloatArray, linear: FloatArray) -> FloatArray:
         """Return the derivatives of Q_x Phi_R linear by the shape values: (M, s)."""
         rates = compute_column_derivatives(self.law, self.samples.inputs, [float(value) for value in shape])
-        torques = np.zeros((len(rates), rates.shape[2]))
-        for place in list_shaped_columns(self.law):
-            torques += rates[:, place] * linear[place]
-        return self.eliminate(self.samples.pass_columns(torques))
+        return self.eliminate(self.samples.pass_columns(np.einsum("nps,p->ns", rates, linear)))
 
     def eliminate(self, columns: FloatArray) -> FloatArray:
         """Return columns behind R (M, c), or one of them (M,), less their parts in those beside friction."""
@@ -232,7 +154,8 @@ class FrictionProblem(FrozenArrays):
 
     def compute_objectives(self, linear: FloatArray, shape: FloatArray) -> FloatArray:
         """Return J of many candidates, linear (P, p) and shape (P, s): (P,)."""
-        chunk, totals = max(1, _BATCH // self.samples.count), []
+        # What caches hold: up to five times faster.
+        chunk, totals = max(1, numerics.BLOCK // self.samples.count), []
         inputs = {name: values[None, :] for name, values in self.samples.inputs.items()}
         for begin in range(0, len(linear), chunk):
             factors, values = linear[begin : begin + chunk], shape[begin : begin + chunk]
@@ -265,45 +188,26 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     if not np.any(samples.velocity):
         text = f"joint {samples.joint!r} does not move: its friction is not identifiable"
         raise IdentifiabilityError(Notice(code="friction.rest", text=text))
-    target, basis = _take_rows(samples, law)
+    target, basis = samples.build_rows().torque, decompose_beside(samples).basis
+    unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
+    if len(target) <= unknowns:
+        text = f"joint {samples.joint!r}: {len(target)} rows are too few for {unknowns} unknowns"
+        raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
     low, high = _list_bounds(law, samples, options)
     middle = np.where(low > 0.0, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
     reach = np.max(np.abs(compute_columns(law, samples.inputs, middle.tolist())), axis=0)
-    largest = max(float(np.max(np.abs(samples.torque))), 1e-300)
+    largest = max(float(np.max(np.abs(samples.torque))), numerics.TINY)
     size = options.reach * largest / np.where(reach > 0.0, reach, 1.0)
     return FrictionProblem(
         samples=samples,
         law=law,
-        target=target,
+        target=target - basis @ (basis.T @ target),
         basis=basis,
         low=low,
         high=high,
         lower=np.maximum([entry.lower for entry in law.linear], -size),
         upper=np.minimum([entry.upper for entry in law.linear], size),
     )
-
-
-def select_problem(
-    problem: FrictionProblem, samples: FrictionSamples, options: FrictionOptions
-) -> FrictionProblem:
-    """Return the problem of some of its rows, for searches without bounds of linear parameters.
-
-    `samples` are those of the problem with these rows; `bounds` of the options are read. Errors as for
-    `build_problem`.
-    """
-    target, basis = _take_rows(samples, problem.law)
-    low, high = _list_bounds(problem.law, samples, options)
-    return replace(problem, samples=samples, target=target, basis=basis, low=low, high=high)
-
-
-def _take_rows(samples: FrictionSamples, law: FrictionLaw) -> tuple[FloatArray, FloatArray]:
-    """Return y and the basis; raise IdentifiabilityError where there are fewer rows than unknowns."""
-    torque, basis = samples.build_rows().torque, decompose_beside(samples).basis
-    unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
-    if len(torque) <= unknowns:
-        text = f"joint {samples.joint!r}: {len(torque)} rows are too few for {unknowns} unknowns"
-        raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
-    return torque - basis @ (basis.T @ torque), basis
 
 
 class Beside(NamedTuple):
@@ -324,7 +228,7 @@ def decompose_beside(samples: FrictionSamples) -> Beside:
         lengths = np.linalg.norm(beside, axis=0)
         scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
         left, singular, right = np.linalg.svd(beside * scales, full_matrices=False)
-        rank = int(np.sum(singular > 1e-10 * singular.max(initial=0.0)))
+        rank = int(np.sum(singular > numerics.RANK * singular.max(initial=0.0)))
         factors = scales[:, None] * (right[:rank].T / singular[:rank])
         parts = (singular[:rank, None] * right[:rank]) * lengths
         samples.memory["beside"] = Beside(freeze(left[:, :rank]), freeze(factors), freeze(parts))
@@ -399,12 +303,12 @@ class Projector:
         columns = self.problem.compute_columns(shape)
         lengths = np.linalg.norm(columns, axis=0)
         # The parameter of a column that has all but vanished would be infinite.
-        gone = lengths <= 1e-9 * max(float(np.max(lengths)), 1e-300)
+        gone = lengths <= 1e-9 * max(float(np.max(lengths)), numerics.TINY)
         columns = np.where(gone, 0.0, columns)
         lengths[gone] = 1.0
         orthonormal, upper = np.linalg.qr(columns / lengths)
         left, singular, right = np.linalg.svd(upper)
-        rank = int(np.sum(singular > 1e-11 * max(float(singular[0]), 1e-300)))
+        rank = int(np.sum(singular > 1e-11 * max(float(singular[0]), numerics.TINY)))
         basis = orthonormal @ left[:, :rank]
         parts = basis.T @ self.problem.target
         residual = self.problem.target - basis @ parts

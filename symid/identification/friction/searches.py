@@ -16,8 +16,8 @@ Over all parameters between bounds: Ipopt, genetic, annealing, evolution.
 
     nlp        min_x J(x), lower <= x <= upper, over the physical parameters x, so that fS >= 0, fC >= 0 hold
                f(x) = |y - Q R t(x)|^2 / scale, t(x) = sum_k c_k(x) Phi_k(v; s(x)), (c, s) = mixing^-1 x
-               with exact first and second derivatives by CasADi; starts fill the box of the shape evenly
-               (Roberts' generalised golden ratio), linear parameters by least squares
+               with exact first and second derivatives by CasADi; starts are the best shapes of a grid,
+               linear parameters by least squares
     genetic    tournament of two -> crossover of all parents -> the best of parents and children survive
                (our own design: Zhang, Hu and Zou (2021) do not say how theirs works)
     annealing  crossover and survival as above, then each candidate x moves to a neighbour x' if dJ < 0 or
@@ -44,16 +44,8 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.identification.friction.joint_fit import FrictionSearch, is_one_sided
-from symid.identification.friction.problem import (
-    EvolutionOptions,
-    FrictionNlpOptions,
-    FrictionProblem,
-    GeneticOptions,
-    Projection,
-    Projector,
-    RootFindingOptions,
-    VariableProjectionOptions,
-)
+from symid.identification.friction.problem import FrictionOptions, FrictionProblem, Projection, Projector
+from symid.identification.judge import numerics
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
 from symid.joint_models import build_casadi_carrier
@@ -71,7 +63,7 @@ def descend(
     *,
     tolerance: float,
     steps: int,
-    patience: int = 60,
+    patience: int = numerics.ROUNDS,
     box: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[Projection, bool]:
     """Return the end of damped Gauss-Newton steps in the coordinates `free`, and whether it converged.
@@ -95,7 +87,7 @@ def descend(
         if len(moving):
             step[moving] = solve_scaled(jacobian[:, moving], -state.residual, rcond=1e-13, damping=damping)
             projector.solves += 1
-        step *= min(1.0, 1.5 / max(float(np.max(np.abs(step))), 1e-300))
+        step *= min(1.0, 1.5 / max(float(np.max(np.abs(step))), numerics.TINY))
         trial_z = np.clip(state.z + step, low, high)
         step = trial_z - state.z
         bend = jacobian @ step
@@ -132,12 +124,11 @@ JUMPING = frozenset({"dqs"})
 """Shape values at which J jumps whenever they pass a velocity sampled: where friction changes its sign."""
 _PATIENCE = 3
 """Steps in a row that may fail near a kink."""
-_ONE_JUMP = 1e-6
 _CANDIDATES = 8
 _LINEAR = "the law is linear in what is free"
 
 
-def search_by_projection(problem: FrictionProblem, options: VariableProjectionOptions) -> FrictionSearch:
+def search_by_projection(problem: FrictionProblem, options: FrictionOptions) -> FrictionSearch:
     """Return the optimum of a problem with at most three free shape values."""
     projector = Projector(problem, options.solves)
     free = np.flatnonzero(problem.is_free)
@@ -163,14 +154,12 @@ def search_by_projection(problem: FrictionProblem, options: VariableProjectionOp
     return projector.build_search(best, outcome, ended)
 
 
-def _scan_shapes(projector: Projector, options: VariableProjectionOptions, free: IntArray) -> Projection:
+def _scan_shapes(projector: Projector, options: FrictionOptions, free: IntArray) -> Projection:
     """Return the least of the ends of short descents from the best points of the grid."""
     problem = projector.problem
-    states = [projector.project(z) for z in build_shape_grid(problem, options)]
+    points, spacing = build_shape_grid(problem, options.solves // 3)
+    states, (low, high) = [projector.project(z) for z in points], problem.box
     projector.record(*states)
-    # The distance of the grid's points in each coordinate.
-    spacing, (low, high) = np.ones(len(problem.low)), problem.box
-    spacing[free] = (high - low)[free] / np.array(options.grid[len(free) - 1])
     if any(problem.law.shape[place].name in JUMPING for place in free):
         # The intervals between jumps, ever closer around the best one.
         best = min(states, key=lambda state: state.objective)
@@ -201,29 +190,31 @@ def _scan_shapes(projector: Projector, options: VariableProjectionOptions, free:
     return min((end for end, _ in ends), key=lambda state: state.objective)
 
 
-def build_shape_grid(problem: FrictionProblem, options: VariableProjectionOptions) -> list[FloatArray]:
-    """Return coordinates (s,) of the grid's shapes, in order."""
+def build_shape_grid(problem: FrictionProblem, count: int) -> tuple[list[FloatArray], FloatArray]:
+    """Return coordinates (s,) of about `count` shapes on a grid, in order, and its distances (s,)."""
     low, high = problem.box
     free = np.flatnonzero(problem.is_free)
-    counts = options.grid[len(free) - 1]
-    axes = [[float(value)] for value in low]
-    for place, count in zip(free, counts, strict=True):
+    # Equal numbers would put shapes on the diagonal, where two speeds are one.
+    counts = round(count ** (1 / max(len(free), 1))) + np.linspace(1.0, -1.0, len(free)).astype(int)
+    counts = np.maximum(counts, 2)
+    spacing, axes = np.ones(len(low)), [[float(value)] for value in low]
+    spacing[free] = (high - low)[free] / counts
+    for place, number in zip(free, counts.tolist(), strict=True):
         # Half a step from the bounds: there a column may vanish.
-        steps = (np.arange(count) + 0.5) / count
-        axes[place] = [float(value) for value in low[place] + steps * (high[place] - low[place])]
+        axes[place] = (low[place] + spacing[place] * (np.arange(number) + 0.5)).tolist()
     names = [entry.name for entry in problem.law.shape]
     points = [np.array(point) for point in itertools.product(*axes)]
-    if not {"g2", "g3"} <= set(names):
-        return points
-    # These may be exchanged; bounds around an earlier fit may hold the other order alone.
-    return [point for point in points if point[names.index("g2")] > point[names.index("g3")]] or points
+    if {"g2", "g3"} <= set(names):
+        # These may be exchanged; bounds around an earlier fit may hold the other order alone.
+        points = [point for point in points if point[names.index("g2")] > point[names.index("g3")]] or points
+    return points, spacing
 
 
 def _list_jumps(problem: FrictionProblem, place: int) -> FloatArray:
     """Return coordinates (K,) at which J jumps, rising; speeds that differ by rounding make one jump."""
     speeds = np.unique(problem.samples.velocity[problem.samples.velocity > problem.low[place]])
     jumps = np.log(speeds)
-    return np.asarray(jumps[np.diff(jumps, prepend=-np.inf) > _ONE_JUMP])
+    return np.asarray(jumps[np.diff(jumps, prepend=-np.inf) > numerics.CONVERGED])
 
 
 def _cross_jumps(
@@ -234,7 +225,7 @@ def _cross_jumps(
     low, high = problem.box
     place = next(k for k in free if problem.law.shape[k].name in JUMPING)
     jumps = _list_jumps(problem, int(place))
-    jumps = jumps[(jumps > low[place] + _ONE_JUMP) & (jumps < high[place])]
+    jumps = jumps[(jumps > low[place] + numerics.CONVERGED) & (jumps < high[place])]
     edges = np.concatenate([low[[place]], jumps, high[[place]]])
     while True:
         box = np.array(low), np.array(high)
@@ -278,7 +269,7 @@ def _visit_kinks(
             inner = normal[np.ix_(others, others)]
             slide[others] = -np.linalg.lstsq(inner, normal[others, edge], rcond=None)[0]
             left = left + normal[edge, others] @ slide[others]
-        spread = np.sqrt(best.objective / len(best.residual) / max(float(left), 1e-300))
+        spread = np.sqrt(best.objective / len(best.residual) / max(float(left), numerics.TINY))
         low, high = problem.box
         speeds = np.unique(np.abs(problem.samples.velocity))
         kinks = np.log(speeds[speeds > problem.low[edge]])
@@ -313,7 +304,7 @@ def _visit_kinks(
     return best, done
 
 
-def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> FrictionSearch:
+def search_by_roots(problem: FrictionProblem, options: FrictionOptions) -> FrictionSearch:
     """Return the stationary point of least objective, else the better end of the scan.
 
     Raises UsageError for motion in both directions, or not exactly one free shape value.
@@ -340,7 +331,7 @@ def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> Fr
             kept[coordinate] = slope, state
         return kept[coordinate][0]
 
-    scan = [float(value) for value in np.linspace(ends[0][place], ends[1][place], options.points)]
+    scan = [float(value) for value in np.linspace(ends[0][place], ends[1][place], options.solves)]
     slopes = [compute_slope(value) for value in scan]
     projector.record(*(state for _, state in kept.values()))
     roots = 0
@@ -355,7 +346,7 @@ def search_by_roots(problem: FrictionProblem, options: RootFindingOptions) -> Fr
     best = min((state for _, state in kept.values()), key=lambda state: state.objective)
     ended = f"{roots} roots were found, the best is kept" if roots else "the slope never changes its sign"
     outcome = Ending.CONVERGED if roots else Ending.STALLED
-    return projector.build_search(best, outcome, ended, points=options.points, roots=roots)
+    return projector.build_search(best, outcome, ended, points=options.solves, roots=roots)
 
 
 def build_nlp(
@@ -410,26 +401,16 @@ def build_nlp(
     return smooth, calls
 
 
-def search_by_nlp(problem: FrictionProblem, options: FrictionNlpOptions) -> FrictionSearch:
+def search_by_nlp(problem: FrictionProblem, options: FrictionOptions) -> FrictionSearch:
     """Return the least of the optima from several starts."""
     law, projector = problem.law, Projector(problem, np.iinfo(np.int64).max)
     # Bounds of the shape are those of the search.
     edges = zip(law.shape, problem.low, problem.high, strict=True)
     box = {entry.name: tuple(pair) for entry, *pair in edges}
     low, high = np.array([box.get(entry.name, (entry.lower, entry.upper)) for entry in law.physical]).T
-    starts, (least, most), free = [], problem.box, int(np.sum(problem.is_free))
-    # The root of g^(d+1) = g + 1, found by its own iteration: starts fill the box of the shape evenly.
-    ratio = 2.0
-    for _ in range(60):
-        ratio = (1.0 + ratio) ** (1.0 / (free + 1))
-    steps = ratio ** -np.arange(1.0, free + 1.0)
-    for number in range(1, 8 * options.starts + 1 if free else 2):
-        z = np.array(least)
-        z[problem.is_free] += np.mod(0.5 + number * steps, 1.0) * (most - least)[problem.is_free]
-        starts.append(z)
-    states = [projector.project(z) for z in starts]
+    states = [projector.project(z) for z in build_shape_grid(problem, 8 * options.starts)[0]]
     states.sort(key=lambda state: state.objective)
-    scale = max(states[0].objective, 1e-20 * float(problem.target @ problem.target), 1e-300)
+    scale = max(states[0].objective, 1e-20 * float(problem.target @ problem.target), numerics.TINY)
     smooth, calls = build_nlp(problem, scale, low, high)
     compute_hessian: Any = smooth.hessian
     settings = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
@@ -488,7 +469,7 @@ class UnitBoxProblem:
 
     def build_search(
         self,
-        options: GeneticOptions | EvolutionOptions,
+        options: FrictionOptions,
         genes: FloatArray,
         objective: float,
         *,
@@ -497,7 +478,7 @@ class UnitBoxProblem:
     ) -> FrictionSearch:
         """Return the end of a search with the best candidate, genes (d,)."""
         linear, shape = self.express(genes[None, :])
-        spread = f"the relative spread of the candidates' objectives fell below {options.tolerance:g}"
+        spread = f"the relative spread of the candidates' objectives fell below {numerics.CONVERGED:g}"
         return FrictionSearch(
             linear=tuple(linear[0].tolist()),
             shape=tuple(shape[0].tolist()),
@@ -507,7 +488,7 @@ class UnitBoxProblem:
             iterations=len(self.history) - 1,
             history=tuple(self.history),
             outcome=Ending.STAGNATED if converged else Ending.LIMIT,
-            ended=spread if converged else f"{options.generations} generations passed",
+            ended=spread if converged else f"{options.iterations} generations passed",
             settings=tuple(settings.items()),
         )
 
@@ -525,7 +506,7 @@ def draw_children(genes: FloatArray, parents: FloatArray, width: float, generato
 
 
 def search_by_population(
-    problem: FrictionProblem, options: GeneticOptions, generator: Generator
+    problem: FrictionProblem, options: FrictionOptions, generator: Generator, *, anneal: bool
 ) -> FrictionSearch:
     """Return the best candidate of the genetic algorithm, or of its hybrid with annealing."""
     box = UnitBoxProblem(problem)
@@ -533,7 +514,7 @@ def search_by_population(
     objectives = box.compute_objectives(genes)
     box.history.append(float(np.min(objectives)))
     temperature, converged = float(np.max(objectives)) - box.history[0], False
-    while not converged and len(box.history) <= options.generations:
+    while not converged and len(box.history) <= options.iterations:
         # The better one of two drawn at random; then the best of parents and children, the best first.
         first, second = generator.integers(len(genes), size=(2, len(genes)))
         parents = genes[np.where(objectives[first] <= objectives[second], first, second)]
@@ -542,11 +523,11 @@ def search_by_population(
         objectives = np.concatenate([objectives, box.compute_objectives(children)])
         kept = np.argsort(objectives, kind="stable")[: len(children)]
         genes, objectives = genes[kept], objectives[kept]
-        if options.step > 0.0:
+        if anneal:
             neighbours = draw_children(genes, genes, options.step, generator)
             reached = box.compute_objectives(neighbours)
             rise = reached - objectives
-            chance = np.exp(-np.maximum(rise, 0.0) / max(temperature, 1e-300))
+            chance = np.exp(-np.maximum(rise, 0.0) / max(temperature, numerics.TINY))
             accepted = generator.random(len(genes)) < chance
             # Survivors stand in order: the first is the best.
             accepted[0] = rise[0] < 0.0
@@ -555,7 +536,7 @@ def search_by_population(
             temperature *= options.cooling
         least, most = float(np.min(objectives)), float(np.max(objectives))
         box.history.append(least)
-        converged = most - least <= options.tolerance * least
+        converged = most - least <= numerics.CONVERGED * least
     best = int(np.argmin(objectives))
     return box.build_search(
         options,
@@ -564,12 +545,12 @@ def search_by_population(
         converged=converged,
         population=len(genes),
         width=options.width,
-        **({"cooling": options.cooling} if options.step > 0.0 else {}),
+        **({"cooling": options.cooling} if anneal else {}),
     )
 
 
 def search_by_evolution(
-    problem: FrictionProblem, options: EvolutionOptions, generator: np.random.Generator
+    problem: FrictionProblem, options: FrictionOptions, generator: np.random.Generator
 ) -> FrictionSearch:
     """Return the best candidate of differential evolution."""
     box = UnitBoxProblem(problem)
@@ -582,9 +563,9 @@ def search_by_evolution(
     answer = scipy.optimize.differential_evolution(
         compute_objectives,
         [(0.0, 1.0)] * box.size,
-        maxiter=options.generations,
+        maxiter=options.iterations,
         popsize=options.population,
-        tol=options.tolerance,
+        tol=numerics.CONVERGED,
         seed=generator,
         # With SciPy's own defaults, best1bin and 0.7, 4 of 40 draws failed.
         strategy="randtobest1bin",

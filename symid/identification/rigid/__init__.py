@@ -14,7 +14,17 @@ if TYPE_CHECKING:
         FrictionChoice as FrictionChoice,
         Wish as Wish,
         choose_laws as choose_laws,
+        choose_plainest as choose_plainest,
+        choose_trial as choose_trial,
         compare_friction as compare_friction,
+        describe_choice as describe_choice,
+        search_laws as search_laws,
+    )
+    from symid.identification.rigid.friction_tables import (
+        JointTable as JointTable,
+        Wanted as Wanted,
+        list_shape_nodes as list_shape_nodes,
+        tabulate_rows as tabulate_rows,
     )
     from symid.identification.rigid.log_check import (
         CheckedLog as CheckedLog,

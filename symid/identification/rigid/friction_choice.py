@@ -12,7 +12,10 @@ at a node is a problem of a few unknowns:
     M = sum_(i != j) w_i S_i + w_j G_j,    K = M_DD - M_Dx M_xx^-1 M_xD,    c = K_cc^-1 K_cy
 
 G are sums of products of a joint, S the same without its own friction. Joints take turns until no law
-changes; then nodes are set closer about the best, and laws are made linear there (Gauss and Newton).
+changes; then laws are made linear about their best nodes (Gauss and Newton), until shape values stay.
+
+Each stretch is left out in turn and scored in parts. Of the laws that are identifiable, the plainest is taken
+that the best one does not surely predict better than (`judge.compare`; Holm over all of them).
 
 Where the load of a joint was measured behind its gear, its law is chosen from the torque of the motor less
 the load: X_j x are then torques of rotors, and what the model of the links lacks is in neither.
@@ -23,30 +26,31 @@ several joints, which stays as the robot file has it.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence, Set as AbstractSet
+import math
+from collections.abc import Callable, Mapping, Sequence, Set as AbstractSet
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice
 from symid.identification.estimators import LawSelection, LawTrial
-from symid.identification.regression import Rotor, warn_of_load_gain
+from symid.identification.judge import POLICY, adjust_chances, compare, numerics
+from symid.identification.regression import Rotor, scale_products, warn_of_load_gain
 from symid.identification.rigid.friction_tables import (
     JointTable,
     Motion,
     Node,
     TangentLaw,
     Wanted,
-    bound_shape,
     gather_inputs,
     list_shape_nodes,
     load_joints,
     measure_gain,
     prepare_motion,
-    refine_nodes,
     tabulate_laws,
 )
 from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, compute_columns, get_law
@@ -55,72 +59,67 @@ from symid.robot import Processing
 
 PLAIN = "coulomb-viscous-offset"
 """What other laws are compared with."""
-_CONDITION = 1e-9
-"""Least eigenvalue of the scaled products of a law's columns that counts as identifiable."""
-_FEWEST = 20
-"""Windows of a joint that choose a law."""
-_ROUNDS = 6
-"""Of all joints in turn, in one pass over the data."""
 
 
 class _Reduced(NamedTuple):
-    """A joint without its own friction: S of training sets, Q of stretches that leave [-x 1] Q [-x 1]'."""
+    """A joint without its own friction: S of training sets, Q of parts that leave [-x 1] Q [-x 1]'."""
 
     schur: FloatArray
     left: FloatArray
 
 
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the solution of normal equations (..., n, n), scaled, with a tiny ridge."""
-    lengths = np.sqrt(np.maximum(np.diagonal(matrix, axis1=-2, axis2=-1), 1e-300))
-    scaled = matrix / lengths[..., :, None] / lengths[..., None, :]
-    scaled = scaled + _RIDGE * np.eye(matrix.shape[-1])
-    return np.asarray(np.linalg.solve(scaled, right / lengths[..., None]) / lengths[..., None])
+    """Return the solution of normal equations (..., n, n) with right sides (..., n, k)."""
+    scaled, scales = scale_products(matrix)
+    return np.asarray(np.linalg.solve(scaled, right * scales[..., None]) * scales[..., None])
 
 
-_RIDGE = 1e-11
-
-
-def _list_training(grams: FloatArray) -> FloatArray:
-    """Return the sums (S + 1, k, k) over all stretches but one, and last over all."""
+def _list_training(table: JointTable, places: Sequence[int], weight: float) -> FloatArray:
+    """Return the sums (f + 1, k, k) over all stretches but one, and last over all."""
+    grams = weight * table.grams[:, places][:, :, places]
     whole = grams.sum(axis=0)
-    return np.concatenate([whole - grams, whole[None]])
+    folds = [whole - grams[table.fold == fold].sum(axis=0) for fold in range(int(table.fold.max()) + 1)]
+    return np.stack([*folds, whole])
 
 
 def _reduce(table: JointTable, places: Sequence[int], weight: float) -> _Reduced:
     """Return a joint without the friction of these columns of its table."""
-    p, size = table.shared, table.grams.shape[1]
-    own, rest = [p + k for k in places], [*range(p), size - 1]
-    sets = weight * _list_training(table.grams[np.ix_(range(len(table.grams)), [*own, *rest], [*own, *rest])])
-    c = len(own)
+    p, c = table.shared, len(places)
+    order = [*(p + k for k in places), *range(p), table.grams.shape[1] - 1]
+    sets = _list_training(table, order, weight)
     gains = _solve(sets[:, :c, :c], sets[:, :c, c:]) if c else np.zeros((len(sets), 0, p + 1))
     schur = sets[:, c:, c:] - sets[:, c:, :c] @ gains
-    order = [*own, *rest]
     held = weight * table.grams[:, order][:, :, order]
-    # [f; x'] of a stretch with f = g_y - g_x x: columns of [-x 1].
-    lift = np.concatenate([-gains[:-1], np.tile(np.eye(p + 1), (len(held), 1, 1))], axis=1)
+    # [f; x'] of a part with f = g_y - g_x x: columns of [-x 1].
+    lift = np.concatenate([-gains[table.fold], np.tile(np.eye(p + 1), (len(held), 1, 1))], axis=1)
     return _Reduced(schur=schur, left=np.swapaxes(lift, 1, 2) @ held @ lift)
 
 
-class _Trial(NamedTuple):
-    """A law on a joint: best node, linear values, losses (S,) of all joints and its own; weak names."""
+class Trial(NamedTuple):
+    """A law on a joint: best node, linear values, squares.
+
+    `own` (b,) are those of held-out parts, `losses` (b,) with the other joints', weighted as in the fit;
+    `fitted` is what the fit to all rows leaves; `weak` names what is not identifiable.
+    """
 
     law: FrictionLaw
     node: Node
     linear: FloatArray
     losses: FloatArray
     own: FloatArray
+    fitted: float
     weak: tuple[str, ...]
 
+    @property
+    def unknowns(self) -> int:
+        """Return the number of values of the law."""
+        return len(self.law.linear) + len(self.law.shape)
 
-_ALIKE = 1e-6
-"""Part of a column's squares that must be independent of the rigid columns: a thousandth of its size."""
 
-
-def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[_Trial]:
+def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[Trial]:
     """Return a trial of every law of a table; `others` is the sum over the other joints."""
-    p, size, count = table.shared, table.grams.shape[1], len(table.grams)
-    sets = weight * _list_training(table.grams)
+    p, size = table.shared, table.grams.shape[1]
+    sets = _list_training(table, range(size), weight)
     outer = sets[:, :p, :].copy()
     outer[:, :, :p] += others.schur[:, :p, :p]
     outer[:, :, -1] += others.schur[:, :p, -1]
@@ -129,7 +128,7 @@ def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[_Trial
     inner[:, -1, -1] += others.schur[:, -1, -1]
     # What the rigid columns are like differs from them by their filter alone.
     before, after = (np.maximum(np.diagonal(part[-1])[:-1], 0.0) for part in (sets[:, p:, p:], inner))
-    alike = after <= _ALIKE * before
+    alike = after <= numerics.CONVERGED * before
     found = []
     for _, group in itertools.groupby(table.nodes, key=lambda node: node.law.name):
         nodes = list(group)
@@ -139,77 +138,101 @@ def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[_Trial
         linear = _solve(matrix, right[..., None])[..., 0]
         losses = inner[:, -1, -1][:, None] - np.sum(right * linear, axis=2)
         best = np.argmin(losses, axis=1)
-        total, own = np.zeros(count), np.zeros(count)
-        for h in range(count):
-            chosen, values = list(nodes[best[h]].places), linear[h, best[h]]
-            shared = gains[h, :, -1] - gains[h][:, chosen] @ values
-            v = np.zeros(size)
-            v[:p], v[-1] = -shared, 1.0
-            v[[p + k for k in chosen]] = -values
-            own[h] = weight * float(v @ table.grams[h] @ v)
-            u = np.append(-shared, 1.0)
-            total[h] = own[h] + float(u @ others.left[h] @ u)
+        # [-x -c 1] of each training set.
+        factors = np.zeros((len(sets), size))
+        factors[:, -1] = 1.0
+        for h, k in enumerate(best):
+            chosen = list(nodes[k].places)
+            factors[h, :p] = gains[h][:, chosen] @ linear[h, k] - gains[h, :, -1]
+            # Columns that agree in these logs are one of the table.
+            np.subtract.at(factors[h], [p + place for place in chosen], linear[h, k])
+        held = factors[table.fold]
+        own = np.einsum("bk,bkl,bl->b", held, table.grams, held)
+        rest = held[:, [*range(p), size - 1]]
         k = int(best[-1])
-        node, products = nodes[k], matrix[-1, k]
+        node = nodes[k]
         order: list[int] = []
         if node.places:
             weak = alike[list(node.places)]
             # Linear parameters with a part in a direction that the rows do not determine.
-            lengths = np.sqrt(np.maximum(np.diag(products), 1e-300))
-            sizes, vectors = np.linalg.eigh(products / lengths / lengths[:, None])
-            poor = sizes < _CONDITION * max(float(sizes[-1]), 1e-300)
+            sizes, vectors = np.linalg.eigh(scale_products(matrix[-1, k])[0])
+            poor = sizes < numerics.RANK * sizes[-1]
             lost = np.any(np.abs(vectors[:, poor]) > 1e-3, axis=1)
             order = [*np.flatnonzero(weak), *np.flatnonzero(lost & ~weak)]
-        named = tuple(node.law.linear[place].name for place in order)
-        found.append(_Trial(node.law, node, linear[-1, k], total, own / weight, named))
+        found.append(
+            Trial(
+                law=node.law,
+                node=node,
+                linear=linear[-1, k],
+                losses=own + np.einsum("bk,bkl,bl->b", rest, others.left, rest) / weight,
+                own=own,
+                fitted=float(factors[-1] @ table.grams.sum(axis=0) @ factors[-1]),
+                weak=tuple(node.law.linear[place].name for place in order),
+            )
+        )
     return found
 
 
-_SURE = 3.0
-"""Standard errors by which a law with more unknowns must predict better."""
-_EQUAL = 1.0
-"""Standard errors up to which laws predict alike."""
-_HELPS = 0.01
-"""Part of a joint's held-out squares that a law with more unknowns must save."""
+class Choice(NamedTuple):
+    """Places of the candidate taken and of the best one; (k,) chances that each is as good as the best."""
+
+    taken: int
+    best: int
+    chances: FloatArray
 
 
-def choose_trial(trials: Sequence[_Trial]) -> tuple[int, FloatArray]:
-    """Return the place of the trial taken, and how far each is behind the best, in standard errors.
+def choose_plainest(losses: FloatArray, unknowns: Sequence[int], shapes: Sequence[int]) -> Choice:
+    """Return the candidate of fewest `unknowns` (k,) that the best one does not surely surpass.
 
-    Of the laws that are identifiable, the plainest is taken that no richer one predicts surely better than;
-    of several as plain and as good, the one with fewer shape values, which others may only imitate.
+    `losses` (k, parts) are squares of held-out parts. Of several as plain and as good, the one with fewest
+    `shapes` (k,) among its unknowns is taken, which others may only imitate.
     """
-    whole = [k for k, trial in enumerate(trials) if not trial.weak] or [0]
-    # What a law costs the other joints counts as well.
-    beside = np.min([trial.losses - trial.own for trial in trials], axis=0)
-    losses = [trials[k].losses - beside for k in whole]
-    best = min(losses, key=np.sum)
-    behind = np.full(len(trials), np.inf)
-    for k, entry in zip(whole, losses, strict=True):
-        # By how many standard errors the losses exceed those of the best; 0 where it hardly matters.
-        behind[k] = 0.0
-        if entry.sum() > (1.0 + _HELPS) * best.sum():
-            logs = np.log(entry / np.maximum(best, 1e-300))
-            error = float(np.std(logs, ddof=1)) / np.sqrt(len(logs))
-            behind[k] = max(0.0, float(logs.mean())) / error if error > 0.0 else np.inf
-    near = [k for k in whole if behind[k] <= _SURE]
+    totals = losses.sum(axis=1)
+    best = int(np.argmin(totals))
+    tests = {k: compare(own[:, None], losses[best][:, None]) for k, own in enumerate(losses) if k != best}
+    sure = dict(zip(tests, adjust_chances([one.p_of_all for one in tests.values()]), strict=True))
+    matters = {k for k, one in tests.items() if one.fall_of_all > 1.0 + POLICY.relevance}
+    near = [k for k in range(len(losses)) if k not in matters or sure[k] >= POLICY.caution]
+    chances = np.array([tests[k].p_of_all if k in tests else 1.0 for k in range(len(losses))])
 
     def rank(place: int) -> tuple[int, bool, int, float]:
-        law, loss = trials[place].law, float(trials[place].losses.sum())
-        shape = law.about if isinstance(law, TangentLaw) else law.shape
-        return len(law.linear) + len(law.shape), bool(behind[place] > _EQUAL), len(shape), loss
+        worse = place in matters and bool(chances[place] < POLICY.caution)
+        return unknowns[place], worse, shapes[place], float(totals[place])
 
-    return min(near, key=rank), behind
+    return Choice(min(near, key=rank), best, chances)
 
 
-class _State(NamedTuple):
-    """Laws so far: a node and a weight of every joint, and how the laws of each were compared."""
+def choose_trial(trials: Sequence[Trial]) -> Choice:
+    """Return the choice among the trials that are identifiable, chances 0 of the others."""
+    whole = [k for k, trial in enumerate(trials) if not trial.weak]
+    # Where no law is identifiable, the plainest one leaves least open.
+    whole = whole or [min(range(len(trials)), key=lambda k: trials[k].unknowns)]
+    # What a law costs the other joints counts as well.
+    beside = np.min([trial.losses - trial.own for trial in trials], axis=0)
+    laws = [trials[k].law for k in whole]
+    taken, best, chances = choose_plainest(
+        np.array([trials[k].losses - beside for k in whole]),
+        [trials[k].unknowns for k in whole],
+        [len(law.about if isinstance(law, TangentLaw) else law.shape) for law in laws],
+    )
+    found = np.zeros(len(trials))
+    found[whole] = chances
+    return Choice(whole[taken], whole[best], found)
 
+
+class Search(NamedTuple):
+    """Laws of all joints: table, node and weight of each, its trials, and the choice among them."""
+
+    tables: Sequence[JointTable]
     nodes: Sequence[Node]
     weights: FloatArray
-    trials: Sequence[Sequence[_Trial]]
-    taken: Sequence[int]
-    behind: Sequence[FloatArray]
+    trials: Sequence[Sequence[Trial]]
+    choices: Sequence[Choice]
+
+    @property
+    def taken(self) -> list[Trial]:
+        """Return the trial of every joint that was taken."""
+        return [trials[choice.taken] for trials, choice in zip(self.trials, self.choices, strict=True)]
 
 
 def _weigh(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
@@ -218,18 +241,18 @@ def _weigh(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatAr
     for table, node in zip(tables, nodes, strict=True):
         left = float(u @ _reduce(table, node.places, 1.0).schur[-1] @ u)
         found.append(left / max(int(table.rows.sum()), 1))
-    return 1.0 / np.maximum(found, 1e-300)
+    return 1.0 / np.maximum(found, numerics.TINY)
 
 
-def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> _State:
+def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> Search:
     """Return the laws after the joints took turns until none changed."""
     nodes, count = list(start), len(tables)
     weights = np.ones(count)
     for _ in range(3):
         weights = _weigh(tables, nodes, weights)
-    trials: list[Sequence[_Trial]] = [()] * count
-    taken, behind = [0] * count, [np.zeros(0)] * count
-    for _ in range(_ROUNDS):
+    trials: list[Sequence[Trial]] = [()] * count
+    choices = [Choice(0, 0, np.zeros(0))] * count
+    for _ in range(numerics.ROUNDS):
         before = [node.law.name for node in nodes]
         for joint, table in enumerate(tables):
             reduced = _reduce_all(tables, nodes, weights)
@@ -237,14 +260,13 @@ def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> _State:
             if count > 1:
                 rest = [entry for k, entry in enumerate(reduced) if k != joint]
                 others = _Reduced(*(np.sum(parts, axis=0) for parts in zip(*rest, strict=True)))
-            found = _try_laws(table, others, float(weights[joint]))
-            taken[joint], behind[joint] = choose_trial(found)
-            trials[joint] = found
-            nodes[joint] = found[taken[joint]].node
+            trials[joint] = _try_laws(table, others, float(weights[joint]))
+            choices[joint] = choose_trial(trials[joint])
+            nodes[joint] = trials[joint][choices[joint].taken].node
             weights = _weigh(tables, nodes, weights)
         if before == [node.law.name for node in nodes]:
             break
-    return _State(nodes, weights, trials, taken, behind)
+    return Search(tables, nodes, weights, trials, choices)
 
 
 def _reduce_all(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> list[_Reduced]:
@@ -257,6 +279,56 @@ def _solve_shared(tables: Sequence[JointTable], nodes: Sequence[Node], weights: 
     whole = sum(entry.schur[-1] for entry in _reduce_all(tables, nodes, weights))
     p = len(whole) - 1
     return _solve(whole[:p, :p], whole[:p, p:])[:, 0]
+
+
+def search_laws(
+    tabulate: Callable[[Sequence[Wanted], FloatArray | None], Sequence[JointTable]],
+    wanted: Sequence[Wanted],
+    speeds: Sequence[FloatArray],
+) -> Search:
+    """Return the laws of all joints once laws and shape values stay.
+
+    Args:
+        tabulate: returns tables of laws, with loads of the shared parameters (p,) found last, None at first.
+        wanted: of each joint, laws at their first nodes.
+        speeds: (N,) of each joint, rad/s or m/s; none of one whose shape values stay.
+    """
+    laws, shared = [PLAIN] * len(wanted), None
+    for step in range(numerics.ROUNDS):
+        tables = tabulate(wanted, shared)
+        # The first node of a law in a table, or of the table where it has no such law.
+        begun = [
+            next((node for node in table.nodes if node.law.name == law), table.nodes[0])
+            for table, law in zip(tables, laws, strict=True)
+        ]
+        found = _settle_laws(tables, begun)
+        shared = _solve_shared(tables, found.nodes, found.weights)
+        before, laws = laws, [node.law.name for node in found.nodes]
+        if step and laws == before and all(map(_stays, found.taken, speeds)):
+            break
+        wanted = [
+            [_approach(trial, own) for trial in trials]
+            for trials, own in zip(found.trials, speeds, strict=True)
+        ]
+    return found
+
+
+def _approach(trial: Trial, speeds: FloatArray) -> tuple[FrictionLaw, tuple[float, ...]]:
+    """Return a law made linear about the shape values that a trial found; as it is where these stay."""
+    if isinstance(trial.law, TangentLaw):
+        return trial.law.move(trial.linear.tolist(), speeds), ()
+    if trial.law.shape and len(speeds):
+        return TangentLaw.build(trial.law, trial.node.shape, trial.linear.tolist()), ()
+    return trial.law, trial.node.shape
+
+
+def _stays(trial: Trial, speeds: FloatArray) -> bool:
+    """Return whether shape values moved by less than matters, or do not move."""
+    law, _ = _approach(trial, speeds)
+    if not isinstance(law, TangentLaw):
+        return True
+    known = trial.law.about if isinstance(trial.law, TangentLaw) else None
+    return known is not None and np.allclose(law.about, known, rtol=POLICY.relevance, atol=0.0)
 
 
 _LAWS = (
@@ -332,10 +404,10 @@ def choose_laws(
     wishes = wishes or (CANDIDATES,) * count
     plain: list[Wanted] = [[(get_law(PLAIN), ())]] * count
     tables = tabulate_laws(motion, plain)
-    moving = [int(table.rows.sum()) >= _FEWEST for table in tables]
+    # With fewer windows than parts to be scored, no law can be chosen.
+    moving = [int(table.rows.sum()) >= POLICY.folds * POLICY.parts for table in tables]
     nodes = [table.nodes[0] for table in tables]
-    weights = _weigh(tables, nodes, np.ones(count))
-    motion = load_joints(motion, _solve_shared(tables, nodes, weights))
+    motion = load_joints(motion, _solve_shared(tables, nodes, _weigh(tables, nodes, np.ones(count))))
     inputs = set.intersection(*(set(gather_inputs(one, slice(0, 1), 0)) for one in motion.signals))
     lacking = []
     for card, wish in zip(library.card.joints, wishes, strict=True):
@@ -349,50 +421,42 @@ def choose_laws(
             lacking.append(Notice(code="identify.friction-input", text=text))
     if lacking:
         raise IdentifiabilityError(*lacking)
-    speeds = [motion.speeds(joint) if moving[joint] else np.zeros(0) for joint in range(count)]
+    kept = [isinstance(wish, FrictionValues) for wish in wishes]
+    speeds = [
+        motion.speeds(joint) if moving[joint] and not kept[joint] else np.zeros(0) for joint in range(count)
+    ]
     calls = zip(wishes, gears, speeds, strict=True)
     wanted = [_list_wanted(wish, gear, inputs, own) for wish, gear, own in calls]
-    kept = [isinstance(wish, FrictionValues) for wish in wishes]
-    laws = [PLAIN] * count
-    for step in range(_PASSES):
-        tables = tabulate_laws(motion, wanted)
-        # The first node of a law in a table, or of the table where it has no such law.
-        begun = [
-            next((node for node in table.nodes if node.law.name == law), table.nodes[0])
-            for table, law in zip(tables, laws, strict=True)
-        ]
-        state = _settle_laws(tables, begun)
-        motion = load_joints(motion, _solve_shared(tables, state.nodes, state.weights))
-        laws = [node.law.name for node in state.nodes]
-        chosen = [trials[k] for trials, k in zip(state.trials, state.taken, strict=True)]
-        # The last passes are those of the laws that were chosen alone.
-        tried = state.trials if step < _COMPARED - 1 else [[trial] for trial in chosen]
-        if step == _COMPARED - 1:
-            compared, scored = state, tables
-        wanted = [
-            wanted[joint]
-            if kept[joint]
-            else [pair for trial in tried[joint] for pair in _approach(trial, speeds[joint], step)]
-            for joint in range(count)
-        ]
+
+    def tabulate(wanted: Sequence[Wanted], shared: FloatArray | None) -> list[JointTable]:
+        loaded = motion if shared is None else load_joints(motion, shared)
+        return tabulate_laws(loaded, wanted)
+
+    search = search_laws(tabulate, wanted, speeds)
     found = []
-    for joint, (card, trial, wish) in enumerate(zip(library.card.joints, chosen, wishes, strict=True)):
-        friction = FrictionValues(law=trial.law.name, values=tuple(trial.linear.tolist()))
+    for joint, (card, trial, wish) in enumerate(zip(library.card.joints, search.taken, wishes, strict=True)):
+        law, shape = _approach(trial, speeds[joint])
+        values = tuple(trial.linear.tolist())
+        friction = FrictionValues(law=law.name, values=values, shape=shape)
         if isinstance(wish, FrictionValues):
-            friction = replace(wish, values=friction.values)
-        elif isinstance(trial.law, TangentLaw):
-            moved = _move_tangent(trial.law, trial.linear, speeds[joint])
-            friction = FrictionValues(law=moved.name, values=moved.values, shape=moved.about)
+            friction = replace(wish, values=values)
+        elif isinstance(law, TangentLaw):
+            friction = replace(friction, values=law.values, shape=law.about)
         selection: LawSelection | None = None
         if moving[joint] and not kept[joint]:
-            selection = _describe_choice(compared, scored[joint], joint, measured=motion.measured[joint])
+            what = "the motor's torque less the load" if motion.measured[joint] else "the torque"
+            choice, what = search.choices[joint], f"{what} in motion"
+            selection = describe_choice(
+                search.tables[joint], search.trials[joint], choice, what, card.torque_unit
+            )
         found.append(JointLaw(joint=card.name, friction=friction, selection=selection))
-    shared = _solve_shared(tables, state.nodes, state.weights)
+    shared = _solve_shared(search.tables, search.nodes, search.weights)
+    motion = load_joints(motion, shared)
     return FrictionChoice(
         joints=tuple(found),
         beta=shared[: len(library.card.beta)],
         motion=motion,
-        notices=_judge_loads(motion, found, state.nodes),
+        notices=_judge_loads(motion, found, search.nodes),
     )
 
 
@@ -432,10 +496,6 @@ def _judge_loads(motion: Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]
     return tuple(found)
 
 
-_OTHER_FRICTION = 0.1
-"""Part of the friction by which that of the whole robot may differ from that of the motor side."""
-
-
 def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues]) -> tuple[Notice, ...]:
     """Return a warning for joints with measured loads whose friction the whole robot has changed."""
     found = []
@@ -450,10 +510,10 @@ def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues
             for one in (law.friction, friction)
         )
         # A constant is an error of the sensor, or a weight.
-        apart = float(np.std(whole - own) / max(np.std(own), 1e-300))
-        if apart > _OTHER_FRICTION:
+        apart = 100.0 * float(np.std(whole - own) / max(np.std(own), numerics.TINY))
+        if apart > POLICY.good:
             text = (
-                f"joint {law.joint!r}: friction fitted with the whole robot differs by {100.0 * apart:.2g} % "
+                f"joint {law.joint!r}: friction fitted with the whole robot differs by {apart:.2g} % "
                 "from that of the motor side alone (motor torque less measured load): the links carry what "
                 "their model lacks, or the load has another factor. For friction without a model of the "
                 "links, identify with --rows friction"
@@ -462,55 +522,39 @@ def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues
     return tuple(found)
 
 
-def _describe_choice(state: _State, table: JointTable, joint: int, *, measured: bool) -> LawSelection:
-    """Return the trials of a joint, by what they leave of held-out torque, and why the law was taken."""
-    trials, behind, taken = state.trials[joint], state.behind[joint], state.taken[joint]
-    whole, rows = float(np.sum(table.grams[:, -1, -1])), int(table.rows.sum())
+def describe_choice(
+    table: JointTable, trials: Sequence[Trial], choice: Choice, what: str, unit: str
+) -> LawSelection:
+    """Return the trials of a joint by what they leave of `what` that was held out, and why one was taken."""
+    whole, rows = max(float(np.sum(table.grams[:, -1, -1])), numerics.TINY), int(table.rows.sum())
     plain = next((float(trial.own.sum()) for trial in trials if trial.law.name == PLAIN), None)
+    # How far a trial is behind the best, in standard errors.
+    behind = np.maximum(-scipy.special.stdtrit(len(table.rows) - 1, choice.chances), 0.0)
     listed = [
         LawTrial(
             law=trial.law.name,
-            unknowns=len(trial.law.linear) + len(trial.law.shape),
-            held_percent=100.0 * float(np.sqrt(trial.own.sum() / whole)),
-            held_rms=float(np.sqrt(trial.own.sum() / rows)),
+            unknowns=trial.unknowns,
+            fitted_percent=100.0 * math.sqrt(max(trial.fitted, 0.0) / whole),
+            held_percent=100.0 * math.sqrt(trial.own.sum() / whole),
+            held_rms=math.sqrt(trial.own.sum() / rows),
             ratio=float(trial.own.sum()) / plain if plain else None,
             behind=float(distance) if np.isfinite(distance) else None,
             reason=f"not identifiable: {', '.join(trial.weak)}" if trial.weak else "",
         )
         for trial, distance in zip(trials, behind, strict=True)
     ]
-    own = listed[taken]
-    what = "the motor's torque less the load" if measured else "the torque"
-    text = f"{own.law} leaves {own.held_percent:.3g} % of {what} of held-out windows in motion"
-    listed.sort(key=lambda entry: entry.held_rms or np.inf)
-    best = next((entry for entry in listed if not entry.reason), own)
-    if best is not own and own.unknowns < best.unknowns:
+    own, best = listed[choice.taken], listed[choice.best]
+    text = f"{own.law} leaves {own.held_percent:.3g} % of {what} that was held out"
+    text += f" ({own.held_rms:.3g} {unit} RMS)"
+    if own.reason:
+        text = f"No law is identifiable from these logs; {own.law}, the simplest, is given in part"
+    elif any(entry.reason and (entry.held_rms or 0.0) < (own.held_rms or 0.0) for entry in listed):
+        text = f"Of the identifiable laws, {text}"
+    if own.unknowns < best.unknowns:
         text += (
             f"; {best.law}, with {best.unknowns} values instead of {own.unknowns}, predicts no surely better"
         )
-    if own.ratio is not None and own.law != PLAIN:
-        text += f"; {PLAIN} leaves {own.held_percent / np.sqrt(own.ratio):.3g} %"
+    if own.ratio is not None and own.law != PLAIN and not own.reason:
+        text += f"; {PLAIN} leaves {(own.held_percent or 0.0) / math.sqrt(own.ratio):.3g} %"
+    listed.sort(key=lambda entry: entry.held_rms or np.inf)
     return LawSelection(trials=tuple(listed), chosen=own.law, verdict=f"{text}.", blocks=len(table.rows))
-
-
-_COMPARED = 4
-"""Passes over all data with all laws: nodes, closer nodes, and two linear steps about the best."""
-_PASSES = 6
-"""All passes; in the last ones the laws that were chosen settle."""
-
-
-def _move_tangent(tangent: TangentLaw, linear: FloatArray, speeds: FloatArray) -> TangentLaw:
-    law = get_law(tangent.name)
-    return tangent.move(linear.tolist(), [bound_shape(law, k, speeds) for k in range(len(law.shape))])
-
-
-def _approach(trial: _Trial, speeds: FloatArray, step: int) -> Wanted:
-    """Return what to try next of a law: closer nodes after the first pass, then the law made linear there."""
-    law = get_law(trial.law.name)
-    if not law.shape:
-        return [(law, ())]
-    if not step:
-        return [(law, shape) for shape in refine_nodes(law, trial.node.shape, speeds)]
-    if isinstance(trial.law, TangentLaw):
-        return [(_move_tangent(trial.law, trial.linear, speeds), ())]
-    return [(TangentLaw.build(law, trial.node.shape, trial.linear.tolist()), ())]

@@ -9,46 +9,42 @@ of a lower cut-off than the columns of friction, which bend where the velocity t
 A joint whose load was measured behind its gear needs no model of the links: its torque is that of the motor
 less the load, and its columns X are those of rotors.
 
+Stretches are left out in turn; each is scored in parts of two periods of the scoring band or more.
+
 Supported: every static law; several recordings; loads measured behind the gears, or computed; payloads.
 Not supported: windows of other lengths for other joints.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification import regression
-from symid.identification.regression import measure_scoring_band
+from symid.identification.judge import POLICY, numerics
 from symid.joint_models import (
     FrictionLaw,
-    build_numpy_carrier,
     compute_column_derivatives,
     compute_columns,
     get_law,
 )
-from symid.logs import Recording, Signals, differentiate, low_pass
+from symid.logs import Recording, Signals
 from symid.robot import Processing
 
-_BLOCK = 8192
-"""Samples whose regressor is in memory."""
-_STRETCHES = 10
-"""Held out in turn, of all logs together; two a log at least."""
-_NODES = (12, 7, 6)
-"""Of each shape value, for laws with one, two and three."""
-_FINER = (0.0, -1.0 / 3.0, 1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0)
-"""Places of the second nodes about the best one, in the first distances."""
-_SUPPORTED = 1.5
-"""Times the slowest speed that counts: no shape value that is a speed is less."""
-_NOISE = 3.0
-"""Standard deviations of the velocity's noise below which a row does not count: its sign is not known."""
-_BLUR = 3.0
-"""Times what a velocity changes in the time of the low-pass, below which a row does not count."""
+_NODES = 12
+"""Of the shape value of a law with one; with more of them a law has fewer of each."""
+_WINDOW = 0.25
+"""Of the period of the scoring band: length of a window. More of the band is noise."""
+_SHARP = 10.0
+"""Times the scoring band: cut-off of the rigid columns."""
 Inputs = Mapping[str, FloatArray]
 
 
@@ -58,9 +54,10 @@ class TangentLaw(FrictionLaw):
 
         Phi(s + d) c = Phi(s) c + sum_j d_j (sum_k c_k dPhi_k / ds_j)
 
-    `about` are the shape values, `values` the linear ones c.
+    `about` are the shape values, `values` the linear ones c of the law `bent`.
     """
 
+    bent: FrictionLaw
     about: tuple[float, ...]
     values: tuple[float, ...]
 
@@ -77,21 +74,16 @@ class TangentLaw(FrictionLaw):
 
         parts = {entry.name: getattr(law, entry.name) for entry in fields(FrictionLaw)}
         parts |= {"linear": (*law.linear, *law.shape), "shape": (), "columns": compute}
-        return cls(**parts, about=about, values=values)
+        return cls(**parts, bent=law, about=about, values=values)
 
-    def move(self, found: Sequence[float], bounds: Sequence[tuple[float, float]]) -> "TangentLaw":
-        """Return the law about the values (p + s,) that a fit found, within `bounds` of its shape values."""
-        count = len(self.values)
-        steps = zip(self.about, found[count:], bounds, strict=True)
-        about = [
-            float(np.clip(value + step, max(low, value / _STEP), min(high, value * _STEP)))
-            for value, step, (low, high) in steps
-        ]
-        return TangentLaw.build(get_law(self.name), about, found[:count])
-
-
-_STEP = 1.5
-"""Factor by which a shape value moves at most in a linear step."""
+    def move(self, found: Sequence[float], speeds: FloatArray) -> "TangentLaw":
+        """Return the law about the values (p + s,) that a fit found, no further than to the next node."""
+        count, about = len(self.values), []
+        for place, (value, step) in enumerate(zip(self.about, found[count:], strict=True)):
+            low, high = bound_shape(self.bent, place, speeds)
+            reach = (high / low) ** (1.0 / (_count_nodes(self.bent) - 1))
+            about.append(float(np.clip(value + step, max(low, value / reach), min(high, value * reach))))
+        return TangentLaw.build(self.bent, about, found[:count])
 
 
 class Node(NamedTuple):
@@ -105,14 +97,20 @@ class Node(NamedTuple):
 class JointTable(NamedTuple):
     """Sums of products of one joint.
 
-    `grams` (S, k, k) are of [X D y] in every stretch: y is last, D has the columns of all `nodes`, X `shared`
-    columns; `rows` (S,) were counted.
+    `grams` (b, k, k) are of [X D y] in every part: y is last, D has the columns of all `nodes`, X `shared`
+    columns; `fold` (b,) is the stretch that a part is left out with, `rows` (b,) were counted.
     """
 
     grams: FloatArray
+    fold: NDArray[np.intp]
     shared: int
     rows: NDArray[np.intp]
     nodes: tuple[Node, ...]
+
+
+def _count_nodes(law: FrictionLaw) -> int:
+    """Return how many nodes each shape value has."""
+    return int(np.round(_NODES ** (2.0 / (1.0 + len(law.shape)))))
 
 
 def list_shape_nodes(law: FrictionLaw, speeds: FloatArray) -> list[tuple[float, ...]]:
@@ -120,9 +118,7 @@ def list_shape_nodes(law: FrictionLaw, speeds: FloatArray) -> list[tuple[float, 
 
     Speeds lie between those of the slowest hundredth of the samples and the fastest.
     """
-    if not law.shape:
-        return [()]
-    count = _NODES[len(law.shape) - 1]
+    count = _count_nodes(law)
     axes = [np.geomspace(*bound_shape(law, k, speeds), count) for k in range(len(law.shape))]
     return [point for point in map(tuple, itertools.product(*axes)) if _is_sensible(law, point)]
 
@@ -130,7 +126,7 @@ def list_shape_nodes(law: FrictionLaw, speeds: FloatArray) -> list[tuple[float, 
 def bound_shape(law: FrictionLaw, place: int, speeds: FloatArray) -> tuple[float, float]:
     """Return the least and the largest value that a motion at `speeds` (N,) supports of a shape value."""
     fastest = float(np.max(speeds))
-    slowest = max(_SUPPORTED * float(np.min(speeds)), float(np.quantile(speeds, 0.01)), 1e-3 * fastest)
+    slowest = max(float(np.quantile(speeds, 0.01)), 1e-3 * fastest)
     entry = law.shape[place]
     match entry.unit:
         case "rad/s":
@@ -146,18 +142,8 @@ def _is_sensible(law: FrictionLaw, shape: Sequence[float]) -> bool:
     """Return whether shape values are not the exchange of others, or an edge beyond the fall."""
     named = {entry.name: value for entry, value in zip(law.shape, shape, strict=True)}
     if "g2" in named:
-        return named["g2"] > 1.5 * named["g3"]
+        return named["g2"] > named["g3"]
     return "dq0" not in named or named["dq0"] <= named["vs"]
-
-
-def refine_nodes(law: FrictionLaw, best: Sequence[float], speeds: FloatArray) -> list[tuple[float, ...]]:
-    """Return closer nodes about the best of `list_shape_nodes`."""
-    axes = []
-    for place, value in enumerate(best):
-        low, high = bound_shape(law, place, speeds)
-        step = np.log(high / low) / (_NODES[len(law.shape) - 1] - 1)
-        axes.append(np.unique(np.clip(value * np.exp(step * np.array(_FINER)), low, high)))
-    return [point for point in map(tuple, itertools.product(*axes)) if _is_sensible(law, point)]
 
 
 def gather_inputs(signals: Signals, part: slice | NDArray[np.intp], joint: int) -> dict[str, FloatArray]:
@@ -167,32 +153,40 @@ def gather_inputs(signals: Signals, part: slice | NDArray[np.intp], joint: int) 
     return {name: values[:, joint] for name, values in arrays.items() if values is not None}
 
 
-Made = Sequence[tuple[FrictionLaw, tuple[float, ...], tuple[int, ...]]]
+Wanted = Sequence[tuple[FrictionLaw, tuple[float, ...]]]
+Made = Sequence[tuple[FrictionLaw, tuple[float, ...], list[int]]]
 """Laws at shape values, and which of their columns are in a table."""
 
 
-def _list_columns(wanted: "Wanted", probe: Inputs) -> tuple[tuple[Node, ...], Made]:
-    """Return the nodes of a joint, and the columns to make for them: those that agree at `probe` are one."""
-    made: list[tuple[FrictionLaw, tuple[float, ...], tuple[int, ...]]] = []
+def _list_columns(wanted: Wanted, inputs: Inputs) -> tuple[tuple[Node, ...], Made]:
+    """Return the nodes of a joint, and the columns to make: those that agree at 1024 samples are one."""
+    places = np.linspace(0, len(inputs["velocity"]) - 1, 1024).astype(int)
+    probe = {name: values[places] for name, values in inputs.items()}
+    made: list[tuple[FrictionLaw, tuple[float, ...], list[int]]] = []
     known: dict[bytes, int] = {}
     nodes = []
     for law, shape in wanted:
-        places, new = [], []
-        for k, column in enumerate(_evaluate(law, shape, probe)):
-            key = np.ascontiguousarray(np.broadcast_to(column, probe["velocity"].shape)).tobytes()
+        keys, new = [column.tobytes() for column in _evaluate(law, shape, probe).T], []
+        for k, key in enumerate(keys):
             if key not in known:
                 known[key] = len(known)
                 new.append(k)
-            places.append(known[key])
         if new:
-            made.append((law, shape, tuple(new)))
-        nodes.append(Node(law, shape, tuple(places)))
+            made.append((law, shape, new))
+        nodes.append(Node(law, shape, tuple(known[key] for key in keys)))
     return tuple(nodes), made
 
 
-def _evaluate(law: FrictionLaw, shape: Sequence[float], inputs: Inputs) -> tuple[FloatArray, ...]:
+def _make_columns(
+    made: Made, inputs: Inputs, reduce: Callable[[FloatArray], FloatArray]
+) -> Iterator[FloatArray]:
+    """Yield columns at inputs (N,) behind a linear operator, law by law."""
+    return (reduce(_evaluate(law, shape, inputs)[:, new]) for law, shape, new in made)
+
+
+def _evaluate(law: FrictionLaw, shape: Sequence[float], inputs: Inputs) -> FloatArray:
     with np.errstate(over="ignore", under="ignore"):
-        return law.columns(build_numpy_carrier(), inputs, [np.float64(value) for value in shape])
+        return compute_columns(law, inputs, shape)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -239,34 +233,6 @@ class Motion:
         return np.asarray(found[found >= self.slowest[joint]])
 
 
-_WINDOW = 0.25
-"""Of the period of the scoring band: length of a window. More of the band is noise."""
-_SHARP = 10.0
-"""Times the scoring band: cut-off of the rigid columns."""
-
-
-def balance_cutoff(recordings: Sequence[Recording]) -> float:
-    """Return the cut-off in Hz at which noise and blur of the velocities are equal, the mean of joints.
-
-    Columns of friction bend where the velocity turns, and want a sharp velocity; noise in the accelerations
-    is taken out by the decimation, as their columns are linear in it.
-    """
-    found = []
-    for recording in recordings:
-        smooth = low_pass(recording.position, period=recording.period, cutoff=_TURNS, order=2)
-        bend = differentiate(differentiate(smooth, recording.period), recording.period)
-        turning = np.sqrt(np.mean(bend**2, axis=0))
-        for band, rate in zip(regression.measure_bands(recording), turning.tolist(), strict=False):
-            if band.clean > 0.0:
-                power = _BLUR * rate * np.sqrt(3.0) / (_NOISE * (2.0 * np.pi) ** 2 * max(band.floor, 1e-300))
-                found.append(power**0.4)
-    return float(np.median(found)) if found else 0.0
-
-
-_TURNS = 10.0
-"""Hz, within which joints turn."""
-
-
 def prepare_motion(
     library: Library,
     recordings: Sequence[Recording],
@@ -279,9 +245,9 @@ def prepare_motion(
     The velocity's noise follows from the floor of the position's spectrum.
     """
     measured = regression.list_measured_joints(recordings)
-    rate, band = 1.0 / recordings[0].period, measure_scoring_band(recordings)
-    smooth, sharp = (min(cutoff, 0.4 * rate) for cutoff in (_SHARP * band, balance_cutoff(recordings)))
-    sharp = max(smooth, sharp)
+    rate, band = 1.0 / recordings[0].period, regression.measure_scoring_band(recordings)
+    smooth = min(_SHARP * band, 0.4 * rate)
+    sharp = max(smooth, min(regression.balance_cutoff(recordings), 0.4 * rate))
 
     def filter_states(cutoff: float) -> tuple[Signals, ...]:
         settings = replace(processing, filter_cutoff=cutoff, standstill=None, automatic=False)
@@ -296,13 +262,15 @@ def prepare_motion(
             found.append(signals)
         return tuple(found)
 
+    # Deviations by which the sign of a velocity is known.
+    sure = float(scipy.special.ndtri(1.0 - POLICY.alarm))
     signals, slowest = filter_states(sharp), np.zeros(library.card.size)
     for recording, entry in zip(recordings, signals, strict=True):
         floors = np.array([one.floor for one in regression.measure_bands(recording)])
         noise = 2.0 * np.pi * floors * np.sqrt(sharp**3 / 3.0)
         # What the low-pass makes of a velocity that turns, or stops.
         blur = np.sqrt(np.mean(entry.ddq**2, axis=0)) / (2.0 * np.pi * sharp)
-        slowest = np.maximum(slowest, np.maximum(_NOISE * noise, _BLUR * blur))
+        slowest = np.maximum(slowest, sure * np.maximum(noise, blur))
     own = {joint.name for joint in library.card.joints}
     extra = [k for k, entry in enumerate(library.card.friction) if entry.joint not in own]
     return Motion(
@@ -319,58 +287,78 @@ def prepare_motion(
     )
 
 
-Wanted = Sequence[tuple[FrictionLaw, tuple[float, ...]]]
-
-
 def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
     """Return the sums of products of all joints, each with all its nodes `wanted`."""
-    tables = []
-    for joint, nodes in enumerate(wanted):
-        places = np.linspace(0, len(motion.signals[0].time) - 1, 64).astype(int)
-        tables.append(_list_columns(nodes, gather_inputs(motion.signals[0], places, joint)))
-    each = max(2, -(-_STRETCHES // len(motion.signals)))
+    first = slice(None)
+    tables = [
+        _list_columns(nodes, gather_inputs(motion.signals[0], first, joint))
+        for joint, nodes in enumerate(wanted)
+    ]
+    each = max(2, math.ceil(POLICY.folds / len(motion.signals)))
     grams: list[list[FloatArray]] = [[] for _ in wanted]
     counts: list[list[int]] = [[] for _ in wanted]
-    shared = 0
+    fold, shared = list[int](), 0
     for run, signals in enumerate(motion.signals):
         width, reach, count = motion.width, motion.reach, len(signals.time)
-        windows = np.array_split(np.arange(count // width), each)
+        windows = np.arange(count // width)
         # Windows without a slow sample, nor one within reach of them.
-        starts = width * np.arange(count // width)
-        low, high = np.maximum(starts - reach, 0), np.minimum(starts + width + reach, count)
+        low, high = np.maximum(width * windows - reach, 0), np.minimum(width * windows + width + reach, count)
         slow = [
             np.concatenate([[0], np.cumsum(np.abs(signals.dq[:, j]) <= motion.slowest[j])])
             for j in range(len(wanted))
         ]
         kept = [column[high] == column[low] for column in slow]
-        for part in windows:
+        parts = int(np.clip(_WINDOW * len(windows) / (each * POLICY.periods), 1, POLICY.parts))
+        for place, part in enumerate(np.array_split(windows, each * parts)):
+            fold.append(run * each + place // parts)
             whole = [np.zeros(())] * len(wanted)
-            for block in np.array_split(part, max(1, len(part) * width // _BLOCK)):
+            for block in np.array_split(part, max(1, len(part) * width // numerics.BLOCK)):
                 if not len(block):
                     continue
                 span = slice(int(block[0]) * width, (int(block[-1]) + 1) * width)
                 rigid = _average(motion.share_columns(run, span), width)
                 shared = rigid.shape[2]
                 for joint, (_, made) in enumerate(tables):
-                    rows, inputs = kept[joint][block], gather_inputs(signals, span, joint)
-                    columns = np.zeros((len(inputs["velocity"]), sum(len(new) for *_, new in made)))
-                    place = 0
-                    for law, shape, new in made:
-                        found = _evaluate(law, shape, inputs)
-                        for k in new:
-                            columns[:, place] = found[k]
-                            place += 1
-                    own = _average(columns, width)
+                    own = _make_columns(
+                        made, gather_inputs(signals, span, joint), partial(_average, width=width)
+                    )
                     torque = _average(signals.tau[span, joint], width)
-                    table = np.column_stack([rigid[rows, joint], own[rows], torque[rows]])
+                    table = np.column_stack([rigid[:, joint], *own, torque])[kept[joint][block]]
                     whole[joint] = whole[joint] + table.T @ table
             for joint in range(len(wanted)):
                 grams[joint].append(whole[joint])
                 counts[joint].append(int(kept[joint][part].sum()))
     return [
-        JointTable(np.stack(gram), shared, np.array(count, dtype=np.intp), nodes)
+        JointTable(np.stack(gram), np.array(fold), shared, np.array(count, dtype=np.intp), nodes)
         for gram, count, (nodes, _) in zip(grams, counts, tables, strict=True)
     ]
+
+
+def tabulate_rows(  # noqa: PLR0917 - what a joint's rows are made of
+    wanted: Wanted,
+    inputs: Inputs,
+    reduce: Callable[[FloatArray], FloatArray],
+    shared: FloatArray,
+    torque: FloatArray,
+    parts: Sequence[NDArray[np.intp]],
+    fold: NDArray[np.intp],
+) -> JointTable:
+    """Return the sums of products of one joint's rows, each with all its nodes `wanted`.
+
+    Args:
+        wanted: laws at shape values.
+        inputs: (N,) of the laws, each.
+        reduce: a linear operator on columns, (N, c) -> (M, c).
+        shared: (M, p) columns beside friction, behind it.
+        torque: (M,) behind it, N m or N.
+        parts: the rows of every part.
+        fold: (b,) the stretch that a part is left out with.
+    """
+    nodes, made = _list_columns(wanted, inputs)
+    table = np.column_stack([shared, *_make_columns(made, inputs, reduce), torque])
+    grams = np.stack([table[part].T @ table[part] for part in parts])
+    rows = np.array([len(part) for part in parts], dtype=np.intp)
+    return JointTable(grams, fold, shared.shape[1], rows, nodes)
 
 
 def _average(values: FloatArray, width: int) -> FloatArray:
@@ -396,8 +384,11 @@ def measure_gain(
     motion: Motion, joint: int, law: FrictionLaw, shape: tuple[float, ...]
 ) -> regression.LoadGain | None:
     """Return the factor on a measured load that a joint's windows choose beside a law and rotors."""
+    law_of_load = get_law("load-dependent")
     load = replace(
-        get_law("load-dependent"), linear=(), columns=lambda _carrier, inputs, _shape: (inputs["load"],)
+        law_of_load,
+        linear=law_of_load.linear[:1],
+        columns=lambda _carrier, inputs, _shape: (inputs["load"],),
     )
     wanted: list[Wanted] = [
         [(law, shape), (load, ())] if k == joint else [] for k in range(len(motion.measured))

@@ -91,7 +91,7 @@ def test_times_are_measured_and_histories_end_at_the_result():
 def test_a_race_counts_what_the_searches_took():
     draw = paper.fit_estimators(SHORT, 3, (*paper.RACERS, "varpro"))
     costs = paper.summarise_race("a motion", [draw]).costs
-    assert [cost.population for cost in costs] == [64, 48]
+    assert [cost.population for cost in costs] == [64, 64]
     # All candidates once at the start; in a generation of the hybrid children, and neighbours of survivors.
     for cost, fit, visits in zip(costs, draw, (1, 2), strict=False):
         assert (cost.generations, cost.evaluations) == (fit.iterations, fit.evaluations)

@@ -103,21 +103,25 @@ def test_blocks_held_back_tell_the_richer_truth():
     run = build_run(RICH)
     plan = build_plan(0.5, 1.0)
     trials = [try_axis_model(model, run, plan, generator=np.random.default_rng(0)) for model in (PLAIN, RICH)]
-    assert all(len(trial.held) == 4 for trial in trials)
+    # Six blocks, each in four parts.
+    assert all(len(trial.held) == 24 for trial in trials)
     assert trials[1].rmse < 1e-4 < trials[0].rmse
     assert choose_axis_trial(trials).model == RICH
 
 
-def test_the_fewest_values_within_one_standard_error_are_taken():
-    def build(model, *held):
-        return AxisTrial(model=model, held=held)
+def test_of_the_trials_that_none_surely_surpasses_the_one_of_the_fewest_values_is_taken():
+    held = np.random.default_rng(0).uniform(1.0, 3.0, 24)
 
-    rich, plain = build(RICH, 1.0, 2.0, 3.0), build(PLAIN, 1.5, 2.5, 3.0)
-    assert rich.rmse == pytest.approx(np.sqrt(14.0 / 3.0))
-    assert rich.deviation == pytest.approx(np.std([1.0, 4.0, 9.0], ddof=1) / np.sqrt(3.0))
+    def build(model, factors):
+        return AxisTrial(model=model, held=tuple(held * factors))
+
+    rich = build(RICH, 1.0)
+    assert rich.rmse == pytest.approx(np.linalg.norm(held) / np.sqrt(24.0))
+    # Worse in half of the parts and better in the others; worse in all of them.
+    plain = build(PLAIN, np.tile([0.9, 1.15], 12))
     assert choose_axis_trial([rich, plain]) is plain
-    assert choose_axis_trial([rich, build(PLAIN, 3.0, 3.0, 4.0)]) is rich
-    better = build(PLAIN, 1.4, 2.4, 3.0)
+    assert choose_axis_trial([rich, build(PLAIN, np.tile([1.01, 1.15], 12))]) is rich
+    better = build(PLAIN, np.tile([0.9, 1.14], 12))
     assert choose_axis_trial([rich, plain, better]) is better
 
 

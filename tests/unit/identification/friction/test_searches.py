@@ -1,22 +1,14 @@
 """Searches: their derivatives, their optimum against others, counts, edges, the same bits again."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.optimize import differential_evolution, least_squares
 
 from symid.errors import UsageError
-from symid.identification.friction.problem import (
-    EvolutionOptions,
-    FrictionNlpOptions,
-    FrictionOptions,
-    GeneticOptions,
-    Projector,
-    RootFindingOptions,
-    VariableProjectionOptions,
-    build_problem,
-)
+from symid.identification.friction.problem import FrictionOptions, Projector, build_problem
 from symid.identification.friction.searches import (
     build_nlp,
     search_by_evolution,
@@ -32,7 +24,6 @@ from tests.frictions import TABLE_1, build_cosines, draw_s1, draw_s2, draw_sampl
 from tests.refusals import raises
 
 OPTIONS = FrictionOptions()
-FREE = VariableProjectionOptions()
 TRUTHS = {
     "tustin": (11.0, 20.0, 0.03, 24.0),
     "stribeck": (11.0, 20.0, 0.03, 24.0),
@@ -86,7 +77,7 @@ def test_projection_is_linear_least_squares_and_its_optimum_that_of_all_values_a
     expected, rest, *_ = np.linalg.lstsq(problem.compute_columns([0.04]), problem.target, rcond=None)
     np.testing.assert_allclose(state.linear, expected, rtol=1e-10)
     assert state.objective == pytest.approx(float(rest[0]), rel=1e-12)
-    search = search_by_projection(problem, FREE)
+    search = search_by_projection(problem, OPTIONS)
 
     def find_errors(x):
         return compute_friction_torque(law, samples.inputs, *law.from_physical(x)) - samples.torque
@@ -114,7 +105,7 @@ def test_the_gain_beside_a_kink_is_that_of_the_slope_there(name):
 @pytest.mark.parametrize("name", sorted(TRUTHS))
 def test_no_other_search_finds_less(name):
     problem = build(name)
-    search = search_by_projection(problem, FREE)
+    search = search_by_projection(problem, OPTIONS)
     assert search.solves <= 150
     box = list(zip(*problem.box, strict=True))
     best = find_best(Projector(problem, 10**9), box, seed=3, maxiter=40, tol=1e-10)
@@ -123,20 +114,20 @@ def test_no_other_search_finds_less(name):
 
 def test_the_limit_of_linear_problems_is_kept_and_no_more_are_solved_than_needed():
     fixed = FrictionOptions(bounds=(("vs", (0.04, 0.04)),))
-    search = search_by_projection(build_problem(*draw_s1(), fixed), FREE)
+    search = search_by_projection(build_problem(*draw_s1(), fixed), OPTIONS)
     assert (search.shape, search.solves, search.outcome) == ((0.04,), 1, Ending.CONVERGED)
     # A linear law is solved at once.
     law = get_law("coulomb-viscous")
     samples = draw_samples(law, (11.0, 20.0), build_cosines(0.5), noise=0.0)
-    search = search_by_projection(build_problem(samples, law, OPTIONS), FREE)
+    search = search_by_projection(build_problem(samples, law, OPTIONS), OPTIONS)
     np.testing.assert_allclose(law.to_physical(search.linear, search.shape), (11.0, 20.0), rtol=1e-12)
     assert (search.solves, len(search.history)) == (1, 1)
     problem = build_problem(*draw_s2(), OPTIONS)
-    few = VariableProjectionOptions(solves=55)
+    few = FrictionOptions(solves=30)
     # The same samples give the same bits.
     first, second = (search_by_projection(problem, few) for _ in range(2))
     assert first == second
-    assert first.solves <= 55
+    assert first.solves <= 30
     assert first.outcome is Ending.LIMIT
 
 
@@ -144,7 +135,7 @@ def test_the_grid_stays_inside_the_bounds():
     # Bounds may hold the other order of two slopes alone, as around an earlier fit with a greater g3.
     bounds = FrictionOptions(bounds=(("g2", (40.0, 700.0)), ("g3", (1000.0, 5000.0)), ("g5", (10.0, 170.0))))
     problem = build("makkar", bounds)
-    search = search_by_projection(problem, FREE)
+    search = search_by_projection(problem, OPTIONS)
     assert np.all((problem.low <= search.shape) & (search.shape <= problem.high))
     assert search.objective <= min(search.history)
 
@@ -157,7 +148,7 @@ def test_steps_that_go_too_far_do_not_alternate_about_the_optimum(name, size):
     rate = 12.0 if name == "tustin" else 20.0
     samples = replace(samples, torque=samples.torque + size * np.sin(rate * samples.velocity))
     problem = build_problem(samples, get_law(name), OPTIONS)
-    search = search_by_projection(problem, FREE)
+    search = search_by_projection(problem, OPTIONS)
     assert search.outcome is Ending.CONVERGED
     assert search.solves <= 100
     projector = Projector(problem, 10**9)
@@ -182,7 +173,7 @@ def test_laws_with_kinks_and_jumps_end_by_their_tolerance_on_samples_of_others(n
     law, velocity = get_law(truth), build_cosines(0.1, 1.0, count=400)
     samples = draw_samples(law, TRUTHS[truth], velocity[np.abs(velocity) >= slow], noise=0.5, seed=3)
     problem = build_problem(samples, get_law(name), OPTIONS)
-    search = search_by_projection(problem, FREE)
+    search = search_by_projection(problem, OPTIONS)
     assert search.outcome is Ending.CONVERGED
     assert search.solves <= 150
     projector = Projector(problem, 10**9)
@@ -194,30 +185,30 @@ def test_laws_with_kinks_and_jumps_end_by_their_tolerance_on_samples_of_others(n
 
 def test_root_finding_refuses_two_unknowns_and_two_directions():
     with raises(UsageError, *["usage.root-finding"] * 2, match=r"2 here[\s\S]*both"):
-        search_by_roots(build_problem(*draw_s2(), OPTIONS), RootFindingOptions())
+        search_by_roots(build_problem(*draw_s2(), OPTIONS), OPTIONS)
 
 
 def test_without_a_root_the_better_end_is_kept():
     law = get_law("stribeck")
     samples = draw_samples(law, (10.0, 20.0, 0.05, 20.0), abs(build_cosines(0.5)), noise=0.0)
     options = FrictionOptions(bounds=(("vs", (0.1, 0.2)),))
-    search = search_by_roots(build_problem(samples, law, options), RootFindingOptions())
+    search = search_by_roots(build_problem(samples, law, options), OPTIONS)
     assert search.outcome is Ending.STALLED
     assert search.shape[0] == pytest.approx(0.1)
 
 
 SEARCHES = {
-    "genetic": (search_by_population, GeneticOptions()),
-    "annealing": (search_by_population, OPTIONS.annealing),
-    "evolution": (search_by_evolution, EvolutionOptions()),
+    "genetic": partial(search_by_population, anneal=False),
+    "annealing": partial(search_by_population, anneal=True),
+    "evolution": search_by_evolution,
 }
 
 
 @pytest.mark.parametrize("name", SEARCHES)
 def test_the_history_falls_the_counts_agree_and_the_same_generator_gives_the_same_bits(name):
     problem = build_problem(*draw_s1(), OPTIONS)
-    find, options = SEARCHES[name]
-    search, again = (find(problem, options, np.random.default_rng(1)) for _ in range(2))
+    find = SEARCHES[name]
+    search, again = (find(problem, OPTIONS, np.random.default_rng(1)) for _ in range(2))
     assert (search.linear, search.history) == (again.linear, again.history)
     assert np.all(np.diff(search.history) <= 0.0)
     assert search.history[-1] == pytest.approx(search.objective)
@@ -226,12 +217,9 @@ def test_the_history_falls_the_counts_agree_and_the_same_generator_gives_the_sam
     assert search.evaluations == population * (1 + rounds * search.iterations)
     assert (search.solves, search.outcome) == (0, Ending.STAGNATED)
     # Too few generations are told.
-    end = find(problem, replace(options, generations=3), np.random.default_rng(0))
+    end = find(problem, replace(OPTIONS, iterations=3), np.random.default_rng(0))
     assert end.outcome is Ending.LIMIT
     assert "3 generations" in end.ended
-
-
-NLP = FrictionNlpOptions()
 
 
 def thin(columns):
@@ -279,9 +267,9 @@ def test_derivatives_are_exact(name, physical):
 
 def test_a_limit_of_iterations_is_told():
     problem = build_problem(*draw_s2(), OPTIONS)
-    search = search_by_nlp(problem, NLP)
+    search = search_by_nlp(problem, OPTIONS)
     assert search.outcome is Ending.CONVERGED
     assert dict(search.settings)["agreeing"] >= 1
-    search = search_by_nlp(problem, replace(NLP, starts=1, iterations=1))
+    search = search_by_nlp(problem, replace(OPTIONS, starts=1, iterations=1))
     assert search.outcome is Ending.LIMIT
     assert "Maximum_Iterations_Exceeded" in search.ended

@@ -1,4 +1,4 @@
-"""The choice of a law: blocks, what was held back, the rule of one standard error, the verdict."""
+"""The choice of a law: parts, what was held out, laws that are not identifiable, the verdict."""
 
 from dataclasses import replace
 
@@ -15,8 +15,7 @@ from symid.identification.friction.joint_fit import (
     build_reduction,
     compute_velocity_map,
 )
-from symid.identification.friction.problem import VariableProjectionOptions
-from symid.identification.friction.selection import CANDIDATE_LAWS, assign_blocks, select_law
+from symid.identification.friction.selection import CANDIDATE_LAWS, cut_parts, select_law
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_columns
 from symid.robot import Decimation
@@ -39,23 +38,23 @@ def build_rows(*counts):
     return FrictionRows(time=zero, velocity=zero, torque=zero, extra=zero[:, None], run=run)
 
 
-def test_blocks_are_contiguous_and_cut_every_recording_that_is_long_enough():
-    number = assign_blocks(build_rows(100, 60))
-    for part in (number[:100], number[100:]):
-        assert sorted(set(part.tolist())) == [0, 1, 2, 3, 4]
-        assert np.all(np.diff(part) >= 0)
-    assert np.all(np.bincount(number[:100]) == 20)
-    # Too short a recording is always fitted.
-    assert np.all(assign_blocks(build_rows(100, 14))[100:] == -1)
+def test_parts_are_contiguous_and_every_recording_is_cut_into_stretches():
+    parts, fold = cut_parts(build_rows(120, 60))
+    assert np.array_equal(np.concatenate(parts), np.arange(180))
+    assert [len(part) for part in parts] == [10] * 12 + [5] * 12
+    assert fold.tolist() == np.repeat(np.arange(6), 4).tolist()
+    # One recording has all six stretches, many have two each.
+    assert len(cut_parts(build_rows(100))[0]) == 24
+    assert cut_parts(build_rows(*[20] * 5))[1].max() == 9
     with raises(IdentifiabilityError, "friction.too-few-rows"):
-        assign_blocks(build_rows(14, 9))
+        cut_parts(build_rows(14, 9))
 
 
 @pytest.mark.parametrize("truth", ["coulomb-viscous-offset", "stribeck+offset"])
 def test_the_true_law_is_taken(truth):
     selection, _ = select_law(build_samples(truth), FEW)
     assert selection.chosen == truth
-    assert selection.blocks == 5
+    assert selection.blocks == 24
     assert {trial.law for trial in selection.trials} == set(FEW)
     held = [trial.held_percent for trial in selection.trials]
     assert held == sorted(held)
@@ -63,13 +62,13 @@ def test_the_true_law_is_taken(truth):
     assert taken.held_rms == pytest.approx(0.05, rel=0.1)
     assert taken.held_percent > taken.fitted_percent
     assert taken.behind <= 1.0
-    assert truth in selection.verdict
-    richer = next(trial for trial in selection.trials if trial.law == "stribeck+offset")
-    told = [text in selection.verdict for text in ("squared error", "RMS")]
+    assert selection.verdict.startswith(f"{truth} leaves {taken.held_percent:.3g} % of the torque")
+    assert f"({taken.held_rms:.3g} N m RMS)" in selection.verdict
     if truth == "stribeck+offset":
-        assert (taken.ratio < 0.6, told) == (True, [True, True])
+        assert taken.ratio < 0.6
+        assert "coulomb-viscous-offset leaves" in selection.verdict
     else:
-        assert (taken.ratio, "vs" in richer.reason) == (1.0, True)
+        assert taken.ratio == 1.0
 
 
 def test_a_law_whose_fall_lies_below_the_slowest_row_is_not_taken():
@@ -89,7 +88,7 @@ def test_a_law_is_taken_only_where_a_fit_of_full_effort_tells_it(monkeypatch):
 
     def fit(samples, law, *, options):
         estimate = fit_friction(samples, law, options=options)
-        if law.name != "stribeck+offset" or options.variable_projection != VariableProjectionOptions():
+        if law.name != "stribeck+offset":
             return estimate
         full.append(law.name)
         return replace(estimate, refused=(("vs", "two optima"),))
@@ -165,34 +164,25 @@ SEVERAL = (LINEAR, RISE, "lorentzian+offset", "power-law+offset", "tustin+offset
         (LINEAR, (1.0, 0.8, 0.1), SEVERAL),
         (RISE, (1.0, 1.5, 0.1, 0.8, 0.1), SEVERAL),
         ("lorentzian+offset", (1.0, 1.8, 0.05, 0.8, 0.1), SEVERAL),
-        # Laws with kinks are searched in the rows where they may be chosen.
         (KINKS, get_law(KINKS).to_physical((0.8, 1.0, 0.8, 0.1), (0.4, 0.2)), (LINEAR, RISE, KINKS)),
     ],
 )
-def test_a_choice_from_sketches_is_that_from_all_rows(truth, physical, laws, monkeypatch):
-    law = get_law(truth)
-    samples = draw_long_samples(law, physical)
-    sketched, final = select_law(samples, laws)
-    monkeypatch.setattr(selection_module, "_LEAST_SKETCHED", np.inf)
-    exact, _ = select_law(samples, laws)
-    assert sketched.chosen == exact.chosen == truth
-    by_law = {trial.law: trial for trial in exact.trials}
-    if truth == KINKS:
-        one, other = next(trial for trial in sketched.trials if trial.law == truth), by_law[truth]
-        for name in ("held_rms", "fitted_percent", "aicc"):
-            assert getattr(one, name) == getattr(other, name), name
-    else:
-        assert sketched.verdict == exact.verdict
-        for trial in sketched.trials:
-            other = by_law[trial.law]
-            assert trial.reason == other.reason
-            assert trial.held_rms == pytest.approx(other.held_rms, rel=1e-6)
-            assert trial.fitted_percent == pytest.approx(other.fitted_percent, rel=1e-9)
-    if law.shape:
-        assert final == fit_friction(samples, law)
+def test_laws_are_fitted_about_as_well_as_by_a_full_search(truth, physical, laws):
+    samples = draw_long_samples(get_law(truth), physical)
+    found, final = select_law(samples, laws)
+    assert found.chosen == truth
+    assert final == fit_friction(samples, get_law(truth))
+    # Steps that are linear in the shape do not settle in the kinks of a zone about standstill.
+    near = 0.05 if truth == KINKS else 0.01
+    for trial in found.trials:
+        full = fit_friction(samples, get_law(trial.law))
+        least = 100.0 * np.sqrt(full.objective) / np.linalg.norm(samples.build_rows().torque)
+        assert trial.fitted_percent == pytest.approx(least, rel=near), trial.law
+        if trial.law == LINEAR:
+            assert trial.aicc == pytest.approx(full.aicc, rel=1e-9)
 
 
-def test_parts_without_a_column_beside_friction_are_sketched():
+def test_a_column_beside_friction_may_vanish_in_a_part():
     samples = draw_long_samples(get_law(RISE), (1.0, 1.5, 0.1, 0.8, 0.1))
     # The second column is zero in the first fifth, and twice there.
     late = samples.time > 26.0
