@@ -196,10 +196,11 @@ def test_the_curve_is_found_and_the_state_values_go_into_the_file(name, logs, fo
     written = symid.load(fit.export(tmp_path / "found.toml").file)
     friction, before = (one.description.joints[0].friction for one in (written, robot))
     assert (friction.law, friction.shape, friction.bristles) == (before.law, before.shape, before.bristles)
-    known = {entry.name: entry.value for entry in fit.parameters}
-    assert friction.values == pytest.approx(
-        [known[f"{entry.name}1"] for entry in get_law(name).linear], rel=1e-12
-    )
+    # Those of the file are of a body that exists: friction may move with it, by far less than its deviation.
+    known = {entry.name: entry for entry in fit.parameters}
+    for entry, value in zip(get_law(name).linear, friction.values, strict=True):
+        found = known[f"{entry.name}1"]
+        assert value == pytest.approx(found.value, abs=0.1 * found.std), entry.name
     # The file runs: another simulation, of the values found.
     again = written.simulate(duration=2.0, seed=6)
     assert again.energy_gap < 1e-7

@@ -175,37 +175,49 @@ def list_tests(
     found: list[tuple[str, str, int, judge.Difference]] = []
 
     def compare(
-        what: str, part: str, one: BlockFit, other: BlockFit, tables: FloatArray
+        what: str,
+        part: str,
+        pair: tuple[BlockFit, BlockFit],
+        tables: FloatArray,
+        shared: FloatArray | None = None,
     ) -> list[judge.Difference]:
-        differences = judge.agree(one.values - other.values, one.changes - other.changes, tables, logs.torque)
+        difference, changes = pair[0].values - pair[1].values, pair[0].changes - pair[1].changes
+        if shared is not None:
+            difference, changes = shared @ difference, changes @ shared.T
+        differences = judge.agree(difference, changes, tables, logs.torque)
         found.extend(
             (what, part, joint, entry) for joint, entry in enumerate(differences) if logs.torque[joint]
         )
         return [entry for joint, entry in enumerate(differences) if logs.torque[joint]]
 
-    def fit(blocks: NDArray[np.bool_]) -> BlockFit:
-        return logs.fit(study.sums, study.classes, blocks, study.fit.weights)
+    def split(blocks: NDArray[np.bool_]) -> tuple[BlockFit, BlockFit]:
+        one, other = (
+            logs.fit(study.sums, study.classes, part, study.fit.weights) for part in (blocks, ~blocks)
+        )
+        return one, other
 
     runs = np.unique(logs.log).tolist()
     logwise = len(runs) > 1
     for run in runs if logwise else ():
-        told = compare("logs", str(run + 1), fit(logs.log == run), fit(logs.log != run), grams)
-        logwise = logwise and all(entry.verdict is not Agreement.OPEN for entry in told)
+        shared, complete = find_shared(study, logs.log == run)
+        told = compare("logs", str(run + 1), split(logs.log == run), grams, shared)
+        logwise &= complete and all(entry.verdict is not Agreement.OPEN for entry in told)
         if len(runs) == 2:
             # The second one with the first says the same.
             break
     if len(runs) == 1:
         half = logs.fold < 0.5 * (logs.fold.max() + 1)
-        compare("halves", "", fit(half), fit(~half), grams)
+        compare("halves", "", split(half), grams, find_shared(study, half)[0])
     level = int(np.argmin(np.abs(np.array(logs.bands) - study.choice.chosen.band)))
     if level > 1:
         smooth = study.choice.chosen.instruments or study.choice.chosen.band
         lower = min(int(np.argmin(np.abs(np.array(logs.bands) - smooth))), level - 1)
-        compare("band", "", study.fit, logs.fit(logs.sum_products(level - 1, lower), study.classes), grams)
+        narrow = logs.fit(logs.sum_products(level - 1, lower), study.classes)
+        compare("band", "", (study.fit, narrow), grams)
     last = logs.limits.shape[1] - 1
     if last:
         every, fast = (logs.fit(study.sums, [share] * count, None, study.fit.weights) for share in (0, last))
-        compare("slow rows", "", every, fast, friction)
+        compare("slow rows", "", (every, fast), friction)
     chances = judge.adjust_chances([entry.p for *_, entry in found])
     tests = []
     for (what, part, joint, entry), p in zip(found, chances, strict=True):
@@ -222,6 +234,32 @@ def list_tests(
             )
         )
     return tuple(tests), logwise
+
+
+def find_shared(study: SettingsStudy, blocks: NDArray[np.bool_]) -> tuple[FloatArray, bool]:
+    """Return the projection (p, p) on what blocks and the others both determine, and whether that is all.
+
+    In a direction where one side has less than `relevance`^2 of all squares, its deviation is some fifty
+    times that of both: a joint that rests there, or a load that it never carries.
+    """
+    one, other = (
+        study.sums.join(
+            [
+                table[part, share].sum(axis=0)
+                for table, share in zip(study.sums.squares, study.classes, strict=True)
+            ],
+            study.fit.weights,
+        )[:-1, :-1]
+        for part in (blocks, ~blocks)
+    )
+    whole, scales = regression.scale_products(one + other)
+    shares, vectors = scipy.linalg.eigh(one * scales[:, None] * scales, whole)
+    both = np.minimum(shares, 1.0 - shares) >= POLICY.relevance**2
+    kept = vectors[:, both]
+    inverse = np.divide(1.0, scales, out=np.zeros_like(scales), where=scales > 0.0)
+    # What no row tells of is no part of it.
+    complete = int(both.sum()) >= int(np.sum(scales > 0.0))
+    return scales[:, None] * (kept @ kept.T @ whole) * inverse, complete
 
 
 def list_impossible(
