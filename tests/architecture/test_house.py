@@ -7,11 +7,11 @@ import pytest
 from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
-    "files of symid/": 219,
-    "lines": 85_000,
+    "files of symid/": 220,
+    "lines": 85_570,
     "imports inside functions": 74,
     "strings read as a language": 0,
-    "lines of tests": 55_800,
+    "lines of tests": 56_400,
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }

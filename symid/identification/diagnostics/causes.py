@@ -43,7 +43,7 @@ from symid.identification.diagnostics.stretches import (
 )
 from symid.identification.regression import evaluate_columns, list_resting_joints, prepare_states
 from symid.joint_models import REFERENCE_TEMPERATURE
-from symid.logs import Recording, low_pass
+from symid.logs import Recording, low_pass, mask_states
 from symid.robot import Processing
 
 _RATE = 4.0
@@ -114,9 +114,10 @@ def build_quick_logs(
     rate = min(_RATE * scoring, _MOST_SAMPLES / max(length, 1e-9))
     each, count = count_stretches(len(recordings)), 0
     friction = np.array([joint.friction != "none" for joint in library.card.joints])
-    for run, recording in enumerate(recordings):
-        cutoff = min(scoring, 0.4 / recording.period)
+    for run, given in enumerate(recordings):
+        cutoff = min(scoring, 0.4 / given.period)
         settings = replace(processing, filter_cutoff=cutoff, automatic=False)
+        recording = replace(given, bad=mask_states(given, settings))
         signals = prepare_states(library, recording, settings)
         tau = low_pass(signals.tau, period=signals.period, cutoff=cutoff, order=_ORDER)
         step = max(1, round(1.0 / (rate * signals.period)))
@@ -127,6 +128,8 @@ def build_quick_logs(
         kept = ~(slow & friction)
         resting = np.isin(np.arange(library.card.size), list_resting_joints(recording)) & friction
         kept[:, resting] = False
+        if signals.bad is not None:
+            kept &= ~signals.bad[places]
         stretch = count + np.arange(len(places)) * each // max(len(places), 1)
         count += each
         table = [part[places] for part in (signals.q, signals.dq, signals.ddq, tau)]

@@ -172,8 +172,6 @@ class Evidence:
         impossible: what no robot can have, in words.
         missing: terms that would help on held-out rows, the largest first.
         in_proportion: pairs of joints that move in proportion throughout all logs.
-        resampled: percent that a quick fit leaves unexplained at even times, and with samples of uneven logs
-            as they come; empty where no log was moved to even times.
         code, cause, remedy: the likeliest single mistake in the logs, and what to do; empty for none.
         cured: percent that a quick fit leaves unexplained with the cause undone, infinite where none helps;
             effect: what undoing it does to that fit, in words.
@@ -187,7 +185,6 @@ class Evidence:
     impossible: tuple[str, ...] = ()
     missing: tuple[ModelTerm, ...] = ()
     in_proportion: tuple[tuple[str, str], ...] = ()
-    resampled: tuple[float, ...] = ()
     code: str = ""
     cause: str = ""
     remedy: str = ""

@@ -51,7 +51,7 @@ from symid.identification import diagnostics, estimators, regression
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan, list_unknown, plan_fit
 from symid.identification.rigid.settings_choice import ROW_RATE
 from symid.joint_models import is_braking
-from symid.logs import Recording, choose_processing, undo_resampling
+from symid.logs import Recording, choose_processing, mask_states
 from symid.robot import Processing
 
 _LEAST_GAIN = 0.05
@@ -215,11 +215,6 @@ def collect_evidence(
     scoring = choice.scoring if choice is not None else diagnostics.measure_scoring_band(recordings)
     logs = diagnostics.build_quick_logs(library, recordings, plan.processing, scoring)
     quick = diagnostics.fit_quick(logs)
-    resampled: tuple[float, ...] = ()
-    if any(recording.stamps is not None for recording in recordings):
-        before = [undo_resampling(recording) for recording in recordings]
-        other = diagnostics.fit_quick(diagnostics.build_quick_logs(library, before, plan.processing, scoring))
-        resampled = quick.percent, other.percent
     names = [joint.name for joint in library.card.joints]
     found = estimators.Evidence(
         joints=list_joint_evidence(fitted, stretches, scoring),
@@ -231,7 +226,6 @@ def collect_evidence(
         in_proportion=tuple(
             (names[j], names[k]) for j, k in diagnostics.list_proportions(logs.dq, quick.moving)
         ),
-        resampled=resampled,
     )
     if fitted.whole.kind == "torque" and found.unexplained <= _SUSPICIOUS:
         call = library, recordings, plan, fitted.whole, stretches.weights, values, scoring
@@ -254,7 +248,7 @@ def collect_evidence(
 
 
 def warn_of_evidence(evidence: estimators.Evidence) -> tuple[Notice, ...]:
-    """Return warnings of missing terms, and of joints that move in proportion; a note on resampling."""
+    """Return warnings of missing terms, and of joints that move in proportion."""
     found = [
         diagnostics.build_warning(
             "identify.structure",
@@ -267,13 +261,6 @@ def warn_of_evidence(evidence: estimators.Evidence) -> tuple[Notice, ...]:
         for term in evidence.missing
     ]
     found += [diagnostics.describe_proportion(*pair) for pair in evidence.in_proportion]
-    if evidence.resampled:
-        after, before = evidence.resampled
-        text = (
-            f"uneven logs were moved to even times: a quick fit leaves {after:.3g} % of held-out torque, "
-            f"with the samples as they come {before:.3g} %"
-        )
-        found.append(Notice(code="identify.resampled", text=text))
     return tuple(found)
 
 
@@ -392,6 +379,7 @@ def identify_parameters(
     chosen = plan.choice is not None
     window = window or regression.choose_window(rows, used, recordings[0].period, chosen=chosen)
     builder = regression.RowBuilder(rows, library, used, window, overlap)
+    recordings = [replace(recording, bad=mask_states(recording, used)) for recording in recordings]
     fitted = None
     if is_long(builder, recordings, plan.estimator, largest):
         fitted = fit_long(builder, recordings, plan.estimator, rule=rule, weights=weights)

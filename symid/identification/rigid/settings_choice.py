@@ -36,7 +36,7 @@ from symid.codegen import Library
 from symid.identification import diagnostics
 from symid.identification.estimators import Candidate, SettingsChoice
 from symid.identification.regression import evaluate_columns, list_resting_joints, prepare_states
-from symid.logs import STATES, Recording, cut_recording, has_states
+from symid.logs import STATES, Recording, cut_recording, has_states, mask_filtered
 from symid.robot import Processing
 
 ROW_RATE = 200.0
@@ -132,7 +132,7 @@ class _Study:
         self.pairs = [(k, z) for k in range(len(bands)) for z in range(k + 1)]
         friction = np.array([joint.friction != "none" for joint in library.card.joints])
         self.dry = bool(friction.any())
-        runs, tops, levels = [], [], []
+        runs, tops, levels, wrong = [], [], [], []
         count = diagnostics.count_stretches(len(pieces))
         for run, recording in pieces:
             samples = len(recording.time) - (processing.drop_first or 0) - (processing.drop_last or 0)
@@ -143,17 +143,23 @@ class _Study:
             levels.append([self._build_level(library, recording, band, places) for band in bands])
             tops.append(np.quantile(np.abs(levels[-1][_OCTAVES].velocity), _TOP, axis=0))
             runs += [run] * count
+            bad = (
+                np.zeros(recording.position.shape, dtype=np.bool_) if recording.bad is None else recording.bad
+            )
+            # Within the scoring band, which decides.
+            touched = mask_filtered(bad, 0.5 / (bands[_OCTAVES] * recording.period))
+            wrong.append(touched[processing.drop_first or 0 :][places])
         self.top: FloatArray = np.max(tops, axis=0)
         self.runs = np.array(runs)
         self.count = len(runs)
         joints, width = levels[0][0].matrix.shape[1:]
         shape = (self.count, len(SHARES), joints, width, width)
         self.sums = {pair: np.zeros(shape) for pair in self.pairs}
-        for place, ((_, recording), own) in enumerate(zip(pieces, levels, strict=True)):
+        for place, ((_, recording), own, bad) in enumerate(zip(pieces, levels, wrong, strict=True)):
             out = np.isin(np.arange(library.card.size), list_resting_joints(recording)) & friction
             speed = np.abs(own[_OCTAVES].velocity) / np.where(self.top > 0.0, self.top, 1.0)
             kind = np.searchsorted(SHARES, speed, side="right") - 1
-            kind[:, out] = -1
+            kind[:, out], kind[bad] = -1, -1
             self._sum_stretches(own, kind, range(place * count, (place + 1) * count))
         # From a speed upwards.
         for sums in self.sums.values():

@@ -40,7 +40,7 @@ from symid.identification.diagnostics import uncertainty
 from symid.identification.rigid.fit import LARGEST, fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.joint_models import FrictionValues, rename_law
-from symid.logs import Recording, describe_overlap, has_states, measure_overlap
+from symid.logs import Recording, describe_overlap, has_states, mask_states, measure_overlap
 from symid.serialization import HIDDEN, name_key
 
 
@@ -303,6 +303,7 @@ def validate_estimate(
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
+    recording = replace(recording, bad=mask_states(recording, counted))
     whole = regression.prepare_rows(
         rows, library, recording, counted, window=window, overlap=overlap, every=True
     )

@@ -11,7 +11,6 @@ from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.preparation import prepare_rows
 from symid.identification.rigid.fit import FittedRows, identify_parameters, list_joint_evidence
 from symid.identification.rigid.validation import validate_estimate
-from symid.logs.sampling import resample_if_uneven
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH
 from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES, record, record_sticking, score
@@ -148,27 +147,6 @@ def test_the_likeliest_mistake_is_in_the_evidence():
     assert "-1" in evidence.remedy
     assert evidence.cured < 5.0 < evidence.unexplained
     assert evidence.impossible
-
-
-def test_what_even_times_do_to_the_residual_is_said():
-    """A log of five steps a period of its motion, each at a random time, is useless as it comes."""
-    even = record(2, samples=5001)
-    rng = np.random.default_rng(1)
-    stamps = even.time + 0.04 * np.sin(2.0 * np.pi * 0.9 * even.time) + 1e-4 * rng.uniform(size=5001)
-    torque, position = (
-        np.column_stack([np.interp(stamps, even.time, column) for column in part.T])
-        for part in (even.torque, even.position)
-    )
-    inner = slice(50, -50)
-    uneven = replace(
-        even, source="uneven", time=stamps[inner], position=position[inner], torque=torque[inner]
-    )
-    estimate = identify_parameters(LIBRARY, [resample_if_uneven(uneven)], AUTOMATIC)
-    after, before = estimate.evidence.resampled
-    assert after < 0.5 * before
-    (text,) = (entry.text for entry in estimate.notices if entry.code == "identify.resampled")
-    assert f"leaves {after:.3g} % of held-out torque, with the samples as they come {before:.3g} %" in text
-    assert find_evidence(even).resampled == ()
 
 
 def test_noise_of_a_velocity_near_rest_is_no_friction():
