@@ -298,7 +298,7 @@ def read_logs(
     Args:
         path: a log, or a file with `[[run]]` tables.
         robot: its `[log]` map assigns the columns.
-        uneven: keep uneven time stamps; otherwise they are refused or resampled.
+        uneven: keep uneven time stamps and other faults; otherwise they are repaired, and notices say how.
 
     Raises:
         LogError: a log cannot be used; the message lists all mistakes.
@@ -320,7 +320,7 @@ def read_log(path: str | PathLike[str], robot: "identification.Described", *, un
         path: csv, npz, mat, hdf5, parquet, or a ROS 2 bag (db3, mcap, a folder).
         robot: its `[log]` map says which column is what, in which unit, and on which side of the gear;
             without one columns are recognised by their names.
-        uneven: keep uneven time stamps; otherwise they are refused or resampled.
+        uneven: keep uneven time stamps and other faults; otherwise they are repaired, and notices say how.
 
     Raises:
         LogError: the log cannot be used (all mistakes are listed), or the file lists several runs.

@@ -20,6 +20,13 @@ if TYPE_CHECKING:
         summarise_joints as summarise_joints,
     )
     from symid.logs.draft import Draft as Draft, draft_robot as draft_robot
+    from symid.logs.faults import (
+        FaultKind as FaultKind,
+        Repair as Repair,
+        RepairedLog as RepairedLog,
+        choose_times as choose_times,
+        repair_recording as repair_recording,
+    )
     from symid.logs.files import (
         RawLog as RawLog,
         read_csv as read_csv,
@@ -62,7 +69,6 @@ if TYPE_CHECKING:
         LogTiming as LogTiming,
         describe_timing as describe_timing,
         measure_timing as measure_timing,
-        resample_if_uneven as resample_if_uneven,
         resample_log as resample_log,
     )
     from symid.logs.signals import (
@@ -76,6 +82,10 @@ if TYPE_CHECKING:
         differentiate_smooth as differentiate_smooth,
         estimate_density as estimate_density,
         low_pass as low_pass,
+        mask_decimated as mask_decimated,
+        mask_filtered as mask_filtered,
+        mask_states as mask_states,
+        mask_touched as mask_touched,
         prepare_signals as prepare_signals,
     )
 else:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FloatMatrix, FrozenArrays
 from symid.errors import LogError, Notice
-from symid.logs.recording import Recording, add_notice, cut_recording
+from symid.logs.recording import Recording, add_notice, cut_recording, spread_bad
 from symid.logs.signals import describe_uneven, differentiate, low_pass
 
 
@@ -315,7 +315,10 @@ def align(recording: Recording, alignment: Alignment, *, run: int) -> Recording:
     delay = alignment.delay
     lost = int(np.ceil(abs(delay) / recording.period - 1e-9))
     kept = slice(0, len(recording.time) - lost) if delay >= 0.0 else slice(lost, None)
-    moved = cut_recording(shift_link_channel(recording, alignment, run=run), kept)
+    shifted = shift_link_channel(recording, alignment, run=run)
+    if recording.bad is not None:
+        shifted = replace(shifted, bad=spread_bad(recording.bad, lost))
+    moved = cut_recording(shifted, kept)
     parts = []
     if alignment.late:
         side = "later" if alignment.delay > 0.0 else "earlier"

@@ -2,11 +2,11 @@
 
 Recording, Robot -> notices; JointSummary of each joint: range, top speed, encoder step, standstill, torque.
 
-Supported: uneven sampling, a velocity that is not the position's, constant channels, standstill, saturated
-torque, positions beyond the joint's limits or in degrees, coarse or repeated samples, missing second
-encoders; encoder steps of positions that are multiples of a step, with or without an offset.
-Not supported: signs, swapped joints and delays (see `identification.diagnostics`); delays between encoders
-(see `alignment`); the step of interpolated positions.
+Supported: uneven sampling, a velocity that is not the position's, constant channels, standstill, positions
+beyond the joint's limits or in degrees, coarse or repeated samples of one joint, missing second encoders;
+encoder steps of positions that are multiples of a step, with or without an offset.
+Not supported: faults of samples (see `faults`); signs, swapped joints and delays (see
+`identification.diagnostics`); delays between encoders (see `alignment`); the step of interpolated positions.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,6 @@ from symid.robot import Joint, JointKind, Robot
 # Thresholds of warnings, not of refusals.
 _REPEATED = 0.5
 _STANDSTILL = 0.5
-_SATURATED = 0.01
 _MANY_TURNS = 4.0 * np.pi
 _LEAST_WAY = 1e-2
 """Least range in rad or m of a joint whose velocity is compared."""
@@ -38,54 +37,15 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     summaries = summarise_joints(recording, robot)
     for index, (joint, summary) in enumerate(zip(robot.axes, summaries, strict=True)):
         found += _check_position(recording.position[:, index], joint)
-        # A position jumps where an encoder wraps, or samples are missing.
-        steps = np.abs(np.diff(recording.position[:, index]))
-        limit = max(_LEAST_JUMP, _JUMP * float(np.quantile(steps, _USUAL))) if len(steps) else 0.0
-        places = np.flatnonzero(steps > limit)
-        if len(places):
-            first, size = int(places[0]), float(steps[places[0]])
-            wraps = (
-                joint.kind is JointKind.REVOLUTE
-                and abs(size / (2.0 * np.pi) - round(size / (2.0 * np.pi))) < 0.05
-            )
-            unit, why = "in one sample", "samples are missing, or files were joined: cut there"
-            if wraps:
-                unit, why = "rad", "the encoder wraps: unwrap it"
-            text = (
-                f"the position of joint {joint.name!r} jumps by {size:.3g} {unit} at "
-                f"{recording.time[first]:.6g} s ({len(places)} jumps); {why}"
-            )
-            found.append(("log.position-jump", text))
-        # A position that stays the same to the bit while the torque goes on as before.
-        position, torque = recording.position[:, index], recording.torque[:, index]
-        changes = np.flatnonzero(np.diff(position))
-        if len(changes):
-            edges = np.concatenate([[0], changes + 1, [len(position)]])
-            longest = int(np.argmax(np.diff(edges)))
-            low, high = int(edges[longest]), int(edges[longest + 1])
-            if _STUCK * len(position) <= high - low < len(position) - 2:
-                elsewhere = float(np.std(np.delete(torque, np.s_[low:high])))
-                if not float(np.std(torque[low:high])) < _AT_WORK * elsewhere:
-                    since, last = float(recording.time[low]), float(recording.time[high - 1])
-                    text = (
-                        f"the position of joint {joint.name!r} is the same to the last bit from {since:.6g} "
-                        f"s to {last:.6g} s, while its torque goes on as before: the encoder is stuck, or "
-                        "samples were repeated; leave this part out"
-                    )
-                    found.append(("log.stuck-encoder", text))
+        torque = recording.torque[:, index]
         peak, most = summary.peak, joint.limits.torque
         if np.ptp(torque) == 0.0:
             found.append(
                 ("log.constant-torque", f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout")
             )
-        else:
-            if summary.saturated > _SATURATED:
-                share = f"{100 * summary.saturated:.1f} % of the torques"
-                text = f"joint {joint.name!r}: {share} are equal to the peak of {peak:.4g}"
-                found.append(("log.saturation", f"{text}: the drive saturates, or the log is clipped"))
-            if most is not None and peak > most * (1.0 + 1e-6):
-                text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {most:.4g}"
-                found.append(("log.torque-beyond-limit", f"{text}; check unit, factor and gear"))
+        elif most is not None and peak > most * (1.0 + 1e-6):
+            text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {most:.4g}"
+            found.append(("log.torque-beyond-limit", f"{text}; check unit, factor and gear"))
         if summary.low < summary.high and summary.standstill > _STANDSTILL:
             text = f"joint {joint.name!r} stands still during {100 * summary.standstill:.0f} % of the log"
             found.append(("log.standstill", f"{text}; inertia and viscous friction are poorly identifiable"))
@@ -121,18 +81,6 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
                 text = f"the velocity of joint {joint.name!r} is {ratio:.4g} times the rate of its position"
                 found.append(("log.velocity-differs", f"{text}: {_explain_ratio(ratio, joint.drive.gear)}"))
     return tuple(Notice(code=code, text=text, file=recording.source) for code, text in found)
-
-
-_JUMP, _USUAL = 20.0, 0.999
-"""Times the step that this part of all steps stays below: a jump, which no motion makes."""
-_LEAST_JUMP = 1e-3
-"""rad or m: smaller steps are ticks of an encoder."""
-
-
-_STUCK = 0.05
-"""Of a log: shortest time for which a position that does not change at all is looked at."""
-_AT_WORK = 0.5
-"""Times the torque's deviation elsewhere: a joint at work is not at rest."""
 
 
 def get_second_encoder_side(recording: Recording) -> str | None:

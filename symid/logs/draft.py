@@ -23,9 +23,9 @@ from symid.errors import LogError, Notice, RobotError, UsageError
 from symid.joint_models import NO_FRICTION
 from symid.logs.checks import check_recording
 from symid.logs.columns import Findings
+from symid.logs.faults import repair_recording
 from symid.logs.headings import list_quantities
 from symid.logs.reader import read_raw, read_recording, recognise_columns
-from symid.logs.sampling import resample_if_uneven
 from symid.options import DraftOptions, Numbers
 
 _TOPIC = "topic"
@@ -89,7 +89,7 @@ def draft_log_map(
         text = f"columns that are not used: {names}; --columns QUANTITY=NAME,... names others"
         remarks.append(Notice(code="new.unused-columns", text=text, file=str(log)))
     robot = replace(robot, log=found.short)
-    recording = resample_if_uneven(read_recording(log, robot, uneven=True, raw=raw))
+    recording = repair_recording(read_recording(log, robot, uneven=True, raw=raw), robot.axes).recording
     texts = {}
     plain = [joint.name for joint in robot.axes if joint.friction.law == NO_FRICTION]
     if plain:

@@ -92,8 +92,7 @@ class Recording:
             motors; temperature: (N, n) degC.
         reference: (N, n) rad or m, of the controller; reference_velocity: (N, n); feedforward: (N, n) N m or
             N.
-        stamps: (N,) s, where it was resampled: when the samples were taken that would stand at `time` if all
-            samples of the log were taken to be at even times; None where it was not.
+        bad: (N, n) samples of a joint that are wrong and count in no fit, None for none; see `faults`.
         source: the file it was read from, or what made it.
         notices: conversions made, columns not used.
         extras: other numeric columns of the log, as logged.
@@ -115,7 +114,7 @@ class Recording:
     reference: FloatArray | None = None
     reference_velocity: FloatArray | None = None
     feedforward: FloatArray | None = None
-    stamps: FloatArray | None = None
+    bad: NDArray[np.bool_] | None = None
     source: str = ""
     notices: tuple[Notice, ...] = ()
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -126,6 +125,10 @@ class Recording:
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""
         freeze_fields(self)
+        if self.bad is not None:
+            bad = np.array(self.bad, dtype=np.bool_)
+            bad.setflags(write=False)
+            object.__setattr__(self, "bad", bad)
         object.__setattr__(self, "extras", {name: freeze(values) for name, values in self.extras.items()})
 
     @property
@@ -147,6 +150,7 @@ class Signals(FrozenArrays):
     Args:
         time: (N,) s; q, dq, ddq, tau: (N, n) in SI units; period: s.
         load: (N, n) N m or N that the gears carry; temperature: (N, n) degC; None where they are not known.
+        bad: (N, n) as in `Recording`.
     """
 
     time: FloatArray
@@ -157,6 +161,7 @@ class Signals(FrozenArrays):
     period: float
     load: FloatArray | None = None
     temperature: FloatArray | None = None
+    bad: NDArray[np.bool_] | None = None
 
     def pick_states(
         self, places: slice | NDArray[np.intp]
@@ -222,11 +227,20 @@ def cut_recording(recording: Recording, kept: slice) -> Recording:
 def change_channels(recording: Recording, change: Callable[[FloatArray], FloatArray]) -> Recording:
     """Return the recording with `change` made to its times and all its channels."""
     changed: dict[str, Any] = {}
-    for name in ("time", "stamps", "position", "torque", *OPTIONAL_CHANNELS):
+    for name in ("time", "position", "torque", *OPTIONAL_CHANNELS):
         values = getattr(recording, name)
         if values is not None:
             changed[name] = change(values)
+    if recording.bad is not None:
+        # What a bad sample has a part in is bad.
+        changed["bad"] = change(recording.bad.astype(np.float64)) != 0.0
     return replace(recording, **changed)
+
+
+def spread_bad(bad: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """Return the samples (N, n) that have a bad one among the `reach` samples on either side."""
+    counts = np.cumsum(np.pad(bad, ((1 + reach, reach), (0, 0))), axis=0)
+    return np.asarray(counts[2 * reach + 1 :] > counts[: len(bad)])
 
 
 PERCENT, SECONDS, BOTH = "%", "s", "% and s"

@@ -25,6 +25,7 @@ import numpy as np
 from symid import robot as robots
 from symid.arrays import FloatArray
 from symid.errors import InputError, LogError, Notice, RobotError, UsageError
+from symid.logs.faults import repair_recording
 from symid.logs.reader import read_recording
 from symid.logs.recording import (
     Recording,
@@ -35,7 +36,6 @@ from symid.logs.recording import (
     read_part,
     take_part,
 )
-from symid.logs.sampling import resample_if_uneven
 from symid.notation import INERTIAL
 from symid.serialization import compute_file_digest, compute_signature, read_record, write_plain
 
@@ -88,10 +88,10 @@ _KEYS = ("file", "weight", "drop_first", "drop_last", "train", "payload", "offse
 def read_log_runs(path: Path, robot: robots.Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
     """Return the recording of a log, or those of all runs of a `.toml`, or raise all mistakes."""
     if path.suffix.lower() != _SUFFIX:
-        return (_read_even(path, robot, uneven=uneven),)
+        return (_read_repaired(path, robot, uneven=uneven),)
     runs, warnings = _parse_runs(path, robot)
     first, *others = _read_all(
-        runs, lambda run: [_apply_settings(_read_even(Path(run.file), robot, uneven=uneven), run)]
+        runs, lambda run: [_apply_settings(_read_repaired(Path(run.file), robot, uneven=uneven), run)]
     )
     return (replace(first, notices=(*warnings, *first.notices)), *others)
 
@@ -99,15 +99,15 @@ def read_log_runs(path: Path, robot: robots.Robot, *, uneven: bool = False) -> t
 _UNEVEN = frozenset(("log.gap", "log.jitter"))
 
 
-def _read_even(path: Path, robot: robots.Robot, *, uneven: bool = False) -> Recording:
-    """Return the recording in a log, as it is if `uneven`, else at even times, with a notice if moved."""
+def _read_repaired(path: Path, robot: robots.Robot, *, uneven: bool = False) -> Recording:
+    """Return the recording in a log, as it is if `uneven`, else without its faults, and notices say so."""
     try:
         recording = read_recording(path, robot, uneven=uneven)
-        return recording if uneven else resample_if_uneven(recording)
     except LogError as error:
         if not {notice.code for notice in error.notices} <= _UNEVEN:
             raise
-        return resample_if_uneven(read_recording(path, robot, uneven=True))
+        recording = read_recording(path, robot, uneven=True)
+    return recording if uneven else repair_recording(recording, robot.axes).recording
 
 
 def list_log_files(path: Path, robot: robots.Robot) -> tuple[Path, ...]:
@@ -193,7 +193,7 @@ def read_recorded_runs(sources: Sequence[str], stored: object, robot: robots.Rob
     """
 
     def read(log: tuple[str, RunSettings | None]) -> list[Recording]:
-        recording, run = _read_even(Path(log[0]), robot), log[1]
+        recording, run = _read_repaired(Path(log[0]), robot), log[1]
         return [recording if run is None else _apply_settings(recording, run)]
 
     entries = [{}] * len(sources) if stored is None else write_plain(stored)
@@ -392,7 +392,8 @@ def read_recordings(
 ) -> tuple[Recording, ...]:
     """Return the recordings of logs (files, files of runs, recordings), or a LogError with all mistakes.
 
-    `robot`: its `[log]` map says which column is what; `uneven`: whether time stamps may be uneven.
+    `robot`: its `[log]` map says which column is what; `uneven`: whether logs stay as they are, with uneven
+    time stamps and other faults.
     """
 
     def read(log: Path | Recording) -> tuple[Recording, ...]:
@@ -402,7 +403,7 @@ def read_recordings(
         if joints != robot.freedom:
             text = f"has {joints} joints, the robot {robot.name!r} {robot.freedom}; read it with this robot"
             raise LogError(Notice(code="log.joints", text=text, file=log.source))
-        return (log if uneven else resample_if_uneven(log),)
+        return (log if uneven else repair_recording(log, robot.axes).recording,)
 
     return _read_all(logs, read)
 

@@ -24,14 +24,11 @@ from symid.logs.columns import Findings, extract_time
 from symid.logs.files import RawLog
 from symid.logs.reader import assign_columns
 from symid.logs.recording import Recording, change_channels
-from symid.logs.signals import describe_uneven
 from symid.robot import Robot
 
 _REMARKED_JITTER = 0.05
 """Least deviation of a step, relative to the period, that is reported."""
 _GAP = 1.5
-_UNEVEN = 0.03
-"""RMS jitter beyond which a log is moved to even times: less does no harm to accelerations."""
 _REMEDY = "`symid check ROBOT LOG --resample FILE` writes an evenly sampled copy"
 
 
@@ -108,13 +105,11 @@ def describe_timing(time: FloatArray, file: str = "") -> tuple[Notice, ...]:
         )
         found.append(("log.gap", f"{text}; log at a lower rate or with a higher priority; {_REMEDY}"))
     if timing.largest > _REMARKED_JITTER:
-        moved = timing.jitter > _UNEVEN or describe_uneven(time) is not None
         text = (
             f"time steps differ by up to {100 * timing.largest:.3g} % from {timing.period:.6g} s (RMS "
             f"{100 * timing.jitter:.3g} %); filters assume even sampling"
         )
-        remedy = f"{'fits move it to even times' if moved else 'this is accepted as even'}; {_REMEDY}"
-        found.append(("log.jitter", f"{text}; {remedy}"))
+        found.append(("log.jitter", f"{text}; {_REMEDY}"))
     return tuple(Notice(code=code, text=text, file=file) for code, text in found)
 
 
@@ -138,6 +133,8 @@ class Resampling:
 
     def move(self, values: FloatArray) -> FloatArray:
         """Return `values` (N, ...) of the log's samples at the even times; beside holes they are holes."""
+        if self.after is self.before:
+            return values[self.kept]
         return _interpolate(self.before, values[self.kept], self.after)
 
 
@@ -159,29 +156,44 @@ def _interpolate(before: FloatArray, values: FloatArray, after: FloatArray) -> F
     return np.ascontiguousarray(moved)
 
 
-def plan_resampling(time: FloatArray, file: str = "") -> Resampling:
-    """Return how to make times (N,) in s even, or raise a LogError if fewer than four are left."""
-    onward = np.flatnonzero(np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])[: len(time)])
-    steps = np.diff(time[onward])
+def mask_onward(time: FloatArray) -> NDArray[np.bool_]:
+    """Return which times (N,) are later than all before them."""
+    return np.append(True, time[1:] > np.maximum.accumulate(time)[:-1])[: len(time)]
+
+
+def plan_resampling(
+    time: FloatArray, file: str = "", used: NDArray[np.intp] | None = None, line: FloatArray | None = None
+) -> Resampling:
+    """Return how to make times (N,) in s even, or raise a LogError if fewer than four are left.
+
+    `used` (K,) are the samples that count, those with increasing times if None; `line` (K,) their times in s,
+    where these are not those of the log.
+    """
+    onward = np.flatnonzero(mask_onward(time)) if used is None else used
+    line = time[onward] if line is None else line
+    steps = np.diff(line)
     if len(onward) < _FEWEST:
         text = f"only {len(onward)} of {len(time)} samples have increasing times; check the time column"
         raise LogError(Notice(code="log.time-order", text=text, file=file))
     period = float(np.median(steps))
-    pieces = np.split(onward, np.flatnonzero(steps > _BRIDGED * period) + 1)
-    kept = max(pieces, key=len)
+    pieces = np.split(np.arange(len(onward)), np.flatnonzero(steps > _BRIDGED * period) + 1)
+    piece = max(pieces, key=len)
+    kept, before = onward[piece], line[piece]
     if len(kept) < _FEWEST:
         text = f"the longest piece without a gap has {len(kept)} samples, at least {_FEWEST} are needed"
         raise LogError(Notice(code="log.gap", text=text, file=file))
-    before = time[kept]
     count = max(2, round(float(before[-1] - before[0]) / period)) + 1
     after = np.linspace(before[0], before[-1], count)
+    if count == len(before) and np.allclose(after, before, rtol=0.0, atol=1e-6 * period):
+        # Rows that are even already stay as they are.
+        after = before
     timing = measure_timing(time)
     parts = [
         f"{len(time)} samples became {count} at every {float(after[1] - after[0]):.6g} s",
         f"steps deviated by {100.0 * timing.jitter:.3g} % RMS, but for gaps; longest: {np.max(steps):.6g} s",
     ]
-    if len(time) > len(onward):
-        parts.append(f"{len(time) - len(onward)} with times that repeat or return were left out")
+    if lost := int(np.sum(~mask_onward(time))):
+        parts.append(f"{lost} with times that repeat or return were left out")
     bridged = int(np.sum(np.diff(before) > _GAP * period))
     if bridged:
         parts.append(f"{bridged} gaps of up to {_BRIDGED:g} periods were interpolated over")
@@ -193,11 +205,9 @@ def plan_resampling(time: FloatArray, file: str = "") -> Resampling:
 
 
 def resample_recording(recording: Recording, plan: Resampling) -> Recording:
-    """Return the recording at even times, with a notice, and a warning where samples were left out."""
-    index = np.linspace(0.0, len(plan.before) - 1.0, len(plan.after))
-    stamps = np.interp(index, np.arange(len(plan.before)), plan.before)
-    moved = replace(change_channels(recording, plan.move), time=plan.after, stamps=stamps, extras={})
-    notices = (*recording.notices, plan.notice)
+    """Return the recording at even times, with a warning where samples were left out."""
+    moved = replace(change_channels(recording, plan.move), time=plan.after, extras={})
+    notices = recording.notices
     lost = float(np.ptp(recording.time) - np.ptp(plan.after))
     if lost > _BRIDGED * recording.period:
         text = (
@@ -208,15 +218,20 @@ def resample_recording(recording: Recording, plan: Resampling) -> Recording:
     return replace(moved, notices=notices)
 
 
-def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Notice]:
-    """Return the columns of a log at even times, and a notice; a LogError if the time cannot be read."""
+def resample_log(
+    raw: RawLog, robot: Robot, file: str = "", plan: Resampling | None = None
+) -> tuple[RawLog, Notice]:
+    """Return the columns of a log at even times, and a notice; a LogError if the time cannot be read.
+
+    `plan` says how, where that was chosen from all columns.
+    """
     findings = Findings(file=file)
     raw, robot = assign_columns(raw, robot, findings)
     time, names = extract_time(raw, robot, findings)
     if time is None or not np.all(np.isfinite(time)):
         findings.refuse("log.not-finite", "the time column has values that are not finite")
         raise LogError(*findings.mistakes)
-    plan = plan_resampling(time, file)
+    plan = plan or plan_resampling(time, file)
     stamps = raw.columns[names[0]]
     factor = float(np.ptp(stamps) / np.ptp(time))
     columns = {
@@ -224,13 +239,3 @@ def resample_log(raw: RawLog, robot: Robot, file: str = "") -> tuple[RawLog, Not
         for name, values in raw.columns.items()
     }
     return replace(raw, columns={**columns, names[0]: plan.after * factor}), plan.notice
-
-
-def resample_if_uneven(recording: Recording) -> Recording:
-    """Return the recording as it is if its times are even, else at even times (LogError if too short)."""
-    steps = np.diff(recording.time)
-    if len(steps) and np.all(steps > 0.0) and describe_uneven(recording.time) is None:
-        scatter = float(np.std(steps) / np.mean(steps))
-        if scatter <= _UNEVEN:
-            return recording
-    return resample_recording(recording, plan_resampling(recording.time, recording.source))

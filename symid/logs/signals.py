@@ -117,6 +117,44 @@ def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
     return _filter_both_ways(_describe_decimation(decimation), values)
 
 
+_NOTICED = 0.1
+"""Part of the samples behind a number, beyond which bad ones are noticed: over a tenth of what a low-pass
+averages, a bridge is a percent off what passes it."""
+
+
+def mask_touched(
+    bad: NDArray[np.bool_], first: NDArray[np.intp], stop: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Return in which stretches (M,), `first` to before `stop`, bad samples (N, n) are noticed: (M, n)."""
+    counts = np.cumsum(np.pad(bad, ((1, 0), (0, 0))), axis=0)
+    return np.asarray(counts[stop] - counts[first] > _NOTICED * (stop - first)[:, None])
+
+
+def mask_filtered(bad: NDArray[np.bool_], reach: float, step: int = 1) -> NDArray[np.bool_]:
+    """Return which filtered samples, one in `step`, the last included, bad ones (N, n) are noticed in.
+
+    `reach` is half a period of the filter's edge, in samples: as far goes the main lobe of an ideal low-pass.
+    """
+    places = np.arange((len(bad) - 1) % step, len(bad), step)
+    wide = math.ceil(reach)
+    return mask_touched(bad, np.maximum(places - wide, 0), np.minimum(places + wide + 1, len(bad)))
+
+
+def mask_decimated(bad: NDArray[np.bool_], decimation: Decimation) -> NDArray[np.bool_]:
+    """Return in which of the rows that `decimate` keeps bad samples (N, n) are noticed: (M, n)."""
+    factor = decimation.factor
+    return mask_filtered(bad, factor / decimation.band if factor > 1 else 0.0, factor)
+
+
+def mask_states(recording: Recording, processing: Processing) -> NDArray[np.bool_] | None:
+    """Return at which samples (N, n) bad ones are noticed in filtered states; None where there are none."""
+    if recording.bad is None:
+        return None
+    cutoffs = [entry for entry in (processing.filter_cutoff, processing.instrument_cutoff) if entry]
+    # Without a low-pass accelerations are differences of differences.
+    return mask_filtered(recording.bad, 0.5 / (min(cutoffs) * recording.period) if cutoffs else 2.0)
+
+
 def _describe_decimation(decimation: Decimation) -> _LowPass:
     edge = decimation.band / decimation.factor
     return _LowPass(
@@ -413,7 +451,7 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
         ddq = _smooth(recording, "acceleration", processing)
     dq = np.where(np.abs(dq) < _RESTING * np.abs(dq).max(axis=0), 0.0, dq)
     kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
-    load, temperature = recording.load, recording.temperature
+    load, temperature, bad = recording.load, recording.temperature, recording.bad
     return Signals(
         time=recording.time[kept],
         q=q[kept],
@@ -423,6 +461,7 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
         period=period,
         load=None if load is None else _smooth(recording, "load", processing)[kept],
         temperature=None if temperature is None else temperature[kept],
+        bad=None if bad is None else bad[kept],
     )
 
 

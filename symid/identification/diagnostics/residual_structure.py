@@ -26,7 +26,7 @@ momentum rows: whatever the fit, those of torque rows are used.
 
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +38,16 @@ from symid.errors import LogError, Notice
 from symid.identification import regression
 from symid.identification.estimators import Residual, compute_mean_relative
 from symid.identification.regression import condensing
-from symid.logs import Recording, Signals, decimate, decimate_blocks, low_pass, prepare_signals
+from symid.logs import (
+    Recording,
+    Signals,
+    decimate,
+    decimate_blocks,
+    low_pass,
+    mask_decimated,
+    mask_states,
+    prepare_signals,
+)
 from symid.robot import Decimation, Processing
 from symid.serialization import name_key
 
@@ -218,7 +227,11 @@ def _tabulate(
         return np.column_stack([rows[:, joint], signals.tau[part, joint]])
 
     blocks = decimate_blocks(evaluate, len(signals.time), decimation)
-    return np.vstack([rows[-part.start % step :: step] for part, rows in blocks])
+    table = np.vstack([rows[-part.start % step :: step] for part, rows in blocks])
+    if signals.bad is not None:
+        # Nothing is left unexplained of samples that are wrong.
+        table[mask_decimated(signals.bad, decimation)[::step, joint]] = 0.0
+    return table
 
 
 _LEAST_PERCENT = 5.0
@@ -417,6 +430,7 @@ def predict_torques(
     """
     processing = regression.choose_filters(processing, [recording]).processing
     resting = regression.list_resting_joints(recording)
+    recording = replace(recording, bad=mask_states(recording, processing))
     signals = regression.hold_resting_joints(prepare_signals(recording, processing), resting)
     left = round(condensing.ENDS / signals.period)
     if len(signals.time) < 2 * left + _FEWEST:
@@ -429,9 +443,12 @@ def predict_torques(
     torque = recording.torque[processing.drop_first :][: len(signals.time)]
     load = regression.compute_payload_torque(library, signals, recording)
     torque = torque if load is None else torque - load
+    found = regression.evaluate_torques(library, signals, values)
+    if signals.bad is not None:
+        found = np.where(signals.bad, torque, found)
     measured, predicted = (
         low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]
-        for torques in (torque, regression.evaluate_torques(library, signals, values))
+        for torques in (torque, found)
     )
     return TorquePrediction(
         joints=tuple(joint.name for joint in joints),

@@ -36,7 +36,14 @@ from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification import regression
 from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
 from symid.identification.judge import POLICY, numerics
-from symid.logs import Recording, Signals, choose_processing, prepare_signals
+from symid.logs import (
+    Recording,
+    Signals,
+    choose_processing,
+    mask_decimated,
+    mask_states,
+    prepare_signals,
+)
 from symid.robot import Processing
 
 
@@ -71,7 +78,7 @@ def fold_recording(recording: Recording, period: float, *, margin: int) -> Recor
         found: FloatArray = spline(np.minimum(at, time[-1]))
         return found.reshape(periods, samples, -1)
 
-    position, torque = cut(recording.position, degree=3), cut(recording.torque, degree=1)
+    position, torque, bad = cut(recording.position, degree=3), cut(recording.torque, degree=1), recording.bad
     places = np.arange(-margin, samples + margin)
     text = f"{periods} periods of {period:g} s were averaged (--period)"
     notices = [Notice(code="log.folded", text=text, file=recording.source)]
@@ -103,7 +110,7 @@ def fold_recording(recording: Recording, period: float, *, margin: int) -> Recor
         torque=torque.mean(axis=0)[places % samples],
         velocity=None,
         acceleration=None,
-        stamps=None,
+        bad=None if bad is None else np.any(cut(bad.astype(float), degree=1), axis=0)[places % samples],
         motor_position=None,
         link_position=None,
         extras={},
@@ -193,6 +200,12 @@ class JointLogs:
         if any(getattr(self.signals[k], name) is None for k in runs):
             return None
         return self.gather(name, joint, runs)
+
+    def mask_bad(self, joint: int, runs: Sequence[int]) -> NDArray[np.bool_]:
+        """Return the decimated rows (M,) of a joint in which wrong samples of recordings are noticed."""
+        parts = (self.signals[k] for k in runs)
+        masks = (np.zeros(one.q.shape, dtype=np.bool_) if one.bad is None else one.bad for one in parts)
+        return np.concatenate([mask_decimated(bad, self.processing.decimation)[:, joint] for bad in masks])
 
     def is_measured(self, joint: int) -> bool:
         """Return whether the load of a joint was measured and is not part of its torque here."""
@@ -346,6 +359,7 @@ def prepare_joint_logs(
     recordings = [regression.subtract_loads(recording, measured) for recording in recordings]
     is_open = processing.automatic and processing.filter_cutoff is None
     processing = choose_processing(processing, recordings[0].period)
+    recordings = [replace(one, bad=mask_states(one, processing)) for one in recordings]
     resting = tuple(map(regression.list_resting_joints, recordings))
     if all(len(still) == library.card.size for still in resting):
         text = (
@@ -433,6 +447,10 @@ def extract_joint(
             "--known"
         )
         notices.append(Notice(code="friction.many-columns", text=text))
+    bad = logs.mask_bad(joint, chosen)
+    if bad.any():
+        kept &= ~bad
+        notices.append(regression.warn_of_bad(samples.joint, bad))
     left = samples if kept.all() else samples.select_rows(kept)
     return ExtractedJoint(samples=left, whole=samples, kept=kept, rigid=sentence, notices=tuple(notices))
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         integrate_windows as integrate_windows,
         select_rows as select_rows,
         stack_rows as stack_rows,
+        warn_of_bad as warn_of_bad,
         warn_of_energy as warn_of_energy,
     )
     from symid.identification.regression.identifiability import (

@@ -40,7 +40,14 @@ from symid.identification.regression.preparation import (
     measure_moving_ends,
     prepare_states,
 )
-from symid.logs import Recording, cut_recording, differentiate, estimate_density, low_pass
+from symid.logs import (
+    Recording,
+    cut_recording,
+    differentiate,
+    estimate_density,
+    low_pass,
+    mask_filtered,
+)
 from symid.robot import Processing
 
 ROW_RATE = 200.0
@@ -242,7 +249,7 @@ class _Piece:
     """Rows of a piece of a log: of each level [A y] (t, n, p + 1) at one place in some, [Z y] (T, n, p + 1).
 
     `strides` of the levels' rows; `states` (3, T, n) q, dq and ddq within the scoring band, `tau` (T, n);
-    `out` (n,) joints that are left out; `resting` (n,).
+    `wrong` (T, n) rows in which bad samples are noticed; `out` (n,) joints that are left out; `resting` (n,).
     """
 
     run: int
@@ -251,6 +258,7 @@ class _Piece:
     strides: tuple[int, ...]
     states: FloatArray
     tau: FloatArray
+    wrong: NDArray[np.bool_]
     out: NDArray[np.bool_]
     resting: NDArray[np.bool_]
 
@@ -411,7 +419,7 @@ class CondensedLogs:
         top = np.max([np.abs(entry.states[1]).max(axis=0) for entry in self._pieces], axis=0)
         length = max(2, round(1.0 / (self.bands[SCORING] * self.period)))
         friction = [joint.friction != "none" for joint in library.card.joints]
-        # (T, n) rows at rest of joints with friction.
+        # (T, n) rows at rest of joints with friction, and wrong ones: they count for nothing.
         self._rest = [
             np.column_stack(
                 [
@@ -419,6 +427,7 @@ class CondensedLogs:
                     for k, dry in enumerate(friction)
                 ]
             )
+            | piece.wrong
             for piece in self._pieces
         ]
         tables = [table for piece in self._pieces for table in (*piece.matrices, *piece.smooths)]
@@ -591,6 +600,11 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
         states.append(np.stack([slow.q[places], slow.dq[places], slow.ddq[places]]))
         taus.append(torque)
     friction = np.array([joint.friction != "none" for joint in library.card.joints])
+    wrong = np.zeros(taus[SCORING].shape, dtype=np.bool_)
+    if recording.bad is not None:
+        # Within the scoring band, which decides.
+        touched = mask_filtered(recording.bad, 0.5 / (bands[SCORING] * recording.period))
+        wrong = touched[drop[0] :][places]
     resting = np.isin(np.arange(len(friction)), list_resting_joints(recording))
     return _Piece(
         run=run,
@@ -599,6 +613,7 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
         strides=tuple(strides),
         states=states[SCORING],
         tau=taus[SCORING],
+        wrong=wrong,
         out=resting & friction,
         resting=resting,
     )

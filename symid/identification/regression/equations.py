@@ -30,7 +30,14 @@ from symid.codegen import Library, ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification.judge import numerics
 from symid.joint_models import compute_column_derivatives, get_law
-from symid.logs import Signals, compute_noise_bandwidth, decimate, decimate_blocks
+from symid.logs import (
+    Signals,
+    compute_noise_bandwidth,
+    decimate,
+    decimate_blocks,
+    mask_decimated,
+    mask_touched,
+)
 from symid.notation import join_name
 from symid.robot import Processing
 
@@ -103,7 +110,8 @@ _RATE = 2.0
 class EquationPart(NamedTuple):
     """Equations: matrix (M, n, p), values and velocity (M, n); one column in place of n for scalar equations.
 
-    `time` (M,) s; `independent` rows of independent noise that they are worth, as a fraction.
+    `time` (M,) s; `independent` rows of independent noise that they are worth, as a fraction; `bad` (M, n)
+    those that bad samples are noticed in, None for none.
     """
 
     matrix: FloatArray
@@ -111,6 +119,7 @@ class EquationPart(NamedTuple):
     time: FloatArray
     velocity: FloatArray
     independent: float
+    bad: NDArray[np.bool_] | None = None
 
 
 def outline_part(
@@ -129,6 +138,7 @@ def outline_part(
             time=signals.time[len(signals.time) - 1 - factor * (len(values) - 1) :: factor],
             velocity=decimate(signals.dq, processing.decimation),
             independent=compute_noise_bandwidth(processing, signals.period),
+            bad=None if signals.bad is None else mask_decimated(signals.bad, processing.decimation),
         )
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     span = windows.intervals * windows.period * pieces
@@ -201,13 +211,14 @@ def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> 
 def _outline_windows(
     signals: Signals, windows: Windows, pieces: int, values: FloatArray, velocity: FloatArray
 ) -> EquationPart:
-    ends = signals.time[windows.ends]
+    ends, places = signals.time[windows.ends], np.arange(len(signals.time))[windows.ends]
     return EquationPart(
         matrix=np.empty((*values.shape, 0)),
         values=values,
         time=(ends[pieces:] + ends[:-pieces]) / 2.0,
         velocity=velocity,
         independent=1.0 / pieces,
+        bad=None if signals.bad is None else mask_touched(signals.bad, places[:-pieces], places[pieces:] + 1),
     )
 
 
@@ -252,6 +263,7 @@ def _build_power_part(library: Library, signals: Signals, processing: Processing
         time=signals.time[len(signals.time) - 2 - factor * (len(kept) - 1) : -1 : factor],
         velocity=np.zeros((len(kept), 1)),
         independent=band * 0.5 if factor == 1 else band,
+        bad=None if signals.bad is None else mask_decimated(signals.bad[1:-1], processing.decimation),
     )
 
 
@@ -281,12 +293,15 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
         steps, momentum = _weigh_windows(columns, block, weights), inner[block.ends]
         steps[:, :, : inner.shape[2]] += rate * (momentum[1:] - keep * momentum[:-1])
         matrix.append(steps)
+    ends = np.arange(len(signals.time))[windows.ends]
     return EquationPart(
         matrix=_accumulate(np.concatenate(matrix), keep),
         values=_accumulate(_weigh_windows(signals.tau, windows, weights), keep),
         time=np.array(signals.time[windows.ends][1:]),
         velocity=_accumulate(_weigh_windows(signals.dq, windows, weights), keep),
         independent=(1.0 - keep) / (1.0 + keep),
+        # Of the window before the last one a seventh is left, of earlier ones 2 %.
+        bad=None if signals.bad is None else mask_touched(signals.bad, np.append(0, ends[:-2]), ends[1:] + 1),
     )
 
 
@@ -343,6 +358,8 @@ def _accumulate(steps: FloatArray, keep: float) -> FloatArray:
 ROW_KINDS = ("torque", "momentum", "filtered", "power", "energy")
 SCALAR_KINDS = {"power": "W", "energy": "J"}
 """Kinds with one equation for all joints together, and its unit."""
+BAD_ROWS = "identify.bad-rows"
+"""Code of the notice on rows that bad samples have a part in."""
 WINDOW = 0.1
 """Length of a window in s, unless another is asked for."""
 
@@ -443,14 +460,14 @@ def count_pieces(overlap: float) -> int:
 
 
 def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
-    """Return equations of a kind joint by joint, with the names and units of their model."""
+    """Return equations of a kind joint by joint, but bad ones, with the names and units of their model."""
     groups = part.values.shape[1]
     extra = " s" if kind == "momentum" else ""
     labels = [(one.name, one.torque_unit + extra, f"{one.position_unit}/s") for one in card.joints]
     if kind in SCALAR_KINDS:
         labels = [("all joints", SCALAR_KINDS[kind], "")]
     names, units, velocity_units = zip(*labels, strict=True)
-    return Rows(
+    rows = Rows(
         kind=kind,
         matrix=np.swapaxes(part.matrix, 0, 1).reshape(-1, part.matrix.shape[2]),
         values=part.values.T.ravel(),
@@ -465,6 +482,17 @@ def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
         independent=part.independent,
         notices=warn_of_energy(card.size, kind) if kind in SCALAR_KINDS else (),
     )
+    if part.bad is None or not part.bad.any():
+        return rows
+    bad = np.any(part.bad, axis=1, keepdims=True) if kind in SCALAR_KINDS else part.bad
+    told = (warn_of_bad(name, own) for name, own in zip(names, bad.T, strict=True) if own.any())
+    return select_rows(replace(rows, notices=(*rows.notices, *told)), ~bad.T.ravel())
+
+
+def warn_of_bad(name: str, bad: NDArray[np.bool_]) -> Notice:
+    """Return the notice on the rows (M,) of a joint that are left out because they are `bad`."""
+    text = f"{name}: {int(np.sum(bad))} of {len(bad)} rows, in which wrong samples of the log are noticed"
+    return Notice(code=BAD_ROWS, text=f"{text}, were left out")
 
 
 def warn_of_energy(joints: int, kind: str = "energy") -> tuple[Notice, ...]:

@@ -431,6 +431,10 @@ def leave_out_rows(
     rows: equations.Rows, library: Library, recording: Recording, processing: Processing
 ) -> equations.Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
+    told = (
+        replace(one, file=recording.source) if one.code == equations.BAD_ROWS else one for one in rows.notices
+    )
+    rows = replace(rows, notices=tuple(told)) if rows.notices else rows
     if rows.kind in equations.SCALAR_KINDS:
         return rows
     fast, slow = mask_fast(rows, rows.velocity, processing, recording.source)

@@ -56,7 +56,15 @@ from symid.identification import diagnostics, estimators, regression
 from symid.identification.judge import POLICY, numerics
 from symid.identification.rigid.fit import build_estimate, identify_parameters
 from symid.identification.rigid.plan import INSTRUMENTAL
-from symid.logs import Recording, Signals, choose_processing, decimate, differentiate, prepare_signals
+from symid.logs import (
+    Recording,
+    Signals,
+    choose_processing,
+    decimate,
+    differentiate,
+    mask_decimated,
+    prepare_signals,
+)
 from symid.robot import Controller, Processing, Robot, list_controller
 from symid.simulation import RigidPlant, simulate_rigid_plant
 
@@ -415,14 +423,18 @@ def fit_output_error(
         for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
             kept = _select_compared(problem, recording, loop)
             columns = {name: getattr(run, name)[kept] for name in ("time", "q", "dq", "ddq")}
-            signals = Signals(**columns, tau=recording.torque[kept], period=run.period)
+            bad = None if recording.bad is None else recording.bad[kept]
+            signals = Signals(**columns, tau=recording.torque[kept], period=run.period, bad=bad)
             built = regression.build_rows("torque", library, signals, processing)
             beyond = regression.evaluate_torques(library, signals, values) - run.tau[kept]
-            excess = decimate(beyond, processing.decimation).T.ravel()
+            excess = decimate(beyond, processing.decimation)
+            good = ~mask_decimated(
+                np.zeros(beyond.shape, bool) if bad is None else bad, processing.decimation
+            )
             # A brake may hold a joint at rest: its torque contains no information.
             joints = library.card.joints
             held = tuple(j for j in regression.list_resting_joints(recording) if joints[j].friction != "none")
-            away = replace(built, values=built.values + excess)
+            away = replace(built, values=built.values + excess.T[good.T])
             pairs.append((regression.drop_groups(built, held), regression.drop_groups(away, held)))
         # With the measured torques, and with tau - tau_s + W x in their place.
         rows, shifted = (regression.stack_rows(parts, problem.weights) for parts in zip(*pairs, strict=True))

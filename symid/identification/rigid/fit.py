@@ -27,7 +27,7 @@ from symid.identification.judge import numerics
 from symid.identification.rigid.evidence import collect_evidence, warn_of_evidence
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan, list_unknown, plan_fit
 from symid.joint_models import NO_FRICTION
-from symid.logs import Recording, choose_processing
+from symid.logs import Recording, choose_processing, mask_states
 from symid.robot import Processing, Robot
 
 
@@ -102,6 +102,7 @@ def identify_parameters(
     chosen = plan.study is not None and bool(processing.left_open)
     window = window or regression.choose_window(rows, used, recordings[0].period, chosen=chosen)
     builder = regression.RowBuilder(rows, library, used, window, overlap)
+    recordings = [replace(recording, bad=mask_states(recording, used)) for recording in recordings]
     fitted = None
     if is_long(builder, recordings, plan.estimator, largest):
         fitted = fit_long(builder, recordings, plan.estimator, rule=rule, weights=weights)

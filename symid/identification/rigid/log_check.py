@@ -103,7 +103,7 @@ def build_quick_fit(library: Library, recording: log_files.Recording, processing
         torque[first : first + len(load)] -= load
         recording = replace(recording, torque=torque)
     columns = np.hstack([signals.q, signals.dq, signals.ddq, signals.tau])
-    thin, blocks = _sample_blocks(columns, processing)
+    thin, blocks, places = _sample_blocks(columns, processing)
     q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(thin, 4, axis=1))
     card = library.card
     stated = np.array([processing.get_standstill(joint) for joint in range(card.size)])
@@ -118,6 +118,8 @@ def build_quick_fit(library: Library, recording: log_files.Recording, processing
         near[:-step] |= held[step:]
     # A joint that is slow throughout would not be looked at.
     left_out = near & (np.mean(near, axis=0) < _MOST)
+    if signals.bad is not None:
+        left_out |= log_files.mask_decimated(signals.bad, processing.decimation)[places]
     return QuickFit(
         q=q,
         dq=dq,
@@ -137,16 +139,18 @@ def build_quick_fit(library: Library, recording: log_files.Recording, processing
     )
 
 
-def _sample_blocks(values: FloatArray, processing: Processing) -> tuple[FloatArray, tuple[slice, ...]]:
-    """Return decimated rows of `values` (N, k), all of them or pieces at even distances, and the pieces."""
+def _sample_blocks(
+    values: FloatArray, processing: Processing
+) -> tuple[FloatArray, tuple[slice, ...], NDArray[np.intp]]:
+    """Return decimated rows of `values` (N, k), all or pieces at even distances; pieces, and places."""
     thin = log_files.decimate(np.column_stack([values, np.ones(len(values))]), processing.decimation)
     # A Chebyshev filter of even order passes a constant with its ripple: harmless where all columns of a
     # model pass it, not where states do.
     thin = thin[:, :-1] / thin[:, -1:]
     edges = np.linspace(0, len(thin), max(2, min(_BLOCKS, len(thin) // 10)) + 1).astype(int).tolist()
-    pieces = [thin[low : min(high, low + _BLOCK)] for low, high in pairwise(edges)]
-    bounds = np.cumsum([0, *map(len, pieces)]).tolist()
-    return np.vstack(pieces), tuple(slice(low, high) for low, high in pairwise(bounds))
+    pieces = [np.arange(low, min(high, low + _BLOCK)) for low, high in pairwise(edges)]
+    bounds, places = np.cumsum([0, *map(len, pieces)]).tolist(), np.concatenate(pieces)
+    return thin[places], tuple(slice(low, high) for low, high in pairwise(bounds)), places
 
 
 _CLEAR = 0.02
@@ -314,7 +318,7 @@ def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
             break
         moved = log_files.shift_channel(fit.recording.time, fit.recording.torque, delay)
         signals = log_files.prepare_signals(replace(fit.recording, torque=moved), fit.processing)
-        tau, _ = _sample_blocks(signals.tau, fit.processing)
+        tau, *_ = _sample_blocks(signals.tau, fit.processing)
     # Where joints disagree by more than their own deviations, these are too small (Birge 1932).
     excess = float(np.sum(((values - step) / np.maximum(stds, 1e-9)) ** 2)) / max(1, len(values) - 1)
     common = float(np.linalg.norm(judge.compute_changes(replicates @ shares)))
@@ -537,7 +541,7 @@ def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CheckedLog:
-    """A log at even times, how it was sampled before, and what every joint does in it."""
+    """A log without its faults, how it was sampled before, and what every joint does in it."""
 
     recording: log_files.Recording
     timing: log_files.LogTiming
@@ -562,8 +566,8 @@ class LogsCheck:
 
 
 def summarise_log(recording: log_files.Recording, robot: Robot) -> CheckedLog:
-    """Return the log at even times, how it was sampled before, and what every joint does in it."""
-    even = log_files.resample_if_uneven(recording)
+    """Return the log without its faults, how it was sampled before, and what every joint does in it."""
+    even = log_files.repair_recording(recording, robot.axes).recording
     timing, joints = log_files.measure_timing(recording.time), log_files.summarise_joints(even, robot)
     return CheckedLog(recording=even, timing=timing, joints=joints)
 
@@ -589,7 +593,8 @@ def check_robot_logs(
     progress(f"reading {len(logs)} log{'s'[: len(logs) > 1]}")
     found: list[CheckedLog] = []
     notices: list[Notice] = []
-    for recording in log_files.read_recordings(logs, robot, uneven=True):
+    read = log_files.read_recordings(logs, robot, uneven=True)
+    for recording in read:
         found.append(summarise_log(recording, robot))
         even, told = found[-1].recording, recording.notices
         notices += (
@@ -605,7 +610,8 @@ def check_robot_logs(
         if isinstance(log, log_files.Recording) and not os.path.isfile(source):  # noqa: PTH113  any text may stand there
             text = "an evenly sampled copy is made of a log's file, and this log has none; save it first"
             raise UsageError(Notice(code="usage.no-file", text=text, file=log.source))
-        raw, note = log_files.resample_log(log_files.read_raw(source), robot, str(source))
+        plan, *_ = log_files.choose_times(read[0]) or (None,)
+        raw, note = log_files.resample_log(log_files.read_raw(source), robot, str(source), plan)
         copy = log_files.write_raw_log(raw, output), note
         notices.append(note)
     checked = LogsCheck(logs=tuple(found), copy=copy, notices=tuple(notices))

@@ -43,7 +43,7 @@ from symid.identification.rigid.fit import fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.identification.rigid.settings_choice import PASSED
 from symid.joint_models import FrictionValues, rename_law
-from symid.logs import Recording, describe_overlap, has_states, low_pass, measure_overlap
+from symid.logs import Recording, describe_overlap, has_states, low_pass, mask_states, measure_overlap
 from symid.serialization import HIDDEN, name_key
 
 _ORDER = 4
@@ -335,6 +335,7 @@ def validate_estimate(
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
+    recording = replace(recording, bad=mask_states(recording, counted))
     whole = regression.prepare_rows(rows, library, recording, counted, every=True, **windows)
     built = regression.leave_out_rows(whole, library, recording, counted)
     shared = measure_overlap(recording, estimate.sources, estimate.settings, cut=cut, fitted_cut=fitted_cut)

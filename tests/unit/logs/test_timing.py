@@ -5,13 +5,10 @@ import pytest
 
 from symid.errors import LogError
 from symid.logs.checks import estimate_encoder_step
+from symid.logs.faults import repair_recording
 from symid.logs.recording import Recording
-from symid.logs.sampling import (
-    describe_timing,
-    measure_timing,
-    plan_resampling,
-    resample_if_uneven,
-)
+from symid.logs.sampling import describe_timing, measure_timing, plan_resampling
+from symid.robot.description import JointKind
 from tests.refusals import raises, tell
 
 T = np.arange(1000) * 1e-3
@@ -33,10 +30,6 @@ def test_what_time_stamps_are_is_said():
     found = tell(describe_timing(time))
     assert "(the first: 11)" in found["log.repeated-times"]
     assert "1 samples have an earlier time" in found["log.time-order"]
-    rng = np.random.default_rng(3)
-    noise = rng.uniform(-1.0, 1.0, len(T))
-    assert "accepted as even" in tell(describe_timing(T + 0.033e-3 * noise))["log.jitter"]
-    assert "accepted as even" not in tell(describe_timing(T + 0.2499e-3 * noise))["log.jitter"]
     assert measure_timing(np.zeros(5)).period == 0.0
     with raises(LogError, "log.time-order"):
         plan_resampling(np.zeros(50))
@@ -49,12 +42,16 @@ def make_recording(time):
     return Recording(time=time, position=wave[:, None], torque=np.cos(time)[:, None], velocity=wave[:, None])
 
 
-def test_resampling_says_what_it_did():
+def repair(log, make_robot):
+    return repair_recording(log, make_robot([JointKind.REVOLUTE] * log.position.shape[1]).axes).recording
+
+
+def test_resampling_says_what_it_did(make_robot):
     time = np.delete(np.insert(T, 10, T[10]), [100, 101, *range(700, 760)])
     time = time + 0.2e-3 * np.random.default_rng(1).uniform(size=len(time))
     time[10] = time[11]
-    moved = resample_if_uneven(make_recording(time))
-    notice, lost = moved.notices
+    moved = repair(make_recording(time), make_robot)
+    lost, notice = moved.notices
     assert lost.code == "log.gap"
     assert notice.code == "log.resampled"
     assert "; 1 with times" in notice.text
@@ -65,29 +62,17 @@ def test_resampling_says_what_it_did():
     np.testing.assert_allclose(moved.position[:, 0], np.sin(7.0 * moved.time), atol=1e-4)
 
 
-def test_an_uneven_log_is_moved_and_an_even_one_stays():
-    rng = np.random.default_rng(4)
-    time = np.cumsum(1e-3 * (1.0 + 0.2 * rng.uniform(-1.0, 1.0, 2001)))
-    position = np.column_stack([np.sin(5.0 * time), np.cos(3.0 * time)])
-    log = Recording(time=time, position=position, torque=2.0 * position, source="made")
-    moved = resample_if_uneven(log)
-    np.testing.assert_allclose(moved.position[:, 0], np.sin(5.0 * moved.time), atol=1e-5)
-    even = make_recording(T)
-    assert resample_if_uneven(even) is even
-
-
-def test_holes_of_a_velocity_stay_holes():
+def test_holes_of_a_velocity_stay_holes(make_robot):
     time = np.cumsum(1e-3 * (1.0 + 0.2 * np.random.default_rng(4).uniform(-1.0, 1.0, 501)))
     position = np.column_stack([np.sin(5.0 * time), np.cos(3.0 * time)])
     velocity = np.column_stack([5.0 * np.cos(5.0 * time), -3.0 * np.sin(3.0 * time)])
     velocity[100, 0] = np.nan
     log = Recording(time=time, position=position, torque=position, velocity=velocity, source="made")
-    for found in (resample_if_uneven(log),):
-        holes = np.isnan(found.velocity)
-        assert 0 < holes[:, 0].sum() < 12
-        assert np.all(np.abs(found.time[holes[:, 0]] - time[100]) < 6e-3)
-        assert not holes[:, 1].any()
-    moved = resample_if_uneven(log)
+    moved = repair(log, make_robot)
+    holes = np.isnan(moved.velocity)
+    assert 0 < holes[:, 0].sum() < 12
+    assert np.all(np.abs(moved.time[holes[:, 0]] - time[100]) < 6e-3)
+    assert not holes[:, 1].any()
     kept = ~np.isnan(moved.velocity[:, 0])
     np.testing.assert_allclose(moved.velocity[kept, 0], 5.0 * np.cos(5.0 * moved.time[kept]), atol=1e-3)
 
