@@ -33,10 +33,6 @@ if TYPE_CHECKING:
         compute_profiles as compute_profiles,
         predict_torques as predict_torques,
     )
-    from symid.identification.diagnostics.stretches import (
-        choose_held_out as choose_held_out,
-        measure_behind as measure_behind,
-    )
 else:
     from symid.lazy import load_names
 
