@@ -14,9 +14,9 @@
     --resume         leave out what was stored before       --verify         errors of the plants, see there
     --output FOLDER  raw results, PART.jsonl (build/judge)  --shared FOLDER  with data/ and cases/
 
-Only public calls of symid are used, so that every version can be measured; what differs between versions is
-read by `describe` and `load_statistics` alone. Each log is one task: its robot file and its logs are written
-to a folder and identified by default settings, as a user's would be.
+But for the alarm rates only public calls of symid are used, so that every version can be measured; what
+differs between versions is read by `describe` alone. Each log is one task: its robot file and its logs are
+written to a folder and identified by default settings, as a user's would be.
 """
 
 import argparse
@@ -63,6 +63,7 @@ from scipy.stats import binomtest, kstest
 from simulated_arms import ARMS, CASES, HERE, find_truth as find_arm_truth, simulate, write_arm_file
 
 import symid
+from symid.identification import judge, regression
 
 LEVELS = ("wrong", "doubtful", "usable", "good")
 FINE = ("good", "usable")
@@ -633,20 +634,6 @@ ALARMS = (
 _FOLDS, _PARTS = 6, 24
 
 
-def load_statistics() -> tuple[Callable[..., float], Callable[..., float]] | None:
-    """Return the two statistics of this version of symid as functions to a p; None where it has none.
-
-    compare(before, after) of losses (parts, joints): p of "after predicts better".
-    agree(x, folds_x, other, folds_other, grams) of estimates (p,), those without each block (blocks, p), and
-    grams (joints, p, p) of the regressor: p of "both say the same".
-    """
-    try:
-        from symid.identification import judge
-    except ImportError:
-        return None
-    return (lambda *given: float(judge.compare(*given).p)), (lambda *given: float(judge.agree(*given).p))
-
-
 def draw_regression(rng: np.random.Generator, size: int, *, coloured: bool) -> tuple[np.ndarray, ...]:
     """Return columns (T, n, p) of rigid parameters and friction, torques and velocities (T, n).
 
@@ -671,46 +658,50 @@ def draw_regression(rng: np.random.Generator, size: int, *, coloured: bool) -> t
     return columns, tau + 0.02 * np.sqrt(np.mean(tau**2, axis=0)) * noise, dq
 
 
-def _solve(columns: np.ndarray, tau: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Return the least squares of rows `kept` (T, n), joints relative to their torques."""
-    weight = kept / np.sqrt(np.mean(tau**2, axis=0))
-    table = np.concatenate([columns, tau[:, :, None]], axis=2) * weight[:, :, None]
-    gram = np.einsum("tjk,tjl->kl", table, table, optimize=True)
-    scale = np.sqrt(np.diag(gram)[:-1])
-    return np.linalg.solve(gram[:-1, :-1] / np.outer(scale, scale), gram[:-1, -1] / scale) / scale
-
-
-def draw_p(test: str, statistics: tuple[Callable[..., float], ...], rng: np.random.Generator) -> float:
+def draw_p(test: str, rng: np.random.Generator) -> float:
     """Return the p of one draw in which nothing is to be found.
 
     Of `compare` each model has a column of noise, or the second alone has one, or a term of friction at every
-    joint, which is zero in truth.
-    Of `agree` the estimates are those of both halves, or of all rows and of those that are not slow.
+    joint, which is zero in truth. Of `agree` the estimates are those of both halves, or of all rows and of
+    those that are not slow, in the torque of one joint.
     """
-    columns, tau, dq = draw_regression(rng, int(rng.integers(2, 6)), coloured=bool(rng.uniform() < 0.5))
+    joints = int(rng.integers(2, 6))
+    columns, tau, dq = draw_regression(rng, joints, coloured=bool(rng.uniform() < 0.5))
     part = np.arange(len(tau)) * _PARTS // len(tau)
+    fold = np.arange(_PARTS) * _FOLDS // _PARTS
+    motion = regression.ThinMotion(
+        **dict.fromkeys(("q", "ddq"), np.zeros_like(tau)),
+        dq=dq,
+        tau=tau,
+        kept=np.ones(tau.shape, dtype=bool),
+        block=part,
+        run=np.zeros(len(tau), dtype=np.intp),
+        period=1.0 / 25.0,
+    )
+    plain = [0] * joints
     if test.startswith("compare"):
         more = [rng.standard_normal((*tau.shape, 1)) for _ in range(2)]
         if "friction" in test:
-            more[1] = (np.sign(dq) * np.exp(-((dq / 0.1) ** 2)))[:, :, None] * np.eye(tau.shape[1])
+            more[1] = (np.sign(dq) * np.exp(-((dq / 0.1) ** 2)))[:, :, None] * np.eye(joints)
         wider = [np.concatenate([columns, added], axis=2) for added in more]
         losses = []
         for model in (wider[0] if "equal" in test else columns, wider[1]):
-            squares, fold = np.empty(tau.shape), part * _FOLDS // _PARTS
-            for k in range(_FOLDS):
-                values = _solve(model, tau, np.broadcast_to((fold != k)[:, None], tau.shape))
-                squares[fold == k] = (tau[fold == k] - model[fold == k] @ values) ** 2
-            losses.append(
-                np.stack([squares[part == k].sum(axis=0) for k in range(_PARTS)]) / np.sum(tau**2, axis=0)
-            )
-        return statistics[0](*losses)
-    fast = np.abs(dq) > 0.05 * np.abs(dq).max(axis=0)
-    first = np.broadcast_to((part < _PARTS // 2)[:, None], tau.shape)
-    given = []
-    for kept in (first, ~first) if "halves" in test else (np.ones_like(fast), fast):
-        folds = [_solve(columns, tau, kept & (part != k)[:, None]) for k in range(_PARTS)]
-        given += [_solve(columns, tau, kept), np.array(folds)]
-    return statistics[1](*given, np.einsum("tjk,tjl->jkl", columns, columns, optimize=True))
+            sums = regression.sum_motion(model, motion, _PARTS)
+            values = regression.fit_sums(sums, plain, fold).folds[fold]
+            losses.append(regression.measure_left(sums, values)[:, :, 0].T / np.sum(tau**2, axis=0))
+        return float(judge.compare(*losses).p_of_all)
+    sums = regression.sum_motion(columns, motion, _PARTS)
+    whole = regression.fit_sums(sums, plain, fold)
+    if "halves" in test:
+        halves = [fold < _FOLDS // 2, fold >= _FOLDS // 2]
+        one, other = (regression.fit_sums(sums, plain, fold, half, whole.weights) for half in halves)
+    else:
+        kept = np.abs(dq) > 0.05 * np.abs(dq).max(axis=0)
+        fast = regression.sum_motion(columns, replace(motion, kept=kept), _PARTS)
+        one, other = whole, regression.fit_sums(fast, plain, fold, None, whole.weights)
+    grams = np.einsum("tjk,tjl->jkl", columns, columns, optimize=True)
+    found = judge.agree(one.values - other.values, one.changes - other.changes, grams, np.sum(tau**2, axis=0))
+    return float(found[int(rng.integers(joints))].p)
 
 
 def list_alarms(given: Given) -> list[str]:
@@ -723,9 +714,9 @@ def list_alarms(given: Given) -> list[str]:
 def run_alarms(name: str, given: Given, _: Path) -> dict:
     """Return p-values where nothing is to be found."""
     test, number = name[:-1].split(" [")
-    statistics, draws = load_statistics(), range(min(DRAWS, given.count or DRAWS))
+    draws = range(min(DRAWS, given.count or DRAWS))
     rngs = (np.random.default_rng([41, given.seed, ALARMS.index(test), int(number), k]) for k in draws)
-    return {"test": test, "p": [] if statistics is None else [draw_p(test, statistics, rng) for rng in rngs]}
+    return {"test": test, "p": [draw_p(test, rng) for rng in rngs]}
 
 
 def show_alarms(results: list[dict]) -> None:
@@ -733,15 +724,12 @@ def show_alarms(results: list[dict]) -> None:
     rows, odd = [], []
     for test in dict.fromkeys(r["test"] for r in results):
         p = np.array([value for r in results if r["test"] == test for value in r["p"]])
-        if not len(p):
-            print("this version of symid has no compare and agree in symid.identification.judge")
-            return
         cells = []
         for level in NOMINAL:
             count, side = int(np.sum(p < level)), "greater" if "more" in test else "two-sided"
             chance = binomtest(count, len(p), level, alternative=side).pvalue
             cells.append(f"{100.0 * count / len(p):.1f} % ({chance:.2g})")
-            odd += [f"{test} at {level:.0%}"] * (chance < 0.001)
+            odd += [f"{test} at {level:.0%}"] * int(chance < 0.001)
         rows.append((test, len(p), *cells, f"{kstest(p, 'uniform').pvalue:.2g}"))
     print_table(("test", "draws", *(f"{level:.0%} (p)" for level in NOMINAL), "Kolmogorov p"), rows)
     print_gate("no rate differs from its nominal one (p 0.001)", odd or "none", met=not odd)

@@ -332,8 +332,7 @@ def fit_sums(
 ) -> BlockFit:
     """Return the fit to rows of each joint from a class (n,) of speed on; of some blocks (b,) if `chosen`.
 
-    `fold` (b,) is the number of each block's fold; `weights` (n,) are found if None. Blocks that are not
-    chosen count a little, so that in directions that the others do not determine the fit is that of all.
+    `fold` (b,) is the number of each block's fold; `weights` (n,) are found if None.
     """
     kept = np.ones(len(fold), dtype=np.bool_) if chosen is None else chosen
     pairs = list(enumerate(classes))
