@@ -224,7 +224,7 @@ def search_friction(
 
     def fit(found: Robot) -> _Result:
         """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
-        beta, plan, left = choice.beta, None, numerics.ROUNDS
+        beta, plan, best, left = choice.beta, None, None, numerics.ROUNDS
         while True:
             left -= 1
             library = prepare(found)
@@ -251,6 +251,9 @@ def search_friction(
                 plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
                 plan = replace(plan, laws_chosen=AUTO in names.values())
             estimate = rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
+            # Where a step of shape values helps no more, others would lead away.
+            if best is not None and estimate.mean_relative_percent > best.estimate.mean_relative_percent:
+                return best
             before, found = _list_shapes(found), _move_friction(found, estimate)
             after, deviations = _list_shapes(found), {entry.name: entry.std for entry in estimate.parameters}
             # Within a deviation, or where columns that are linear about a value are exact.
@@ -260,9 +263,10 @@ def search_friction(
             )
             new = estimate.assemble([entry.name for entry in library.card.beta])
             stays = known or "load" not in library.card.friction_inputs or _agree(new, beta)
+            measure = partial(_measure_losses, recordings=loaded, processing=plan.processing)
+            best = _Result(estimate, found, library, measure)
             if not left or (still and stays):
-                measure = partial(_measure_losses, recordings=loaded, processing=plan.processing)
-                return _Result(estimate, found, library, measure)
+                return best
             beta = new
 
     result = fit(found)
