@@ -204,7 +204,7 @@ class TestTimes:
         assert code == 0
         assert "samples have the time of the one before" in found["log.repeated-times"]
         assert "--resample FILE" in found["log.gap"]
-        assert "became" in found["log.resampled"]
+        assert "at the even times of a clock" in found["log.resampled"]
         assert not answer["result"]["logs"][0]["timing"]["even"]
         assert answer["result"]["excitation"]["rank"] == 12
 
