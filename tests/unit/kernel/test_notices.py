@@ -1,6 +1,7 @@
 """Which notices are printed, in which order, and what is the same for several logs."""
 
 import re
+from typing import get_args
 
 import pytest
 
@@ -15,6 +16,7 @@ from symid.errors import (
     rank_notice,
     sort_notices,
 )
+from symid.logs.faults import FaultKind
 from tests.architecture.source import PROJECT
 
 LOGS = ("a.csv", "b.csv", "c.csv")
@@ -32,8 +34,9 @@ def test_the_table_of_codes_is_of_codes_that_exist():
     assert not codes & NOTES
     written = set(re.findall(r"[\"']([a-z]+\.[a-z-]+)[\"']", texts.partition("SEVERE = (")[0]))
     written |= set(re.findall(r"[\"']([a-z]+\.[a-z-]+)[\"']", texts.partition("MOST_WARNINGS")[2]))
-    # This one is put together from a part of its code.
-    assert codes - written - verdicts == {"friction.refused"}
+    # This one is put together from a part of its code, those of faults from their kind.
+    faults = {f"log.{kind}" for kind in get_args(FaultKind)}
+    assert codes - written - verdicts - faults == {"friction.refused"}
 
 
 def test_severe_warnings_stand_first_and_equal_ones_keep_their_order():
