@@ -282,7 +282,7 @@ def _read_origin(section: Section, key: str) -> geometry.Placement:
         rotation = geometry.rotate_rpy(roll, pitch, yaw).rotation
     if table.has_list("quaternion", 4, "numbers w, x, y, z"):
         # Only ratios count: the whole numbers of an exact turn may be long.
-        forms = [_parse_value(table.get("quaternion", index), _LARGEST_PART**2) for index in range(4)]
+        forms = [_parse_value(table.get("quaternion", index), _LARGEST_PART**4) for index in range(4)]
         parts = [form for form in forms if form is not None and form.is_number]
         if len(parts) < len(forms):
             index = next(index for index, form in enumerate(forms) if form not in parts)
