@@ -126,11 +126,6 @@ def rate_output(percent: float) -> str:
     return "wrong" if percent > POLICY.lost else _rate(percent)
 
 
-def _relax(level: str) -> str:
-    """Return the level one class milder."""
-    return LEVELS[min(LEVELS.index(level) + 1, len(LEVELS) - 1)]
-
-
 def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
     """Return the limit where most of the torque of the `logs` is not explained.
 
@@ -169,9 +164,9 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
             ("wrong", f"the model is not that of these logs: {percent:.3g} % of held-out torque is left")
         )
     for entry in sorted(evidence.joints, key=lambda entry: -entry.held_out):
-        # One class milder: a joint alone.
-        own = _relax(rate_output(entry.held_out))
-        if LEVELS.index(own) < LEVELS.index(level):
+        # One joint alone makes no fit wrong.
+        if LEVELS.index(rate_output(entry.held_out)) < LEVELS.index(level):
+            own = _rate(entry.held_out)
             caps.append((own, f"{entry.held_out:.3g} % of the torque of {entry.joint} is left unexplained"))
     caps += _list_contradictions(evidence)
     caps += [
@@ -227,8 +222,10 @@ def _list_contradictions(evidence: Evidence) -> Caps:
     """Return what estimates from different rows contradict, or what cannot be tested."""
     caps: Caps = []
     for what, words in _WHAT.items():
-        # Of a joint that is not explained nothing else needs to be tested.
-        known = {entry.joint for entry in evidence.joints if entry.held_out <= POLICY.usable}
+        # Of a joint that is not explained nothing else needs to be tested, but whether one log explains it.
+        known = {
+            entry.joint for entry in evidence.joints if what == "logs" or entry.held_out <= POLICY.usable
+        }
         tests = [entry for entry in evidence.tests if entry.what == what and entry.joint in known]
         differ = [entry for entry in tests if entry.verdict == _DIFFERENT]
         if differ:

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
         find_causes as find_causes,
         list_mistakes as list_mistakes,
         list_terms as list_terms,
+        predicts_better as predicts_better,
         suspect_gravity as suspect_gravity,
     )
     from symid.identification.diagnostics.fit_warnings import (

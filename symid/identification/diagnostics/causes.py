@@ -104,6 +104,15 @@ def evaluate_motion(library: Library, motion: ThinMotion) -> FloatArray:
     )
 
 
+def predicts_better(
+    library: Library, motion: ThinMotion, fold: NDArray[np.intp], hypothesis: Hypothesis
+) -> bool:
+    """Return whether held-out torque is surely predicted better with a mistake undone, by however little."""
+    base = fit_motion(evaluate_motion(library, motion), motion, fold)
+    found = fit_motion(evaluate_motion(library, hypothesis.motion), hypothesis.motion, fold)
+    return judge.compare(base.losses, found.losses).p_of_all < POLICY.alarm
+
+
 class TriedHypothesis(NamedTuple):
     """A hypothesis that was tried: chance and falls of the squares of its joints, and of all."""
 

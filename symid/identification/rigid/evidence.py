@@ -64,7 +64,9 @@ def collect_evidence(
     gravity = None
     if robot is not None:
         gravity = diagnostics.estimate_gravity(library, motion, robot, logs.fold)
-        tests += (build_gravity_test(gravity),)
+        turned = diagnostics.suspect_gravity(gravity, motion)
+        better = diagnostics.predicts_better(library, motion, logs.fold, turned)
+        tests += (build_gravity_test(gravity, better=better),)
     impossible = list_impossible(library, study, motion, fit, whole=whole)
     found = estimators.Evidence(
         joints=list_joints(study, fit.values, folds, names),
@@ -90,14 +92,19 @@ def collect_evidence(
     return replace(found, causes=list_causes(library, study, motion, found, gravity, transmission))
 
 
-def build_gravity_test(found: diagnostics.GravityEstimate) -> estimators.ConsistencyTest:
-    """Return what logs say of gravity's direction, against the robot file; sizes in percent of a radian."""
+def build_gravity_test(found: diagnostics.GravityEstimate, *, better: bool) -> estimators.ConsistencyTest:
+    """Return what logs say of gravity's direction, against the robot file; sizes in percent of a radian.
+
+    It differs where that also predicts `better`: else what the model lacks may look like it.
+    """
     turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
+    verdict = found.difference.verdict
+    verdict = verdict if better or verdict is not Agreement.DIFFERENT else Agreement.OPEN
     return estimators.ConsistencyTest(
         what="gravity",
         joint="",
         part=f"{turn:.3g} degrees +- {deviation:.2g}",
-        verdict=found.difference.verdict.value,
+        verdict=verdict.value,
         size=100.0 * found.difference.size,
         bound=100.0 * found.difference.bound,
         p=found.difference.p,

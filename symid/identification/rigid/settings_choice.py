@@ -236,13 +236,17 @@ def _choose_classes(
             continue
         tried = [0 if place == joint else last for place in range(len(classes))]
         other = logs.fit(trial.sums, tried)
-        (found,) = judge.agree(
-            (other.values - trial.fit.values)[inertial:],
-            (other.changes - trial.fit.changes)[:, inertial:],
-            gram[None],
-            logs.torque[joint : joint + 1],
-        )
-        alike = found.p > policy.caution or found.size > policy.relevance
+        difference = (other.values - trial.fit.values)[inertial:]
+        changes = (other.changes - trial.fit.changes)[:, inertial:]
+        (found,) = judge.agree(difference, changes, gram[None], logs.torque[joint : joint + 1])
+        # One by one as well: an offset that is hardly known beside weights must not hide the others.
+        chances = [found.p] + [
+            judge.agree_in_value(
+                float(difference[k]), changes[:, k], abs(float(trial.fit.values[inertial + k]))
+            ).p
+            for k in np.flatnonzero(np.diag(gram))
+        ]
+        alike = min(judge.adjust_chances(chances)) > policy.caution or found.size > policy.relevance
         if alike and judge.compare(logs.measure_losses(other), losses).p_of_all > policy.caution:
             classes[joint] = 0
     return tuple(classes)
