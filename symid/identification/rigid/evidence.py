@@ -123,6 +123,8 @@ def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
     odd = bool(evidence.impossible) or evidence.unexplained > POLICY.good
     odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
     odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in evidence.tests)
+    # Another direction that predicts no better may stand for a zero that is off.
+    odd |= gravity is not None and gravity.difference.verdict is Agreement.DIFFERENT
     turned = [] if gravity is None else [diagnostics.suspect_gravity(gravity, motion)]
     call = library, motion, study.logs.fold
     found = diagnostics.find_causes(*call, turned)
