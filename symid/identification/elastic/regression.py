@@ -63,8 +63,8 @@ from symid.robot import Processing, suggest_names
 _BAND = 20.0
 """Hz, in which arms move, and in which white noise of the torque outweighs that of encoders."""
 _ABOVE = 1.25
-"""Of the cut-off of the states to that band's edge: what rows tell of must pass nearly unchanged, with most of
-the kinks that friction and springs make of it."""
+"""Of the cut-off of the states to that band's edge: what rows tell of must pass nearly unchanged, with most
+of the kinks that friction and springs make of it."""
 _EDGE = 4.0
 """Periods of the cut-off frequency that the ends of a filtered signal are not trusted for."""
 MOVES = 0.1
