@@ -123,6 +123,8 @@ def build_elastic_equations(
         LogError: a recording lacks an encoder, is too short or unevenly sampled.
         UsageError: windows or thresholds do not fit.
     """
+    # Recordings that are too short for the options are refused before anything is fitted to them.
+    signals = [regression.prepare_elastic_signals(recording, options) for recording in recordings]
     band = regression.measure_motion_band(recordings)
     known, bases = regression.read_known(library.card, options.known), len(library.card.beta)
     broader = []
@@ -172,7 +174,10 @@ def build_elastic_equations(
             if further := measure(library, broad, fit.chi[:bases]):
                 effects = (*effects, *further)
                 broad = prepare(effects)
-    signals = [regression.prepare_elastic_signals(recording, options, effects) for recording in recordings]
+    if effects:
+        signals = [
+            regression.prepare_elastic_signals(recording, options, effects) for recording in recordings
+        ]
     problem = regression.build_elastic_problem(library, signals, options, limits)
     filtered = any(part.cutoff for part in signals)
     return ElasticEquations(
