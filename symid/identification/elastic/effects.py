@@ -345,13 +345,17 @@ def build_joint_rows(
     return rows
 
 
+_STEPS = 3
+"""Of waves of the torsion: later ones follow what noise and friction make of stops, not the wave."""
+
+
 def _fit_gear(
     rows: Sequence[JointRows], effects: Sequence[DriveEffect]
 ) -> tuple[list[DriveEffect], list[FloatArray]]:
     """Return effects with better values, and the errors (M,) of the torsion in every recording."""
     found = list(effects)
     values = np.array([value for effect in found for value in effect.values])
-    for _ in range(numerics.ROUNDS):
+    for _ in range(_STEPS):
         errors, steps, counts = [], [], []
         for part in rows:
             angles = np.outer(part.theta, [effect.order for effect in found])
@@ -362,14 +366,12 @@ def _fit_gear(
             basis, torque = build_spring_basis(part.phi + shapes @ values)[part.kept], part.torque[part.kept]
             weights = solve_scaled(np.hstack([basis, shapes[part.kept]]), torque, rcond=numerics.RANK)
             # Waves are short: the spring answers them with the stiffness it has after a reversal.
-            stiffness = float(np.sum(np.abs(weights[: basis.shape[1] - 2]))) or 1.0
+            slopes = weights[: basis.shape[1] - 2]
+            stiffness = max(float(np.sum(slopes)), MOVES * float(np.max(np.abs(slopes)))) or 1.0
             errors.append((torque - basis @ solve_scaled(basis, torque, rcond=numerics.RANK)) / stiffness)
             steps.append(weights[basis.shape[1] :] / stiffness * len(torque))
             counts.append(len(torque))
-        step = sum(steps) / sum(counts)
-        values = values + step
-        if np.all(np.abs(step) <= numerics.CONVERGED * np.max(np.abs(values), initial=0.0)):
-            break
+        values = values + sum(steps) / sum(counts)
     # Waves are orthogonal to each other and to the rest: the mean square of each is one half.
     square = float(np.mean(np.concatenate(errors) ** 2))
     spread = float(np.sqrt(2.0 * square / sum(len(part) for part in errors)))

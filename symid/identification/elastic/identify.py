@@ -333,8 +333,8 @@ def _build_estimate(
     # Why springs are refused, by joint; those of `hidden` have a torsion that cannot be used.
     springs, contradicted = dict(hidden), methods.list_contradicted(work)
     evidence = methods.weigh_evidence(work, fit, choice.contradiction, contradicted[0])
-    # A spring must explain more of the motors' side than a good model leaves; the links' side says nothing of a
-    # joint where the encoder of another one is dead.
+    # A spring must explain more of the motors' side than a good model leaves; the links' side says nothing of
+    # a joint where the encoder of another one is dead.
     limit = 100.0 - POLICY.good
     shares = 100.0 * np.std(left, axis=0) / np.maximum(np.std(target, axis=0), numerics.TINY)
     for joint, (card, share) in enumerate(zip(joints, shares.tolist(), strict=True)):

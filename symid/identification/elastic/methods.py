@@ -154,7 +154,9 @@ def build_elastic_equations(
     broad, rows, limits, fit = free(effects)
     if options.effects:
         edge = elimination.get_effect_edge(max(part.period for part in broad), band)
-        effects = drive_effects.measure_effects(library, broad, edge, limits)
+        # Friction near rest may be taken for an effect, and effects for it.
+        slow = regression.MOVES * elimination.compute_speeds(broad)
+        effects = drive_effects.measure_effects(library, broad, edge, slow)
         if effects:
             broad, rows, limits, fit = free(effects)
         # What gears and encoders of the links add.

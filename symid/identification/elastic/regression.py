@@ -831,17 +831,20 @@ def build_spring_data(
     return SpringData(torsions=tuple(torsions), periods=periods, keeps=keeps, rate=options.rate).rebuild(grid)
 
 
+_MANY = 12
+"""Stops, of a spring that is none in particular."""
+
+
 def build_spring_basis(torsion: FloatArray, period: float | None = None) -> FloatArray:
     """Return columns (N, c) of a spring of many stops, the last two its cube and a constant.
 
     With a `period` in s, columns as of springs with knees and dampers stand behind them.
     """
-    options = ElasticOptions()
-    grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, options.stops + 1) / (options.stops + 1)
+    grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _MANY + 1) / (_MANY + 1)
     stops = compute_stop_basis(torsion, grid)
     further = [torsion**3, np.ones_like(torsion)]
     if period is not None:
         part = torsion / max(float(np.max(np.abs(torsion))), numerics.TINY)
         further += [*(stops.T * np.abs(part)), *(stops.T * part**2), part * np.abs(part), part**5]
-        further.append(filter_smooth(torsion, options.rate, period))
+        further.append(filter_smooth(torsion, ElasticOptions().rate, period))
     return np.column_stack([stops, *further])
