@@ -284,7 +284,7 @@ def measure_gears(
     found: list[DriveEffect] = []
     loads = [compute_link_torque(library, part, beta) for part in signals]
     for joint, gives in enumerate(library.card.yielding):
-        rows = build_joint_rows(signals, loads, joint) if gives else []
+        rows = build_joint_rows(signals, loads, joint, turns=True) if gives else []
         own: list[DriveEffect] = []
         for _ in range(numerics.ROUNDS if rows else 0):
             _, errors = _fit_gear(rows, own)
@@ -331,10 +331,10 @@ class JointRows(NamedTuple):
 
 
 def build_joint_rows(
-    signals: Sequence[ElasticSignals], loads: Sequence[FloatArray], joint: int
+    signals: Sequence[ElasticSignals], loads: Sequence[FloatArray], joint: int, *, turns: bool = False
 ) -> list[JointRows]:
-    """Return the recordings in which a joint is bent well."""
-    spans, rows = [float(np.ptp(part.phi[:, joint])) for part in signals], []
+    """Return the recordings in which a joint is bent well; or `turns` well, as errors over its angle ask."""
+    spans, rows = [float(np.ptp((part.theta if turns else part.phi)[:, joint])) for part in signals], []
     for part, load, span in zip(signals, loads, spans, strict=True):
         edge = count_edge(part.period, part.cutoff)
         step = max(1, round(0.5 / (part.cutoff * part.period))) if part.cutoff else 1
@@ -395,7 +395,7 @@ def measure_eccentricity(
         torsion = np.concatenate([part.phi[:, joint] for part in signals])
         # Where the link's zero is not known, it is turned, and the wave is that of wrong gravity.
         turned = abs(float(np.mean(torsion))) > float(np.ptp(torsion))
-        rows = build_joint_rows(signals, loads, joint) if turns and not turned else []
+        rows = build_joint_rows(signals, loads, joint, turns=True) if turns and not turned else []
         if not rows:
             continue
         # Waves are as long as the motion, and springs answer with all they have: they are fitted each time.
