@@ -45,6 +45,9 @@ from symid.logs import (
 from symid.serialization import name_key
 
 _BLOCKS = POLICY.folds * POLICY.parts
+_CUTOFF = 10.0
+"""Hz: equations of the rigid robot hold where its joints hardly bend. Twice as much gives encoders in line a
+delay of a quarter of a millisecond."""
 _PLAYS = (0.05, 0.1, 0.2, 0.35, 0.55)
 """Radii of plays as parts of the largest torque. More of them can follow a zero that is moved."""
 
@@ -82,7 +85,7 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
     """Return the equations of one recording; raise LogError where it has one encoder only."""
     found, period = get_encoders(recording), recording.period
 
-    cutoff = regression.choose_edge(period, 0.0)
+    cutoff = min(_CUTOFF, POLICY.row_band / period)
 
     def low(values: FloatArray) -> FloatArray:
         return regression.pass_band(values, period, cutoff)
