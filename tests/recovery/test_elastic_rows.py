@@ -82,7 +82,7 @@ def test_noisy_encoders_ask_for_a_filter_and_clean_ones_do_not(arm, run):
     assert prepare_elastic_signals(run.recording, ElasticOptions()).hold == "zero"
     noisy = run_arm(*arm, duration=3.0, noisy=True)
     prepared = prepare_elastic_signals(noisy.recording, ElasticOptions())
-    assert (prepared.hold, prepared.cutoff) == ("first", 20.0)
+    assert (prepared.hold, prepared.cutoff) == ("first", 25.0)
     # The delay of a held torque is gone: what is left is noise, not a shift by half a period.
     held = (noisy.torque[1:] + noisy.torque[:-1]) / 2.0
     middle = slice(500, len(prepared.time) - 100)

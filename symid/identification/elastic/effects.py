@@ -284,7 +284,7 @@ def measure_gears(
     found: list[DriveEffect] = []
     loads = [compute_link_torque(library, part, beta) for part in signals]
     for joint, gives in enumerate(library.card.yielding):
-        rows = build_joint_rows(signals, loads, joint) if gives else []
+        rows = build_joint_rows(signals, loads, joint, turns=True) if gives else []
         own: list[DriveEffect] = []
         for _ in range(numerics.ROUNDS if rows else 0):
             _, errors = _fit_gear(rows, own)
@@ -331,10 +331,10 @@ class JointRows(NamedTuple):
 
 
 def build_joint_rows(
-    signals: Sequence[ElasticSignals], loads: Sequence[FloatArray], joint: int
+    signals: Sequence[ElasticSignals], loads: Sequence[FloatArray], joint: int, *, turns: bool = False
 ) -> list[JointRows]:
-    """Return the recordings in which a joint is bent well."""
-    spans, rows = [float(np.ptp(part.phi[:, joint])) for part in signals], []
+    """Return the recordings in which a joint is bent well; or `turns` well, as errors over its angle ask."""
+    spans, rows = [float(np.ptp((part.theta if turns else part.phi)[:, joint])) for part in signals], []
     for part, load, span in zip(signals, loads, spans, strict=True):
         edge = count_edge(part.period, part.cutoff)
         step = max(1, round(0.5 / (part.cutoff * part.period))) if part.cutoff else 1
@@ -345,13 +345,17 @@ def build_joint_rows(
     return rows
 
 
+_STEPS = 3
+"""Of waves of the torsion: later ones follow what noise and friction make of stops, not the wave."""
+
+
 def _fit_gear(
     rows: Sequence[JointRows], effects: Sequence[DriveEffect]
 ) -> tuple[list[DriveEffect], list[FloatArray]]:
     """Return effects with better values, and the errors (M,) of the torsion in every recording."""
     found = list(effects)
     values = np.array([value for effect in found for value in effect.values])
-    for _ in range(numerics.ROUNDS):
+    for _ in range(_STEPS):
         errors, steps, counts = [], [], []
         for part in rows:
             angles = np.outer(part.theta, [effect.order for effect in found])
@@ -362,14 +366,12 @@ def _fit_gear(
             basis, torque = build_spring_basis(part.phi + shapes @ values)[part.kept], part.torque[part.kept]
             weights = solve_scaled(np.hstack([basis, shapes[part.kept]]), torque, rcond=numerics.RANK)
             # Waves are short: the spring answers them with the stiffness it has after a reversal.
-            stiffness = float(np.sum(np.abs(weights[: basis.shape[1] - 2]))) or 1.0
+            slopes = weights[: basis.shape[1] - 2]
+            stiffness = max(float(np.sum(slopes)), MOVES * float(np.max(np.abs(slopes)))) or 1.0
             errors.append((torque - basis @ solve_scaled(basis, torque, rcond=numerics.RANK)) / stiffness)
             steps.append(weights[basis.shape[1] :] / stiffness * len(torque))
             counts.append(len(torque))
-        step = sum(steps) / sum(counts)
-        values = values + step
-        if np.all(np.abs(step) <= numerics.CONVERGED * np.max(np.abs(values), initial=0.0)):
-            break
+        values = values + sum(steps) / sum(counts)
     # Waves are orthogonal to each other and to the rest: the mean square of each is one half.
     square = float(np.mean(np.concatenate(errors) ** 2))
     spread = float(np.sqrt(2.0 * square / sum(len(part) for part in errors)))
@@ -393,7 +395,7 @@ def measure_eccentricity(
         torsion = np.concatenate([part.phi[:, joint] for part in signals])
         # Where the link's zero is not known, it is turned, and the wave is that of wrong gravity.
         turned = abs(float(np.mean(torsion))) > float(np.ptp(torsion))
-        rows = build_joint_rows(signals, loads, joint) if turns and not turned else []
+        rows = build_joint_rows(signals, loads, joint, turns=True) if turns and not turned else []
         if not rows:
             continue
         # Waves are as long as the motion, and springs answer with all they have: they are fitted each time.

@@ -22,6 +22,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
@@ -30,8 +31,8 @@ from symid.errors import Notice
 from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import MethodFit, build_method_fit, compute_covariance
 from symid.identification.hysteresis import filter_smooth
-from symid.identification.judge import POLICY, adjust_chances, agree, compute_changes, numerics
-from symid.identification.regression import choose_windows, integrate_windows, solve_products
+from symid.identification.judge import POLICY, adjust_chances, numerics
+from symid.identification.regression import choose_windows, integrate_windows
 from symid.logs import Recording, differentiate_smooth, estimate_density, low_pass
 from symid.robot import Processing
 
@@ -127,9 +128,14 @@ _STATES = 5.0
 """Of the cut-off of the states to the band's edge: the rows' filter comes after kinks of friction."""
 
 
+_EFFECTS = 3.0
+"""Of the edge up to where effects are sought to the band's: ripple is faster than motion, and the filter of
+the states, which columns come after and torques before, must not weaken it."""
+
+
 def get_effect_edge(period: float, band: float) -> float:
-    """Return up to where effects of the drives are sought, Hz: ripple is faster than motion."""
-    return min(get_wide_cutoff(period, band), POLICY.row_band / period)
+    """Return up to where effects of the drives are sought, Hz."""
+    return min(_EFFECTS * regression.choose_edge(period, band), POLICY.row_band / period)
 
 
 def get_wide_cutoff(period: float, band: float) -> float:
@@ -229,10 +235,11 @@ def choose_sliding_rows(
     """Return the rows without motors so slow that the estimate moves when they are left out, and the limit.
 
     Friction near rest is no function of the speed (presliding, Stribeck). The least limit is taken at which
-    the estimate does not differ from those of all larger ones (`agree`, by the jackknife over blocks of
-    time). It is a share of the joints' RMS speeds, 0 where all rows stay.
+    the estimate agrees with those of all larger ones (Hausman 1978); weights are those of the largest. It is
+    a share of the joints' RMS speeds, 0 where all rows stay. The test looks along all directions of the
+    parameters alike: what friction near rest moves, inertias, is little of the torque.
     """
-    blocks, count = POLICY.folds * POLICY.parts, rows.design.shape[1]
+    blocks = POLICY.folds * POLICY.parts
     sets = [rows.select(rows.slide >= level) for level in range(len(SHARES) + 1)]
     # A recording that is slow beside the others keeps its rows.
     sizes = [np.bincount(part.group, minlength=int(rows.group.max()) + 1) for part in sets]
@@ -241,34 +248,47 @@ def choose_sliding_rows(
         level
         for level, size in enumerate(sizes)
         # A row a block of each group that moves, and one a parameter in all.
-        if size.sum() >= blocks * count and np.all(size[moving] >= blocks)
+        if size.sum() >= blocks * rows.design.shape[1] and np.all(size[moving] >= blocks)
     ] or [0]
     fast, whole = (fit_band(card, sets[level], known).scatter for level in (usable[-1], 0))
     fast = np.pad(fast, (0, len(whole) - len(fast)))
     scatter = np.where(sizes[usable[-1]] >= blocks, fast, whole)
-    given = np.full(count, np.nan) if known is None else known
-    right = rows.torque - rows.design @ np.nan_to_num(given)
-    table = np.column_stack([np.where(np.isnan(given), rows.design, 0.0), right])
-    table /= scatter[rows.group][:, None]
-    place = np.minimum((rows.time * blocks).astype(np.intp), blocks - 1)
-    sums = np.zeros((len(sets), blocks, count + 1, count + 1))
-    for level, block in np.ndindex(sums.shape[:2]):
-        part = table[(rows.slide == level) & (place == block)]
-        sums[level, block] = part.T @ part
-    sums = np.cumsum(sums[::-1], axis=0)[::-1]
-    wholes = sums.sum(axis=1, keepdims=True)
-    values, without = map(solve_products, (wholes, wholes - sums))
-    gram, size = wholes[usable[-1], :, :-1, :-1], wholes[usable[-1], :, -1, -1]
-    for start, level in enumerate(usable, start=1):
-        chances = []
-        for other in usable[start:]:
-            changes = compute_changes(without[level] - without[other])
-            chances.append(agree(values[level, 0] - values[other, 0], changes, gram, size)[0].p)
-        if min(adjust_chances(chances), default=1.0) >= POLICY.caution:
+    fits = [_fit_with(card, sets[level], scatter, known) for level in usable]
+    for number, fit in enumerate(fits):
+        level, chances = usable[number], [_compute_chance(fit, other) for other in fits[number + 1 :]]
+        if min(adjust_chances(chances), default=1.0) >= POLICY.alarm:
             break
     return sets[level], (0.0, *SHARES)[level]
 
 
+def _fit_with(card: ModelCard, rows: BandRows, scatter: FloatArray, known: FloatArray | None) -> BandFit:
+    """Return the fit of rows whose groups have a `scatter` (g,) that is given."""
+    weights = 1.0 / scatter[rows.group]
+    design, torque = rows.design * weights[:, None], rows.torque * weights
+    chi = regression.solve_with_signs(card, design, torque, known)
+    return BandFit(chi=chi, covariance=compute_covariance(design, known=known), scatter=scatter)
+
+
+def _compute_chance(fit: BandFit, other: BandFit) -> float:
+    """Return the probability that a fit of fewer rows, `other`, is that far from one of more by chance."""
+    known, own = (np.isfinite(np.diag(entry.covariance)) for entry in (other, fit))
+    if np.any(own & ~known):
+        return 1.0
+    known &= own
+    apart = (fit.chi - other.chi)[known]
+    both = np.ix_(known, known)
+    spread = other.covariance[both] - fit.covariance[both]
+    lengths = np.sqrt(np.maximum(np.diag(other.covariance)[known], numerics.TINY))
+    values, vectors = np.linalg.eigh(spread / np.outer(lengths, lengths))
+    # Directions that the rows left out told nothing of cannot disagree.
+    ways = values > _OPEN
+    moved = vectors.T[ways] @ (apart / lengths)
+    count = max(1, int(np.count_nonzero(ways)))
+    return float(scipy.special.chdtrc(count, float(np.sum(moved**2 / values[ways]))))
+
+
+_OPEN = 1e-3
+"""Of a variance: what it is less by in a fit of more rows, below which these told nothing further."""
 _DAMPING = 0.1
 """mu relative to the largest squared singular value of G."""
 _SLOW = 0.5

@@ -24,7 +24,7 @@ from symid.identification.elastic import estimate, methods, regression
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.together import compute_spring_torques, filter_spring
 from symid.identification.estimators import Residual, list_parameters
-from symid.identification.judge import POLICY
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import check_joints, warn_of_energy
 from symid.ipopt import Ending
 from symid.logs import Recording, differentiate
@@ -113,7 +113,9 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
         )
         raise IdentifiabilityError(Notice(code="elastic.standstill", text=text))
     below_noise = np.all(torsions <= least, axis=0)
-    motor_moves, link_moves = np.any(motors > 0.0, axis=0), np.any(links > 0.0, axis=0)
+    # Of a constant, rounding leaves a deviation.
+    sides = zip(*map(regression.get_encoder_positions, recordings), strict=True)
+    motor_moves, link_moves = (np.any([np.ptp(side, axis=0) > 0.0 for side in own], axis=0) for own in sides)
     hidden, lost = {}, []
     for joint, entry in enumerate(card.joints):
         if not card.yielding[joint]:
@@ -163,10 +165,14 @@ def warn_of_fit(
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
     return (
         *notices,
-        *(warn_of_energy(work.problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()),
+        *_warn_of_energy(work, fit),
         *_warn_of_springs(work, fit, refused),
         *warn_of_mass_matrix(library, fit.beta, poses),
     )
+
+
+def _warn_of_energy(work: methods.ElasticEquations, fit: estimate.MethodFit) -> tuple[Notice, ...]:
+    return warn_of_energy(work.problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()
 
 
 def list_unknown_parameters(work: methods.ElasticEquations, fit: estimate.MethodFit) -> dict[str, str]:
@@ -321,23 +327,28 @@ def _build_estimate(
         methods.build_linear_rows(work, fit).design, problem.known
     )
     # F[tau_J] by the motor equation, and what the springs leave of it; the same of the energy, J.
-    left = problem.compute_motor_side(fit.chi) - np.concatenate(compute_spring_torques(problem, fit))
+    target = problem.compute_motor_side(fit.chi)
+    left = target - np.concatenate(compute_spring_torques(problem, fit))
     errors = problem.supplied - problem.compute_work(fit.elasticity) - problem.design @ fit.chi
     # Why springs are refused, by joint; those of `hidden` have a torsion that cannot be used.
     springs, contradicted = dict(hidden), methods.list_contradicted(work)
     evidence = methods.weigh_evidence(work, fit, choice.contradiction, contradicted[0])
-    for joint, (card, share) in enumerate(zip(joints, evidence.springs, strict=True)):
-        good = fit.elasticity[joint].initial_stiffness and share < POLICY.lost
+    # A spring must explain more of the motors' side than a good model leaves; the links' side says nothing of
+    # a joint where the encoder of another one is dead.
+    limit = 100.0 - POLICY.good
+    shares = 100.0 * np.std(left, axis=0) / np.maximum(np.std(target, axis=0), numerics.TINY)
+    for joint, (card, share) in enumerate(zip(joints, shares.tolist(), strict=True)):
+        good = fit.elasticity[joint].initial_stiffness and share < limit
         if problem.gives[joint] and joint not in springs and not good:
             text = (
                 f"joint {card.name!r}: no spring explains its torque: the best leaves {share:.0f} % of it "
-                f"(limit {POLICY.lost:g} %). Check sign and factor of the torque and whether the encoders of "
+                f"(limit {limit:g} %). Check sign and factor of the torque and whether the encoders of "
                 "motor and link are swapped; else load the joint more, or try another method"
             )
             springs[joint] = Notice(code="elastic.no-spring", text=text)
     springs = dict(sorted(springs.items()))
     if len(springs) == sum(problem.gives):
-        raise IdentifiabilityError(*springs.values())
+        raise IdentifiabilityError(*springs.values(), *_warn_of_energy(work, fit))
     columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
     warnings = warn_of_fit(work, fit, springs)
     # Rotors of rigid joints have a place in chi only.

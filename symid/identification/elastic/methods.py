@@ -123,6 +123,8 @@ def build_elastic_equations(
         LogError: a recording lacks an encoder, is too short or unevenly sampled.
         UsageError: windows or thresholds do not fit.
     """
+    # Recordings that are too short for the options are refused before anything is fitted to them.
+    signals = [regression.prepare_elastic_signals(recording, options) for recording in recordings]
     band = regression.measure_motion_band(recordings)
     known, bases = regression.read_known(library.card, options.known), len(library.card.beta)
     broader = []
@@ -152,7 +154,9 @@ def build_elastic_equations(
     broad, rows, limits, fit = free(effects)
     if options.effects:
         edge = elimination.get_effect_edge(max(part.period for part in broad), band)
-        effects = drive_effects.measure_effects(library, broad, edge, limits)
+        # Friction near rest may be taken for an effect, and effects for it.
+        slow = regression.MOVES * elimination.compute_speeds(broad)
+        effects = drive_effects.measure_effects(library, broad, edge, slow)
         if effects:
             broad, rows, limits, fit = free(effects)
         # What gears and encoders of the links add.
@@ -172,7 +176,10 @@ def build_elastic_equations(
             if further := measure(library, broad, fit.chi[:bases]):
                 effects = (*effects, *further)
                 broad = prepare(effects)
-    signals = [regression.prepare_elastic_signals(recording, options, effects) for recording in recordings]
+    if effects:
+        signals = [
+            regression.prepare_elastic_signals(recording, options, effects) for recording in recordings
+        ]
     problem = regression.build_elastic_problem(library, signals, options, limits)
     filtered = any(part.cutoff for part in signals)
     return ElasticEquations(

@@ -62,6 +62,9 @@ from symid.robot import Processing, suggest_names
 
 _BAND = 20.0
 """Hz, in which arms move, and in which white noise of the torque outweighs that of encoders."""
+_ABOVE = 1.25
+"""Of the cut-off of the states to that band's edge: what rows tell of must pass nearly unchanged, with most
+of the kinks that friction and springs make of it."""
 _EDGE = 4.0
 """Periods of the cut-off frequency that the ends of a filtered signal are not trusted for."""
 MOVES = 0.1
@@ -383,7 +386,8 @@ def choose_cutoff(recording: Recording) -> float:
     bends = [np.max(np.sqrt(np.mean(np.diff(side, n=2, axis=0) ** 2, axis=0))) for side in sides]
     if all(own < POLICY.relevance * bend for own, bend in zip(noise, bends, strict=True)):
         return 0.0
-    return choose_edge(recording.period, measure_motion_band([recording]))
+    edge = choose_edge(recording.period, measure_motion_band([recording]))
+    return min(_ABOVE * edge, POLICY.row_band / recording.period)
 
 
 def locate_settled(phi: FloatArray, threshold: float) -> int:
@@ -827,17 +831,20 @@ def build_spring_data(
     return SpringData(torsions=tuple(torsions), periods=periods, keeps=keeps, rate=options.rate).rebuild(grid)
 
 
+_MANY = 12
+"""Stops, of a spring that is none in particular."""
+
+
 def build_spring_basis(torsion: FloatArray, period: float | None = None) -> FloatArray:
     """Return columns (N, c) of a spring of many stops, the last two its cube and a constant.
 
     With a `period` in s, columns as of springs with knees and dampers stand behind them.
     """
-    options = ElasticOptions()
-    grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, options.stops + 1) / (options.stops + 1)
+    grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _MANY + 1) / (_MANY + 1)
     stops = compute_stop_basis(torsion, grid)
     further = [torsion**3, np.ones_like(torsion)]
     if period is not None:
         part = torsion / max(float(np.max(np.abs(torsion))), numerics.TINY)
         further += [*(stops.T * np.abs(part)), *(stops.T * part**2), part * np.abs(part), part**5]
-        further.append(filter_smooth(torsion, options.rate, period))
+        further.append(filter_smooth(torsion, ElasticOptions().rate, period))
     return np.column_stack([stops, *further])

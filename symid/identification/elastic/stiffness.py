@@ -2,7 +2,7 @@
 
     tau = [Y | ddtheta | Yf] x             joint torques, rotors of elastic joints, friction: least squares
     gravity = Y(q, 0, 0) beta,             motion = Y(q, dq, ddq) beta - gravity
-    theta - q = c gravity + b motion + a ddtheta + s sign(dtheta) + d dtheta + offset,        k = 1 / c
+    theta - q = c gravity + b motion + a ddtheta + s tanh(dtheta / v) + d dtheta + offset,    k = 1 / c
 
 Only gravity gives the torque of a spring an absolute scale. Standard deviations are those of a jackknife over
 blocks of time, the rigid robot fitted anew without each; runs are averaged with the inverse of their
@@ -45,6 +45,11 @@ from symid.logs import (
 from symid.serialization import name_key
 
 _BLOCKS = POLICY.folds * POLICY.parts
+_CUTOFF = 10.0
+"""Hz: equations of the rigid robot hold where its joints hardly bend. Twice as much gives encoders in line a
+delay of a quarter of a millisecond."""
+_PLAYS = (0.05, 0.1, 0.2, 0.35, 0.55)
+"""Radii of plays as parts of the largest torque. More of them can follow a zero that is moved."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,7 +85,7 @@ def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
     """Return the equations of one recording; raise LogError where it has one encoder only."""
     found, period = get_encoders(recording), recording.period
 
-    cutoff = regression.choose_edge(period, 0.0)
+    cutoff = min(_CUTOFF, POLICY.row_band / period)
 
     def low(values: FloatArray) -> FloatArray:
         return regression.pass_band(values, period, cutoff)
@@ -164,8 +169,7 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
     for _ in range(numerics.ROUNDS):
         runs, beta = _build_loaded_rows(library, moved)
         peak = np.max([np.max(np.abs(rows.whole @ beta), axis=0) for rows in runs], axis=0)
-        scale, count = np.where(peak > 0.0, peak, 1.0), ElasticOptions().stops
-        radii = np.arange(1, count + 1) / (count + 1)
+        scale, width = np.where(peak > 0.0, peak, 1.0), _compute_reversal_widths(runs)
         # What the torsion may follow, (N, n, columns), all of one scale: gravity, the torque of motion, plays
         # of their sum, the direction of motion, the acceleration. Torques with a memory of their turning
         # points are what hysteresis follows, and the rest what a fit of torques errs by.
@@ -175,8 +179,9 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
             # Rounding at a joint that gravity does not load is no torque, and must not look like a constant.
             gravity = np.where(np.max(np.abs(gravity), axis=0) > numerics.RANK, gravity, 0.0)
             torque = rows.whole @ beta / scale
-            plays = np.stack([compute_plays(part, radii, None) for part in torque.T], axis=1)
-            plain = (gravity, torque - gravity, torque**2, torque**3, np.sign(rows.speed), rows.acceleration)
+            plays = np.stack([compute_plays(part, np.array(_PLAYS), None) for part in torque.T], axis=1)
+            direction = np.tanh(rows.speed / width)
+            plain = (gravity, torque - gravity, torque**2, torque**3, direction, rows.acceleration)
             columns.append(np.concatenate([np.stack(plain, axis=2), plays], axis=2))
         found = estimate_alignment(recordings, columns)
         offsets = np.nan_to_num(found.offsets, nan=0.0)
@@ -288,6 +293,12 @@ def prepare_aligned(
     return moved, found, (notice, *notices)
 
 
+def _compute_reversal_widths(runs: Sequence[RigidRows]) -> FloatArray:
+    """Return the speeds (n,) in rad/s or m/s over which a change of direction is spread."""
+    speeds: FloatArray = np.max([np.max(np.abs(rows.speed), axis=0) for rows in runs], axis=0)
+    return POLICY.relevance * np.where(speeds > 0.0, speeds, 1.0)
+
+
 def _solve_runs(sums: FloatArray, beta: FloatArray) -> FloatArray:
     """Return compliances, and squares of the torsion that gravity explains and leaves: (3, runs, n)."""
     # Gravity and torsion are cleared of nuisances and of the torque of motion first (Frisch and Waugh).
@@ -370,9 +381,9 @@ def estimate_stiffness(library: Library, recordings: Sequence[Recording]) -> Sti
     moved, alignment, _, notices = _align(library, recordings)
     # The compliance of every joint in every run, (1 + blocks, runs, n): with all blocks, then without each.
     runs, beta = _build_loaded_rows(library, moved)
-    count, torsion = len(beta), list[FloatArray]()
+    widths, count, torsion = _compute_reversal_widths(runs), len(beta), list[FloatArray]()
     for rows in runs:
-        nuisances = (np.ones_like(rows.gap), rows.speed, np.sign(rows.speed), rows.acceleration)
+        nuisances = (np.ones_like(rows.gap), rows.speed, np.tanh(rows.speed / widths), rows.acceleration)
         parts = [np.stack(nuisances, axis=2), rows.whole - rows.still, rows.still, rows.gap[:, :, None]]
         torsion.append(rows.compute_grams(np.concatenate(parts, axis=2)))
     rigid = np.concatenate([rows.compute_grams() for rows in runs])

@@ -809,6 +809,12 @@ def predict_output(elasticity: joint_models.Elasticity, path: ElementPath) -> Fl
     return run.output
 
 
+def _falls(before: FloatArray, after: FloatArray) -> bool:
+    """Return whether losses held out (parts, 1) fall clearly."""
+    found = compare(before, after)
+    return found.p_of_all < POLICY.alarm and found.fall_of_all > POLICY.fall_of_all
+
+
 def choose_spring(
     path: ElementPath, output: FloatArray, kept: NDArray[np.bool_], known: joint_models.Elasticity
 ) -> tuple[joint_models.Elasticity, str, float, float]:
@@ -848,14 +854,16 @@ def choose_spring(
         error=data.counted - predicted,
         held=np.empty((0, 2)),
     )
-    own = optimum.measure(task)
-    linear, best = trials[0], _choose(trials)[0]
-    found = compare(own, best.losses)
+    own, linear = optimum.measure(task), trials[0]
+    best = min(trials, key=lambda trial: trial.score)
+    # Nothing but a clear fall is a reason to leave the known spring, or to call a spring anything but linear.
+    taken = best if _falls(own, best.losses) else None
+    if not _falls(linear.losses, own if taken is None else taken.losses):
+        taken = linear
     left = 100.0 * math.sqrt(float(own.sum()))
-    if not (found.p_of_all < POLICY.alarm and found.fall_of_all > POLICY.fall):
-        if _is_better(linear.losses, own):
-            return replace(known, offset=0.0), "", left, left
-        best = linear
+    if taken is None:
+        return replace(known, offset=0.0), "", left, left
+    best = taken
     name = ", ".join((best.model, *(word for word in ("viscous", "cubic") if word in best.form)))
     # Encoders are brought into line by what gravity does, which leaves some of their offset.
     return replace(best.elasticity, offset=0.0), name, 100.0 * math.sqrt(best.score), left

@@ -6,15 +6,16 @@
     d tau_J / d R_j = (c_j-1 - c_j) where v is beyond R_j
 
 ramp_j is the part of v between two knees and c_j the slope there; the outer function has slope one at zero,
-which fixes the scale of the weights. Non-negative least squares or projected Levenberg-Marquardt on a grid,
-the latter then with places, then fewer of them while that costs less than matters.
+which fixes the scale of the weights. Non-negative least squares and Gauss-Newton on a grid,
+then projected Levenberg-Marquardt with places, then fewer of them while that costs less than matters.
 
 Supported: several recordings; a plain Prandtl-Ishlinskii spring (no knees), which is a convex problem.
 Not supported: cubic springs, damping, an offset of the torsion; adding stops or knees to those of the start.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -38,6 +39,11 @@ class SpringWeights:
     stiffness: FloatArray
     knees: FloatArray
     slopes: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Return the number of stops and knees."""
+        return len(self.thresholds) + len(self.knees)
 
     @property
     def below(self) -> int:
@@ -198,12 +204,7 @@ class SpringData:
 
     def fit_stops(self, target: FloatArray) -> SpringWeights:
         """Return non-negative stiffnesses of spring and stops (no knees) for `target` = F[tau_J] (M,)."""
-        matrix, lengths = self.filtered, np.linalg.norm(self.filtered, axis=0)
-        triangle = compute_triangle(np.column_stack([matrix, target]))
-        # Columns without effect get nothing.
-        scales = np.where(lengths > numerics.EXACT * max(lengths.max(), numerics.TINY), lengths, np.inf)
-        stiffness = scipy.optimize.nnls(triangle[:, :-1] / scales, triangle[:, -1])[0] / scales
-        none = np.zeros(0)
+        stiffness, none = solve_non_negative(self.filtered, target), np.zeros(0)
         return SpringWeights(thresholds=self.thresholds, stiffness=stiffness, knees=none, slopes=none)
 
 
@@ -234,13 +235,46 @@ def filter_parts(data: SpringData, parts: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate(rows)
 
 
+_HALVINGS = 6
+"""Of a step that makes the cost rise, at most."""
+
+
 def fit_spring(
     data: SpringData, target: FloatArray, start: SpringWeights, tolerance: float = numerics.CONVERGED
 ) -> SpringWeights:
-    """Return the best stiffnesses and slopes from `start`; places stay."""
+    """Return stiffnesses and slopes by a projected Gauss-Newton method from `start`; places stay.
+
+    A step is halved while the cost rises; the last one makes it fall by less than `tolerance`, relative.
+    """
     if not len(start.knees) and start.thresholds is data.thresholds:
         return data.fit_stops(target)
-    return optimise_spring(data, target, start, tolerance, moves=False)[0]
+    best, cost = start, data.compute_cost(target, start)
+    floor = np.append(np.zeros(len(best.stiffness)), np.full(len(best.knees), POLICY.relevance))
+    for _ in range(numerics.ROUNDS):
+        slopes = [compute_spring_slopes(basis, best) for basis in data.compute_basis(best.thresholds)]
+        filtered = filter_parts(data, slopes)
+        jacobian, packed = filtered[:, :-1], np.append(best.stiffness, best.slopes)
+        right = target - filtered[:, -1] + jacobian @ (packed - floor)
+        goal = floor + solve_non_negative(jacobian, right)
+        for halving in range(_HALVINGS):
+            trial = best.move((goal - packed) / 2.0**halving)
+            if (reached := data.compute_cost(target, trial)) <= cost:
+                break
+        else:
+            return best
+        fall = (cost - reached) / max(cost, numerics.TINY)
+        best, cost = trial, reached
+        if fall < tolerance:
+            break
+    return best
+
+
+def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Return argmin |matrix x - right|, x >= 0, with columns scaled to length one; empty columns get zero."""
+    triangle, lengths = compute_triangle(np.column_stack([matrix, right])), np.linalg.norm(matrix, axis=0)
+    longest = max(float(lengths.max(initial=0.0)), numerics.TINY)
+    scales = np.where(lengths > numerics.EXACT * longest, lengths, np.inf)
+    return np.asarray(scipy.optimize.nnls(triangle[:, :-1] / scales, triangle[:, -1])[0] / scales)
 
 
 _FALL = 1e-3
@@ -248,13 +282,10 @@ _FALL = 1e-3
 
 
 def _evaluate_spring(
-    data: SpringData, target: FloatArray, weights: SpringWeights, bases: tuple[FloatArray, ...] = ()
+    data: SpringData, target: FloatArray, weights: SpringWeights
 ) -> tuple[SpringWeights, tuple[FloatArray, ...], float]:
-    """Return a spring, its knees held away from zero, its full stop bases, and cost |target - F[tau_J]|^2.
-
-    Bases that are given stay.
-    """
-    bases = bases or tuple(compute_stop_basis(phi, weights.thresholds) for phi in data.torsions)
+    """Return a spring, its knees held away from zero, its full stop bases, and cost |target - F[tau_J]|^2."""
+    bases = tuple(compute_stop_basis(phi, weights.thresholds) for phi in data.torsions)
     weights = replace(weights, knees=hold_knees(weights.knees, *measure_reach(bases, weights)[1:]))
     thin = map(thin_samples, bases, data.keeps)
     errors = target - filter_parts(data, [compute_outer(basis, weights) for basis in thin])
@@ -269,29 +300,18 @@ def measure_reach(bases: Sequence[FloatArray], weights: SpringWeights) -> tuple[
 
 
 def optimise_spring(
-    data: SpringData,
-    target: FloatArray,
-    start: SpringWeights,
-    tolerance: float = _FALL,
-    goal: float = 0.0,
-    *,
-    moves: bool = True,
+    data: SpringData, target: FloatArray, start: SpringWeights, tolerance: float = _FALL
 ) -> tuple[SpringWeights, float]:
-    """Return the best spring from `start` with as many stops and knees, and its cost.
-
-    The first spring whose cost is that of the `goal` is enough; places move where `moves`.
-    """
+    """Return the best spring from `start` with as many stops and knees, and its cost."""
     (best, bases, cost), damping = _evaluate_spring(data, target, start), 1e-4
     for _ in range(numerics.ROUNDS):
-        if cost <= goal:
-            break
         parts = []
         for whole, keep in zip(bases, data.keeps, strict=True):
-            slips = thin_samples(compute_slips(whole, best.thresholds), keep) if moves else None
+            slips = thin_samples(compute_slips(whole, best.thresholds), keep)
             parts.append(compute_spring_slopes(thin_samples(whole, keep), best, slips))
         filtered = filter_parts(data, parts)
         jacobian, value = filtered[:, :-1], filtered[:, -1]
-        down, up = compute_place_limits(bases, best) if moves else (np.zeros(0), np.zeros(0))
+        down, up = compute_place_limits(bases, best)
         low = np.concatenate([-best.stiffness, POLICY.relevance - best.slopes, down])
         high = np.concatenate([np.full(len(low) - len(up), np.inf), up])
         # Columns without effect get no step, not a huge one.
@@ -308,8 +328,7 @@ def optimise_spring(
         while damping <= 1.0:
             matrix = np.vstack([square, np.sqrt(damping) * np.eye(len(lengths))])
             move = scipy.optimize.lsq_linear(matrix, whole, bounds=(low, high), method="bvls").x / lengths
-            known = () if moves else bases
-            trial, further, reached = _evaluate_spring(data, target, best.move(move), known)
+            trial, further, reached = _evaluate_spring(data, target, best.move(move))
             if reached < cost:
                 fall = (cost - reached) / cost
                 best, bases, cost, damping = trial, further, reached, damping / 10.0
@@ -388,12 +407,15 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
     enough = (EXACT * float(np.linalg.norm(coarse))) ** 2
     simpler = _list_simpler(thinned, coarse, best)
     while simpler:
-        goal = max(cost * (1.0 + POLICY.relevance), enough)
-        trial, reached = optimise_spring(thinned, coarse, simpler.pop(0), goal=goal)
-        if reached <= goal:
-            best, cost = trial, min(reached, cost)
+        trial, reached = optimise_spring(thinned, coarse, simpler.pop(0))
+        # Each stop or knee must lower the squares by what matters.
+        if reached <= max(cost * (1.0 + POLICY.relevance) ** (best.count - trial.count), enough):
+            best, cost = trial, reached
             simpler = _list_simpler(thinned, coarse, best)
-    best = follow_spring(data, target, best)
+    # Knees beyond which hardly a sample lies are not identifiable, and extrapolate.
+    inner = np.concatenate([basis @ best.stiffness for basis in data.compute_basis(best.thresholds)])
+    beyond = (inner[:, None] - best.knees) * np.sign(best.knees) > 0.0
+    best = follow_spring(data, target, best.keep_knees(np.mean(beyond, axis=0) >= POLICY.relevance))
     allowed = max(grid_cost * (1.0 + POLICY.relevance), (EXACT * float(np.linalg.norm(target))) ** 2)
     return best if data.compute_cost(target, best) <= allowed else start
 
@@ -423,29 +445,69 @@ def _thin_data(data: SpringData, target: FloatArray) -> tuple[SpringData, FloatA
 
 
 def _list_simpler(data: SpringData, target: FloatArray, weights: SpringWeights) -> list[SpringWeights]:
-    """Return springs with one stop or knee less, those of the least cost."""
-    options, knees, above = list[SpringWeights](), weights.knees, weights.below
-    for place in range(len(weights.thresholds)):
-        stiffness = np.delete(weights.stiffness, 1 + place)
-        thresholds = np.delete(weights.thresholds, place)
-        options.append(replace(weights, thresholds=thresholds, stiffness=stiffness))
-        if place:
-            # Merged with its lower neighbour, at the mean of both.
-            pair, ends = weights.stiffness[place : 2 + place], weights.thresholds[place - 1 : place + 1]
-            stiffness, thresholds = stiffness.copy(), thresholds.copy()
-            stiffness[place] = np.sum(pair)
-            thresholds[place - 1] = float(pair @ ends / max(np.sum(pair), numerics.TINY))
-            options.append(replace(weights, thresholds=thresholds, stiffness=stiffness))
-    options += [weights.keep_knees(np.arange(len(knees)) != place) for place in range(len(knees))]
-    if 0 < above < len(knees):
+    """Return springs with one stop or knee less, those first that cost least once the rest is fitted again.
+
+    What it costs to hold A x = c is (A x - c)' (A H^-1 A')^-1 (A x - c), H = J'J (Hassibi and Stork, Advances
+    in Neural Information Processing Systems 5, 1992, 164-171, "optimal brain surgeon").
+    """
+    bases = [compute_stop_basis(phi, weights.thresholds) for phi in data.torsions]
+    parts = []
+    for whole, keep in zip(bases, data.keeps, strict=True):
+        slips = thin_samples(compute_slips(whole, weights.thresholds), keep)
+        parts.append(compute_spring_slopes(thin_samples(whole, keep), weights, slips)[:, :-1])
+    jacobian = filter_parts(data, parts)
+    lengths = np.linalg.norm(jacobian, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    triangle = compute_triangle(jacobian / lengths)
+    inverse = np.linalg.pinv(triangle.T @ triangle, rcond=numerics.RANK, hermitian=True)
+    inverse /= np.outer(lengths, lengths)
+    point = np.concatenate([weights.stiffness, weights.slopes])
+    units, stops, knees = np.eye(len(inverse)), len(weights.thresholds), len(weights.knees)
+
+    def cost(*rows: FloatArray, level: float = 0.0) -> float:
+        held = np.array(rows)
+        moved = held[:, : len(point)] @ point - level
+        return float(moved @ np.linalg.pinv(held @ inverse @ held.T, hermitian=True) @ moved)
+
+    options: list[tuple[float, Callable[[], SpringWeights]]] = [
+        (cost(units[1 + place]), partial(_leave_stop, data, target, weights, place)) for place in range(stops)
+    ]
+    slopes, above = units[stops + 1 : stops + 1 + knees], weights.below
+    for place in range(knees):
+        # The slope beyond a knee is that before it, which is one within the innermost knees.
+        inner = place in {0, above}
+        row, level = (slopes[place], 1.0) if inner else (slopes[place] - slopes[place - 1], 0.0)
+        options.append((cost(row, level=level), partial(weights.keep_knees, np.arange(knees) != place)))
+    if 0 < above < knees:
         # Without the innermost knees of both sides: the slope beyond them is then the one at zero, and scales
         # all weights. Left out one by one, the other would stand in the way.
-        slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
-        scaled = SpringWeights(
-            thresholds=weights.thresholds,
-            stiffness=weights.stiffness * slope,
-            knees=np.delete(knees, (0, above)) * slope,
-            slopes=np.delete(weights.slopes, (0, above)) / slope,
-        )
-        options.append(scaled)
-    return sorted(options, key=lambda option: data.compute_cost(target, option))[:STARTS]
+        price = cost(slopes[0], slopes[above], level=1.0)
+        options.append((price, partial(_leave_pair, weights)))
+    options.sort(key=lambda option: option[0])
+    return [build() for _, build in options[:STARTS]]
+
+
+def _leave_stop(data: SpringData, target: FloatArray, weights: SpringWeights, place: int) -> SpringWeights:
+    """Return a spring without a stop, or merged with its lower neighbour at the mean of both: the better."""
+    stiffness = np.delete(weights.stiffness, 1 + place)
+    plain = replace(weights, thresholds=np.delete(weights.thresholds, place), stiffness=stiffness)
+    if not place:
+        return plain
+    pair, ends = weights.stiffness[place : 2 + place], weights.thresholds[place - 1 : place + 1]
+    stiffness, thresholds = plain.stiffness.copy(), plain.thresholds.copy()
+    stiffness[place] = np.sum(pair)
+    thresholds[place - 1] = float(pair @ ends / max(np.sum(pair), numerics.TINY))
+    merged = replace(weights, thresholds=thresholds, stiffness=stiffness)
+    return min(plain, merged, key=lambda spring: data.compute_cost(target, spring))
+
+
+def _leave_pair(weights: SpringWeights) -> SpringWeights:
+    """Return a spring without its innermost knees, whose slope beyond them is that at zero."""
+    knees, above = weights.knees, weights.below
+    slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
+    return SpringWeights(
+        thresholds=weights.thresholds,
+        stiffness=weights.stiffness * slope,
+        knees=np.delete(knees, (0, above)) * slope,
+        slopes=np.delete(weights.slopes, (0, above)) / slope,
+    )
