@@ -855,7 +855,7 @@ def choose_spring(
         held=np.empty((0, 2)),
     )
     own, linear = optimum.measure(task), trials[0]
-    best = min(trials, key=lambda trial: trial.score)
+    best = _choose(trials)[0]
     # Nothing but a clear fall is a reason to leave the known spring, or to call a spring anything but linear.
     taken = best if _falls(own, best.losses) else None
     if not _falls(linear.losses, own if taken is None else taken.losses):
