@@ -630,7 +630,9 @@ def _choose(trials: Sequence[_ElementTrial]) -> list[_ElementTrial]:
     """
     ranked = sorted(trials, key=lambda trial: trial.score)
     equal = [trial for trial in ranked if not _is_better(trial.losses, ranked[0].losses)]
-    chosen = min(equal, key=lambda trial: len(trial.optimum.point))
+    # A part that is zero is not counted, and is not wanted either.
+    parts = [len(trial.source.parts) if trial.source else 0 for trial in equal]
+    chosen = min(zip(equal, parts, strict=True), key=lambda pair: (len(pair[0].optimum.point), pair[1]))[0]
     return [chosen, *(trial for trial in ranked if trial is not chosen)]
 
 
