@@ -630,7 +630,9 @@ def _choose(trials: Sequence[_ElementTrial]) -> list[_ElementTrial]:
     """
     ranked = sorted(trials, key=lambda trial: trial.score)
     equal = [trial for trial in ranked if not _is_better(trial.losses, ranked[0].losses)]
-    chosen = min(equal, key=lambda trial: len(trial.optimum.point))
+    # A part that is zero is not counted, and is not wanted either.
+    parts = [len(trial.source.parts) if trial.source else 0 for trial in equal]
+    chosen = min(zip(equal, parts, strict=True), key=lambda pair: (len(pair[0].optimum.point), pair[1]))[0]
     return [chosen, *(trial for trial in ranked if trial is not chosen)]
 
 
@@ -855,7 +857,7 @@ def choose_spring(
         held=np.empty((0, 2)),
     )
     own, linear = optimum.measure(task), trials[0]
-    best = min(trials, key=lambda trial: trial.score)
+    best = _choose(trials)[0]
     # Nothing but a clear fall is a reason to leave the known spring, or to call a spring anything but linear.
     taken = best if _falls(own, best.losses) else None
     if not _falls(linear.losses, own if taken is None else taken.losses):
