@@ -277,6 +277,11 @@ def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[Drive
         yield replace(effect, values=tuple(number.tolist()), deviations=tuple(deviations.tolist()))
 
 
+_WAVE = 1.09
+"""Fall of the squares by a wave of the torsion, at least, as a spring of stops leaves waves, too: springs of
+eight other kinds gave 1.07 at most, discs that are off by a thirtieth of the torsion 1.1 to 2.2."""
+
+
 def measure_gears(
     library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
 ) -> tuple[DriveEffect, ...]:
@@ -295,7 +300,7 @@ def measure_gears(
             trial = DriveEffect(kind="kinematic-error", joint=joint, order=order, values=tuple(np.zeros(2)))
             better, after = _fit_gear(rows, [*own, trial])
             gain = _compare_errors(errors, after)
-            if not _is_clear(gain.p_of_all, gain.fall_of_all):
+            if not (gain.p_of_all < POLICY.alarm and gain.fall_of_all > _WAVE):
                 break
             own = better
         found += own
@@ -380,11 +385,6 @@ def _fit_gear(
     return found, errors
 
 
-_DISC = 1.09
-"""Fall of the squares by a disc, at least: springs of eight other kinds gave 1.07 at most, discs that are off
-by a thirtieth of the torsion 1.1 to 2.2."""
-
-
 def measure_eccentricity(
     library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
 ) -> tuple[DriveEffect, ...]:
@@ -428,7 +428,7 @@ def measure_eccentricity(
         values, gain = size * fit.x, _compare_errors(before, leave(fit.x))
         # Where a joint turns little, a wave far longer than its torsion would do for a spring.
         small = math.hypot(*values) < 0.5 * float(np.ptp(torsion))
-        if small and gain.p_of_all < POLICY.alarm and gain.fall_of_all > _DISC:
+        if small and gain.p_of_all < POLICY.alarm and gain.fall_of_all > _WAVE:
             found.append(
                 DriveEffect(kind="link-eccentricity", joint=joint, order=1.0, values=tuple(values.tolist()))
             )
