@@ -163,11 +163,12 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         caps.append(
             ("wrong", f"the model is not that of these logs: {percent:.3g} % of held-out torque is left")
         )
-    for entry in sorted(evidence.joints, key=lambda entry: -entry.held_out):
-        # One joint alone makes no fit wrong.
-        if LEVELS.index(rate_output(entry.held_out)) < LEVELS.index(level):
-            own = _rate(entry.held_out)
-            caps.append((own, f"{entry.held_out:.3g} % of the torque of {entry.joint} is left unexplained"))
+    least = [entry for entry in evidence.joints if entry.held_out > POLICY.usable]
+    if least and len(evidence.joints) > 1:
+        # Some joints alone make no fit wrong.
+        least.sort(key=lambda entry: -entry.held_out)
+        parts = (f"{entry.held_out:.3g} % of {entry.joint}" for entry in least)
+        caps.append(("doubtful", f"of single joints more is left: {', '.join(parts)}"))
     caps += _list_contradictions(evidence)
     caps += [
         ("usable", f"gravity is turned by {entry.part} from the robot file's, or the zero of a joint is off")
