@@ -167,8 +167,8 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
     if least and len(evidence.joints) > 1:
         # Some joints alone make no fit wrong.
         least.sort(key=lambda entry: -entry.held_out)
-        parts = (f"{entry.held_out:.3g} % of {entry.joint}" for entry in least)
-        caps.append(("doubtful", f"of single joints more is left: {', '.join(parts)}"))
+        listed = ", ".join(f"{entry.held_out:.3g} % of {entry.joint}" for entry in least)
+        caps.append(("doubtful", f"of single joints more is left: {listed}"))
     caps += _list_contradictions(evidence)
     caps += [
         ("usable", f"gravity is turned by {entry.part} from the robot file's, or the zero of a joint is off")

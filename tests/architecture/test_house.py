@@ -8,10 +8,10 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 227,
-    "lines": 85_810,
+    "lines": 85_850,
     "imports inside functions": 74,
     "strings read as a language": 0,
-    "lines of tests": 57_060,
+    "lines of tests": 57_060,  # Faults of samples, and plants of the judge, are tested on their own.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
