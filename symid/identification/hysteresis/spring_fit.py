@@ -316,7 +316,7 @@ def optimise_spring(
         high = np.concatenate([np.full(len(low) - len(up), np.inf), up])
         # Columns without effect get no step, not a huge one.
         lengths = np.linalg.norm(jacobian, axis=0)
-        idle = lengths <= numerics.TINY
+        idle = lengths <= numerics.EXACT * float(lengths.max())
         low, high, lengths = np.where(idle, 0.0, low), np.where(idle, 0.0, high), np.where(idle, 1.0, lengths)
         scaled, fall = compute_triangle(np.column_stack([jacobian / lengths, target - value])), 0.0
         square, right = scaled[: len(lengths), :-1], scaled[: len(lengths), -1]
