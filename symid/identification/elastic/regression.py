@@ -378,13 +378,14 @@ def measure_noise(position: FloatArray) -> FloatArray:
 def choose_cutoff(recording: Recording) -> float:
     """Return the cut-off in Hz of the low-pass that the encoders' noise asks for; 0 for none.
 
-    The noise of an acceleration by second differences is sqrt(6) sigma / T^2. A joint at rest has none to
-    compare with; the liveliest joint gives the scale.
+    The noise of a velocity by central differences is sigma / (sqrt(2) T): less than `relevance`^2 of the
+    speed does no harm. A joint at rest has none to compare with; the fastest joint gives the scale.
     """
-    sides = get_encoder_positions(recording)
-    noise = [np.sqrt(6.0) * np.max(measure_noise(side)) for side in sides]
-    bends = [np.max(np.sqrt(np.mean(np.diff(side, n=2, axis=0) ** 2, axis=0))) for side in sides]
-    if all(own < POLICY.relevance * bend for own, bend in zip(noise, bends, strict=True)):
+    for side in get_encoder_positions(recording):
+        speed = np.max(np.sqrt(np.mean(np.diff(side, axis=0) ** 2, axis=0)))
+        if np.max(measure_noise(side)) / np.sqrt(2.0) >= POLICY.relevance**2 * max(speed, numerics.TINY):
+            break
+    else:
         return 0.0
     edge = choose_edge(recording.period, measure_motion_band([recording]))
     return min(_ABOVE * edge, POLICY.row_band / recording.period)
