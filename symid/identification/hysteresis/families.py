@@ -38,7 +38,9 @@ EXACT = 1e-3
 
 def list_lengths(x: FloatArray, reach: float, count: int) -> FloatArray:
     """Return lengths (count,), even in their logarithm: from the mean step of samples (N,) to a reach."""
-    return np.asarray(np.geomspace(np.mean(np.abs(np.diff(x))), reach, count, endpoint=False))
+    # Samples at rest have no step, and no reach.
+    step = max(float(np.mean(np.abs(np.diff(x)))), numerics.EXACT * reach, numerics.TINY)
+    return np.asarray(np.geomspace(step, max(reach, step), count, endpoint=False))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
