@@ -159,7 +159,13 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         "predicted by fits to the others."
     )
     level, caps = rate_output(percent), _list_causes(evidence)
-    if level == "wrong":
+    if level == "wrong" and evidence.fitted <= POLICY.usable:
+        # The model can follow these rows, and they are too few to tell its parameters.
+        level = "doubtful"
+        caps.append(
+            (level, f"the fit itself leaves {evidence.fitted:.3g} %: the logs are too short for the model")
+        )
+    elif level == "wrong":
         caps.append(
             ("wrong", f"the model is not that of these logs: {percent:.3g} % of held-out torque is left")
         )
@@ -168,7 +174,7 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         # Some joints alone make no fit wrong.
         least.sort(key=lambda entry: -entry.held_out)
         listed = ", ".join(f"{entry.held_out:.3g} % of {entry.joint}" for entry in least)
-        caps.append(("doubtful", f"of single joints more is left: {listed}"))
+        caps.append(("doubtful", f"more is left unexplained of single joints: {listed}"))
     caps += _list_contradictions(evidence)
     caps += [
         ("usable", f"gravity is turned by {entry.part} from the robot file's, or the zero of a joint is off")

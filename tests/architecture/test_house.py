@@ -8,7 +8,7 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 227,
-    "lines": 85_850,
+    "lines": 85_855,
     "imports inside functions": 74,
     "strings read as a language": 0,
     "lines of tests": 57_060,  # Faults of samples, and plants of the judge, are tested on their own.
