@@ -251,10 +251,12 @@ def search_friction(
                 plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
                 plan = replace(plan, laws_chosen=AUTO in names.values())
             estimate = rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
-            # Where a step of shape values helps no more, others would lead away.
-            if best is not None and estimate.mean_relative_percent > best.estimate.mean_relative_percent:
+            before = _list_shapes(found)
+            # Where a step of shape values helps no more, others would lead away; loads settle by themselves.
+            percent = estimate.mean_relative_percent
+            if best is not None and before and percent > best.estimate.mean_relative_percent:
                 return best
-            before, found = _list_shapes(found), _move_friction(found, estimate)
+            found = _move_friction(found, estimate)
             after, deviations = _list_shapes(found), {entry.name: entry.std for entry in estimate.parameters}
             # Within a deviation, or where columns that are linear about a value are exact.
             still = all(

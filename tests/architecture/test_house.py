@@ -8,10 +8,10 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 227,
-    "lines": 85_855,
+    "lines": 85_857,
     "imports inside functions": 74,
     "strings read as a language": 0,
-    "lines of tests": 57_060,  # Faults of samples, and plants of the judge, are tested on their own.
+    "lines of tests": 57_070,  # Faults of samples, and plants of the judge, are tested on their own.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }

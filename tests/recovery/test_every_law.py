@@ -200,7 +200,8 @@ def test_the_curve_is_found_and_the_state_values_go_into_the_file(name, logs, fo
     known = {entry.name: entry for entry in fit.parameters}
     for entry, value in zip(get_law(name).linear, friction.values, strict=True):
         found = known[f"{entry.name}1"]
-        assert value == pytest.approx(found.value, abs=0.1 * found.std), entry.name
+        slack = 0.1 * found.std if known["ZZ1"].value < 0.0 else 1e-12 * abs(found.value)
+        assert value == pytest.approx(found.value, rel=0.0, abs=slack), entry.name
     # The file runs: another simulation, of the values found.
     again = written.simulate(duration=2.0, seed=6)
     assert again.energy_gap < 1e-7

@@ -64,8 +64,9 @@ def collect_evidence(
     gravity = None
     if robot is not None:
         gravity = diagnostics.estimate_gravity(library, motion, robot, logs.fold)
+        differs = gravity.difference.verdict is Agreement.DIFFERENT
         turned = diagnostics.suspect_gravity(gravity, motion)
-        better = diagnostics.predicts_better(library, motion, logs.fold, turned)
+        better = differs and diagnostics.predicts_better(library, motion, logs.fold, turned)
         tests += (build_gravity_test(gravity, better=better),)
     impossible = list_impossible(library, study, motion, fit, whole=whole)
     found = estimators.Evidence(

@@ -7,11 +7,13 @@ import pytest
 
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.preparation import prepare_rows
+from symid.identification.rigid.evidence import find_shared
 from symid.identification.rigid.fit import identify_parameters
+from symid.identification.rigid.plan import plan_fit
 from symid.identification.rigid.validation import validate_estimate
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH
-from tests.unit.identification.rigid.two_link_logs import LIBRARY, record, record_sticking, score
+from tests.unit.identification.rigid.two_link_logs import LIBRARY, NAMES, record, record_sticking, score
 
 STATED = Processing(filter_cutoff=50.0, drop_first=50, drop_last=50, decimation=Decimation(factor=5))
 AUTOMATIC = Processing(automatic=True)
@@ -166,6 +168,25 @@ def test_logs_and_halves_that_contradict_each_other_differ():
     late = same.time > np.mean(same.time)
     half = replace(same, torque=np.where(late[:, None], other.torque, same.torque))
     assert ("joint2", "different") in list_verdicts(find_evidence(half), "halves")
+
+
+def test_parts_are_compared_in_what_both_determine():
+    first, second = record(1), record(2)
+    still = replace(second, position=np.column_stack([second.position[:, 0], np.full(len(second.time), 0.3)]))
+    dry = [NAMES.index("Fv2"), NAMES.index("Fc2")]
+    for other, alike in ((second, True), (still, False)):
+        study = plan_fit(LIBRARY, [first, other], AUTOMATIC, rows="torque", estimator=None).study
+        shared, complete = find_shared(study, study.logs.log == 0)
+        np.testing.assert_allclose(shared @ shared, shared, atol=1e-6)
+        assert complete == alike
+        # What both determine is the same whichever of them is called the first.
+        np.testing.assert_allclose(find_shared(study, study.logs.log == 1)[0], shared, atol=1e-6)
+        if alike:
+            np.testing.assert_allclose(shared, np.eye(len(shared)), atol=1e-6)
+        else:
+            # What differs in friction of the joint that rests in one of them counts for nothing.
+            assert np.linalg.matrix_rank(shared, tol=1e-6) < len(shared)
+            np.testing.assert_allclose(shared[:, dry], 0.0, atol=1e-6)
 
 
 def test_long_clean_logs_say_the_same():
