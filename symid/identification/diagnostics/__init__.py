@@ -6,10 +6,14 @@ if TYPE_CHECKING:
     from symid.identification.diagnostics import uncertainty as uncertainty
     from symid.identification.diagnostics.causes import (
         estimate_gravity as estimate_gravity,
+        evaluate_motion as evaluate_motion,
         find_causes as find_causes,
+        fit_motion as fit_motion,
         list_mistakes as list_mistakes,
         list_terms as list_terms,
+        measure_shares as measure_shares,
         predicts_better as predicts_better,
+        shift_torques as shift_torques,
         suspect_gravity as suspect_gravity,
     )
     from symid.identification.diagnostics.fit_warnings import (

@@ -22,13 +22,15 @@ Not supported: two mistakes at once; what no torque can show (all torques scaled
 zero of a first vertical or a last joint), which needs a known mass, payload or CAD value.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -42,13 +44,10 @@ from symid.identification.regression import BlockFit, ThinMotion
 from symid.joint_models import REFERENCE_TEMPERATURE
 from symid.robot import Robot
 
-_TURN = 0.5 * np.pi
-_DELAYS = (0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-_TIMES = (3.0, 2.0, 1e3, 1.5, 1.2)
-_TORQUES = (1e-3, 1e3, 1e-2, 1e2)
-_ZEROS = (-0.3, 0.3, -0.8, 0.8, -_TURN, _TURN, 2.0 * _TURN)
-
-
+_DECADES = 3
+"""Powers of ten by which a unit is mistaken, either way; a tenth and ten are none."""
+_STEPS = 8
+"""Zeros in a turn and times in two decades from which the best one is searched; octaves of delays."""
 NO_FRICTION, GRAVITY, TERM = "robot.no-friction", "robot.gravity", "identify.structure"
 
 
@@ -240,32 +239,50 @@ def _cures(library: Library, trial: TriedHypothesis, base: TriedFit) -> bool:
     return same and not mask_impossible(library, trial.hypothesis.motion, trial.found.fit).any()
 
 
-def mask_impossible(library: Library, motion: ThinMotion, fit: BlockFit) -> NDArray[np.bool_]:
-    """Return the joints (n,) that a fit has surely driven by friction, or with a negative inertia.
+class JointShares(NamedTuple):
+    """Shares (n, 2) of inertia and friction in each joint's torque, what blocks change (b, n, 2) of them.
 
-    Friction of joint j drives it where mean(tau_f dq) < 0, its inertia is negative where mean(M_jj ddq^2) <
-    0.
+    `inertia` (n,) is the mean of M_jj, in kg m^2 or kg.
     """
-    columns, inertial = evaluate_motion(library, motion), len(library.card.beta)
-    found = np.zeros(columns.shape[1], dtype=np.bool_)
-    inertias = evaluate_inertia_columns(library, np.ascontiguousarray(motion.q))
-    for joint, inertia in enumerate(inertias):
+
+    values: FloatArray
+    changes: FloatArray
+    inertia: FloatArray
+
+
+def measure_shares(library: Library, motion: ThinMotion, columns: FloatArray, fit: BlockFit) -> JointShares:
+    """Return what inertia and friction of a fit do in `columns` (t, n, p) of a motion.
+
+    mean(M_jj ddq^2) / (rms(ddq) rms(tau)) and mean(tau_f dq) / (rms(dq) rms(tau)).
+    """
+    inertial, count, width = len(library.card.beta), columns.shape[1], columns.shape[2]
+    # A fit may have terms behind the columns of the model.
+    values, changes = fit.values[:width], fit.changes[:, :width]
+    rows, inertia = np.zeros((count, 2, width)), np.zeros(count)
+    for joint, table in enumerate(evaluate_inertia_columns(library, np.ascontiguousarray(motion.q))):
         kept = motion.kept[:, joint]
         if not kept.any():
             continue
-        torque = float(np.sqrt(np.mean(motion.tau[kept, joint] ** 2))) or 1.0
-        dq, ddq = motion.dq[kept, joint], motion.ddq[kept, joint]
-        quantities = (
-            (inertia[kept, joint, :inertial], ddq**2, ddq, slice(0, inertial)),
-            (columns[kept, joint, inertial:], dq, dq, slice(inertial, len(library.card.fitted))),
+        own, dq, ddq = table[kept, joint, :inertial], motion.dq[kept, joint], motion.ddq[kept, joint]
+        torque, rate, speed = (
+            float(np.sqrt(np.mean(part**2))) or 1.0 for part in (motion.tau[kept, joint], ddq, dq)
         )
-        for table, factor, rate, part in quantities:
-            row = (table * factor[:, None]).mean(axis=0)
-            scale = float(np.sqrt(np.mean(rate**2))) * torque or 1.0
-            share = float(row @ fit.values[part]) / scale
-            sure = judge.agree_in_value(share, fit.changes[:, part] @ row / scale, 1.0)
-            found[joint] |= share < 0.0 and sure.verdict is judge.Agreement.DIFFERENT
-    return found
+        rows[joint, 0, :inertial] = (ddq**2) @ own / (len(own) * rate * torque)
+        rows[joint, 1, inertial:] = dq @ columns[kept, joint, inertial:] / (len(own) * speed * torque)
+        inertia[joint] = own.mean(axis=0) @ values[:inertial]
+    return JointShares(rows @ values, np.tensordot(changes, rows, axes=(1, 2)), inertia)
+
+
+def mask_impossible(library: Library, motion: ThinMotion, fit: BlockFit) -> NDArray[np.bool_]:
+    """Return the joints (n,) that a fit has surely driven by friction, or with a negative inertia."""
+    shares = measure_shares(library, motion, evaluate_motion(library, motion), fit)
+
+    def is_sure(joint: int, which: int) -> bool:
+        value, changes = float(shares.values[joint, which]), shares.changes[:, joint, which]
+        return value < 0.0 and judge.agree_in_value(value, changes, 1.0).verdict is judge.Agreement.DIFFERENT
+
+    joints = range(motion.q.shape[1])
+    return np.array([is_sure(joint, 0) or is_sure(joint, 1) for joint in joints], dtype=np.bool_)
 
 
 def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iterator[Hypothesis]:
@@ -316,11 +333,15 @@ def _scale_position(motion: ThinMotion, factors: FloatArray | float) -> ThinMoti
 
 
 def list_mistakes(
-    library: Library, motion: ThinMotion, transmission: FloatArray | None = None
+    library: Library,
+    motion: ThinMotion,
+    fold: NDArray[np.intp],
+    transmission: FloatArray | None = None,
 ) -> Iterator[Hypothesis]:
     """Yield what the logs would be without each single mistake.
 
-    `transmission` (n, n) are angles of the motors over those of the joints, None where each moves one.
+    `fold` (b,) is that of every block; `transmission` (n, n) are angles of the motors over those of the
+    joints, None where each moves one.
     """
     names = [joint.name for joint in library.card.joints]
     count = len(names)
@@ -344,6 +365,14 @@ def list_mistakes(
         cause="all torques have the wrong sign",
         remedy="state a factor of -1 in [log.torque]",
         motion=_scale_torque(motion, -1.0),
+        turned=True,
+    )
+    yield Hypothesis(
+        code="log.position-sign",
+        family="sign of all positions",
+        cause="all positions have the wrong sign",
+        remedy="state a factor of -1 in [log.position]",
+        motion=_scale_position(motion, -1.0),
         turned=True,
     )
     for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
@@ -407,10 +436,12 @@ def list_mistakes(
                 joints=(first, second),
                 motion=other,
             )
-    yield from _list_sizes(names, motion)
+    yield from _list_sizes(library, names, motion, fold)
 
 
-def _list_sizes(names: Sequence[str], motion: ThinMotion) -> Iterator[Hypothesis]:
+def _list_sizes(
+    library: Library, names: Sequence[str], motion: ThinMotion, fold: NDArray[np.intp]
+) -> Iterator[Hypothesis]:
     """Yield what the logs would be with other units, times, delays and zeros."""
     count, units = len(names), np.eye(len(names))
     for factor, what in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
@@ -430,9 +461,10 @@ def _list_sizes(names: Sequence[str], motion: ThinMotion) -> Iterator[Hypothesis
                 joints=(joint,),
                 motion=_scale_position(motion, np.where(unit, factor, 1.0)),
             )
+    decades = [10.0**power for power in range(-_DECADES, _DECADES + 1) if abs(power) > 1]
     # A joint whose torque is made tiny is cut off from the others, which may help any wrong model.
     size = np.log(np.maximum(np.sqrt(np.mean(motion.tau**2, axis=0)), np.finfo(float).tiny))
-    for factor, joint in product(_TORQUES, range(count)):
+    for factor, joint in product(decades, range(count)):
         away = size[joint] - float(np.mean(np.delete(size, joint))) if len(size) > 1 else 0.0
         if abs(away + np.log(factor)) < abs(away):
             yield Hypothesis(
@@ -443,43 +475,85 @@ def _list_sizes(names: Sequence[str], motion: ThinMotion) -> Iterator[Hypothesis
                 joints=(joint,),
                 motion=_scale_torque(motion, np.where(units[joint], factor, 1.0)),
             )
-    for times in _TIMES:
-        for factor in (times, 1.0 / times):
-            yield Hypothesis(
-                code="log.time-scale",
-                family="times",
-                cause=f"the times of the log are about {1.0 / factor:.4g} times what they should be",
-                remedy=f"multiply them by {factor:.4g} (unit of [log.time])",
-                motion=replace(motion, dq=motion.dq / factor, ddq=motion.ddq / factor**2),
-            )
+
+    def scale_times(power: float) -> ThinMotion:
+        factor = 10.0**power
+        return replace(motion, dq=motion.dq / factor, ddq=motion.ddq / factor**2)
+
+    # Within a decade, but for none.
+    powers = np.linspace(-1.0, 1.0, _STEPS + 1)
+    times = _search(library, fold, scale_times, powers[powers != 0.0])
+    for power in (times, float(_DECADES), -float(_DECADES)):
+        yield Hypothesis(
+            code="log.time-scale",
+            family="times",
+            cause=f"the times of the log are about {10.0**-power:.3g} times what they should be",
+            remedy=f"multiply them by {10.0**power:.3g} (unit of [log.time])",
+            motion=scale_times(power),
+        )
     span = float(min(np.bincount(motion.run))) * motion.period
-    for delay in (entry for entry in _DELAYS if 10.0 * entry <= span):
-        for sign, side in ((1.0, "after"), (-1.0, "before")):
-            # Rows without a torque so much later do not count.
-            tau, kept = motion.tau.copy(), motion.kept.copy()
-            for run in np.unique(motion.run):
-                own = np.flatnonzero(motion.run == run)
-                time = np.arange(len(own)) * motion.period
-                later = time + sign * delay
-                kept[own] &= ((later >= 0.0) & (later <= time[-1]))[:, None]
-                for joint in range(count):
-                    tau[own, joint] = np.interp(later, time, motion.tau[own, joint])
-            yield Hypothesis(
-                code="log.torque-delay",
-                family="delay",
-                cause=f"torques are logged about {1e3 * delay:g} ms {side} the motion",
-                remedy="shift them in the log; `symid check` states the delay",
-                motion=replace(motion, tau=tau, kept=kept),
-            )
-    for joint, zero in product(range(count), _ZEROS):
+    delays = motion.period * 2.0 ** np.arange(-1.0, _STEPS)
+    delays = delays[10.0 * delays <= span]
+    for sign, side in ((1.0, "after"), (-1.0, "before")) if len(delays) else ():
+        delay = _search(library, fold, lambda size, sign=sign: shift_torques(motion, sign * size), delays)
+        yield Hypothesis(
+            code="log.torque-delay",
+            family="delay",
+            cause=f"torques are logged about {1e3 * delay:.3g} ms {side} the motion",
+            remedy="shift them in the log; `symid check` states the delay",
+            motion=shift_torques(motion, sign * delay),
+        )
+    # A whole turn changes nothing.
+    zeros = np.linspace(-np.pi, np.pi, _STEPS + 1)[1:]
+    for joint, unit in enumerate(units):
+
+        def turn(zero: float, unit: FloatArray = unit) -> ThinMotion:
+            return replace(motion, q=motion.q - zero * unit)
+
+        zero = _search(library, fold, turn, zeros[zeros != 0.0], joint)
         yield Hypothesis(
             code="log.joint-zero",
             family=f"zero of {names[joint]}",
             cause=f"the zero of joint {names[joint]!r} is off by about {zero:.2g} rad",
             remedy="state it as offset of [log.position], or correct theta of the robot file",
             joints=(joint,),
-            motion=replace(motion, q=motion.q - zero * units[joint]),
+            motion=turn(zero),
         )
+
+
+def _search(
+    library: Library,
+    fold: NDArray[np.intp],
+    build: Callable[[float], ThinMotion],
+    grid: FloatArray,
+    joint: int | None = None,
+) -> float:
+    """Return the size whose motion leaves least squares: the best of a grid, and between its neighbours."""
+
+    def measure(size: float) -> float:
+        motion = build(size)
+        squares = fit_motion(evaluate_motion(library, motion), motion, fold).squares
+        return float(squares.sum() if joint is None else squares[joint])
+
+    found = np.array([measure(size) for size in grid.tolist()])
+    place = int(found.argmin())
+    low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]
+    # To a part that no torque tells.
+    close = {"xatol": POLICY.relevance * float(high - low)}
+    best = scipy.optimize.minimize_scalar(measure, bounds=(low, high), method="bounded", options=close)
+    return float(best.x) if best.fun < found[place] else float(grid[place])
+
+
+def shift_torques(motion: ThinMotion, delay: float) -> ThinMotion:
+    """Return a motion with the torques of `delay` s later; rows without a torque so late do not count."""
+    tau, kept = motion.tau.copy(), motion.kept.copy()
+    for run in np.unique(motion.run):
+        own = np.flatnonzero(motion.run == run)
+        time = np.arange(len(own)) * motion.period
+        later = time + delay
+        kept[own] &= ((later >= 0.0) & (later <= time[-1]))[:, None]
+        tau[own] = CubicSpline(time, motion.tau[own])(np.clip(later, 0.0, time[-1]))
+    return replace(motion, tau=tau, kept=kept)
 
 
 def estimate_gravity(

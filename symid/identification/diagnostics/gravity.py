@@ -25,13 +25,12 @@ from numpy.typing import NDArray
 from symid import dynamics
 from symid.arrays import FloatArray
 from symid.identification import judge
+from symid.identification.judge import numerics
 from symid.notation import INERTIAL
 from symid.robot import ZERO, Robot
 
-_STEPS, _LAST = 20, 1e-5
-"""Of a search; rad, of its last step."""
-_SHARES = (1.0, 0.5, 0.25, 0.125)
-"""Of a step, tried until one helps."""
+_HALVINGS = 4
+"""Of a step, tried until it helps."""
 _ROUNDING = 1e-6
 """Of a joint's squares: no joint counts as explained better."""
 
@@ -123,15 +122,15 @@ class _Model(NamedTuple):
     def search(self, start: FloatArray) -> tuple[float, _Fit]:
         """Return the fit where steps from `start` end, behind its loss and the information together."""
         best = self.fit(start, self.weigh(self.size))
-        for _ in range(_STEPS):
+        for _ in range(numerics.ROUNDS):
             weights = self.weigh(best.left)
             end, information = self.turn(best, weights)
-            moved = (best.direction + share * (end - best.direction) for share in _SHARES)
+            moved = (best.direction + share * (end - best.direction) for share in 0.5 ** np.arange(_HALVINGS))
             trials = (self.fit(place / np.linalg.norm(place), weights) for place in moved)
             better = next((trial for trial in trials if trial.loss < best.loss), best)
             step = np.linalg.norm(better.direction - best.direction)
             best = better
-            if step < _LAST:
+            if step < numerics.CONVERGED:
                 break
         return best.loss + information, best
 

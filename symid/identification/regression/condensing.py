@@ -470,6 +470,11 @@ class CondensedLogs:
             q=q, dq=dq, ddq=ddq, tau=tau, kept=kept, block=block, run=run, period=self.period * stride
         )
 
+    @property
+    def columns(self) -> FloatArray:
+        """Return the columns (t, n, p) along the thinned motion, which pass the same low-pass as torques."""
+        return np.concatenate([piece.matrices[SCORING][:, :, :-1] for piece in self._pieces])
+
     def sum_products(self, level: int, smooth: int) -> BandSums:
         """Return the sums of rows of a level, with instruments of a lower one, or of least squares."""
         blocks, classes = len(self.log), self.limits.shape[1]

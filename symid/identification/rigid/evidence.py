@@ -127,14 +127,13 @@ def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
     # Another direction that predicts no better may stand for a zero that is off.
     odd |= gravity is not None and gravity.difference.verdict is Agreement.DIFFERENT
     turned = [] if gravity is None else [diagnostics.suspect_gravity(gravity, motion)]
-    call = library, motion, study.logs.fold
-    found = diagnostics.find_causes(*call, turned)
-    if odd or found:
-        mistakes = diagnostics.list_mistakes(library, motion, transmission)
-        terms = diagnostics.list_terms(library, motion, study.fit.values)
-        every = [*turned, *mistakes, *terms]
-        found = diagnostics.find_causes(*call, every, impossible=bool(evidence.impossible))
-    return found
+    fold, impossible = study.logs.fold, bool(evidence.impossible)
+    if not odd and not diagnostics.find_causes(library, motion, fold, turned):
+        return ()
+    mistakes = diagnostics.list_mistakes(library, motion, fold, transmission)
+    terms = diagnostics.list_terms(library, motion, study.fit.values)
+    every = [*turned, *mistakes, *terms]
+    return diagnostics.find_causes(library, motion, fold, every, impossible=impossible)
 
 
 def list_joints(

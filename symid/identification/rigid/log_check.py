@@ -2,168 +2,97 @@
 
 Robot, logs, even with uneven time stamps -> `LogsCheck`.
 
-The torque of each joint is fitted by its own rows; inertia and friction as shares of the torque, with the
-deviation of leaving out one block:
+Each log is planned and judged as an identification would (`choose_settings`, `collect_evidence`), and of its
+samples within the scoring band are found
 
-    inertia share        mean(M_jj ddq^2) / (rms(ddq) rms(tau))
-    friction share       mean(tau_f dq) / (rms(dq) rms(tau))
-    expected deviation   s sqrt(diag (A'A)^-1),  A and s of rows weighted by the scatter of their joint
+    inertia share     mean(M_jj ddq^2) / (rms(ddq) rms(tau)),  mean(M_jj) as a mass
+    friction share    mean(tau_f dq) / (rms(dq) rms(tau))
+    delay d           tau = A x - d ds/dt,  s = A x,  linear in x and d, iterated
+    excitation        singular values, and the deviations to expect, of all logs together
 
-Where the whole robot does not fit the log, single mistakes are undone one after the other (`causes`), and one
-is named where that helps. Delay: a torque channel that lags by d holds tau(t - d), so with rows A and the
-fitted torque s = A x, linear in x and d, iterated,
-
-    tau = A x - d ds/dt
-
-Supported: delays of either sign up to 50 ms; of elastic joints only the quantities are checked.
+Supported: delays of either sign up to a quarter of the scoring band's period; of elastic joints only the
+quantities are checked.
 Not supported: two mistakes at once; bias by a term that the model lacks.
 """
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from symid import logs as log_files
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice, UsageError
 from symid.identification import diagnostics, estimators, judge, regression
-from symid.identification.diagnostics import evaluate_inertia_columns
+from symid.identification.judge import POLICY, Agreement, numerics
+from symid.identification.regression import ThinMotion
 from symid.identification.rigid.evidence import collect_evidence
 from symid.identification.rigid.plan import plan_fit
-from symid.joint_models import REFERENCE_TEMPERATURE
+from symid.identification.rigid.settings_choice import SettingsStudy
 from symid.robot import JointKind, Processing, Robot
 from symid.serialization import name_key
 
-_BLOCKS = 20
-_BLOCK = 200
-"""Samples of a block: with twenty blocks some thousand samples, enough for a quick fit."""
-_SMALL = 1e-7
-_ROUNDING = 1e-13
-"""Length of a column relative to the longest, up to which it is zero but for rounding."""
-_SLOW = 0.02
-"""Of the root mean square of a joint's speed: below, dry friction may hold it."""
-_NEAR = 3
-"""Samples on either side of a reversal, where decimation has smoothed the friction."""
-_MOST = 0.8
 
+class StudiedLog(NamedTuple):
+    """A log and its settings, its motion and columns (t, n, p) within the scoring band, joints that move."""
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class QuickFit:
-    """Equations of a log at blocks of consecutive samples.
-
-    Args:
-        q, dq, ddq, tau: (N, n) decimated states and torques of the blocks, one after the other.
-        rows: (N, n, p) regressor, friction included.
-        keep: (N, n) 1, or 0 where a joint with friction hardly moves, whose torque is no function of speed.
-        blocks: slices of the N samples, each of consecutive ones; period: of the samples in s.
-        names: of the p parameters; `inertial` the number of those that are not friction.
-        moving: joints that move in the log.
-    """
-
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
-    tau: FloatArray
-    rows: FloatArray
-    keep: FloatArray
-    blocks: tuple[slice, ...]
-    names: tuple[str, ...]
-    inertial: int
-    moving: tuple[int, ...]
-    period: float
     recording: log_files.Recording
-    processing: Processing
-
-    def stack_rows(self, weights: FloatArray, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return matrix, values of `tau` (N, n) and `keep` of all moving joints, with weights (k,)."""
-        joints = list(self.moving)
-        matrix = (self.rows[:, joints] * weights[:, None]).reshape(-1, self.rows.shape[2])
-        return matrix, (tau[:, joints] * weights).ravel(), self.keep[:, joints].ravel()
+    study: SettingsStudy
+    motion: ThinMotion
+    columns: FloatArray
+    moving: tuple[int, ...]
 
 
-def build_quick_fit(library: Library, recording: log_files.Recording, processing: Processing) -> QuickFit:
-    """Return the equations of a recording; cut-off and decimation that are not stated are chosen.
+def study_logs(
+    library: Library, recordings: Sequence[log_files.Recording], processing: Processing
+) -> SettingsStudy:
+    """Return the settings that an identification would choose for logs.
 
     Raises:
-        IdentifiabilityError: no joint moves.
-        LogError: the recording is uneven or too short for the settings.
+        IdentifiabilityError: no joint moves, or the log is too short for any choice.
+        LogError: the recording does not fit the robot.
     """
-    processing = regression.choose_filters(replace(processing, automatic=True), [recording]).processing
-    signals = regression.prepare_states(library, recording, processing)
-    resting = regression.list_resting_joints(recording)
-    load = regression.compute_payload_torque(library, signals, recording)
-    if load is not None:
-        torque, first = recording.torque.copy(), processing.drop_first
-        torque[first : first + len(load)] -= load
-        recording = replace(recording, torque=torque)
-    columns = np.hstack([signals.q, signals.dq, signals.ddq, signals.tau])
-    thin, blocks, places = _sample_blocks(columns, processing)
-    q, dq, ddq, tau = (np.ascontiguousarray(part) for part in np.split(thin, 4, axis=1))
-    card = library.card
-    stated = np.array([processing.get_standstill(joint) for joint in range(card.size)])
-    slow = np.maximum(stated, _SLOW * np.sqrt(np.mean(dq**2, axis=0)))
-    braked = np.array([joint.friction != "none" for joint in card.joints])
-    held = (np.abs(dq) < slow) & braked
-    # A change of sign counts even where no sample falls on it.
-    held[1:] |= (dq[1:] * dq[:-1] < 0.0) & braked
-    near = held.copy()
-    for step in range(1, _NEAR + 1):
-        near[step:] |= held[:-step]
-        near[:-step] |= held[step:]
-    # A joint that is slow throughout would not be looked at.
-    left_out = near & (np.mean(near, axis=0) < _MOST)
-    if signals.bad is not None:
-        left_out |= log_files.mask_decimated(signals.bad, processing.decimation)[places]
-    return QuickFit(
-        q=q,
-        dq=dq,
-        ddq=ddq,
-        tau=tau,
-        rows=regression.evaluate_columns(
-            library, q, dq, ddq, np.zeros_like(q), np.full_like(q, REFERENCE_TEMPERATURE)
-        ),
-        keep=np.where(left_out, 0.0, 1.0),
-        blocks=blocks,
-        names=tuple(entry.name for entry in card.fitted),
-        inertial=len(card.beta),
-        moving=tuple(joint for joint in range(card.size) if joint not in resting),
-        period=signals.period * processing.decimation.factor,
-        recording=recording,
-        processing=processing,
+    settings = replace(processing, automatic=True)
+    study = plan_fit(library, recordings, settings, rows="torque", estimator=None).study
+    if study is None:
+        text = f"the log is too short for {len(library.card.fitted)} parameters: record a longer one"
+        raise IdentifiabilityError(Notice(code="identify.too-few-rows", text=text, file=recordings[0].source))
+    return study
+
+
+def study_log(library: Library, recording: log_files.Recording, processing: Processing) -> StudiedLog:
+    """Return a log with what an identification would choose for it; raises as `study_logs`."""
+    study, resting = study_logs(library, [recording], processing), regression.list_resting_joints(recording)
+    moving = tuple(joint for joint in range(library.card.size) if joint not in resting)
+    return StudiedLog(recording, study, study.logs.motion, study.logs.columns, moving)
+
+
+def judge_log(library: Library, log: StudiedLog, robot: Robot) -> estimators.Evidence:
+    """Return the evidence of a fit to one log with chosen settings, as an identification has it."""
+    found = log.study.fit
+    fit = estimators.RegressionFit(
+        values=found.values,
+        covariance=found.changes.T @ found.changes,
+        residuals=np.empty(0),
+        spent=np.zeros(len(found.weights)),
+        condition=0.0,
+        weights=found.weights,
     )
+    return collect_evidence(library, log.study, fit, robot=robot, transmission=log.recording.transmission)
 
 
-def _sample_blocks(
-    values: FloatArray, processing: Processing
-) -> tuple[FloatArray, tuple[slice, ...], NDArray[np.intp]]:
-    """Return decimated rows of `values` (N, k), all or pieces at even distances; pieces, and places."""
-    thin = log_files.decimate(np.column_stack([values, np.ones(len(values))]), processing.decimation)
-    # A Chebyshev filter of even order passes a constant with its ripple: harmless where all columns of a
-    # model pass it, not where states do.
-    thin = thin[:, :-1] / thin[:, -1:]
-    edges = np.linspace(0, len(thin), max(2, min(_BLOCKS, len(thin) // 10)) + 1).astype(int).tolist()
-    pieces = [np.arange(low, min(high, low + _BLOCK)) for low, high in pairwise(edges)]
-    bounds, places = np.cumsum([0, *map(len, pieces)]).tolist(), np.concatenate(pieces)
-    return thin[places], tuple(slice(low, high) for low, high in pairwise(bounds)), places
-
-
-_CLEAR = 0.02
-"""Of the torque: a share beyond this, and beyond its own deviations, is significant."""
-_SIGN_SURE = 3.0
-_GROUPS = 8
 _HEAVIEST, _LIGHTEST = 2e4, 1e-4
 """kg at half the reach: no arm moves more, or so little."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointSigns:
-    """The fit of joint `joint` alone: shares of inertia and friction, with deviations; `mass`.
+    """Shares of inertia and friction in the torque of joint `joint`, with deviations; `mass`.
 
     `mass` is the mean inertia M_jj as a mass (kg) at half the robot's reach, or that of a slide itself.
     """
@@ -175,8 +104,14 @@ class JointSigns:
     friction_std: float
     mass: float
 
+    @property
+    def implausible(self) -> bool:
+        """Return whether there surely is an inertia, and one that no robot has."""
+        sure = self.inertia > max(POLICY.relevance, POLICY.printed * self.inertia_std)
+        return sure and not _LIGHTEST < self.mass < _HEAVIEST
 
-def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[JointSigns, ...]:
+
+def estimate_signs(log: StudiedLog, library: Library, robot: Robot) -> tuple[JointSigns, ...]:
     """Return shares of inertia and friction of every joint that moves."""
     symbols = dict(robot.symbols)
     lengths = [
@@ -185,33 +120,14 @@ def estimate_signs(fit: QuickFit, library: Library, robot: Robot) -> tuple[Joint
     ]
     # Half of the distances between joints in m, which are a tenth of one at least.
     reach = 0.5 * max(0.1, sum(lengths))
-    columns = list(evaluate_inertia_columns(library, fit.q))
-    whole = np.arange(len(fit.q))
-    subsets = [whole, *(np.setdiff1d(whole, group) for group in np.array_split(whole, _GROUPS))]
-
-    def compute_shares(joint: int, samples: NDArray[np.intp]) -> tuple[float, float, float]:
-        samples = samples[fit.keep[samples, joint] > 0.0]
-        rows, tau = fit.rows[samples, joint], fit.tau[samples, joint]
-        dq, ddq = fit.dq[samples, joint], fit.ddq[samples, joint]
-        lengths = np.linalg.norm(rows, axis=0)
-        # A column of rounding alone would be scaled to the length of the others.
-        solution = regression.solve_scaled(
-            np.where(lengths > _ROUNDING * lengths.max(), rows, 0.0), tau, rcond=_SMALL
-        )
-        inertia = columns[joint][samples, joint] @ solution[: fit.inertial]
-        braking = rows[:, fit.inertial :] @ solution[fit.inertial :]
-        braking = braking - np.mean(braking)
-        torque, rate, speed = (float(np.sqrt(np.mean(part**2))) or 1.0 for part in (tau, ddq, dq))
-        acceleration = float(np.mean(inertia * ddq**2)) / (rate * torque)
-        return acceleration, float(np.mean(braking * dq)) / (speed * torque), float(np.mean(inertia))
-
+    shares = diagnostics.measure_shares(library, log.motion, log.columns, log.study.fit)
+    stds = np.linalg.norm(shares.changes, axis=0)
     found = []
-    for joint in fit.moving:
-        values = np.array([compute_shares(joint, samples) for samples in subsets])
-        stds = np.sqrt(np.sum(judge.compute_changes(values[1:]) ** 2, axis=0)).tolist()
-        inertia, friction, mean = values[0].tolist()
-        mass = mean if robot.axes[joint].kind is JointKind.PRISMATIC else mean / reach**2
-        found.append(JointSigns(joint, inertia, stds[0], friction, stds[1], mass))
+    for joint in log.moving:
+        mass = float(shares.inertia[joint])
+        mass = mass if robot.axes[joint].kind is JointKind.PRISMATIC else mass / reach**2
+        (inertia, friction), (inertia_std, friction_std) = shares.values[joint].tolist(), stds[joint].tolist()
+        found.append(JointSigns(joint, inertia, inertia_std, friction, friction_std, mass))
     return tuple(found)
 
 
@@ -221,21 +137,23 @@ _SCALE = 3.0
 """Masses of a drawing are not wrong by this factor."""
 
 
-def describe_scale(fit: QuickFit, library: Library, robot: Robot) -> tuple[Notice, ...]:
+def describe_scale(log: StudiedLog, library: Library, robot: Robot) -> tuple[Notice, ...]:
     """Return a notice where torques follow the masses of the robot file, all of them at another scale."""
-    values = [entry.value for entry in library.card.beta]
+    values, inertial = [entry.value for entry in library.card.beta], len(library.card.beta)
     known = [value for value in values if value is not None]
     if len(known) < len(values) or not any(known):
         return ()
-    model = fit.rows[:, :, : fit.inertial] @ np.array(known)
+    model = log.columns[:, :, :inertial] @ np.array(known)
     scales: dict[int, float] = {}
-    for joint in fit.moving:
-        pair = np.column_stack([model[:, joint], fit.tau[:, joint]])
-        braking = np.column_stack([fit.rows[:, joint, fit.inertial :], np.ones(len(pair))])
+    for joint in log.moving:
+        kept = log.motion.kept[:, joint]
+        pair = np.column_stack([model[kept, joint], log.motion.tau[kept, joint]])
+        braking = np.column_stack([log.columns[kept, joint, inertial:], np.ones(len(pair))])
         # Friction and an offset have no mass.
-        mine, torque = (pair - braking @ np.linalg.lstsq(braking, pair, rcond=_SMALL)[0]).T
+        mine, torque = (pair - braking @ np.linalg.lstsq(braking, pair)[0]).T
         sizes = float(np.linalg.norm(mine)), float(np.linalg.norm(torque))
-        if sizes[0] > _ROUNDING * np.abs(model).max() and float(mine @ torque) > _ALIKE * sizes[0] * sizes[1]:
+        alike = float(mine @ torque) > _ALIKE * sizes[0] * sizes[1]
+        if alike and sizes[0] > numerics.EXACT * np.linalg.norm(model):
             scales[joint] = sizes[1] / sizes[0]
     if not scales or not all(scale > _SCALE or scale < 1.0 / _SCALE for scale in scales.values()):
         return ()
@@ -245,89 +163,61 @@ def describe_scale(fit: QuickFit, library: Library, robot: Robot) -> tuple[Notic
         f"({listed} times): they may be motor currents, percent, or of the motor side, or these masses are "
         "wrong; state unit and side in [log.torque], or give `symid new --log` --units torque=A"
     )
-    return (Notice(code="log.effort-size", text=text, file=fit.recording.source),)
-
-
-_ROUNDS = 6
-_CONVERGED = 0.01
-_LARGEST = 0.05
-_DELAY_SURE = 5.0
-_SMALLEST = 0.1
-"""Of a sample period: a delay as small as this does no harm."""
-_RCOND = 1e-10
+    return (Notice(code="log.effort-size", text=text, file=log.recording.source),)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueDelay:
-    """Delay of the torque behind the motion in s, its standard deviation; of each moving joint alone."""
+    """Delay of the torque behind the motion in s, its standard deviation; of each moving joint alone.
+
+    `late` whether there surely is one, and one that matters; `period` of the log's samples in s.
+    """
 
     delay: float
     std: float
     joints: tuple[float, ...]
     joint_stds: tuple[float, ...]
     period: float
-
-    @property
-    def late(self) -> bool:
-        """Return whether there is a significant delay."""
-        return _LARGEST > abs(self.delay) > max(_DELAY_SURE * self.std, _SMALLEST * self.period)
+    late: bool
 
 
-def estimate_torque_delay(fit: QuickFit) -> TorqueDelay:
-    """Return the delay of the torques of `fit` behind its motion."""
-    joints, count = list(fit.moving), len(fit.moving)
-    size = np.linalg.norm(fit.tau[:, joints], axis=0)
-    weights = 1.0 / np.where(size > 0.0, size, 1.0)
-
-    def predict(tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        matrix, values, keep = fit.stack_rows(weights, tau)
-        kept = regression.solve_scaled(matrix * keep[:, None], values * keep, rcond=_SMALL)
-        return matrix, values, keep, matrix @ kept
-
-    def solve(gram: FloatArray) -> FloatArray:
-        return np.asarray(np.linalg.lstsq(gram[:-1, :-1], gram[:-1, -1], rcond=_RCOND)[0][-count:])
-
-    _, values, keep, predicted = predict(fit.tau)
-    errors = keep * (values - predicted)
-    scatter = np.linalg.norm(errors.reshape(-1, count), axis=0) / weights
-    weights = 1.0 / np.maximum(scatter, 1e-6 * size + 1e-300)
-    delay, tau = 0.0, fit.tau
-    for _ in range(_ROUNDS):
-        matrix, values, keep, predicted = predict(tau)
-        smooth = predicted.reshape(-1, count)
-        slopes = np.zeros((len(smooth), count, count))
-        for block in fit.blocks:
-            slope = np.gradient(smooth[block], fit.period, axis=0)
-            slopes[block, range(count), range(count)] = -slope
-        design = np.column_stack([matrix, slopes.reshape(-1, count), values]) * keep[:, None]
-        lengths = np.linalg.norm(design, axis=0)
-        scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
-        design *= scales
-        parts = [design[block.start * count : block.stop * count] for block in fit.blocks]
-        grams = np.array([part.T @ part for part in parts])
-        back = scales[-count - 1 : -1] / scales[-1]
-        whole = grams.sum(axis=0)
-        replicates = np.array([solve(whole - gram) for gram in grams]) * back
-        values = solve(whole) * back
-        stds = np.sqrt(np.sum(judge.compute_changes(replicates) ** 2, axis=0))
-        shares = 1.0 / np.maximum(stds, 1e-9) ** 2
-        shares /= shares.sum()
+def estimate_torque_delay(log: StudiedLog) -> TorqueDelay:
+    """Return the delay of the torques of a log behind its motion."""
+    motion, fold, moving = log.motion, log.study.logs.fold, list(log.moving)
+    # A radian of the scoring band, of which the thinned motion has four samples a period.
+    radian = 2.0 * motion.period / np.pi
+    delay, moved = 0.0, motion
+    for _ in range(numerics.ROUNDS):
+        load = log.columns @ diagnostics.fit_motion(log.columns, moved, fold).fit.values
+        slopes = np.zeros((*load.shape, len(moving)))
+        for run in np.unique(motion.run):
+            own = np.flatnonzero(motion.run == run)
+            slope = CubicSpline(np.arange(len(own)) * motion.period, load[own]).derivative()
+            slopes[own[:, None], moving, range(len(moving))] = -slope(np.arange(len(own)) * motion.period)[
+                :, moving
+            ]
+        found = diagnostics.fit_motion(np.concatenate([log.columns, slopes], axis=2), moved, fold).fit
+        values, changes = found.values[-len(moving) :], found.changes[:, -len(moving) :]
+        stds = np.linalg.norm(changes, axis=0)
+        shares = np.divide(1.0, stds**2, out=np.zeros(len(moving)), where=stds > 0.0)
+        shares /= max(float(shares.sum()), numerics.TINY)
         step = float(shares @ values)
         delay += step
-        if abs(step) < _CONVERGED * fit.recording.period or abs(delay) > _LARGEST:
+        if abs(step) < numerics.CONVERGED * radian or abs(delay) > radian:
             break
-        moved = log_files.shift_channel(fit.recording.time, fit.recording.torque, delay)
-        signals = log_files.prepare_signals(replace(fit.recording, torque=moved), fit.processing)
-        tau, *_ = _sample_blocks(signals.tau, fit.processing)
+        moved = diagnostics.shift_torques(motion, delay)
     # Where joints disagree by more than their own deviations, these are too small (Birge 1932).
-    excess = float(np.sum(((values - step) / np.maximum(stds, 1e-9)) ** 2)) / max(1, len(values) - 1)
-    common = float(np.linalg.norm(judge.compute_changes(replicates @ shares)))
+    excess = float(np.sum((values - step) ** 2 * shares)) / max(1, len(moving) - 1)
+    common = changes @ shares
+    excess = max(1.0, np.sqrt(excess / max(float(common @ common), numerics.TINY)))
+    told = judge.agree_in_value(delay, excess * common, radian)
     return TorqueDelay(
         delay=delay,
-        std=common * max(1.0, excess) ** 0.5,
-        joints=tuple(float(delay - step + value) for value in values),
-        joint_stds=tuple(map(float, stds)),
-        period=fit.recording.period,
+        std=excess * float(np.linalg.norm(common)),
+        joints=tuple((delay - step + values).tolist()),
+        joint_stds=tuple(stds.tolist()),
+        period=log.recording.period,
+        late=abs(delay) < radian and told.verdict is Agreement.DIFFERENT,
     )
 
 
@@ -342,33 +232,13 @@ class LogCheck:
     notices: tuple[Notice, ...]
 
 
-def judge_log(library: Library, recording: log_files.Recording, robot: Robot) -> estimators.Evidence | None:
-    """Return the evidence of a fit to one log with chosen settings, as an identification has it."""
-    settings = replace(robot.processing, automatic=True)
-    study = plan_fit(library, [recording], settings, rows="torque", estimator=None).study
-    if study is None:
-        return None
-    fit = estimators.RegressionFit(
-        values=study.fit.values,
-        covariance=study.fit.changes.T @ study.fit.changes,
-        residuals=np.empty(0),
-        spent=np.zeros(len(study.fit.weights)),
-        condition=0.0,
-        weights=study.fit.weights,
-    )
-    return collect_evidence(library, study, fit, robot=robot, transmission=recording.transmission)
-
-
-def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
-    """Return what is odd in the channels of the log behind `fit`."""
-    file = fit.recording.source
-    signs = estimate_signs(fit, library, robot)
-    evidence = judge_log(library, fit.recording, robot)
-    notices: tuple[Notice, ...] = ()
-    found: tuple[estimators.Cause, ...] = ()
-    if evidence is not None:
-        pairs, found = evidence.in_proportion, evidence.causes
-        notices = tuple(diagnostics.describe_proportion(*pair, file) for pair in pairs)
+def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
+    """Return what is odd in the channels of a log."""
+    file = log.recording.source
+    signs = estimate_signs(log, library, robot)
+    evidence = judge_log(library, log, robot)
+    found = evidence.causes
+    notices = tuple(diagnostics.describe_proportion(*pair, file) for pair in evidence.in_proportion)
     if len(found) == 1:
         (cause,) = found
         text = (
@@ -380,12 +250,7 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
     elif found:
         text = f"one of these would explain what is left: {'; or '.join(entry.cause for entry in found)}"
         notices += (Notice(code="log.several-causes", text=text, file=file),)
-    odd = [
-        entry
-        for entry in signs
-        if entry.inertia > max(_CLEAR, _SIGN_SURE * entry.inertia_std)
-        and not _LIGHTEST < entry.mass < _HEAVIEST
-    ]
+    odd = [entry for entry in signs if entry.implausible]
     if odd and not notices:
         # Torques that correspond to masses that no robot has.
         worst = max(odd, key=lambda entry: abs(np.log(entry.mass)))
@@ -401,10 +266,10 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
         notices += (Notice(code="log.torque-size", text=text, file=file),)
     # Also beside others: a URDF without friction, whose efforts are currents.
     if not {"log.torque-size", "log.wrong-unit"} & {notice.code for notice in notices}:
-        notices += describe_scale(fit, library, robot)
+        notices += describe_scale(log, library, robot)
     delay: TorqueDelay | None = None
     if not notices:
-        delay = estimate_torque_delay(fit)
+        delay = estimate_torque_delay(log)
         if delay.late:
             side = "after" if delay.delay > 0.0 else "before"
             text = (
@@ -418,7 +283,8 @@ def check_channels(fit: QuickFit, library: Library, robot: Robot) -> LogCheck:
 
 
 IDENTIFIABLE, POORLY, NOT_IDENTIFIABLE = "identifiable", "poorly identifiable", "not identifiable"
-_WELL, _POOR = 10.0, 100.0
+_POOR = 100.0
+"""Percent: a deviation as large as the value."""
 _LARGE_CONDITION = 1e3
 _SHOWN = 8
 
@@ -427,7 +293,7 @@ _SHOWN = 8
 class ParameterVerdict:
     """The verdict on one parameter, and the reason where it is not "identifiable".
 
-    "poorly identifiable": expected standard deviation, `relative_std_percent`, above 10 % of the value; "not
+    "poorly identifiable": expected standard deviation, `relative_std_percent`, above 30 % of the value; "not
     identifiable": above 100 %; "refused": it has no value of its own.
     """
 
@@ -462,40 +328,28 @@ class LogExcitation:
         return self.empty or kept < regression.WHOLE_MODEL * len(self.parameters)
 
 
-def analyse_excitation(fits: Sequence[QuickFit], joints: Sequence[str]) -> LogExcitation:
-    """Return which parameters the logs behind `fits` excite, `joints` the names of the robot's joints."""
-    rule = regression.RankRule()
-
-    def stack(weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        parts = [fit.stack_rows(weights[list(fit.moving)], fit.tau) for fit in fits]
-        # A joint at rest may be held by dry friction, so its rows stay out.
-        matrix = np.vstack([rows[keep > 0.0] for rows, _, keep in parts])
-        return matrix, np.concatenate([values[keep > 0.0] for _, values, keep in parts])
-
-    matrix, values = stack(np.ones(fits[0].tau.shape[1]))
-    first = regression.solve_scaled(matrix, values, rcond=_SMALL)
-    keep, tau = (np.vstack([getattr(fit, name) for fit in fits]) for name in ("keep", "tau"))
-    left = tau - np.vstack([fit.rows @ first for fit in fits])
-    squares, sizes, counts = (np.sum(part, axis=0) for part in ((keep * left) ** 2, (keep * tau) ** 2, keep))
-    scatter = np.sqrt(np.maximum(squares, 1e-12 * sizes) / np.maximum(counts, 1.0))
-    matrix, values = stack(1.0 / np.where(scatter > 0.0, scatter, 1.0))
-    spectrum = regression.compute_spectrum(matrix, rule.zero)
-    kept, identifiable = spectrum.mask_directions(rule), spectrum.mask_identifiable(rule)
-    inner = spectrum.scales[:, None] * spectrum.directions[kept].T / spectrum.singular[kept]
-    solution: FloatArray = inner @ (inner.T @ (matrix.T @ values))
-    errors, rank = values - matrix @ solution, int(np.sum(kept))
-    variance = float(errors @ errors) / max(1, len(values) - rank)
-    deviations: FloatArray = np.sqrt(variance * np.sum(inner**2, axis=1))
-    names = fits[0].names
-    resting = [name for index, name in enumerate(joints) if all(index not in fit.moving for fit in fits)]
+def analyse_excitation(library: Library, study: SettingsStudy, moving: Collection[int]) -> LogExcitation:
+    """Return which parameters logs excite, and how well their fit would tell them; `moving` are joints."""
+    rule, fit = regression.RankRule(), study.fit
+    pairs = zip(study.sums.squares, study.classes, strict=True)
+    whole = study.sums.join([table[:, share].sum(axis=0) for table, share in pairs], fit.weights)[:-1, :-1]
+    lengths = np.sqrt(np.diag(whole))
+    squares, directions = np.linalg.eigh(whole / np.outer(*[np.where(lengths > 0.0, lengths, 1.0)] * 2))
+    root = np.sqrt(np.maximum(squares, 0.0))[:, None] * directions.T * lengths
+    spectrum = regression.compute_spectrum(root, rule.zero)
+    found, identifiable = spectrum.mask_directions(rule), spectrum.mask_identifiable(rule)
+    deviations, rank = np.linalg.norm(fit.changes, axis=0), int(np.sum(found))
+    names, card = [entry.name for entry in library.card.fitted], library.card
+    resting = [joint.name for place, joint in enumerate(card.joints) if place not in moving]
     still = f"; at rest: {', '.join(resting)}" if resting else ""
     verdicts = []
     for index, name in enumerate(names):
         percent, verdict = float("inf"), "refused"
         reason = f"it acts on no torque of this log{still}"
         if identifiable[index]:
-            percent = 100.0 * float(deviations[index]) / max(abs(float(solution[index])), 1e-300)
-            verdict = IDENTIFIABLE if percent <= _WELL else POORLY if percent <= _POOR else NOT_IDENTIFIABLE
+            percent = 100.0 * float(deviations[index]) / max(abs(float(fit.values[index])), numerics.TINY)
+            well = percent <= POLICY.uncertain
+            verdict = IDENTIFIABLE if well else POORLY if percent <= _POOR else NOT_IDENTIFIABLE
             reason = "" if verdict == IDENTIFIABLE else "it is small beside the noise, or hardly excited"
         elif spectrum.lengths[index]:
             others = ", ".join(names[k] for k in spectrum.list_partners(index, rule)[:4])
@@ -623,18 +477,21 @@ def check_robot_logs(
         return replace(checked, notices=(*notices, Notice(code="check.elastic", text=text)))
     library = prepare()
     progress("analysing the motion")
-    fits: list[QuickFit] = []
+    studied: list[StudiedLog] = []
     reasons: list[Notice] = []
     for entry in checked.logs:
         try:
-            fits.append(build_quick_fit(library, entry.recording, robot.processing))
+            studied.append(study_log(library, entry.recording, robot.processing))
         except (IdentifiabilityError, LogError) as error:
             reasons += error.notices
-    if not fits:
+    if not studied:
         return replace(checked, errors=tuple(reasons))
     errors: tuple[Notice, ...] = ()
-    checks = tuple(check_channels(fit, library, robot) for fit in fits)
-    excitation = analyse_excitation(fits, [joint.name for joint in robot.axes])
+    checks = tuple(check_channels(log, library, robot) for log in studied)
+    study, moving = studied[0].study, {joint for log in studied for joint in log.moving}
+    if len(studied) > 1:
+        study = study_logs(library, [log.recording for log in studied], robot.processing)
+    excitation = analyse_excitation(library, study, moving)
     if excitation.empty:
         reason = "; ".join(f"{entry.name}: {entry.reason}" for entry in excitation.parameters[:8])
         text = (

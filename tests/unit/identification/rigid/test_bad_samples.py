@@ -13,7 +13,7 @@ from symid.identification.diagnostics.residual_structure import (
 from symid.identification.friction.extraction import extract_joint, fold_recording, prepare_joint_logs
 from symid.identification.regression.preparation import prepare_rows
 from symid.identification.rigid.fit import identify_parameters
-from symid.identification.rigid.log_check import build_quick_fit
+from symid.identification.rigid.log_check import study_log
 from symid.identification.rigid.validation import validate_estimate
 from symid.logs.faults import repair_recording
 from symid.logs.signals import mask_states
@@ -133,9 +133,8 @@ def test_evidence_and_checks_leave_out_what_is_wrong():
     )
     assert found < 2.0 * usual + 0.5
     assert blind > 2.0 * found
-    usual, quick = (build_quick_fit(LIBRARY, log, AUTOMATIC) for log in (clean, mended))
-    assert quick.keep.shape == quick.tau.shape
-    assert np.mean(quick.keep) < np.mean(usual.keep)
+    usual, quick = (study_log(LIBRARY, log, AUTOMATIC).motion for log in (clean, mended))
+    assert np.mean(quick.kept) < np.mean(usual.kept)
 
 
 def test_friction_of_a_log_with_faults():
