@@ -11,6 +11,7 @@ if TYPE_CHECKING:
         ThinMotion as ThinMotion,
         balance_cutoff as balance_cutoff,
         fit_sums as fit_sums,
+        mark_trembling as mark_trembling,
         mask_rest as mask_rest,
         measure_left as measure_left,
         measure_scoring_band as measure_scoring_band,

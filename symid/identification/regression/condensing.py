@@ -153,6 +153,16 @@ def mask_rest(speed: FloatArray, top: float, length: int) -> NDArray[np.bool_]:
     return slow
 
 
+def mark_trembling(top: FloatArray, units: Sequence[str]) -> FloatArray:
+    """Return top speeds (n,), infinite for a joint that only trembles beside others of its kind.
+
+    What holds it may be a brake or a lock, so that it rests throughout for `mask_rest`.
+    """
+    kinds = np.array(units)
+    fastest = np.array([top[kinds == kind].max() for kind in kinds])
+    return np.where(top < POLICY.relevance * fastest, np.inf, top)
+
+
 def balance_cutoff(recordings: Sequence[Recording]) -> float:
     """Return the cut-off in Hz at which noise and blur of the velocities are equal, the mean of joints.
 
@@ -416,6 +426,7 @@ class CondensedLogs:
             stated = [processing.get_standstill(joint) for joint in range(library.card.size)]
             self.limits = np.column_stack([np.zeros(len(stated)), stated])
         top = np.max([np.abs(entry.states[1]).max(axis=0) for entry in self._pieces], axis=0)
+        top = mark_trembling(top, [joint.position_unit for joint in library.card.joints])
         length = max(2, round(1.0 / (self.bands[SCORING] * self.period)))
         friction = [joint.friction != "none" for joint in library.card.joints]
         # (T, n) rows at rest of joints with friction, and wrong ones: they count for nothing.

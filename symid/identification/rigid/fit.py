@@ -258,6 +258,8 @@ def mask_resting_rows(
 ) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
     """Return the rows (m,) at which a joint with friction rests, by its smooth speed (m,), and notices."""
     rest, notices = np.zeros(len(speed), dtype=np.bool_), []
+    tops = np.array([np.abs(speed[rows.group == k]).max(initial=0.0) for k in range(card.size)])
+    tops = regression.mark_trembling(tops, [joint.position_unit for joint in card.joints])
     for group in np.unique(rows.group).tolist():
         own = rows.group == group
         if card.joints[group].friction == NO_FRICTION:
@@ -266,7 +268,7 @@ def mask_resting_rows(
             part = np.flatnonzero(own & (rows.run == run))
             period = float(np.median(np.diff(rows.time[part]))) if len(part) > 1 else 1.0
             length = max(2, round(1.0 / (scoring * period)))
-            rest[part] = regression.mask_rest(speed[part], float(np.abs(speed[own]).max()), length)
+            rest[part] = regression.mask_rest(speed[part], float(tops[group]), length)
         if rest[own].any():
             text = (
                 f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} rows it "

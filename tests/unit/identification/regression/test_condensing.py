@@ -11,6 +11,7 @@ from symid.identification.regression import (
     CondensedLogs,
     condensing,
     fit_sums,
+    mark_trembling,
     mask_rest,
     measure_scoring_band,
 )
@@ -267,6 +268,10 @@ def test_rest_is_slow_for_some_time():
     assert 0 < found.sum() < slow.sum()
     assert not mask_rest(np.ones(5), 1.0, 2).any()
     assert mask_rest(np.zeros(5), 0.0, 2).all()
+    # A joint that trembles beside a fast one rests throughout; slides have another unit.
+    top = mark_trembling(np.array([2.0, 0.039, 0.041, 0.01]), ["rad", "rad", "rad", "m"])
+    assert top.tolist() == [2.0, np.inf, 0.041, 0.01]
+    assert mask_rest(speed, np.inf, 10).all()
 
 
 def test_of_long_logs_six_pieces_are_compared():
