@@ -33,9 +33,8 @@ if TYPE_CHECKING:
         BandResidual as BandResidual,
         JointProfiles as JointProfiles,
         ResidualFinding as ResidualFinding,
-        analyse_structure as analyse_structure,
+        analyse_residuals as analyse_residuals,
         compute_band_residual as compute_band_residual,
-        compute_profiles as compute_profiles,
         predict_torques as predict_torques,
     )
 else:

@@ -59,7 +59,6 @@ class Hypothesis:
         code, cause, remedy: as in `Cause`; family: of hypotheses that are one mistake in several sizes.
         joints: numbers of those whose torque it touches, none for all.
         motion: the logs as they would be; columns: (t, n, p) of the model along them, None to evaluate them.
-        turned: whether it turns inertia and friction negative, and may leave as much.
     """
 
     code: str
@@ -69,7 +68,6 @@ class Hypothesis:
     joints: tuple[int, ...] = ()
     motion: ThinMotion
     columns: FloatArray | None = None
-    turned: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,22 +158,37 @@ def find_causes(
         and trial.fall >= POLICY.fall
         and trial.fall_of_all >= POLICY.fall_of_all
     ]
-    if not passed and impossible:
-        passed = [
-            place
-            for place, trial in enumerate(trials)
-            if trial.hypothesis.turned and _cures(library, trial, base)
-        ]
-    if not passed:
+    if not passed and not impossible:
         return ()
+    bad = mask_impossible(library, motion, base.fit)
 
     def is_sound(place: int) -> bool:
-        """Return whether a robot can have what a hypothesis leads to."""
+        """Return whether no joint of a hypothesis is impossible with it, and no other one that was not."""
         trial = trials[place]
-        return not mask_impossible(library, trial.hypothesis.motion, trial.found.fit).any()
+        left = mask_impossible(library, trial.hypothesis.motion, trial.found.fit)
+        return not np.any(left & (mask_joints(trial.hypothesis) | ~bad))
 
+    def mask_joints(hypothesis: Hypothesis) -> NDArray[np.bool_]:
+        return np.isin(np.arange(len(names)), hypothesis.joints or moving)
+
+    def predicts_as_well(trial: TriedHypothesis) -> bool:
+        worse = judge.compare(trial.found.losses, base.losses)
+        return worse.fall_of_all < (1.0 + POLICY.relevance) ** 2 or worse.p_of_all > POLICY.caution
+
+    cured = [
+        place
+        for place, trial in enumerate(trials)
+        # A term has values of its own, which may make anything possible.
+        if place not in passed
+        and trial.hypothesis.code != TERM
+        and np.any(bad & mask_joints(trial.hypothesis))
+        and predicts_as_well(trial)
+        and is_sound(place)
+    ]
     # What turns inertia negative may leave as much: signs of torques do by algebra.
-    passed = [place for place in passed if is_sound(place)] or passed
+    passed = [*(place for place in passed if is_sound(place)), *cured] or passed
+    if not passed:
+        return ()
 
     def left(place: int, joints: Sequence[int]) -> float:
         return float(trials[place].found.losses[:, list(joints)].sum())
@@ -230,13 +243,6 @@ def _compare(base: TriedFit, found: TriedFit, joints: list[int]) -> tuple[float,
     left = float(found.squares[joints].sum())
     fall = float(base.squares[joints].sum()) / left if left > 0.0 else np.inf
     return compared.p_of_all, min(compared.fall_of_all, fall)
-
-
-def _cures(library: Library, trial: TriedHypothesis, base: TriedFit) -> bool:
-    """Return whether a hypothesis predicts as well as the logs as they are, and has nothing impossible."""
-    worse = judge.compare(trial.found.losses, base.losses)
-    same = worse.fall_of_all < (1.0 + POLICY.relevance) ** 2 or worse.p_of_all > POLICY.caution
-    return same and not mask_impossible(library, trial.hypothesis.motion, trial.found.fit).any()
 
 
 class JointShares(NamedTuple):
@@ -365,7 +371,6 @@ def list_mistakes(
         cause="all torques have the wrong sign",
         remedy="state a factor of -1 in [log.torque]",
         motion=_scale_torque(motion, -1.0),
-        turned=True,
     )
     yield Hypothesis(
         code="log.position-sign",
@@ -373,7 +378,6 @@ def list_mistakes(
         cause="all positions have the wrong sign",
         remedy="state a factor of -1 in [log.position]",
         motion=_scale_position(motion, -1.0),
-        turned=True,
     )
     for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
         yield Hypothesis(
@@ -383,7 +387,6 @@ def list_mistakes(
             remedy="state its factor -1 in [log.torque], or turn its gear",
             joints=(joint,),
             motion=_scale_torque(motion, 1.0 - 2.0 * unit),
-            turned=True,
         )
         yield Hypothesis(
             code="log.position-sign",
@@ -392,7 +395,6 @@ def list_mistakes(
             remedy="state its factor -1 in [log.position]",
             joints=(joint,),
             motion=_scale_position(motion, 1.0 - 2.0 * unit),
-            turned=True,
         )
     matrix = np.zeros((0, count)) if transmission is None else transmission
     for motor in range(len(matrix)):
@@ -408,7 +410,6 @@ def list_mistakes(
                 remedy="state its factor -1 in [log.torque]",
                 joints=tuple(driven),
                 motion=replace(motion, tau=motion.tau @ turn),
-                turned=True,
             )
     for first, second in combinations(range(count), 2):
         order = list(range(count))
@@ -495,13 +496,17 @@ def _list_sizes(
     delays = motion.period * 2.0 ** np.arange(-1.0, _STEPS)
     delays = delays[10.0 * delays <= span]
     for sign, side in ((1.0, "after"), (-1.0, "before")) if len(delays) else ():
-        delay = _search(library, fold, lambda size, sign=sign: shift_torques(motion, sign * size), delays)
+
+        def shift(size: float, sign: float = sign) -> ThinMotion:
+            return shift_torques(motion, sign * size)
+
+        delay = _search(library, fold, shift, delays)
         yield Hypothesis(
             code="log.torque-delay",
             family="delay",
             cause=f"torques are logged about {1e3 * delay:.3g} ms {side} the motion",
             remedy="shift them in the log; `symid check` states the delay",
-            motion=shift_torques(motion, sign * delay),
+            motion=shift(delay),
         )
     # A whole turn changes nothing.
     zeros = np.linspace(-np.pi, np.pi, _STEPS + 1)[1:]

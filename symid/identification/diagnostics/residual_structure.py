@@ -37,6 +37,7 @@ from symid.codegen import JointCard, Library
 from symid.errors import LogError, Notice
 from symid.identification import regression
 from symid.identification.estimators import Residual, compute_mean_relative
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import condensing
 from symid.logs import (
     Recording,
@@ -131,11 +132,6 @@ FAMILIES: dict[str, Family] = {
     ),
 }
 """By name: functions of a joint's motion that its residual is tried on."""
-_BLOCKS = 8
-"""Blocks of time that are held out in turn."""
-_LARGEST = 2e8
-"""Bytes of a joint's equations that are held in memory."""
-_TINY = 1e-300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -175,9 +171,9 @@ def compute_joint_residuals(
     processing: Processing,
     *,
     weights: Sequence[float] | None = None,
-    largest: float = _LARGEST,
+    largest: float = numerics.LARGEST,
 ) -> Iterator[tuple[JointCard, JointResidual]]:
-    """Yield every joint that moves in one of the logs, with its residual; as `analyse_structure`."""
+    """Yield every joint that moves in one of the logs, with its residual; as `analyse_residuals`."""
     processing = regression.choose_filters(processing, recordings).processing
     rows = sum(len(entry.time) for entry in recordings) / processing.decimation.factor
     step = max(1, math.ceil(8.0 * rows * (len(values) + 1) / largest))
@@ -234,11 +230,10 @@ def _tabulate(
     return table
 
 
-_LEAST_PERCENT = 5.0
-_LEAST_GAIN = 0.03
-"""Part of the whole residual's square below which a family is not reported."""
-_NEW = 1e-6
-"""Squared part of a function outside the model's columns above which it counts as new."""
+_BLOCKS = POLICY.folds * POLICY.parts
+"""Blocks of time that are held out in turn."""
+_LEAST = 0.05
+"""Part of a residual's square below which a family is not reported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,16 +277,16 @@ class JointProfiles:
     load: Profile
 
 
-def analyse_structure(
+def analyse_residuals(
     values: FloatArray,
     library: Library,
     recordings: Sequence[Recording],
     processing: Processing,
     *,
     weights: Sequence[float] | None = None,
-    largest: float = _LARGEST,
-) -> tuple[ResidualFinding, ...]:
-    """Return the families that explain at least 5 % of a joint's squared residual, joint by joint.
+    largest: float = numerics.LARGEST,
+) -> tuple[tuple[ResidualFinding, ...], tuple[JointProfiles, ...]]:
+    """Return the families that explain at least 5 % of a joint's squared residual, and its profiles.
 
     `values` (p,) are base parameters and friction, in the order of the library's card; `weights` those of
     each log's squared residuals, one if None. Where a joint's equations take more than `largest` bytes, one
@@ -300,16 +295,19 @@ def analyse_structure(
     residuals = compute_joint_residuals(
         values, library, recordings, processing, weights=weights, largest=largest
     )
-    findings = []
+    findings, profiles = [], []
     for card, residual in residuals:
+        table = residual.evaluate(lambda motion: [motion.q, motion.dq, motion.load])
+        drawn = [compute_profile(column, residual.plain) for column in table.T]
+        profiles.append(JointProfiles(card.name, card.torque_unit, card.position_unit, *drawn))
         size = float(residual.error @ residual.error)
         if not size:
             continue
         # An orthonormal basis (m, r) of the model's columns.
         lengths = np.linalg.norm(residual.model, axis=0)
-        alive = lengths > 1e-12 * max(lengths.max(initial=0.0), _TINY)
+        alive = lengths > 1e-12 * max(lengths.max(initial=0.0), numerics.TINY)
         left, singular, _ = np.linalg.svd(residual.model[:, alive] / lengths[alive], full_matrices=False)
-        span = left[:, singular > 1e-9 * max(singular.max(initial=0.0), _TINY)]
+        span = left[:, singular > 1e-9 * max(singular.max(initial=0.0), numerics.TINY)]
         new = residual.error - span @ (span.T @ residual.error)
         gain = _measure_gain(span, residual.error, residual.blocks)
         # Family, share, squares explained.
@@ -320,32 +318,17 @@ def analyse_structure(
                 continue
             functions *= residual.roots[:, None]
             lengths = np.linalg.norm(functions, axis=0)
-            scaled = functions[:, lengths > _TINY] / lengths[lengths > _TINY]
+            scaled = functions[:, lengths > numerics.TINY] / lengths[lengths > numerics.TINY]
             # What the model's columns do not explain, as an orthonormal set.
             left, singular, _ = np.linalg.svd(scaled - span @ (span.T @ scaled), full_matrices=False)
-            gain = _measure_gain(left[:, singular**2 > _NEW], new, residual.blocks)
-            if gain > _LEAST_GAIN * size:
+            gain = _measure_gain(left[:, singular**2 > numerics.CONVERGED], new, residual.blocks)
+            if gain > _LEAST * size:
                 found.append((name, gain / float(new @ new), gain))
         for name, share, gain in sorted(found, key=lambda entry: -entry[2]):
-            if 100.0 * share >= _LEAST_PERCENT:
+            if share >= _LEAST:
                 rms = float(np.sqrt(gain / len(residual.error)))
                 findings.append(ResidualFinding(card.name, name, 100.0 * share, rms, card.torque_unit))
-    return tuple(findings)
-
-
-def compute_profiles(
-    values: FloatArray, library: Library, recordings: Sequence[Recording], processing: Processing
-) -> tuple[JointProfiles, ...]:
-    """Return the residual of every joint that moves against position, velocity and load.
-
-    Arguments as for `analyse_structure`.
-    """
-    found = []
-    for card, residual in compute_joint_residuals(values, library, recordings, processing):
-        table = residual.evaluate(lambda motion: [motion.q, motion.dq, motion.load])
-        profiles = [compute_profile(column, residual.plain) for column in table.T]
-        found.append(JointProfiles(card.name, card.torque_unit, card.position_unit, *profiles))
-    return tuple(found)
+    return tuple(findings), tuple(profiles)
 
 
 def _measure_gain(functions: FloatArray, error: FloatArray, blocks: NDArray[np.intp]) -> float:

@@ -153,14 +153,16 @@ def mask_rest(speed: FloatArray, top: float, length: int) -> NDArray[np.bool_]:
     return slow
 
 
-def mark_trembling(top: FloatArray, units: Sequence[str]) -> FloatArray:
-    """Return top speeds (n,), infinite for a joint that only trembles beside others of its kind.
+def mask_trembling(recordings: Sequence[Recording], units: Sequence[str]) -> NDArray[np.bool_]:
+    """Return the joints (n,) that turn by less than matters, beside others that move far more.
 
-    What holds it may be a brake or a lock, so that it rests throughout for `mask_rest`.
+    What holds such a joint may be a brake or a lock, so that it rests.
     """
-    kinds = np.array(units)
-    fastest = np.array([top[kinds == kind].max() for kind in kinds])
-    return np.where(top < POLICY.relevance * fastest, np.inf, top)
+    lowest = np.min([entry.position.min(axis=0) for entry in recordings], axis=0)
+    spread: FloatArray = np.max([entry.position.max(axis=0) for entry in recordings], axis=0) - lowest
+    turning = np.array([unit == "rad" for unit in units])
+    widest = spread[turning].max(initial=0.0)
+    return np.asarray(turning & (spread < POLICY.relevance * min(1.0, float(widest))))
 
 
 def balance_cutoff(recordings: Sequence[Recording]) -> float:
@@ -426,7 +428,7 @@ class CondensedLogs:
             stated = [processing.get_standstill(joint) for joint in range(library.card.size)]
             self.limits = np.column_stack([np.zeros(len(stated)), stated])
         top = np.max([np.abs(entry.states[1]).max(axis=0) for entry in self._pieces], axis=0)
-        top = mark_trembling(top, [joint.position_unit for joint in library.card.joints])
+        top[mask_trembling(recordings, [joint.position_unit for joint in library.card.joints])] = np.inf
         length = max(2, round(1.0 / (self.bands[SCORING] * self.period)))
         friction = [joint.friction != "none" for joint in library.card.joints]
         # (T, n) rows at rest of joints with friction, and wrong ones: they count for nothing.

@@ -199,7 +199,9 @@ def fit_in_memory(
         speed = regression.stack_rows(list(map(smooth.outline, recordings))).velocity
     kept, slow = regression.mask_fast(whole, speed, used, margin=plan.margin)
     if plan.scoring and builder.kind not in regression.SCALAR_KINDS:
-        rest, told = mask_resting_rows(builder.library.card, whole, speed, plan.scoring)
+        card = builder.library.card
+        trembling = regression.mask_trembling(recordings, [joint.position_unit for joint in card.joints])
+        rest, told = mask_resting_rows(card, whole, speed, plan.scoring, trembling)
         kept, slow = kept & ~rest, (*slow, *told)
     built = replace(regression.select_rows(whole, kept), notices=(*whole.notices, *slow))
     freedom = used.noise_freedom
@@ -254,12 +256,19 @@ def fit_in_memory(
 
 
 def mask_resting_rows(
-    card: ModelCard, rows: regression.Rows, speed: FloatArray, scoring: float
+    card: ModelCard,
+    rows: regression.Rows,
+    speed: FloatArray,
+    scoring: float,
+    trembling: NDArray[np.bool_],
 ) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
-    """Return the rows (m,) at which a joint with friction rests, by its smooth speed (m,), and notices."""
+    """Return the rows (m,) at which a joint with friction rests, by its smooth speed (m,), and notices.
+
+    Those that are `trembling` (n,) rest throughout.
+    """
     rest, notices = np.zeros(len(speed), dtype=np.bool_), []
     tops = np.array([np.abs(speed[rows.group == k]).max(initial=0.0) for k in range(card.size)])
-    tops = regression.mark_trembling(tops, [joint.position_unit for joint in card.joints])
+    tops[trembling] = np.inf
     for group in np.unique(rows.group).tolist():
         own = rows.group == group
         if card.joints[group].friction == NO_FRICTION:

@@ -563,6 +563,8 @@ def diagnose_estimate(
     price = (Price(what=what, of="residual", percent=percent),) if percent >= numerics.CONVERGED else ()
     changed = refit is not None and refit > numerics.CONVERGED
     warnings = (diagnostics.build_warning("diagnosis.other-values", refit=refit),) if changed else ()
+    call = values, library, recordings, processing
+    structure, profiles = diagnostics.analyse_residuals(*call, weights=weights)
     return Diagnosis(
         singular=tuple(map(float, regression.compute_spectrum(rows.matrix * fit.weights[:, None]).singular)),
         rank=int(identifiability.basis.shape[1]),
@@ -571,8 +573,8 @@ def diagnose_estimate(
         essential=uncertainty.select_essential(rows, fit, identifiability, freedom=processing.noise_freedom),
         bootstrap=uncertainty.compute_bootstrap(rows, fit, identifiability, np.random.default_rng(0)),
         drift=uncertainty.measure_drift(rows, fit, processing.noise_freedom),
-        structure=diagnostics.analyse_structure(values, library, recordings, processing, weights=weights),
-        profiles=diagnostics.compute_profiles(values, library, recordings, processing),
+        structure=structure,
+        profiles=profiles,
         prices=(*price, *measure_decimation_price(builder, recordings, identifiability, groups, weights)),
         refit=refit,
         notices=(*settled.notices, *warnings),

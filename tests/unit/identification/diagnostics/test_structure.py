@@ -8,10 +8,9 @@ import pytest
 from symid.errors import LogError
 from symid.identification.diagnostics.residual_structure import (
     OTHER_VALUES,
-    analyse_structure,
+    analyse_residuals,
     compute_band_residual,
     compute_profile,
-    compute_profiles,
     predict_torques,
 )
 from symid.identification.regression.condensing import ENDS
@@ -40,7 +39,7 @@ def build(seed=0, noise=(0.05, 0.05), samples=SAMPLES, **terms):
 
 def diagnose(recording):
     estimate = identify_parameters(LIBRARY, [recording], PROCESSING, estimator="wls")
-    return estimate, analyse_structure(estimate.assemble(NAMES), LIBRARY, [recording], PROCESSING)
+    return estimate, analyse_residuals(estimate.assemble(NAMES), LIBRARY, [recording], PROCESSING)[0]
 
 
 def test_white_noise_and_rounding_have_no_structure():
@@ -48,7 +47,7 @@ def test_white_noise_and_rounding_have_no_structure():
     assert found == ()
     assert estimate.evidence.causes == ()
     still = replace(build(), torque=np.zeros((SAMPLES, 2)))
-    assert analyse_structure(np.zeros(12), LIBRARY, [still], PROCESSING) == ()
+    assert analyse_residuals(np.zeros(12), LIBRARY, [still], PROCESSING)[0] == ()
 
 
 @pytest.mark.parametrize(
@@ -84,17 +83,17 @@ def test_a_delay_of_the_torque_is_named():
 def test_a_held_out_log_tells_as_well():
     """The parameters are true; the log has friction that the model has not, or a load that it has."""
     log = build(seed=5, joint1=lambda s, j: 0.8 * np.abs(s.dq[:, j]) * s.dq[:, j])
-    found = analyse_structure(TWO_LINK_TRUTH, LIBRARY, [log], PROCESSING)
+    found = analyse_residuals(TWO_LINK_TRUTH, LIBRARY, [log], PROCESSING)[0]
     assert "velocity" in {entry.family for entry in found if entry.joint == "joint1"}
     log = build(seed=5, joint2=lambda s, j: 0.5 * np.cos(s.q[:, 0] + s.q[:, j]))
-    (finding,) = analyse_structure(TWO_LINK_TRUTH, LIBRARY, [log], PROCESSING)
+    (finding,) = analyse_residuals(TWO_LINK_TRUTH, LIBRARY, [log], PROCESSING)[0]
     assert (finding.joint, finding.family) == ("joint2", OTHER_VALUES)
     assert finding.share_percent > 90.0
 
 
 def test_profiles_follow_the_missing_term():
     log = build(noise=(0.0, 0.0), joint1=lambda s, j: 2.0 * s.q[:, j])
-    first, second = compute_profiles(TWO_LINK_TRUTH, LIBRARY, [log], PROCESSING)
+    _, (first, second) = analyse_residuals(TWO_LINK_TRUTH, LIBRARY, [log], PROCESSING)
     assert first.position.mean == pytest.approx(2.0 * first.position.centre, abs=0.05)
     assert np.all(np.diff(first.position.centre) > 0.0)
     assert second.load.mean == pytest.approx(np.zeros(24), abs=0.05)

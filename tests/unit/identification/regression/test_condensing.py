@@ -11,8 +11,8 @@ from symid.identification.regression import (
     CondensedLogs,
     condensing,
     fit_sums,
-    mark_trembling,
     mask_rest,
+    mask_trembling,
     measure_scoring_band,
 )
 from symid.identification.regression.condensing import measure_left, measure_repetition, pick_pieces
@@ -268,10 +268,20 @@ def test_rest_is_slow_for_some_time():
     assert 0 < found.sum() < slow.sum()
     assert not mask_rest(np.ones(5), 1.0, 2).any()
     assert mask_rest(np.zeros(5), 0.0, 2).all()
-    # A joint that trembles beside a fast one rests throughout; slides have another unit.
-    top = mark_trembling(np.array([2.0, 0.039, 0.041, 0.01]), ["rad", "rad", "rad", "m"])
-    assert top.tolist() == [2.0, np.inf, 0.041, 0.01]
     assert mask_rest(speed, np.inf, 10).all()
+
+
+def test_a_joint_that_trembles_beside_others_rests():
+    time = 1e-2 * np.arange(1000)
+    size = np.array([0.4, 0.009, 0.011, 0.001])
+    log = Recording(time=time, position=np.sin(time)[:, None] * size, torque=np.ones((1000, 4)), source="log")
+    units = ["rad", "rad", "rad", "m"]
+    assert mask_trembling([log], units).tolist() == [False, False, False, False]
+    faint = replace(log, position=log.position * [1.0, 0.8, 1.0, 1.0])
+    assert mask_trembling([faint], units).tolist() == [False, True, False, False]
+    # In another log it stands elsewhere; and none trembles where all move as little.
+    assert not mask_trembling([faint, replace(log, position=5.0 + log.position)], units).any()
+    assert not mask_trembling([replace(log, position=log.position / 40.0)], ["rad"] * 3 + ["m"]).any()
 
 
 def test_of_long_logs_six_pieces_are_compared():

@@ -8,7 +8,7 @@ import pytest
 
 from symid.errors import IdentifiabilityError
 from symid.identification.diagnostics.fit_warnings import compute_block_deviations
-from symid.identification.diagnostics.residual_structure import analyse_structure
+from symid.identification.diagnostics.residual_structure import analyse_residuals
 from symid.identification.diagnostics.uncertainty import compute_mean_weights
 from symid.identification.estimators.least_squares import fit_condensed
 from symid.identification.estimators.linear_estimators import fit_rows
@@ -152,10 +152,11 @@ def test_what_blocks_cannot_do_is_done_in_memory(recordings):
 def test_structure_of_very_long_logs_is_that_of_some_of_their_rows():
     recordings = [record(1, 20001), record(2, 41000, spring=40.0)]
     call = (TWO_LINK_TRUTH, LIBRARY, recordings, PROCESSING)
-    whole = analyse_structure(*call)
+    whole = analyse_residuals(*call)[0]
     assert {(entry.joint, entry.family) for entry in whole} >= {("joint2", "position")}
     rows = sum(len(entry.time) for entry in recordings) / PROCESSING.decimation.factor
-    some = analyse_structure(*call, largest=8.0 * rows * (len(TWO_LINK_TRUTH) + 1) / 4.5)
+    size = 8.0 * rows * (len(TWO_LINK_TRUTH) + 1)
+    some = analyse_residuals(*call, largest=size / 4.5)[0]
     found = {(entry.joint, entry.family): entry for entry in some}
     for entry in (entry for entry in whole if entry.share_percent > 10.0):
         other = found[entry.joint, entry.family]
