@@ -322,7 +322,7 @@ def analyse_residuals(
             # What the model's columns do not explain, as an orthonormal set.
             left, singular, _ = np.linalg.svd(scaled - span @ (span.T @ scaled), full_matrices=False)
             gain = _measure_gain(left[:, singular**2 > numerics.CONVERGED], new, residual.blocks)
-            if gain > _LEAST * size:
+            if gain > POLICY.relevance * size:
                 found.append((name, gain / float(new @ new), gain))
         for name, share, gain in sorted(found, key=lambda entry: -entry[2]):
             if share >= _LEAST:
