@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         compare as compare,
         compute_chance as compute_chance,
         compute_changes as compute_changes,
+        compute_variance as compute_variance,
     )
 else:
     from symid.lazy import load_names

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import IdentifiabilityError, Notice, UsageError
-from symid.identification import diagnostics, estimators, regression
+from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import numerics
 from symid.identification.rigid.evidence import collect_evidence, warn_of_evidence
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan, list_unknown, plan_fit
@@ -227,7 +227,7 @@ def fit_in_memory(
         if plan.study is not None:
             variances = np.diag(covariance)
             safe = np.where(variances > 0.0, variances, 1.0)
-            blocks = np.sum(plan.study.fit.changes**2, axis=0)
+            blocks = judge.compute_variance(plan.study.fit.changes)
             wider = np.maximum(variances, blocks)
             factor = np.sqrt(np.where(variances > 0.0, wider / safe, 1.0))
             covariance = np.asarray(covariance * factor * factor[:, None])

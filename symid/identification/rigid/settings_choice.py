@@ -7,7 +7,7 @@ taken.
     as good      no candidate predicts held-out stretches better, by more than matters and more than chance
     consistent   torques that the candidate predicts agree with those of the same rows and the lowest
     instruments taken        of those as good and consistent the widest rows, then the widest instruments
-    slow rows    below a tenth of the top speed, of a joint, are used where friction, with and without, agrees
+    slow rows    below a tenth of the top speed, of a joint, are used where friction surely is another there
 
 Noise of the positions biases least squares, and instruments of a wide band; instruments of a low band are
 consistent, whatever noise there is (Hausman 1978, Econometrica 46). Rows reach up to a tenth of the sample
@@ -223,30 +223,26 @@ def _choose_trial(
 def _choose_classes(
     library: Library, logs: CondensedLogs, trial: BandTrial, *, moving: bool
 ) -> tuple[int, ...]:
-    """Return from which class of speed on rows of each joint are used: from the first where friction agrees.
+    """Return from which class of speed on rows of each joint are used: those of slow motion are left out.
 
-    Where it differs by a part of the torque that matters, no choice of rows makes the law right: all rows
-    count, as long as that predicts as well.
+    Filters smear friction where a joint turns round, and without these rows deviations are hardly larger.
+    Only where friction there surely is another, by a part of the torque that matters, does no choice of rows
+    make the law right: all rows count, as long as that predicts as well.
     """
     last, inertial = logs.limits.shape[1] - 1, len(library.card.beta)
     classes, grams = [last] * len(logs.limits), logs.list_grams()[:, inertial:, inertial:]
-    losses, policy = logs.measure_losses(trial.fit), judge.POLICY
+    losses = logs.measure_losses(trial.fit)
     for joint, gram in enumerate(grams):
         if moving or not last:
             continue
-        tried = [0 if place == joint else last for place in range(len(classes))]
-        other = logs.fit(trial.sums, tried)
-        difference = (other.values - trial.fit.values)[inertial:]
-        changes = (other.changes - trial.fit.changes)[:, inertial:]
-        (found,) = judge.agree(difference, changes, gram[None], logs.torque[joint : joint + 1])
-        # One by one as well: an offset that is hardly known beside weights must not hide the others.
-        chances = [found.p] + [
-            judge.agree_in_value(
-                float(difference[k]), changes[:, k], abs(float(trial.fit.values[inertial + k]))
-            ).p
-            for k in np.flatnonzero(np.diag(gram))
-        ]
-        alike = min(judge.adjust_chances(chances)) > policy.caution or found.size > policy.relevance
-        if alike and judge.compare(logs.measure_losses(other), losses).p_of_all > policy.caution:
+        other = logs.fit(trial.sums, [0 if place == joint else last for place in range(len(classes))])
+        (found,) = judge.agree(
+            (other.values - trial.fit.values)[inertial:],
+            (other.changes - trial.fit.changes)[:, inertial:],
+            gram[None],
+            logs.torque[joint : joint + 1],
+        )
+        worse = judge.compare(logs.measure_losses(other), losses)
+        if found.verdict is judge.Agreement.DIFFERENT and worse.p_of_all > judge.POLICY.caution:
             classes[joint] = 0
     return tuple(classes)
