@@ -54,6 +54,9 @@ T = TypeVar("T")
 _WRITE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _SECONDS_A_DAY = 86400.0
 _NEW = ".new-"
+_LOCK_PATIENCE = 1.0
+_PROCESS = f"{secrets.token_hex(4)}-"
+"""In the names of this process's folders: without it they are of one before it that had its number."""
 
 
 def locate_user_folder() -> Path | None:
@@ -109,9 +112,6 @@ def describe_entry_risk(entry: Path) -> str:
         return "it is no folder"
     weak = ((path, describe_path_risk(path)) for path in sorted(entry.rglob("*")))
     return next((f"{path.relative_to(entry)} {weakness}" for path, weakness in weak if weakness), "")
-
-
-_LOCK_PATIENCE = 1.0
 
 
 def _is_held(lock: BaseFileLock, file: Path) -> bool:
@@ -227,10 +227,6 @@ def _describe_damage(place: Path, key: str) -> str:
         return "its seal lists no files"
     changed = sorted(path for path in listed.keys() | found.keys() if listed.get(path) != found.get(path))
     return f"changed since it was made: {', '.join(changed)}" if changed else ""
-
-
-_PROCESS = f"{secrets.token_hex(4)}-"
-"""In the names of this process's folders: without it they are of one before it that had its number."""
 
 
 def _store_entry(entry: CacheEntry[T], place: Path) -> None:

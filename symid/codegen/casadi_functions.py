@@ -47,6 +47,8 @@ _SX_RULES: Mapping[Op, Callable[..., ca.SX]] = {
     Op.MAXIMUM: ca.fmax,
     Op.MINIMUM: ca.fmin,
 }
+Fields = dict[str, object]
+"""One entry of a list in a template."""
 
 
 def get_matrix_shape(port: Port) -> tuple[int, int]:
@@ -160,10 +162,6 @@ def build_casadi_function(
     a power below one has none at rest. Arguments and errors are those of `build_functions`.
     """
     return build_functions(robot, names=(name,), standard=standard, constant=constant).functions[0]
-
-
-Fields = dict[str, object]
-"""One entry of a list in a template."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

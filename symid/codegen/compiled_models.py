@@ -55,6 +55,11 @@ if TYPE_CHECKING:
     from symid.codegen.casadi_functions import Functions
 
 _LOG = logging.getLogger(__name__)
+RIGID_ENDS = ("well", "away", "chatter", "steep", "not-converged")
+"""Why an experiment ended: at its end, far from the reference, by endless stops, by friction too steep, by no
+answer to which joints rest."""
+COMPILED = ("inverse_dynamics", "forward_dynamics")
+"""Functions that `build_compiled_function` offers: those with a generated derivative."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -200,11 +205,6 @@ class RigidExperiment(FrozenArrays):
     measured: FloatArray
     velocity: FloatArray
     controlled: bool = False
-
-
-RIGID_ENDS = ("well", "away", "chatter", "steep", "not-converged")
-"""Why an experiment ended: at its end, far from the reference, by endless stops, by friction too steep, by no
-answer to which joints rest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -454,10 +454,6 @@ def write_branch(plain: SteppedBranch) -> str:
     return write_template(
         "element/branch.c.jinja", {"step": generator.dump(), "size": step.size1_out(0), "name": _BRANCH}
     )
-
-
-COMPILED = ("inverse_dynamics", "forward_dynamics")
-"""Functions that `build_compiled_function` offers: those with a generated derivative."""
 
 
 def write_external(functions: "Functions", name: str) -> str:

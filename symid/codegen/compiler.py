@@ -34,6 +34,8 @@ _ELF_LAYOUTS = {
     b"\1": (32, "I", 46, "IIIIIIIIII", "IIIBBH", (2, 3, 5)),
     b"\2": (40, "Q", 58, "IIQQQQIIQQ", "IBBHQQ", (5, 1, 3)),
 }
+STACK_FLAG = "-fstack-usage"
+Processes = list["subprocess.Popen[str]"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,9 +73,6 @@ def read_object_file(content: bytes) -> ObjectFile | None:
     except (struct.error, IndexError, ValueError):
         return None
     return ObjectFile(functions=functions, constants=constants)
-
-
-STACK_FLAG = "-fstack-usage"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,9 +172,6 @@ def allow_fusing(compiler: Compiler) -> Compiler:
     return replace(
         compiler, flags=tuple(_FUSING_FLAG if flag == _EXACT_FLAG else flag for flag in compiler.flags)
     )
-
-
-Processes = list["subprocess.Popen[str]"]
 
 
 def _kill(process: "subprocess.Popen[str]") -> None:

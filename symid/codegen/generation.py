@@ -42,6 +42,11 @@ from symid.robot import Robot
 from symid.serialization import compute_signature
 
 _ENTRY = "build"
+_SELFTEST_TIMEOUT = 1800.0
+_SELFTEST_FLAGS = "-O2"
+# An outer `make` may have been told to build nothing, or to ignore all errors.
+_MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL", "MAKEFILES"})
+_PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,13 +94,6 @@ def _read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], Bu
         return None
     same = record.inputs == inputs and seal == _compute_seal(manifest) and is_unchanged(folder, manifest)
     return (manifest, record) if same else None
-
-
-_SELFTEST_TIMEOUT = 1800.0
-_SELFTEST_FLAGS = "-O2"
-# An outer `make` may have been told to build nothing, or to ignore all errors.
-_MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL", "MAKEFILES"})
-_PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
 
 
 @functools.cache

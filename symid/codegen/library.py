@@ -50,6 +50,14 @@ _DOUBLE = np.dtype(np.float64)
 
 Arrays = tuple[FloatArray, ...]
 Call = Callable[..., Arrays]
+_LEAST_PIECE = 256
+"""Samples for a thread: to start one takes as long as some hundred."""
+# Samples at once: NumPy takes about as long to begin an operation as for a thousand numbers, and a function
+# has thousands of operations; but all their results are in memory at once.
+_NUMPY_CHUNK = 4096
+# Samples at once. Buffers of a regressor of seven joints are then half a megabyte, and stay in the cache of a
+# processor; a call for each piece costs some microseconds.
+_CASADI_CHUNK = 256
 
 
 def get_spec(card: ModelCard, name: str) -> FunctionSpec:
@@ -348,10 +356,6 @@ def _check_status(name: str, status: int) -> None:
         raise GenerationError(Notice(code="codegen.call-failed", text=text))
 
 
-_LEAST_PIECE = 256
-"""Samples for a thread: to start one takes as long as some hundred."""
-
-
 @final
 class _CompiledEngine:
     """Functions of a shared library; `digest` is what it must have been built from.
@@ -447,11 +451,6 @@ class _CompiledEngine:
         return evaluate_one
 
 
-# Samples at once: NumPy takes about as long to begin an operation as for a thousand numbers, and a function
-# has thousands of operations; but all their results are in memory at once.
-_NUMPY_CHUNK = 4096
-
-
 @final
 class _PythonEngine:
     """Functions of a generated NumPy module; large batches go through in pieces, to save memory."""
@@ -492,11 +491,6 @@ def import_generated_module(path: Path) -> ModuleType:
     except (OSError, SyntaxError, ImportError, ValueError) as error:
         raise build_load_error(path, f"{error}; generate it again") from error
     return module
-
-
-# Samples at once. Buffers of a regressor of seven joints are then half a megabyte, and stay in the cache of a
-# processor; a call for each piece costs some microseconds.
-_CASADI_CHUNK = 256
 
 
 @final

@@ -40,6 +40,11 @@ _DECIMAL_CONTEXT = Context(
 )
 
 DecimalArray = npt.NDArray[np.object_]
+V = TypeVar("V")
+_AGREEMENT = 1e-8
+_LONG = 60_000
+"""Instructions of all functions together: robots of up to about fifteen joints have fewer."""
+_CONVERT_TO_DECIMALS = np.vectorize(Decimal, otypes=[object])
 
 
 @lru_cache(maxsize=1 << 16)
@@ -72,9 +77,6 @@ _DECIMAL_RULES: dict[Op, Callable[..., Any]] = {
 def _build_no_value_error(program: Program, why: str) -> GenerationError:
     text = f"function {program.spec.name!r} has no value at a state of the self-test: {why}"
     return GenerationError(Notice(code="codegen.no-reference", text=text))
-
-
-V = TypeVar("V")
 
 
 def _run(
@@ -444,12 +446,6 @@ def find_ease(program: Program, inputs: Sequence[FloatArray], precision: str) ->
         eases.append(2.0 ** max(0, math.ceil(math.log2(bound / limit))) if 0.0 < bound < np.inf else 1.0)
     safe = precision == "float" and max(find_ease(program, inputs, "double"), default=1.0) == 1.0
     return (1.0,) * len(eases) if safe else tuple(eases)
-
-
-_AGREEMENT = 1e-8
-_LONG = 60_000
-"""Instructions of all functions together: robots of up to about fifteen joints have fewer."""
-_CONVERT_TO_DECIMALS = np.vectorize(Decimal, otypes=[object])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -42,6 +42,11 @@ from symid.robot import Exact, Robot
 
 DRIVE_PARAMETERS = ("IA", "KS", "KR")
 """Parameters of drives and springs, in their order within a joint."""
+Parameters = Mapping[tuple[int, str], T]
+Body = tuple[Matrix[T], Vector[T], T]
+"""Inertia tensor about the link frame's origin (kg m^2), first moments (kg m), mass (kg)."""
+_Inertia = tuple[tuple[T, ...], ...]
+"""The symmetric matrix (6, 6) that makes moment and force of angular and linear acceleration."""
 
 
 def list_drive_parameters(robot: Robot) -> tuple[Label, ...]:
@@ -126,11 +131,6 @@ def add_drive_inertias(recursion: Recursion[T], matrix: list[list[T]], parameter
             for (i, first), (j, second) in product(shares, shares):
                 share = algebra.mul(algebra.constant(first * second), parameters[key])
                 matrix[i][j] = algebra.add(matrix[i][j], share)
-
-
-Parameters = Mapping[tuple[int, str], T]
-Body = tuple[Matrix[T], Vector[T], T]
-"""Inertia tensor about the link frame's origin (kg m^2), first moments (kg m), mass (kg)."""
 
 
 def gather_body(algebra: Algebra[T], parameters: Parameters[T], link: int) -> Body[T]:
@@ -287,10 +287,6 @@ def compute_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> t
             bodies[parent] = add_bodies(algebra, bodies[parent], moved)
     add_drive_inertias(recursion, matrix, parameters)
     return tuple(tuple(row) for row in matrix)
-
-
-_Inertia = tuple[tuple[T, ...], ...]
-"""The symmetric matrix (6, 6) that makes moment and force of angular and linear acceleration."""
 
 
 def _mirror(upper: Sequence[Sequence[T]]) -> _Inertia[T]:

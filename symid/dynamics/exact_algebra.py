@@ -34,6 +34,7 @@ from symid.robot import Exact, JointKind, Placement, Robot, Surd
 
 Number = Any
 """An element of a SymPy domain, which has no type of its own."""
+Row = dict[int, Number]
 
 
 def list_placement_constants(placement: Placement) -> Iterator[Exact]:
@@ -222,9 +223,6 @@ class PointAlgebra(OperatorAlgebra):
 
     def half(self, value: Number) -> Number:
         return value * self.domain.convert(QQ(1, 2))
-
-
-Row = dict[int, Number]
 
 
 def reduce_rows(rows: Iterable[Row]) -> tuple[Row, ...]:

@@ -32,6 +32,8 @@ from symid.joint_models import (
 from symid.robot import JointKind, Robot
 
 V = TypeVar("V")
+_ORDERS = {"Fvq": 2}
+_SIDES = {"Fep": 1, "Fen": -1}
 
 
 def compute_friction_columns(
@@ -139,10 +141,6 @@ def _describe_curve(
         return (law.name, name, *shape.values(), smoothing, size), sign
     side = _SIDES.get(name, 0) * sign
     return ("fall", side, shape["vs"], gamma or "lorentzian", shape.get("dq0", smoothing)), sign
-
-
-_ORDERS = {"Fvq": 2}
-_SIDES = {"Fep": 1, "Fen": -1}
 
 
 def _list_curved_shares(

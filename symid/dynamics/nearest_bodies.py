@@ -37,6 +37,8 @@ _ROUNDED = 1e-3
 _UNITS = build_pseudo_inertias(np.eye(10)).reshape(10, 16)
 # Symmetric V_k (10, 4, 4) with parameter k = tr(V_k P): entries are 0 (of no sign), 1/2 and 1.
 PSEUDO_INERTIA_FORMS = 0.5 * np.rint(2.0 * np.linalg.pinv(_UNITS).T).reshape(10, 4, 4) + 0.0
+Weights = tuple[float, float]
+"""Of the distance, and of the logarithms of what must not be negative."""
 
 
 def compute_standard_parameters(pseudo_inertias: FloatArray) -> FloatArray:
@@ -191,10 +193,6 @@ class _Step(NamedTuple):
     change: FloatArray
     promise: float
     gradient: float
-
-
-Weights = tuple[float, float]
-"""Of the distance, and of the logarithms of what must not be negative."""
 
 
 def _flatten(matrices: FloatArray) -> FloatArray:

@@ -51,6 +51,7 @@ _HEAD = re.compile(r"([A-Za-z]+?)(m?\d+)R")
 _LARGEST = 10**12
 
 _Terms = dict[Label, Expr]
+_LINEAR = ("IA", "Fv")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,9 +179,6 @@ def evaluate_regrouping(rows: Sequence[Sequence[Expr]], robot: Robot) -> FloatAr
     symbols = {Symbol(name): value for name, value in robot.symbols}
     numbers = [[float(value.subs(symbols)) for value in row] for row in rows]
     return np.array(numbers, dtype=np.float64).reshape(len(rows), -1 if rows else 0)
-
-
-_LINEAR = ("IA", "Fv")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,6 +16,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal, localcontext
 from fractions import Fraction
 
@@ -28,12 +29,7 @@ _FRACTION = re.compile(r"\s*[-+]?\d{1,18}(?:\.\d{1,18})?(?:\s*/\s*\d{1,18})?\s*"
 _LONGEST = 2000
 _LARGEST_PART = Fraction(10) ** 30
 """Of a coefficient; numbers in files have the same limit."""
-_NO = Fraction(0)
-_ROOTS = {
-    2: geometry.Exact.surd(_NO, 1),
-    3: geometry.Exact.surd(_NO, 0, 1),
-    6: geometry.Exact.surd(_NO, 0, 0, 1),
-}
+_ROOTS = {2: geometry.Exact.surd(0, 1), 3: geometry.Exact.surd(0, 0, 1), 6: geometry.Exact.surd(0, 0, 0, 1)}
 # What a symbol can be, by its unit: an example, in words, a typical value.
 _QUANTITIES = {
     "m": ("L1", "a length", "0.5"),
@@ -130,10 +126,7 @@ def read_vector(section: Section, key: str, unit: str) -> geometry.ExactVector:
 
 
 def read_fraction(section: Section, key: str, instead_of_zero: str) -> Fraction | None:
-    """Return the number at `key` exactly, a decimal or a text such as "1/3".
-
-    `instead_of_zero` is the remedy where it is 0, which it must not be.
-    """
+    """Return the number at `key` exactly, a decimal or a text such as "1/3"; 0 is refused, with a remedy."""
     value = section.get(key)
     if value is None:
         return None
@@ -172,10 +165,7 @@ def _parse_degrees(value: object) -> float | None:
 
 
 def read_constant(section: Section, key: str, expected: str, *inner: int) -> float | None:
-    """Return the number at `key`, or at its element `inner`; None where it is absent or wrong.
-
-    `expected` describes it in a message.
-    """
+    """Return the number at `key`, or at its element `inner`; None where it is absent or not as `expected`."""
     value = section.get(key, *inner)
     if value is None or (found := _parse_degrees(value)) is not None:
         return None if value is None else found
@@ -260,9 +250,7 @@ def read_frames(section: Section, convention: str) -> tuple[geometry.Placement, 
     if convention == "modified":
         return geometry.place_modified_dh(alpha, a, d, theta), geometry.IDENTITY
     near = geometry.place_modified_dh(ZERO_ANGLE, geometry.ZERO, d, theta)
-    return near, geometry.compose_placements(
-        geometry.translate(a, geometry.ZERO, geometry.ZERO), geometry.rotate_x(alpha)
-    )
+    return near, replace(geometry.rotate_x(alpha), translation=(a, geometry.ZERO, geometry.ZERO))
 
 
 def _read_origin(section: Section, key: str) -> geometry.Placement:
@@ -379,12 +367,10 @@ def write_key(key: str) -> str:
     return key if bare else write_value(key)
 
 
-def _write_row(
-    alpha: geometry.Angle, a: geometry.Exact, d: geometry.Exact, theta: geometry.Angle
-) -> dict[str, str]:
-    """Return the values of a row that are not zero."""
-    row = zip(DH_KEYS, (write_angle(alpha), write_exact(a), write_exact(d), write_angle(theta)), strict=True)
-    return {key: text for key, text in row if text != "0"}
+def _write_row(*row: geometry.Angle | geometry.Exact) -> dict[str, str]:
+    """Return those values of a row, alpha, a, d, theta, that are not zero."""
+    texts = (write_angle(x) if isinstance(x, geometry.Angle) else write_exact(x) for x in row)
+    return {key: text for key, text in zip(DH_KEYS, texts, strict=True) if text != "0"}
 
 
 def write_modified_row(placement: geometry.Placement) -> dict[str, str] | None:
@@ -407,9 +393,7 @@ def write_standard_row(near: geometry.Placement, frame: geometry.Placement) -> d
     theta = geometry.Angle.of(near.rotation[0][0], near.rotation[1][0])
     alpha = geometry.Angle.of(frame.rotation[1][1], frame.rotation[2][1])
     d, a = near.translation[2], frame.translation[0]
-    far = geometry.compose_placements(
-        geometry.translate(a, geometry.ZERO, geometry.ZERO), geometry.rotate_x(alpha)
-    )
+    far = replace(geometry.rotate_x(alpha), translation=(a, geometry.ZERO, geometry.ZERO))
     is_row = (geometry.place_modified_dh(ZERO_ANGLE, geometry.ZERO, d, theta), far) == (near, frame)
     return _write_row(alpha, a, d, theta) if is_row else None
 

@@ -43,6 +43,9 @@ from symid.robot.toml_values import BASE
 from symid.robot.urdf_xml import TENSOR
 
 _UNFIT = re.compile(r"[\x00-\x1f\ufffe\uffff]")
+_TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
+MUJOCO_ORDER = (0, 3, 5, 1, 2, 4)
+"""Of xx xy xz yy yz zz, in that of MuJoCo: xx yy zz xy xz yz."""
 
 
 def _write_quoted(name: str) -> str:
@@ -249,11 +252,6 @@ def write_inertial(parameters: Sequence[float]) -> list[str]:
     ]
 
 
-_TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
-MUJOCO_ORDER = (0, 3, 5, 1, 2, 4)
-"""Of xx xy xz yy yz zz, in that of MuJoCo: xx yy zz xy xz yz."""
-
-
 def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     """Return the MJCF model of `robot`, with comments at its head."""
     symbols = dict(robot.symbols)
@@ -289,9 +287,8 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         if bristles := find_bristles(joint.friction):
             text = f'input="none" motorconst="0" resistance="1" lugre="{write_decimals(bristles)}"'
             motors.append("    <!-- friction with bristles: MuJoCo 4 or later -->")
-            motors.append(
-                f"    <dcmotor name={_write_quoted(f'{joint.name}_friction')} joint={name} {text}/>"
-            )
+            motor = _write_quoted(f"{joint.name}_friction")
+            motors.append(f"    <dcmotor name={motor} joint={name} {text}/>")
     bodies = list(_write_bodies(robot))
     sections = {"worldbody": bodies, "tendon": tendons, "equality": followers, "actuator": motors}
     for tag, inner in sections.items():
@@ -392,15 +389,11 @@ def write_usd(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         bodies = (f"{names[joint.parent]}_link" if joint.parent >= 0 else BASE, f"{name}_link")
         follow = joint.mimic if joint.mimic and _is_held(robot, joint) else None
         # q + gearing times that of the reference joint is zero.
-        mimic = (
-            ()
-            if follow is None
-            else (
-                f"float physxMimicJoint:rotZ:gearing = {_write(-float(follow.multiplier))}",
-                "float physxMimicJoint:rotZ:offset = 0.0",
-                f"rel physxMimicJoint:rotZ:referenceJoint = </{root}/{names[follow.master]}>",
-            )
-        )
+        mimic = list[str]()
+        if follow is not None:
+            mimic.append(f"float physxMimicJoint:rotZ:gearing = {_write(-float(follow.multiplier))}")
+            mimic.append("float physxMimicJoint:rotZ:offset = 0.0")
+            mimic.append(f"rel physxMimicJoint:rotZ:referenceJoint = </{root}/{names[follow.master]}>")
         lines += _write_usd_joint(name, joint, [f"</{root}/{body}>" for body in bodies], symbols, mimic)
     return "\n".join((*lines, "}", ""))
 

@@ -41,9 +41,13 @@ UNKNOWN = "unknown"
 _STIFFNESS = "N*m/rad"
 
 Values = Mapping[str, Any]
+_CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
+_Number = tuple[str, str, str, Range, str]
+"""Key, example, unit and range of a number, and the word that may stand in its place."""
+MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Key:
     """A key of a branch: its unit where the joint turns, range, default (None: required), whether a list."""
 
@@ -54,12 +58,14 @@ class _Key:
     many: bool = False
 
 
-_LEVEL = _Key(name="Fc", unit="N*m", allowed=POSITIVE)
-_SPEED = _Key(name="vs", unit="rad/s", allowed=POSITIVE, default=1.0)
-_FALL = (_Key(name="Fe", unit="N*m", default=0.0), _SPEED, _Key(name="gamma", allowed=POSITIVE, default=2.0))
-_BENDING = _Key(name="sigma0", unit=_STIFFNESS, allowed=POSITIVE)
-_VISCOUS = _Key(name="Fv", unit="N*m*s/rad", allowed=NOT_NEGATIVE, default=0.0)
-_STIFFNESSES = _Key(name="stiffnesses", unit=_STIFFNESS, allowed=POSITIVE, many=True)
+_LEVEL = _Key("Fc", "N*m", POSITIVE)
+_SPEED = _Key("vs", "rad/s", POSITIVE, 1.0)
+_FALL = (_Key("Fe", "N*m", default=0.0), _SPEED, _Key("gamma", "", POSITIVE, 2.0))
+_BENDING = _Key("sigma0", _STIFFNESS, POSITIVE)
+_DAMPING = _Key("sigma1", "N*m*s/rad", NOT_NEGATIVE, 0.0)
+_VISCOUS = _Key("Fv", "N*m*s/rad", NOT_NEGATIVE, 0.0)
+_STIFFNESSES = _Key("stiffnesses", _STIFFNESS, POSITIVE, many=True)
+_SHARES = _Key("shares", "", POSITIVE, many=True)
 
 
 def _build_bristles(values: Values) -> joint_models.Branch:
@@ -97,66 +103,48 @@ _Build = Callable[[Values], joint_models.Branch | tuple[joint_models.Stop, ...]]
 _MODELS: Mapping[str, tuple[tuple[_Key, ...], _Build]] = {
     "bouc-wen": (
         (
-            _Key(name="level", unit="N*m"),
-            _Key(name="length", unit="rad", allowed=POSITIVE),
-            _Key(name="sharpness", allowed=Range(low=1), default=1.0),
-            _Key(name="loop", allowed=Range(low=0.5), default=0.5),
-            _Key(name="skew", allowed=Range(low=-1, high=1), default=0.0),
-            _Key(name="lean", default=0.0),
+            _Key("level", "N*m"),
+            _Key("length", "rad", POSITIVE),
+            _Key("sharpness", "", Range(low=1), 1.0),
+            _Key("loop", "", Range(low=0.5), 0.5),
+            _Key("skew", "", Range(low=-1, high=1), 0.0),
+            _Key("lean", default=0.0),
         ),
         lambda values: joint_models.BoucWen(**values),
     ),
     "dahl": ((_LEVEL, _BENDING, _VISCOUS), _build_bristles),
-    "lugre": (
-        (
-            _LEVEL,
-            *_FALL,
-            _BENDING,
-            _Key(name="sigma1", unit="N*m*s/rad", allowed=NOT_NEGATIVE, default=0.0),
-            _VISCOUS,
-        ),
-        _build_bristles,
-    ),
-    "maxwell-slip": (
-        (_STIFFNESSES, _Key(name="forces", unit="N*m", allowed=POSITIVE, many=True)),
-        _build_slip_springs,
-    ),
-    "generalised-maxwell-slip": (
-        (_LEVEL, *_FALL, _STIFFNESSES, _Key(name="shares", allowed=POSITIVE, many=True), _VISCOUS),
-        _build_bristles,
-    ),
+    "lugre": ((_LEVEL, *_FALL, _BENDING, _DAMPING, _VISCOUS), _build_bristles),
+    "maxwell-slip": ((_STIFFNESSES, _Key("forces", "N*m", POSITIVE, many=True)), _build_slip_springs),
+    "generalised-maxwell-slip": ((_LEVEL, *_FALL, _STIFFNESSES, _SHARES, _VISCOUS), _build_bristles),
     "attracted-maxwell-slip": (
         (
-            _Key(name="thresholds", unit="rad", allowed=POSITIVE, many=True),
+            _Key("thresholds", "rad", POSITIVE, many=True),
             _STIFFNESSES,
-            _Key(name="excess", default=0.0),
+            _Key("excess", default=0.0),
             replace(_SPEED, name="speed"),
-            _Key(name="attraction", unit="1/s", allowed=POSITIVE),
+            _Key("attraction", "1/s", POSITIVE),
         ),
         lambda values: joint_models.AttractedSlip(**values),
     ),
     "nonlinear-stops": (
         (
-            _Key(name="deflections", unit="rad", many=True),
-            _Key(name="forces", unit="N*m", many=True),
-            _Key(name="falls", unit="s/rad", allowed=NOT_NEGATIVE, default=(0.0, 0.0), many=True),
+            _Key("deflections", "rad", many=True),
+            _Key("forces", "N*m", many=True),
+            _Key("falls", "s/rad", NOT_NEGATIVE, (0.0, 0.0), many=True),
         ),
         lambda values: joint_models.SlipSpring(**values),
     ),
     "krasnoselskii-pokrovskii": (
         (
-            _Key(name="low", unit="rad"),
-            _Key(name="step", unit="rad", allowed=POSITIVE),
-            _Key(name="ramps", unit="N*m", many=True),
-            _Key(name="weights", unit="N*m", many=True),
+            _Key("low", "rad"),
+            _Key("step", "rad", POSITIVE),
+            _Key("ramps", "N*m", many=True),
+            _Key("weights", "N*m", many=True),
         ),
         lambda values: joint_models.Relays(**values),
     ),
     "relaxation": (
-        (
-            _Key(name="relaxing", unit=_STIFFNESS, allowed=POSITIVE),
-            _Key(name="time", unit="s", allowed=POSITIVE),
-        ),
+        (_Key("relaxing", _STIFFNESS, POSITIVE), _Key("time", "s", POSITIVE)),
         lambda values: joint_models.Relaxation(stiffness=values["relaxing"], time=values["time"]),
     ),
 }
@@ -239,9 +227,6 @@ def _read_branch(table: Section, model: str) -> joint_models.Branch | tuple[join
         return None
 
 
-_CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
-
-
 def read_elasticity(section: Section) -> joint_models.Elasticity | None:
     """Return the `elasticity` table of a joint; a notice explains which side q is."""
     table = section.read_table("elasticity")
@@ -291,10 +276,7 @@ def read_elasticity(section: Section) -> joint_models.Elasticity | None:
             text = "it mirrors knees, and there are none; write knees or leave it out"
             table.refuse_key("robot.elasticity-mixed", "symmetric", text)
         if symmetric:
-            knees = (
-                *(joint_models.Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(knees)),
-                *knees,
-            )
+            knees = (*(replace(knee, threshold=-knee.threshold) for knee in reversed(knees)), *knees)
     if cubic and "knees" in table.values:
         text = "cannot be combined with knees: both harden the spring; use one of them"
         table.refuse_key("robot.elasticity-mixed", "cubic", text)
@@ -343,10 +325,6 @@ def _read_catalogue(table: Section) -> tuple[float | None, tuple[joint_models.Kn
     return values["K1"], joint_models.compute_catalogue_knees(slopes, (values["T1"], values["T2"]))
 
 
-_Number = tuple[str, str, str, Range, str]
-"""Key, example, unit and range of a number, and the word that may stand in its place."""
-
-
 def _read_entries(table: Section, key: str, *numbers: _Number) -> list[tuple[float, float | None]]:
     """Return threshold and other number of each table in the array at `key`; mistakes are reported."""
     entries: Any = table.values.get(key, [])
@@ -377,16 +355,12 @@ def _read_entries(table: Section, key: str, *numbers: _Number) -> list[tuple[flo
 
 
 _EXPONENT = Range(low=0, high=10, open_low=True)
-FRICTION_PARTS = tuple(
-    dict.fromkeys(entry.name for law in joint_models.FRICTION_LAWS.values() for entry in law.linear)
-)
+_LAWS = tuple(joint_models.FRICTION_LAWS.values())
+FRICTION_PARTS = tuple(dict.fromkeys(entry.name for law in _LAWS for entry in law.linear))
 """Names of the linear values of all laws."""
-_SHAPES = tuple(
-    dict.fromkeys(entry.name for law in joint_models.FRICTION_LAWS.values() for entry in law.shape)
-)
-_MEMORIES = tuple(
-    dict.fromkeys(entry.name for law in joint_models.STATE_LAWS.values() for entry in law.memory)
-)
+_SHAPES = tuple(dict.fromkeys(entry.name for law in _LAWS for entry in law.shape))
+_STATE_LAWS = joint_models.STATE_LAWS.values()
+_MEMORIES = tuple(dict.fromkeys(entry.name for law in _STATE_LAWS for entry in law.memory))
 _CONSTANT = ("offset", "Fp")
 _LARGEST_GAP = 1e-6
 """By which the shares of elements may differ from one in sum."""
@@ -416,11 +390,7 @@ def _read_friction(
     if free is not None and gamma is not None and gamma != _DEFAULT_GAMMA:
         law = joint_models.get_law(joint_models.fix_exponent(free, gamma))
     smoothing = table.read_float("smoothing", "rad/s", POSITIVE)
-    entries = (
-        [entry for one in joint_models.FRICTION_LAWS.values() for entry in one.linear]
-        if law is None
-        else law.linear
-    )
+    entries = [entry for one in (_LAWS if law is None else (law,)) for entry in one.linear]
     units = {entry.name: entry.unit.replace(" ", "*") for entry in reversed(entries)}
     names = tuple(dict.fromkeys(entry.name for entry in entries))
     given = {name: table.read_float(name, units[name]) for name in names}
@@ -526,13 +496,9 @@ def _warn_of_driving_friction(table: Section, friction: joint_models.FrictionVal
     zero = np.zeros_like(speeds)
     inputs = {"load": zero, "position": zero, "temperature": zero + joint_models.REFERENCE_TEMPERATURE}
     with np.errstate(over="ignore"):
-        sides = [
-            side
-            * joint_models.compute_friction_torque(
-                law, inputs | {"velocity": side * speeds}, values, friction.shape
-            )
-            for side in (1.0, -1.0)
-        ]
+        moves = [(side, {**inputs, "velocity": side * speeds}) for side in (1.0, -1.0)]
+        compute = joint_models.compute_friction_torque
+        sides = [side * compute(law, motion, values, friction.shape) for side, motion in moves]
     pushing = np.flatnonzero(sum(map(np.minimum.accumulate, sides)) < 0.0)
     if not len(pushing):
         return
@@ -545,9 +511,6 @@ def _warn_of_driving_friction(table: Section, friction: joint_models.FrictionVal
         key, hint = "Fm", "Fc or Fv must outweigh Fm, or g2 be at least g3"
     text = f"{named[key]:g} drives the joint {start} instead of braking it; {hint}"
     table.warn("robot.negative-friction", key, text)
-
-
-MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
 
 
 def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:

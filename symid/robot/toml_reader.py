@@ -81,6 +81,7 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Letters of coordinates, functions and parameters would read as something else in a formula.
 _LETTERS = (*INERTIAL, *("IA", "KS", "KR"), *(name for name in FRICTION_PARTS if not name[-1].isdigit()))
 _RESERVED = re.compile(rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'.join(_LETTERS)})R?\d+)")
+_STANDARD_UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
 
 
 def read_robot(path: Path) -> Robot:
@@ -97,11 +98,9 @@ def build_robot(root: Section, file: str) -> Robot:
     """Return the robot that the values of a whole file describe, or raise a RobotError with all mistakes."""
     root.refuse_unknown_keys(_ROBOT_KEYS)
     if "convention" not in root.values:
-        text = (
-            'missing, and never guessed; write convention = "modified" (alpha and a belong to the link '
-            'before: Craig, Khalil), convention = "standard" (to the joint\'s own link: classic DH) or '
-            'convention = "origin" (frames as in URDF)'
-        )
+        text = 'missing, and never guessed; write convention = "modified" (alpha and a belong to the link '
+        text += 'before: Craig, Khalil), convention = "standard" (to the joint\'s own link: classic DH) or '
+        text += 'convention = "origin" (frames as in URDF)'
         root.refuse_key("robot.missing-key", "convention", text)
     convention = root.read_choice("convention", ("modified", "standard", "origin")) or "modified"
     if (table := root.read_table("symbols")) is not None:
@@ -158,9 +157,6 @@ def build_robot(root: Section, file: str) -> Robot:
         notices=notices,
         made_from=made_from,
     )
-
-
-_STANDARD_UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
 
 
 def read_body(

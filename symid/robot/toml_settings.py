@@ -36,6 +36,12 @@ TransmissionMatrix = tuple[tuple[float, ...], ...]
 _SINGULAR = 1e15
 """From this condition on, nothing but rounding keeps a matrix from being singular."""
 _LARGEST_CONDITION = 1e6
+_NONE, _LOG = "none", "log"
+_ORDER = Range(low=1, high=16)
+_GAIN_UNITS = {"stiffness": "N*m/rad", "damping": "N*m*s/rad", "offset": "N*m"}
+SETTING_TABLES = ("log", "processing", "controller")
+"""The tables of settings; a named set has one or more of them."""
+_SET_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
 
 def compute_condition(rows: TransmissionMatrix) -> float | None:
@@ -75,19 +81,15 @@ def _read_transmission(table: Section, joints: Sequence[Joint]) -> TransmissionM
     if condition is None or condition > _LARGEST_CONDITION:
         text = "the matrix has no inverse: two motors turn alike, or no motor moves a joint; correct it"
         if condition is not None:
-            text = (
-                f"the matrix is nearly singular (condition {condition:.2g} after scaling its rows and "
-                "columns): two motors turn almost alike, and the joints cannot be separated; correct it"
-            )
+            text = f"the matrix is nearly singular (condition {condition:.2g} after scaling its rows and "
+            text += "columns): two motors turn almost alike, and the joints cannot be separated; correct it"
         table.refuse("robot.transmission-singular", "transmission", text)
         return None
     for index, joint in enumerate(joints):
         gear, entry = joint.drive.gear, rows[index][index]
         if gear not in (1.0, entry):
-            text = (
-                f"motor {index + 1} turns {entry:g} times per turn of joint {joint.name!r}, but its drive "
-                f"has gear = {gear:g}; the matrix is used for logs; correct one of them"
-            )
+            text = f"motor {index + 1} turns {entry:g} times per turn of joint {joint.name!r}, but its drive "
+            text += f"has gear = {gear:g}; the matrix is used for logs; correct one of them"
             table.warn("robot.transmission-gear", "transmission", text, index, index)
     return rows
 
@@ -233,14 +235,9 @@ def compute_current_factor(joints: Sequence[Joint], *, coupled: bool) -> tuple[f
 
     None where a torque constant is unknown.
     """
-    factor = tuple(
-        (1.0 if coupled else joint.drive.gear) * (joint.drive.torque_constant or 0.0) for joint in joints
-    )
+    drives = [joint.drive for joint in joints]
+    factor = tuple((1.0 if coupled else drive.gear) * (drive.torque_constant or 0.0) for drive in drives)
     return factor if all(factor) else None
-
-
-_NONE, _LOG = "none", "log"
-_ORDER = Range(low=1, high=16)
 
 
 def read_processing(root: Section) -> Processing:
@@ -286,11 +283,9 @@ def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
     if table is None:
         return LogMap()
     if "motor_position" in table.values and "link_position" in table.values:
-        text = (
-            "both motor_position and link_position: position is one of the two already; give the columns of "
-            "the links as position and those of the motors as motor_position, or those of the motors as "
-            "position and those of the links as link_position"
-        )
+        text = "both motor_position and link_position: position is one of the two already; give the columns "
+        text += "of the links as position and those of the motors as motor_position, or those of the motors "
+        text += "as position and those of the links as link_position"
         table.refuse_key("robot.two-encoders", "link_position", text)
     time = None
     if section := table.read_table("time", ("column", "unit")):
@@ -340,9 +335,6 @@ def describe_settings(robot: Robot) -> dict[str, object]:
     return {"log": list_log(robot.log), "processing": list_processing(robot.processing)}
 
 
-_GAIN_UNITS = {"stiffness": "N*m/rad", "damping": "N*m*s/rad", "offset": "N*m"}
-
-
 def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Processing, Controller | None]:
     """Return the tables of settings of a file for a robot with these joints."""
     log, processing = read_log(root, joints), read_processing(root)
@@ -365,11 +357,6 @@ def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Proce
     return log, processing, controller
 
 
-SETTING_TABLES = ("log", "processing", "controller")
-"""The tables of settings; a named set has one or more of them."""
-_SET_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
-
-
 def read_named_settings(root: Section, joints: Sequence[Joint]) -> tuple[NamedSettings, ...]:
     """Return the sets of settings in `[settings.NAME]` for a robot with these joints."""
     table = root.read_table("settings")
@@ -390,14 +377,9 @@ def read_named_settings(root: Section, joints: Sequence[Joint]) -> tuple[NamedSe
         if section is None:
             continue
         log, processing, controller = read_settings(section, joints)
-        found.append(
-            NamedSettings(
-                name=name,
-                log=log if "log" in section.values else None,
-                processing=processing if "processing" in section.values else None,
-                controller=controller,
-            )
-        )
+        tables: dict[str, Any] = {"log": log, "processing": processing, "controller": controller}
+        stated = {key: entry for key, entry in tables.items() if key in section.values}
+        found.append(NamedSettings(name=name, **stated))
     return tuple(found)
 
 

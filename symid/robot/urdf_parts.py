@@ -48,6 +48,7 @@ _LONGEST_NUMBER = 100
 _SMALLEST = Decimal("1e-30")
 _DECIMAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _COUNTS = {2: "two", 3: "three", 4: "four", 6: "six"}
+Terms = tuple[tuple[str, Fraction], ...]
 Triple = tuple[Decimal, Decimal, Decimal]
 NULL: Triple = (Decimal(0), Decimal(0), Decimal(0))
 
@@ -92,9 +93,7 @@ class TreeReading:
     links: dict[str, "TreeLink"] = field(default_factory=dict)
     joints: dict[str, "TreeJoint"] = field(default_factory=dict)
     steps: dict[str, MimicStep] = field(default_factory=dict)
-    couplings: list[tuple[Coupling, "XmlPart", tuple[tuple[str, Fraction], ...]]] = field(
-        default_factory=list
-    )
+    couplings: list[tuple[Coupling, "XmlPart", Terms]] = field(default_factory=list)
     errors: list[Notice] = field(default_factory=list)
     warnings: list[Notice] = field(default_factory=list)
     grouped: dict[tuple[str, str], list[tuple[str, Place]]] = field(default_factory=dict)
@@ -544,9 +543,7 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
             place.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
         text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
         lengths = build_lengths(place, xyz, "xyz", text)
-        origin = geometry.Placement(
-            rotation=geometry.rotate_rpy(roll, pitch, yaw).rotation, translation=lengths
-        )
+        origin = replace(geometry.rotate_rpy(roll, pitch, yaw), translation=lengths)
     turn, friction, limits = geometry.IDENTITY, FrictionValues(), Limits()
     if type_ in MOVING:
         found, axis = part.get("axis", "xyz"), (Decimal(1), Decimal(0), Decimal(0))
@@ -593,18 +590,16 @@ def build_lengths(part: XmlPart, xyz: Triple, attribute: str, dust: str) -> geom
     return (x, y, z)
 
 
-def build_axis(
-    part: XmlPart, axis: Sequence[Decimal | Fraction], attribute: str, name: str
-) -> geometry.Placement:
-    """Return what takes z to an axis at an attribute, which messages call `name`."""
+def build_axis(part: XmlPart, axis: Sequence[Decimal | Fraction], key: str, name: str) -> geometry.Placement:
+    """Return what takes z to an axis at the attribute `key`, which messages call `name`."""
     if not any(axis):
-        part.refuse("robot.zero-axis", f"{name}: the axis 0 0 0 has no direction", attribute)
+        part.refuse("robot.zero-axis", f"{name}: the axis 0 0 0 has no direction", key)
         return geometry.IDENTITY
     x, y, z = (Fraction(value) for value in axis)
     turn, moved = geometry.build_axis_frame((x, y, z), snap=part.reading.snap)
     if moved > _ROUNDED:
         text = f"{name}: was moved by {moved:.2e} rad to the nearest coordinate axis or plane"
-        part.warn("robot.axis-snapped", text, attribute)
+        part.warn("robot.axis-snapped", text, key)
     return turn
 
 
