@@ -86,15 +86,11 @@ def generate_friction_laws(
         body = printing.print_c(build_law_program(law), precision)
         helpers.update(body.helpers)
         # The program's inputs and output are arrays, those of the function numbers.
-        lines = [
-            re.sub(r"\b(velocity|load|position|temperature)\[0\]", r"\1", line) for line in body.statements
-        ]
+        lines = [re.sub(rf"\b({'|'.join(_INPUT_UNITS)})\[0\]", r"\1", line) for line in body.statements]
         inputs = "".join(f"{precision} {name}, " for name in law.inputs)
         name = f"{prefix}_friction_{_build_law_name(law)}"
-        comment = [f"@brief {clean_text(law.formula)}", ""]
-        comment += map(
-            clean_text, (f"Law {law.name}. Source: {law.source}.", f"{law.smoothness} {law.passivity}")
-        )
+        texts = (f"Law {law.name}. Source: {law.source}.", f"{law.smoothness} {law.passivity}")
+        comment = [f"@brief {clean_text(law.formula)}", "", *map(clean_text, texts)]
         comment += ["", *(f"@param [in] {port} {_INPUT_UNITS[port]}" for port in law.inputs)]
         comment.append(f"@param [in] p {len(law.physical)} parameters")
         for k, entry in enumerate(law.physical):
@@ -220,10 +216,8 @@ def _write_transposition(lanes: int, first: int) -> list[str]:
             high = [lanes + i if i & step else i | step for i in range(lanes)]
             for place, order in ((k, low), (k | step, high)):
                 turned[place] = f"y{first + place}_{step}"
-                numbers = ", ".join(map(str, order))
-                lines.append(
-                    f"const lanes {turned[place]} = SHUFFLE({names[k]}, {names[k | step]}, {numbers});"
-                )
+                taken = ", ".join((names[k], names[k | step], *map(str, order)))
+                lines.append(f"const lanes {turned[place]} = SHUFFLE({taken});")
         names, step = turned, 2 * step
     for k, name in enumerate(names):
         out = f"out + stride * {k} + {first}"

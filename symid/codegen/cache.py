@@ -465,9 +465,7 @@ def prepare_library(
             else:
                 report("writing C")
                 paths = write_sources(generate_c_library(functions), folder)
-                sources = [
-                    path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")
-                ]
+                sources = [path for path in paths if path.match(f"{prefix}_*.c")]
                 flags = choose_call_path().flags
                 if flags:
                     sources.append(folder / "python_call.c")

@@ -135,20 +135,12 @@ def build_functions(
     specs = tuple(spec for spec in list_robot_specs(robot, base, names) if spec.name not in without)
     card = build_model_card(robot, base, specs)
     constants = get_constants(card) if constant else {}
-    specs = tuple(
-        replace(spec, inputs=tuple(port for port in spec.inputs if port.name not in constants))
-        for spec in specs
-    )
-    programs, built = [], []
-    for spec in specs:
-        programs.append(choose_route(robot, base, spec, constants).program)
-        built.append(build_sx_function(programs[-1]))
-    return Functions(
-        card=replace(card, functions=specs),
-        programs=tuple(programs),
-        functions=tuple(built),
-        constant=constant,
-    )
+    kept = [tuple(port for port in spec.inputs if port.name not in constants) for spec in specs]
+    specs = tuple(replace(spec, inputs=ports) for spec, ports in zip(specs, kept, strict=True))
+    programs = tuple(choose_route(robot, base, spec, constants).program for spec in specs)
+    built = tuple(map(build_sx_function, programs))
+    card = replace(card, functions=specs)
+    return Functions(card=card, programs=programs, functions=built, constant=constant)
 
 
 def build_casadi_function(
@@ -224,11 +216,7 @@ def _describe_parameters(
 
 
 def prepare_material(functions: Functions, options: GenerateOptions) -> Material:
-    """Return programs, reference values and descriptions of `functions`.
-
-    Raises:
-        GenerationError: a program has no value anywhere, or disagrees with CasADi.
-    """
+    """Return what all targets are printed from; a GenerationError as of `build_references`."""
     card, programs, constant = functions.card, functions.programs, functions.constant
     prefix, real = build_library_prefix(card.robot), options.precision
     sizes = {(spec.name, port.name): port.size for spec in card.functions for port in spec.inputs}
@@ -271,9 +259,8 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         "spring_count": len(card.springs),
         "stop_count": stops,
         "bristle_count": bristles,
-        "extent": f"{card.links} joints, {card.size} of them with a coordinate"
-        if card.followers
-        else f"{card.size} joints",
+        "extent": f"{card.links} joints"
+        + (f", {card.size} of them with a coordinate" * bool(card.followers)),
         "joint_lines": tuple(lines),
         "beta_title": f"{title}{note if constant else ''}",
         "beta_lines": _describe_parameters(card.vector, card.beta, constant=constant),

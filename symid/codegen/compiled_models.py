@@ -231,6 +231,7 @@ _PLANT_FILES = ("plant_calls.h", "elastic_plant.c", "rigid_plant.c")
 _ELEMENT = "symid_plant_pull"
 _BRANCH = "symid_branch"
 _READS = {"q": 1, "load": 2, "temperature": 4}
+_Records = Sequence[ctypes.Structure]
 RIGID_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias")
 """That a rigid robot's plant calls, beside those of friction."""
 
@@ -260,11 +261,7 @@ class CompiledPlant:
     notices: tuple[Notice, ...] = ()
 
     def run(self, library: Library, robot: PlantRobot, order: PlantExperiment) -> PlantLog:
-        """Return what happens to the robot, whose functions `library` has; see `PlantExperiment`.
-
-        Raises:
-            GenerationError: the library is none of compiled functions in double precision.
-        """
+        """Return what happens to the robot; a GenerationError where `library` is not compiled in doubles."""
         # The records of C have the fields of ours, in their order.
         ticks, n, springs = order.ticks, robot.size, self.springs
         warm = np.full(n, REFERENCE_TEMPERATURE)
@@ -285,9 +282,7 @@ class CompiledPlant:
         records, sizes = (plant, experiment, _pack(*arrays.values())), (n, order.play.shape[1])
         return PlantLog(**arrays, ticks=self._call("plant", records, sizes, start, order.play))
 
-    def _call(
-        self, kind: str, records: Sequence[ctypes.Structure], sizes: Sequence[int], *states: FloatArray
-    ) -> int:
+    def _call(self, kind: str, records: _Records, sizes: Sequence[int], *states: FloatArray) -> int:
         """Return how many ticks a plant ran; records of the robot and the order, and of the answer."""
         scratch, run = (getattr(self.shared, f"symid_{kind}_{end}") for end in ("scratch", "run"))
         scratch.restype = run.restype = ctypes.c_size_t
@@ -315,11 +310,8 @@ class CompiledPlant:
         plant = _pack(size, bends, *flags, int(order.controlled), *functions, *friction, robot.beta, *tables)
         references = (getattr(order, field.name) for field in fields(order)[:8])
         sizes, times = (ticks, order.substeps, int(order.sensed)), (order.period, order.blend)
-        records = (
-            plant,
-            _pack(*sizes, *map(ctypes.c_double, times), *references),
-            _pack(*arrays.values(), end),
-        )
+        experiment = _pack(*sizes, *map(ctypes.c_double, times), *references)
+        records = (plant, experiment, _pack(*arrays.values(), end))
         count = self._call("rigid", records, (size, bends), start)
         kept = {name: array[:count] for name, array in arrays.items()}
         return RigidLog(**kept, end=RIGID_ENDS[int(end[0])], events=int(end[1]))
@@ -560,7 +552,7 @@ def build_compiled_function(
         paths = write_sources(generate_c_library(functions), folder)
         glue = folder / f"{prefix}_external.c"
         glue.write_text(write_external(functions, name), encoding="utf-8")
-        sources = [path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")]
+        sources = [path for path in paths if path.match(f"{prefix}_*.c")]
         compile_sources(compiler, [*sources, glue], folder / f"{name}.so")
 
     entry = CacheEntry(

@@ -103,10 +103,8 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
             continue
         # Parts of a long function are called one after the other. Of a function that begins with a test, GCC
         # makes that test and "NAME.part.0".
-        own = (symbol, f"{symbol}.", "part_")
-        code = sum(
-            size for part, size in found.functions.items() if part == own[0] or part.startswith(own[1:])
-        )
+        sizes_of = found.functions.items()
+        code = sum(size for part, size in sizes_of if f"{part}.".startswith((f"{symbol}.", "part_")))
         frames: dict[str, int] | None = None
         stack = None
         with contextlib.suppress(OSError, ValueError, IndexError):
@@ -169,9 +167,8 @@ def allow_fusing(compiler: Compiler) -> Compiler:
 
     Last digits then depend on compiler and processor; a processor without such instructions gives the same.
     """
-    return replace(
-        compiler, flags=tuple(_FUSING_FLAG if flag == _EXACT_FLAG else flag for flag in compiler.flags)
-    )
+    flags = tuple(_FUSING_FLAG if flag == _EXACT_FLAG else flag for flag in compiler.flags)
+    return replace(compiler, flags=flags)
 
 
 def _kill(process: "subprocess.Popen[str]") -> None:
@@ -272,11 +269,7 @@ def diagnose_compiler(compiler: Compiler) -> str:
 
 
 def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -> Path:
-    """Compile C files, each on its own, and link them into the shared library `output`.
-
-    Raises:
-        GenerationError: the compiler fails; the message holds the command and its errors.
-    """
+    """Compile C files one by one into the shared library `output`; a GenerationError says what failed."""
     flags = (*compiler.flags, *_choose_native_flags(compiler))
     with make_scratch_folder() as scratch:
         objects = [scratch / f"{source.stem}.o" for source in sources]

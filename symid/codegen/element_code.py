@@ -67,17 +67,16 @@ def build_step(elasticity: joint_models.Elasticity, *, rated: bool = False) -> P
 
     `rated`: the velocity is a third number of `held`, else it is the way over the period.
     """
-    table, size = ExpressionTable(), len(joint_models.start_states(elasticity, 0.0))
+    table, numbers = ExpressionTable(), joint_models.list_element_values(elasticity)
     held = (table.input(0, 0), table.input(0, 1))
     velocity = table.input(0, 2) if rated else None
-    states = [table.input(1, k) for k in range(size)]
-    values = {
-        name: table.constant(value) for name, value in joint_models.list_element_values(elasticity).items()
-    }
+    states = [table.input(1, k) for k in range(len(joint_models.start_states(elasticity, 0.0)))]
+    values = {name: table.constant(value) for name, value in numbers.items()}
     step = joint_models.advance_element(table, elasticity, values, held, states, velocity=velocity)
     stored = table.zero if step.stored is None else step.stored
     outputs = {"y": [step.output], "after": step.states, "stored": [stored]}
-    return table.build_vector_program("step", {"held": 3 if rated else 2, "states": size}, outputs)
+    sizes = {"held": 3 if rated else 2, "states": len(states)}
+    return table.build_vector_program("step", sizes, outputs)
 
 
 def _build_programs(elasticity: joint_models.Elasticity) -> dict[str, Program]:
@@ -88,14 +87,12 @@ def _build_programs(elasticity: joint_models.Elasticity) -> dict[str, Program]:
         states = joint_models.start_element(table, elasticity, table.input(0, 0), float(side))
         programs[name] = table.build_vector_program("start", {"x": 1}, {"states": states})
     if joint_models.has_closed_inverse(elasticity):
-        table, size = ExpressionTable(), len(joint_models.start_states(elasticity, 0.0))
-        values = {
-            name: table.constant(value)
-            for name, value in joint_models.list_element_values(elasticity).items()
-        }
-        before = [table.input(1, k) for k in range(size)]
+        table, numbers = ExpressionTable(), joint_models.list_element_values(elasticity)
+        values = {name: table.constant(value) for name, value in numbers.items()}
+        before = [table.input(1, k) for k in range(len(joint_models.start_states(elasticity, 0.0)))]
         x = joint_models.invert_step(table, elasticity, values, table.input(0, 0), before)
-        programs["inverse"] = table.build_vector_program("inverse", {"y": 1, "states": size}, {"x": [x]})
+        sizes = {"y": 1, "states": len(before)}
+        programs["inverse"] = table.build_vector_program("inverse", sizes, {"x": [x]})
     return programs
 
 
@@ -168,10 +165,8 @@ def _write_c(
     suffix = "f" if order.precision == "float" else ""
     facts |= {"suffix": suffix, "largest": "FLT_MAX" if suffix else "DBL_MAX", "half": literal(0.5)}
     # Floats need more than doubles to be sure of the end of an interval.
-    facts |= {
-        "rounding": literal(4.0 * 2.0 ** (-23 if suffix else -52)),
-        "margin": literal(_MARGINS[bool(suffix)]),
-    }
+    facts["rounding"] = literal(4.0 * 2.0 ** (-23 if suffix else -52))
+    facts["margin"] = literal(_MARGINS[bool(suffix)])
     prefix = str(facts["prefix"])
     names = {"element.h": f"{prefix}.h", "element.c": f"{prefix}.c"}
     files = (*names, "selftest.c", "Makefile")
@@ -259,9 +254,7 @@ def generate_springs(
                 case joint_models.AttractedSlip():
                     places += branch.thresholds
                 case joint_models.BristleBranch():
-                    places += [
-                        abs(bend) for bend in branch.start(joint_models.build_float_carrier(), 0.0, 1.0)
-                    ]
+                    places += map(abs, branch.start(joint_models.build_float_carrier(), 0.0, 1.0))
                 case joint_models.Relaxation():
                     pass
         label = re.sub(r"\W", "_", name, flags=re.ASCII)

@@ -36,10 +36,7 @@ Matrix = Sequence[Sequence[int]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouteWorkspace:
-    """References to every vector a route may ask for, zeros where the function has no such input.
-
-    `parameters` holds the base parameters as sparse link parameters.
-    """
+    """What a route may ask for: zeros for inputs that the function lacks, beta as sparse link parameters."""
 
     base: dynamics.BaseParameters
     algebra: ExpressionTable
@@ -70,9 +67,8 @@ class RouteWorkspace:
             dynamics.shift_origins(self.robot, shifts), self.algebra, self.recursion.state
         )
         parameters = dynamics.shift_parameters(self.algebra, self.parameters, shifts)
-        return replace(
-            self, recursion=replace(moved, meet=self.recursion.meet), parameters=parameters, built={}
-        )
+        moved = replace(moved, meet=self.recursion.meet)
+        return replace(self, recursion=moved, parameters=parameters, built={})
 
     def hold(self) -> "RouteWorkspace":
         """Return the same workspace with the last links in axes that do not turn with them."""
@@ -93,9 +89,8 @@ class RouteWorkspace:
 
     def differentiate(self, values: Sequence[int], name: str) -> list[list[int]]:
         """Return the derivatives of values by each element of input `name`."""
-        return differentiate_along(
-            self.algebra, values, [{ref: self.algebra.one} for ref in self.inputs[name]]
-        )
+        directions = [{ref: self.algebra.one} for ref in self.inputs[name]]
+        return differentiate_along(self.algebra, values, directions)
 
     def flatten_columns(self, columns: Sequence[Sequence[int]]) -> Elements:
         """Return columns with an entry a coordinate as a port of shape (n, columns)."""
@@ -133,12 +128,10 @@ def build_workspace(
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
     for name, values in (constants or {}).items():
         inputs[name] = tuple(map(table.constant, values))
-    motion = [
-        dynamics.spread_coordinates(robot, table, inputs[name])[: robot.size] for name in ("q", "dq", "ddq")
-    ]
-    angles = [
-        table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(motion[0])
-    ]
+    moves = (inputs[name] for name in ("q", "dq", "ddq"))
+    motion = [dynamics.spread_coordinates(robot, table, values)[: robot.size] for values in moves]
+    turned = [table.constant(turns.get(joint, 0.0)) for joint in range(robot.size)]
+    angles = list(map(table.add, motion[0], turned))
     sine, cosine = (tuple(map(wave, angles)) for wave in (table.sin, table.cos))
     state = dynamics.RobotState(sine, cosine, *motion)
     return RouteWorkspace(
@@ -247,10 +240,7 @@ def build_mass_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
 
 
 def build_second_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    """Build the second derivatives of tau, and dM/dq, by differentiating the first ones.
-
-    By two velocities they are sums of c_ijk, of dM/dq. Of d^2 tau/dq^2 half is computed.
-    """
+    """Build the second derivatives of tau (half by q, q; c_ijk by dq, dq), and dM/dq, from the first ones."""
     table, n = workspace.algebra, workspace.robot.freedom
     by_q, by_dq, _ = build_derivatives(workspace)
     (mass,) = build_mass_derivatives(workspace)

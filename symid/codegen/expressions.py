@@ -26,6 +26,8 @@ from symid.robot import Exact
 
 Terms = dict[tuple[int, ...], Any]
 """Coefficients of a polynomial, rational numbers of SymPy, by the powers of its letters."""
+PortValues = tuple[tuple[Expr, ...], ...]
+"""The expressions of all elements, port by port."""
 KnownSquare = tuple[int, tuple[tuple[Mapping[int, int], int], ...]]
 """A generator, and its square as powers of others and an integer."""
 
@@ -65,7 +67,7 @@ class ExactProgram:
 
     program: Program
     numbers: tuple[Exact, ...]
-    inputs: tuple[tuple[Expr, ...], ...]
+    inputs: PortValues
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -375,7 +377,7 @@ class _PolynomialWriter:
         return Mul(*_collect_factors(terms, text.letters, text.bounds))
 
 
-def write_values(source: ExactProgram) -> tuple[tuple[Expr, ...], ...]:
+def write_values(source: ExactProgram) -> PortValues:
     """Return the expressions of all outputs, by port.
 
     Polynomials are outputs, and operands of a quotient, an absolute value and the like on the way there.
@@ -407,9 +409,7 @@ def write_values(source: ExactProgram) -> tuple[tuple[Expr, ...], ...]:
     return tuple(tuple(map(read, port)) for port in source.program.outputs)
 
 
-def share_values(
-    source: ExactProgram,
-) -> tuple[tuple[tuple[Symbol, Expr], ...], tuple[tuple[Expr, ...], ...]]:
+def share_values(source: ExactProgram) -> tuple[tuple[tuple[Symbol, Expr], ...], PortValues]:
     """Return the program with a symbol for every value that is used more than once, as `sympy.cse` does."""
     instructions, outputs = source.program.instructions, source.program.outputs
     uses = Counter(number for instruction in instructions for number in instruction.operands)

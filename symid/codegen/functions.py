@@ -19,7 +19,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import Enum
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class FunctionSpec:
     meaning: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ParameterCard:
     """A parameter that can be identified: its name, what it groups, its unit, and why."""
 
@@ -210,35 +210,30 @@ def compute_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]])
         for owner in owners
         if owner.friction.shape
     )
-    shapes = (curved,) if curved else ()
-    return compute_signature(
-        robot.name, joints, couplings, robot.gravity, robot.symbols, tuple(parameters), *shapes
+    parts = (
+        joints,
+        couplings,
+        robot.gravity,
+        robot.symbols,
+        tuple(parameters),
+        *([curved] if curved else []),
     )
+    return compute_signature(robot.name, *parts)
 
 
-class FrictionKind(Enum):
-    """Laws of the first robot files as they stand in signatures, which stored estimates have."""
-
-    NONE = "none"
-    VISCOUS_COULOMB = "viscous_coulomb"
-    VISCOUS_COULOMB_OFFSET = "viscous_coulomb_offset"
-    ASYMMETRIC = "asymmetric"
-
-
-class CurvedFriction(Enum):
-    """The same of curved laws."""
-
-    STRIBECK = "stribeck"
-    STRIBECK_OFFSET = "stribeck_offset"
-    IMPROVED_STRIBECK = "improved_stribeck"
-    ASYMMETRIC_STRIBECK = "asymmetric_stribeck"
-    CUBIC = "cubic"
-    STRIBECK_CUBIC = "stribeck_cubic"
-    POWER_LAW = "power_law"
-    MAKKAR = "makkar"
-
-
-_OLD_NAMES: dict[str, Enum] = {entry.value: entry for entry in (*FrictionKind, *CurvedFriction)}
+# Laws of the first robot files, and the curved ones among them, as they stand in signatures, which stored
+# estimates have: a name, and the class that once had it.
+_OLD_KINDS = ("none", "viscous_coulomb", "viscous_coulomb_offset", "asymmetric")
+_OLD_CURVES = (
+    *("stribeck", "stribeck_offset", "improved_stribeck", "asymmetric_stribeck"),
+    *("cubic", "stribeck_cubic", "power_law", "makkar"),
+)
+_ENUM: Any = Enum
+_OLD_NAMES: dict[str, Enum] = {
+    entry.value: entry
+    for title, names in (("FrictionKind", _OLD_KINDS), ("CurvedFriction", _OLD_CURVES))
+    for entry in _ENUM(title, [(name, name) for name in names])
+}
 
 
 def _name_for_signature(friction: FrictionValues) -> tuple[object, tuple[float, ...]]:
@@ -289,9 +284,7 @@ def list_spring_parameters(robot: Robot) -> Iterator[ParameterCard]:
         for letter, place, value in _list_spring_entries(joint.elasticity):
             name = f"{letter}{place or ''}_{number}"
             unit, reason = get_unit(letter, prismatic=prismatic), _SPRING_REASONS[letter]
-            yield ParameterCard(
-                name=name, expression=name, unit=unit, reason=reason, joint=joint.name, value=value
-            )
+            yield ParameterCard(name, name, unit, reason, joint.name, value)
 
 
 def build_spring_vector(elasticities: Sequence[Elasticity], card: ModelCard | None = None) -> FloatArray:
@@ -595,9 +588,7 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
         name: str, expression: str, label: tuple[int, str], reason: str, value: float | None
     ) -> ParameterCard:
         unit, joint = get_label_unit(robot, label), get_owner(robot, label)
-        return ParameterCard(
-            name=name, expression=expression, unit=unit, reason=reason, joint=joint, value=value
-        )
+        return ParameterCard(name, expression, unit, reason, joint, value)
 
     beta, friction = (
         tuple(describe(p.name, p.expression, p.label, p.reason, values.get(p.name)) for p in parameters)
@@ -649,11 +640,7 @@ Constants = Mapping[str, tuple[float, ...]]
 
 
 def get_constants(card: ModelCard) -> Constants:
-    """Return the values of all parameters that may be constants.
-
-    Raises:
-        UsageError: the robot file does not state all of them.
-    """
+    """Return the values of all parameters that may be constants; a UsageError where one is unknown."""
     vectors = {card.vector: card.beta, "IA": card.rotors, "f": card.friction}
     missing = [entry.name for entries in vectors.values() for entry in entries if entry.value is None]
     if missing:

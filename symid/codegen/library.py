@@ -195,11 +195,8 @@ def choose_call_path() -> CallPath:
     if sysconfig.get_config_var("Py_GIL_DISABLED"):
         return CallPath(name="ctypes: a free-threaded Python has no limited API")
     python, numpy = sysconfig.get_path("include"), np.get_include()
-    wanted = {
-        Path(python, "Python.h"): "python3-dev",
-        Path(numpy, "numpy/arrayobject.h"): "python3-numpy-dev",
-    }
-    for header, package in wanted.items():
+    headers = (Path(python, "Python.h"), Path(numpy, "numpy/arrayobject.h"))
+    for header, package in zip(headers, ("python3-dev", "python3-numpy-dev"), strict=True):
         if not header.is_file():
             remedy = f"install {package} (its name on Debian); single samples are then ten times as fast"
             return CallPath(name=f"ctypes: {header} is not installed", remedy=remedy)
@@ -437,9 +434,8 @@ class _CompiledEngine:
             try:
                 inputs, outputs, pointers = spare.pop()
             except IndexError:
-                inputs, outputs = (
-                    tuple(allocate_output(p, None, self._dtype) for p in side) for side in ports
-                )
+                kind = self._dtype
+                inputs, outputs = (tuple(allocate_output(p, None, kind) for p in side) for side in ports)
                 pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (*inputs, *outputs))
             for buffer, value in zip(inputs, given, strict=True):
                 buffer[...] = value

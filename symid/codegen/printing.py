@@ -33,10 +33,7 @@ _REGISTER = re.compile(r"t(\d+) = ")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionBody:
-    """The statements of a C function, and the definitions of the helpers that it calls, sorted.
-
-    Where there are `parts`, the statements call these one after the other.
-    """
+    """Statements of a C function (calls of its `parts`, if any), and definitions of its helpers, sorted."""
 
     statements: tuple[str, ...]
     helpers: tuple[str, ...] = ()
@@ -60,21 +57,16 @@ def write_literal(value: float, precision: str = "double") -> str:
     return repr(float(value))
 
 
-def _write_instruction(
-    instruction: Instruction, read: Callable[[int], str], call: Callable[[Op], str]
-) -> str:
+def _write_instruction(one: Instruction, read: Callable[[int], str], call: Callable[[Op], str]) -> str:
     """Return the value of an instruction as text; `read` names operands, `call` functions."""
-    if instruction.op in _INFIX:
-        left, right = map(read, instruction.args)
-        return f"{left} {_INFIX[instruction.op]} {right}"
-    return f"{call(instruction.op)}({', '.join(map(read, instruction.args))})"
+    if one.op in _INFIX:
+        left, right = map(read, one.args)
+        return f"{left} {_INFIX[one.op]} {right}"
+    return f"{call(one.op)}({', '.join(map(read, one.args))})"
 
 
 def print_python(program: Program, *, plain: bool = False) -> list[str]:
-    """Return the statements of a NumPy function; elements are the last axes, samples the axes before.
-
-    `plain`: of numbers and lists instead, with functions of `math`.
-    """
+    """Return statements of NumPy, elements on the last axes; `plain`: of numbers and lists, with `math`."""
 
     def call(op: Op) -> str:
         if plain:
@@ -90,10 +82,7 @@ def print_python(program: Program, *, plain: bool = False) -> list[str]:
 
 
 def print_javascript(program: Program) -> list[str]:
-    """Return the statements of a JavaScript function of one sample; arrays are flat, row by row.
-
-    Outputs are arrays of zeros before. Registers are declared in the first statement.
-    """
+    """Return JavaScript of one sample: flat arrays, row by row, outputs zero before; registers come first."""
 
     def call(op: Op) -> str:
         return f"_{op.value}" if op in _JAVASCRIPT_HELPERS else f"Math.{_JAVASCRIPT_NAMES.get(op, op.value)}"
@@ -182,9 +171,8 @@ def group_angles(program: Program) -> GroupedAngles:
     places: dict[int, int] = {}
     for number, instruction in enumerate(program.instructions, start=1):
         operands = instruction.operands
-        plain = instruction.op in _WITHOUT_STATEMENT or (
-            instruction.op in _INFIX and all(found[k] for k in operands)
-        )
+        source = instruction.op in _WITHOUT_STATEMENT
+        plain = source or (instruction.op in _INFIX and all(found[k] for k in operands))
         found.append(plain)
         sources.append(frozenset({number}.union(*(sources[k] for k in operands))) if plain else frozenset())
         if instruction.op in _TRIGONOMETRY and found[operands[0]]:
@@ -447,10 +435,7 @@ _C_HELPERS = {
 
 
 def write_table_lines(values: Sequence[float], kind: str) -> list[str]:
-    """Return an initialiser's lines; without values it holds a zero, as an empty one is no C.
-
-    `kind` is "double", "float", or "int32_t" for the nearest whole numbers.
-    """
+    """Return an initialiser's lines, a zero if empty; `kind`: double, float, int32_t (nearest whole)."""
     whole = kind == "int32_t"
     texts = [str(round(value)) if whole else write_literal(value, kind) for value in values or [0.0]]
     count = 16 if whole else 5

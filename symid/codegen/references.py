@@ -35,9 +35,8 @@ from symid.options import GenerateOptions
 
 DIGITS = 50
 _MORE_DIGITS = 60
-_DECIMAL_CONTEXT = Context(
-    prec=DIGITS, traps=[decimal.DivisionByZero, decimal.InvalidOperation, decimal.Overflow]
-)
+_TRAPS = [decimal.DivisionByZero, decimal.InvalidOperation, decimal.Overflow]
+_DECIMAL_CONTEXT = Context(prec=DIGITS, traps=_TRAPS)
 
 DecimalArray = npt.NDArray[np.object_]
 V = TypeVar("V")
@@ -110,11 +109,8 @@ def _run(
 
 def compute_exact_outputs(
     program: Program, inputs: Sequence[DecimalArray], states: int
-) -> tuple[DecimalArray, ...]:
-    """Return per output port the elements at every state, (states, size), from those of the input ports.
-
-    GenerationError where the function has no value at one of the states.
-    """
+) -> list[DecimalArray]:
+    """Return the elements per port, (states, size); a GenerationError where a state has no value."""
 
     def evaluate(one: Instruction, operands: list[tuple[Any, bool]]) -> Any:  # noqa: ANN401 - decimals
         if one.op is Op.INPUT:
@@ -123,7 +119,7 @@ def compute_exact_outputs(
             return Decimal(one.constant)
         return _DECIMAL_RULES[one.op](*(-value if turned else value for value, turned in operands))
 
-    outputs = tuple(np.empty((states, len(refs)), dtype=object) for refs in program.outputs)
+    outputs = [np.empty((states, len(refs)), dtype=object) for refs in program.outputs]
     try:
         with localcontext(_DECIMAL_CONTEXT):
             for port, element, value, turned in _run(program, evaluate):

@@ -26,6 +26,7 @@ from symid.notation import INERTIAL
 from symid.robot import ZERO, Exact, Robot
 
 Routes = Mapping[str, RouteBuilder]
+SpringTerms = joint_models.SpringTerms[int]
 
 
 def _emit_forward_kinematics(workspace: RouteWorkspace) -> tuple[Elements, ...]:
@@ -83,9 +84,8 @@ def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     zero, columns = [algebra.zero] * robot.freedom, _list_friction_columns(workspace)
     plain = [zero if at in remembering else row for (at, _), row in zip(labels, columns, strict=True)]
     torques = _combine_columns(workspace, plain, parameters, robot.freedom)
-    velocity, ways = (
-        dynamics.spread_coordinates(robot, algebra, workspace.inputs[name]) for name in ("dq", "way")
-    )
+    rates = (workspace.inputs[name] for name in ("dq", "way"))
+    velocity, ways = (dynamics.spread_coordinates(robot, algebra, values) for values in rates)
     states, after = iter(workspace.inputs["z"]), list[int]()
     for index, count in remembering.items():
         friction = robot.joints[index].friction
@@ -129,13 +129,11 @@ def _emit_energy(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
 def _emit_energy_of_bodies(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     """Return the energies as sums over links and drives."""
     recursion, algebra = workspace.recursion, workspace.algebra
-    parts = [
-        dynamics.compute_body_energy(
-            algebra, dynamics.gather_body(algebra, workspace.parameters, link), motion
-        )
-        for link, motion in enumerate(recursion.motions)
-    ]
-    for key, value in workspace.parameters.items():
+    parameters = workspace.parameters
+    bodies = [dynamics.gather_body(algebra, parameters, link) for link in range(workspace.robot.size)]
+    pairs = zip(bodies, recursion.motions, strict=True)
+    parts = [dynamics.compute_body_energy(algebra, *pair) for pair in pairs]
+    for key, value in parameters.items():
         if key[1] in dynamics.DRIVE_PARAMETERS:
             kinetic, potential = dynamics.compute_drive_energy(recursion, key)
             parts.append((algebra.mul(value, kinetic), algebra.mul(value, potential)))
@@ -268,9 +266,7 @@ def _emit_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     return (workspace.flatten_matrix(matrix),)
 
 
-def _list_springs(
-    workspace: RouteWorkspace, memory: str
-) -> list[tuple[joint_models.SpringTerms[int], Elements]]:
+def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTerms, Elements]]:
     """Return the springs of all coordinates, from h, each with its plays, which input `memory` holds."""
     rest, plays = iter(workspace.inputs["h"]), iter(workspace.inputs.get(memory, ()))
     springs = []
@@ -505,13 +501,7 @@ class RouteChoice:
 
 # From twelve joints on routes with these words cost 1.1 to 5 times the cheapest, in chains and in trees.
 _MOST_TRIED = 16
-_COSTLY = (
-    "differentiation",
-    "regressor times parameters",
-    "column recursion",
-    "vector recursion",
-    "unit rates",
-)
+_COSTLY = ("differentiation", "regressor times parameters", "column", "vector", "unit rates")
 
 
 def list_routes(robot: Robot, function: str) -> Routes:

@@ -150,10 +150,7 @@ def build_unit_body(algebra: Algebra[T], name: str) -> Body[T]:
 
 
 def compute_momentum(algebra: Algebra[T], body: Body[T], motion: Screw[T] | LinkMotion[T]) -> Wrench[T]:
-    """Return linear momentum and moment of momentum: p = M v + w x MS;  L = I w + MS x v.
-
-    With w = 0 and v = g they are the weight.
-    """
+    """Return p = M v + w x MS and L = I w + MS x v; with w = 0 and v = g they are the weight."""
     tensor, moments, mass = body
     force = algebra.scale_vector(mass, motion.linear)
     moment = algebra.apply_matrix(tensor, motion.angular)

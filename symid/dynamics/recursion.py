@@ -271,10 +271,7 @@ def transform_screw(algebra: Algebra[T], frame: LinkFrame[T], screw: Screw[T]) -
 
 
 def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Screws[T]:
-    """Return the screws `own`, one a joint, in the frames of the links beyond.
-
-    z_j = R' z_p;  v_j = R' (v_p + z_p x r).
-    """
+    """Return screws, one a joint, in the frames of links beyond: z_j = R' z_p;  v_j = R' (v_p + z_p x r)."""
     algebra, robot = recursion.algebra, recursion.robot
     found: dict[tuple[int, int], Screw[T]] = {(joint, joint): screw for joint, screw in enumerate(own)}
 

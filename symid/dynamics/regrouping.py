@@ -56,10 +56,7 @@ _LINEAR = ("IA", "Fv")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Regrouping:
-    """theirs = T ours: `rows` of T, one a group of theirs, over `names`, our parameters in order.
-
-    `absent` are parameters of ours in no group of theirs.
-    """
+    """theirs = T ours: `rows` of T, one a group of theirs, over `names` of ours; `absent` are in no group."""
 
     names: tuple[str, ...]
     rows: tuple[tuple[Expr, ...], ...]
