@@ -443,25 +443,21 @@ def prepare_library(
 
         def make(folder: Path) -> None:
             # Imported here: a library that is found needs neither CasADi nor SymPy.
+            from symid.codegen import python_targets as targets
             from symid.codegen.c_library import generate_c_library, write_python_call
             from symid.codegen.casadi_functions import build_functions
-            from symid.codegen.python_targets import (
-                generate_casadi_target,
-                generate_python_module,
-                list_casadi_sources,
-            )
 
             report(f"deriving the dynamics of {robot.name}")
             functions = build_functions(robot, names=names, without=() if whole else FOR_CONTROLLERS)
             flags: tuple[str, ...] = ()
             if casadi:
                 report("writing CasADi functions and their C")
-                write_sources(generate_casadi_target(functions), folder)
+                write_sources(targets.generate_casadi_target(functions), folder)
                 # Without Jacobians, which a `Library` does not have.
-                sources = [folder / path for path in list_casadi_sources(prefix)]
+                sources = [folder / path for path in targets.list_casadi_sources(prefix)]
             elif compiler is None:
                 report("writing the NumPy module")
-                write_sources(generate_python_module(functions), folder)
+                write_sources(targets.generate_python_module(functions), folder)
             else:
                 report("writing C")
                 paths = write_sources(generate_c_library(functions), folder)

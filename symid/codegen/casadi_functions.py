@@ -102,10 +102,7 @@ def build_sx_function(program: Program) -> ca.Function:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Functions:
-    """A model card, and in its order the chosen programs and the SX functions built from them.
-
-    `constant`: whether the parameter values of the robot file are constants of the functions.
-    """
+    """A model card, and in its order programs and SX functions; `constant`: values are built in."""
 
     card: ModelCard
     programs: tuple[Program, ...]
@@ -244,6 +241,7 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         *(f"  {line}" for line in _describe_parameters("IA", card.rotors, constant=constant)),
         *(f"  {line}" for line in _describe_parameters("h", card.springs)),
     )
+    moving_alone = f", {card.size} of them with a coordinate" if card.followers else ""
     title = {"beta": "Base parameters beta", "pi": "Standard parameters pi"}[card.vector]
     note = " (constants of the functions, as those of friction and rotors; no arguments)"
     facts = {
@@ -259,8 +257,7 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         "spring_count": len(card.springs),
         "stop_count": stops,
         "bristle_count": bristles,
-        "extent": f"{card.links} joints"
-        + (f", {card.size} of them with a coordinate" * bool(card.followers)),
+        "extent": f"{card.links} joints{moving_alone}",
         "joint_lines": tuple(lines),
         "beta_title": f"{title}{note if constant else ''}",
         "beta_lines": _describe_parameters(card.vector, card.beta, constant=constant),

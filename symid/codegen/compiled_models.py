@@ -9,10 +9,10 @@
     branch    of an element along a recording: its step, as C of CasADi, in one loop over the samples, for
               all numbers of a structure; the bytes of CasADi's virtual machine, sooner.
 
-Supported: libraries in double precision; several processes at once; branches on machines without a compiler,
-or without a place for what it makes: there the virtual machine steps.
-Not supported: the plant without a compiler (the simulation has a NumPy version for that); anything that
-changes during an experiment but the references; derivatives of branches.
+Supported: libraries in double precision; several processes at once; branches without a compiler, or without
+a place for what it makes: there the virtual machine steps.
+Not supported: the plant without a compiler; what changes during an experiment, but for the references;
+derivatives of branches.
 """
 
 import ctypes
@@ -60,6 +60,13 @@ RIGID_ENDS = ("well", "away", "chatter", "steep", "not-converged")
 answer to which joints rest."""
 COMPILED = ("inverse_dynamics", "forward_dynamics")
 """Functions that `build_compiled_function` offers: those with a generated derivative."""
+_PLANT_FILES = ("plant_calls.h", "elastic_plant.c", "rigid_plant.c")
+_ELEMENT = "symid_plant_pull"
+_BRANCH = "symid_branch"
+_READS = {"q": 1, "load": 2, "temperature": 4}
+_Records = Sequence[ctypes.Structure]
+RIGID_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias")
+"""That a rigid robot's plant calls, beside those of friction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -225,15 +232,6 @@ class RigidLog(FrozenArrays):
     lost: FloatArray
     end: str
     events: int
-
-
-_PLANT_FILES = ("plant_calls.h", "elastic_plant.c", "rigid_plant.c")
-_ELEMENT = "symid_plant_pull"
-_BRANCH = "symid_branch"
-_READS = {"q": 1, "load": 2, "temperature": 4}
-_Records = Sequence[ctypes.Structure]
-RIGID_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias")
-"""That a rigid robot's plant calls, beside those of friction."""
 
 
 def _pack(*values: ctypes.c_double | int | FloatArray | None) -> ctypes.Structure:

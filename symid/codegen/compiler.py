@@ -36,6 +36,26 @@ _ELF_LAYOUTS = {
 }
 STACK_FLAG = "-fstack-usage"
 Processes = list["subprocess.Popen[str]"]
+# Straight lines become the same code by -O2, loops of plants and branches a faster one by -O3.
+FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fPIC")
+_NATIVE_FLAG = "-march=native"
+_EXACT_FLAG, _FUSING_FLAG = "-ffp-contract=off", "-ffp-contract=fast"
+CANDIDATES = ("cc", "gcc", "clang")
+_WORKERS = 2
+_SMALLEST_SOURCE = "#include <math.h>\ndouble smallest(double x) { return sin(x); }\n"
+# Seconds that a compiler gets: for an answer, for each kB of source besides, and at most. One that hangs is
+# found by the smallest source.
+_LEAST_TIME, _TIME_A_KILOBYTE, _MOST_TIME = 30.0, 1.0, 600.0
+_PROCESSORS = Path("/proc/cpuinfo")
+# Fields of /proc/cpuinfo on different machines: what a processor can do, and which one it is; not what
+# changes, such as its clock.
+_PROCESSOR_ABILITIES = frozenset({"flags", "Features", "features", "isa", "cpu"})
+_PROCESSOR_NAMES = frozenset(
+    {
+        *("vendor_id", "cpu family", "model", "model name", "stepping", "uarch", "revision"),
+        *("CPU implementer", "CPU architecture", "CPU variant", "CPU part", "CPU revision"),
+    }
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,8 +123,8 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
             continue
         # Parts of a long function are called one after the other. Of a function that begins with a test, GCC
         # makes that test and "NAME.part.0".
-        sizes_of = found.functions.items()
-        code = sum(size for part, size in sizes_of if f"{part}.".startswith((f"{symbol}.", "part_")))
+        own = [part for part in found.functions if f"{part}.".startswith((f"{symbol}.", "part_"))]
+        code = sum(found.functions[part] for part in own)
         frames: dict[str, int] | None = None
         stack = None
         with contextlib.suppress(OSError, ValueError, IndexError):
@@ -127,34 +147,9 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
     return sizes
 
 
-# Straight lines become the same code by -O2, loops of plants and branches a faster one by -O3.
-FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fPIC")
-_NATIVE_FLAG = "-march=native"
-_EXACT_FLAG, _FUSING_FLAG = "-ffp-contract=off", "-ffp-contract=fast"
-CANDIDATES = ("cc", "gcc", "clang")
-_WORKERS = 2
-_SMALLEST_SOURCE = "#include <math.h>\ndouble smallest(double x) { return sin(x); }\n"
-# Seconds that a compiler gets: for an answer, for each kB of source besides, and at most. One that hangs is
-# found by the smallest source.
-_LEAST_TIME, _TIME_A_KILOBYTE, _MOST_TIME = 30.0, 1.0, 600.0
-_PROCESSORS = Path("/proc/cpuinfo")
-# Fields of /proc/cpuinfo on different machines: what a processor can do, and which one it is; not what
-# changes, such as its clock.
-_PROCESSOR_ABILITIES = frozenset({"flags", "Features", "features", "isa", "cpu"})
-_PROCESSOR_NAMES = frozenset(
-    {
-        *("vendor_id", "cpu family", "model", "model name", "stepping", "uarch", "revision"),
-        *("CPU implementer", "CPU architecture", "CPU variant", "CPU part", "CPU revision"),
-    }
-)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compiler:
-    """A compiler: its path, the first line of its version, its flags.
-
-    Where `processor` is not empty, code is made for that one, and may not run on others.
-    """
+    """A compiler: path, first line of its version, flags; with a `processor`, code is for that alone."""
 
     path: str
     version: str

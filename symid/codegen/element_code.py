@@ -63,10 +63,7 @@ class ElementCode:
 
 
 def build_step(elasticity: joint_models.Elasticity, *, rated: bool = False) -> Program:
-    """Return a step: held (position, period), states -> y, after, stored (zero where it is not known).
-
-    `rated`: the velocity is a third number of `held`, else it is the way over the period.
-    """
+    """Return held (position, period; velocity where `rated`), states -> y, after, stored (or zero)."""
     table, numbers = ExpressionTable(), joint_models.list_element_values(elasticity)
     held = (table.input(0, 0), table.input(0, 1))
     velocity = table.input(0, 2) if rated else None
@@ -174,10 +171,7 @@ def _write_c(
 
 
 def build_element_functions(elasticity: joint_models.Elasticity) -> Mapping[str, "Function"]:
-    """Return CasADi functions: step (states, x, period) -> y, after, energy; inverse (states, y) -> x.
-
-    The inverse is there where it has a closed form.
-    """
+    """Return CasADi's step (states, x, period) -> y, after, energy; an inverse in closed form."""
     import casadi
 
     algebra, size = joint_models.build_casadi_carrier(), len(joint_models.start_states(elasticity, 0.0))

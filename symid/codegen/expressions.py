@@ -39,6 +39,24 @@ _MOST_PRODUCTS = 1000
 SOURCE_OPS = frozenset({Op.INPUT, Op.CONSTANT})
 _TRIGONOMETRIC = frozenset({Op.SIN, Op.COS})
 _ALGEBRAIC = frozenset({Op.ADD, Op.SUB, Op.MUL, *SOURCE_OPS, *_TRIGONOMETRIC})
+# Few terms are written as a polynomial in any case, more of them if they take so many operations each.
+_FEW = 20
+_PER_TERM = 6
+# The largest ratio of two numbers that a common factor may leave.
+_LARGE = 4
+
+
+_SYMPY_RULES: Mapping[Op, Callable[..., Expr]] = {
+    **ARITHMETIC,
+    **{op: getattr(sympy, op.value) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.SIGN)},
+    Op.POWER: operator.pow,
+    Op.ABS: sympy.Abs,
+    Op.LESS: lambda a, b: sympy.Piecewise((1, sympy.Lt(a, b)), (0, True)),
+    Op.LESS_EQUAL: lambda a, b: sympy.Piecewise((1, sympy.Le(a, b)), (0, True)),
+    # SymPy would compare long expressions with one another to find out which is greater.
+    Op.MAXIMUM: lambda a, b: sympy.Max(a, b, evaluate=False),
+    Op.MINIMUM: lambda a, b: sympy.Min(a, b, evaluate=False),
+}
 
 
 def count_expanded_values(instructions: Sequence[Instruction]) -> list[int]:
@@ -192,26 +210,6 @@ def build_polynomials(source: ExactProgram, letters: PolynomialGenerators) -> li
     for number, instruction in enumerate(instructions, start=1):
         values.append(compute(number, instruction))
     return values
-
-
-# Few terms are written as a polynomial in any case, more of them if they take so many operations each.
-_FEW = 20
-_PER_TERM = 6
-# The largest ratio of two numbers that a common factor may leave.
-_LARGE = 4
-
-
-_SYMPY_RULES: Mapping[Op, Callable[..., Expr]] = {
-    **ARITHMETIC,
-    **{op: getattr(sympy, op.value) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.SIGN)},
-    Op.POWER: operator.pow,
-    Op.ABS: sympy.Abs,
-    Op.LESS: lambda a, b: sympy.Piecewise((1, sympy.Lt(a, b)), (0, True)),
-    Op.LESS_EQUAL: lambda a, b: sympy.Piecewise((1, sympy.Le(a, b)), (0, True)),
-    # SymPy would compare long expressions with one another to find out which is greater.
-    Op.MAXIMUM: lambda a, b: sympy.Max(a, b, evaluate=False),
-    Op.MINIMUM: lambda a, b: sympy.Min(a, b, evaluate=False),
-}
 
 
 def count_expanded_operations(program: Program) -> int:

@@ -53,10 +53,8 @@ _PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
 class BuildRecord:
     """How the self-test of a folder went, and the sizes of the functions, where they are known.
 
-    Attributes:
-        inputs: signature of all that the folder was made from, and of what ran the test.
-        selftest: "passed" or "not run".
-        runner: the compiler, or Python and NumPy; empty if the test was not run. flags: of the compiler.
+    `inputs`: signature of all that the folder was made from and of what ran the test; `selftest` "passed" or
+    "not run"; `runner` the compiler (with its flags), or Python and NumPy; empty if it was not run.
     """
 
     inputs: str
@@ -242,13 +240,9 @@ def generate_folder(
 
     def build() -> SourceSet:
         # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.
+        from symid.codegen import python_targets as targets
         from symid.codegen.c_library import generate_c_library
         from symid.codegen.casadi_functions import build_functions
-        from symid.codegen.python_targets import (
-            generate_casadi_target,
-            generate_javascript_module,
-            generate_python_module,
-        )
 
         check_folder(folder)
         progress(f"deriving the functions of {robot.name}")
@@ -256,9 +250,9 @@ def generate_folder(
         functions = build_functions(robot, names=order.functions, standard=standard, constant=order.constant)
         progress(f"writing {order.target} code")
         generate = {
-            "python": generate_python_module,
-            "casadi": generate_casadi_target,
-            "js": generate_javascript_module,
+            "python": targets.generate_python_module,
+            "casadi": targets.generate_casadi_target,
+            "js": targets.generate_javascript_module,
         }
         return generate.get(order.target, generate_c_library)(functions, order)
 

@@ -28,7 +28,29 @@ _NUMPY_OPS = (Op.MAXIMUM, Op.MINIMUM)
 # JavaScript's own let a NaN through too.
 _JAVASCRIPT_NAMES = {Op.POWER: "pow", Op.MAXIMUM: "max", Op.MINIMUM: "min"}
 _JAVASCRIPT_HELPERS = (Op.LESS, Op.LESS_EQUAL)
+_NameOp = Callable[[Op], str]
 _REGISTER = re.compile(r"t(\d+) = ")
+# Arguments and value. Comparisons with NaN are false: each helper lets a NaN through by its last branch.
+_C_HELPERS = {
+    "sign": ("x", "x > {zero} ? {one} : (x < {zero} ? -{one} : x)"),
+    "less": ("a b", "a < b ? {one} : (a >= b ? {zero} : a + b)"),
+    "less_equal": ("a b", "a <= b ? {one} : (a > b ? {zero} : a + b)"),
+    "maximum": ("a b", "a > b ? a : (a <= b ? b : a + b)"),
+    "minimum": ("a b", "a < b ? a : (a >= b ? b : a + b)"),
+}
+_TRIGONOMETRY = (Op.SIN, Op.COS)
+_SIMD_OPS = frozenset({Op.INPUT, Op.CONSTANT, *_INFIX, *_TRIGONOMETRY})
+# Where they are not those of the operation.
+_C_NAMES = {Op.POWER: "pow", Op.ABS: "fabs"}
+_PLAIN_NAMES = {Op.POWER: "math.pow", Op.ABS: "abs"}
+_WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
+_GROUP_SIZE = 8
+"""A multiple of every SIMD width."""
+_LONGEST_BODY, _PART_LENGTH = 8000, 1000
+"""Statements of a function that is printed as one, and of a part of one that is not."""
+_STREAMED_SIZES = range(64, 1025)
+"""Numbers of an output that may go past the caches: fewer are few bytes, more have no room on a stack."""
+_NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +79,7 @@ def write_literal(value: float, precision: str = "double") -> str:
     return repr(float(value))
 
 
-def _write_instruction(one: Instruction, read: Callable[[int], str], call: Callable[[Op], str]) -> str:
+def _write_instruction(one: Instruction, read: Callable[[int], str], call: _NameOp) -> str:
     """Return the value of an instruction as text; `read` names operands, `call` functions."""
     if one.op in _INFIX:
         left, right = map(read, one.args)
@@ -93,9 +115,7 @@ def print_javascript(program: Program) -> list[str]:
     return [*declared, *(f"{line};" for line in lines)]
 
 
-def _print_registers(
-    program: Program, call: Callable[[Op], str], index: Callable[[Port, int], str]
-) -> list[str]:
+def _print_registers(program: Program, call: _NameOp, index: Callable[[Port, int], str]) -> list[str]:
     """Return statements in the operators that Python and JavaScript share; names are used again."""
     last = {k: number for number, one in enumerate(program.instructions, start=1) for k in one.operands}
     last |= {abs(ref): len(program.instructions) + 1 for refs in program.outputs for ref in refs}
@@ -136,21 +156,6 @@ def _print_registers(
             if names[abs(ref)] != "0.0"
         ]
     return statements
-
-
-_TRIGONOMETRY = (Op.SIN, Op.COS)
-_SIMD_OPS = frozenset({Op.INPUT, Op.CONSTANT, *_INFIX, *_TRIGONOMETRY})
-# Where they are not those of the operation.
-_C_NAMES = {Op.POWER: "pow", Op.ABS: "fabs"}
-_PLAIN_NAMES = {Op.POWER: "math.pow", Op.ABS: "abs"}
-_WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
-_GROUP_SIZE = 8
-"""A multiple of every SIMD width."""
-_LONGEST_BODY, _PART_LENGTH = 8000, 1000
-"""Statements of a function that is printed as one, and of a part of one that is not."""
-_STREAMED_SIZES = range(64, 1025)
-"""Numbers of an output that may go past the caches: fewer are few bytes, more have no room on a stack."""
-_NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,7 +207,7 @@ class _CPrinter:
     angles: GroupedAngles
     write_constant: Callable[[float], str]
     write_input: Callable[[int, int], str]
-    call: Callable[[Op], str]
+    call: _NameOp
     names: dict[int, str] = field(default_factory=dict)
     due: dict[int, list[tuple[Sequence[int], Callable[..., str]]]] = field(default_factory=dict)
 
@@ -299,10 +304,7 @@ class _CPrinter:
 
 
 def print_c(program: Program, precision: str, *, together: bool = False) -> FunctionBody:
-    """Return the body of a C function; inputs and outputs are arrays with the ports' names.
-
-    `together`: sines and cosines are computed together, with `find_sines` of the lanes' header.
-    """
+    """Return a C function's body over arrays named as ports; `together`: sines at once, by `find_sines`."""
     spec, suffix = program.spec, "f" if precision == "float" else ""
     printer = _CPrinter(
         program,
@@ -422,16 +424,6 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
         ports[f"{port.name}_to"] = f"{precision} *restrict {port.name}_to"
         del ports[port.name]
     return _join_parts(printer, "batch_part", ports, loads)
-
-
-# Arguments and value. Comparisons with NaN are false: each helper lets a NaN through by its last branch.
-_C_HELPERS = {
-    "sign": ("x", "x > {zero} ? {one} : (x < {zero} ? -{one} : x)"),
-    "less": ("a b", "a < b ? {one} : (a >= b ? {zero} : a + b)"),
-    "less_equal": ("a b", "a <= b ? {one} : (a > b ? {zero} : a + b)"),
-    "maximum": ("a b", "a > b ? a : (a <= b ? b : a + b)"),
-    "minimum": ("a b", "a < b ? a : (a >= b ? b : a + b)"),
-}
 
 
 def write_table_lines(values: Sequence[float], kind: str) -> list[str]:

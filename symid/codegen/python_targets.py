@@ -30,6 +30,16 @@ from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import BANNER
 from symid.options import GenerateOptions
 
+# Derivatives of the forward dynamics amplify rounding errors by the square of what the dynamics do.
+_JACOBIAN_TOLERANCE = "1e-10"
+_JACOBIANS = (
+    *("forward_kinematics", "jacobian", "mass_matrix", "gravity", "bias", "energy", "friction"),
+    *("inverse_dynamics", "forward_dynamics", "hysteresis_step", "hysteresis_inverse_step"),
+    "elastic_inverse_dynamics",
+)
+# What the compiled plants call.
+_PLANT_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias", "friction", "friction_step")
+
 
 def _write_module(material: Material, template: str, **values: object) -> str:
     """Return a template of a Python module, with the tables of its self-test."""
@@ -155,17 +165,6 @@ def generate_javascript_module(functions: Functions, options: GenerateOptions | 
     readme = material.write("javascript/README.md.jinja", example=material.card.functions[0].name)
     files = ((f"{material.prefix}.mjs", module), ("selftest.mjs", selftest), ("README.md", readme))
     return material.collect("js", files)
-
-
-# Derivatives of the forward dynamics amplify rounding errors by the square of what the dynamics do.
-_JACOBIAN_TOLERANCE = "1e-10"
-_JACOBIANS = (
-    *("forward_kinematics", "jacobian", "mass_matrix", "gravity", "bias", "energy", "friction"),
-    *("inverse_dynamics", "forward_dynamics", "hysteresis_step", "hysteresis_inverse_step"),
-    "elastic_inverse_dynamics",
-)
-# What the compiled plants call.
-_PLANT_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias", "friction", "friction_step")
 
 
 def list_casadi_sources(prefix: str) -> tuple[str, str]:

@@ -192,9 +192,7 @@ def _list_names(robot: Robot, base: BaseParameters, port: functions.Port) -> lis
     return [f"{port.name}{number}" for number in numbers]
 
 
-def _shape_outputs(
-    spec: functions.FunctionSpec, values: Sequence[Sequence[Expr]]
-) -> dict[str, SymbolicOutput]:
+def _shape_outputs(spec: functions.FunctionSpec, rows: Sequence[Sequence[Expr]]) -> dict[str, SymbolicOutput]:
     def shape(port: functions.Port, entries: Sequence[Expr]) -> SymbolicOutput:
         if port.shape == (1,):
             return entries[0]
@@ -205,7 +203,7 @@ def _shape_outputs(
         starts = range(0, port.size, size)
         return tuple(ImmutableDenseMatrix(rows, columns, entries[k : k + size]) for k in starts)
 
-    return {port.name: shape(port, part) for port, part in zip(spec.outputs, values, strict=True)}
+    return {port.name: shape(port, part) for port, part in zip(spec.outputs, rows, strict=True)}
 
 
 def derive_symbolic(

@@ -47,6 +47,12 @@ Body = tuple[Matrix[T], Vector[T], T]
 """Inertia tensor about the link frame's origin (kg m^2), first moments (kg m), mass (kg)."""
 _Inertia = tuple[tuple[T, ...], ...]
 """The symmetric matrix (6, 6) that makes moment and force of angular and linear acceleration."""
+TensorTurn = Callable[[Algebra[T], tuple[T, T], Matrix[T]], Matrix[T]]
+"""How a symmetric tensor turns about z by an angle given as (cos, sin)."""
+
+
+_Entries = Mapping[tuple[int, int], T]
+"""The entries of a symmetric tensor on its diagonal and above it."""
 
 
 def list_drive_parameters(robot: Robot) -> tuple[Label, ...]:
@@ -89,7 +95,7 @@ def compute_drive_energy(recursion: Recursion[T], key: Label) -> tuple[T, T]:
 
 def compute_drive_column(
     recursion: Recursion[T], key: Label, rates: Sequence[T] | None, springs: int
-) -> Sequence[T]:
+) -> list[T]:
     """Return the entries of a drive parameter, IA, KS or KR, at every joint.
 
     `rates` of the joints are accelerations for torques, velocities for momenta, None without rotors;
@@ -193,14 +199,6 @@ def turn_matrix(algebra: Algebra[T], turn: tuple[T, T], matrix: Matrix[T]) -> Ma
     xz, yz = minus(mul(c, xz), mul(s, yz)), plus(mul(s, xz), mul(c, yz))
     zx, zy = minus(mul(c, zx), mul(s, zy)), plus(mul(s, zx), mul(c, zy))
     return (minus(xx, e), plus(xy, g), xz), (plus(yx, g), plus(yy, e), yz), (zx, zy, zz)
-
-
-TensorTurn = Callable[[Algebra[T], tuple[T, T], Matrix[T]], Matrix[T]]
-"""How a symmetric tensor turns about z by an angle given as (cos, sin)."""
-
-
-_Entries = Mapping[tuple[int, int], T]
-"""The entries of a symmetric tensor on its diagonal and above it."""
 
 
 def _fill_tensor(entries: _Entries[T]) -> Matrix[T]:

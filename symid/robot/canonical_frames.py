@@ -30,6 +30,16 @@ _LONGEST_LENGTH = 10**12
 _LONGEST_SURD = 10**8
 _LENGTH_PARTS = 10**12
 _QUATERNION_PARTS = 10**16
+_Direction = tuple[geometry.Exact, geometry.Exact]
+_Freedom = tuple[_Direction | None, geometry.Exact | None]
+_KEPT: _Direction = (geometry.ONE, geometry.ZERO)
+# Digits of a length that somebody chose; programs write six and more.
+_CHOSEN_DIGITS = 4
+_DECIMALS = 10**30
+# A common normal further away than this many times the robot's longest length is that of parallels.
+_FARTHEST = 10
+# Below this angle (rad) between axes, parameters depend on digits that few files have.
+_NEARLY_PARALLEL = 1e-2
 
 
 def rationalize_placement(
@@ -93,18 +103,6 @@ def _round_length(value: float) -> geometry.Exact:
     if abs(value) < _SMALLEST_LENGTH:
         return geometry.ZERO
     return geometry.Exact.surd(Fraction(round(Fraction(value) * _LENGTH_PARTS), _LENGTH_PARTS))
-
-
-_Direction = tuple[geometry.Exact, geometry.Exact]
-_Freedom = tuple[_Direction | None, geometry.Exact | None]
-_KEPT: _Direction = (geometry.ONE, geometry.ZERO)
-# Digits of a length that somebody chose; programs write six and more.
-_CHOSEN_DIGITS = 4
-_DECIMALS = 10**30
-# A common normal further away than this many times the robot's longest length is that of parallels.
-_FARTHEST = 10
-# Below this angle (rad) between axes, parameters depend on digits that few files have.
-_NEARLY_PARALLEL = 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,6 +37,21 @@ _QUANTITIES = {
     "kg*m^2": ("I1", "an inertia", "0.01"),
     "m/s^2": ("-g", "an acceleration", "9.81"),
 }
+_DEGREES = re.compile(r"\s*(?P<degrees>[-+]?\d+(?:\.\d+)?)\s*deg\s*")
+_FRACTION_OF_PI = re.compile(
+    r"(?P<sign>[-+]?)\s*(?:(?P<times>\d+(?:\.\d+)?)\s*\*?\s*)?pi\s*(?:/\s*(?P<by>\d+(?:\.\d+)?))?"
+)
+_TANGENT = re.compile(r"2\s*\*?\s*atan\((?P<tangent>.+)\)")
+ZERO_ANGLE = geometry.build_exact_angle(0.0)
+DH_KEYS = ("alpha", "a", "d", "theta")
+_LARGEST_ANGLE = 12.0
+_LARGEST_LENGTH = 10
+_TWELFTHS = tuple((k, geometry.build_exact_angle(k * math.pi / 12)) for k in range(-11, 13))
+_MOST_PLACES = 40
+_COMMENT_COLUMN = 35
+# Outside of this a number is a slip for the reader; a fraction in quotes is not.
+_SMALLEST = Fraction(1, 10**30)
+_LARGEST_WHOLE = 1e15
 
 
 def parse_linear_form(text: str) -> geometry.Exact | None:
@@ -144,17 +159,6 @@ def read_fraction(section: Section, key: str, instead_of_zero: str) -> Fraction 
     return found or None
 
 
-_DEGREES = re.compile(r"\s*(?P<degrees>[-+]?\d+(?:\.\d+)?)\s*deg\s*")
-_FRACTION_OF_PI = re.compile(
-    r"(?P<sign>[-+]?)\s*(?:(?P<times>\d+(?:\.\d+)?)\s*\*?\s*)?pi\s*(?:/\s*(?P<by>\d+(?:\.\d+)?))?"
-)
-_TANGENT = re.compile(r"2\s*\*?\s*atan\((?P<tangent>.+)\)")
-ZERO_ANGLE = geometry.build_exact_angle(0.0)
-DH_KEYS = ("alpha", "a", "d", "theta")
-_LARGEST_ANGLE = 12.0
-_LARGEST_LENGTH = 10
-
-
 def _parse_degrees(value: object) -> float | None:
     """Return a number, or what "90 deg" writes, in rad."""
     number = to_decimal(value)
@@ -178,10 +182,7 @@ def read_constant(section: Section, key: str, expected: str, *inner: int) -> flo
 
 
 def read_angle(section: Section, key: str, *inner: int) -> geometry.Angle:
-    """Return the angle at `key`, or at its element `inner`; zero where there is none.
-
-    A number within 1e-5 rad of a multiple of pi/2 is taken as that multiple, with a warning.
-    """
+    """Return the angle at `key` or its element, zero without; near a multiple of pi/2 it is taken as that."""
     value = section.get(key, *inner)
     if value is None:
         return ZERO_ANGLE
@@ -283,14 +284,6 @@ def _read_origin(section: Section, key: str) -> geometry.Placement:
     return geometry.Placement(rotation=rotation, translation=(x, y, z))
 
 
-_TWELFTHS = tuple((k, geometry.build_exact_angle(k * math.pi / 12)) for k in range(-11, 13))
-_MOST_PLACES = 40
-_COMMENT_COLUMN = 35
-# Outside of this a number is a slip for the reader; a fraction in quotes is not.
-_SMALLEST = Fraction(1, 10**30)
-_LARGEST_WHOLE = 1e15
-
-
 def write_number(value: float) -> str:
     """Return a number that is read back as the same float."""
     return str(int(value)) if value == int(value) and abs(value) < _LARGEST_WHOLE else repr(float(value))
@@ -374,10 +367,7 @@ def _write_row(*row: geometry.Angle | geometry.Exact) -> dict[str, str]:
 
 
 def write_modified_row(placement: geometry.Placement) -> dict[str, str] | None:
-    """Return alpha, a, d, theta of a frame, those that are zero left out; None where it is no such row.
-
-    The rotation is Rx(alpha) Rz(theta), the translation (a, -sin(alpha) d, cos(alpha) d).
-    """
+    """Return alpha, a, d, theta of Rx(alpha) Tx(a) Rz(theta) Tz(d), without zeros; None for other frames."""
     r, t = placement.rotation, placement.translation
     alpha, theta = geometry.Angle.of(r[2][2], -r[1][2]), geometry.Angle.of(r[0][0], -r[0][1])
     d = alpha.cosine * t[2] - alpha.sine * t[1]
@@ -386,10 +376,7 @@ def write_modified_row(placement: geometry.Placement) -> dict[str, str] | None:
 
 
 def write_standard_row(near: geometry.Placement, frame: geometry.Placement) -> dict[str, str] | None:
-    """Return alpha, a, d, theta of a joint's frame and its link's; None where they are no such row.
-
-    These are `near` = Rz(theta) Tz(d) seen from the link before, `frame` = Tx(a) Rx(alpha) from the joint's.
-    """
+    """Return the row of `near` = Rz(theta) Tz(d) and `frame` = Tx(a) Rx(alpha), no zeros; None for others."""
     theta = geometry.Angle.of(near.rotation[0][0], near.rotation[1][0])
     alpha = geometry.Angle.of(frame.rotation[1][1], frame.rotation[2][1])
     d, a = near.translation[2], frame.translation[0]

@@ -418,9 +418,7 @@ def to_floats(placement: Placement) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(entry.to_float() for entry in row) for row in placement.rotation)
 
 
-def build_axis_frame(
-    axis: tuple[Fraction, Fraction, Fraction], *, snap: float = 1e-5
-) -> tuple[Placement, float]:
+def build_axis_frame(axis: Sequence[Fraction], *, snap: float = 1e-5) -> tuple[Placement, float]:
     """Return a rotation that takes z to the direction of `axis`, which is not zero, and how far off (rad).
 
     An axis within `snap` (rad) of a coordinate axis is taken as that axis.
@@ -452,10 +450,7 @@ def build_axis_frame(
 
 
 def snap_to_quarter_turns(placement: Placement, *, snap: float = 1e-5) -> Placement | None:
-    """Return `placement` with the rotation of entries 0, 1 and -1 that it is near; None where there is none.
-
-    What was written in several steps can come to a quarter turn that none of the steps shows.
-    """
+    """Return `placement` with the rotation of entries 0, 1 and -1 that it is near, None without one."""
     rows = to_floats(placement)
     moved = max(abs(value - round(value)) for row in rows for value in row)
     if moved > max(snap, _ROUNDED):

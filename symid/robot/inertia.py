@@ -63,10 +63,7 @@ def move_by_placement(
     *,
     inverse: bool = False,
 ) -> Parameters:
-    """Return the ten parameters, given in the frame `placement`, seen from where `placement` is seen from.
-
-    With `inverse` the other way round. `symbols` are values of symbolic lengths, m.
-    """
+    """Return ten parameters of the frame `placement` as seen from outside; `inverse`: the other way round."""
     rotation = np.array(to_floats(placement))
     translation = np.array([entry.to_float(symbols) for entry in placement.translation])
     if inverse:
@@ -75,10 +72,7 @@ def move_by_placement(
 
 
 def split_body(parameters: Sequence[float]) -> tuple[float, list[float], tuple[float, ...]]:
-    """Return mass (kg), centre of mass (m) and xx xy xz yy yz zz about it (kg m^2) of ten parameters.
-
-    Without a mass the centre of mass is the frame's origin.
-    """
+    """Return mass (kg), centre of mass (m, zero without mass), inertia about it (6,) of ten parameters."""
     mass = float(parameters[9])
     com = [float(value) / mass for value in parameters[6:9]] if mass else [0.0, 0.0, 0.0]
     return mass, com, move_parameters(parameters, np.eye(3), -np.array(com))[:6]

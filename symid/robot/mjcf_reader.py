@@ -58,6 +58,28 @@ _ORDER = (0, 3, 4, 1, 5, 2)
 _SOLIDS = ("sphere", "capsule", "cylinder", "ellipsoid", "box")
 _NO_BODIES = ("plane", "hfield")
 _GEOMS = (*_NO_BODIES, *_SOLIDS, "mesh", "sdf")
+WORLD = "world"
+"""The body that does not move."""
+
+# An included part of a model is one by its tag, too.
+_ROOTS = ("mujoco", "mujocoinclude")
+_UNUSED = "not used, and not needed for the dynamics: {}"
+_LOST = "forces that are not in the model: {}"
+_REFUSED = ("attach", "replicate", "composite", "flexcomp", "plugin")
+_READ = ("inertial", "joint", "freejoint", "body", "frame", "geom")
+_SECTIONS = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "include")
+_KNOWN = {
+    "compiler": (
+        *("angle", "eulerseq", "inertiafromgeom", "inertiagrouprange", "autolimits", "balanceinertia"),
+        *("boundmass", "boundinertia", "settotalmass", "coordinate"),
+    ),
+    "body": ("name", "childclass", "pos", "gravcomp", *ORIENTATIONS),
+    "joint": (
+        *("name", "class", "type", "pos", "axis", "range", "limited", "actuatorfrcrange"),
+        *("actuatorfrclimited", "damping", "frictionloss", "armature", "stiffness", "springref", "ref"),
+        *("springdamper", "springyield"),
+    ),
+}
 
 
 def read_settings(reading: urdf_parts.TreeReading, entries: Sequence[XmlElement]) -> urdf_parts.ModelSettings:
@@ -355,30 +377,6 @@ def _compute_geom(own: urdf_parts.XmlPart, frame: geometry.Placement) -> _Body:
     central = [mass * moments[0], 0.0, 0.0, mass * moments[1], 0.0, mass * moments[2], 0.0, 0.0, 0.0, mass]
     origin = np.array([value.to_float() for value in placed.translation])
     return move_parameters(central, np.array(geometry.to_floats(placed)), origin)
-
-
-WORLD = "world"
-"""The body that does not move."""
-
-# An included part of a model is one by its tag, too.
-_ROOTS = ("mujoco", "mujocoinclude")
-_UNUSED = "not used, and not needed for the dynamics: {}"
-_LOST = "forces that are not in the model: {}"
-_REFUSED = ("attach", "replicate", "composite", "flexcomp", "plugin")
-_READ = ("inertial", "joint", "freejoint", "body", "frame", "geom")
-_SECTIONS = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "include")
-_KNOWN = {
-    "compiler": (
-        *("angle", "eulerseq", "inertiafromgeom", "inertiagrouprange", "autolimits", "balanceinertia"),
-        *("boundmass", "boundinertia", "settotalmass", "coordinate"),
-    ),
-    "body": ("name", "childclass", "pos", "gravcomp", *ORIENTATIONS),
-    "joint": (
-        *("name", "class", "type", "pos", "axis", "range", "limited", "actuatorfrcrange"),
-        *("actuatorfrclimited", "damping", "frictionloss", "armature", "stiffness", "springref", "ref"),
-        *("springdamper", "springyield"),
-    ),
-}
 
 
 def read_xml_robot(

@@ -36,6 +36,23 @@ from symid.robot.description import Coupling, Joint, Robot
 from symid.robot.inertia import TENSOR, split_body
 from symid.robot.toml_values import read_text_file, sort_notices
 
+PRECISIONS = ("double", "float")
+"""Types of numbers that the generated library may have."""
+N = TypeVar("N")
+
+_NAMES = ("name", "parameter", "base_parameter", "group", "grouping", "expression")
+_VALUES = ("value", "estimate", "estimated", "identified")
+_DEVIATIONS = {"std", "stdev", "stddev", "sd", "sigma", "deviation", "error"}
+_PERCENT = ("percent", "pct", "%")
+_MINUS = "\N{MINUS SIGN}"
+_LARGEST = 1e100
+_NUMBER_LIKE = re.compile(r"[+-]?[\d.,]*\d[\d.,]*([eE][+-]?\d+)?\s*%?")
+"""What somebody took for a number, whether it can be read or not."""
+
+_Names = Sequence[str]
+_Line = tuple[int, list[str]]
+"""Number and cells of a line."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValueRow:
@@ -119,10 +136,6 @@ def build_json_values(
     }
 
 
-PRECISIONS = ("double", "float")
-"""Types of numbers that the generated library may have."""
-
-
 def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precision: str = "double") -> str:
     """Return the header, with `comments` fit for C at its head; `precision` is one of `PRECISIONS`."""
     prefix, macro = values.prefix, values.prefix.upper()
@@ -180,22 +193,6 @@ def _describe(row: ValueRow) -> str:
         percent = f" ({100 * row.std / abs(row.value):.2g} %)" if row.value else ""
         text += f"; std {row.std:.3g}{percent}"
     return text
-
-
-N = TypeVar("N")
-
-_NAMES = ("name", "parameter", "base_parameter", "group", "grouping", "expression")
-_VALUES = ("value", "estimate", "estimated", "identified")
-_DEVIATIONS = {"std", "stdev", "stddev", "sd", "sigma", "deviation", "error"}
-_PERCENT = ("percent", "pct", "%")
-_MINUS = "\N{MINUS SIGN}"
-_LARGEST = 1e100
-_NUMBER_LIKE = re.compile(r"[+-]?[\d.,]*\d[\d.,]*([eE][+-]?\d+)?\s*%?")
-"""What somebody took for a number, whether it can be read or not."""
-
-_Names = Sequence[str]
-_Line = tuple[int, list[str]]
-"""Number and cells of a line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -320,12 +317,10 @@ def _read_lines(path: Path) -> tuple[_Line, list[_Line]]:
     return (first, heading), found[1:]
 
 
-def _choose_columns(
-    file: str, heading: _Names, lines: Sequence[_Line], columns: TableColumns
-) -> TableColumns:
+def _choose_columns(file: str, heading: _Names, rows: Sequence[_Line], columns: TableColumns) -> TableColumns:
     """Return the columns to read, with those that were left open guessed."""
     # A column of cells that were meant as numbers is not skipped.
-    found = ([cells[place] for _, cells in lines if place < len(cells)] for place in range(len(heading)))
+    found = ([cells[place] for _, cells in rows if place < len(cells)] for place in range(len(heading)))
     numeric = [
         name
         for name, cells in zip(heading, found, strict=True)

@@ -3,9 +3,9 @@
 Each joint moves the link, body or prim `<joint>_link`, whose frame is the link frame used here: the axis is
 z. In a URDF the base is the link `base`, a link of unknown values has no <inertial>, an unknown limit is 0.
 In MJCF a rotor is `armature` (on the joint's side), a coupled drive a fixed tendon, followers are held by
-equality constraints, and each joint with a coordinate has a motor: its control is a torque on the motor's
-side. Friction that bends bristles, Dahl and LuGre with gamma 2, is a `dcmotor` without input, damping a
-polynomial for the law `cubic`; both are tested with MuJoCo 4.0, and older ones may not read them.
+equality constraints, and the control of a joint's motor is a torque on the motor's side. Friction that bends
+bristles, Dahl and LuGre with gamma 2, is a `dcmotor` without input, damping a polynomial for the law `cubic`:
+tested with MuJoCo 4.0, older ones may not read them.
 
 USD (.usda) has the schemas of UsdPhysics and PhysX. All links stand side by side below the robot, at their
 places with all joints at zero; the base is fixed to the world. Masses, frames and limits are UsdPhysics
@@ -13,11 +13,10 @@ places with all joints at zero; the base is fixed to the world. Masses, frames a
 for older PhysX, `physxJoint:armature`. Friction is `physxJointAxis:<axis>:` staticFrictionEffort and
 dynamicFrictionEffort (N m, N) and viscousFrictionCoefficient, which for turning joints is per degree, as
 PhysX multiplies it by 180 / pi (Omni Physics "Physx Joint Schema", ovphysx 0.7.0 "PhysxJointAxisAPI"); PhysX
-has them from 5.6 on. Before, a joint had a coefficient without a unit (`physxJoint:jointFriction`), times the
-load of the joint, which no friction in N m is; it is not written. Angles of limits, springs and velocities
-are in degrees. Followers have `PhysxMimicJointAPI`: q + gearing q_reference + offset = 0 (createMimicJoint of
-PhysX 5.6); PhysX enforces it between turning joints with limits (NVIDIA SimReady requirements DJ.004 and
-DJ.007, 2026). Numbers have all digits; programs read most of them as single precision.
+has them from 5.6 on. Angles of limits, springs and velocities are in degrees. Followers have
+`PhysxMimicJointAPI`: q + gearing q_reference + offset = 0 (createMimicJoint of PhysX 5.6); PhysX enforces it
+between turning joints with limits (NVIDIA SimReady requirements DJ.004 and DJ.007, 2026). Numbers have all
+digits; programs read most of them as single precision.
 
 Supported: placements, inertial values, limits, damping and dry friction (the mean of both directions),
 rotors, followers, in USD those that turn; gears in URDF and MJCF; gravity and springs in MJCF and USD;

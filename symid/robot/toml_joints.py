@@ -23,6 +23,7 @@ import numpy as np
 
 from symid import joint_models
 from symid.errors import Notice, RobotError, UsageError
+from symid.joint_models import FrictionValues
 from symid.notation import adapt_unit
 from symid.robot.description import Coupling, Drive, Joint, JointKind, Limits, Spring
 from symid.robot.exact_values import read_fraction
@@ -40,11 +41,37 @@ UNKNOWN = "unknown"
 """Stands in place of a number that is to be identified."""
 _STIFFNESS = "N*m/rad"
 
+Names = Sequence[str]
 Values = Mapping[str, Any]
+Written = dict[str, tuple[float | tuple[float, ...], str]]
 _CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
 _Number = tuple[str, str, str, Range, str]
 """Key, example, unit and range of a number, and the word that may stand in its place."""
 MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
+_NAMES = {
+    "bouc_wen": "bouc-wen",
+    "attracted": "attracted-maxwell-slip",
+    "slip": "nonlinear-stops",
+    "relays": "krasnoselskii-pokrovskii",
+}
+"""The model of a branch's kind."""
+_OWN = (
+    *("stiffness", "damping", "cubic", "stops", "knees", "symmetric", "catalogue"),
+    *("backlash", "offset", "model", "branch"),
+)
+_EXPONENT = Range(low=0, high=10, open_low=True)
+_LAWS = tuple(joint_models.FRICTION_LAWS.values())
+FRICTION_PARTS = tuple(dict.fromkeys(entry.name for law in _LAWS for entry in law.linear))
+"""Names of the linear values of all laws."""
+_SHAPES = tuple(dict.fromkeys(entry.name for law in _LAWS for entry in law.shape))
+_STATE_LAWS = joint_models.STATE_LAWS.values()
+_MEMORIES = tuple(dict.fromkeys(entry.name for law in _STATE_LAWS for entry in law.memory))
+_CONSTANT = ("offset", "Fp")
+_LARGEST_GAP = 1e-6
+"""By which the shares of elements may differ from one in sum."""
+_DEFAULT_GAMMA = 2.0
+# The speeds at which curves are evaluated: a hundred a decade.
+_SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,9 +179,7 @@ _PLAIN = ("prandtl-ishlinskii", "modified-prandtl-ishlinskii")
 """Names of the spring with stops and knees alone."""
 
 
-def list_branch_entries(
-    branch: joint_models.Branch,
-) -> tuple[str, dict[str, tuple[float | tuple[float, ...], str]]]:
+def list_branch_entries(branch: joint_models.Branch) -> tuple[str, Written]:
     """Return the `model` of a branch, and value and unit (of a joint that turns) of each of its keys."""
     given: dict[str, Any]
     match branch:
@@ -174,19 +199,6 @@ def list_branch_entries(
         for key in _MODELS[model][0]
         if key.name in given and given[key.name] != key.default
     }
-
-
-_NAMES = {
-    "bouc_wen": "bouc-wen",
-    "attracted": "attracted-maxwell-slip",
-    "slip": "nonlinear-stops",
-    "relays": "krasnoselskii-pokrovskii",
-}
-"""The model of a branch's kind."""
-_OWN = (
-    *("stiffness", "damping", "cubic", "stops", "knees", "symmetric", "catalogue"),
-    *("backlash", "offset", "model", "branch"),
-)
 
 
 def _read_model(table: Section, *, needed: bool) -> str | None:
@@ -354,28 +366,11 @@ def _read_entries(table: Section, key: str, *numbers: _Number) -> list[tuple[flo
     return found
 
 
-_EXPONENT = Range(low=0, high=10, open_low=True)
-_LAWS = tuple(joint_models.FRICTION_LAWS.values())
-FRICTION_PARTS = tuple(dict.fromkeys(entry.name for law in _LAWS for entry in law.linear))
-"""Names of the linear values of all laws."""
-_SHAPES = tuple(dict.fromkeys(entry.name for law in _LAWS for entry in law.shape))
-_STATE_LAWS = joint_models.STATE_LAWS.values()
-_MEMORIES = tuple(dict.fromkeys(entry.name for law in _STATE_LAWS for entry in law.memory))
-_CONSTANT = ("offset", "Fp")
-_LARGEST_GAP = 1e-6
-"""By which the shares of elements may differ from one in sum."""
-_DEFAULT_GAMMA = 2.0
-# The speeds at which curves are evaluated: a hundred a decade.
-_SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
-
-
-def _read_friction(
-    section: Section, fastest: float = math.inf, *, shared: bool = False
-) -> joint_models.FrictionValues:
+def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool = False) -> FrictionValues:
     """Return the friction of a table up to the speed `fastest`; `shared`: it acts on several joints."""
     table = section.read_table("friction")
     if table is None:
-        return joint_models.FrictionValues()
+        return FrictionValues()
     table.require("model", 'write model = "coulomb-viscous"')
     model = table.read_text("model")
     law = None
@@ -399,7 +394,7 @@ def _read_friction(
             _check_keys(table, joint_models.NO_FRICTION, (), (), has_step=False)
         else:
             table.refuse_unknown_keys(("model", *FRICTION_PARTS, *_SHAPES, *_MEMORIES, "smoothing"))
-        return joint_models.FrictionValues()
+        return FrictionValues()
     keys = tuple(entry.name for entry in law.shape)
     stated = keys if free is None else (*keys, "gamma")
     shape: list[float] = []
@@ -425,7 +420,7 @@ def _read_friction(
             text = f"{table.show(entry.name)} drives the joint instead of braking it; write a positive"
             table.warn("robot.negative-friction", entry.name, f"{text} coefficient")
     values = tuple(value for value in given.values() if value is not None)
-    found = joint_models.FrictionValues(
+    found = FrictionValues(
         law=law.name,
         values=values if values and len(values) == len(names) else None,
         smoothing=smoothing or 0.0,
@@ -462,9 +457,7 @@ def _read_bristles(table: Section, law: joint_models.FrictionLaw) -> tuple[float
     return tuple(value for values in lists for value in values) if all(lists) else ()
 
 
-def _check_keys(
-    table: Section, law: str, wanted: Sequence[str], shape: Sequence[str], *, has_step: bool
-) -> None:
+def _check_keys(table: Section, law: str, wanted: Names, shape: Names, *, has_step: bool) -> None:
     """Refuse values that the model does not have, and a part of its values in place of all."""
     code = "robot.friction-values"
     if not has_step and "smoothing" in table.values:
@@ -484,7 +477,7 @@ def _check_keys(
         table.refuse_key(code, next(name for name in wanted if name in table.values), f"{text} unknown")
 
 
-def _warn_of_driving_friction(table: Section, friction: joint_models.FrictionValues, fastest: float) -> None:
+def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest: float) -> None:
     """Warn of a curve whose least braking torques up to a speed have a negative sum over both directions."""
     law, named = joint_models.get_friction_law(friction), joint_models.name_values(friction)
     if law is None or not named or not law.own:
@@ -577,9 +570,7 @@ def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
     return replace(joint, drive=drive, friction=friction, limits=limits, spring=spring, elasticity=elasticity)
 
 
-def read_couplings(
-    root: Section, names: Sequence[str], kinds: Sequence[JointKind | None]
-) -> tuple[Coupling, ...]:
+def read_couplings(root: Section, names: Names, kinds: Sequence[JointKind | None]) -> tuple[Coupling, ...]:
     """Return the drives that turn with several of the joints `names`; the kind of a fixed one is None."""
     couplings: list[Coupling] = []
     example = "write terms = { joint5 = 1, joint6 = 1 }"

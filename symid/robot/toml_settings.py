@@ -32,6 +32,7 @@ from symid.robot.description import (
 from symid.robot.exact_values import read_constant
 from symid.robot.toml_values import ANY, NOT_NEGATIVE, POSITIVE, Range, Section, to_decimal
 
+Joints = Sequence[Joint]
 TransmissionMatrix = tuple[tuple[float, ...], ...]
 _SINGULAR = 1e15
 """From this condition on, nothing but rounding keeps a matrix from being singular."""
@@ -58,7 +59,7 @@ def compute_condition(rows: TransmissionMatrix) -> float | None:
     return condition if condition < _SINGULAR else None
 
 
-def _read_transmission(table: Section, joints: Sequence[Joint]) -> TransmissionMatrix | None:
+def _read_transmission(table: Section, joints: Joints) -> TransmissionMatrix | None:
     """Return the rows of the matrix at `transmission` of the table; None where it is absent or wrong."""
     value, size = table.get("transmission"), len(joints)
     if value is None:
@@ -110,6 +111,7 @@ _CONVERTIBLE = {
     "torque": ("torque", "force", "voltage", "current", "number"),
     "temperature": ("temperature", "voltage", "number"),
 }
+_SI_UNITS = dict(zip(_CONVERTIBLE, ("rad", "rad/s", "rad/s^2", "N m", "degC"), strict=True))
 for _name, _alike in (
     ("motor_position", "position"),
     ("link_position", "position"),
@@ -120,18 +122,8 @@ for _name, _alike in (
 ):
     JOINT_DIMENSIONS[_name], _CONVERTIBLE[_name] = JOINT_DIMENSIONS[_alike], _CONVERTIBLE[_alike]
 
-_SI_UNITS = {
-    "position": "rad",
-    "velocity": "rad/s",
-    "acceleration": "rad/s^2",
-    "torque": "N m",
-    "temperature": "degC",
-}
 
-
-def _read_quantity(
-    table: Section, name: str, joints: Sequence[Joint], *, coupled: bool
-) -> LogQuantity | None:
+def _read_quantity(table: Section, name: str, joints: Joints, *, coupled: bool) -> LogQuantity | None:
     """Return the quantity `name` of the log; `coupled`: it has a transmission matrix, not gear ratios."""
     dimensions = JOINT_DIMENSIONS[name]
     is_position = dimensions is JOINT_DIMENSIONS["position"]
@@ -230,7 +222,7 @@ def read_offset(section: Section, size: int) -> tuple[float, ...] | None:
     return _read_each(section, "offset", size, "offsets", read)
 
 
-def compute_current_factor(joints: Sequence[Joint], *, coupled: bool) -> tuple[float, ...] | None:
+def compute_current_factor(joints: Joints, *, coupled: bool) -> tuple[float, ...] | None:
     """Return the torque for each ampere (n,), of the joints, or of the motors where a matrix couples them.
 
     None where a torque constant is unknown.
@@ -276,7 +268,7 @@ def read_processing(root: Section) -> Processing:
     return Processing(**found, decimation=replace(usual, **steps))
 
 
-def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
+def read_log(root: Section, joints: Joints) -> LogMap:
     """Return the `[log]` table for a robot with these joints; those that follow another have no column."""
     joints = [joint for joint in joints if joint.mimic is None]
     table = root.read_table("log", [entry.name for entry in fields(LogMap)])
@@ -335,7 +327,7 @@ def describe_settings(robot: Robot) -> dict[str, object]:
     return {"log": list_log(robot.log), "processing": list_processing(robot.processing)}
 
 
-def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Processing, Controller | None]:
+def read_settings(root: Section, joints: Joints) -> tuple[LogMap, Processing, Controller | None]:
     """Return the tables of settings of a file for a robot with these joints."""
     log, processing = read_log(root, joints), read_processing(root)
     joints = [joint for joint in joints if joint.mimic is None]
@@ -357,7 +349,7 @@ def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Proce
     return log, processing, controller
 
 
-def read_named_settings(root: Section, joints: Sequence[Joint]) -> tuple[NamedSettings, ...]:
+def read_named_settings(root: Section, joints: Joints) -> tuple[NamedSettings, ...]:
     """Return the sets of settings in `[settings.NAME]` for a robot with these joints."""
     table = root.read_table("settings")
     if table is None:
@@ -392,7 +384,7 @@ def list_controller(controller: Controller) -> dict[str, Any]:
 
 
 def _read_gains(
-    table: Section, key: str, joints: Sequence[Joint], allowed: Range, word: str = ""
+    table: Section, key: str, joints: Joints, allowed: Range, word: str = ""
 ) -> tuple[float, ...]:
     """Return a number for each joint, zeros where they are wrong."""
     # Where no joint could be read, numbers are checked all the same.

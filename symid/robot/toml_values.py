@@ -28,6 +28,26 @@ LARGEST_FILE = 64 * 10**6
 """Bytes of a text that describes a robot; the largest URDFs with their meshes inside have a tenth."""
 _DEEP = re.compile(r"(?:\[[^\]\n]{0,9}){40}|(?:\{[^}\n]{0,9}){40}|(?:\w\s*\.\s*){40}")
 _ENDLESS = re.compile(r"[\d_]{1000,}|[eE][-+]?\d{10,}")
+KeyPath = tuple[str | int, ...]
+T = TypeVar("T")
+
+_BLANK = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
+_SPACE = re.compile(r"[ \t]*")
+_KEY = re.compile(r'[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|\'[^\']*\'')
+# A string of several lines may end in up to two quotes of its own.
+_STRING = re.compile(
+    r'"""(?:\\.|[^\\])*?"""(?:"{0,2})|\'\'\'.*?\'\'\'(?:\'{0,2})|"(?:[^"\\]|\\.)*"|\'[^\']*\'', re.DOTALL
+)
+_BARE_VALUE = re.compile(r"[^,\]}#\n]+")
+_SYNTAX_PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
+BASE = "base"
+"""What the first joint of a robot file is fixed to; no joint has this name."""
+
+_LONGEST_SHOWN = 40
+# Beyond this many decimal places a number is a slip, and exact arithmetic with it would not end.
+_LARGEST_EXPONENT = 30
+_MOST_DIGITS = 1000
+_NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(\S.*?)\s*")
 
 
 def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -> str:
@@ -50,20 +70,6 @@ def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -
 def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
     """Return notices in the order of their places."""
     return tuple(sorted(notices, key=lambda notice: (notice.line, notice.column)))
-
-
-KeyPath = tuple[str | int, ...]
-T = TypeVar("T")
-
-_BLANK = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
-_SPACE = re.compile(r"[ \t]*")
-_KEY = re.compile(r'[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|\'[^\']*\'')
-# A string of several lines may end in up to two quotes of its own.
-_STRING = re.compile(
-    r'"""(?:\\.|[^\\])*?"""(?:"{0,2})|\'\'\'.*?\'\'\'(?:\'{0,2})|"(?:[^"\\]|\\.)*"|\'[^\']*\'', re.DOTALL
-)
-_BARE_VALUE = re.compile(r"[^,\]}#\n]+")
-_SYNTAX_PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,16 +207,6 @@ class Scanner:
         line = bisect_left(self._line_ends, start)
         before = self._line_ends[line - 1] if line else -1
         return Place(self.file, line + 1, start - before, self.text[start : self.position])
-
-
-BASE = "base"
-"""What the first joint of a robot file is fixed to; no joint has this name."""
-
-_LONGEST_SHOWN = 40
-# Beyond this many decimal places a number is a slip, and exact arithmetic with it would not end.
-_LARGEST_EXPONENT = 30
-_MOST_DIGITS = 1000
-_NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(\S.*?)\s*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

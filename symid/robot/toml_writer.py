@@ -51,6 +51,23 @@ from symid.robot.toml_values import BASE
 _DIGITS = 14
 _DUST = 1e-30
 _SOURCE = re.compile(r"^(\[made_from\]\n)file = .*$", re.MULTILINE)
+_PLACING = {
+    "alpha": "rad",
+    "a": "m",
+    "d": "m",
+    "theta": "rad",
+    "origin": "the joint's frame (z: its axis) seen from the link before; m, rad",
+    "frame": "the link's frame seen from the joint's",
+}
+_MEANING = {
+    "filter_cutoff": "Hz",
+    "automatic": "what is not stated is chosen from the log",
+    "drop_first": "samples, after differentiation",
+    "drop_last": "likewise",
+    "standstill": "rad/s or m/s: slower rows of a joint are left out",
+    "instrument_cutoff": "Hz",
+    "states": "position, velocity or acceleration: up to which columns of the log are used",
+}
 
 
 def write_robot(robot: Robot, *, comment: str = "", hints: bool = False, folder: Path | None = None) -> str:
@@ -123,16 +140,6 @@ def _list_source(made: SourceFile, folder: Path | None) -> Iterator[str]:
     links = {"base": made.base, "tip": made.tip}
     yield from (f"{key} = {write_value(link)}" for key, link in links.items() if link)
     yield f"snap = {write_number(made.snap)}"
-
-
-_PLACING = {
-    "alpha": "rad",
-    "a": "m",
-    "d": "m",
-    "theta": "rad",
-    "origin": "the joint's frame (z: its axis) seen from the link before; m, rad",
-    "frame": "the link's frame seen from the joint's",
-}
 
 
 def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: bool) -> Iterator[str]:
@@ -325,17 +332,6 @@ def _write_hints(joint: Joint, table: str, *, whole: bool) -> Iterator[str]:
             line = f"# {text}"
             gap = "  " if len(line) >= _HINT_COLUMN else ""
             yield f"{line:<{_HINT_COLUMN}}{gap}# {adapt_unit(meaning, prismatic=prismatic)}"
-
-
-_MEANING = {
-    "filter_cutoff": "Hz",
-    "automatic": "what is not stated is chosen from the log",
-    "drop_first": "samples, after differentiation",
-    "drop_last": "likewise",
-    "standstill": "rad/s or m/s: slower rows of a joint are left out",
-    "instrument_cutoff": "Hz",
-    "states": "position, velocity or acceleration: up to which columns of the log are used",
-}
 
 
 def _write_settings(robot: Robot) -> Iterator[str]:

@@ -51,6 +51,18 @@ _COUNTS = {2: "two", 3: "three", 4: "four", 6: "six"}
 Terms = tuple[tuple[str, Fraction], ...]
 Triple = tuple[Decimal, Decimal, Decimal]
 NULL: Triple = (Decimal(0), Decimal(0), Decimal(0))
+_TYPES = (*MOVING, "fixed", "floating", "planar")
+_JOINT_TAGS = ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic")
+_DUST = Decimal("1e-9")
+# Doubles show their rounding in about this many parts of a metre.
+_LENGTH_PARTS = Fraction(10**15)
+_ROUNDED = 1e-9
+_REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio")
+ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "drake:rotor_inertia")
+"""Elements of an actuator that hold its rotor's inertia, on the motor's side."""
+
+# How a controller talks to the joint is no mechanics.
+_SILENT = ("hardwareInterface", "role")
 
 
 def list_words(words: Iterable[str], *, most: int = _SHOWN_WORDS) -> str:
@@ -372,10 +384,7 @@ def _read_pose(owner: XmlPart) -> tuple[XmlPart, Triple, Triple] | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TreeLink:
-    """A link, and the ten parameters in its own frame where the file states any.
-
-    `between`: it stands between two joints of one body of an MJCF model, and has no mass.
-    """
+    """A link, its ten parameters where stated; `between`: without mass, between joints of one MJCF body."""
 
     name: str
     part: XmlPart
@@ -434,12 +443,8 @@ def build_body(
 ) -> tuple[float, ...]:
     """Return the ten parameters of a body in its link's frame; warn if no body has such ones.
 
-    Args:
-        part: the element that states them.
-        mass: kg.
-        com: (3,) centre of mass, m.
-        central: (6,) xx xy xz yy yz zz about the centre of mass, kg m^2, in axes of their own.
-        rotation: (3, 3) these axes in the link's frame.
+    `part` states them: mass (kg), centre of mass (3,) in m, and xx xy xz yy yz zz about it (6,), kg m^2, in
+    axes of their own, `rotation` (3, 3) in the link's frame.
     """
     turned = move_parameters((*central, 0.0, 0.0, 0.0, mass), rotation, np.zeros(3))
     found = compute_standard_parameters(mass, com, turned[:6])
@@ -450,14 +455,6 @@ def build_body(
         text = "links {}: inertia without mass, which no physical body has; the values are kept"
         part.group("robot.inertia-without-mass", text)
     return found
-
-
-_TYPES = (*MOVING, "fixed", "floating", "planar")
-_JOINT_TAGS = ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic")
-_DUST = Decimal("1e-9")
-# Doubles show their rounding in about this many parts of a metre.
-_LENGTH_PARTS = Fraction(10**15)
-_ROUNDED = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -643,14 +640,6 @@ def _read_limits(joint: XmlPart, type_: str) -> Limits:
     if type_ == "revolute" and (doubt := explain_wide_limits(low, high)):
         part.warn("robot.large-angle", f"limit: {doubt}", "lower")
     return replace(limits, position=(low, high))
-
-
-_REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio")
-ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "drake:rotor_inertia")
-"""Elements of an actuator that hold its rotor's inertia, on the motor's side."""
-
-# How a controller talks to the joint is no mechanics.
-_SILENT = ("hardwareInterface", "role")
 
 
 def _read_drives(reading: TreeReading) -> None:

@@ -218,12 +218,8 @@ def assemble_robot(
 ) -> description.Robot:
     """Return the robot of what was read, or raise a RobotError with all mistakes; see `read_xml_robot`.
 
-    Args:
-        reading: the links and joints; mistakes that were found in them.
-        complete: whether no link or joint was left out, so that what is not connected is a mistake.
-        base: the first link.
-        tip: the last one.
-        gravity: in the frame of the file's root (m/s^2); None where the file states none, as a URDF.
+    `complete`: no link or joint was left out of the `reading`, so that what is not connected is a mistake.
+    `base`, `tip`: first and last link. `gravity` in the root's frame (m/s^2); None as in a URDF.
     """
     tree = _read_tree(reading, base, tip, complete=complete)
     first, before, kept = tree or ("", [], list(reading.joints.values()))

@@ -266,8 +266,8 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
     shared: dict[str, tuple[str, ...]] = {}
     bodies: set[str] = set()
     pairs = list(zip(robot.joints, before.joints, strict=True))
-    bodies_of = [(new.inertial, old.inertial) for new, old in pairs]
-    changes = [new is not None and not is_same_body(new, old) for new, old in bodies_of]
+    inertias = [(new.inertial, old.inertial) for new, old in pairs]
+    changes = [new is not None and not is_same_body(new, old) for new, old in inertias]
     geoms_alone = reading.settings.inference == "true" and any(changes)
     for (joint, old), changed in zip(pairs, changes, strict=True):
         entry = reading.joints[names[joint.name]]
