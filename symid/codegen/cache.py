@@ -54,6 +54,9 @@ T = TypeVar("T")
 _WRITE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _SECONDS_A_DAY = 86400.0
 _NEW = ".new-"
+_LOCK_PATIENCE = 1.0
+_PROCESS = f"{secrets.token_hex(4)}-"
+"""In the names of this process's folders: without it they are of one before it that had its number."""
 
 
 def locate_user_folder() -> Path | None:
@@ -109,9 +112,6 @@ def describe_entry_risk(entry: Path) -> str:
         return "it is no folder"
     weak = ((path, describe_path_risk(path)) for path in sorted(entry.rglob("*")))
     return next((f"{path.relative_to(entry)} {weakness}" for path, weakness in weak if weakness), "")
-
-
-_LOCK_PATIENCE = 1.0
 
 
 def _is_held(lock: BaseFileLock, file: Path) -> bool:
@@ -227,10 +227,6 @@ def _describe_damage(place: Path, key: str) -> str:
         return "its seal lists no files"
     changed = sorted(path for path in listed.keys() | found.keys() if listed.get(path) != found.get(path))
     return f"changed since it was made: {', '.join(changed)}" if changed else ""
-
-
-_PROCESS = f"{secrets.token_hex(4)}-"
-"""In the names of this process's folders: without it they are of one before it that had its number."""
 
 
 def _store_entry(entry: CacheEntry[T], place: Path) -> None:
@@ -447,31 +443,25 @@ def prepare_library(
 
         def make(folder: Path) -> None:
             # Imported here: a library that is found needs neither CasADi nor SymPy.
+            from symid.codegen import python_targets as targets
             from symid.codegen.c_library import generate_c_library, write_python_call
             from symid.codegen.casadi_functions import build_functions
-            from symid.codegen.python_targets import (
-                generate_casadi_target,
-                generate_python_module,
-                list_casadi_sources,
-            )
 
             report(f"deriving the dynamics of {robot.name}")
             functions = build_functions(robot, names=names, without=() if whole else FOR_CONTROLLERS)
             flags: tuple[str, ...] = ()
             if casadi:
                 report("writing CasADi functions and their C")
-                write_sources(generate_casadi_target(functions), folder)
+                write_sources(targets.generate_casadi_target(functions), folder)
                 # Without Jacobians, which a `Library` does not have.
-                sources = [folder / path for path in list_casadi_sources(prefix)]
+                sources = [folder / path for path in targets.list_casadi_sources(prefix)]
             elif compiler is None:
                 report("writing the NumPy module")
-                write_sources(generate_python_module(functions), folder)
+                write_sources(targets.generate_python_module(functions), folder)
             else:
                 report("writing C")
                 paths = write_sources(generate_c_library(functions), folder)
-                sources = [
-                    path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")
-                ]
+                sources = [path for path in paths if path.match(f"{prefix}_*.c")]
                 flags = choose_call_path().flags
                 if flags:
                     sources.append(folder / "python_call.c")

@@ -47,6 +47,8 @@ _SX_RULES: Mapping[Op, Callable[..., ca.SX]] = {
     Op.MAXIMUM: ca.fmax,
     Op.MINIMUM: ca.fmin,
 }
+Fields = dict[str, object]
+"""One entry of a list in a template."""
 
 
 def get_matrix_shape(port: Port) -> tuple[int, int]:
@@ -100,10 +102,7 @@ def build_sx_function(program: Program) -> ca.Function:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Functions:
-    """A model card, and in its order the chosen programs and the SX functions built from them.
-
-    `constant`: whether the parameter values of the robot file are constants of the functions.
-    """
+    """A model card, and in its order programs and SX functions; `constant`: values are built in."""
 
     card: ModelCard
     programs: tuple[Program, ...]
@@ -133,20 +132,12 @@ def build_functions(
     specs = tuple(spec for spec in list_robot_specs(robot, base, names) if spec.name not in without)
     card = build_model_card(robot, base, specs)
     constants = get_constants(card) if constant else {}
-    specs = tuple(
-        replace(spec, inputs=tuple(port for port in spec.inputs if port.name not in constants))
-        for spec in specs
-    )
-    programs, built = [], []
-    for spec in specs:
-        programs.append(choose_route(robot, base, spec, constants).program)
-        built.append(build_sx_function(programs[-1]))
-    return Functions(
-        card=replace(card, functions=specs),
-        programs=tuple(programs),
-        functions=tuple(built),
-        constant=constant,
-    )
+    kept = [tuple(port for port in spec.inputs if port.name not in constants) for spec in specs]
+    specs = tuple(replace(spec, inputs=ports) for spec, ports in zip(specs, kept, strict=True))
+    programs = tuple(choose_route(robot, base, spec, constants).program for spec in specs)
+    built = tuple(map(build_sx_function, programs))
+    card = replace(card, functions=specs)
+    return Functions(card=card, programs=programs, functions=built, constant=constant)
 
 
 def build_casadi_function(
@@ -160,10 +151,6 @@ def build_casadi_function(
     a power below one has none at rest. Arguments and errors are those of `build_functions`.
     """
     return build_functions(robot, names=(name,), standard=standard, constant=constant).functions[0]
-
-
-Fields = dict[str, object]
-"""One entry of a list in a template."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,11 +213,7 @@ def _describe_parameters(
 
 
 def prepare_material(functions: Functions, options: GenerateOptions) -> Material:
-    """Return programs, reference values and descriptions of `functions`.
-
-    Raises:
-        GenerationError: a program has no value anywhere, or disagrees with CasADi.
-    """
+    """Return what all targets are printed from; a GenerationError as of `build_references`."""
     card, programs, constant = functions.card, functions.programs, functions.constant
     prefix, real = build_library_prefix(card.robot), options.precision
     sizes = {(spec.name, port.name): port.size for spec in card.functions for port in spec.inputs}
@@ -258,6 +241,7 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         *(f"  {line}" for line in _describe_parameters("IA", card.rotors, constant=constant)),
         *(f"  {line}" for line in _describe_parameters("h", card.springs)),
     )
+    moving_alone = f", {card.size} of them with a coordinate" if card.followers else ""
     title = {"beta": "Base parameters beta", "pi": "Standard parameters pi"}[card.vector]
     note = " (constants of the functions, as those of friction and rotors; no arguments)"
     facts = {
@@ -273,9 +257,7 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         "spring_count": len(card.springs),
         "stop_count": stops,
         "bristle_count": bristles,
-        "extent": f"{card.links} joints, {card.size} of them with a coordinate"
-        if card.followers
-        else f"{card.size} joints",
+        "extent": f"{card.links} joints{moving_alone}",
         "joint_lines": tuple(lines),
         "beta_title": f"{title}{note if constant else ''}",
         "beta_lines": _describe_parameters(card.vector, card.beta, constant=constant),

@@ -9,10 +9,10 @@
     branch    of an element along a recording: its step, as C of CasADi, in one loop over the samples, for
               all numbers of a structure; the bytes of CasADi's virtual machine, sooner.
 
-Supported: libraries in double precision; several processes at once; branches on machines without a compiler,
-or without a place for what it makes: there the virtual machine steps.
-Not supported: the plant without a compiler (the simulation has a NumPy version for that); anything that
-changes during an experiment but the references; derivatives of branches.
+Supported: libraries in double precision; several processes at once; branches without a compiler, or without
+a place for what it makes: there the virtual machine steps.
+Not supported: the plant without a compiler; what changes during an experiment, but for the references;
+derivatives of branches.
 """
 
 import ctypes
@@ -55,6 +55,18 @@ if TYPE_CHECKING:
     from symid.codegen.casadi_functions import Functions
 
 _LOG = logging.getLogger(__name__)
+RIGID_ENDS = ("well", "away", "chatter", "steep", "not-converged")
+"""Why an experiment ended: at its end, far from the reference, by endless stops, by friction too steep, by no
+answer to which joints rest."""
+COMPILED = ("inverse_dynamics", "forward_dynamics")
+"""Functions that `build_compiled_function` offers: those with a generated derivative."""
+_PLANT_FILES = ("plant_calls.h", "elastic_plant.c", "rigid_plant.c")
+_ELEMENT = "symid_plant_pull"
+_BRANCH = "symid_branch"
+_READS = {"q": 1, "load": 2, "temperature": 4}
+_Records = Sequence[ctypes.Structure]
+RIGID_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias")
+"""That a rigid robot's plant calls, beside those of friction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -202,11 +214,6 @@ class RigidExperiment(FrozenArrays):
     controlled: bool = False
 
 
-RIGID_ENDS = ("well", "away", "chatter", "steep", "not-converged")
-"""Why an experiment ended: at its end, far from the reference, by endless stops, by friction too steep, by no
-answer to which joints rest."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RigidLog(FrozenArrays):
     """The truth at every tick; the arrays have as many rows as were simulated.
@@ -225,14 +232,6 @@ class RigidLog(FrozenArrays):
     lost: FloatArray
     end: str
     events: int
-
-
-_PLANT_FILES = ("plant_calls.h", "elastic_plant.c", "rigid_plant.c")
-_ELEMENT = "symid_plant_pull"
-_BRANCH = "symid_branch"
-_READS = {"q": 1, "load": 2, "temperature": 4}
-RIGID_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias")
-"""That a rigid robot's plant calls, beside those of friction."""
 
 
 def _pack(*values: ctypes.c_double | int | FloatArray | None) -> ctypes.Structure:
@@ -260,11 +259,7 @@ class CompiledPlant:
     notices: tuple[Notice, ...] = ()
 
     def run(self, library: Library, robot: PlantRobot, order: PlantExperiment) -> PlantLog:
-        """Return what happens to the robot, whose functions `library` has; see `PlantExperiment`.
-
-        Raises:
-            GenerationError: the library is none of compiled functions in double precision.
-        """
+        """Return what happens to the robot; a GenerationError where `library` is not compiled in doubles."""
         # The records of C have the fields of ours, in their order.
         ticks, n, springs = order.ticks, robot.size, self.springs
         warm = np.full(n, REFERENCE_TEMPERATURE)
@@ -285,9 +280,7 @@ class CompiledPlant:
         records, sizes = (plant, experiment, _pack(*arrays.values())), (n, order.play.shape[1])
         return PlantLog(**arrays, ticks=self._call("plant", records, sizes, start, order.play))
 
-    def _call(
-        self, kind: str, records: Sequence[ctypes.Structure], sizes: Sequence[int], *states: FloatArray
-    ) -> int:
+    def _call(self, kind: str, records: _Records, sizes: Sequence[int], *states: FloatArray) -> int:
         """Return how many ticks a plant ran; records of the robot and the order, and of the answer."""
         scratch, run = (getattr(self.shared, f"symid_{kind}_{end}") for end in ("scratch", "run"))
         scratch.restype = run.restype = ctypes.c_size_t
@@ -315,11 +308,8 @@ class CompiledPlant:
         plant = _pack(size, bends, *flags, int(order.controlled), *functions, *friction, robot.beta, *tables)
         references = (getattr(order, field.name) for field in fields(order)[:8])
         sizes, times = (ticks, order.substeps, int(order.sensed)), (order.period, order.blend)
-        records = (
-            plant,
-            _pack(*sizes, *map(ctypes.c_double, times), *references),
-            _pack(*arrays.values(), end),
-        )
+        experiment = _pack(*sizes, *map(ctypes.c_double, times), *references)
+        records = (plant, experiment, _pack(*arrays.values(), end))
         count = self._call("rigid", records, (size, bends), start)
         kept = {name: array[:count] for name, array in arrays.items()}
         return RigidLog(**kept, end=RIGID_ENDS[int(end[0])], events=int(end[1]))
@@ -456,10 +446,6 @@ def write_branch(plain: SteppedBranch) -> str:
     )
 
 
-COMPILED = ("inverse_dynamics", "forward_dynamics")
-"""Functions that `build_compiled_function` offers: those with a generated derivative."""
-
-
 def write_external(functions: "Functions", name: str) -> str:
     """Return the C file that makes the generated C of `name` an external function of CasADi.
 
@@ -564,7 +550,7 @@ def build_compiled_function(
         paths = write_sources(generate_c_library(functions), folder)
         glue = folder / f"{prefix}_external.c"
         glue.write_text(write_external(functions, name), encoding="utf-8")
-        sources = [path for path in paths if path.suffix == ".c" and path.name.startswith(f"{prefix}_")]
+        sources = [path for path in paths if path.match(f"{prefix}_*.c")]
         compile_sources(compiler, [*sources, glue], folder / f"{name}.so")
 
     entry = CacheEntry(

@@ -34,6 +34,28 @@ _ELF_LAYOUTS = {
     b"\1": (32, "I", 46, "IIIIIIIIII", "IIIBBH", (2, 3, 5)),
     b"\2": (40, "Q", 58, "IIQQQQIIQQ", "IBBHQQ", (5, 1, 3)),
 }
+STACK_FLAG = "-fstack-usage"
+Processes = list["subprocess.Popen[str]"]
+# Straight lines become the same code by -O2, loops of plants and branches a faster one by -O3.
+FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fPIC")
+_NATIVE_FLAG = "-march=native"
+_EXACT_FLAG, _FUSING_FLAG = "-ffp-contract=off", "-ffp-contract=fast"
+CANDIDATES = ("cc", "gcc", "clang")
+_WORKERS = 2
+_SMALLEST_SOURCE = "#include <math.h>\ndouble smallest(double x) { return sin(x); }\n"
+# Seconds that a compiler gets: for an answer, for each kB of source besides, and at most. One that hangs is
+# found by the smallest source.
+_LEAST_TIME, _TIME_A_KILOBYTE, _MOST_TIME = 30.0, 1.0, 600.0
+_PROCESSORS = Path("/proc/cpuinfo")
+# Fields of /proc/cpuinfo on different machines: what a processor can do, and which one it is; not what
+# changes, such as its clock.
+_PROCESSOR_ABILITIES = frozenset({"flags", "Features", "features", "isa", "cpu"})
+_PROCESSOR_NAMES = frozenset(
+    {
+        *("vendor_id", "cpu family", "model", "model name", "stepping", "uarch", "revision"),
+        *("CPU implementer", "CPU architecture", "CPU variant", "CPU part", "CPU revision"),
+    }
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,9 +95,6 @@ def read_object_file(content: bytes) -> ObjectFile | None:
     return ObjectFile(functions=functions, constants=constants)
 
 
-STACK_FLAG = "-fstack-usage"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CodeSize:
     """Bytes of a function for one sample, of its batch function with helpers, and of the constants of both.
@@ -104,10 +123,8 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
             continue
         # Parts of a long function are called one after the other. Of a function that begins with a test, GCC
         # makes that test and "NAME.part.0".
-        own = (symbol, f"{symbol}.", "part_")
-        code = sum(
-            size for part, size in found.functions.items() if part == own[0] or part.startswith(own[1:])
-        )
+        own = [part for part in found.functions if f"{part}.".startswith((f"{symbol}.", "part_"))]
+        code = sum(found.functions[part] for part in own)
         frames: dict[str, int] | None = None
         stack = None
         with contextlib.suppress(OSError, ValueError, IndexError):
@@ -130,34 +147,9 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
     return sizes
 
 
-# Straight lines become the same code by -O2, loops of plants and branches a faster one by -O3.
-FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fPIC")
-_NATIVE_FLAG = "-march=native"
-_EXACT_FLAG, _FUSING_FLAG = "-ffp-contract=off", "-ffp-contract=fast"
-CANDIDATES = ("cc", "gcc", "clang")
-_WORKERS = 2
-_SMALLEST_SOURCE = "#include <math.h>\ndouble smallest(double x) { return sin(x); }\n"
-# Seconds that a compiler gets: for an answer, for each kB of source besides, and at most. One that hangs is
-# found by the smallest source.
-_LEAST_TIME, _TIME_A_KILOBYTE, _MOST_TIME = 30.0, 1.0, 600.0
-_PROCESSORS = Path("/proc/cpuinfo")
-# Fields of /proc/cpuinfo on different machines: what a processor can do, and which one it is; not what
-# changes, such as its clock.
-_PROCESSOR_ABILITIES = frozenset({"flags", "Features", "features", "isa", "cpu"})
-_PROCESSOR_NAMES = frozenset(
-    {
-        *("vendor_id", "cpu family", "model", "model name", "stepping", "uarch", "revision"),
-        *("CPU implementer", "CPU architecture", "CPU variant", "CPU part", "CPU revision"),
-    }
-)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compiler:
-    """A compiler: its path, the first line of its version, its flags.
-
-    Where `processor` is not empty, code is made for that one, and may not run on others.
-    """
+    """A compiler: path, first line of its version, flags; with a `processor`, code is for that alone."""
 
     path: str
     version: str
@@ -170,12 +162,8 @@ def allow_fusing(compiler: Compiler) -> Compiler:
 
     Last digits then depend on compiler and processor; a processor without such instructions gives the same.
     """
-    return replace(
-        compiler, flags=tuple(_FUSING_FLAG if flag == _EXACT_FLAG else flag for flag in compiler.flags)
-    )
-
-
-Processes = list["subprocess.Popen[str]"]
+    flags = tuple(_FUSING_FLAG if flag == _EXACT_FLAG else flag for flag in compiler.flags)
+    return replace(compiler, flags=flags)
 
 
 def _kill(process: "subprocess.Popen[str]") -> None:
@@ -276,11 +264,7 @@ def diagnose_compiler(compiler: Compiler) -> str:
 
 
 def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -> Path:
-    """Compile C files, each on its own, and link them into the shared library `output`.
-
-    Raises:
-        GenerationError: the compiler fails; the message holds the command and its errors.
-    """
+    """Compile C files one by one into the shared library `output`; a GenerationError says what failed."""
     flags = (*compiler.flags, *_choose_native_flags(compiler))
     with make_scratch_folder() as scratch:
         objects = [scratch / f"{source.stem}.o" for source in sources]

@@ -24,31 +24,30 @@ from itertools import chain, product
 from symid import dynamics
 from symid.codegen.functions import Constants, FunctionSpec
 from symid.codegen.programs import ExpressionTable, differentiate_along
+from symid.dynamics import frame_choice, newton_euler, torque_derivatives
 from symid.errors import Notice, RobotError
 from symid.robot import Robot
 
 Elements = tuple[int, ...]
 """The references of one output port in row-major order."""
-RouteBuilder = Callable[["RouteWorkspace"], tuple[Elements, ...]]
+Outputs = tuple[Elements, ...]
+RouteBuilder = Callable[["RouteWorkspace"], Outputs]
 """A route: what it makes of a workspace are the elements of all output ports."""
 Matrix = Sequence[Sequence[int]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouteWorkspace:
-    """References to every vector a route may ask for, zeros where the function has no such input.
-
-    `parameters` holds the base parameters as sparse link parameters.
-    """
+    """What a route may ask for: zeros for inputs that the function lacks, beta as sparse link parameters."""
 
     base: dynamics.BaseParameters
     algebra: ExpressionTable
     inputs: Mapping[str, tuple[int, ...]]
     recursion: dynamics.Recursion[int]
     parameters: Mapping[dynamics.Label, int]
-    built: dict[RouteBuilder, tuple[Elements, ...]] = field(default_factory=dict)
+    built: dict[RouteBuilder, Outputs] = field(default_factory=dict)
 
-    def recall(self, build: RouteBuilder) -> tuple[Elements, ...]:
+    def recall(self, build: RouteBuilder) -> Outputs:
         """Return what `build` makes in this workspace; it is made once."""
         if build not in self.built:
             self.built[build] = build(self)
@@ -65,18 +64,17 @@ class RouteWorkspace:
 
     def shift(self) -> "RouteWorkspace":
         """Return the same workspace with link origins moved along their joints' axes."""
-        shifts = dynamics.choose_origin_shifts(self.robot)
+        shifts = frame_choice.choose_origin_shifts(self.robot)
         moved = dynamics.build_recursion(
-            dynamics.shift_origins(self.robot, shifts), self.algebra, self.recursion.state
+            frame_choice.shift_origins(self.robot, shifts), self.algebra, self.recursion.state
         )
-        parameters = dynamics.shift_parameters(self.algebra, self.parameters, shifts)
-        return replace(
-            self, recursion=replace(moved, meet=self.recursion.meet), parameters=parameters, built={}
-        )
+        parameters = frame_choice.shift_parameters(self.algebra, self.parameters, shifts)
+        moved = replace(moved, meet=self.recursion.meet)
+        return replace(self, recursion=moved, parameters=parameters, built={})
 
     def hold(self) -> "RouteWorkspace":
         """Return the same workspace with the last links in axes that do not turn with them."""
-        recursion, parameters = dynamics.fix_last_link_axes(self.recursion, self.parameters)
+        recursion, parameters = frame_choice.fix_last_link_axes(self.recursion, self.parameters)
         return replace(self, recursion=recursion, parameters=parameters, built={})
 
     def meet(self, meet: dynamics.ProjectionFrame) -> "RouteWorkspace":
@@ -93,9 +91,8 @@ class RouteWorkspace:
 
     def differentiate(self, values: Sequence[int], name: str) -> list[list[int]]:
         """Return the derivatives of values by each element of input `name`."""
-        return differentiate_along(
-            self.algebra, values, [{ref: self.algebra.one} for ref in self.inputs[name]]
-        )
+        directions = [{ref: self.algebra.one} for ref in self.inputs[name]]
+        return differentiate_along(self.algebra, values, directions)
 
     def flatten_columns(self, columns: Sequence[Sequence[int]]) -> Elements:
         """Return columns with an entry a coordinate as a port of shape (n, columns)."""
@@ -133,19 +130,18 @@ def build_workspace(
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
     for name, values in (constants or {}).items():
         inputs[name] = tuple(map(table.constant, values))
-    motion = [
-        dynamics.spread_coordinates(robot, table, inputs[name])[: robot.size] for name in ("q", "dq", "ddq")
-    ]
-    angles = [
-        table.add(angle, table.constant(turns.get(joint, 0.0))) for joint, angle in enumerate(motion[0])
-    ]
+    moves = (inputs[name] for name in ("q", "dq", "ddq"))
+    motion = [dynamics.spread_coordinates(robot, table, values)[: robot.size] for values in moves]
+    constant = [table.constant(turns.get(joint, 0.0)) for joint in range(robot.size)]
+    angles = list(map(table.add, motion[0], constant))
     sine, cosine = (tuple(map(wave, angles)) for wave in (table.sin, table.cos))
     state = dynamics.RobotState(sine, cosine, *motion)
+    turned = frame_choice.remove_constant_rotations(robot, turns)
     return RouteWorkspace(
         base=base,
         algebra=table,
         inputs=inputs,
-        recursion=dynamics.build_recursion(dynamics.remove_constant_rotations(robot, turns), table, state),
+        recursion=dynamics.build_recursion(turned, table, state),
         parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
     )
 
@@ -206,9 +202,7 @@ class _Factors:
         return result
 
 
-def build_forward_dynamics(
-    workspace: RouteWorkspace, mass: RouteBuilder, torques: RouteBuilder
-) -> tuple[Elements, ...]:
+def build_forward_dynamics(workspace: RouteWorkspace, mass: RouteBuilder, torques: RouteBuilder) -> Outputs:
     """Solve M ddq = tau - c for a matrix and a bias torque from two other routes."""
     table, n = workspace.algebra, workspace.robot.freedom
     (entries,), (bias,) = workspace.recall(mass), workspace.recall(torques)
@@ -217,40 +211,37 @@ def build_forward_dynamics(
     return (tuple(factors.solve(rest)),)
 
 
-def build_articulated(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def build_articulated(workspace: RouteWorkspace) -> Outputs:
     """Build the accelerations by articulated bodies: without a matrix, the route of robots of many joints."""
     table, tau = workspace.algebra, workspace.spread(workspace.inputs["tau"])
     invert = partial(table.div, table.one)
-    return (dynamics.compute_forward_dynamics(workspace.recursion, workspace.parameters, tau, invert),)
+    return (newton_euler.compute_forward_dynamics(workspace.recursion, workspace.parameters, tau, invert),)
 
 
 def build_differentiated(
     workspace: RouteWorkspace, route: RouteBuilder, by: Sequence[str], rest: RouteBuilder | None = None
-) -> tuple[Elements, ...]:
+) -> Outputs:
     """Differentiate what a route makes by the inputs `by`; `rest` makes what follows."""
     (values,) = workspace.recall(route)
     blocks = [workspace.differentiate(values, name) for name in by]
     return (*map(workspace.flatten_columns, blocks), *(workspace.recall(rest) if rest else ()))
 
 
-def build_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def build_derivatives(workspace: RouteWorkspace) -> Outputs:
     """Build dtau/dq, dtau/ddq and M by composite bodies."""
-    found = dynamics.compute_torque_derivatives(workspace.recursion, workspace.parameters)
+    found = torque_derivatives.compute_torque_derivatives(workspace.recursion, workspace.parameters)
     return tuple(map(workspace.flatten_matrix, found))
 
 
-def build_mass_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def build_mass_derivatives(workspace: RouteWorkspace) -> Outputs:
     """Build dM/dq by composite bodies."""
-    slopes = dynamics.compute_mass_derivatives(workspace.recursion, workspace.parameters)
+    slopes = torque_derivatives.compute_mass_derivatives(workspace.recursion, workspace.parameters)
     entries = zip(*map(workspace.flatten_matrix, slopes), strict=True)
     return (tuple(chain(*map(workspace.flatten_vector, entries))),)
 
 
-def build_second_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-    """Build the second derivatives of tau, and dM/dq, by differentiating the first ones.
-
-    By two velocities they are sums of c_ijk, of dM/dq. Of d^2 tau/dq^2 half is computed.
-    """
+def build_second_derivatives(workspace: RouteWorkspace) -> Outputs:
+    """Build the second derivatives of tau (half by q, q; c_ijk by dq, dq), and dM/dq, from the first ones."""
     table, n = workspace.algebra, workspace.robot.freedom
     by_q, by_dq, _ = build_derivatives(workspace)
     (mass,) = build_mass_derivatives(workspace)
@@ -264,10 +255,10 @@ def build_second_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     return by_both, tuple(mixed[j][n * i + k] for i, j, k, _, _ in indices), tuple(symbols), mass
 
 
-def build_forward_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def build_forward_derivatives(workspace: RouteWorkspace) -> Outputs:
     """Build ddq and its derivatives by q, dq and tau (see above)."""
     robot, table, inputs = workspace.robot, workspace.algebra, workspace.inputs
-    terms = dynamics.compute_equation_terms(workspace.recursion, workspace.parameters)
+    terms = torque_derivatives.compute_equation_terms(workspace.recursion, workspace.parameters)
     mass, coriolis = (dynamics.fold_matrix(robot, table, part) for part in (terms.mass, terms.twice_coriolis))
     factors, halves = _Factors(table, mass), list(map(table.half, inputs["dq"]))
     rest = zip(inputs["tau"], workspace.flatten_vector(terms.rest), coriolis, strict=True)
@@ -275,7 +266,7 @@ def build_forward_derivatives(workspace: RouteWorkspace) -> tuple[Elements, ...]
     ddq = factors.solve(forces)
     state = replace(workspace.recursion.state, acceleration=workspace.spread(ddq))
     moving = replace(workspace.recursion, state=state)
-    found = dynamics.compute_torque_derivatives(moving, workspace.parameters)
+    found = torque_derivatives.compute_torque_derivatives(moving, workspace.parameters)
     slopes, inverse = dynamics.fold_matrix(robot, table, found.by_position), factors.invert()
     products = [
         [

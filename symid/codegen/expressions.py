@@ -26,6 +26,8 @@ from symid.robot import Exact
 
 Terms = dict[tuple[int, ...], Any]
 """Coefficients of a polynomial, rational numbers of SymPy, by the powers of its letters."""
+PortValues = tuple[tuple[Expr, ...], ...]
+"""The expressions of all elements, port by port."""
 KnownSquare = tuple[int, tuple[tuple[Mapping[int, int], int], ...]]
 """A generator, and its square as powers of others and an integer."""
 
@@ -37,6 +39,24 @@ _MOST_PRODUCTS = 1000
 SOURCE_OPS = frozenset({Op.INPUT, Op.CONSTANT})
 _TRIGONOMETRIC = frozenset({Op.SIN, Op.COS})
 _ALGEBRAIC = frozenset({Op.ADD, Op.SUB, Op.MUL, *SOURCE_OPS, *_TRIGONOMETRIC})
+# Few terms are written as a polynomial in any case, more of them if they take so many operations each.
+_FEW = 20
+_PER_TERM = 6
+# The largest ratio of two numbers that a common factor may leave.
+_LARGE = 4
+
+
+_SYMPY_RULES: Mapping[Op, Callable[..., Expr]] = {
+    **ARITHMETIC,
+    **{op: getattr(sympy, op.value) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.SIGN)},
+    Op.POWER: operator.pow,
+    Op.ABS: sympy.Abs,
+    Op.LESS: lambda a, b: sympy.Piecewise((1, sympy.Lt(a, b)), (0, True)),
+    Op.LESS_EQUAL: lambda a, b: sympy.Piecewise((1, sympy.Le(a, b)), (0, True)),
+    # SymPy would compare long expressions with one another to find out which is greater.
+    Op.MAXIMUM: lambda a, b: sympy.Max(a, b, evaluate=False),
+    Op.MINIMUM: lambda a, b: sympy.Min(a, b, evaluate=False),
+}
 
 
 def count_expanded_values(instructions: Sequence[Instruction]) -> list[int]:
@@ -65,7 +85,7 @@ class ExactProgram:
 
     program: Program
     numbers: tuple[Exact, ...]
-    inputs: tuple[tuple[Expr, ...], ...]
+    inputs: PortValues
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,26 +210,6 @@ def build_polynomials(source: ExactProgram, letters: PolynomialGenerators) -> li
     for number, instruction in enumerate(instructions, start=1):
         values.append(compute(number, instruction))
     return values
-
-
-# Few terms are written as a polynomial in any case, more of them if they take so many operations each.
-_FEW = 20
-_PER_TERM = 6
-# The largest ratio of two numbers that a common factor may leave.
-_LARGE = 4
-
-
-_SYMPY_RULES: Mapping[Op, Callable[..., Expr]] = {
-    **ARITHMETIC,
-    **{op: getattr(sympy, op.value) for op in (Op.SIN, Op.COS, Op.EXP, Op.TANH, Op.SIGN)},
-    Op.POWER: operator.pow,
-    Op.ABS: sympy.Abs,
-    Op.LESS: lambda a, b: sympy.Piecewise((1, sympy.Lt(a, b)), (0, True)),
-    Op.LESS_EQUAL: lambda a, b: sympy.Piecewise((1, sympy.Le(a, b)), (0, True)),
-    # SymPy would compare long expressions with one another to find out which is greater.
-    Op.MAXIMUM: lambda a, b: sympy.Max(a, b, evaluate=False),
-    Op.MINIMUM: lambda a, b: sympy.Min(a, b, evaluate=False),
-}
 
 
 def count_expanded_operations(program: Program) -> int:
@@ -375,7 +375,7 @@ class _PolynomialWriter:
         return Mul(*_collect_factors(terms, text.letters, text.bounds))
 
 
-def write_values(source: ExactProgram) -> tuple[tuple[Expr, ...], ...]:
+def write_values(source: ExactProgram) -> PortValues:
     """Return the expressions of all outputs, by port.
 
     Polynomials are outputs, and operands of a quotient, an absolute value and the like on the way there.
@@ -407,9 +407,7 @@ def write_values(source: ExactProgram) -> tuple[tuple[Expr, ...], ...]:
     return tuple(tuple(map(read, port)) for port in source.program.outputs)
 
 
-def share_values(
-    source: ExactProgram,
-) -> tuple[tuple[tuple[Symbol, Expr], ...], tuple[tuple[Expr, ...], ...]]:
+def share_values(source: ExactProgram) -> tuple[tuple[tuple[Symbol, Expr], ...], PortValues]:
     """Return the program with a symbol for every value that is used more than once, as `sympy.cse` does."""
     instructions, outputs = source.program.instructions, source.program.outputs
     uses = Counter(number for instruction in instructions for number in instruction.operands)

@@ -19,7 +19,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import Enum
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,8 +27,38 @@ from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.joint_models import NO_FRICTION, Elasticity, FrictionValues, count_states, get_friction_law
 from symid.notation import get_unit
-from symid.robot import Coupling, Joint, JointKind, Robot
+from symid.robot import Coupling, Joint, JointKind, Mimic, Robot
 from symid.serialization import compute_signature
+
+if TYPE_CHECKING:
+    from symid.dynamics import BaseParameters
+
+FRICTION_INPUTS = {"position": "q", "load": "load", "temperature": "temperature"}
+"""What laws read besides the velocity, and the input of functions that it is."""
+_TURNING = "the rotor turns with the motor, apart from the link"
+Constants = Mapping[str, tuple[float, ...]]
+"""Values of whole input ports by their name."""
+# Laws of the first robot files, and the curved ones among them, as they stand in signatures, which stored
+# estimates have: a name, and the class that once had it.
+_OLD_KINDS = ("none", "viscous_coulomb", "viscous_coulomb_offset", "asymmetric")
+_OLD_CURVES = (
+    *("stribeck", "stribeck_offset", "improved_stribeck", "asymmetric_stribeck"),
+    *("cubic", "stribeck_cubic", "power_law", "makkar"),
+)
+_ENUM: Any = Enum
+_OLD_NAMES: dict[str, Enum] = {
+    entry.value: entry
+    for title, names in (("FrictionKind", _OLD_KINDS), ("CurvedFriction", _OLD_CURVES))
+    for entry in _ENUM(title, [(name, name) for name in names])
+}
+_SPRING_REASONS = {
+    "k0": "stiffness when all stops slip",
+    "kc": "hardening with the third power of the torsion",
+    "k": "stiffness of a stop",
+    "r": "torsion at which the stop slips",
+    "s": "slope added beyond the knee",
+    "R": "torque at which the knee begins",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +87,7 @@ class FunctionSpec:
     meaning: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ParameterCard:
     """A parameter that can be identified: its name, what it groups, its unit, and why."""
 
@@ -69,7 +99,7 @@ class ParameterCard:
     value: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class JointCard:
     """A joint with a coordinate of its own.
 
@@ -94,7 +124,7 @@ class JointCard:
         return "m" if self.kind == "prismatic" else "rad"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FollowerCard:
     """A joint that follows another one, `multiplier` times its motion."""
 
@@ -211,34 +241,8 @@ def compute_model_signature(robot: Robot, parameters: Sequence[tuple[str, str]])
         if owner.friction.shape
     )
     shapes = (curved,) if curved else ()
-    return compute_signature(
-        robot.name, joints, couplings, robot.gravity, robot.symbols, tuple(parameters), *shapes
-    )
-
-
-class FrictionKind(Enum):
-    """Laws of the first robot files as they stand in signatures, which stored estimates have."""
-
-    NONE = "none"
-    VISCOUS_COULOMB = "viscous_coulomb"
-    VISCOUS_COULOMB_OFFSET = "viscous_coulomb_offset"
-    ASYMMETRIC = "asymmetric"
-
-
-class CurvedFriction(Enum):
-    """The same of curved laws."""
-
-    STRIBECK = "stribeck"
-    STRIBECK_OFFSET = "stribeck_offset"
-    IMPROVED_STRIBECK = "improved_stribeck"
-    ASYMMETRIC_STRIBECK = "asymmetric_stribeck"
-    CUBIC = "cubic"
-    STRIBECK_CUBIC = "stribeck_cubic"
-    POWER_LAW = "power_law"
-    MAKKAR = "makkar"
-
-
-_OLD_NAMES: dict[str, Enum] = {entry.value: entry for entry in (*FrictionKind, *CurvedFriction)}
+    parts = (joints, couplings, robot.gravity, robot.symbols, tuple(parameters), *shapes)
+    return compute_signature(robot.name, *parts)
 
 
 def _name_for_signature(friction: FrictionValues) -> tuple[object, tuple[float, ...]]:
@@ -253,19 +257,6 @@ def _name_for_signature(friction: FrictionValues) -> tuple[object, tuple[float, 
     if plain not in _OLD_NAMES:
         return friction.law, friction.shape
     return _OLD_NAMES[plain], (*friction.shape, *gamma) if "stribeck" in plain else friction.shape
-
-
-if TYPE_CHECKING:
-    from symid.dynamics import BaseParameters
-
-_SPRING_REASONS = {
-    "k0": "stiffness when all stops slip",
-    "kc": "hardening with the third power of the torsion",
-    "k": "stiffness of a stop",
-    "r": "torsion at which the stop slips",
-    "s": "slope added beyond the knee",
-    "R": "torque at which the knee begins",
-}
 
 
 def _list_spring_entries(elasticity: Elasticity) -> list[tuple[str, int, float | None]]:
@@ -289,9 +280,7 @@ def list_spring_parameters(robot: Robot) -> Iterator[ParameterCard]:
         for letter, place, value in _list_spring_entries(joint.elasticity):
             name = f"{letter}{place or ''}_{number}"
             unit, reason = get_unit(letter, prismatic=prismatic), _SPRING_REASONS[letter]
-            yield ParameterCard(
-                name=name, expression=name, unit=unit, reason=reason, joint=joint.name, value=value
-            )
+            yield ParameterCard(name, name, unit, reason, joint.name, value)
 
 
 def build_spring_vector(elasticities: Sequence[Elasticity], card: ModelCard | None = None) -> FloatArray:
@@ -506,10 +495,6 @@ def list_specs(
     return tuple(specs)
 
 
-FRICTION_INPUTS = {"position": "q", "load": "load", "temperature": "temperature"}
-"""What laws read besides the velocity, and the input of functions that it is."""
-
-
 def list_friction_inputs(robot: Robot) -> tuple[str, ...]:
     """Return the inputs of the functions of friction besides dq, in their order."""
     laws = [law for joint in robot.joints if (law := get_friction_law(joint.friction)) is not None]
@@ -576,9 +561,6 @@ def list_robot_specs(
     return tuple(spec for spec in specs if spec.name in wanted)
 
 
-_TURNING = "the rotor turns with the motor, apart from the link"
-
-
 def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[FunctionSpec, ...]) -> ModelCard:
     """Return what users of the functions must know of the model."""
     # Imported here: the rest of this module needs no SymPy.
@@ -586,18 +568,16 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
 
     values, numbered = compute_parameter_values(robot, base), list(enumerate(robot.joints, start=1))
 
-    def write_fraction(value: Fraction) -> str:
-        # A decimal where a short one is exact, else a quotient.
-        text = f"{float(value):g}"
-        return text if Fraction(text) == value else str(value)
+    def describe_motion(follow: Mimic) -> tuple[str, str]:
+        # The multiplier is a decimal where a short one is exact, else a quotient.
+        value, text = follow.multiplier, f"{float(follow.multiplier):g}"
+        return robot.joints[follow.master].name, text if Fraction(text) == value else str(value)
 
     def describe(
         name: str, expression: str, label: tuple[int, str], reason: str, value: float | None
     ) -> ParameterCard:
         unit, joint = get_label_unit(robot, label), get_owner(robot, label)
-        return ParameterCard(
-            name=name, expression=expression, unit=unit, reason=reason, joint=joint, value=value
-        )
+        return ParameterCard(name, expression, unit, reason, joint, value)
 
     beta, friction = (
         tuple(describe(p.name, p.expression, p.label, p.reason, values.get(p.name)) for p in parameters)
@@ -608,14 +588,8 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
         robot=robot.name,
         signature=compute_model_signature(robot, grouped),
         joints=tuple(
-            JointCard(
-                number=number,
-                name=joint.name,
-                kind=joint.kind.value,
-                friction=joint.friction.law,
-                smoothing=joint.friction.smoothing,
-            )
-            for number, joint in numbered
+            JointCard(n, joint.name, joint.kind.value, joint.friction.law, joint.friction.smoothing)
+            for n, joint in numbered
             if joint.mimic is None
         ),
         beta=beta,
@@ -623,14 +597,8 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
         functions=specs,
         vector=base.vector,
         followers=tuple(
-            FollowerCard(
-                number=number,
-                name=joint.name,
-                kind=joint.kind.value,
-                master=robot.joints[joint.mimic.master].name,
-                multiplier=write_fraction(joint.mimic.multiplier),
-            )
-            for number, joint in numbered
+            FollowerCard(n, joint.name, joint.kind.value, *describe_motion(joint.mimic))
+            for n, joint in numbered
             if joint.mimic is not None
         ),
         rotors=tuple(
@@ -644,16 +612,8 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
     )
 
 
-Constants = Mapping[str, tuple[float, ...]]
-"""Values of whole input ports by their name."""
-
-
 def get_constants(card: ModelCard) -> Constants:
-    """Return the values of all parameters that may be constants.
-
-    Raises:
-        UsageError: the robot file does not state all of them.
-    """
+    """Return the values of all parameters that may be constants; a UsageError where one is unknown."""
     vectors = {card.vector: card.beta, "IA": card.rotors, "f": card.friction}
     missing = [entry.name for entries in vectors.values() for entry in entries if entry.value is None]
     if missing:

@@ -42,16 +42,19 @@ from symid.robot import Robot
 from symid.serialization import compute_signature
 
 _ENTRY = "build"
+_SELFTEST_TIMEOUT = 1800.0
+_SELFTEST_FLAGS = "-O2"
+# An outer `make` may have been told to build nothing, or to ignore all errors.
+_MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL", "MAKEFILES"})
+_PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuildRecord:
     """How the self-test of a folder went, and the sizes of the functions, where they are known.
 
-    Attributes:
-        inputs: signature of all that the folder was made from, and of what ran the test.
-        selftest: "passed" or "not run".
-        runner: the compiler, or Python and NumPy; empty if the test was not run. flags: of the compiler.
+    `inputs`: signature of all that the folder was made from and of what ran the test; `selftest` "passed" or
+    "not run"; `runner` the compiler (with its flags), or Python and NumPy; empty if it was not run.
     """
 
     inputs: str
@@ -89,13 +92,6 @@ def _read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], Bu
         return None
     same = record.inputs == inputs and seal == _compute_seal(manifest) and is_unchanged(folder, manifest)
     return (manifest, record) if same else None
-
-
-_SELFTEST_TIMEOUT = 1800.0
-_SELFTEST_FLAGS = "-O2"
-# An outer `make` may have been told to build nothing, or to ignore all errors.
-_MAKE_VARIABLES = frozenset({"MAKEFLAGS", "MFLAGS", "GNUMAKEFLAGS", "MAKELEVEL", "MAKEFILES"})
-_PASSED = re.compile(r"0 of [1-9][0-9]* functions failed")
 
 
 @functools.cache
@@ -244,13 +240,9 @@ def generate_folder(
 
     def build() -> SourceSet:
         # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.
+        from symid.codegen import python_targets as targets
         from symid.codegen.c_library import generate_c_library
         from symid.codegen.casadi_functions import build_functions
-        from symid.codegen.python_targets import (
-            generate_casadi_target,
-            generate_javascript_module,
-            generate_python_module,
-        )
 
         check_folder(folder)
         progress(f"deriving the functions of {robot.name}")
@@ -258,9 +250,9 @@ def generate_folder(
         functions = build_functions(robot, names=order.functions, standard=standard, constant=order.constant)
         progress(f"writing {order.target} code")
         generate = {
-            "python": generate_python_module,
-            "casadi": generate_casadi_target,
-            "js": generate_javascript_module,
+            "python": targets.generate_python_module,
+            "casadi": targets.generate_casadi_target,
+            "js": targets.generate_javascript_module,
         }
         return generate.get(order.target, generate_c_library)(functions, order)
 

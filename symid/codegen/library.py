@@ -3,10 +3,8 @@
 Folder of generated sources, for C with the shared library in it -> `Library`, which checks what a caller
 gives and turns it into arrays, and the `Engine` behind it, which computes. A compiled library holds a digest
 of what it must have been built from: model card, precision and sources, not the flags of the compiler.
-
-A shared library can hold the extension module of `python_call.c`: functions of CPython without copies. It
-uses Python's limited API, the same for every version from 3.11, and NumPy's for arrays; where their headers
-are not installed, calls go through ctypes.
+The extension module in it, of `python_call.c` (Python's limited API from 3.11, NumPy's for arrays), calls it
+without copies; where their headers are not installed, calls go through ctypes.
 
 Supported: anything that NumPy reads as real numbers, one sample or a batch; double precision, and float
 libraries through conversion; libraries that were built again while this process had the old one loaded;
@@ -45,11 +43,24 @@ from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, InputError, Notice, UsageError
 from symid.serialization import read_record
 
+if TYPE_CHECKING:
+    import casadi as ca
+
 _REAL_KINDS = "biuf"
 _DOUBLE = np.dtype(np.float64)
+_STALE = "was built from other sources than those beside it; run `make clean shared` in its folder"
+_INTERRUPTED = "is incomplete: an update is running or was interrupted. Wait, or generate the folder again"
 
 Arrays = tuple[FloatArray, ...]
 Call = Callable[..., Arrays]
+_LEAST_PIECE = 256
+"""Samples for a thread: to start one takes as long as some hundred."""
+# Samples at once: NumPy takes about as long to begin an operation as for a thousand numbers, and a function
+# has thousands of operations; but all their results are in memory at once.
+_NUMPY_CHUNK = 4096
+# Samples at once. Buffers of a regressor of seven joints are then half a megabyte, and stay in the cache of a
+# processor; a call for each piece costs some microseconds.
+_CASADI_CHUNK = 256
 
 
 def get_spec(card: ModelCard, name: str) -> FunctionSpec:
@@ -149,10 +160,7 @@ def allocate_output(port: Port, samples: int | None, dtype: type[np.floating]) -
 
 
 def redirect_outputs(card: ModelCard, spec: FunctionSpec, call: Call, kept: Arrays | None) -> Call:
-    """Return `call` of one sample, its outputs written to the arrays `kept` if there are any.
-
-    These are checked again at each call: UsageError where they cannot take the outputs any more.
-    """
+    """Return `call` of one sample, its outputs written to the arrays `kept`, if any, checked each time."""
     if kept is None:
         return call
 
@@ -167,12 +175,9 @@ def redirect_outputs(card: ModelCard, spec: FunctionSpec, call: Call, kept: Arra
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CallPath:
-    """How compiled functions are called from this Python: by its limited API, or by ctypes.
+    """How compiled functions are called from this Python: by its limited API or, for a reason, by ctypes.
 
-    Attributes:
-        name: of the interface; for ctypes also the reason.
-        flags: of the compiler, for Python's and NumPy's headers; none for ctypes.
-        remedy: what would make calls faster, or nothing.
+    `flags` of the compiler find Python's and NumPy's headers; `remedy`: what would make calls faster, if any.
     """
 
     name: str
@@ -187,11 +192,8 @@ def choose_call_path() -> CallPath:
     if sysconfig.get_config_var("Py_GIL_DISABLED"):
         return CallPath(name="ctypes: a free-threaded Python has no limited API")
     python, numpy = sysconfig.get_path("include"), np.get_include()
-    wanted = {
-        Path(python, "Python.h"): "python3-dev",
-        Path(numpy, "numpy/arrayobject.h"): "python3-numpy-dev",
-    }
-    for header, package in wanted.items():
+    headers = (Path(python, "Python.h"), Path(numpy, "numpy/arrayobject.h"))
+    for header, package in zip(headers, ("python3-dev", "python3-numpy-dev"), strict=True):
         if not header.is_file():
             remedy = f"install {package} (its name on Debian); single samples are then ten times as fast"
             return CallPath(name=f"ctypes: {header} is not installed", remedy=remedy)
@@ -226,10 +228,6 @@ def load_extension(binary: Path, prefix: str) -> ModuleType | None:
     return module
 
 
-if TYPE_CHECKING:
-    import casadi as ca
-
-
 def open_shared(binary: Path) -> ctypes.CDLL:
     """Return the shared library; GenerationError where it does not load on this machine."""
     try:
@@ -247,9 +245,8 @@ def _read_digest(shared: ctypes.CDLL, prefix: str) -> str:
     return str((call() or b"").decode("ascii", "replace"))
 
 
-def _build_stale_error(binary: Path) -> UsageError:
-    text = "was built from other sources than those beside it; run `make clean shared` in its folder"
-    return UsageError(Notice(code="usage.stale-library", text=text, file=str(binary)))
+def _refuse_place(place: Path, code: str, text: str) -> UsageError:
+    return UsageError(Notice(code=code, text=text, file=str(place)))
 
 
 @contextlib.contextmanager
@@ -259,7 +256,7 @@ def _open_copy(binary: Path, prefix: str, digest: str) -> Iterator[tuple[ctypes.
         copy = Path(shutil.copy(binary, scratch))
         shared = open_shared(copy)
         if _read_digest(shared, prefix) != digest:
-            raise _build_stale_error(binary)
+            raise _refuse_place(binary, "usage.stale-library", _STALE)
         yield shared, copy
 
 
@@ -348,10 +345,6 @@ def _check_status(name: str, status: int) -> None:
         raise GenerationError(Notice(code="codegen.call-failed", text=text))
 
 
-_LEAST_PIECE = 256
-"""Samples for a thread: to start one takes as long as some hundred."""
-
-
 @final
 class _CompiledEngine:
     """Functions of a shared library; `digest` is what it must have been built from.
@@ -378,7 +371,7 @@ class _CompiledEngine:
     def _get_symbol(self, name: str) -> Callable[..., int]:
         symbol: Callable[..., int] | None = getattr(self._shared, f"{self._prefix}_{name}", None)
         if symbol is None:
-            raise _build_stale_error(self.binary)
+            raise _refuse_place(self.binary, "usage.stale-library", _STALE)
         return symbol
 
     def run(
@@ -433,9 +426,8 @@ class _CompiledEngine:
             try:
                 inputs, outputs, pointers = spare.pop()
             except IndexError:
-                inputs, outputs = (
-                    tuple(allocate_output(p, None, self._dtype) for p in side) for side in ports
-                )
+                kind = self._dtype
+                inputs, outputs = (tuple(allocate_output(p, None, kind) for p in side) for side in ports)
                 pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (*inputs, *outputs))
             for buffer, value in zip(inputs, given, strict=True):
                 buffer[...] = value
@@ -445,11 +437,6 @@ class _CompiledEngine:
             return found
 
         return evaluate_one
-
-
-# Samples at once: NumPy takes about as long to begin an operation as for a thousand numbers, and a function
-# has thousands of operations; but all their results are in memory at once.
-_NUMPY_CHUNK = 4096
 
 
 @final
@@ -494,11 +481,6 @@ def import_generated_module(path: Path) -> ModuleType:
     return module
 
 
-# Samples at once. Buffers of a regressor of seven joints are then half a megabyte, and stay in the cache of a
-# processor; a call for each piece costs some microseconds.
-_CASADI_CHUNK = 256
-
-
 @final
 class _MappedFunction:
     """A function for a number of samples, with memory for inputs and outputs; for one caller at a time."""
@@ -528,10 +510,7 @@ class _MappedFunction:
 
 @final
 class _CasadiEngine:
-    """Functions of CasADi, by name: those of a compiled library or those that its virtual machine runs.
-
-    `addresses` is that library, None for the virtual machine.
-    """
+    """Functions of CasADi by name: of the compiled library `addresses`, or of its virtual machine."""
 
     backend = "casadi"
 
@@ -597,16 +576,6 @@ _UPDATE_PATIENCE = 1.0
 _UPDATE_LOOK = 0.05
 
 
-def _build_manifest_error(folder: Path, what: str) -> UsageError:
-    text = f"the manifest {what}; generate the folder again"
-    return UsageError(Notice(code="usage.broken-manifest", text=text, file=str(folder)))
-
-
-def _build_mixed_error(folder: Path) -> UsageError:
-    text = "is incomplete: an update is running or was interrupted. Wait, or generate the folder again"
-    return UsageError(Notice(code="usage.interrupted-update", text=text, file=str(folder)))
-
-
 def load_library(folder: Path) -> Library:
     """Return the library in a folder that symid generated; C needs `make shared` first.
 
@@ -624,16 +593,18 @@ def load_library(folder: Path) -> Library:
     manifest = read_manifest(folder)
     if manifest is None:
         text = "holds no library of symid: there is no manifest.json that it wrote"
-        raise UsageError(Notice(code="usage.no-library", text=text, file=str(folder)))
+        raise _refuse_place(folder, "usage.no-library", text)
     try:
         card = read_record(ModelCard, manifest.get("card"))
     except InputError as error:
-        raise _build_manifest_error(folder, f"holds no model card ({error})") from error
+        text = f"the manifest holds no model card ({error}); generate the folder again"
+        raise _refuse_place(folder, "usage.broken-manifest", text) from error
     if list_interrupted_updates(folder):
-        raise _build_mixed_error(folder)
+        raise _refuse_place(folder, "usage.interrupted-update", _INTERRUPTED)
     prefix, precision, target = (manifest.get(key) for key in ("prefix", "precision", "target"))
     if not isinstance(prefix, str) or not isinstance(precision, str):
-        raise _build_manifest_error(folder, "has no prefix or precision")
+        text = "the manifest has no prefix or precision; generate the folder again"
+        raise _refuse_place(folder, "usage.broken-manifest", text)
     binary = folder / (f"lib{prefix}_casadi.so" if target == "casadi" else f"lib{prefix}.so")
     if target != "python" and binary.is_file():
         files = get_listed_digests(manifest)
@@ -668,8 +639,8 @@ def load_library(folder: Path) -> Library:
         library = Library(card, _CasadiEngine(functions), (notice,))
     else:
         text = f"has no {binary.name}; run `make shared` in it"
-        raise UsageError(Notice(code="usage.not-compiled", text=text, file=str(folder)))
+        raise _refuse_place(folder, "usage.not-compiled", text)
     # The files were read one by one: they must belong together.
     if not is_unchanged(folder, manifest):
-        raise _build_mixed_error(folder)
+        raise _refuse_place(folder, "usage.interrupted-update", _INTERRUPTED)
     return library

@@ -28,15 +28,34 @@ _NUMPY_OPS = (Op.MAXIMUM, Op.MINIMUM)
 # JavaScript's own let a NaN through too.
 _JAVASCRIPT_NAMES = {Op.POWER: "pow", Op.MAXIMUM: "max", Op.MINIMUM: "min"}
 _JAVASCRIPT_HELPERS = (Op.LESS, Op.LESS_EQUAL)
+_NameOp = Callable[[Op], str]
 _REGISTER = re.compile(r"t(\d+) = ")
+# Arguments and value. Comparisons with NaN are false: each helper lets a NaN through by its last branch.
+_C_HELPERS = {
+    "sign": ("x", "x > {zero} ? {one} : (x < {zero} ? -{one} : x)"),
+    "less": ("a b", "a < b ? {one} : (a >= b ? {zero} : a + b)"),
+    "less_equal": ("a b", "a <= b ? {one} : (a > b ? {zero} : a + b)"),
+    "maximum": ("a b", "a > b ? a : (a <= b ? b : a + b)"),
+    "minimum": ("a b", "a < b ? a : (a >= b ? b : a + b)"),
+}
+_TRIGONOMETRY = (Op.SIN, Op.COS)
+_SIMD_OPS = frozenset({Op.INPUT, Op.CONSTANT, *_INFIX, *_TRIGONOMETRY})
+# Where they are not those of the operation.
+_C_NAMES = {Op.POWER: "pow", Op.ABS: "fabs"}
+_PLAIN_NAMES = {Op.POWER: "math.pow", Op.ABS: "abs"}
+_WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
+_GROUP_SIZE = 8
+"""A multiple of every SIMD width."""
+_LONGEST_BODY, _PART_LENGTH = 8000, 1000
+"""Statements of a function that is printed as one, and of a part of one that is not."""
+_STREAMED_SIZES = range(64, 1025)
+"""Numbers of an output that may go past the caches: fewer are few bytes, more have no room on a stack."""
+_NAME = re.compile(r"[A-Za-z_]\w*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionBody:
-    """The statements of a C function, and the definitions of the helpers that it calls, sorted.
-
-    Where there are `parts`, the statements call these one after the other.
-    """
+    """Statements of a C function (calls of its `parts`, if any), and definitions of its helpers, sorted."""
 
     statements: tuple[str, ...]
     helpers: tuple[str, ...] = ()
@@ -60,21 +79,16 @@ def write_literal(value: float, precision: str = "double") -> str:
     return repr(float(value))
 
 
-def _write_instruction(
-    instruction: Instruction, read: Callable[[int], str], call: Callable[[Op], str]
-) -> str:
+def _write_instruction(one: Instruction, read: Callable[[int], str], call: _NameOp) -> str:
     """Return the value of an instruction as text; `read` names operands, `call` functions."""
-    if instruction.op in _INFIX:
-        left, right = map(read, instruction.args)
-        return f"{left} {_INFIX[instruction.op]} {right}"
-    return f"{call(instruction.op)}({', '.join(map(read, instruction.args))})"
+    if one.op in _INFIX:
+        left, right = map(read, one.args)
+        return f"{left} {_INFIX[one.op]} {right}"
+    return f"{call(one.op)}({', '.join(map(read, one.args))})"
 
 
 def print_python(program: Program, *, plain: bool = False) -> list[str]:
-    """Return the statements of a NumPy function; elements are the last axes, samples the axes before.
-
-    `plain`: of numbers and lists instead, with functions of `math`.
-    """
+    """Return statements of NumPy, elements on the last axes; `plain`: of numbers and lists, with `math`."""
 
     def call(op: Op) -> str:
         if plain:
@@ -90,10 +104,7 @@ def print_python(program: Program, *, plain: bool = False) -> list[str]:
 
 
 def print_javascript(program: Program) -> list[str]:
-    """Return the statements of a JavaScript function of one sample; arrays are flat, row by row.
-
-    Outputs are arrays of zeros before. Registers are declared in the first statement.
-    """
+    """Return JavaScript of one sample: flat arrays, row by row, outputs zero before; registers come first."""
 
     def call(op: Op) -> str:
         return f"_{op.value}" if op in _JAVASCRIPT_HELPERS else f"Math.{_JAVASCRIPT_NAMES.get(op, op.value)}"
@@ -104,9 +115,7 @@ def print_javascript(program: Program) -> list[str]:
     return [*declared, *(f"{line};" for line in lines)]
 
 
-def _print_registers(
-    program: Program, call: Callable[[Op], str], index: Callable[[Port, int], str]
-) -> list[str]:
+def _print_registers(program: Program, call: _NameOp, index: Callable[[Port, int], str]) -> list[str]:
     """Return statements in the operators that Python and JavaScript share; names are used again."""
     last = {k: number for number, one in enumerate(program.instructions, start=1) for k in one.operands}
     last |= {abs(ref): len(program.instructions) + 1 for refs in program.outputs for ref in refs}
@@ -149,21 +158,6 @@ def _print_registers(
     return statements
 
 
-_TRIGONOMETRY = (Op.SIN, Op.COS)
-_SIMD_OPS = frozenset({Op.INPUT, Op.CONSTANT, *_INFIX, *_TRIGONOMETRY})
-# Where they are not those of the operation.
-_C_NAMES = {Op.POWER: "pow", Op.ABS: "fabs"}
-_PLAIN_NAMES = {Op.POWER: "math.pow", Op.ABS: "abs"}
-_WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
-_GROUP_SIZE = 8
-"""A multiple of every SIMD width."""
-_LONGEST_BODY, _PART_LENGTH = 8000, 1000
-"""Statements of a function that is printed as one, and of a part of one that is not."""
-_STREAMED_SIZES = range(64, 1025)
-"""Numbers of an output that may go past the caches: fewer are few bytes, more have no room on a stack."""
-_NAME = re.compile(r"[A-Za-z_]\w*")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroupedAngles:
     """Angles whose sines and cosines are computed together.
@@ -182,9 +176,8 @@ def group_angles(program: Program) -> GroupedAngles:
     places: dict[int, int] = {}
     for number, instruction in enumerate(program.instructions, start=1):
         operands = instruction.operands
-        plain = instruction.op in _WITHOUT_STATEMENT or (
-            instruction.op in _INFIX and all(found[k] for k in operands)
-        )
+        source = instruction.op in _WITHOUT_STATEMENT
+        plain = source or (instruction.op in _INFIX and all(found[k] for k in operands))
         found.append(plain)
         sources.append(frozenset({number}.union(*(sources[k] for k in operands))) if plain else frozenset())
         if instruction.op in _TRIGONOMETRY and found[operands[0]]:
@@ -214,7 +207,7 @@ class _CPrinter:
     angles: GroupedAngles
     write_constant: Callable[[float], str]
     write_input: Callable[[int, int], str]
-    call: Callable[[Op], str]
+    call: _NameOp
     names: dict[int, str] = field(default_factory=dict)
     due: dict[int, list[tuple[Sequence[int], Callable[..., str]]]] = field(default_factory=dict)
 
@@ -311,10 +304,7 @@ class _CPrinter:
 
 
 def print_c(program: Program, precision: str, *, together: bool = False) -> FunctionBody:
-    """Return the body of a C function; inputs and outputs are arrays with the ports' names.
-
-    `together`: sines and cosines are computed together, with `find_sines` of the lanes' header.
-    """
+    """Return a C function's body over arrays named as ports; `together`: sines at once, by `find_sines`."""
     spec, suffix = program.spec, "f" if precision == "float" else ""
     printer = _CPrinter(
         program,
@@ -436,21 +426,8 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
     return _join_parts(printer, "batch_part", ports, loads)
 
 
-# Arguments and value. Comparisons with NaN are false: each helper lets a NaN through by its last branch.
-_C_HELPERS = {
-    "sign": ("x", "x > {zero} ? {one} : (x < {zero} ? -{one} : x)"),
-    "less": ("a b", "a < b ? {one} : (a >= b ? {zero} : a + b)"),
-    "less_equal": ("a b", "a <= b ? {one} : (a > b ? {zero} : a + b)"),
-    "maximum": ("a b", "a > b ? a : (a <= b ? b : a + b)"),
-    "minimum": ("a b", "a < b ? a : (a >= b ? b : a + b)"),
-}
-
-
 def write_table_lines(values: Sequence[float], kind: str) -> list[str]:
-    """Return an initialiser's lines; without values it holds a zero, as an empty one is no C.
-
-    `kind` is "double", "float", or "int32_t" for the nearest whole numbers.
-    """
+    """Return an initialiser's lines, a zero if empty; `kind`: double, float, int32_t (nearest whole)."""
     whole = kind == "int32_t"
     texts = [str(round(value)) if whole else write_literal(value, kind) for value in values or [0.0]]
     count = 16 if whole else 5

@@ -425,19 +425,16 @@ class ExpressionTable(Algebra[int]):
         return self.build_program(spec, outputs.values())
 
 
-def _differentiate_instruction(
-    table: ExpressionTable, number: int, op: Op, args: tuple[int, ...]
-) -> tuple[int, ...]:
+def _list_slopes(table: ExpressionTable, number: int, op: Op, args: tuple[int, ...]) -> tuple[int, ...]:
     """Return the derivative of an instruction by each of its arguments."""
-    one = table.constant(1.0)
     if op is Op.ADD:
-        return one, one
+        return _ONE, _ONE
     if op is Op.SUB:
-        return one, -one
+        return _ONE, -_ONE
     if op is Op.MUL:
         return args[1], args[0]
     if op is Op.DIV:
-        return table.div(one, args[1]), -table.div(number, args[1])
+        return table.div(_ONE, args[1]), -table.div(number, args[1])
     if op is Op.SIN:
         return (table.apply(Op.COS, args[0]),)
     if op is Op.COS:
@@ -449,22 +446,16 @@ def _differentiate_instruction(
 def differentiate_along(
     table: ExpressionTable, values: Sequence[int], directions: Sequence[Mapping[int, int]]
 ) -> list[list[int]]:
-    """Return, for each direction, the derivatives of `values` where each input moves by its seed.
-
-    Constants stay where they are.
-    """
-    zero = table.constant(0.0)
-    steps = table.walk(values)
+    """Return the derivatives of `values` for each direction, in which inputs, no constants, move by seeds."""
+    zero, steps = table.zero, table.walk(values)
     users: dict[int, list[int]] = {}
     for index, (_, op, args) in enumerate(steps):
         for ref in () if op is Op.INPUT else args:
             users.setdefault(abs(ref), []).append(index)
     results = []
     for seeds in directions:
-        moving = {
-            ref: seed for ref, seed in seeds.items() if not table.is_constant(ref) and abs(seed) != zero
-        }
-        rates = {abs(ref): seed if ref > 0 else -seed for ref, seed in moving.items()}
+        moving = [pair for pair in seeds.items() if not table.is_constant(pair[0]) and abs(pair[1]) != zero]
+        rates = {abs(ref): seed if ref > 0 else -seed for ref, seed in moving}
         dependent: set[int] = set()
         waiting = list(rates)
         while waiting:
@@ -476,7 +467,7 @@ def differentiate_along(
             if number in rates:
                 continue
             total = zero
-            for ref, slope in zip(args, _differentiate_instruction(table, number, op, args), strict=True):
+            for ref, slope in zip(args, _list_slopes(table, number, op, args), strict=True):
                 rate = rates.get(abs(ref), zero)
                 total = table.add(total, table.mul(slope, rate if ref > 0 else -rate))
             rates[number] = total
@@ -486,16 +477,13 @@ def differentiate_along(
 
 def differentiate_backward(table: ExpressionTable, value: int, inputs: Sequence[int]) -> list[int]:
     """Return the derivatives of `value` by each of `inputs`; by a constant it is zero."""
-    zero = table.constant(0.0)
-    slopes = {abs(value): table.constant(1.0 if value > 0 else -1.0)}
+    zero, slopes = table.zero, {abs(value): table.one if value > 0 else -table.one}
     for number, op, args in reversed(table.walk([value])):
         outer = slopes.get(number, zero)
         if op in (Op.INPUT, Op.CONSTANT) or abs(outer) == zero:
             continue
-        for ref, inner in zip(args, _differentiate_instruction(table, number, op, args), strict=True):
+        for ref, inner in zip(args, _list_slopes(table, number, op, args), strict=True):
             change = table.mul(outer, inner if ref > 0 else -inner)
             slopes[abs(ref)] = table.add(slopes.get(abs(ref), zero), change)
-    return [
-        zero if table.is_constant(ref) else slopes.get(abs(ref), zero) * (1 if ref > 0 else -1)
-        for ref in inputs
-    ]
+    found = [zero if table.is_constant(ref) else slopes.get(abs(ref), zero) for ref in inputs]
+    return [slope if ref > 0 else -slope for ref, slope in zip(inputs, found, strict=True)]

@@ -30,6 +30,16 @@ from symid.codegen.source_folder import SourceSet
 from symid.codegen.source_text import BANNER
 from symid.options import GenerateOptions
 
+# Derivatives of the forward dynamics amplify rounding errors by the square of what the dynamics do.
+_JACOBIAN_TOLERANCE = "1e-10"
+_JACOBIANS = (
+    *("forward_kinematics", "jacobian", "mass_matrix", "gravity", "bias", "energy", "friction"),
+    *("inverse_dynamics", "forward_dynamics", "hysteresis_step", "hysteresis_inverse_step"),
+    "elastic_inverse_dynamics",
+)
+# What the compiled plants call.
+_PLANT_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias", "friction", "friction_step")
+
 
 def _write_module(material: Material, template: str, **values: object) -> str:
     """Return a template of a Python module, with the tables of its self-test."""
@@ -71,9 +81,8 @@ def _describe_function(program: Program, count: Operations) -> Fields:
     spec = program.spec
     prepared = [f'{port.name} = _prepare("{port.name}", {port.name}, {port.shape!r})' for port in spec.inputs]
     samples = [f"{port.name}.shape[:-{len(port.shape)}]" for port in spec.inputs if not port.shared]
-    allocated = [
-        f"{port.name} = np.zeros((*samples, {', '.join(map(str, port.shape))}))" for port in spec.outputs
-    ]
+    shaped = [(port.name, ", ".join(map(str, port.shape))) for port in spec.outputs]
+    allocated = [f"{name} = np.zeros((*samples, {shape}))" for name, shape in shaped]
     shapes = f"samples = np.broadcast_shapes({', '.join(samples)})"
     return {
         "name": spec.name,
@@ -88,10 +97,7 @@ def _describe_function(program: Program, count: Operations) -> Fields:
 
 
 def generate_python_module(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
-    """Return a NumPy module that computes `functions`, with its README and manifest.
-
-    GenerationError where a function holds an operation without a NumPy form, or disagrees with itself.
-    """
+    """Return a NumPy module with README and manifest; a GenerationError as of `generate_c_library`."""
     material = prepare_material(functions, options or GenerateOptions())
     names, lines = [program.spec.name for program in material.programs], []
     if material.bristles:
@@ -130,10 +136,7 @@ def _describe_flat_port(port: Port) -> str:
 
 
 def generate_javascript_module(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
-    """Return an ES module that computes `functions`, with its self-test for Node, README and manifest.
-
-    GenerationError where a function disagrees with itself.
-    """
+    """Return an ES module, self-test, README, manifest; a GenerationError if a function disagrees."""
     material = prepare_material(functions, options or GenerateOptions())
     inputs: dict[str, Fields] = {}
     tests = []
@@ -142,9 +145,7 @@ def generate_javascript_module(functions: Functions, options: GenerateOptions | 
             values = [list(row) for row in rows] if not port.shared else list(rows[0])
             inputs.setdefault(name, {"name": name, "rows": json.dumps(values)})
         tables = zip(reference.whole, reference.sums, reference.scales, strict=True)
-        outputs = [
-            json.dumps([[list(row) for row in rows] for rows in pair] + [scale]) for *pair, scale in tables
-        ]
+        outputs = [json.dumps(table) for table in tables]
         named = zip(reference.tables, program.spec.inputs, strict=True)
         given = json.dumps([[name, port.shared] for name, port in named])
         found = json.dumps([port.name for port in program.spec.outputs])
@@ -164,17 +165,6 @@ def generate_javascript_module(functions: Functions, options: GenerateOptions | 
     readme = material.write("javascript/README.md.jinja", example=material.card.functions[0].name)
     files = ((f"{material.prefix}.mjs", module), ("selftest.mjs", selftest), ("README.md", readme))
     return material.collect("js", files)
-
-
-# Derivatives of the forward dynamics amplify rounding errors by the square of what the dynamics do.
-_JACOBIAN_TOLERANCE = "1e-10"
-_JACOBIANS = (
-    *("forward_kinematics", "jacobian", "mass_matrix", "gravity", "bias", "energy", "friction"),
-    *("inverse_dynamics", "forward_dynamics", "hysteresis_step", "hysteresis_inverse_step"),
-    "elastic_inverse_dynamics",
-)
-# What the compiled plants call.
-_PLANT_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias", "friction", "friction_step")
 
 
 def list_casadi_sources(prefix: str) -> tuple[str, str]:

@@ -35,11 +35,65 @@ from symid.options import GenerateOptions
 
 DIGITS = 50
 _MORE_DIGITS = 60
-_DECIMAL_CONTEXT = Context(
-    prec=DIGITS, traps=[decimal.DivisionByZero, decimal.InvalidOperation, decimal.Overflow]
-)
+_TRAPS = [decimal.DivisionByZero, decimal.InvalidOperation, decimal.Overflow]
+_DECIMAL_CONTEXT = Context(prec=DIGITS, traps=_TRAPS)
 
 DecimalArray = npt.NDArray[np.object_]
+V = TypeVar("V")
+_AGREEMENT = 1e-8
+_LONG = 60_000
+"""Instructions of all functions together: robots of up to about fifteen joints have fewer."""
+_CONVERT_TO_DECIMALS = np.vectorize(Decimal, otypes=[object])
+_ATTEMPTS = 4
+_PROJECTIONS = 30
+_MULTIPLES = (0.0, 4.0, 8.0, 16.0, 64.0)
+_GOOD_CONDITION = 1e2
+_LARGEST_CONDITION = 1e3
+_LARGEST_VALUE = 1e3
+_CUTS = (1e-9, 1e-6, 1e-4, 1e-3)
+# Where rounding to thousandths has its edges: not at the simple fractions that exact solutions are made of.
+_ROUNDING_EDGE = 0.137
+# Of matrices that beta is chosen by (18 joints still have all hundred states), and states at least.
+_MOST_NUMBERS, _FEWEST_PROJECTED = 2**22, 8
+_ANGLE_OPS = frozenset({Op.SIN, Op.COS})
+
+PER_UNIT = 1000
+"""Inputs are whole numbers of thousandths, which are short to print."""
+
+_INPUT_RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "tau": 20.0}
+_INPUT_RANGES |= {"dddq": 20.0, "ddddq": 100.0, "phi": 0.02, "P": 0.02, "tau_J": 20.0, "Q": 5.0}
+_INPUT_RANGES |= {"way": 0.003, "z": 0.003}
+ANGLE_LIMITS = {"double": 1e6, "float": 1e4}
+"""Up to which angle the generated code takes whole turns off by itself, in rad."""
+
+# Ranges of far angles, in rad and then as parts of the limit, within it and beyond.
+_FAR_ANGLES = (*[(47.0, 53.0)] * 3, *[(0.89, 0.91)] * 2, *[(1.1, 1.5)] * 2)
+# Single precision holds eighths up to 2^21.
+_EIGHTHS = 8.0
+# Far states are so many apart: in other lanes of a vector, with near ones beside.
+_APART = 7
+_FEWEST = 60
+
+InputElements = frozenset[tuple[str, int, int]]
+"""Elements of inputs: the port's name, its size, the number of the element."""
+# Errors are measured by the largest value of an output; one below NEGLIGIBLE is zero but for rounding, and
+# FLOOR replaces its size.
+NEGLIGIBLE = 1e-12
+FLOOR = 0.01
+WHOLE = 2
+"""Number of states at which every element is given."""
+WEIGHTS = ((97, 31), (101, 37))
+"""Modulus m and step s of a sum: element i weighs m + (s i mod m), between m and 2 m.
+
+No two of 97 x 101 elements weigh the same in both sums, so that swapped elements show; divided by m, an error
+of one element shows with its full size at least.
+"""
+ReferenceRows = Sequence[Sequence[float]]
+"""A row a state."""
+
+TOLERANCES = {"double": "1e-12", "float": "2e-5"}
+"""Sound code errs by a few units of the last place, 1e-16 or 6e-8, times the condition of what it solves; a
+wrong sign or place, or a wrong digit in a constant, errs by much more."""
 
 
 @lru_cache(maxsize=1 << 16)
@@ -74,9 +128,6 @@ def _build_no_value_error(program: Program, why: str) -> GenerationError:
     return GenerationError(Notice(code="codegen.no-reference", text=text))
 
 
-V = TypeVar("V")
-
-
 def _run(
     program: Program, evaluate: Callable[[Instruction, list[tuple[V, bool]]], V]
 ) -> Iterator[tuple[int, int, V, bool]]:
@@ -106,13 +157,8 @@ def _run(
             del values[old]
 
 
-def compute_exact_outputs(
-    program: Program, inputs: Sequence[DecimalArray], states: int
-) -> tuple[DecimalArray, ...]:
-    """Return per output port the elements at every state, (states, size), from those of the input ports.
-
-    GenerationError where the function has no value at one of the states.
-    """
+def compute_exact_outputs(program: Program, inputs: Sequence[DecimalArray], count: int) -> list[DecimalArray]:
+    """Return the elements per port, (count, size); a GenerationError where a state has no value."""
 
     def evaluate(one: Instruction, operands: list[tuple[Any, bool]]) -> Any:  # noqa: ANN401 - decimals
         if one.op is Op.INPUT:
@@ -121,7 +167,7 @@ def compute_exact_outputs(
             return Decimal(one.constant)
         return _DECIMAL_RULES[one.op](*(-value if turned else value for value, turned in operands))
 
-    outputs = tuple(np.empty((states, len(refs)), dtype=object) for refs in program.outputs)
+    outputs = [np.empty((count, len(refs)), dtype=object) for refs in program.outputs]
     try:
         with localcontext(_DECIMAL_CONTEXT):
             for port, element, value, turned in _run(program, evaluate):
@@ -130,29 +176,6 @@ def compute_exact_outputs(
         # Division by zero, and arguments outside a function's domain.
         raise _build_no_value_error(program, repr(error)) from error
     return outputs
-
-
-_ANGLE_OPS = frozenset({Op.SIN, Op.COS})
-
-PER_UNIT = 1000
-"""Inputs are whole numbers of thousandths, which are short to print."""
-
-_INPUT_RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "tau": 20.0}
-_INPUT_RANGES |= {"dddq": 20.0, "ddddq": 100.0, "phi": 0.02, "P": 0.02, "tau_J": 20.0, "Q": 5.0}
-_INPUT_RANGES |= {"way": 0.003, "z": 0.003}
-ANGLE_LIMITS = {"double": 1e6, "float": 1e4}
-"""Up to which angle the generated code takes whole turns off by itself, in rad."""
-
-# Ranges of far angles, in rad and then as parts of the limit, within it and beyond.
-_FAR_ANGLES = (*[(47.0, 53.0)] * 3, *[(0.89, 0.91)] * 2, *[(1.1, 1.5)] * 2)
-# Single precision holds eighths up to 2^21.
-_EIGHTHS = 8.0
-# Far states are so many apart: in other lanes of a vector, with near ones beside.
-_APART = 7
-_FEWEST = 60
-
-InputElements = frozenset[tuple[str, int, int]]
-"""Elements of inputs: the port's name, its size, the number of the element."""
 
 
 def _list_input_uses(program: Program) -> tuple[InputElements, InputElements]:
@@ -226,10 +249,7 @@ class SampleStates:
 def evaluate_casadi(
     function: ca.Function, program: Program, inputs: Sequence[FloatArray], count: int
 ) -> list[FloatArray]:
-    """Return what CasADi computes at `count` states per output port, (count, size), row-major.
-
-    `inputs` are (count, size) a port, or (size,) of a shared one.
-    """
+    """Return CasADi's outputs (count, size), row-major; inputs (count, size), or (size,) where shared."""
     ports = zip(program.spec.inputs, inputs, strict=True)
     # CasADi takes and gives the samples side by side.
     given = [ca.DM(np.broadcast_to(values, (count, port.size)).T) for port, values in ports]
@@ -238,19 +258,6 @@ def evaluate_casadi(
         values: FloatArray = np.asarray(result.full()).reshape(result.shape[0], count, -1)
         outputs.append(values.transpose(1, 0, 2).reshape(count, port.size))
     return outputs
-
-
-_ATTEMPTS = 4
-_PROJECTIONS = 30
-_MULTIPLES = (0.0, 4.0, 8.0, 16.0, 64.0)
-_GOOD_CONDITION = 1e2
-_LARGEST_CONDITION = 1e3
-_LARGEST_VALUE = 1e3
-_CUTS = (1e-9, 1e-6, 1e-4, 1e-3)
-# Where rounding to thousandths has its edges: not at the simple fractions that exact solutions are made of.
-_ROUNDING_EDGE = 0.137
-# Of matrices that beta is chosen by (18 joints still have all hundred states), and states at least.
-_MOST_NUMBERS, _FEWEST_PROJECTED = 2**22, 8
 
 
 def _project_positive_definite(columns: FloatArray) -> FloatArray:
@@ -406,26 +413,6 @@ def bound_rounding(
     return list(zip(outputs, errors, strict=True))
 
 
-# Errors are measured by the largest value of an output; one below NEGLIGIBLE is zero but for rounding, and
-# FLOOR replaces its size.
-NEGLIGIBLE = 1e-12
-FLOOR = 0.01
-WHOLE = 2
-"""Number of states at which every element is given."""
-WEIGHTS = ((97, 31), (101, 37))
-"""Modulus m and step s of a sum: element i weighs m + (s i mod m), between m and 2 m.
-
-No two of 97 x 101 elements weigh the same in both sums, so that swapped elements show; divided by m, an error
-of one element shows with its full size at least.
-"""
-ReferenceRows = Sequence[Sequence[float]]
-"""A row a state."""
-
-TOLERANCES = {"double": "1e-12", "float": "2e-5"}
-"""Sound code errs by a few units of the last place, 1e-16 or 6e-8, times the condition of what it solves; a
-wrong sign or place, or a wrong digit in a constant, errs by much more."""
-
-
 def find_ease(program: Program, inputs: Sequence[FloatArray], precision: str) -> tuple[float, ...]:
     """Return by how much rounding alone may exceed the tolerance, per output, as a power of two from one on.
 
@@ -444,12 +431,6 @@ def find_ease(program: Program, inputs: Sequence[FloatArray], precision: str) ->
         eases.append(2.0 ** max(0, math.ceil(math.log2(bound / limit))) if 0.0 < bound < np.inf else 1.0)
     safe = precision == "float" and max(find_ease(program, inputs, "double"), default=1.0) == 1.0
     return (1.0,) * len(eases) if safe else tuple(eases)
-
-
-_AGREEMENT = 1e-8
-_LONG = 60_000
-"""Instructions of all functions together: robots of up to about fifteen joints have fewer."""
-_CONVERT_TO_DECIMALS = np.vectorize(Decimal, otypes=[object])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,15 +20,20 @@ from functools import partial
 
 from symid import dynamics, joint_models
 from symid.codegen import equation_routes, programs
-from symid.codegen.equation_routes import Elements, RouteBuilder, RouteWorkspace
+from symid.codegen.equation_routes import Elements, Outputs, RouteBuilder, RouteWorkspace
 from symid.codegen.functions import FRICTION_INPUTS, Constants, FunctionSpec, list_bristles, list_robot_specs
+from symid.dynamics import frame_choice, newton_euler, regressors, torque_derivatives
 from symid.notation import INERTIAL
 from symid.robot import ZERO, Exact, Robot
 
 Routes = Mapping[str, RouteBuilder]
+SpringTerms = joint_models.SpringTerms[int]
+# From twelve joints on routes with these words cost 1.1 to 5 times the cheapest, in chains and in trees.
+_MOST_TRIED = 16
+_COSTLY = ("differentiation", "times parameters", "column recursion", "vector recursion", "unit rates")
 
 
-def _emit_forward_kinematics(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_forward_kinematics(workspace: RouteWorkspace) -> Outputs:
     poses, join = dynamics.compute_link_poses(workspace.recursion), itertools.chain.from_iterable
     rotations = join(join(pose.rotation for pose in poses))
     return tuple(rotations), tuple(join(pose.origin for pose in poses))
@@ -70,7 +75,7 @@ def _combine_columns(
     return total
 
 
-def _emit_friction(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_friction(workspace: RouteWorkspace) -> Outputs:
     columns, parameters = _list_friction_columns(workspace), workspace.inputs["f"]
     return (tuple(_combine_columns(workspace, columns, parameters, workspace.robot.freedom)),)
 
@@ -83,9 +88,8 @@ def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     zero, columns = [algebra.zero] * robot.freedom, _list_friction_columns(workspace)
     plain = [zero if at in remembering else row for (at, _), row in zip(labels, columns, strict=True)]
     torques = _combine_columns(workspace, plain, parameters, robot.freedom)
-    velocity, ways = (
-        dynamics.spread_coordinates(robot, algebra, workspace.inputs[name]) for name in ("dq", "way")
-    )
+    rates = (workspace.inputs[name] for name in ("dq", "way"))
+    velocity, ways = (dynamics.spread_coordinates(robot, algebra, values) for values in rates)
     states, after = iter(workspace.inputs["z"]), list[int]()
     for index, count in remembering.items():
         friction = robot.joints[index].friction
@@ -105,7 +109,7 @@ def _emit_friction_step(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
 
 def _emit_energy_regressor(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     algebra = workspace.algebra
-    rows = [dynamics.compute_energy_regressor(algebra, motion) for motion in workspace.recursion.motions]
+    rows = [regressors.compute_energy_regressor(algebra, motion) for motion in workspace.recursion.motions]
     pairs = []
     for link, name in workspace.base.keys:
         if name in dynamics.DRIVE_PARAMETERS:
@@ -126,16 +130,14 @@ def _emit_energy(workspace: RouteWorkspace) -> tuple[Elements, Elements]:
     return _multiply_parameters(workspace, kinetic), _multiply_parameters(workspace, potential)
 
 
-def _emit_energy_of_bodies(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_energy_of_bodies(workspace: RouteWorkspace) -> Outputs:
     """Return the energies as sums over links and drives."""
     recursion, algebra = workspace.recursion, workspace.algebra
-    parts = [
-        dynamics.compute_body_energy(
-            algebra, dynamics.gather_body(algebra, workspace.parameters, link), motion
-        )
-        for link, motion in enumerate(recursion.motions)
-    ]
-    for key, value in workspace.parameters.items():
+    parameters = workspace.parameters
+    bodies = [dynamics.gather_body(algebra, parameters, link) for link in range(workspace.robot.size)]
+    pairs = zip(bodies, recursion.motions, strict=True)
+    parts = [dynamics.compute_body_energy(algebra, *pair) for pair in pairs]
+    for key, value in parameters.items():
         if key[1] in dynamics.DRIVE_PARAMETERS:
             kinetic, potential = dynamics.compute_drive_energy(recursion, key)
             parts.append((algebra.mul(value, kinetic), algebra.mul(value, potential)))
@@ -151,7 +153,7 @@ def _derive_torque(workspace: RouteWorkspace, kinetic: int, potential: int) -> l
     return list(map(table.sub, rates, slopes))
 
 
-def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> Outputs:
     """Return the mass matrix as dp/ddq."""
     # The velocities are inputs of the momentum only: p is linear in them, its derivatives are free of them.
     table = workspace.algebra
@@ -164,7 +166,7 @@ def _emit_derived_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]
     return (workspace.flatten_columns(columns),)
 
 
-def _emit_torques_by_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_torques_by_regressor(workspace: RouteWorkspace) -> Outputs:
     parameters = workspace.parameters
     found = dynamics.compute_torque_columns(workspace.meet(lambda link: link).recursion, workspace.base.keys)
     columns, values = [found[key] for key in parameters], tuple(parameters.values())
@@ -172,7 +174,7 @@ def _emit_torques_by_regressor(workspace: RouteWorkspace) -> tuple[Elements, ...
     return (workspace.flatten_vector(torques),)
 
 
-def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_coriolis_matrix(workspace: RouteWorkspace) -> Outputs:
     """Return C column by column: the torques for dqr = e_k, ddqr = 0, without gravity and springs."""
     algebra = workspace.algebra
     weightless = replace(workspace.recursion, robot=replace(workspace.robot, gravity=(ZERO, ZERO, ZERO)))
@@ -181,7 +183,7 @@ def _emit_coriolis_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
     columns = []
     for k in coordinates:
         unit = workspace.spread([algebra.one if j == k else algebra.zero for j in coordinates])
-        torques = dynamics.compute_tensor_torques(weightless, parameters, (unit, zeros))
+        torques = newton_euler.compute_tensor_torques(weightless, parameters, (unit, zeros))
         columns.append(workspace.flatten_vector(torques))
     return (workspace.flatten_columns(columns),)
 
@@ -221,7 +223,7 @@ _CHANGES: Mapping[str, Callable[[RouteWorkspace], RouteWorkspace]] = {
 def _list_variants(*names: tuple[str, ...], build: RouteBuilder) -> Routes:
     """Return routes that build the same after what the words of their names say, one after the other."""
 
-    def build_changed(workspace: RouteWorkspace, words: tuple[str, ...]) -> tuple[Elements, ...]:
+    def build_changed(workspace: RouteWorkspace, words: tuple[str, ...]) -> Outputs:
         for word in words:
             workspace = _CHANGES[word](workspace) if word in _CHANGES else workspace
         return build(workspace)
@@ -238,20 +240,20 @@ def _list_four(name: str, build: RouteBuilder) -> Routes:
 
 
 def _list_regressor_routes(
-    compute: Callable[..., dynamics.Columns[int]],
+    compute: Callable[..., regressors.Columns[int]],
     derive: Callable[[RouteWorkspace, int, int], list[int]] | None = None,
-    reference: tuple[str, ...] = (),
+    also: tuple[str, ...] = (),
 ) -> Routes:
     """Return the routes to a regressor: by recursion, and with `derive` from the energies."""
-    # `reference` names the inputs that `compute` takes besides the state.
+    # `also` names the inputs that `compute` takes besides the state.
 
-    def build(workspace: RouteWorkspace) -> tuple[Elements, ...]:
-        given = tuple(workspace.spread(workspace.inputs[name]) for name in reference)
+    def build(workspace: RouteWorkspace) -> Outputs:
+        given = tuple(workspace.spread(workspace.inputs[name]) for name in also)
         keys = workspace.base.keys
         columns = compute(workspace.recursion, keys, *((given,) if given else ()))
         return (workspace.flatten_columns([workspace.flatten_vector(columns[key]) for key in keys]),)
 
-    def build_derived(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+    def build_derived(workspace: RouteWorkspace) -> Outputs:
         pairs = zip(*_emit_energy_regressor(workspace), strict=True)
         columns = [derive(workspace, t, v) for t, v in pairs] if derive else []
         return (workspace.flatten_columns(columns),)
@@ -262,15 +264,13 @@ def _list_regressor_routes(
     return {**routes, "differentiation of the energy": build_derived} if derive else routes
 
 
-def _emit_mass_matrix(workspace: RouteWorkspace) -> tuple[Elements, ...]:
+def _emit_mass_matrix(workspace: RouteWorkspace) -> Outputs:
     """Return the mass matrix by composite bodies."""
     matrix = dynamics.compute_mass_matrix(workspace.recursion, workspace.parameters)
     return (workspace.flatten_matrix(matrix),)
 
 
-def _list_springs(
-    workspace: RouteWorkspace, memory: str
-) -> list[tuple[joint_models.SpringTerms[int], Elements]]:
+def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTerms, Elements]]:
     """Return the springs of all coordinates, from h, each with its plays, which input `memory` holds."""
     rest, plays = iter(workspace.inputs["h"]), iter(workspace.inputs.get(memory, ()))
     springs = []
@@ -292,7 +292,7 @@ def _list_springs(
     return springs
 
 
-def _emit_hysteresis(workspace: RouteWorkspace, given: str, memory: str) -> tuple[Elements, ...]:
+def _emit_hysteresis(workspace: RouteWorkspace, given: str, memory: str) -> Outputs:
     """Return torques from torsions phi and plays P, or back from torques tau_J and plays Q; and the plays."""
     algebra, steps = workspace.algebra, []
     springs = zip(_list_springs(workspace, memory), workspace.inputs[given], strict=True)
@@ -300,11 +300,8 @@ def _emit_hysteresis(workspace: RouteWorkspace, given: str, memory: str) -> tupl
         if given == "phi":
             steps.append(joint_models.advance_spring(algebra, spring, value, plays))
         else:
-            steps.append(
-                joint_models.advance_inverse_spring(
-                    algebra, joint_models.invert_spring(algebra, spring), value, plays
-                )
-            )
+            inverse = joint_models.invert_spring(algebra, spring)
+            steps.append(joint_models.advance_inverse_spring(algebra, inverse, value, plays))
     after = tuple(itertools.chain(*(play for _, play in steps)))
     return (tuple(found for found, _ in steps), *((after,) if after else ()))
 
@@ -326,9 +323,8 @@ def _invert_torque(
     for slope, active in beyond:
         outer = algebra.add(outer, algebra.mul(slope, active))
     total = plays.weights[0]
-    rising, falling = (
-        algebra.apply(programs.Op.LESS, *pair) for pair in ((algebra.zero, rate), (rate, algebra.zero))
-    )
+    signs = ((algebra.zero, rate), (rate, algebra.zero))
+    rising, falling = (algebra.apply(programs.Op.LESS, *pair) for pair in signs)
     for weight, threshold, play in zip(plays.weights[1:], plays.thresholds, memory, strict=True):
         # A play at its edge moves with the torque only while that goes on beyond the edge.
         up = algebra.apply(programs.Op.LESS_EQUAL, play, algebra.sub(before, threshold))
@@ -339,7 +335,7 @@ def _invert_torque(
     return value, algebra.mul(compliance, rate), algebra.mul(compliance, second), after
 
 
-def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> tuple[Elements, ...]:
+def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> Outputs:
     """Return the torques of the motors, with those of the links from another route."""
     algebra, inputs = workspace.algebra, workspace.inputs
     springs = _list_springs(workspace, "Q")
@@ -381,7 +377,7 @@ _RECURSION_ROUTES: Routes = {
     ),
     **_list_four(
         "tensor recursion",
-        lambda w: (w.flatten_vector(dynamics.compute_tensor_torques(w.recursion, w.parameters)),),
+        lambda w: (w.flatten_vector(newton_euler.compute_tensor_torques(w.recursion, w.parameters)),),
     ),
 }
 _TORQUE_ROUTES: Routes = {
@@ -418,7 +414,9 @@ ROUTES: Mapping[str, Routes] = {
     "mass_matrix": {**_MASS_ROUTES, "differentiation of the energy": _emit_derived_mass_matrix},
     "coriolis_matrix": {
         **_list_composite_routes(
-            lambda w: (w.flatten_matrix(dynamics.compute_coriolis_matrix(w.recursion, w.parameters)),)
+            lambda w: (
+                w.flatten_matrix(torque_derivatives.compute_coriolis_matrix(w.recursion, w.parameters)),
+            )
         ),
         **_list_four("torques of unit rates", _emit_coriolis_matrix),
     },
@@ -456,11 +454,11 @@ ROUTES: Mapping[str, Routes] = {
     },
     "energy_regressor": {"recursion": _emit_energy_regressor},
     "momentum_regressor": _list_regressor_routes(
-        dynamics.compute_momentum_columns,
+        regressors.compute_momentum_columns,
         lambda w, t, _: programs.differentiate_backward(w.algebra, t, w.inputs["dq"]),
     ),
     "lagrange_regressor": _list_regressor_routes(
-        dynamics.compute_lagrange_columns,
+        regressors.compute_lagrange_columns,
         lambda w, t, v: programs.differentiate_backward(w.algebra, w.algebra.add(t, -v), w.inputs["q"]),
     ),
     "torque_regressor": _TORQUE_REGRESSOR_ROUTES,
@@ -468,9 +466,7 @@ ROUTES: Mapping[str, Routes] = {
         f"{name}, differentiated": _differentiate(route, "q", "dq", "ddq")
         for name, route in _TORQUE_REGRESSOR_ROUTES.items()
     },
-    "slotine_li_regressor": _list_regressor_routes(
-        dynamics.compute_torque_columns, reference=("dqr", "ddqr")
-    ),
+    "slotine_li_regressor": _list_regressor_routes(dynamics.compute_torque_columns, also=("dqr", "ddqr")),
     "friction": {"regressor times parameters": _emit_friction},
     "friction_regressor": {
         "columns of the joint models": lambda w: (w.flatten_columns(_list_friction_columns(w)),)
@@ -503,17 +499,6 @@ class RouteChoice:
     counts: tuple[RouteCount, ...]
 
 
-# From twelve joints on routes with these words cost 1.1 to 5 times the cheapest, in chains and in trees.
-_MOST_TRIED = 16
-_COSTLY = (
-    "differentiation",
-    "regressor times parameters",
-    "column recursion",
-    "vector recursion",
-    "unit rates",
-)
-
-
 def list_routes(robot: Robot, function: str) -> Routes:
     """Return the routes to a function for this robot, by their names."""
     routes = ROUTES[function]
@@ -530,7 +515,7 @@ def choose_route(
 
     Constant turns about joint axes are part of the placements or of the joints' angles, whichever costs less.
     """
-    turns = dynamics.list_constant_rotations(robot)
+    turns = frame_choice.list_constant_rotations(robot)
     choices = []
     for turned in (None, turns) if turns else (None,):
         workspace = equation_routes.build_workspace(robot, base, spec, turned, constants)
@@ -540,7 +525,7 @@ def choose_route(
             # Only those with a chance, for each takes seconds.
             costly = {name for name in routes if any(word in name for word in _COSTLY)}
             routes = {name: routes[name] for name in routes if name not in costly} or routes
-        built, counts = dict[str, tuple[Elements, ...]](), dict[str, programs.Operations]()
+        built, counts = dict[str, Outputs](), dict[str, programs.Operations]()
         for name, build in routes.items():
             built[name] = workspace.recall(build)
             counts[name] = table.count(itertools.chain(*built[name]))

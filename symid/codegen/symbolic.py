@@ -89,11 +89,7 @@ class SymbolicFunction:
 
     @property
     def expr(self) -> SymbolicOutput:
-        """Return the output of a function that has one only.
-
-        Raises:
-            UsageError: there are several; take one from `outputs`.
-        """
+        """Return the output of a function that has one alone; a UsageError where there are several."""
         if len(self.outputs) > 1:
             text = f"function '{self.name}' has the outputs {', '.join(self.outputs)}; take one by its name"
             raise UsageError(Notice(code="usage.several-outputs", text=text))
@@ -183,9 +179,8 @@ def _list_names(robot: Robot, base: BaseParameters, port: functions.Port) -> lis
         return [entry.name for entry in functions.list_spring_parameters(robot)]
     if port.name == "z":
         counts = functions.list_bristles(robot)
-        return [
-            f"z{place + 1 if many > 1 else ''}_{index + 1}" for index, many in counts for place in range(many)
-        ]
+        placed = ((k + 1, place + 1 if many > 1 else "") for k, many in counts for place in range(many))
+        return [f"z{place}_{number}" for number, place in placed]
     numbers = [index + 1 for index in robot.coordinates]
     if port.name in ("P", "Q"):
         return [
@@ -197,9 +192,7 @@ def _list_names(robot: Robot, base: BaseParameters, port: functions.Port) -> lis
     return [f"{port.name}{number}" for number in numbers]
 
 
-def _shape_outputs(
-    spec: functions.FunctionSpec, values: Sequence[Sequence[Expr]]
-) -> dict[str, SymbolicOutput]:
+def _shape_outputs(spec: functions.FunctionSpec, rows: Sequence[Sequence[Expr]]) -> dict[str, SymbolicOutput]:
     def shape(port: functions.Port, entries: Sequence[Expr]) -> SymbolicOutput:
         if port.shape == (1,):
             return entries[0]
@@ -210,7 +203,7 @@ def _shape_outputs(
         starts = range(0, port.size, size)
         return tuple(ImmutableDenseMatrix(rows, columns, entries[k : k + size]) for k in starts)
 
-    return {port.name: shape(port, part) for port, part in zip(spec.outputs, values, strict=True)}
+    return {port.name: shape(port, part) for port, part in zip(spec.outputs, rows, strict=True)}
 
 
 def derive_symbolic(

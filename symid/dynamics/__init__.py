@@ -3,6 +3,12 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.dynamics import (
+        frame_choice as frame_choice,
+        newton_euler as newton_euler,
+        regressors as regressors,
+        torque_derivatives as torque_derivatives,
+    )
     from symid.dynamics.algebra import (
         Algebra as Algebra,
         FloatAlgebra as FloatAlgebra,
@@ -49,15 +55,7 @@ if TYPE_CHECKING:
         get_owner as get_owner,
         write_label as write_label,
     )
-    from symid.dynamics.frame_choice import (
-        choose_origin_shifts as choose_origin_shifts,
-        choose_reading as choose_reading,
-        fix_last_link_axes as fix_last_link_axes,
-        list_constant_rotations as list_constant_rotations,
-        remove_constant_rotations as remove_constant_rotations,
-        shift_origins as shift_origins,
-        shift_parameters as shift_parameters,
-    )
+    from symid.dynamics.frame_choice import choose_reading as choose_reading
     from symid.dynamics.friction_effects import (
         compute_friction_columns as compute_friction_columns,
         get_friction as get_friction,
@@ -79,11 +77,7 @@ if TYPE_CHECKING:
         compute_standard_parameters as compute_standard_parameters,
         optimise_bodies as optimise_bodies,
     )
-    from symid.dynamics.newton_euler import (
-        compute_forward_dynamics as compute_forward_dynamics,
-        compute_inverse_dynamics as compute_inverse_dynamics,
-        compute_tensor_torques as compute_tensor_torques,
-    )
+    from symid.dynamics.newton_euler import compute_inverse_dynamics as compute_inverse_dynamics
     from symid.dynamics.observable_subspace import build_field as build_field
     from symid.dynamics.payload import (
         PAYLOAD_QUANTITIES as PAYLOAD_QUANTITIES,
@@ -113,11 +107,7 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.regressors import (
         WEIGHED as WEIGHED,
-        Columns as Columns,
         compute_body_energy as compute_body_energy,
-        compute_energy_regressor as compute_energy_regressor,
-        compute_lagrange_columns as compute_lagrange_columns,
-        compute_momentum_columns as compute_momentum_columns,
         compute_torque_columns as compute_torque_columns,
         evaluate_torque_regressor as evaluate_torque_regressor,
         evaluate_weight_columns as evaluate_weight_columns,
@@ -130,12 +120,6 @@ if TYPE_CHECKING:
         list_coupled_readings as list_coupled_readings,
         list_kindred_readings as list_kindred_readings,
         read_group as read_group,
-    )
-    from symid.dynamics.torque_derivatives import (
-        compute_coriolis_matrix as compute_coriolis_matrix,
-        compute_equation_terms as compute_equation_terms,
-        compute_mass_derivatives as compute_mass_derivatives,
-        compute_torque_derivatives as compute_torque_derivatives,
     )
 else:
     from symid.lazy import load_names

@@ -35,7 +35,7 @@ BASE_FORMS = ("torque", "energy", "momentum", "gravity")
 _INERTIAL = (*INERTIAL, *DRIVE_PARAMETERS)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class BaseParameter:
     """A base parameter: its representative `label` and its group, `terms`, with exact coefficients."""
 
@@ -116,10 +116,8 @@ def _list_angular_components(shown: ObservableSubspace, label: Label) -> tuple[t
 def build_standard_parameters(robot: Robot) -> BaseParameters:
     """Return all parameters, each for itself: K is the unit matrix, and some of them show nowhere."""
     labels, reason = _label_parameters(robot), "standard parameter, on its own"
-    entries = []
-    for label in labels:
-        name, terms = write_label(robot, label), ((label, Integer(1)),)
-        entries.append(BaseParameter(name=name, label=label, terms=terms, expression=name, reason=reason))
+    named = [(label, write_label(robot, label)) for label in labels]
+    entries = [BaseParameter(name, label, ((label, Integer(1)),), name, reason) for label, name in named]
     return BaseParameters(
         robot=robot.name,
         labels=labels,
@@ -162,9 +160,7 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
         name = write_label(robot, label, grouped=bool(members))
         expression = write_combination([(write_label(robot, other), value) for other, value in terms])
         reason = explain_grouping(robot, label, members, _list_angular_components(shown, label))
-        written.append(
-            BaseParameter(name=name, label=label, terms=terms, expression=expression, reason=reason)
-        )
+        written.append(BaseParameter(name, label, terms, expression, reason))
         for other, _ in terms:
             groups[other].append((name, label))
     kept = {parameter.label for parameter in written}
@@ -256,11 +252,10 @@ def derive_parameter_formulas(robot: Robot, base: BaseParameters) -> dict[str, E
     if not robot.symbols:
         return {}
     # The exact numbers that the file's symbolic inertias are transformed with.
-    constants = [
-        value for joint in robot.joints for value in exact_algebra.list_placement_constants(joint.frame)
-    ]
-    for form in (joint.form for joint in robot.joints if joint.form is not None):
-        constants += [form.mass, *form.com, *form.inertia]
+    constants = list[Exact]()
+    for joint in robot.joints:
+        constants += exact_algebra.list_placement_constants(joint.frame)
+        constants += [joint.form.mass, *joint.form.com, *joint.form.inertia] if joint.form else []
     numbers = exact_algebra.choose_domain(robot, constants)
     field = numbers.frac_field(*(Symbol(name) for name, _ in robot.symbols))
     known: dict[Label, exact_algebra.Number] = {}

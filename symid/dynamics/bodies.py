@@ -42,6 +42,17 @@ from symid.robot import Exact, Robot
 
 DRIVE_PARAMETERS = ("IA", "KS", "KR")
 """Parameters of drives and springs, in their order within a joint."""
+Parameters = Mapping[tuple[int, str], T]
+Body = tuple[Matrix[T], Vector[T], T]
+"""Inertia tensor about the link frame's origin (kg m^2), first moments (kg m), mass (kg)."""
+_Inertia = tuple[tuple[T, ...], ...]
+"""The symmetric matrix (6, 6) that makes moment and force of angular and linear acceleration."""
+TensorTurn = Callable[[Algebra[T], tuple[T, T], Matrix[T]], Matrix[T]]
+"""How a symmetric tensor turns about z by an angle given as (cos, sin)."""
+
+
+_Entries = Mapping[tuple[int, int], T]
+"""The entries of a symmetric tensor on its diagonal and above it."""
 
 
 def list_drive_parameters(robot: Robot) -> tuple[Label, ...]:
@@ -84,7 +95,7 @@ def compute_drive_energy(recursion: Recursion[T], key: Label) -> tuple[T, T]:
 
 def compute_drive_column(
     recursion: Recursion[T], key: Label, rates: Sequence[T] | None, springs: int
-) -> Sequence[T]:
+) -> list[T]:
     """Return the entries of a drive parameter, IA, KS or KR, at every joint.
 
     `rates` of the joints are accelerations for torques, velocities for momenta, None without rotors;
@@ -128,11 +139,6 @@ def add_drive_inertias(recursion: Recursion[T], matrix: list[list[T]], parameter
                 matrix[i][j] = algebra.add(matrix[i][j], share)
 
 
-Parameters = Mapping[tuple[int, str], T]
-Body = tuple[Matrix[T], Vector[T], T]
-"""Inertia tensor about the link frame's origin (kg m^2), first moments (kg m), mass (kg)."""
-
-
 def gather_body(algebra: Algebra[T], parameters: Parameters[T], link: int) -> Body[T]:
     """Return inertia tensor, first moments and mass of a link."""
 
@@ -150,10 +156,7 @@ def build_unit_body(algebra: Algebra[T], name: str) -> Body[T]:
 
 
 def compute_momentum(algebra: Algebra[T], body: Body[T], motion: Screw[T] | LinkMotion[T]) -> Wrench[T]:
-    """Return linear momentum and moment of momentum: p = M v + w x MS;  L = I w + MS x v.
-
-    With w = 0 and v = g they are the weight.
-    """
+    """Return p = M v + w x MS and L = I w + MS x v; with w = 0 and v = g they are the weight."""
     tensor, moments, mass = body
     force = algebra.scale_vector(mass, motion.linear)
     moment = algebra.apply_matrix(tensor, motion.angular)
@@ -196,14 +199,6 @@ def turn_matrix(algebra: Algebra[T], turn: tuple[T, T], matrix: Matrix[T]) -> Ma
     xz, yz = minus(mul(c, xz), mul(s, yz)), plus(mul(s, xz), mul(c, yz))
     zx, zy = minus(mul(c, zx), mul(s, zy)), plus(mul(s, zx), mul(c, zy))
     return (minus(xx, e), plus(xy, g), xz), (plus(yx, g), plus(yy, e), yz), (zx, zy, zz)
-
-
-TensorTurn = Callable[[Algebra[T], tuple[T, T], Matrix[T]], Matrix[T]]
-"""How a symmetric tensor turns about z by an angle given as (cos, sin)."""
-
-
-_Entries = Mapping[tuple[int, int], T]
-"""The entries of a symmetric tensor on its diagonal and above it."""
 
 
 def _fill_tensor(entries: _Entries[T]) -> Matrix[T]:
@@ -287,10 +282,6 @@ def compute_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> t
             bodies[parent] = add_bodies(algebra, bodies[parent], moved)
     add_drive_inertias(recursion, matrix, parameters)
     return tuple(tuple(row) for row in matrix)
-
-
-_Inertia = tuple[tuple[T, ...], ...]
-"""The symmetric matrix (6, 6) that makes moment and force of angular and linear acceleration."""
 
 
 def _mirror(upper: Sequence[Sequence[T]]) -> _Inertia[T]:

@@ -34,6 +34,22 @@ from symid.robot import Exact, JointKind, Placement, Robot, Surd
 
 Number = Any
 """An element of a SymPy domain, which has no type of its own."""
+Row = dict[int, Number]
+CoordinateFunction = tuple[int, int, int]
+"""Function of one coordinate: for one joint (a, b, e) of s^a c^b q^e; for several (w, odd, e), with the
+frequency w in the coordinate's own unit."""
+BasisFunction = tuple[tuple[CoordinateFunction, ...], tuple[int, ...]]
+"""A part for each coordinate, and the exponents of their velocities."""
+
+_Wave = dict[tuple[int, bool], Fraction]
+"""Amplitudes of cos(w q), sin(w q): {(w, whether sine): amplitude} with w >= 0."""
+_Shares = tuple[tuple[BasisFunction, Number], ...]
+_LETTERS = {"ddq": r"\ddot q", "dq": r"\dot q", "q": "q", "s": "s", "c": "c"}
+_COORDINATE = re.compile(r"^(ddq|dq|q|s|c)(\d+)$")
+_SLOPE = re.compile(r"^d(T|V|tau)(\d*)/d(\w+)$")
+_VELOCITY = re.compile(r"^([wv])(\d+)([xyz])$")
+_PARAMETER = re.compile(r"^([A-Za-z]+)(\d+)$")
+_MARKED = str.maketrans({character: rf"\{character}" for character in "_%&#$"})
 
 
 def list_placement_constants(placement: Placement) -> Iterator[Exact]:
@@ -224,9 +240,6 @@ class PointAlgebra(OperatorAlgebra):
         return value * self.domain.convert(QQ(1, 2))
 
 
-Row = dict[int, Number]
-
-
 def reduce_rows(rows: Iterable[Row]) -> tuple[Row, ...]:
     """Return the reduced row echelon form of `rows`, ordered by pivot."""
     listed = [{column: value for column, value in row.items() if value} for row in rows]
@@ -234,18 +247,7 @@ def reduce_rows(rows: Iterable[Row]) -> tuple[Row, ...]:
     return tuple(dict(sorted(row.items())) for row in reduced.values())
 
 
-CoordinateFunction = tuple[int, int, int]
-"""Function of one coordinate: for one joint (a, b, e) of s^a c^b q^e; for several (w, odd, e), with the
-frequency w in the coordinate's own unit."""
-BasisFunction = tuple[tuple[CoordinateFunction, ...], tuple[int, ...]]
-"""A part for each coordinate, and the exponents of their velocities."""
-
-_Wave = dict[tuple[int, bool], Fraction]
-"""Amplitudes of cos(w q), sin(w q): {(w, whether sine): amplitude} with w >= 0."""
-_Shares = tuple[tuple[BasisFunction, Number], ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Generator:
     """What a generator of the ring is: `kind` s, c, q of a joint, dq of a coordinate, or a symbol.
 
@@ -287,13 +289,11 @@ def build_basis(robot: Robot, algebra: ExactAlgebra, field: Domain) -> Trigonome
     for name in map(str, algebra.ring.symbols):
         kind = name.rstrip("0123456789")
         if name in known:
-            generators.append(_Generator(kind="symbol", coordinate=known.index(name)))
+            generators.append(_Generator("symbol", known.index(name)))
             continue
         position, multiplier = rows[int(name[len(kind) :]) - 1]
         frequency = int(multiplier * units[position])
-        generators.append(
-            _Generator(kind=kind, coordinate=position, multiplier=multiplier, frequency=frequency)
-        )
+        generators.append(_Generator(kind, position, multiplier, frequency))
     moved = [position for position, _ in rows]
     return TrigonometricBasis(
         field=field,
@@ -314,10 +314,7 @@ def build_power_function(basis: TrigonometricBasis, coordinate: int = -1, expone
 def build_wave_functions(
     basis: TrigonometricBasis, shares: Sequence[tuple[int, Fraction]], *, sine: bool
 ) -> dict[BasisFunction, int]:
-    """Return cos u, or sin u, of a sum u of multiples of coordinates, as {function: amplitude}.
-
-    `shares`: (coordinate, multiple); the multiples are frequencies in the units of the basis.
-    """
+    """Return cos u or sin u as {function: amplitude}, u the sum of `shares`, (coordinate, multiple)."""
     still = [(0, 0, 0)] * len(basis.shared)
     result: dict[BasisFunction, int] = {}
     # A product has sin u where the number of its sines is odd, with a minus for every two of them.
@@ -414,10 +411,8 @@ def _expand(basis: TrigonometricBasis, monomial: tuple[int, ...]) -> _Shares:
             for part, share in _list_parts(factors[position], shared=basis.shared[position])
             for parts, value in total
         ]
-    convert, turning = basis.domain.convert, tuple(rates)
-    found = tuple(
-        ((parts, turning), convert(QQ(value.numerator, value.denominator))) for parts, value in total
-    )
+    turning, exact = tuple(rates), ((parts, QQ(x.numerator, x.denominator)) for parts, x in total)
+    found = tuple(((parts, turning), basis.domain.convert(number)) for parts, number in exact)
     basis.memory[monomial] = found
     return found
 
@@ -442,14 +437,6 @@ def split_polynomial(basis: TrigonometricBasis, polynomial: PolyElement) -> Mapp
             whole = basis.field.new(basis.field.field.ring.from_dict(kept)) if basis.symbols else kept[()]
             result[function] = whole
     return result
-
-
-_LETTERS = {"ddq": r"\ddot q", "dq": r"\dot q", "q": "q", "s": "s", "c": "c"}
-_COORDINATE = re.compile(r"^(ddq|dq|q|s|c)(\d+)$")
-_SLOPE = re.compile(r"^d(T|V|tau)(\d*)/d(\w+)$")
-_VELOCITY = re.compile(r"^([wv])(\d+)([xyz])$")
-_PARAMETER = re.compile(r"^([A-Za-z]+)(\d+)$")
-_MARKED = str.maketrans({character: rf"\{character}" for character in "_%&#$"})
 
 
 def write_polynomial(value: PolyElement, *, most: int = 12) -> tuple[str, str]:

@@ -16,6 +16,7 @@ from symid.joint_models import get_friction_law
 from symid.notation import INERTIAL, get_unit, join_name
 from symid.robot import JointKind, Robot
 
+_Angular = Sequence[tuple[int, ...]]
 _LONGEST = 24
 _DIGITS = 400
 _INERTIA = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
@@ -23,12 +24,8 @@ _FRICTION = ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "offset")
 _SPRING = ("KS", "KR")
 _CONSTANT = ("offset", "Fcp", "Fcn", "KR")
 _MOVING = ("Fv", "Fc", "Fvp", "Fvn", "KS")
-_FORMS = {
-    "torque": "joint torques",
-    "energy": "the energy",
-    "momentum": "the momentum",
-    "gravity": "torques at rest",
-}
+_FORMS = {"torque": "joint torques", "gravity": "torques at rest"}
+_FORMS |= {form: f"the {form}" for form in ("energy", "momentum")}
 
 
 def get_owner(robot: Robot, label: Label) -> str:
@@ -62,10 +59,7 @@ def is_prismatic(robot: Robot, index: int) -> bool:
 
 
 def write_number(expression: Expr) -> str:
-    """Return a coefficient as text: a decimal where it is one, else a fraction or an expression.
-
-    Fractions longer than 24 characters are shown with 15 digits, marked by a tilde.
-    """
+    """Return a coefficient: a decimal, else a fraction or expression; ~ marks 15 digits of a long one."""
     if not isinstance(expression, Rational):
         text = str(expression).replace("**", "^")
         return f"({text})" if " " in text else text
@@ -95,7 +89,7 @@ def write_combination(terms: Sequence[tuple[str, Expr]]) -> str:
     return text
 
 
-def _describe(robot: Robot, label: Label, angular: Sequence[tuple[int, ...]]) -> str:
+def _describe(robot: Robot, label: Label, angular: _Angular) -> str:
     """Return what a parameter belongs to: a link and how it turns, or a rotor, a spring, friction."""
     index, name = label
     if name in INERTIAL:
@@ -116,13 +110,8 @@ def _describe(robot: Robot, label: Label, angular: Sequence[tuple[int, ...]]) ->
     return f"{kind} of drive {drive.name}, which turns with joints {joints}"
 
 
-def explain_grouping(
-    robot: Robot, label: Label, members: Sequence[Label], angular: Sequence[tuple[int, ...]]
-) -> str:
-    """Return why a representative has a group, of which `members` are the others.
-
-    `angular` has the angular components of each attainable velocity of the link.
-    """
+def explain_grouping(robot: Robot, label: Label, members: Sequence[Label], angular: _Angular) -> str:
+    """Return why `members` are in a parameter's group; `angular`: of attainable velocities of its link."""
     what, (index, name) = _describe(robot, label, angular), label
     if not members:
         place = "acts on this joint alone"
@@ -150,16 +139,9 @@ def explain_grouping(
 
 
 def explain_elimination(
-    robot: Robot,
-    label: Label,
-    groups: Sequence[tuple[str, Label]],
-    angular: Sequence[tuple[int, ...]],
-    form: str = "torque",
+    robot: Robot, label: Label, groups: Sequence[tuple[str, Label]], angular: _Angular, form: str = "torque"
 ) -> str:
-    """Return why a parameter is not its own representative but in `groups`, (name, representative) each.
-
-    `angular` as in `explain_grouping`, `form` as in `derive_base_parameters`.
-    """
+    """Return why a parameter is only in `groups`, (name, representative); `angular`, `form` as elsewhere."""
     if not groups:
         return f"no effect on {_FORMS[form]}: {_describe(robot, label, angular)}"
     into = ", ".join(name for name, _ in groups)

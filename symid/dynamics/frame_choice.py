@@ -25,6 +25,12 @@ from symid.errors import Notice
 from symid.notation import INERTIAL
 from symid.robot import ONE, ZERO, Exact, Joint, JointKind, Robot
 
+_ROUNDING_CODES = frozenset({"robot.angle-snapped", "robot.axis-snapped"})
+_STATES = 40
+_SEED = 20240
+# Between what an angle of 1e-5 rad adds to a column of length one, and its square.
+_SMALLEST_SINGULAR = 1e-9
+
 
 def list_constant_rotations(robot: Robot) -> dict[int, float]:
     """Return the angle (rad) of every joint's constant turn, where it is no multiple of pi/2."""
@@ -90,36 +96,32 @@ def shift_origins(robot: Robot, shifts: Mapping[int, Exact]) -> Robot:
     return replace(robot, joints=tuple(joints))
 
 
-def shift_parameters(
-    algebra: Algebra[T], parameters: Parameters[T], shifts: Mapping[int, Exact]
-) -> Parameters[T]:
+def shift_parameters(algebra: Algebra[T], old: Parameters[T], shifts: Mapping[int, Exact]) -> Parameters[T]:
     """Return the parameters about the origins that `shifts` moves back (Huygens and Steiner).
 
     XX + 2 d MZ + d^2 M, YY likewise;  XZ - d MX, YZ - d MY;  MZ + d M.
     """
-    moved = dict(parameters)
+    moved = dict(old)
     plus, mul = algebra.add, algebra.mul
     for link, step in shifts.items():
         d = algebra.constant(step)
-        mx, my, mz, mass = (parameters.get((link, name), algebra.zero) for name in ("MX", "MY", "MZ", "M"))
+        mx, my, mz, mass = (old.get((link, name), algebra.zero) for name in ("MX", "MY", "MZ", "M"))
         bend = mul(d, plus(plus(mz, mz), mul(d, mass)))
         added = {"XX": bend, "YY": bend, "XZ": algebra.neg(mul(d, mx)), "YZ": algebra.neg(mul(d, my))}
         for name, value in {**added, "MZ": mul(d, mass)}.items():
-            moved[link, name] = plus(parameters.get((link, name), algebra.zero), value)
+            moved[link, name] = plus(old.get((link, name), algebra.zero), value)
     return moved
 
 
-def fix_last_link_axes(
-    recursion: Recursion[T], parameters: Parameters[T]
-) -> tuple[Recursion[T], Parameters[T]]:
+def fix_last_link_axes(recursion: Recursion[T], old: Parameters[T]) -> tuple[Recursion[T], Parameters[T]]:
     """Return the recursion and the parameters with the axes of last links held; links on the base stay."""
     robot, algebra = recursion.robot, recursion.algebra
     parents = {joint.parent for joint in robot.joints}
-    frames, turned = list(recursion.frames), dict(parameters)
+    frames, turned = list(recursion.frames), dict(old)
     for link, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         if link not in parents and joint.parent >= 0 and frame.turn is not None:
             frames[link] = replace(frame, turn=None)
-            tensor, (x, y, _), _ = gather_body(algebra, parameters, link)
+            tensor, (x, y, _), _ = gather_body(algebra, old, link)
             (xx, xy, xz), (_, yy, yz), _ = rotate_tensor_about_z(algebra, frame.turn, tensor)
             c, s = frame.turn
             values = {"XX": xx, "XY": xy, "XZ": xz, "YY": yy, "YZ": yz}
@@ -129,13 +131,6 @@ def fix_last_link_axes(
     held = tuple(frames)
     motions = compute_motions(robot, algebra, held, recursion.state.velocity)
     return replace(recursion, frames=held, motions=motions), turned
-
-
-_ROUNDING_CODES = frozenset({"robot.angle-snapped", "robot.axis-snapped"})
-_STATES = 40
-_SEED = 20240
-# Between what an angle of 1e-5 rad adds to a column of length one, and its square.
-_SMALLEST_SINGULAR = 1e-9
 
 
 def choose_reading(read: Callable[..., Robot]) -> Robot:
@@ -160,9 +155,8 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
     ranks, torques = [], []
     keys = [(link, name) for link in range(exact.size) for name in INERTIAL]
     for robot in (exact, rounded):
-        free, limited = (
-            evaluate_torque_regressor(robot, keys, *(part.T for part in motion)) for motion in motions
-        )
+        turned = ([part.T for part in motion] for motion in motions)
+        free, limited = (evaluate_torque_regressor(robot, keys, *rows) for rows in turned)
         matrix = free.reshape(-1, len(keys))
         lengths = np.linalg.norm(matrix, axis=0)
         kept = lengths > _SMALLEST_SINGULAR * lengths.max(initial=0.0)

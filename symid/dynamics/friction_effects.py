@@ -29,9 +29,23 @@ from symid.joint_models import (
     list_value_names,
     name_shape,
 )
-from symid.robot import JointKind, Robot
+from symid.robot import Coupling, Joint, JointKind, Robot
 
 V = TypeVar("V")
+_ORDERS = {"Fvq": 2}
+_SIDES = {"Fep": 1, "Fen": -1}
+Label = tuple[int, str]
+Function = tuple[object, ...]
+Speed = Sequence[tuple[int, Fraction]]
+Parts = tuple[Fraction, Fraction, Fraction, Fraction]
+
+_PLAIN_LAWS = ("coulomb-viscous-offset", "asymmetric")
+_EXACT: OperatorCarrier[Fraction] = OperatorCarrier(
+    zero=Fraction(0),
+    one=Fraction(1),
+    scale=lambda factor, value: Fraction(factor) * value,
+    sign=lambda value: Fraction((value > 0) - (value < 0)),
+)
 
 
 def compute_friction_columns(
@@ -49,29 +63,14 @@ def compute_friction_columns(
 
 def get_friction(robot: Robot, index: int) -> FrictionValues:
     """Return the friction of a joint, or of a coupling (numbered behind the joints)."""
-    return (
-        robot.joints[index].friction if index < robot.size else robot.couplings[index - robot.size].friction
-    )
+    owners: tuple[Joint | Coupling, ...] = (*robot.joints, *robot.couplings)
+    return owners[index].friction
 
 
 def list_friction_parameters(robot: Robot) -> tuple[tuple[int, str], ...]:
     """Return the labels of all friction parameters: joints first, then couplings."""
     indices = range(robot.size + len(robot.couplings))
     return tuple((index, name) for index in indices for name in list_value_names(get_friction(robot, index)))
-
-
-Label = tuple[int, str]
-Function = tuple[object, ...]
-Speed = Sequence[tuple[int, Fraction]]
-Parts = tuple[Fraction, Fraction, Fraction, Fraction]
-
-_PLAIN_LAWS = ("coulomb-viscous-offset", "asymmetric")
-_EXACT: OperatorCarrier[Fraction] = OperatorCarrier(
-    zero=Fraction(0),
-    one=Fraction(1),
-    scale=lambda factor, value: Fraction(factor) * value,
-    sign=lambda value: Fraction((value > 0) - (value < 0)),
-)
 
 
 @cache
@@ -139,10 +138,6 @@ def _describe_curve(
         return (law.name, name, *shape.values(), smoothing, size), sign
     side = _SIDES.get(name, 0) * sign
     return ("fall", side, shape["vs"], gamma or "lorentzian", shape.get("dq0", smoothing)), sign
-
-
-_ORDERS = {"Fvq": 2}
-_SIDES = {"Fep": 1, "Fen": -1}
 
 
 def _list_curved_shares(

@@ -57,11 +57,9 @@ def derive_momentum_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Colum
 def derive_lagrange_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:
     """Return dL/dq = dT/dq - dV/dq per unit of each parameter."""
     robot, algebra = energy.robot, energy.algebra
-    forms = {key: energy.kinetic[key] - energy.potential[key] for key in keys}
-    return {
-        key: [differentiate(robot, algebra, form, k) for k in robot.coordinates]
-        for key, form in forms.items()
-    }
+    forms = ((key, energy.kinetic[key] - energy.potential[key]) for key in keys)
+    places = robot.coordinates
+    return {key: [differentiate(robot, algebra, form, k) for k in places] for key, form in forms}
 
 
 def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns[PolyElement]:

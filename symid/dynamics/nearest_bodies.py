@@ -37,6 +37,28 @@ _ROUNDED = 1e-3
 _UNITS = build_pseudo_inertias(np.eye(10)).reshape(10, 16)
 # Symmetric V_k (10, 4, 4) with parameter k = tr(V_k P): entries are 0 (of no sign), 1/2 and 1.
 PSEUDO_INERTIA_FORMS = 0.5 * np.rint(2.0 * np.linalg.pinv(_UNITS).T).reshape(10, 4, 4) + 0.0
+Weights = tuple[float, float]
+"""Of the distance, and of the logarithms of what must not be negative."""
+_UPPER = np.triu_indices(4)
+_FACTORS = np.where(_UPPER[0] == _UPPER[1], 1.0, np.sqrt(2.0))
+
+_LIMIT = 3000
+# Rules of thumb that change no result, only the number of steps.
+_FALL = 0.1
+_STEEPEST = 1e-3
+_FEW = 3
+_MANY = 6
+_NEAR = 0.3
+_KEPT = 0.95
+_STEPS_OF_LENGTH = 60
+# The last weight of the logarithms of what is bounded, and what of a step may be left undone, in units of g.
+_BOUND = 1e-10
+_DONE = 1e-30
+# Towards the targets of equations: the part of the way to the edge of all bodies in one step, the least step.
+_TOWARDS = 0.7
+_SHORTEST = 1e-8
+# Error that solved equations may have, in units of the sizes of what they add up. Tests reach 3e-14.
+_REACHED = 1e-10
 
 
 def compute_standard_parameters(pseudo_inertias: FloatArray) -> FloatArray:
@@ -109,28 +131,6 @@ def build_prior(robot: Robot, grouping: FloatArray, values: Sequence[float] | Fl
     return compute_standard_parameters(known + mass * unknown)
 
 
-_UPPER = np.triu_indices(4)
-_FACTORS = np.where(_UPPER[0] == _UPPER[1], 1.0, np.sqrt(2.0))
-
-_LIMIT = 3000
-# Rules of thumb that change no result, only the number of steps.
-_FALL = 0.1
-_STEEPEST = 1e-3
-_FEW = 3
-_MANY = 6
-_NEAR = 0.3
-_KEPT = 0.95
-_STEPS_OF_LENGTH = 60
-# The last weight of the logarithms of what is bounded, and what of a step may be left undone, in units of g.
-_BOUND = 1e-10
-_DONE = 1e-30
-# Towards the targets of equations: the part of the way to the edge of all bodies in one step, the least step.
-_TOWARDS = 0.7
-_SHORTEST = 1e-8
-# Error that solved equations may have, in units of the sizes of what they add up. Tests reach 3e-14.
-_REACHED = 1e-10
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BodyProblem:
     """Rows and weights.
@@ -193,10 +193,6 @@ class _Step(NamedTuple):
     gradient: float
 
 
-Weights = tuple[float, float]
-"""Of the distance, and of the logarithms of what must not be negative."""
-
-
 def _flatten(matrices: FloatArray) -> FloatArray:
     """Return symmetric matrices (..., 4, 4) as vectors (..., 10) with the same scalar product."""
     return np.asarray(matrices[..., _UPPER[0], _UPPER[1]] * _FACTORS, dtype=np.float64)
@@ -241,11 +237,11 @@ def _compute_pull(state: NearestBodies) -> FloatArray:
 
 
 def _split_step(
-    state: NearestBodies, step: FloatArray, change: FloatArray, promise: float, gradient: float
+    at: NearestBodies, step: FloatArray, change: FloatArray, promise: float, gradient: float
 ) -> _Step:
-    first = 10 * len(state.factors)
-    second = first + len(state.positive)
-    blocks = np.zeros((len(state.factors), 4, 4))
+    first = 10 * len(at.factors)
+    second = first + len(at.positive)
+    blocks = np.zeros((len(at.factors), 4, 4))
     blocks[:, _UPPER[0], _UPPER[1]] = step[:first].reshape(-1, 10) / _FACTORS
     blocks += np.triu(blocks, 1).transpose(0, 2, 1)
     return _Step(blocks, step[first:second], step[second:], change, promise, gradient)
@@ -323,12 +319,10 @@ def _advance(problem: BodyProblem, state: NearestBodies, step: _Step, length: fl
     )
 
 
-def _centre(
-    problem: BodyProblem, state: NearestBodies, level: float, limit: int
-) -> tuple[NearestBodies, int]:
-    """Return where at most `limit` steps lead at one weight, and their number; more if they do not arrive."""
+def _centre(problem: BodyProblem, state: NearestBodies, level: float, most: int) -> tuple[NearestBodies, int]:
+    """Return where at most `most` steps lead at one weight, and their number; more if they do not arrive."""
     weights = (max(level, problem.weight), level)
-    for count in range(limit + 1):
+    for count in range(most + 1):
         errors = compute_errors(problem, state)
         step = _compute_step(problem, state, errors, weights)
         if step.promise < _NEAR**2 * level * problem.shares.min():
@@ -336,7 +330,7 @@ def _centre(
         if not np.isfinite(step.promise):
             break
         state = _advance(problem, state, step, _compute_length(problem, state, errors, step, weights))
-    return state, limit + 1
+    return state, most + 1
 
 
 def _polish(problem: BodyProblem, state: NearestBodies, level: float) -> NearestBodies:
@@ -405,9 +399,7 @@ def optimise_bodies(
     return replace(state, iterations=spent)
 
 
-def _compute_exact_step(
-    problem: BodyProblem, state: NearestBodies, lacking: FloatArray
-) -> tuple[_Step, _Step]:
+def _compute_exact_step(problem: BodyProblem, state: NearestBodies, lacking: FloatArray) -> list[_Step]:
     """Return the shortest step that changes the rows by `lacking` (m,), and Newton's that keeps them."""
     links = len(state.factors)
     roots = np.sqrt(problem.shares)
@@ -418,11 +410,10 @@ def _compute_exact_step(
     basis, triangle = np.linalg.qr((slopes / lengths[:, None]).T)
     along = basis @ np.linalg.solve(triangle.T, lacking / lengths)
     inner = aim - basis @ (basis.T @ aim)
-    first, second = (
+    return [
         _split_step(state, moved / roots, np.zeros(0), float(moved @ moved), float(np.abs(moved).max()))
         for moved in (along, inner)
-    )
-    return first, second
+    ]
 
 
 def solve_body_equations(problem: BodyProblem) -> NearestBodies | None:

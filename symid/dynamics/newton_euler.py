@@ -29,6 +29,9 @@ from symid.dynamics.recursion import (
     transform_wrench,
 )
 
+Reference = tuple[tuple[T, ...], tuple[T, ...]]
+"""Reference velocities and accelerations of the joints, dqr and ddqr."""
+
 
 def accumulate_wrenches(recursion: Recursion[T], wrenches: Sequence[Wrench[T]]) -> list[Wrench[T]]:
     """Return what every link carries: its own wrench and those of all links beyond it, in its frame."""
@@ -85,10 +88,6 @@ def compute_inverse_dynamics(recursion: Recursion[T], parameters: Parameters[T])
         wrenches.append(Wrench(force=force, moment=moment))
     torques = accumulate_torques(recursion, wrenches)
     return add_drive_torques(recursion, torques, parameters, state.acceleration)
-
-
-Reference = tuple[tuple[T, ...], tuple[T, ...]]
-"""Reference velocities and accelerations of the joints, dqr and ddqr."""
 
 
 class AccelerationTensor(NamedTuple, Generic[T]):

@@ -35,6 +35,17 @@ from symid.errors import Notice, RobotError
 from symid.notation import INERTIAL
 from symid.robot import Joint, Robot
 
+SparseMatrix = tuple[Row, ...]
+Split = Mapping[BasisFunction, SparseMatrix]
+_SIX = 6
+_TEN = len(INERTIAL)
+_OWN: Row = {_SIX: 1}
+"""The velocities of the block's coordinates, in place of one of the link before."""
+Family = dict[BasisFunction, Row]
+"""Rows by the function of the coordinates that they belong to."""
+Carried = Mapping[int, Sequence[tuple[int, SparseMatrix]]]
+"""Per link, the links of the blocks on it, and the constant part of what they become there."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
@@ -88,11 +99,6 @@ def split_into_blocks(robot: Robot) -> tuple[Block, ...]:
         places = tuple(sorted(coordinates))
         blocks.append(Block(base=base, joints=tuple(group), coordinates=places, couplings=couplings))
     return tuple(blocks)
-
-
-SparseMatrix = tuple[Row, ...]
-Split = Mapping[BasisFunction, SparseMatrix]
-_SIX = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,9 +189,8 @@ def derive_transport(single: Robot, domain: Domain, field: Domain) -> Transport:
     def move(unit: int | None) -> Recursion[PolyElement]:
         """Return the block moved by a unit velocity (w, v) of the link before it; None: by its joints."""
         e = [algebra.one if k == unit else algebra.zero for k in range(_SIX)]
-        base = LinkMotion(
-            angular=(e[0], e[1], e[2]), linear=(e[3], e[4], e[5]), gravity=none, height=algebra.zero
-        )
+        angular, linear = (e[0], e[1], e[2]), (e[3], e[4], e[5])
+        base = LinkMotion(angular=angular, linear=linear, gravity=none, height=algebra.zero)
         rates = state.velocity if unit is None else (algebra.zero,) * single.size
         motions = compute_motions(single, algebra, frames, rates, base)
         return Recursion(robot=single, algebra=algebra, state=state, frames=frames, motions=motions)
@@ -201,17 +206,15 @@ def derive_transport(single: Robot, domain: Domain, field: Domain) -> Transport:
         folded = [fold_vector(single, algebra, columns[key]) for key in keys]
         momenta.append(list(zip(*folded, strict=True)))
 
-    def list_velocities(
-        link: int, recursions: Sequence[Recursion[PolyElement]]
-    ) -> list[tuple[PolyElement, ...]]:
-        motions = [recursion.motions[link] for recursion in recursions]
+    def list_velocities(link: int, *moved: Recursion[PolyElement]) -> list[tuple[PolyElement, ...]]:
+        motions = [recursion.motions[link] for recursion in moved]
         return [(*motion.angular, *motion.linear) for motion in motions]
 
     parameters = [zip(*_lift_parameters(single, algebra, turning, link), strict=True) for link in links]
     return Transport(
         parameters=tuple(_split(basis, list(table)) for table in parameters),
-        velocities=tuple(_split(basis, list_velocities(link, carried)) for link in links),
-        rates=tuple(_split(basis, list_velocities(link, [turning])) for link in links),
+        velocities=tuple(_split(basis, list_velocities(link, *carried)) for link in links),
+        rates=tuple(_split(basis, list_velocities(link, turning)) for link in links),
         momenta=tuple(_split(basis, [row[k] for row in momenta]) for k in range(single.freedom)),
         basis=basis,
     )
@@ -224,13 +227,6 @@ def multiply_row(row: Row, matrix: SparseMatrix) -> Row:
         for column, value in matrix[index].items():
             result[column] = result.get(column, 0) + factor * value
     return {column: value for column, value in result.items() if value}
-
-
-_TEN = len(INERTIAL)
-_OWN: Row = {_SIX: 1}
-"""The velocities of the block's coordinates, in place of one of the link before."""
-Family = dict[BasisFunction, Row]
-"""Rows by the function of the coordinates that they belong to."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -296,9 +292,7 @@ def _build_drive_rows(
 
     momenta: list[Family] = [{} for _ in block.coordinates]
     for index in (*block.joints, *(robot.size + k for k in block.couplings)):
-        shares = [
-            (block.coordinates.index(position), factor) for position, factor in robot.transmission[index]
-        ]
+        shares = [(block.coordinates.index(k), factor) for k, factor in robot.transmission[index]]
         for c, left in shares:
             for k, right in shares:
                 parts, rates = build_power_function(basis)
@@ -318,9 +312,8 @@ def _build_drive_rows(
                 # The integral of cos w u is sin(w u) / w, that of sin w u is -cos(w u) / w.
                 angles = [(c, w * factor) for c, factor in shares]
                 scale = convert(torque.factor / (-w if torque.sine else w))
-                for function, size in exact_algebra.build_wave_functions(
-                    basis, angles, sine=not torque.sine
-                ).items():
+                waves = exact_algebra.build_wave_functions(basis, angles, sine=not torque.sine)
+                for function, size in waves.items():
                     _add_row(weight, function, {columns[label]: scale * size})
     return weight, momenta
 
@@ -389,10 +382,6 @@ class ObservableSubspace:
     field: Domain
     rows: tuple[dict[Label, Number], ...]
     visible: tuple[ObservableRows, ...]
-
-
-Carried = Mapping[int, Sequence[tuple[int, SparseMatrix]]]
-"""Per link, the links of the blocks on it, and the constant part of what they become there."""
 
 
 def _expand_row(carried: Carried, labels: Sequence[Label], row: Row) -> dict[Label, Number]:

@@ -60,10 +60,7 @@ def compute_quantities(parameters: NDArray[Any]) -> NDArray[Any]:
 
 
 def compute_quantity_derivatives(parameters: FloatArray) -> FloatArray:
-    """Return the derivatives (10, 10) of `PAYLOAD_QUANTITIES` with respect to standard parameters.
-
-    By complex steps, which lose no digits (Squire and Trapp, SIAM Review 40 (1998) 110-112).
-    """
+    """Return (10, 10) derivatives by complex steps (Squire and Trapp, SIAM Review 40 (1998) 110-112)."""
     moved = parameters + 1j * _TINY * np.eye(10)
     return np.array([compute_quantities(point).imag for point in moved]).T / _TINY
 
@@ -360,10 +357,8 @@ def _list_identifiable(system: PayloadSystem, body: FloatArray) -> list[bool]:
     free = system.free.T * system.sizes
     points = [body, body + free.sum(axis=0), *(body + change for change in free)]
     rates = [compute_quantity_derivatives(point) for point in points]
-    return [
-        all(_is_identifiable(system, entry[index]) for entry in rates)
-        for index in range(len(PAYLOAD_QUANTITIES))
-    ]
+    places = range(len(PAYLOAD_QUANTITIES))
+    return [all(_is_identifiable(system, entry[place]) for entry in rates) for place in places]
 
 
 def _list_quantities(

@@ -36,6 +36,14 @@ from symid.notation import INERTIAL
 _ROTOR_SHARE = 0.1
 # What the distance of an unknown rotor counts for: it takes what its link does not have.
 _LOOSE_ROTOR = 0.02
+# Default standard deviation of a base value, in units of its row's size.
+_DEVIATION = 0.01
+# What the distance to the prior counts beside a covariance. Bodies of forty-eight base values come within 0.5
+# of the least r^T C^-1 r; with 0.0001 they lie ten times nearer to the edge of all bodies, for 0.1 less.
+_PRIOR = 0.01
+# Least variance of a direction, in units of the largest: covariances have no more digits.
+_LEAST = 1e-13
+_BLAMED = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,16 +119,6 @@ def build_problem(
         middle=np.zeros(len(sizes)),
     )
     return ScaledProblem(problem=problem, norms=norms, roots=roots, positive=positive, free=free)
-
-
-# Default standard deviation of a base value, in units of its row's size.
-_DEVIATION = 0.01
-# What the distance to the prior counts beside a covariance. Bodies of forty-eight base values come within 0.5
-# of the least r^T C^-1 r; with 0.0001 they lie ten times nearer to the edge of all bodies, for 0.1 less.
-_PRIOR = 0.01
-# Least variance of a direction, in units of the largest: covariances have no more digits.
-_LEAST = 1e-13
-_BLAMED = 0.05
 
 
 class StandardOutcome(Enum):
@@ -230,9 +228,8 @@ def compute_standard_set(
         if given.shape == (len(known), len(known)):
             whitening = nearest_bodies.compute_whitening(given[np.ix_(places, places)], _LEAST)
         if whitening is None:
-            text = (
-                "the covariance must have finite numbers, a row and a positive variance for each base value"
-            )
+            text = "the covariance must have finite numbers, a row and a positive variance for each base "
+            text += "value"
             raise UsageError(Notice(code="usage.consistency-weights", text=text))
     grouping = build_grouping(robot, base, tuple(known))
     target = np.array(list(known.values()))
@@ -255,9 +252,8 @@ def compute_standard_set(
         nearest = nearest_bodies.optimise_bodies(weighed)
         if whitening is not None and np.isfinite(nearest.gap):
             # The prior counts for more where values lie further from all bodies than their covariance says.
-            loose = min(
-                1.0, _PRIOR * max(1.0, float(np.mean(nearest_bodies.compute_errors(weighed, nearest) ** 2)))
-            )
+            errors = nearest_bodies.compute_errors(weighed, nearest)
+            loose = min(1.0, _PRIOR * max(1.0, float(np.mean(errors**2))))
             lighter = replace(weighed, weight=loose, loose=loose)
             nearest = nearest_bodies.optimise_bodies(lighter, nearest, 1.0)
     if not np.isfinite(nearest.gap):
@@ -283,9 +279,8 @@ def compute_standard_set(
         reason = f"{listed}: positive for all bodies ({grouping.parameters[alone[0]].expression})"
     else:
         reason = f"no bodies have these values at the same time: {listed}"
-    links = sorted(
-        {index for row in blamed for (index, name), _ in grouping.parameters[row].terms if name in INERTIAL}
-    )
+    labels = [label for row in blamed for label, _ in grouping.parameters[row].terms]
+    links = sorted({index for index, name in labels if name in INERTIAL})
     return replace(
         _build_set(grouping, target, scaled, nearest),
         outcome=StandardOutcome.NEAREST,

@@ -20,6 +20,10 @@ from typing import Generic
 from symid.dynamics.algebra import Algebra, Matrix, RobotState, T, Vector, transpose
 from symid.robot import Exact, JointKind, Placement, Robot
 
+Rows = tuple[tuple[T, ...], ...]
+ProjectionFrame = Callable[[int], int]
+"""In whose frame the wrenches of a link meet the screws: that of it or of a link before it; -1 for none."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkFrame(Generic[T]):
@@ -43,10 +47,6 @@ class LinkMotion(Generic[T]):
     linear: Vector[T]
     gravity: Vector[T]
     height: T
-
-
-ProjectionFrame = Callable[[int], int]
-"""In whose frame the wrenches of a link meet the screws: that of it or of a link before it; -1 for none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +182,7 @@ def compute_link_poses(recursion: Recursion[T]) -> tuple[FramePose[T], ...]:
     return tuple(result)
 
 
-def compute_jacobian(recursion: Recursion[T]) -> tuple[tuple[T, ...], ...]:
+def compute_jacobian(recursion: Recursion[T]) -> Rows[T]:
     """Return the geometric Jacobian (6, joints) of the file's last link frame, base axes, linear rows first.
 
     Column of joint j on the path to the last link: (z_j x (p_n - p_j), z_j), or (z_j, 0) if prismatic.
@@ -214,9 +214,7 @@ def fold_vector(robot: Robot, algebra: Algebra[T], values: Sequence[T]) -> tuple
     return tuple(result)
 
 
-def fold_matrix(
-    robot: Robot, algebra: Algebra[T], matrix: Sequence[Sequence[T]]
-) -> tuple[tuple[T, ...], ...]:
+def fold_matrix(robot: Robot, algebra: Algebra[T], matrix: Sequence[Sequence[T]]) -> Rows[T]:
     """Return G' M G of a matrix with a row and a column a joint."""
     half = [fold_vector(robot, algebra, row) for row in matrix]
     columns = [fold_vector(robot, algebra, column) for column in zip(*half, strict=True)]
@@ -246,10 +244,7 @@ def build_axis_screws(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
 
 
 def compute_screw_rates(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
-    """Return the change of every link's velocity by its joint's coordinate, v x z.
-
-    (w x z, v x z), or (0, w x z) if prismatic.
-    """
+    """Return v x z, the change of velocities by the coordinate: (w x z, v x z), for slides (0, w x z)."""
     algebra = recursion.algebra
     zero = algebra.zero
     none, axis = (zero, zero, zero), (zero, zero, algebra.one)
@@ -271,10 +266,7 @@ def transform_screw(algebra: Algebra[T], frame: LinkFrame[T], screw: Screw[T]) -
 
 
 def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Screws[T]:
-    """Return the screws `own`, one a joint, in the frames of the links beyond.
-
-    z_j = R' z_p;  v_j = R' (v_p + z_p x r).
-    """
+    """Return screws, one a joint, in the frames of links beyond: z_j = R' z_p;  v_j = R' (v_p + z_p x r)."""
     algebra, robot = recursion.algebra, recursion.robot
     found: dict[tuple[int, int], Screw[T]] = {(joint, joint): screw for joint, screw in enumerate(own)}
 

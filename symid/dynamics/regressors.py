@@ -10,10 +10,7 @@ frame, and u_j = -g' P_j:
     hV = (0, 0, 0, 0, 0, 0, -g1, -g2, -g3, u)
 
 Where the recursion names no meeting, wrenches go down to every joint (column recursion); where it names the
-link itself, all screws come up to it (axis projection).
-
-Code comes from the recursion, in any algebra; tests prove it to be the same as `lagrange`. Robot, arrays of
-states -> columns of torque and of weight in doubles, many states at once, without code and without SymPy.
+link itself, all screws come up to it (axis projection). Tests prove the columns to be those of `lagrange`.
 
 Supported: the ten standard parameters of each link, rotor inertias and springs.
 """
@@ -30,6 +27,7 @@ from symid.dynamics.newton_euler import Reference, compute_acceleration_tensors,
 from symid.dynamics.recursion import (
     LinkMotion,
     Recursion,
+    Rows,
     Screw,
     Wrench,
     build_axis_screws,
@@ -41,10 +39,12 @@ from symid.dynamics.recursion import (
 )
 from symid.robot import ONE, ZERO, Robot
 
+Columns = dict[Label, Sequence[T]]
+WEIGHED = ("MX", "MY", "MZ", "M")
+"""The parameters of a link that have a weight, in their order."""
 
-def compute_energy_regressor(
-    algebra: Algebra[T], motion: LinkMotion[T]
-) -> tuple[tuple[T, ...], tuple[T, ...]]:
+
+def compute_energy_regressor(algebra: Algebra[T], motion: LinkMotion[T]) -> Rows[T]:
     """Return kinetic and potential energy of a link per parameter, ten each (see the module's equation)."""
     w1, w2, w3 = motion.angular
     v1, v2, v3 = motion.linear
@@ -81,9 +81,6 @@ def compute_body_energy(algebra: Algebra[T], body: bodies.Body[T], motion: LinkM
     return share, weight
 
 
-Columns = dict[Label, Sequence[T]]
-
-
 def _compute_columns(
     recursion: Recursion[T],
     keys: Sequence[Label],
@@ -97,15 +94,12 @@ def _compute_columns(
         if name not in bodies.DRIVE_PARAMETERS
     }
     screws = transform_screws(recursion, build_axis_screws(recursion))
-    columns: Columns[T] = {
-        key: project_wrench(recursion, key[0], wrench, screws) for key, wrench in wrenches.items()
-    }
-    columns |= {
-        key: bodies.compute_drive_column(recursion, key, *drive)
+    return {
+        key: project_wrench(recursion, key[0], wrenches[key], screws)
+        if key in wrenches
+        else bodies.compute_drive_column(recursion, key, *drive)
         for key in keys
-        if key[1] in bodies.DRIVE_PARAMETERS
     }
-    return {key: columns[key] for key in keys}
 
 
 def compute_torque_columns(
@@ -145,11 +139,9 @@ def compute_lagrange_columns(recursion: Recursion[T], keys: Sequence[Label]) -> 
     algebra, motions = recursion.algebra, recursion.motions
     falling = [Screw(angular=(algebra.zero,) * 3, linear=motion.gravity) for motion in motions]
     links = [key for key in keys if key[1] not in bodies.DRIVE_PARAMETERS]
+    units = {key: bodies.build_unit_body(algebra, key[1]) for key in links}
     momenta, weights = (
-        {
-            key: bodies.compute_momentum(algebra, bodies.build_unit_body(algebra, key[1]), moving[key[0]])
-            for key in links
-        }
+        {key: bodies.compute_momentum(algebra, body, moving[key[0]]) for key, body in units.items()}
         for moving in (motions, falling)
     )
     turned = transform_screws(recursion, compute_screw_rates(recursion))
@@ -181,10 +173,6 @@ def evaluate_torque_regressor(
         for coordinate, entry in enumerate(fold_vector(robot, algebra, column)):
             result[:, coordinate, place] = entry
     return result
-
-
-WEIGHED = ("MX", "MY", "MZ", "M")
-"""The parameters of a link that have a weight, in their order."""
 
 
 def evaluate_weight_columns(robot: Robot, q: FloatArray) -> FloatArray:

@@ -51,17 +51,16 @@ _HEAD = re.compile(r"([A-Za-z]+?)(m?\d+)R")
 _LARGEST = 10**12
 
 _Terms = dict[Label, Expr]
+_Row = tuple[Expr, ...]
+_LINEAR = ("IA", "Fv")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Regrouping:
-    """theirs = T ours: `rows` of T, one a group of theirs, over `names`, our parameters in order.
-
-    `absent` are parameters of ours in no group of theirs.
-    """
+    """theirs = T ours: `rows` of T, one a group of theirs, over `names` of ours; `absent` are in no group."""
 
     names: tuple[str, ...]
-    rows: tuple[tuple[Expr, ...], ...]
+    rows: tuple[_Row, ...]
     absent: tuple[str, ...]
 
 
@@ -114,9 +113,7 @@ def _say_unreadable(text: str, part: str) -> Notice:
     return Notice(code="usage.unreadable-group", text=message)
 
 
-def express_group(
-    base: BaseParameters, group: Mapping[Label, Expr | Fraction], name: str
-) -> tuple[Expr, ...]:
+def express_group(base: BaseParameters, group: Mapping[Label, Expr | Fraction], name: str) -> _Row:
     """Return what a group holds of each of our parameters, exactly; `name` is what messages call it.
 
     A UsageError where the group is not a combination of ours; the message names the rest.
@@ -137,20 +134,14 @@ def express_group(
         names[entry.label] = f"{entry.label[1]}{entry.name.removeprefix(head)}"
     over = [(names.get(label, f"{label[1]}{label[0] + 1}"), value) for label, value in rest.items()]
     text = f"{name} is not identifiable for {base.robot}: {write_combination(over)} is left over"
-    whole = [
-        f"{entry.name} = {entry.expression}"
-        for entry in ours
-        if entry.label in group and len(entry.terms) > 1
-    ]
+    whole = [entry for entry in ours if entry.label in group and len(entry.terms) > 1]
     if whole:
-        text += f" when {'; '.join(whole)} is subtracted"
+        text += f" when {'; '.join(f'{entry.name} = {entry.expression}' for entry in whole)} is subtracted"
     text += "; write the whole group, with factors that are not rounded"
     raise UsageError(Notice(code="usage.other-groups", text=text))
 
 
-def build_regrouping(
-    base: BaseParameters, rows: Sequence[tuple[Expr, ...]], titles: Sequence[str]
-) -> Regrouping:
+def build_regrouping(base: BaseParameters, rows: Sequence[_Row], titles: Sequence[str]) -> Regrouping:
     """Return the matrix of `rows`, one a group, each as `express_group` gives it.
 
     A UsageError names the groups that depend linearly on others.
@@ -180,9 +171,6 @@ def evaluate_regrouping(rows: Sequence[Sequence[Expr]], robot: Robot) -> FloatAr
     return np.array(numbers, dtype=np.float64).reshape(len(rows), -1 if rows else 0)
 
 
-_LINEAR = ("IA", "Fv")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenReading:
     """A term that a group may hold without naming it: `factor` times our parameter number `column`.
@@ -200,7 +188,7 @@ class OpenReading:
 
 
 def list_coupled_readings(
-    robot: Robot, base: BaseParameters, rows: Sequence[Sequence[Expr]]
+    robot: Robot, base: BaseParameters, rows: Sequence[_Row]
 ) -> tuple[OpenReading, ...]:
     """Return the readings that coupled drives leave open: a group names the drive, the joint's own does not.
 
@@ -231,7 +219,7 @@ def list_coupled_readings(
 
 
 def list_kindred_readings(
-    base: BaseParameters, rows: Sequence[Sequence[Expr]], numbers: Sequence[int]
+    base: BaseParameters, rows: Sequence[_Row], numbers: Sequence[int]
 ) -> tuple[OpenReading, ...]:
     """Return every parameter of the same kind, added and subtracted, for the groups `numbers` of `rows`."""
     ours = (*base.parameters, *base.friction)

@@ -49,6 +49,7 @@ from symid.dynamics.newton_euler import (
 from symid.dynamics.recursion import (
     LinkMotion,
     Recursion,
+    Rows,
     Screw,
     Screws,
     Wrench,
@@ -60,8 +61,6 @@ from symid.dynamics.recursion import (
     transform_screws,
     transform_wrench,
 )
-
-Rows = tuple[tuple[T, ...], ...]
 
 
 class TorqueDerivatives(NamedTuple, Generic[T]):
@@ -335,10 +334,8 @@ def compute_torque_derivatives(recursion: Recursion[T], parameters: Parameters[T
 
     def compute_lower(joint: int) -> list[tuple[Wrench[T], Screws[T]]]:
         part, axis = sweep.composites[joint], sweep.axes[joint]
-        return [
-            (_build_couple(algebra, part, axis), rates),
-            (compute_momentum(algebra, part.body, axis), seconds),
-        ]
+        couple, push = _build_couple(algebra, part, axis), compute_momentum(algebra, part.body, axis)
+        return [(couple, rates), (push, seconds)]
 
     def compute_upper(joint: int) -> Wrench[T]:
         part, axis, load = sweep.composites[joint], sweep.axes[joint], wrenches[joint]

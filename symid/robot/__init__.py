@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         Limits as Limits,
         LogMap as LogMap,
         LogQuantity as LogQuantity,
+        Mimic as Mimic,
         Processing as Processing,
         Robot as Robot,
         SourceFile as SourceFile,

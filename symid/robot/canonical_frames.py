@@ -30,6 +30,16 @@ _LONGEST_LENGTH = 10**12
 _LONGEST_SURD = 10**8
 _LENGTH_PARTS = 10**12
 _QUATERNION_PARTS = 10**16
+_Direction = tuple[geometry.Exact, geometry.Exact]
+_Freedom = tuple[_Direction | None, geometry.Exact | None]
+_KEPT: _Direction = (geometry.ONE, geometry.ZERO)
+# Digits of a length that somebody chose; programs write six and more.
+_CHOSEN_DIGITS = 4
+_DECIMALS = 10**30
+# A common normal further away than this many times the robot's longest length is that of parallels.
+_FARTHEST = 10
+# Below this angle (rad) between axes, parameters depend on digits that few files have.
+_NEARLY_PARALLEL = 1e-2
 
 
 def rationalize_placement(
@@ -64,22 +74,11 @@ def has_long_denominator(value: geometry.Exact, longest: int) -> bool:
 
 def _approximate_rotation(r: tuple[tuple[float, ...], ...]) -> geometry.ExactMatrix:
     """Return the rotation of a rational quaternion near `r` (Shepperd 1978, the largest part first)."""
-    trace = r[0][0] + r[1][1] + r[2][2]
-    squares = [trace, r[0][0], r[1][1], r[2][2]]
-    largest = max(range(4), key=lambda k: squares[k])
-    if largest == 0:
-        parts = [1 + trace, r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]]
-    else:
-        i = largest - 1
-        j, k = (i + 1) % 3, (i + 2) % 3
-        parts = [r[k][j] - r[j][k], 0.0, 0.0, 0.0]
-        parts[1 + i] = 1 + r[i][i] - r[j][j] - r[k][k]
-        parts[1 + j] = r[j][i] + r[i][j]
-        parts[1 + k] = r[k][i] + r[i][k]
-    scale = max(abs(part) for part in parts)
-    return geometry.compute_rotation(
-        [geometry.Exact.of(round(part / scale * _QUATERNION_PARTS)) for part in parts]
-    )
+    squares = [r[0][0] + r[1][1] + r[2][2], r[0][0], r[1][1], r[2][2]]
+    parts = geometry.list_quaternions(r, 1.0)[squares.index(max(squares))]
+    scale = max(map(abs, parts))
+    whole = [geometry.Exact.of(round(part / scale * _QUATERNION_PARTS)) for part in parts]
+    return geometry.compute_rotation(whole)
 
 
 def _rationalize_translation(
@@ -104,17 +103,6 @@ def _round_length(value: float) -> geometry.Exact:
     if abs(value) < _SMALLEST_LENGTH:
         return geometry.ZERO
     return geometry.Exact.surd(Fraction(round(Fraction(value) * _LENGTH_PARTS), _LENGTH_PARTS))
-
-
-_Direction = tuple[geometry.Exact, geometry.Exact]
-_KEPT: _Direction = (geometry.ONE, geometry.ZERO)
-# Digits of a length that somebody chose; programs write six and more.
-_CHOSEN_DIGITS = 4
-_DECIMALS = 10**30
-# A common normal further away than this many times the robot's longest length is that of parallels.
-_FARTHEST = 10
-# Below this angle (rad) between axes, parameters depend on digits that few files have.
-_NEARLY_PARALLEL = 1e-2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,13 +158,9 @@ def choose_canonical_frames(joints: Sequence[Joint], *, snap: float = 1e-5) -> C
         lifted = [(cosine * a + sine * b).to_float() for a, b in zip(xs, ys, strict=True)]
         if next(entry for entry in lifted if abs(entry) > tolerance) < 0:
             cosine, sine = -cosine, -sine
-        turn = (
-            (cosine, -sine, geometry.ZERO),
-            (sine, cosine, geometry.ZERO),
-            (geometry.ZERO, geometry.ZERO, geometry.ONE),
-        )
         # The new frame seen from the old one.
-        move = geometry.Placement(rotation=turn, translation=(geometry.ZERO, geometry.ZERO, shift))
+        turn = geometry.rotate_z(geometry.Angle.of(cosine, sine))
+        move = replace(turn, translation=(geometry.ZERO, geometry.ZERO, shift))
         moves.append(move)
         settled, moved = rationalize_placement(geometry.compose_placements(placement, move), snap=snap)
         back = geometry.invert_placement(move)
@@ -189,9 +173,7 @@ def choose_canonical_frames(joints: Sequence[Joint], *, snap: float = 1e-5) -> C
     return CanonicalFrames(joints=tuple(found), moved_by=tuple(moved_by), tilts=tuple(tilts))
 
 
-def _choose_frame(
-    child: geometry.Placement, tolerance: float
-) -> tuple[_Direction | None, geometry.Exact | None]:
+def _choose_frame(child: geometry.Placement, tolerance: float) -> _Freedom:
     """Return the direction of x in the old frame's plane, and the shift along z; None where they are free.
 
     With the axis of the first joint after the link along u through p, x stands along z x u, and the origin at

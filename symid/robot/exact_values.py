@@ -16,6 +16,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal, localcontext
 from fractions import Fraction
 
@@ -28,12 +29,7 @@ _FRACTION = re.compile(r"\s*[-+]?\d{1,18}(?:\.\d{1,18})?(?:\s*/\s*\d{1,18})?\s*"
 _LONGEST = 2000
 _LARGEST_PART = Fraction(10) ** 30
 """Of a coefficient; numbers in files have the same limit."""
-_NO = Fraction(0)
-_ROOTS = {
-    2: geometry.Exact.surd(_NO, 1),
-    3: geometry.Exact.surd(_NO, 0, 1),
-    6: geometry.Exact.surd(_NO, 0, 0, 1),
-}
+_ROOTS = {2: geometry.Exact.surd(0, 1), 3: geometry.Exact.surd(0, 0, 1), 6: geometry.Exact.surd(0, 0, 0, 1)}
 # What a symbol can be, by its unit: an example, in words, a typical value.
 _QUANTITIES = {
     "m": ("L1", "a length", "0.5"),
@@ -41,6 +37,21 @@ _QUANTITIES = {
     "kg*m^2": ("I1", "an inertia", "0.01"),
     "m/s^2": ("-g", "an acceleration", "9.81"),
 }
+_DEGREES = re.compile(r"\s*(?P<degrees>[-+]?\d+(?:\.\d+)?)\s*deg\s*")
+_FRACTION_OF_PI = re.compile(
+    r"(?P<sign>[-+]?)\s*(?:(?P<times>\d+(?:\.\d+)?)\s*\*?\s*)?pi\s*(?:/\s*(?P<by>\d+(?:\.\d+)?))?"
+)
+_TANGENT = re.compile(r"2\s*\*?\s*atan\((?P<tangent>.+)\)")
+ZERO_ANGLE = geometry.build_exact_angle(0.0)
+DH_KEYS = ("alpha", "a", "d", "theta")
+_LARGEST_ANGLE = 12.0
+_LARGEST_LENGTH = 10
+_TWELFTHS = tuple((k, geometry.build_exact_angle(k * math.pi / 12)) for k in range(-11, 13))
+_MOST_PLACES = 40
+_COMMENT_COLUMN = 35
+# Outside of this a number is a slip for the reader; a fraction in quotes is not.
+_SMALLEST = Fraction(1, 10**30)
+_LARGEST_WHOLE = 1e15
 
 
 def parse_linear_form(text: str) -> geometry.Exact | None:
@@ -130,10 +141,7 @@ def read_vector(section: Section, key: str, unit: str) -> geometry.ExactVector:
 
 
 def read_fraction(section: Section, key: str, instead_of_zero: str) -> Fraction | None:
-    """Return the number at `key` exactly, a decimal or a text such as "1/3".
-
-    `instead_of_zero` is the remedy where it is 0, which it must not be.
-    """
+    """Return the number at `key` exactly, a decimal or a text such as "1/3"; 0 is refused, with a remedy."""
     value = section.get(key)
     if value is None:
         return None
@@ -151,17 +159,6 @@ def read_fraction(section: Section, key: str, instead_of_zero: str) -> Fraction 
     return found or None
 
 
-_DEGREES = re.compile(r"\s*(?P<degrees>[-+]?\d+(?:\.\d+)?)\s*deg\s*")
-_FRACTION_OF_PI = re.compile(
-    r"(?P<sign>[-+]?)\s*(?:(?P<times>\d+(?:\.\d+)?)\s*\*?\s*)?pi\s*(?:/\s*(?P<by>\d+(?:\.\d+)?))?"
-)
-_TANGENT = re.compile(r"2\s*\*?\s*atan\((?P<tangent>.+)\)")
-ZERO_ANGLE = geometry.build_exact_angle(0.0)
-DH_KEYS = ("alpha", "a", "d", "theta")
-_LARGEST_ANGLE = 12.0
-_LARGEST_LENGTH = 10
-
-
 def _parse_degrees(value: object) -> float | None:
     """Return a number, or what "90 deg" writes, in rad."""
     number = to_decimal(value)
@@ -172,10 +169,7 @@ def _parse_degrees(value: object) -> float | None:
 
 
 def read_constant(section: Section, key: str, expected: str, *inner: int) -> float | None:
-    """Return the number at `key`, or at its element `inner`; None where it is absent or wrong.
-
-    `expected` describes it in a message.
-    """
+    """Return the number at `key`, or at its element `inner`; None where it is absent or not as `expected`."""
     value = section.get(key, *inner)
     if value is None or (found := _parse_degrees(value)) is not None:
         return None if value is None else found
@@ -188,10 +182,7 @@ def read_constant(section: Section, key: str, expected: str, *inner: int) -> flo
 
 
 def read_angle(section: Section, key: str, *inner: int) -> geometry.Angle:
-    """Return the angle at `key`, or at its element `inner`; zero where there is none.
-
-    A number within 1e-5 rad of a multiple of pi/2 is taken as that multiple, with a warning.
-    """
+    """Return the angle at `key` or its element, zero without; near a multiple of pi/2 it is taken as that."""
     value = section.get(key, *inner)
     if value is None:
         return ZERO_ANGLE
@@ -260,9 +251,7 @@ def read_frames(section: Section, convention: str) -> tuple[geometry.Placement, 
     if convention == "modified":
         return geometry.place_modified_dh(alpha, a, d, theta), geometry.IDENTITY
     near = geometry.place_modified_dh(ZERO_ANGLE, geometry.ZERO, d, theta)
-    return near, geometry.compose_placements(
-        geometry.translate(a, geometry.ZERO, geometry.ZERO), geometry.rotate_x(alpha)
-    )
+    return near, replace(geometry.rotate_x(alpha), translation=(a, geometry.ZERO, geometry.ZERO))
 
 
 def _read_origin(section: Section, key: str) -> geometry.Placement:
@@ -293,14 +282,6 @@ def _read_origin(section: Section, key: str) -> geometry.Placement:
         else:
             table.refuse("robot.out-of-range", "quaternion", "must not be zero; no turn is [1, 0, 0, 0]")
     return geometry.Placement(rotation=rotation, translation=(x, y, z))
-
-
-_TWELFTHS = tuple((k, geometry.build_exact_angle(k * math.pi / 12)) for k in range(-11, 13))
-_MOST_PLACES = 40
-_COMMENT_COLUMN = 35
-# Outside of this a number is a slip for the reader; a fraction in quotes is not.
-_SMALLEST = Fraction(1, 10**30)
-_LARGEST_WHOLE = 1e15
 
 
 def write_number(value: float) -> str:
@@ -379,19 +360,14 @@ def write_key(key: str) -> str:
     return key if bare else write_value(key)
 
 
-def _write_row(
-    alpha: geometry.Angle, a: geometry.Exact, d: geometry.Exact, theta: geometry.Angle
-) -> dict[str, str]:
-    """Return the values of a row that are not zero."""
-    row = zip(DH_KEYS, (write_angle(alpha), write_exact(a), write_exact(d), write_angle(theta)), strict=True)
-    return {key: text for key, text in row if text != "0"}
+def _write_row(*row: geometry.Angle | geometry.Exact) -> dict[str, str]:
+    """Return those values of a row, alpha, a, d, theta, that are not zero."""
+    texts = (write_angle(x) if isinstance(x, geometry.Angle) else write_exact(x) for x in row)
+    return {key: text for key, text in zip(DH_KEYS, texts, strict=True) if text != "0"}
 
 
 def write_modified_row(placement: geometry.Placement) -> dict[str, str] | None:
-    """Return alpha, a, d, theta of a frame, those that are zero left out; None where it is no such row.
-
-    The rotation is Rx(alpha) Rz(theta), the translation (a, -sin(alpha) d, cos(alpha) d).
-    """
+    """Return alpha, a, d, theta of Rx(alpha) Tx(a) Rz(theta) Tz(d), without zeros; None for other frames."""
     r, t = placement.rotation, placement.translation
     alpha, theta = geometry.Angle.of(r[2][2], -r[1][2]), geometry.Angle.of(r[0][0], -r[0][1])
     d = alpha.cosine * t[2] - alpha.sine * t[1]
@@ -400,16 +376,11 @@ def write_modified_row(placement: geometry.Placement) -> dict[str, str] | None:
 
 
 def write_standard_row(near: geometry.Placement, frame: geometry.Placement) -> dict[str, str] | None:
-    """Return alpha, a, d, theta of a joint's frame and its link's; None where they are no such row.
-
-    These are `near` = Rz(theta) Tz(d) seen from the link before, `frame` = Tx(a) Rx(alpha) from the joint's.
-    """
+    """Return the row of `near` = Rz(theta) Tz(d) and `frame` = Tx(a) Rx(alpha), no zeros; None for others."""
     theta = geometry.Angle.of(near.rotation[0][0], near.rotation[1][0])
     alpha = geometry.Angle.of(frame.rotation[1][1], frame.rotation[2][1])
     d, a = near.translation[2], frame.translation[0]
-    far = geometry.compose_placements(
-        geometry.translate(a, geometry.ZERO, geometry.ZERO), geometry.rotate_x(alpha)
-    )
+    far = replace(geometry.rotate_x(alpha), translation=(a, geometry.ZERO, geometry.ZERO))
     is_row = (geometry.place_modified_dh(ZERO_ANGLE, geometry.ZERO, d, theta), far) == (near, frame)
     return _write_row(alpha, a, d, theta) if is_row else None
 

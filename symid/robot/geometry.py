@@ -19,7 +19,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from fractions import Fraction
+from typing import TypeVar
 
+Ratio = Fraction | int
 Surd = tuple[Fraction, Fraction, Fraction, Fraction]
 """Coefficients of 1, sqrt(2), sqrt(3), sqrt(6)."""
 
@@ -34,6 +36,8 @@ _PRODUCTS = (
     ((1, 3), (2, 2), (3, 1), (6, 0)),
 )
 _NO_SURD: Surd = (Fraction(0),) * 4
+# How sqrt(2), sqrt(3) and sqrt(6) change their signs under the four automorphisms of the field.
+_SIGNS = ((1, 1, 1, 1), (1, -1, 1, -1), (1, 1, -1, -1), (1, -1, -1, 1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +56,7 @@ class Exact:
         return Exact.surd(Fraction(text))
 
     @staticmethod
-    def surd(
-        one: Fraction, two: Fraction | int = 0, three: Fraction | int = 0, six: Fraction | int = 0
-    ) -> "Exact":
+    def surd(one: Ratio, two: Ratio = 0, three: Ratio = 0, six: Ratio = 0) -> "Exact":
         """Return `one + two*sqrt(2) + three*sqrt(3) + six*sqrt(6)`."""
         value = (Fraction(one), Fraction(two), Fraction(three), Fraction(six))
         return Exact((("", value),) if any(value) else ())
@@ -144,6 +146,8 @@ class Exact:
 
 ZERO = Exact()
 ONE = Exact.of(1)
+_TWO = Exact.of(2)
+N = TypeVar("N", Exact, float)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,11 +168,11 @@ class Angle:
 # cos(k * pi/12) for k = 0..6 over (1, sqrt 2, sqrt 3, sqrt 6).
 _COSINES = (
     ONE,
-    Exact.surd(Fraction(0), Fraction(1, 4), 0, Fraction(1, 4)),
-    Exact.surd(Fraction(0), 0, Fraction(1, 2)),
-    Exact.surd(Fraction(0), Fraction(1, 2)),
+    Exact.surd(0, Fraction(1, 4), 0, Fraction(1, 4)),
+    Exact.surd(0, 0, Fraction(1, 2)),
+    Exact.surd(0, Fraction(1, 2)),
     Exact.surd(Fraction(1, 2)),
-    Exact.surd(Fraction(0), Fraction(-1, 4), 0, Fraction(1, 4)),
+    Exact.surd(0, Fraction(-1, 4), 0, Fraction(1, 4)),
     ZERO,
 )
 _ROUNDED = 1e-9
@@ -282,10 +286,6 @@ def place_modified_dh(alpha: Angle, a: Exact, d: Exact, theta: Angle) -> Placeme
     return compose_placements(rotate_x(alpha), *steps)
 
 
-# How sqrt(2), sqrt(3) and sqrt(6) change their signs under the four automorphisms of the field.
-_SIGNS = ((1, 1, 1, 1), (1, -1, 1, -1), (1, 1, -1, -1), (1, -1, -1, 1))
-
-
 def invert_exact(value: Exact) -> Exact:
     """Return 1 / value, or raise a ZeroDivisionError."""
     others, surd = ONE, value.coefficient("")
@@ -324,7 +324,7 @@ def _compute_root(value: Exact, radicands: tuple[int, ...]) -> Exact | None:
     r, *rest = radicands
     inner = tuple(rest)
     a, b = (Exact.surd(one, two), Exact.surd(three, six)) if inner else (Exact.surd(one), Exact.surd(two))
-    root_of_r = Exact.surd(Fraction(0), 0, 1) if inner else Exact.surd(Fraction(0), 1)
+    root_of_r = Exact.surd(0, 0, 1) if inner else Exact.surd(0, 1)
     if not b:
         found = _compute_root(a, inner)
         if found is None:
@@ -337,9 +337,6 @@ def _compute_root(value: Exact, radicands: tuple[int, ...]) -> Exact | None:
         if c is not None:
             return c + b * invert_exact(c + c) * root_of_r
     return None
-
-
-_TWO = Exact.of(2)
 
 
 def build_tangent_angle(tangent: Exact) -> Angle:
@@ -361,19 +358,24 @@ def compute_rotation(quaternion: Sequence[Exact]) -> ExactMatrix:
     )
 
 
-def compute_quaternion(rotation: ExactMatrix) -> tuple[Exact, ...]:
-    """Return a quaternion (w, x, y, z) of the matrix, scaled so that its parts have no denominators.
+def list_quaternions(rotation: Sequence[Sequence[N]], one: N) -> tuple[tuple[N, N, N, N], ...]:
+    """Return four multiples of the quaternion q = (w, x, y, z) of a rotation, the rows of 4 q q'.
 
-    The rows of 4 q q', whose entries are linear in those of the matrix, are multiples of q
-    (Bar-Itzhack 2000, Journal of Guidance, Control, and Dynamics 23(6)).
+    Their entries are linear in those of the matrix (Bar-Itzhack 2000, Journal of Guidance, Control, and
+    Dynamics 23(6)).
     """
     (a, b, c), (d, e, f), (g, h, i) = rotation
-    rows = (
-        (ONE + a + e + i, h - f, c - g, d - b),
-        (h - f, ONE + a - e - i, b + d, c + g),
-        (c - g, b + d, ONE - a + e - i, f + h),
-        (d - b, c + g, f + h, ONE - a - e + i),
+    return (
+        (one + (a + e + i), h - f, c - g, d - b),
+        (h - f, one + a - e - i, b + d, c + g),
+        (c - g, b + d, one + e - i - a, f + h),
+        (d - b, c + g, f + h, one + i - a - e),
     )
+
+
+def compute_quaternion(rotation: ExactMatrix) -> tuple[Exact, ...]:
+    """Return a quaternion (w, x, y, z) of the matrix, scaled so that its parts have no denominators."""
+    rows = list_quaternions(rotation, ONE)
     largest = max(range(4), key=lambda k: rows[k][k].to_float())
     scale = invert_exact(rows[largest][largest])
     scaled = [entry * scale for entry in rows[largest]]
@@ -416,9 +418,7 @@ def to_floats(placement: Placement) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(entry.to_float() for entry in row) for row in placement.rotation)
 
 
-def build_axis_frame(
-    axis: tuple[Fraction, Fraction, Fraction], *, snap: float = 1e-5
-) -> tuple[Placement, float]:
+def build_axis_frame(axis: Sequence[Fraction], *, snap: float = 1e-5) -> tuple[Placement, float]:
     """Return a rotation that takes z to the direction of `axis`, which is not zero, and how far off (rad).
 
     An axis within `snap` (rad) of a coordinate axis is taken as that axis.
@@ -450,10 +450,7 @@ def build_axis_frame(
 
 
 def snap_to_quarter_turns(placement: Placement, *, snap: float = 1e-5) -> Placement | None:
-    """Return `placement` with the rotation of entries 0, 1 and -1 that it is near; None where there is none.
-
-    What was written in several steps can come to a quarter turn that none of the steps shows.
-    """
+    """Return `placement` with the rotation of entries 0, 1 and -1 that it is near, None without one."""
     rows = to_floats(placement)
     moved = max(abs(value - round(value)) for row in rows for value in row)
     if moved > max(snap, _ROUNDED):

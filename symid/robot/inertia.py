@@ -22,6 +22,8 @@ from symid.robot.geometry import IDENTITY, Placement, compose_placements, to_flo
 TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
 """The entries of an inertia tensor, in their order."""
 
+Parameters = tuple[float, ...]
+"""XX XY XZ YY YZ ZZ MX MY MZ M of a link."""
 # Of ten parameters, in units of the link's own size: what rounding leaves.
 _SAME = 1e-9
 # A flat or thin link sits on the edge of what is possible; rounding of its decimals may cross it.
@@ -34,22 +36,20 @@ def to_tensor(entries: Sequence[float]) -> FloatArray:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=np.float64)
 
 
-def move_parameters(
-    parameters: Sequence[float], rotation: FloatArray, translation: FloatArray
-) -> tuple[float, ...]:
+def move_parameters(old: Sequence[float], rotation: FloatArray, translation: FloatArray) -> Parameters:
     """Return the ten parameters seen from another frame (theorem of Huygens and Steiner).
 
     I' = R I R^T + 2 (p.s) 1 - p s^T - s p^T + M (p.p 1 - p p^T),  s = R l,  l' = s + M p.
 
     Args:
-        parameters: (10,) about the old frame's origin, in its axes.
+        old: (10,) about the old frame's origin, in its axes.
         rotation: (3, 3) R, the old frame's axes in the new frame.
         translation: (3,) p, the old frame's origin in the new frame, m.
     """
-    mass = float(parameters[9])
+    mass = float(old[9])
     p = np.asarray(translation, dtype=np.float64)
-    s = rotation @ np.asarray(parameters[6:9], dtype=np.float64)
-    tensor = rotation @ to_tensor(parameters[:6]) @ rotation.T
+    s = rotation @ np.asarray(old[6:9], dtype=np.float64)
+    tensor = rotation @ to_tensor(old[:6]) @ rotation.T
     tensor = tensor + 2 * (p @ s) * np.eye(3) - np.outer(p, s) - np.outer(s, p)
     tensor = tensor + mass * ((p @ p) * np.eye(3) - np.outer(p, p))
     entries = (*tensor[np.triu_indices(3)], *(s + mass * p), mass)
@@ -62,11 +62,8 @@ def move_by_placement(
     symbols: Mapping[str, float] | None = None,
     *,
     inverse: bool = False,
-) -> tuple[float, ...]:
-    """Return the ten parameters, given in the frame `placement`, seen from where `placement` is seen from.
-
-    With `inverse` the other way round. `symbols` are values of symbolic lengths, m.
-    """
+) -> Parameters:
+    """Return ten parameters of the frame `placement` as seen from outside; `inverse`: the other way round."""
     rotation = np.array(to_floats(placement))
     translation = np.array([entry.to_float(symbols) for entry in placement.translation])
     if inverse:
@@ -75,10 +72,7 @@ def move_by_placement(
 
 
 def split_body(parameters: Sequence[float]) -> tuple[float, list[float], tuple[float, ...]]:
-    """Return mass (kg), centre of mass (m) and xx xy xz yy yz zz about it (kg m^2) of ten parameters.
-
-    Without a mass the centre of mass is the frame's origin.
-    """
+    """Return mass (kg), centre of mass (m, zero without mass), inertia about it (6,) of ten parameters."""
     mass = float(parameters[9])
     com = [float(value) / mass for value in parameters[6:9]] if mass else [0.0, 0.0, 0.0]
     return mass, com, move_parameters(parameters, np.eye(3), -np.array(com))[:6]
@@ -99,9 +93,7 @@ def is_same_body(new: Sequence[float] | None, old: Sequence[float] | None) -> bo
     return bool(np.all(np.abs(one - two) <= _SAME * sizes))
 
 
-def compute_standard_parameters(
-    mass: float, com: Sequence[float], inertia: Sequence[float]
-) -> tuple[float, ...]:
+def compute_standard_parameters(mass: float, com: Sequence[float], inertia: Sequence[float]) -> Parameters:
     """Return the ten parameters of a link: mass (kg), centre of mass (3,) in m, and inertia about it.
 
     The latter (6,) is xx xy xz yy yz zz along the frame's axes, in kg m^2.
@@ -114,13 +106,8 @@ def build_pseudo_inertias(parameters: FloatArray) -> FloatArray:
     """Return the pseudo-inertias (n, 4, 4) of standard parameters (n, 10)."""
     xx, xy, xz, yy, yz, zz, mx, my, mz, mass = np.asarray(parameters, dtype=np.float64).T
     half = 0.5 * (xx + yy + zz)
-    rows = [
-        [half - xx, -xy, -xz, mx],
-        [-xy, half - yy, -yz, my],
-        [-xz, -yz, half - zz, mz],
-        [mx, my, mz, mass],
-    ]
-    return np.array(rows, dtype=np.float64).transpose(2, 0, 1)
+    rows = [[half - xx, -xy, -xz, mx], [-xy, half - yy, -yz, my], [-xz, -yz, half - zz, mz]]
+    return np.array([*rows, [mx, my, mz, mass]], dtype=np.float64).transpose(2, 0, 1)
 
 
 def explain_impossible_inertia(parameters: Sequence[float]) -> str:

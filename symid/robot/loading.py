@@ -34,6 +34,8 @@ _SUFFIX = ".toml"
 # Behind the XML declaration and comments; what was passed once is not tried again in another way.
 _FIRST_TAG = re.compile(rb"(?:\s++|<\?.*?\?>|<!--.*?-->)*+<([\w:]+)", re.DOTALL)
 _XML_SUFFIXES = (".urdf", ".xml", ".mjcf")
+DEFAULT_GRAVITY = ("0", "0", "-9.81")
+"""Gravity in m/s^2 in the base frame of a table of rows, where nothing else is stated."""
 
 
 def _list_robot_folders() -> tuple[Path, ...]:
@@ -147,11 +149,9 @@ def override_robot(robot: Robot, settings: Sequence[tuple[str, str]], friction: 
         path = tuple(key.split("."))
         if path[0] not in SETTING_TABLES or not 1 < len(path) <= 3 or not all(path):
             hint = suggest_names(path[0], (*SETTING_TABLES, "friction"))
-            text = (
-                f"'{key}' cannot be set here; {hint + ' ' if hint else ''}allowed are friction, "
-                "processing.KEY, controller.KEY and log.QUANTITY.KEY, such as processing.filter_cutoff=50; "
-                "all else belongs into the robot file"
-            )
+            text = f"'{key}' cannot be set here; {hint + ' ' if hint else ''}allowed are friction, "
+            text += "processing.KEY, controller.KEY and log.QUANTITY.KEY, such as processing.filter_cutoff=50"
+            text += "; all else belongs into the robot file"
             raise UsageError(Notice(code="usage.bad-setting", text=text, file=f"--set {key}"))
         parsed = _parse_setting(value)
         if path[0] == "log" and path[2:] == ("unit",):
@@ -274,10 +274,6 @@ def complete_robot(
         text = f"the law {friction} has no place for all friction that the source states of {', '.join(lost)}"
         notices.append(Notice(code="new.friction-lost", text=text, file=robot.path))
     return replace(after, joints=tuple(moved), notices=(*after.notices, *notices))
-
-
-DEFAULT_GRAVITY = ("0", "0", "-9.81")
-"""Gravity in m/s^2 in the base frame of a table of rows, where nothing else is stated."""
 
 
 def load_robot(

@@ -51,14 +51,41 @@ _COUNTS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
 _TURNS = {"x": geometry.rotate_x, "y": geometry.rotate_y, "z": geometry.rotate_z}
 _ANGLES = ("radian", "degree")
 _ROUNDED = 1e-9
+_HINGE, _SLIDE = "hinge", "slide"
+_JOINTS = (_HINGE, _SLIDE, "ball", "free")
+# xx xy xz yy yz zz, from the order of the format: xx yy zz xy xz yz.
+_ORDER = (0, 3, 4, 1, 5, 2)
+_SOLIDS = ("sphere", "capsule", "cylinder", "ellipsoid", "box")
+_NO_BODIES = ("plane", "hfield")
+_GEOMS = (*_NO_BODIES, *_SOLIDS, "mesh", "sdf")
+WORLD = "world"
+"""The body that does not move."""
+
+# An included part of a model is one by its tag, too.
+_ROOTS = ("mujoco", "mujocoinclude")
+_UNUSED = "not used, and not needed for the dynamics: {}"
+_LOST = "forces that are not in the model: {}"
+_REFUSED = ("attach", "replicate", "composite", "flexcomp", "plugin")
+_READ = ("inertial", "joint", "freejoint", "body", "frame", "geom")
+_SECTIONS = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "include")
+_KNOWN = {
+    "compiler": (
+        *("angle", "eulerseq", "inertiafromgeom", "inertiagrouprange", "autolimits", "balanceinertia"),
+        *("boundmass", "boundinertia", "settotalmass", "coordinate"),
+    ),
+    "body": ("name", "childclass", "pos", "gravcomp", *ORIENTATIONS),
+    "joint": (
+        *("name", "class", "type", "pos", "axis", "range", "limited", "actuatorfrcrange"),
+        *("actuatorfrclimited", "damping", "frictionloss", "armature", "stiffness", "springref", "ref"),
+        *("springdamper", "springyield"),
+    ),
+}
 
 
-def read_settings(
-    reading: urdf_parts.TreeReading, elements: Sequence[XmlElement]
-) -> urdf_parts.ModelSettings:
+def read_settings(reading: urdf_parts.TreeReading, entries: Sequence[XmlElement]) -> urdf_parts.ModelSettings:
     """Return what all <compiler> elements say together; a later one replaces an earlier one."""
     found = urdf_parts.ModelSettings()
-    for element in elements:
+    for element in entries:
         part = reading.enter(element, "compiler")
         unit = part.read_choice("angle", _ANGLES, "degree" if found.degrees else "radian")
         sequence = part.read_word("eulerseq", found.sequence)
@@ -146,9 +173,7 @@ def read_rotation(part: urdf_parts.XmlPart) -> geometry.Placement:
                 part.refuse("robot.zero-axis", text, name)
                 return geometry.IDENTITY
             frame = urdf_parts.build_axis(part, normal, name, name)
-            across, along, _ = np.array(geometry.to_floats(frame)).T @ np.array(
-                [float(a), float(b), float(c)]
-            )
+            across, along, _ = np.array(geometry.to_floats(frame)).T @ np.array([a, b, c], dtype=np.float64)
             turn = geometry.rotate_z(_build_angle(part, math.atan2(along, across), name))
             return _settle(part, geometry.compose_placements(frame, turn), name)
     turn = geometry.IDENTITY
@@ -211,10 +236,6 @@ def _read_position(own: urdf_parts.XmlPart) -> geometry.ExactVector:
     return urdf_parts.build_lengths(own, own.read_vector("pos") or urdf_parts.NULL, "pos", text)
 
 
-_HINGE, _SLIDE = "hinge", "slide"
-_JOINTS = (_HINGE, _SLIDE, "ball", "free")
-
-
 def read_joint(
     own: urdf_parts.XmlPart,
     name: str,
@@ -266,10 +287,6 @@ def read_joint(
     )
 
 
-# xx xy xz yy yz zz, from the order of the format: xx yy zz xy xz yz.
-_ORDER = (0, 3, 4, 1, 5, 2)
-
-
 def read_body(
     body: urdf_parts.XmlPart, geoms: Sequence[tuple[urdf_parts.XmlPart, geometry.Placement]], *, moves: bool
 ) -> _Body:
@@ -304,11 +321,6 @@ def read_body(
         text = "balanceinertia changes the inertia of this body; write the values that it gives into the body"
         body.refuse("robot.mjcf-unsupported", text)
     return found
-
-
-_SOLIDS = ("sphere", "capsule", "cylinder", "ellipsoid", "box")
-_NO_BODIES = ("plane", "hfield")
-_GEOMS = (*_NO_BODIES, *_SOLIDS, "mesh", "sdf")
 
 
 def _compute_geom(own: urdf_parts.XmlPart, frame: geometry.Placement) -> _Body:
@@ -365,30 +377,6 @@ def _compute_geom(own: urdf_parts.XmlPart, frame: geometry.Placement) -> _Body:
     central = [mass * moments[0], 0.0, 0.0, mass * moments[1], 0.0, mass * moments[2], 0.0, 0.0, 0.0, mass]
     origin = np.array([value.to_float() for value in placed.translation])
     return move_parameters(central, np.array(geometry.to_floats(placed)), origin)
-
-
-WORLD = "world"
-"""The body that does not move."""
-
-# An included part of a model is one by its tag, too.
-_ROOTS = ("mujoco", "mujocoinclude")
-_UNUSED = "not used, and not needed for the dynamics: {}"
-_LOST = "forces that are not in the model: {}"
-_REFUSED = ("attach", "replicate", "composite", "flexcomp", "plugin")
-_READ = ("inertial", "joint", "freejoint", "body", "frame", "geom")
-_SECTIONS = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "include")
-_KNOWN = {
-    "compiler": (
-        *("angle", "eulerseq", "inertiafromgeom", "inertiagrouprange", "autolimits", "balanceinertia"),
-        *("boundmass", "boundinertia", "settotalmass", "coordinate"),
-    ),
-    "body": ("name", "childclass", "pos", "gravcomp", *ORIENTATIONS),
-    "joint": (
-        *("name", "class", "type", "pos", "axis", "range", "limited", "actuatorfrcrange"),
-        *("actuatorfrclimited", "damping", "frictionloss", "armature", "stiffness", "springref", "ref"),
-        *("springdamper", "springyield"),
-    ),
-}
 
 
 def read_xml_robot(
@@ -572,19 +560,16 @@ def _read_bodies(reading: urdf_parts.TreeReading) -> None:
         if not joints:
             # No joint of the file has such a name: it stands in no message.
             weld = f"weld of body '{name}'"
-            fixed = urdf_parts.TreeJoint(
-                name=weld, type="fixed", parent=parent, child=name, part=part, origin=origin
-            )
-            reading.joints[weld] = fixed
+            fixed = urdf_parts.TreeJoint(name=weld, type="fixed", parent=parent, child=name, part=part)
+            reading.joints[weld] = replace(fixed, origin=origin)
         moves = moves or bool(joints)
         geoms = []
         for geom, around, place in contents:
             if geom.tag == "geom":
                 owner = f"{part.owner}: geom '{geom.attributes.get('name', '')}'"
                 geoms.append((reading.enter(geom, owner, "geom", around), place))
-        reading.links[name] = urdf_parts.TreeLink(
-            name=name, part=part, inertial=read_body(part, geoms, moves=moves)
-        )
+        inertial = read_body(part, geoms, moves=moves)
+        reading.links[name] = urdf_parts.TreeLink(name=name, part=part, inertial=inertial)
         waiting += [(entry, name, moves) for entry in reversed(contents) if entry[0].tag == "body"]
 
 

@@ -36,6 +36,23 @@ from symid.robot.description import Coupling, Joint, Robot
 from symid.robot.inertia import TENSOR, split_body
 from symid.robot.toml_values import read_text_file, sort_notices
 
+PRECISIONS = ("double", "float")
+"""Types of numbers that the generated library may have."""
+N = TypeVar("N")
+
+_NAMES = ("name", "parameter", "base_parameter", "group", "grouping", "expression")
+_VALUES = ("value", "estimate", "estimated", "identified")
+_DEVIATIONS = {"std", "stdev", "stddev", "sd", "sigma", "deviation", "error"}
+_PERCENT = ("percent", "pct", "%")
+_MINUS = "\N{MINUS SIGN}"
+_LARGEST = 1e100
+_NUMBER_LIKE = re.compile(r"[+-]?[\d.,]*\d[\d.,]*([eE][+-]?\d+)?\s*%?")
+"""What somebody took for a number, whether it can be read or not."""
+
+_Names = Sequence[str]
+_Line = tuple[int, list[str]]
+"""Number and cells of a line."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValueRow:
@@ -113,16 +130,10 @@ def build_json_values(
         "outcome": outcome,
         "sources": list(sources),
         "gravity": [value.to_float(symbols) for value in robot.gravity],
-        "vectors": {
-            vector.name: [asdict(row) for row in vector.rows] for vector in values.vectors if vector.rows
-        },
+        "vectors": {one.name: [asdict(row) for row in one.rows] for one in values.vectors if one.rows},
         "links": links,
         "drives": drives,
     }
-
-
-PRECISIONS = ("double", "float")
-"""Types of numbers that the generated library may have."""
 
 
 def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precision: str = "double") -> str:
@@ -184,21 +195,6 @@ def _describe(row: ValueRow) -> str:
     return text
 
 
-N = TypeVar("N")
-
-_NAMES = ("name", "parameter", "base_parameter", "group", "grouping", "expression")
-_VALUES = ("value", "estimate", "estimated", "identified")
-_DEVIATIONS = ("std", "stdev", "stddev", "sd", "sigma", "deviation", "error")
-_PERCENT = ("percent", "pct", "%")
-_MINUS = "\N{MINUS SIGN}"
-_LARGEST = 1e100
-_NUMBER_LIKE = re.compile(r"[+-]?[\d.,]*\d[\d.,]*([eE][+-]?\d+)?\s*%?")
-"""What somebody took for a number, whether it can be read or not."""
-
-_Line = tuple[int, list[str]]
-"""Number and cells of a line."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableColumns:
     """Which columns to read: their names, None where they are to be guessed.
@@ -258,9 +254,8 @@ def read_value_table(path: Path, columns: TableColumns, read_name: Callable[[str
             notices.append(Notice(code="table.line-length", text=text, file=file, line=number))
             continue
         row = {column: cell.strip() for column, cell in zip(heading, cells, strict=True)}
-        text, raw, shown = (
-            "" if key is None else row[key] for key in (chosen.name, chosen.value, chosen.deviation)
-        )
+        keys = (chosen.name, chosen.value, chosen.deviation)
+        text, raw, shown = ("" if key is None else row[key] for key in keys)
         name = None
         try:
             name = read_name(text)
@@ -322,12 +317,10 @@ def _read_lines(path: Path) -> tuple[_Line, list[_Line]]:
     return (first, heading), found[1:]
 
 
-def _choose_columns(
-    file: str, heading: Sequence[str], lines: Sequence[_Line], columns: TableColumns
-) -> TableColumns:
+def _choose_columns(file: str, heading: _Names, rows: Sequence[_Line], columns: TableColumns) -> TableColumns:
     """Return the columns to read, with those that were left open guessed."""
     # A column of cells that were meant as numbers is not skipped.
-    found = ([cells[place] for _, cells in lines if place < len(cells)] for place in range(len(heading)))
+    found = ([cells[place] for _, cells in rows if place < len(cells)] for place in range(len(heading)))
     numeric = [
         name
         for name, cells in zip(heading, found, strict=True)
@@ -341,14 +334,9 @@ def _choose_columns(
     names = [name for name in heading if words[name] in _NAMES]
     names = names or [name for name in heading if name not in numeric]
     name = _choose_column(file, "--name", columns.name, heading, names)
-    spreads = [
-        entry
-        for entry in numeric
-        if entry != name
-        and (
-            set(words[entry].split("_")) & set(_DEVIATIONS) or any(mark in words[entry] for mark in _PERCENT)
-        )
-    ]
+    marked = [entry for entry in heading if any(mark in words[entry] for mark in _PERCENT)]
+    meant = [entry for entry in heading if not _DEVIATIONS.isdisjoint(words[entry].split("_"))]
+    spreads = [entry for entry in numeric if entry != name and entry in (*marked, *meant)]
     values = [entry for entry in numeric if entry not in (name, *spreads, columns.deviation)]
     likely = [entry for entry in values if words[entry] in _VALUES] or values
     value = _choose_column(file, "--value", columns.value, heading, likely)
@@ -360,16 +348,14 @@ def _choose_columns(
     if deviation is not None or likely:
         deviation = _choose_column(file, "--deviation", deviation, heading, likely)
     if deviation is not None and percent is None:
-        percent = any(mark in words[deviation] for mark in _PERCENT)
+        percent = deviation in marked
         if not percent and {"rel", "relative"} & set(words[deviation].split("_")):
             text = f"column {deviation!r} is relative, without its reference; give --deviation-unit"
             raise UsageError(Notice(code="usage.table-column", text=text, file=file))
     return TableColumns(name=name, value=value, deviation=deviation, percent=bool(percent))
 
 
-def _choose_column(
-    file: str, option: str, given: str | None, heading: Sequence[str], likely: Sequence[str]
-) -> str:
+def _choose_column(file: str, option: str, given: str | None, heading: _Names, likely: _Names) -> str:
     if given in heading or (given is None and len(likely) == 1):
         return likely[0] if given is None else given
     text = f"{option} {given}: there is no such column; the table has {', '.join(heading)}"

@@ -3,9 +3,9 @@
 Each joint moves the link, body or prim `<joint>_link`, whose frame is the link frame used here: the axis is
 z. In a URDF the base is the link `base`, a link of unknown values has no <inertial>, an unknown limit is 0.
 In MJCF a rotor is `armature` (on the joint's side), a coupled drive a fixed tendon, followers are held by
-equality constraints, and each joint with a coordinate has a motor: its control is a torque on the motor's
-side. Friction that bends bristles, Dahl and LuGre with gamma 2, is a `dcmotor` without input, damping a
-polynomial for the law `cubic`; both are tested with MuJoCo 4.0, and older ones may not read them.
+equality constraints, and the control of a joint's motor is a torque on the motor's side. Friction that bends
+bristles, Dahl and LuGre with gamma 2, is a `dcmotor` without input, damping a polynomial for the law `cubic`:
+tested with MuJoCo 4.0, older ones may not read them.
 
 USD (.usda) has the schemas of UsdPhysics and PhysX. All links stand side by side below the robot, at their
 places with all joints at zero; the base is fixed to the world. Masses, frames and limits are UsdPhysics
@@ -13,11 +13,10 @@ places with all joints at zero; the base is fixed to the world. Masses, frames a
 for older PhysX, `physxJoint:armature`. Friction is `physxJointAxis:<axis>:` staticFrictionEffort and
 dynamicFrictionEffort (N m, N) and viscousFrictionCoefficient, which for turning joints is per degree, as
 PhysX multiplies it by 180 / pi (Omni Physics "Physx Joint Schema", ovphysx 0.7.0 "PhysxJointAxisAPI"); PhysX
-has them from 5.6 on. Before, a joint had a coefficient without a unit (`physxJoint:jointFriction`), times the
-load of the joint, which no friction in N m is; it is not written. Angles of limits, springs and velocities
-are in degrees. Followers have `PhysxMimicJointAPI`: q + gearing q_reference + offset = 0 (createMimicJoint of
-PhysX 5.6); PhysX enforces it between turning joints with limits (NVIDIA SimReady requirements DJ.004 and
-DJ.007, 2026). Numbers have all digits; programs read most of them as single precision.
+has them from 5.6 on. Angles of limits, springs and velocities are in degrees. Followers have
+`PhysxMimicJointAPI`: q + gearing q_reference + offset = 0 (createMimicJoint of PhysX 5.6); PhysX enforces it
+between turning joints with limits (NVIDIA SimReady requirements DJ.004 and DJ.007, 2026). Numbers have all
+digits; programs read most of them as single precision.
 
 Supported: placements, inertial values, limits, damping and dry friction (the mean of both directions),
 rotors, followers, in USD those that turn; gears in URDF and MJCF; gravity and springs in MJCF and USD;
@@ -43,6 +42,9 @@ from symid.robot.toml_values import BASE
 from symid.robot.urdf_xml import TENSOR
 
 _UNFIT = re.compile(r"[\x00-\x1f\ufffe\uffff]")
+_TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
+MUJOCO_ORDER = (0, 3, 5, 1, 2, 4)
+"""Of xx xy xz yy yz zz, in that of MuJoCo: xx yy zz xy xz yz."""
 
 
 def _write_quoted(name: str) -> str:
@@ -249,11 +251,6 @@ def write_inertial(parameters: Sequence[float]) -> list[str]:
     ]
 
 
-_TYPES = {JointKind.REVOLUTE: "hinge", JointKind.PRISMATIC: "slide"}
-MUJOCO_ORDER = (0, 3, 5, 1, 2, 4)
-"""Of xx xy xz yy yz zz, in that of MuJoCo: xx yy zz xy xz yz."""
-
-
 def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
     """Return the MJCF model of `robot`, with comments at its head."""
     symbols = dict(robot.symbols)
@@ -289,9 +286,8 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         if bristles := find_bristles(joint.friction):
             text = f'input="none" motorconst="0" resistance="1" lugre="{write_decimals(bristles)}"'
             motors.append("    <!-- friction with bristles: MuJoCo 4 or later -->")
-            motors.append(
-                f"    <dcmotor name={_write_quoted(f'{joint.name}_friction')} joint={name} {text}/>"
-            )
+            motor = _write_quoted(f"{joint.name}_friction")
+            motors.append(f"    <dcmotor name={motor} joint={name} {text}/>")
     bodies = list(_write_bodies(robot))
     sections = {"worldbody": bodies, "tendon": tendons, "equality": followers, "actuator": motors}
     for tag, inner in sections.items():
@@ -392,15 +388,11 @@ def write_usd(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         bodies = (f"{names[joint.parent]}_link" if joint.parent >= 0 else BASE, f"{name}_link")
         follow = joint.mimic if joint.mimic and _is_held(robot, joint) else None
         # q + gearing times that of the reference joint is zero.
-        mimic = (
-            ()
-            if follow is None
-            else (
-                f"float physxMimicJoint:rotZ:gearing = {_write(-float(follow.multiplier))}",
-                "float physxMimicJoint:rotZ:offset = 0.0",
-                f"rel physxMimicJoint:rotZ:referenceJoint = </{root}/{names[follow.master]}>",
-            )
-        )
+        mimic = list[str]()
+        if follow is not None:
+            mimic.append(f"float physxMimicJoint:rotZ:gearing = {_write(-float(follow.multiplier))}")
+            mimic.append("float physxMimicJoint:rotZ:offset = 0.0")
+            mimic.append(f"rel physxMimicJoint:rotZ:referenceJoint = </{root}/{names[follow.master]}>")
         lines += _write_usd_joint(name, joint, [f"</{root}/{body}>" for body in bodies], symbols, mimic)
     return "\n".join((*lines, "}", ""))
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from symid import joint_models
 from symid.errors import Notice, RobotError, UsageError
+from symid.joint_models import FrictionValues
 from symid.notation import adapt_unit
 from symid.robot.description import Coupling, Drive, Joint, JointKind, Limits, Spring
 from symid.robot.exact_values import read_fraction
@@ -40,10 +41,40 @@ UNKNOWN = "unknown"
 """Stands in place of a number that is to be identified."""
 _STIFFNESS = "N*m/rad"
 
+Names = Sequence[str]
 Values = Mapping[str, Any]
+Written = dict[str, tuple[float | tuple[float, ...], str]]
+_CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
+_Number = tuple[str, str, str, Range, str]
+"""Key, example, unit and range of a number, and the word that may stand in its place."""
+MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
+_NAMES = {
+    "bouc_wen": "bouc-wen",
+    "attracted": "attracted-maxwell-slip",
+    "slip": "nonlinear-stops",
+    "relays": "krasnoselskii-pokrovskii",
+}
+"""The model of a branch's kind."""
+_OWN = (
+    *("stiffness", "damping", "cubic", "stops", "knees", "symmetric", "catalogue"),
+    *("backlash", "offset", "model", "branch"),
+)
+_EXPONENT = Range(low=0, high=10, open_low=True)
+_LAWS = tuple(joint_models.FRICTION_LAWS.values())
+FRICTION_PARTS = tuple(dict.fromkeys(entry.name for law in _LAWS for entry in law.linear))
+"""Names of the linear values of all laws."""
+_SHAPES = tuple(dict.fromkeys(entry.name for law in _LAWS for entry in law.shape))
+_STATE_LAWS = joint_models.STATE_LAWS.values()
+_MEMORIES = tuple(dict.fromkeys(entry.name for law in _STATE_LAWS for entry in law.memory))
+_CONSTANT = ("offset", "Fp")
+_LARGEST_GAP = 1e-6
+"""By which the shares of elements may differ from one in sum."""
+_DEFAULT_GAMMA = 2.0
+# The speeds at which curves are evaluated: a hundred a decade.
+_SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Key:
     """A key of a branch: its unit where the joint turns, range, default (None: required), whether a list."""
 
@@ -54,12 +85,14 @@ class _Key:
     many: bool = False
 
 
-_LEVEL = _Key(name="Fc", unit="N*m", allowed=POSITIVE)
-_SPEED = _Key(name="vs", unit="rad/s", allowed=POSITIVE, default=1.0)
-_FALL = (_Key(name="Fe", unit="N*m", default=0.0), _SPEED, _Key(name="gamma", allowed=POSITIVE, default=2.0))
-_BENDING = _Key(name="sigma0", unit=_STIFFNESS, allowed=POSITIVE)
-_VISCOUS = _Key(name="Fv", unit="N*m*s/rad", allowed=NOT_NEGATIVE, default=0.0)
-_STIFFNESSES = _Key(name="stiffnesses", unit=_STIFFNESS, allowed=POSITIVE, many=True)
+_LEVEL = _Key("Fc", "N*m", POSITIVE)
+_SPEED = _Key("vs", "rad/s", POSITIVE, 1.0)
+_FALL = (_Key("Fe", "N*m", default=0.0), _SPEED, _Key("gamma", "", POSITIVE, 2.0))
+_BENDING = _Key("sigma0", _STIFFNESS, POSITIVE)
+_DAMPING = _Key("sigma1", "N*m*s/rad", NOT_NEGATIVE, 0.0)
+_VISCOUS = _Key("Fv", "N*m*s/rad", NOT_NEGATIVE, 0.0)
+_STIFFNESSES = _Key("stiffnesses", _STIFFNESS, POSITIVE, many=True)
+_SHARES = _Key("shares", "", POSITIVE, many=True)
 
 
 def _build_bristles(values: Values) -> joint_models.Branch:
@@ -97,66 +130,48 @@ _Build = Callable[[Values], joint_models.Branch | tuple[joint_models.Stop, ...]]
 _MODELS: Mapping[str, tuple[tuple[_Key, ...], _Build]] = {
     "bouc-wen": (
         (
-            _Key(name="level", unit="N*m"),
-            _Key(name="length", unit="rad", allowed=POSITIVE),
-            _Key(name="sharpness", allowed=Range(low=1), default=1.0),
-            _Key(name="loop", allowed=Range(low=0.5), default=0.5),
-            _Key(name="skew", allowed=Range(low=-1, high=1), default=0.0),
-            _Key(name="lean", default=0.0),
+            _Key("level", "N*m"),
+            _Key("length", "rad", POSITIVE),
+            _Key("sharpness", "", Range(low=1), 1.0),
+            _Key("loop", "", Range(low=0.5), 0.5),
+            _Key("skew", "", Range(low=-1, high=1), 0.0),
+            _Key("lean", default=0.0),
         ),
         lambda values: joint_models.BoucWen(**values),
     ),
     "dahl": ((_LEVEL, _BENDING, _VISCOUS), _build_bristles),
-    "lugre": (
-        (
-            _LEVEL,
-            *_FALL,
-            _BENDING,
-            _Key(name="sigma1", unit="N*m*s/rad", allowed=NOT_NEGATIVE, default=0.0),
-            _VISCOUS,
-        ),
-        _build_bristles,
-    ),
-    "maxwell-slip": (
-        (_STIFFNESSES, _Key(name="forces", unit="N*m", allowed=POSITIVE, many=True)),
-        _build_slip_springs,
-    ),
-    "generalised-maxwell-slip": (
-        (_LEVEL, *_FALL, _STIFFNESSES, _Key(name="shares", allowed=POSITIVE, many=True), _VISCOUS),
-        _build_bristles,
-    ),
+    "lugre": ((_LEVEL, *_FALL, _BENDING, _DAMPING, _VISCOUS), _build_bristles),
+    "maxwell-slip": ((_STIFFNESSES, _Key("forces", "N*m", POSITIVE, many=True)), _build_slip_springs),
+    "generalised-maxwell-slip": ((_LEVEL, *_FALL, _STIFFNESSES, _SHARES, _VISCOUS), _build_bristles),
     "attracted-maxwell-slip": (
         (
-            _Key(name="thresholds", unit="rad", allowed=POSITIVE, many=True),
+            _Key("thresholds", "rad", POSITIVE, many=True),
             _STIFFNESSES,
-            _Key(name="excess", default=0.0),
+            _Key("excess", default=0.0),
             replace(_SPEED, name="speed"),
-            _Key(name="attraction", unit="1/s", allowed=POSITIVE),
+            _Key("attraction", "1/s", POSITIVE),
         ),
         lambda values: joint_models.AttractedSlip(**values),
     ),
     "nonlinear-stops": (
         (
-            _Key(name="deflections", unit="rad", many=True),
-            _Key(name="forces", unit="N*m", many=True),
-            _Key(name="falls", unit="s/rad", allowed=NOT_NEGATIVE, default=(0.0, 0.0), many=True),
+            _Key("deflections", "rad", many=True),
+            _Key("forces", "N*m", many=True),
+            _Key("falls", "s/rad", NOT_NEGATIVE, (0.0, 0.0), many=True),
         ),
         lambda values: joint_models.SlipSpring(**values),
     ),
     "krasnoselskii-pokrovskii": (
         (
-            _Key(name="low", unit="rad"),
-            _Key(name="step", unit="rad", allowed=POSITIVE),
-            _Key(name="ramps", unit="N*m", many=True),
-            _Key(name="weights", unit="N*m", many=True),
+            _Key("low", "rad"),
+            _Key("step", "rad", POSITIVE),
+            _Key("ramps", "N*m", many=True),
+            _Key("weights", "N*m", many=True),
         ),
         lambda values: joint_models.Relays(**values),
     ),
     "relaxation": (
-        (
-            _Key(name="relaxing", unit=_STIFFNESS, allowed=POSITIVE),
-            _Key(name="time", unit="s", allowed=POSITIVE),
-        ),
+        (_Key("relaxing", _STIFFNESS, POSITIVE), _Key("time", "s", POSITIVE)),
         lambda values: joint_models.Relaxation(stiffness=values["relaxing"], time=values["time"]),
     ),
 }
@@ -164,9 +179,7 @@ _PLAIN = ("prandtl-ishlinskii", "modified-prandtl-ishlinskii")
 """Names of the spring with stops and knees alone."""
 
 
-def list_branch_entries(
-    branch: joint_models.Branch,
-) -> tuple[str, dict[str, tuple[float | tuple[float, ...], str]]]:
+def list_branch_entries(branch: joint_models.Branch) -> tuple[str, Written]:
     """Return the `model` of a branch, and value and unit (of a joint that turns) of each of its keys."""
     given: dict[str, Any]
     match branch:
@@ -186,19 +199,6 @@ def list_branch_entries(
         for key in _MODELS[model][0]
         if key.name in given and given[key.name] != key.default
     }
-
-
-_NAMES = {
-    "bouc_wen": "bouc-wen",
-    "attracted": "attracted-maxwell-slip",
-    "slip": "nonlinear-stops",
-    "relays": "krasnoselskii-pokrovskii",
-}
-"""The model of a branch's kind."""
-_OWN = (
-    *("stiffness", "damping", "cubic", "stops", "knees", "symmetric", "catalogue"),
-    *("backlash", "offset", "model", "branch"),
-)
 
 
 def _read_model(table: Section, *, needed: bool) -> str | None:
@@ -237,9 +237,6 @@ def _read_branch(table: Section, model: str) -> joint_models.Branch | tuple[join
         for notice in error.notices:
             table.refuse(notice.code, "model", notice.text)
         return None
-
-
-_CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
 
 
 def read_elasticity(section: Section) -> joint_models.Elasticity | None:
@@ -291,10 +288,7 @@ def read_elasticity(section: Section) -> joint_models.Elasticity | None:
             text = "it mirrors knees, and there are none; write knees or leave it out"
             table.refuse_key("robot.elasticity-mixed", "symmetric", text)
         if symmetric:
-            knees = (
-                *(joint_models.Knee(threshold=-knee.threshold, slope=knee.slope) for knee in reversed(knees)),
-                *knees,
-            )
+            knees = (*(replace(knee, threshold=-knee.threshold) for knee in reversed(knees)), *knees)
     if cubic and "knees" in table.values:
         text = "cannot be combined with knees: both harden the spring; use one of them"
         table.refuse_key("robot.elasticity-mixed", "cubic", text)
@@ -343,10 +337,6 @@ def _read_catalogue(table: Section) -> tuple[float | None, tuple[joint_models.Kn
     return values["K1"], joint_models.compute_catalogue_knees(slopes, (values["T1"], values["T2"]))
 
 
-_Number = tuple[str, str, str, Range, str]
-"""Key, example, unit and range of a number, and the word that may stand in its place."""
-
-
 def _read_entries(table: Section, key: str, *numbers: _Number) -> list[tuple[float, float | None]]:
     """Return threshold and other number of each table in the array at `key`; mistakes are reported."""
     entries: Any = table.values.get(key, [])
@@ -376,32 +366,11 @@ def _read_entries(table: Section, key: str, *numbers: _Number) -> list[tuple[flo
     return found
 
 
-_EXPONENT = Range(low=0, high=10, open_low=True)
-FRICTION_PARTS = tuple(
-    dict.fromkeys(entry.name for law in joint_models.FRICTION_LAWS.values() for entry in law.linear)
-)
-"""Names of the linear values of all laws."""
-_SHAPES = tuple(
-    dict.fromkeys(entry.name for law in joint_models.FRICTION_LAWS.values() for entry in law.shape)
-)
-_MEMORIES = tuple(
-    dict.fromkeys(entry.name for law in joint_models.STATE_LAWS.values() for entry in law.memory)
-)
-_CONSTANT = ("offset", "Fp")
-_LARGEST_GAP = 1e-6
-"""By which the shares of elements may differ from one in sum."""
-_DEFAULT_GAMMA = 2.0
-# The speeds at which curves are evaluated: a hundred a decade.
-_SLOWEST, _FASTEST, _SPEED_COUNT = 1e-9, 1e6, 1500
-
-
-def _read_friction(
-    section: Section, fastest: float = math.inf, *, shared: bool = False
-) -> joint_models.FrictionValues:
+def _read_friction(section: Section, fastest: float = math.inf, *, shared: bool = False) -> FrictionValues:
     """Return the friction of a table up to the speed `fastest`; `shared`: it acts on several joints."""
     table = section.read_table("friction")
     if table is None:
-        return joint_models.FrictionValues()
+        return FrictionValues()
     table.require("model", 'write model = "coulomb-viscous"')
     model = table.read_text("model")
     law = None
@@ -416,11 +385,7 @@ def _read_friction(
     if free is not None and gamma is not None and gamma != _DEFAULT_GAMMA:
         law = joint_models.get_law(joint_models.fix_exponent(free, gamma))
     smoothing = table.read_float("smoothing", "rad/s", POSITIVE)
-    entries = (
-        [entry for one in joint_models.FRICTION_LAWS.values() for entry in one.linear]
-        if law is None
-        else law.linear
-    )
+    entries = [entry for one in (_LAWS if law is None else (law,)) for entry in one.linear]
     units = {entry.name: entry.unit.replace(" ", "*") for entry in reversed(entries)}
     names = tuple(dict.fromkeys(entry.name for entry in entries))
     given = {name: table.read_float(name, units[name]) for name in names}
@@ -429,7 +394,7 @@ def _read_friction(
             _check_keys(table, joint_models.NO_FRICTION, (), (), has_step=False)
         else:
             table.refuse_unknown_keys(("model", *FRICTION_PARTS, *_SHAPES, *_MEMORIES, "smoothing"))
-        return joint_models.FrictionValues()
+        return FrictionValues()
     keys = tuple(entry.name for entry in law.shape)
     stated = keys if free is None else (*keys, "gamma")
     shape: list[float] = []
@@ -455,7 +420,7 @@ def _read_friction(
             text = f"{table.show(entry.name)} drives the joint instead of braking it; write a positive"
             table.warn("robot.negative-friction", entry.name, f"{text} coefficient")
     values = tuple(value for value in given.values() if value is not None)
-    found = joint_models.FrictionValues(
+    found = FrictionValues(
         law=law.name,
         values=values if values and len(values) == len(names) else None,
         smoothing=smoothing or 0.0,
@@ -492,9 +457,7 @@ def _read_bristles(table: Section, law: joint_models.FrictionLaw) -> tuple[float
     return tuple(value for values in lists for value in values) if all(lists) else ()
 
 
-def _check_keys(
-    table: Section, law: str, wanted: Sequence[str], shape: Sequence[str], *, has_step: bool
-) -> None:
+def _check_keys(table: Section, law: str, wanted: Names, shape: Names, *, has_step: bool) -> None:
     """Refuse values that the model does not have, and a part of its values in place of all."""
     code = "robot.friction-values"
     if not has_step and "smoothing" in table.values:
@@ -514,7 +477,7 @@ def _check_keys(
         table.refuse_key(code, next(name for name in wanted if name in table.values), f"{text} unknown")
 
 
-def _warn_of_driving_friction(table: Section, friction: joint_models.FrictionValues, fastest: float) -> None:
+def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest: float) -> None:
     """Warn of a curve whose least braking torques up to a speed have a negative sum over both directions."""
     law, named = joint_models.get_friction_law(friction), joint_models.name_values(friction)
     if law is None or not named or not law.own:
@@ -526,13 +489,9 @@ def _warn_of_driving_friction(table: Section, friction: joint_models.FrictionVal
     zero = np.zeros_like(speeds)
     inputs = {"load": zero, "position": zero, "temperature": zero + joint_models.REFERENCE_TEMPERATURE}
     with np.errstate(over="ignore"):
-        sides = [
-            side
-            * joint_models.compute_friction_torque(
-                law, inputs | {"velocity": side * speeds}, values, friction.shape
-            )
-            for side in (1.0, -1.0)
-        ]
+        moves = [(side, {**inputs, "velocity": side * speeds}) for side in (1.0, -1.0)]
+        compute = joint_models.compute_friction_torque
+        sides = [side * compute(law, motion, values, friction.shape) for side, motion in moves]
     pushing = np.flatnonzero(sum(map(np.minimum.accumulate, sides)) < 0.0)
     if not len(pushing):
         return
@@ -545,9 +504,6 @@ def _warn_of_driving_friction(table: Section, friction: joint_models.FrictionVal
         key, hint = "Fm", "Fc or Fv must outweigh Fm, or g2 be at least g3"
     text = f"{named[key]:g} drives the joint {start} instead of braking it; {hint}"
     table.warn("robot.negative-friction", key, text)
-
-
-MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
 
 
 def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
@@ -614,9 +570,7 @@ def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
     return replace(joint, drive=drive, friction=friction, limits=limits, spring=spring, elasticity=elasticity)
 
 
-def read_couplings(
-    root: Section, names: Sequence[str], kinds: Sequence[JointKind | None]
-) -> tuple[Coupling, ...]:
+def read_couplings(root: Section, names: Names, kinds: Sequence[JointKind | None]) -> tuple[Coupling, ...]:
     """Return the drives that turn with several of the joints `names`; the kind of a fixed one is None."""
     couplings: list[Coupling] = []
     example = "write terms = { joint5 = 1, joint6 = 1 }"

@@ -81,6 +81,29 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Letters of coordinates, functions and parameters would read as something else in a formula.
 _LETTERS = (*INERTIAL, *("IA", "KS", "KR"), *(name for name in FRICTION_PARTS if not name[-1].isdigit()))
 _RESERVED = re.compile(rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'.join(_LETTERS)})R?\d+)")
+_STANDARD_UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
+_JOINT_KEYS = ("name", "kind", "parent", *DH_KEYS, "origin", "frame", "mimic", "link", *MOVING_KEYS)
+_KINDS = {
+    "revolute": JointKind.REVOLUTE,
+    "continuous": JointKind.REVOLUTE,
+    "prismatic": JointKind.PRISMATIC,
+    "fixed": None,
+}
+_ANGLES: tuple[tuple[str, str | None], ...] = (("", None), ("_rad", None), ("_deg", "deg"))
+_LENGTHS: tuple[tuple[str, Decimal | None], ...] = (("", None), ("_m", None), ("_mm", Decimal("0.001")))
+# Key of a robot file and unit of each column.
+_COLUMNS: dict[str, tuple[str, Decimal | str | None]] = {
+    "joint": ("name", None),
+    "name": ("name", None),
+    "kind": ("kind", None),
+    **{f"{key}{end}": (key, unit) for key in ("alpha", "theta") for end, unit in _ANGLES},
+    **{f"{key}{end}": (key, unit) for key in ("a", "d") for end, unit in _LENGTHS},
+}
+_QUOTED = re.compile(r'"(?:[^"]|"")*"')
+_HEADER = "joint,kind,alpha,a,d,theta"
+_VARIABLE = re.compile(r"q\d*\s*(?P<rest>[-+].*)?")
+_DECIMAL = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?")
+_IMPLIED = {"theta": "revolute", "d": "prismatic"}
 
 
 def read_robot(path: Path) -> Robot:
@@ -97,11 +120,9 @@ def build_robot(root: Section, file: str) -> Robot:
     """Return the robot that the values of a whole file describe, or raise a RobotError with all mistakes."""
     root.refuse_unknown_keys(_ROBOT_KEYS)
     if "convention" not in root.values:
-        text = (
-            'missing, and never guessed; write convention = "modified" (alpha and a belong to the link '
-            'before: Craig, Khalil), convention = "standard" (to the joint\'s own link: classic DH) or '
-            'convention = "origin" (frames as in URDF)'
-        )
+        text = 'missing, and never guessed; write convention = "modified" (alpha and a belong to the link '
+        text += 'before: Craig, Khalil), convention = "standard" (to the joint\'s own link: classic DH) or '
+        text += 'convention = "origin" (frames as in URDF)'
         root.refuse_key("robot.missing-key", "convention", text)
     convention = root.read_choice("convention", ("modified", "standard", "origin")) or "modified"
     if (table := root.read_table("symbols")) is not None:
@@ -158,9 +179,6 @@ def build_robot(root: Section, file: str) -> Robot:
         notices=notices,
         made_from=made_from,
     )
-
-
-_STANDARD_UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
 
 
 def read_body(
@@ -275,15 +293,6 @@ def _read_mimics(
     return followers
 
 
-_JOINT_KEYS = ("name", "kind", "parent", *DH_KEYS, "origin", "frame", "mimic", "link", *MOVING_KEYS)
-_KINDS = {
-    "revolute": JointKind.REVOLUTE,
-    "continuous": JointKind.REVOLUTE,
-    "prismatic": JointKind.PRISMATIC,
-    "fixed": None,
-}
-
-
 def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tuple[Coupling, ...]]:
     """Return the joints of the file, and the drives that turn with several of them."""
     remedy = 'write [[joint]] and kind = "revolute" for each joint'
@@ -350,23 +359,6 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
         replace(entry, terms=tuple((moved[index], factor) for index, factor in entry.terms))
         for entry in couplings
     )
-
-
-_ANGLES: tuple[tuple[str, str | None], ...] = (("", None), ("_rad", None), ("_deg", "deg"))
-_LENGTHS: tuple[tuple[str, Decimal | None], ...] = (("", None), ("_m", None), ("_mm", Decimal("0.001")))
-# Key of a robot file and unit of each column.
-_COLUMNS: dict[str, tuple[str, Decimal | str | None]] = {
-    "joint": ("name", None),
-    "name": ("name", None),
-    "kind": ("kind", None),
-    **{f"{key}{end}": (key, unit) for key in ("alpha", "theta") for end, unit in _ANGLES},
-    **{f"{key}{end}": (key, unit) for key in ("a", "d") for end, unit in _LENGTHS},
-}
-_QUOTED = re.compile(r'"(?:[^"]|"")*"')
-_HEADER = "joint,kind,alpha,a,d,theta"
-_VARIABLE = re.compile(r"q\d*\s*(?P<rest>[-+].*)?")
-_DECIMAL = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?")
-_IMPLIED = {"theta": "revolute", "d": "prismatic"}
 
 
 def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81")) -> Robot:

@@ -32,10 +32,17 @@ from symid.robot.description import (
 from symid.robot.exact_values import read_constant
 from symid.robot.toml_values import ANY, NOT_NEGATIVE, POSITIVE, Range, Section, to_decimal
 
+Joints = Sequence[Joint]
 TransmissionMatrix = tuple[tuple[float, ...], ...]
 _SINGULAR = 1e15
 """From this condition on, nothing but rounding keeps a matrix from being singular."""
 _LARGEST_CONDITION = 1e6
+_NONE, _LOG = "none", "log"
+_ORDER = Range(low=1, high=16)
+_GAIN_UNITS = {"stiffness": "N*m/rad", "damping": "N*m*s/rad", "offset": "N*m"}
+SETTING_TABLES = ("log", "processing", "controller")
+"""The tables of settings; a named set has one or more of them."""
+_SET_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
 
 def compute_condition(rows: TransmissionMatrix) -> float | None:
@@ -52,7 +59,7 @@ def compute_condition(rows: TransmissionMatrix) -> float | None:
     return condition if condition < _SINGULAR else None
 
 
-def _read_transmission(table: Section, joints: Sequence[Joint]) -> TransmissionMatrix | None:
+def _read_transmission(table: Section, joints: Joints) -> TransmissionMatrix | None:
     """Return the rows of the matrix at `transmission` of the table; None where it is absent or wrong."""
     value, size = table.get("transmission"), len(joints)
     if value is None:
@@ -75,19 +82,15 @@ def _read_transmission(table: Section, joints: Sequence[Joint]) -> TransmissionM
     if condition is None or condition > _LARGEST_CONDITION:
         text = "the matrix has no inverse: two motors turn alike, or no motor moves a joint; correct it"
         if condition is not None:
-            text = (
-                f"the matrix is nearly singular (condition {condition:.2g} after scaling its rows and "
-                "columns): two motors turn almost alike, and the joints cannot be separated; correct it"
-            )
+            text = f"the matrix is nearly singular (condition {condition:.2g} after scaling its rows and "
+            text += "columns): two motors turn almost alike, and the joints cannot be separated; correct it"
         table.refuse("robot.transmission-singular", "transmission", text)
         return None
     for index, joint in enumerate(joints):
         gear, entry = joint.drive.gear, rows[index][index]
         if gear not in (1.0, entry):
-            text = (
-                f"motor {index + 1} turns {entry:g} times per turn of joint {joint.name!r}, but its drive "
-                f"has gear = {gear:g}; the matrix is used for logs; correct one of them"
-            )
+            text = f"motor {index + 1} turns {entry:g} times per turn of joint {joint.name!r}, but its drive "
+            text += f"has gear = {gear:g}; the matrix is used for logs; correct one of them"
             table.warn("robot.transmission-gear", "transmission", text, index, index)
     return rows
 
@@ -108,6 +111,7 @@ _CONVERTIBLE = {
     "torque": ("torque", "force", "voltage", "current", "number"),
     "temperature": ("temperature", "voltage", "number"),
 }
+_SI_UNITS = dict(zip(_CONVERTIBLE, ("rad", "rad/s", "rad/s^2", "N m", "degC"), strict=True))
 for _name, _alike in (
     ("motor_position", "position"),
     ("link_position", "position"),
@@ -118,18 +122,8 @@ for _name, _alike in (
 ):
     JOINT_DIMENSIONS[_name], _CONVERTIBLE[_name] = JOINT_DIMENSIONS[_alike], _CONVERTIBLE[_alike]
 
-_SI_UNITS = {
-    "position": "rad",
-    "velocity": "rad/s",
-    "acceleration": "rad/s^2",
-    "torque": "N m",
-    "temperature": "degC",
-}
 
-
-def _read_quantity(
-    table: Section, name: str, joints: Sequence[Joint], *, coupled: bool
-) -> LogQuantity | None:
+def _read_quantity(table: Section, name: str, joints: Joints, *, coupled: bool) -> LogQuantity | None:
     """Return the quantity `name` of the log; `coupled`: it has a transmission matrix, not gear ratios."""
     dimensions = JOINT_DIMENSIONS[name]
     is_position = dimensions is JOINT_DIMENSIONS["position"]
@@ -228,19 +222,14 @@ def read_offset(section: Section, size: int) -> tuple[float, ...] | None:
     return _read_each(section, "offset", size, "offsets", read)
 
 
-def compute_current_factor(joints: Sequence[Joint], *, coupled: bool) -> tuple[float, ...] | None:
+def compute_current_factor(joints: Joints, *, coupled: bool) -> tuple[float, ...] | None:
     """Return the torque for each ampere (n,), of the joints, or of the motors where a matrix couples them.
 
     None where a torque constant is unknown.
     """
-    factor = tuple(
-        (1.0 if coupled else joint.drive.gear) * (joint.drive.torque_constant or 0.0) for joint in joints
-    )
+    drives = [joint.drive for joint in joints]
+    factor = tuple((1.0 if coupled else drive.gear) * (drive.torque_constant or 0.0) for drive in drives)
     return factor if all(factor) else None
-
-
-_NONE, _LOG = "none", "log"
-_ORDER = Range(low=1, high=16)
 
 
 def read_processing(root: Section) -> Processing:
@@ -279,18 +268,16 @@ def read_processing(root: Section) -> Processing:
     return Processing(**found, decimation=replace(usual, **steps))
 
 
-def read_log(root: Section, joints: Sequence[Joint]) -> LogMap:
+def read_log(root: Section, joints: Joints) -> LogMap:
     """Return the `[log]` table for a robot with these joints; those that follow another have no column."""
     joints = [joint for joint in joints if joint.mimic is None]
     table = root.read_table("log", [entry.name for entry in fields(LogMap)])
     if table is None:
         return LogMap()
     if "motor_position" in table.values and "link_position" in table.values:
-        text = (
-            "both motor_position and link_position: position is one of the two already; give the columns of "
-            "the links as position and those of the motors as motor_position, or those of the motors as "
-            "position and those of the links as link_position"
-        )
+        text = "both motor_position and link_position: position is one of the two already; give the columns "
+        text += "of the links as position and those of the motors as motor_position, or those of the motors "
+        text += "as position and those of the links as link_position"
         table.refuse_key("robot.two-encoders", "link_position", text)
     time = None
     if section := table.read_table("time", ("column", "unit")):
@@ -340,10 +327,7 @@ def describe_settings(robot: Robot) -> dict[str, object]:
     return {"log": list_log(robot.log), "processing": list_processing(robot.processing)}
 
 
-_GAIN_UNITS = {"stiffness": "N*m/rad", "damping": "N*m*s/rad", "offset": "N*m"}
-
-
-def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Processing, Controller | None]:
+def read_settings(root: Section, joints: Joints) -> tuple[LogMap, Processing, Controller | None]:
     """Return the tables of settings of a file for a robot with these joints."""
     log, processing = read_log(root, joints), read_processing(root)
     joints = [joint for joint in joints if joint.mimic is None]
@@ -365,12 +349,7 @@ def read_settings(root: Section, joints: Sequence[Joint]) -> tuple[LogMap, Proce
     return log, processing, controller
 
 
-SETTING_TABLES = ("log", "processing", "controller")
-"""The tables of settings; a named set has one or more of them."""
-_SET_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
-
-
-def read_named_settings(root: Section, joints: Sequence[Joint]) -> tuple[NamedSettings, ...]:
+def read_named_settings(root: Section, joints: Joints) -> tuple[NamedSettings, ...]:
     """Return the sets of settings in `[settings.NAME]` for a robot with these joints."""
     table = root.read_table("settings")
     if table is None:
@@ -390,14 +369,9 @@ def read_named_settings(root: Section, joints: Sequence[Joint]) -> tuple[NamedSe
         if section is None:
             continue
         log, processing, controller = read_settings(section, joints)
-        found.append(
-            NamedSettings(
-                name=name,
-                log=log if "log" in section.values else None,
-                processing=processing if "processing" in section.values else None,
-                controller=controller,
-            )
-        )
+        tables: dict[str, Any] = {"log": log, "processing": processing, "controller": controller}
+        stated = {key: entry for key, entry in tables.items() if key in section.values}
+        found.append(NamedSettings(name=name, **stated))
     return tuple(found)
 
 
@@ -410,7 +384,7 @@ def list_controller(controller: Controller) -> dict[str, Any]:
 
 
 def _read_gains(
-    table: Section, key: str, joints: Sequence[Joint], allowed: Range, word: str = ""
+    table: Section, key: str, joints: Joints, allowed: Range, word: str = ""
 ) -> tuple[float, ...]:
     """Return a number for each joint, zeros where they are wrong."""
     # Where no joint could be read, numbers are checked all the same.

@@ -26,6 +26,28 @@ from symid.notation import adapt_unit, get_unit_factor
 
 LARGEST_FILE = 64 * 10**6
 """Bytes of a text that describes a robot; the largest URDFs with their meshes inside have a tenth."""
+_DEEP = re.compile(r"(?:\[[^\]\n]{0,9}){40}|(?:\{[^}\n]{0,9}){40}|(?:\w\s*\.\s*){40}")
+_ENDLESS = re.compile(r"[\d_]{1000,}|[eE][-+]?\d{10,}")
+KeyPath = tuple[str | int, ...]
+T = TypeVar("T")
+
+_BLANK = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
+_SPACE = re.compile(r"[ \t]*")
+_KEY = re.compile(r'[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|\'[^\']*\'')
+# A string of several lines may end in up to two quotes of its own.
+_STRING = re.compile(
+    r'"""(?:\\.|[^\\])*?"""(?:"{0,2})|\'\'\'.*?\'\'\'(?:\'{0,2})|"(?:[^"\\]|\\.)*"|\'[^\']*\'', re.DOTALL
+)
+_BARE_VALUE = re.compile(r"[^,\]}#\n]+")
+_SYNTAX_PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
+BASE = "base"
+"""What the first joint of a robot file is fixed to; no joint has this name."""
+
+_LONGEST_SHOWN = 40
+# Beyond this many decimal places a number is a slip, and exact arithmetic with it would not end.
+_LARGEST_EXPONENT = 30
+_MOST_DIGITS = 1000
+_NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(\S.*?)\s*")
 
 
 def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -> str:
@@ -48,20 +70,6 @@ def read_text_file(path: Path, noun: str = "file", *, keep_ends: bool = False) -
 def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
     """Return notices in the order of their places."""
     return tuple(sorted(notices, key=lambda notice: (notice.line, notice.column)))
-
-
-KeyPath = tuple[str | int, ...]
-T = TypeVar("T")
-
-_BLANK = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
-_SPACE = re.compile(r"[ \t]*")
-_KEY = re.compile(r'[A-Za-z0-9_-]+|"(?:[^"\\]|\\.)*"|\'[^\']*\'')
-# A string of several lines may end in up to two quotes of its own.
-_STRING = re.compile(
-    r'"""(?:\\.|[^\\])*?"""(?:"{0,2})|\'\'\'.*?\'\'\'(?:\'{0,2})|"(?:[^"\\]|\\.)*"|\'[^\']*\'', re.DOTALL
-)
-_BARE_VALUE = re.compile(r"[^,\]}#\n]+")
-_SYNTAX_PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,16 +209,6 @@ class Scanner:
         return Place(self.file, line + 1, start - before, self.text[start : self.position])
 
 
-BASE = "base"
-"""What the first joint of a robot file is fixed to; no joint has this name."""
-
-_LONGEST_SHOWN = 40
-# Beyond this many decimal places a number is a slip, and exact arithmetic with it would not end.
-_LARGEST_EXPONENT = 30
-_MOST_DIGITS = 1000
-_NUMBER_WITH_UNIT = re.compile(r"\s*[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*(\S.*?)\s*")
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
     """What a number may be: from `low` to `high`, both allowed unless `open_low`."""
@@ -262,20 +260,19 @@ class Section:
 
     def refuse(self, code: str, key: str, text: str, *inner: int) -> None:
         """Add an error at the value of `key`, or at its element `inner`."""
-        place = self.places.locate_value((*self.path, key, *inner))
-        self.errors.append(self._notice(code, place, key, text))
+        self.errors.append(self._notice(code, key, text, *inner))
 
     def warn(self, code: str, key: str, text: str, *inner: int) -> None:
         """Add a warning at the value of `key`, or at its element `inner`."""
-        place = self.places.locate_value((*self.path, key, *inner))
-        self.warnings.append(self._notice(code, place, key, text))
+        self.warnings.append(self._notice(code, key, text, *inner))
 
     def refuse_key(self, code: str, key: str, text: str) -> None:
         """Add an error at the name of `key`; at the nearest table around it, if the key is missing."""
         place = self.places.keys.get((*self.path, key)) or self.places.locate_value(self.path)
-        self.errors.append(self._notice(code, place, key, text))
+        self.errors.append(self._notice(code, key, text, place=place))
 
-    def _notice(self, code: str, place: Place, key: str, text: str) -> Notice:
+    def _notice(self, code: str, key: str, text: str, *inner: int, place: Place | None = None) -> Notice:
+        place = place or self.places.locate_value((*self.path, key, *inner))
         return place.notice(code, f"{self.label}: {key}: {text}" if self.label else f"{key}: {text}")
 
     def refuse_joint(self, code: str, key: str, known: Iterable[str]) -> None:
@@ -477,10 +474,6 @@ def _explain_excess(text: str, file: str, code: str, *, deep: bool) -> RobotErro
     start = match.start() if match else 0
     line, column = text.count("\n", 0, start) + 1, start - text.rfind("\n", 0, start)
     return RobotError(Notice(code=code, text=f"{words} to be read", file=file, line=line, column=column))
-
-
-_DEEP = re.compile(r"(?:\[[^\]\n]{0,9}){40}|(?:\{[^}\n]{0,9}){40}|(?:\w\s*\.\s*){40}")
-_ENDLESS = re.compile(r"[\d_]{1000,}|[eE][-+]?\d{10,}")
 
 
 def show(text: str) -> str:

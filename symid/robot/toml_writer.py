@@ -14,6 +14,7 @@ import math
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,24 @@ from symid.robot.toml_values import BASE
 
 _DIGITS = 14
 _DUST = 1e-30
+_SOURCE = re.compile(r"^(\[made_from\]\n)file = .*$", re.MULTILINE)
+_PLACING = {
+    "alpha": "rad",
+    "a": "m",
+    "d": "m",
+    "theta": "rad",
+    "origin": "the joint's frame (z: its axis) seen from the link before; m, rad",
+    "frame": "the link's frame seen from the joint's",
+}
+_MEANING = {
+    "filter_cutoff": "Hz",
+    "automatic": "what is not stated is chosen from the log",
+    "drop_first": "samples, after differentiation",
+    "drop_last": "likewise",
+    "standstill": "rad/s or m/s: slower rows of a joint are left out",
+    "instrument_cutoff": "Hz",
+    "states": "position, velocity or acceleration: up to which columns of the log are used",
+}
 
 
 def write_robot(robot: Robot, *, comment: str = "", hints: bool = False, folder: Path | None = None) -> str:
@@ -111,9 +130,6 @@ def move_source(text: str, robot: Robot, folder: Path) -> str:
     return _SOURCE.sub(lambda match: match[1] + line, text, count=1)
 
 
-_SOURCE = re.compile(r"^(\[made_from\]\n)file = .*$", re.MULTILINE)
-
-
 def _list_source(made: SourceFile, folder: Path | None) -> Iterator[str]:
     """Yield the lines of the table on the file that the robot was made from."""
     file = made.file
@@ -121,20 +137,9 @@ def _list_source(made: SourceFile, folder: Path | None) -> Iterator[str]:
         file = os.path.relpath(file, folder)
     yield f"file = {write_value(Path(file).as_posix())}"
     yield f'sha256 = "{made.sha256}"'
-    yield from (
-        f"{key} = {write_value(link)}" for key, link in (("base", made.base), ("tip", made.tip)) if link
-    )
+    links = {"base": made.base, "tip": made.tip}
+    yield from (f"{key} = {write_value(link)}" for key, link in links.items() if link)
     yield f"snap = {write_number(made.snap)}"
-
-
-_PLACING = {
-    "alpha": "rad",
-    "a": "m",
-    "d": "m",
-    "theta": "rad",
-    "origin": "the joint's frame (z: its axis) seen from the link before; m, rad",
-    "frame": "the link's frame seen from the joint's",
-}
 
 
 def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: bool) -> Iterator[str]:
@@ -243,18 +248,13 @@ def _write_friction(owner: str, friction: joint_models.FrictionValues) -> Iterat
 
 
 def _write_elasticity(elasticity: joint_models.Elasticity, *, prismatic: bool) -> Iterator[str]:
-    damping, cubic, backlash, offset = (
-        write_number(x) if x else ""
-        for x in (elasticity.damping, elasticity.cubic, elasticity.backlash, elasticity.offset)
-    )
+    units = {"damping": "N m s/rad", "cubic": "N m/rad^3", "backlash": "rad, half the gap", "offset": "N m"}
+    small = ((key, getattr(elasticity, key), unit) for key, unit in units.items())
     yield from ("", "[joint.elasticity]")
     yield from _write_values(
         prismatic,
         ("stiffness", write_known(elasticity.stiffness), "N m/rad"),
-        ("damping", damping, "N m s/rad"),
-        ("cubic", cubic, "N m/rad^3"),
-        ("backlash", backlash, "rad, half the gap"),
-        ("offset", offset, "N m"),
+        *((key, write_number(value) if value else "", unit) for key, value, unit in small),
         ("stops", "[" if elasticity.stops else "", "threshold in rad, stiffness in N m/rad"),
     )
     for stop in elasticity.stops:
@@ -263,11 +263,7 @@ def _write_elasticity(elasticity: joint_models.Elasticity, *, prismatic: bool) -
     if elasticity.stops:
         yield "]"
     knees = elasticity.knees
-    if (
-        knees
-        and tuple(joint_models.Knee(threshold=-knee.threshold, slope=knee.slope) for knee in knees[::-1])
-        == knees
-    ):
+    if knees and tuple(replace(knee, threshold=-knee.threshold) for knee in knees[::-1]) == knees:
         yield add_comment("symmetric = true", "each knee stands for one below zero too")
         knees = tuple(knee for knee in knees if knee.threshold > 0)
     if knees:
@@ -336,17 +332,6 @@ def _write_hints(joint: Joint, table: str, *, whole: bool) -> Iterator[str]:
             line = f"# {text}"
             gap = "  " if len(line) >= _HINT_COLUMN else ""
             yield f"{line:<{_HINT_COLUMN}}{gap}# {adapt_unit(meaning, prismatic=prismatic)}"
-
-
-_MEANING = {
-    "filter_cutoff": "Hz",
-    "automatic": "what is not stated is chosen from the log",
-    "drop_first": "samples, after differentiation",
-    "drop_last": "likewise",
-    "standstill": "rad/s or m/s: slower rows of a joint are left out",
-    "instrument_cutoff": "Hz",
-    "states": "position, velocity or acceleration: up to which columns of the log are used",
-}
 
 
 def _write_settings(robot: Robot) -> Iterator[str]:

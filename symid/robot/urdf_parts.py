@@ -48,8 +48,21 @@ _LONGEST_NUMBER = 100
 _SMALLEST = Decimal("1e-30")
 _DECIMAL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
 _COUNTS = {2: "two", 3: "three", 4: "four", 6: "six"}
+Terms = tuple[tuple[str, Fraction], ...]
 Triple = tuple[Decimal, Decimal, Decimal]
 NULL: Triple = (Decimal(0), Decimal(0), Decimal(0))
+_TYPES = (*MOVING, "fixed", "floating", "planar")
+_JOINT_TAGS = ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic")
+_DUST = Decimal("1e-9")
+# Doubles show their rounding in about this many parts of a metre.
+_LENGTH_PARTS = Fraction(10**15)
+_ROUNDED = 1e-9
+_REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio")
+ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "drake:rotor_inertia")
+"""Elements of an actuator that hold its rotor's inertia, on the motor's side."""
+
+# How a controller talks to the joint is no mechanics.
+_SILENT = ("hardwareInterface", "role")
 
 
 def list_words(words: Iterable[str], *, most: int = _SHOWN_WORDS) -> str:
@@ -92,9 +105,7 @@ class TreeReading:
     links: dict[str, "TreeLink"] = field(default_factory=dict)
     joints: dict[str, "TreeJoint"] = field(default_factory=dict)
     steps: dict[str, MimicStep] = field(default_factory=dict)
-    couplings: list[tuple[Coupling, "XmlPart", tuple[tuple[str, Fraction], ...]]] = field(
-        default_factory=list
-    )
+    couplings: list[tuple[Coupling, "XmlPart", Terms]] = field(default_factory=list)
     errors: list[Notice] = field(default_factory=list)
     warnings: list[Notice] = field(default_factory=list)
     grouped: dict[tuple[str, str], list[tuple[str, Place]]] = field(default_factory=dict)
@@ -373,10 +384,7 @@ def _read_pose(owner: XmlPart) -> tuple[XmlPart, Triple, Triple] | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TreeLink:
-    """A link, and the ten parameters in its own frame where the file states any.
-
-    `between`: it stands between two joints of one body of an MJCF model, and has no mass.
-    """
+    """A link, its ten parameters where stated; `between`: without mass, between joints of one MJCF body."""
 
     name: str
     part: XmlPart
@@ -435,12 +443,8 @@ def build_body(
 ) -> tuple[float, ...]:
     """Return the ten parameters of a body in its link's frame; warn if no body has such ones.
 
-    Args:
-        part: the element that states them.
-        mass: kg.
-        com: (3,) centre of mass, m.
-        central: (6,) xx xy xz yy yz zz about the centre of mass, kg m^2, in axes of their own.
-        rotation: (3, 3) these axes in the link's frame.
+    `part` states them: mass (kg), centre of mass (3,) in m, and xx xy xz yy yz zz about it (6,), kg m^2, in
+    axes of their own, `rotation` (3, 3) in the link's frame.
     """
     turned = move_parameters((*central, 0.0, 0.0, 0.0, mass), rotation, np.zeros(3))
     found = compute_standard_parameters(mass, com, turned[:6])
@@ -451,14 +455,6 @@ def build_body(
         text = "links {}: inertia without mass, which no physical body has; the values are kept"
         part.group("robot.inertia-without-mass", text)
     return found
-
-
-_TYPES = (*MOVING, "fixed", "floating", "planar")
-_JOINT_TAGS = ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic")
-_DUST = Decimal("1e-9")
-# Doubles show their rounding in about this many parts of a metre.
-_LENGTH_PARTS = Fraction(10**15)
-_ROUNDED = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -544,9 +540,7 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
             place.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
         text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
         lengths = build_lengths(place, xyz, "xyz", text)
-        origin = geometry.Placement(
-            rotation=geometry.rotate_rpy(roll, pitch, yaw).rotation, translation=lengths
-        )
+        origin = replace(geometry.rotate_rpy(roll, pitch, yaw), translation=lengths)
     turn, friction, limits = geometry.IDENTITY, FrictionValues(), Limits()
     if type_ in MOVING:
         found, axis = part.get("axis", "xyz"), (Decimal(1), Decimal(0), Decimal(0))
@@ -593,18 +587,16 @@ def build_lengths(part: XmlPart, xyz: Triple, attribute: str, dust: str) -> geom
     return (x, y, z)
 
 
-def build_axis(
-    part: XmlPart, axis: Sequence[Decimal | Fraction], attribute: str, name: str
-) -> geometry.Placement:
-    """Return what takes z to an axis at an attribute, which messages call `name`."""
+def build_axis(part: XmlPart, axis: Sequence[Decimal | Fraction], key: str, name: str) -> geometry.Placement:
+    """Return what takes z to an axis at the attribute `key`, which messages call `name`."""
     if not any(axis):
-        part.refuse("robot.zero-axis", f"{name}: the axis 0 0 0 has no direction", attribute)
+        part.refuse("robot.zero-axis", f"{name}: the axis 0 0 0 has no direction", key)
         return geometry.IDENTITY
     x, y, z = (Fraction(value) for value in axis)
     turn, moved = geometry.build_axis_frame((x, y, z), snap=part.reading.snap)
     if moved > _ROUNDED:
         text = f"{name}: was moved by {moved:.2e} rad to the nearest coordinate axis or plane"
-        part.warn("robot.axis-snapped", text, attribute)
+        part.warn("robot.axis-snapped", text, key)
     return turn
 
 
@@ -648,14 +640,6 @@ def _read_limits(joint: XmlPart, type_: str) -> Limits:
     if type_ == "revolute" and (doubt := explain_wide_limits(low, high)):
         part.warn("robot.large-angle", f"limit: {doubt}", "lower")
     return replace(limits, position=(low, high))
-
-
-_REDUCTIONS = ("mechanicalReduction", "mechanical_reduction", "drake:gear_ratio")
-ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "drake:rotor_inertia")
-"""Elements of an actuator that hold its rotor's inertia, on the motor's side."""
-
-# How a controller talks to the joint is no mechanics.
-_SILENT = ("hardwareInterface", "role")
 
 
 def _read_drives(reading: TreeReading) -> None:

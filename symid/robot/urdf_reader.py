@@ -46,6 +46,11 @@ _LOOP = "closed loops are not supported; leave out one of the joints and give it
 
 _Tree = tuple[str, list[TreeJoint], list[TreeJoint]]
 """The base link, the joints before it, and those beyond it, parents before children."""
+DEFAULT_SNAP = 1e-5
+"""Angles as near as this to a multiple of pi/2 are taken as that multiple, in rad."""
+
+_GRAVITY = Exact.of("-9.81")
+_ROUNDED = 1e-9
 
 
 def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, complete: bool) -> _Tree | None:
@@ -127,10 +132,8 @@ def _locate_root(reading: TreeReading, above: Mapping[str, TreeJoint]) -> str | 
         reading.refuse("robot.closed-loop", text, first)
         return None
     for name in roots[1:]:
-        text = (
-            f"link '{name}' is the child of no joint, and neither is '{roots[0]}'; a robot has one base: "
-            "join them with a fixed joint, or remove one"
-        )
+        text = f"link '{name}' is the child of no joint, and neither is '{roots[0]}'; a robot has one base: "
+        text += "join them with a fixed joint, or remove one"
         reading.refuse("robot.several-roots", text, reading.links[name].part.element)
     return roots[0] if len(roots) == 1 else None
 
@@ -188,22 +191,13 @@ def _resolve_mimic(
     return replace(step, master=None) if why or still else step
 
 
-DEFAULT_SNAP = 1e-5
-"""Angles as near as this to a multiple of pi/2 are taken as that multiple, in rad."""
-
-_GRAVITY = Exact.of("-9.81")
-_ROUNDED = 1e-9
-
-
 def read_urdf(document: XmlDocument, snap: float) -> tuple[TreeReading, bool]:
     """Return links and joints, and whether all of them could be read; a RobotError if it is no plain URDF."""
     root = document.root
     for element in root.walk():
         if element.tag.startswith("xacro:"):
-            text = (
-                f"<{element.tag}>: this is a xacro file, a program that writes a URDF; "
-                f"run `xacro {Path(document.file).name} > robot.urdf` and give that file"
-            )
+            text = f"<{element.tag}>: this is a xacro file, a program that writes a URDF; "
+            text += f"run `xacro {Path(document.file).name} > robot.urdf` and give that file"
             raise RobotError(document.locate_place(element).notice("robot.xacro", text))
     if root.tag != "robot":
         prefix = "; tags with a prefix are not read" if root.tag.endswith(":robot") else ""
@@ -224,12 +218,8 @@ def assemble_robot(
 ) -> description.Robot:
     """Return the robot of what was read, or raise a RobotError with all mistakes; see `read_xml_robot`.
 
-    Args:
-        reading: the links and joints; mistakes that were found in them.
-        complete: whether no link or joint was left out, so that what is not connected is a mistake.
-        base: the first link.
-        tip: the last one.
-        gravity: in the frame of the file's root (m/s^2); None where the file states none, as a URDF.
+    `complete`: no link or joint was left out of the `reading`, so that what is not connected is a mistake.
+    `base`, `tip`: first and last link. `gravity` in the root's frame (m/s^2); None as in a URDF.
     """
     tree = _read_tree(reading, base, tip, complete=complete)
     first, before, kept = tree or ("", [], list(reading.joints.values()))
@@ -285,6 +275,7 @@ def assemble_robot(
         reading.warn("robot.assumed-gravity", text)
     # The same for all ends of lines.
     digest = sha256(document.source.removeprefix(BOM_UTF8).replace(b"\r\n", b"\n")).hexdigest()
+    made = description.SourceFile(file=document.file, sha256=digest, base=base, tip=tip, snap=reading.snap)
     return description.Robot(
         name=name,
         joints=joints,
@@ -298,9 +289,7 @@ def assemble_robot(
         path=document.file,
         notices=reading.list_warnings(),
         couplings=tuple(couplings),
-        made_from=description.SourceFile(
-            file=document.file, sha256=digest, base=base, tip=tip, snap=reading.snap
-        ),
+        made_from=made,
     )
 
 
@@ -341,9 +330,7 @@ def _reduce_joints(
         built.append(
             description.Joint(
                 name=joint.name,
-                kind=description.JointKind.PRISMATIC
-                if joint.type == "prismatic"
-                else description.JointKind.REVOLUTE,
+                kind=description.JointKind("prismatic" if joint.type == "prismatic" else "revolute"),
                 parent=carriers[joint.parent],
                 placement=compose_placements(backs[joint.parent], joint.origin, joint.turn, offset),
                 inertial=inertial and move_by_placement(inertial, back),
@@ -387,9 +374,8 @@ def _reduce_joints(
             text = "axes or link frames were moved to right angles or parallels, of joints (by rad) {}"
             part.group("robot.angle-snapped", text, f"{moved:.1e}")
         if tilt:
-            text = (
-                "axes that are nearly parallel to the one before, of joints (by rad) {}: if they are meant "
-                "to be parallel, write frames and axes so; else some base parameters are poorly identifiable"
-            )
+            text = "axes that are nearly parallel to the one before, of joints (by rad) {}: if they are "
+            text += "meant to be parallel, write frames and axes so; else some base parameters are poorly "
+            text += "identifiable"
             part.group("robot.nearly-parallel", text, f"{tilt:.1e}")
     return reframed.joints, links

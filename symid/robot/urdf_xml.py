@@ -33,6 +33,8 @@ _QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
 _DEEPEST, _DEEPEST_BODIES = 100, 1000
 _TOO_DEEP = "elements are nested more than {} deep; a URDF needs five levels, an MJCF model one a body"
 _DTD = "a document type (<!DOCTYPE ...>) is not read, since its entities can grow without limit; remove it"
+Edit = tuple[int, int, str]
+"""The first byte that is replaced, the byte behind the last one, and what comes in their place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -153,10 +155,6 @@ def parse_document(text: str, file: str) -> XmlDocument:
     return XmlDocument(root=opened[0].children[0], file=file, source=source, lines=lines, ends=ends)
 
 
-Edit = tuple[int, int, str]
-"""The first byte that is replaced, the byte behind the last one, and what comes in their place."""
-
-
 def apply_edits(document: XmlDocument, edits: Iterable[Edit]) -> str:
     """Return the text with all edits, which must not overlap; of two at one place the first stands before."""
     parts, position = [], 0
@@ -215,10 +213,8 @@ def read_urdf_text(path: Path, *, keep_ends: bool = False) -> UrdfText:
         import xacro
         from xacro import substitution_args
     except ImportError as error:
-        words = (
-            "this is a xacro file, a program that writes a URDF: install the extra xacro, "
-            f"pip install 'symid[xacro]', or run `xacro {path.name} > robot.urdf` and give that file"
-        )
+        words = "this is a xacro file, a program that writes a URDF: install the extra xacro, "
+        words += f"pip install 'symid[xacro]', or run `xacro {path.name} > robot.urdf` and give that file"
         raise RobotError(Notice(code="robot.needs-xacro", text=words, file=str(path))) from error
     lost: list[str] = []
 
@@ -287,10 +283,8 @@ def _explain_failure(xacro: Any, error: Exception, path: Path, lost: list[str]) 
     if lost:
         text = _explain_package(lost[0])
     elif cause is not None:
-        text = (
-            f"the argument {cause} has no default; run `xacro {path.name} {cause}:=VALUE > robot.urdf` and "
-            "give that file"
-        )
+        text = f"the argument {cause} has no default; run `xacro {path.name} {cause}:=VALUE > robot.urdf` "
+        text += "and give that file"
     else:
         text = f"xacro cannot expand it: {str(error) or type(error).__name__}"
     for macro in (xacro.macrostack or ())[-1:]:

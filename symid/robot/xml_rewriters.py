@@ -137,7 +137,11 @@ def _spread_change(
             if joint.parent == link.name and joint.name not in moving:
                 shift = geometry.IDENTITY
                 if joint.moves:
-                    offset = _compute_offset(reading, joint.name) - joint.zero
+                    # Where it stands when its masters stand still, too; a ring of them stands at zero.
+                    offset = -joint.zero
+                    if joint.name in reading.steps:
+                        *_, end = reading.steps[joint.name].follow(reading.steps)
+                        offset += geometry.ZERO if end.master in reading.steps else end.offset
                     prismatic = joint.type == "prismatic"
                     shift = geometry.place_joint(offset, prismatic=prismatic, snap=0.0)
                 placed = geometry.compose_placements(
@@ -168,18 +172,6 @@ def _spread_change(
         parameters = (*tensor[np.triu_indices(3)].tolist(), *matrix[3].tolist())
         found.append((link, move_parameters(parameters, turn, -turn @ pose[:3, 3])))
     return found
-
-
-def _compute_offset(reading: urdf_parts.TreeReading, name: str) -> geometry.Exact:
-    """Return where a joint stands whose masters stand still, too; a ring of them stands at zero."""
-    total, factor, seen = geometry.ZERO, geometry.Exact.of(1), set[str]()
-    while name in reading.steps and name not in seen:
-        seen.add(name)
-        step = reading.steps[name]
-        total += factor * step.offset
-        factor *= geometry.Exact.surd(step.multiplier)
-        name = step.master or ""
-    return geometry.ZERO if name in seen else total
 
 
 def _to_pose(placement: geometry.Placement) -> FloatArray:
@@ -234,10 +226,11 @@ def _set(
 ) -> Iterator[urdf_xml.Edit]:
     """Yield the edits of an element's attributes, or of the whole element where `owner` lacks it."""
     if found is not None:
-        old = {
-            name: list(map(float, text.split())) for name, text in found.attributes.items() if name in values
-        }
-        new = {name: list(map(float, text.split())) for name, text in values.items()}
+
+        def read(texts: Mapping[str, str]) -> dict[str, list[float]]:
+            return {name: list(map(float, text.split())) for name, text in texts.items() if name in values}
+
+        old, new = read(found.attributes), read(values)
         changed = {name: text for name, text in values.items() if old.get(name) != new[name]}
         yield from urdf_xml.set_values(document, found, changed)
     else:
@@ -273,15 +266,13 @@ def rewrite_mjcf(text: str, robot: Robot) -> RewrittenFile:
     shared: dict[str, tuple[str, ...]] = {}
     bodies: set[str] = set()
     pairs = list(zip(robot.joints, before.joints, strict=True))
-    changes = [
-        new.inertial is not None and not is_same_body(new.inertial, old.inertial) for new, old in pairs
-    ]
+    inertias = [(new.inertial, old.inertial) for new, old in pairs]
+    changes = [new is not None and not is_same_body(new, old) for new, old in inertias]
     geoms_alone = reading.settings.inference == "true" and any(changes)
     for (joint, old), changed in zip(pairs, changes, strict=True):
         entry = reading.joints[names[joint.name]]
-        edits += _edit_attributes(
-            reading.parts["joint", entry.name], _list_values(reading, joint, entry, old)
-        )
+        values = _list_values(reading, joint, entry, old)
+        edits += _edit_attributes(reading.parts["joint", entry.name], values)
         if joint.inertial is None or not (geoms_alone or changed):
             continue
         if reading.links[entry.child].between:
