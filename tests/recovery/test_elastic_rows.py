@@ -51,7 +51,7 @@ def test_energy_balance_closes_with_the_true_parameters(arm, signals):
 
 def test_filtered_equations_give_the_true_joint_torque(arm):
     library = arm[1]
-    run = run_arm(*arm, duration=2.0, period=5e-5, step=5e-5)
+    run = run_arm(*arm, duration=2.0, period=5e-5)
     signals = prepare_exact(run, cutoff=0.0)
     truth = find_truth(library)
     rows = build_filtered_rows(library, signals, 60.0)
