@@ -9,12 +9,7 @@ from scipy.integrate import cumulative_simpson
 
 from symid.codegen.cache import prepare_library
 from symid.errors import SolverError, UsageError
-from symid.excitation.trajectories import (
-    build_ta,
-    build_tb,
-    build_tc,
-    scale_trajectory,
-)
+from symid.excitation.trajectories import build_ta, build_tb, build_tc, scale_trajectory
 from symid.joint_models import FrictionValues
 from symid.joint_models.hysteresis import Elasticity, Stop
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque, compute_spring_work
@@ -271,10 +266,7 @@ def test_values_that_are_missing_or_that_no_plant_can_have(elastic_robot, elasti
 
 @pytest.mark.parametrize(
     ("options", "text"),
-    [
-        ({"period": 0.0}, "period 0 s"),
-        ({"stiffness": (1.0,), "damping": (1.0, 1.0)}, "1 numbers for 2"),
-    ],
+    [({"period": 0.0}, "period 0 s"), ({"stiffness": (1.0,), "damping": (1.0, 1.0)}, "1 numbers for 2")],
 )
 def test_options_that_cannot_be(elastic_robot, elastic_library, options, text):
     with raises(UsageError, "usage.experiment", match=text):
