@@ -100,8 +100,9 @@ SIGMA = np.array([0.2, 0.05])
 
 @pytest.fixture(scope="module")
 def whole(run):
-    states = {name: getattr(run, name) for name in ("time", "q", "dq", "theta", "dtheta")}
-    return ElasticSignals(**states, tau=run.torque, period=run.recording.period, settled=0, hold="zero")
+    states = {name: getattr(run, name) for name in ("q", "dq", "theta", "dtheta")}
+    time, period = run.recording.time, run.recording.period
+    return ElasticSignals(time=time, **states, tau=run.torque, period=period, settled=0, hold="zero")
 
 
 def test_the_scale_of_links_and_springs_is_all_that_exact_links_leave_open(arm, run, whole):
